@@ -1,0 +1,56 @@
+"""rigidfx: structural dynamics in which only what deforms is computed as flexible.
+
+Geometrically nonlinear elastodynamics in 3D on top of FEniCSx, by the Energy-Momentum Method. A
+scene names a domain, materials and effects; `simulate` yields a report per step; a `Recorder`
+writes ParaView files and a CSV.
+"""
+
+from rigidfx.domain import Domain, box, read_msh
+from rigidfx.effects import (
+    BodyForce,
+    Fixed,
+    Gravity,
+    InitialVelocity,
+    NodalForce,
+    NumericalDamping,
+    Preload,
+    PrescribedMotion,
+    Table,
+    Traction,
+)
+from rigidfx.errors import OutputError, RigidfxError, SceneError, StepError
+from rigidfx.forms import EnergyMomentum, Midpoint, Trapezoidal
+from rigidfx.materials import Hyperelastic, Material, MooneyRivlin, NeoHooke, StVenantKirchhoff
+from rigidfx.scene import Scene
+from rigidfx.simulation import Report, simulate
+
+__all__ = [
+    "BodyForce",
+    "Domain",
+    "EnergyMomentum",
+    "Fixed",
+    "Gravity",
+    "Hyperelastic",
+    "InitialVelocity",
+    "Material",
+    "Midpoint",
+    "MooneyRivlin",
+    "NeoHooke",
+    "NodalForce",
+    "NumericalDamping",
+    "OutputError",
+    "Preload",
+    "PrescribedMotion",
+    "Report",
+    "RigidfxError",
+    "Scene",
+    "SceneError",
+    "StVenantKirchhoff",
+    "StepError",
+    "Table",
+    "Traction",
+    "Trapezoidal",
+    "box",
+    "read_msh",
+    "simulate",
+]

@@ -1,0 +1,51 @@
+"""The only place that names a DOLFINx version; resolved once, at import. Supported: 0.9 to 0.11."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import dolfinx
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+__all__ = ["VERSION", "cell_geometry_dofs", "integration_facets", "model_to_mesh"]
+
+VERSION = tuple(int(part) for part in dolfinx.__version__.split(".")[:2])
+if not (0, 9) <= VERSION < (0, 12):
+    raise ImportError(
+        f"rigidfx supports DOLFINx 0.9 to 0.11, found {dolfinx.__version__}. "
+        "Run your command by ./fenicsx, which provides a supported one."
+    )
+
+_facet_domains = dolfinx.fem.compute_integration_domains
+
+
+def integration_facets(mesh: Any, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+    """Exterior facets as the (cell, local facet) pairs that `create_form` takes, flat."""
+    kind = dolfinx.fem.IntegralType.exterior_facet
+    if VERSION == (0, 9):
+        return _facet_domains(kind, mesh.topology, facets, mesh.topology.dim - 1)
+    return _facet_domains(kind, mesh.topology, facets)
+
+
+def cell_geometry_dofs(mesh: Any) -> npt.NDArray[np.int32]:
+    """Geometry nodes of each local cell, shape (cells, nodes per cell)."""
+    geometry = mesh.geometry
+    return geometry.dofmap if hasattr(geometry, "dofmap") else geometry.dofmaps(0)
+
+
+def model_to_mesh(model: Any, comm: MPI.Comm, partitioner: Any) -> tuple[Any, Any, Any]:
+    """Mesh, cell tags and facet tags of the gmsh model held by rank 0."""
+    if VERSION == (0, 9):
+        from dolfinx.io import gmshio as gmsh_io
+    else:
+        from dolfinx.io import gmsh as gmsh_io
+    data = gmsh_io.model_to_mesh(model, comm, 0, gdim=3, partitioner=partitioner)
+    return data[0], data[1], data[2]
+
+
+def vtk_file(comm: MPI.Comm, path: Path) -> Any:
+    """Open a .pvd series for writing."""
+    return dolfinx.io.VTKFile(comm, str(path), "w")

@@ -1,0 +1,298 @@
+"""Solve the equations of one step (or of statics) with PETSc's SNES.
+
+The unknowns are the increments of the free dofs, d = u₁ - u₀, so that a motion far from the origin
+loses no digits; with v₁ = 2 d/Δt - v₀ the residual reads, in newtons,
+
+    R(d) = M (2 d/Δt - 2 v₀)/Δt + f_int(u₀, u₀ + d) - f_ext(t½).
+
+Newton stops at ‖R‖ ≤ max(1e-12 ‖R_first‖, rounding), where the rounding level is estimated from the
+sizes of what R is the small difference of.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem, la
+from dolfinx.fem import petsc as fem_petsc
+from petsc4py import PETSc
+
+from rigidfx.internal import BoundForces, InternalForces
+from rigidfx.linear import PREFIX, configure, default_options, prefers_direct
+from rigidfx.mass import Mass
+from rigidfx.prolongation import Prolongation
+from rigidfx.scene import Scene
+
+__all__ = ["Equilibrium", "Solution"]
+
+Array = npt.NDArray[np.float64]
+
+RELATIVE_TOLERANCE = 1e-12
+ROUNDING = 2.0  # safety on the estimated rounding level
+MAX_ITERATIONS = 25
+DIVERGENCE = 1e6  # growth of the residual at which Newton gives up
+MAX_FALLBACKS = 3  # direct solves in place of failed Krylov solves before Krylov is given up
+
+
+@dataclass(frozen=True)
+class Solution:
+    """How the equations of a step were solved.
+
+    Attributes:
+        converged: Whether Newton met its tolerance.
+        reason: SNES's reason in words.
+        residuals: ‖R‖ [N] at each iterate.
+        linear_iterations: Krylov iterations in total; factorisations count one.
+        solver: Linear solver used, with a remark where it is a fall-back.
+        place: Reference position of the largest residual [m], shape (3,), if not converged.
+    """
+
+    converged: bool
+    reason: str
+    residuals: tuple[float, ...]
+    linear_iterations: int
+    solver: str
+    place: Array | None
+
+    @property
+    def iterations(self) -> int:
+        """Newton iterations."""
+        return len(self.residuals) - 1
+
+
+def residual(snes: PETSc.SNES, y: PETSc.Vec, r: PETSc.Vec, equilibrium: Equilibrium) -> None:
+    """SNES callback: R(y)."""
+    equilibrium.residual(y, r)
+
+
+def tangent(
+    snes: PETSc.SNES, y: PETSc.Vec, A: PETSc.Mat, B: PETSc.Mat, equilibrium: Equilibrium
+) -> None:
+    """SNES callback: dR/dy at the iterate of the last residual."""
+    equilibrium.tangent()
+
+
+def convergence(
+    snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float], equilibrium: Equilibrium
+) -> int:
+    """SNES callback: the stopping test."""
+    return equilibrium.test(iteration, norms[2])
+
+
+class Equilibrium:
+    """All PETSc objects of the steps of one partition; `destroy` frees them.
+
+    Attributes:
+        prolongation: Map between unknowns and dofs.
+        d: Increment of all dofs found by the last solve, full length [m].
+        forces_out_of_balance: Full residual of the last solve [N]; at held dofs it is what the
+            supports exert.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        forces: InternalForces,
+        bound: BoundForces,
+        mass: Mass | None,
+        prolongation: Prolongation,
+    ) -> None:
+        """Create matrices, vectors and the SNES. Collective.
+
+        Args:
+            scene: The problem.
+            forces: Owner of the coefficient u₁ that the forms read, and of u₀.
+            bound: Forms over the flexible cells.
+            mass: Mass operator, or None for statics.
+            prolongation: Map between unknowns and dofs.
+        """
+        self.prolongation = prolongation
+        self._forces, self._bound, self._mass = forces, bound, mass
+        self._owned = 3 * scene.owned_nodes
+        self._X = scene.space.tabulate_dof_coordinates()[: scene.owned_nodes]
+        self._cell_size = _mean_cell_size(scene)
+        self._b = fem.Function(scene.space)
+        self.forces_out_of_balance = self._b.x.petsc_vec
+        self._K = fem_petsc.create_matrix(bound.tangent)
+        self.d, self._work, self._inertia = (self._K.createVecLeft() for _ in range(3))
+        self._y = prolongation.unknowns()
+        self._r = self._y.duplicate()
+        self._dt = 0.0
+        self._v0: PETSc.Vec = None
+        self._f_ext: PETSc.Vec = None
+        self._prescribed: Array = np.empty(0)
+        self._history: list[float] = []
+        self._rounding = 0.0
+        self._krylov = mass is not None and not prefers_direct(prolongation.size)
+        self._fallbacks = 0
+        self._snes = self._create_snes(scene)
+
+    def _create_snes(self, scene: Scene) -> PETSc.SNES:
+        self._assemble_tangent()  # creates the reduced tangent that SNES is given
+        self._K_reduced = self.prolongation.condense(self._K)
+        snes = PETSc.SNES().create(scene.comm)
+        snes.setOptionsPrefix(PREFIX)
+        snes.setType(PETSc.SNES.Type.NEWTONLS)
+        snes.setFunction(residual, self._r, args=(self,))
+        snes.setJacobian(tangent, self._K_reduced, args=(self,))
+        snes.setConvergenceTest(convergence, args=(self,))
+        snes.setTolerances(max_it=MAX_ITERATIONS)
+        with default_options(PREFIX, snes_linesearch_type="basic"):
+            snes.setFromOptions()
+        configure(snes.getKSP(), direct=not self._krylov)
+        return snes
+
+    def solve(
+        self,
+        dt: float,
+        v0: PETSc.Vec | None,
+        f_ext: PETSc.Vec,
+        prescribed: Array,
+        guess: PETSc.Vec,
+    ) -> Solution:
+        """Find the increment of one step. Collective.
+
+        Args:
+            dt: Δt [s]; of no meaning in statics.
+            v0: Velocity at the begin of the step, full length [m/s]; None in statics.
+            f_ext: External nodal forces at the midpoint, full length [N].
+            prescribed: Increments of the held dofs [m].
+            guess: First guess of the increment, full length [m].
+        """
+        self._dt, self._v0, self._f_ext, self._prescribed = dt, v0, f_ext, prescribed
+        krylov = self._krylov and self._fallbacks < MAX_FALLBACKS
+        reason, remark = self._iterate(guess), ""
+        if reason == PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE and krylov:
+            # The Krylov solver gave up: repeat the step with a factorisation.
+            self._fallbacks += 1
+            configure(self._snes.getKSP(), direct=True)
+            reason, remark = self._iterate(guess), " (fall-back from Krylov)"
+            if self._fallbacks < MAX_FALLBACKS:
+                configure(self._snes.getKSP(), direct=False)
+        self._expand(self._y)
+        converged = reason > 0
+        ksp = self._snes.getKSP()
+        return Solution(
+            converged,
+            _reason_name(reason),
+            tuple(self._history),
+            self._snes.getLinearSolveIterations(),
+            f"{ksp.getType()}+{ksp.getPC().getType()}{remark}",
+            None if converged else self._worst_place(),
+        )
+
+    def _iterate(self, guess: PETSc.Vec) -> int:
+        self._history = []
+        self.prolongation.collapse(guess, self._y)
+        self._snes.solve(None, self._y)
+        return int(self._snes.getConvergedReason())
+
+    def _expand(self, y: PETSc.Vec) -> None:
+        """Set d and the forms' u₁ from the unknowns."""
+        self.prolongation.expand(y, self._prescribed, self.d)
+        u1 = self._forces.u1.x
+        u1.array[: self._owned] = self._forces.u0.x.array[: self._owned] + self.d.array_r
+        u1.scatter_forward()
+
+    def residual(self, y: PETSc.Vec, r: PETSc.Vec) -> None:
+        """R at the unknowns y. Collective.
+
+        Args:
+            y: Unknowns.
+            r: Residual, overwritten [N].
+        """
+        self._expand(y)
+        b = self._b.x
+        b.array[:] = 0.0
+        fem.assemble_vector(b.array, self._bound.residual)
+        b.scatter_reverse(la.InsertMode.add)
+        full = self.forces_out_of_balance
+        full.axpy(-1.0, self._f_ext)
+        if self._mass is not None:
+            # M (v₁ - v₀)/Δt with v₁ = 2 d/Δt - v₀
+            self._v0.copy(self._work)
+            self._work.axpby(2 / self._dt**2, -2 / self._dt, self.d)
+            self._mass.mult(self._work, self._inertia)
+            full.axpy(1.0, self._inertia)
+        self.prolongation.restrict(full, r)
+
+    def _assemble_tangent(self) -> None:
+        self._K.zeroEntries()
+        fem_petsc.assemble_matrix(self._K, self._bound.tangent)
+        self._K.assemble()
+
+    def tangent(self) -> None:
+        """Assemble and condense the tangent at the last iterate. Collective."""
+        self._assemble_tangent()
+        if len(self._history) == 1:
+            self._estimate_rounding()
+        if self._mass is not None:
+            self._mass.add_to(self._K, 2 / self._dt**2)
+        self.prolongation.condense(self._K)
+
+    def _estimate_rounding(self) -> None:
+        """Size of R that rounding in u₁ and in the strains leaves [N]."""
+        self._K.getDiagonal(self._work)
+        u1 = np.abs(self._forces.u1.x.array[: self._owned])
+        strain = self._forces.strain_noise * self._cell_size
+        self._work.array[:] *= u1 + strain
+        noise = self._work.norm() + self._f_ext.norm()
+        if self._mass is not None:
+            self._v0.copy(self._work)
+            self._mass.mult(self._work, self._inertia)
+            noise += 2 / self._dt * self._inertia.norm()
+        self._rounding = ROUNDING * float(np.finfo(np.float64).eps) * noise
+
+    def test(self, iteration: int, norm: float) -> int:
+        """Newton's stop.
+
+        Args:
+            iteration: Number of the iterate.
+            norm: ‖R‖ there [N].
+        """
+        Reason = PETSc.SNES.ConvergedReason
+        self._history.append(norm)
+        first = self._history[0]
+        if not np.isfinite(norm) or norm > DIVERGENCE * first:
+            return int(Reason.DIVERGED_DTOL)
+        if norm == 0.0 or (iteration > 0 and norm <= RELATIVE_TOLERANCE * first):
+            return int(Reason.CONVERGED_FNORM_RELATIVE)
+        if norm <= self._rounding:
+            return int(Reason.CONVERGED_FNORM_ABS)
+        if iteration >= MAX_ITERATIONS:
+            return int(Reason.DIVERGED_MAX_IT)
+        return 0
+
+    def _worst_place(self) -> Array:
+        """Reference position of the node with the largest residual. Collective."""
+        self.residual(self._y, self._r)
+        free = np.zeros(self._owned)
+        free[self.prolongation.free] = self.forces_out_of_balance.array_r[self.prolongation.free]
+        size = np.linalg.norm(np.nan_to_num(free, nan=np.inf).reshape(-1, 3), axis=1)
+        k = int(np.argmax(size)) if size.size else -1
+        best: tuple[float, Any] = (float(size[k]), self._X[k].copy()) if k >= 0 else (-1.0, None)
+        return max(self.prolongation.comm.allgather(best), key=lambda item: item[0])[1]
+
+    def destroy(self) -> None:
+        """Free all PETSc objects, the prolongation's among them. Collective."""
+        self._snes.destroy()
+        self.prolongation.destroy()
+        for item in (self._K, self._y, self._r, self.d, self._work, self._inertia):
+            item.destroy()
+
+
+def _mean_cell_size(scene: Scene) -> float:
+    """Cube root of the mean volume of a cell [m]. Collective."""
+    mass = scene.sum(scene.nodal_mass[: scene.owned_nodes].sum())
+    mean_density = scene.sum(sum(m.rho * cells.size for m, cells in scene.materials))
+    return float(np.cbrt(mass / mean_density))
+
+
+def _reason_name(reason: int) -> str:
+    for name, value in vars(PETSc.SNES.ConvergedReason).items():
+        if value == reason and not name.startswith("_"):
+            return name.lower()
+    return f"reason {reason}"

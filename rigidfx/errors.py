@@ -1,0 +1,47 @@
+"""The errors rigidfx raises, and the one way to raise them on every rank at once.
+
+An error found on one rank only would leave the others waiting in their next collective call. What
+can be judged from global data is therefore raised directly; what is judged from a rank's own cells
+or files goes through `agree`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+__all__ = ["OutputError", "RigidfxError", "SceneError", "StepError", "agree"]
+
+
+class RigidfxError(Exception):
+    """Base of all errors of this package."""
+
+
+class SceneError(RigidfxError, ValueError):
+    """The problem as described cannot be simulated: a name, a number or a combination is wrong."""
+
+
+class StepError(RigidfxError, RuntimeError):
+    """A time step or a static solution did not converge, even after cutting."""
+
+
+class OutputError(RigidfxError, OSError):
+    """Results cannot be written where they should go."""
+
+
+def agree(comm: MPI.Comm, message: str | None, error: type[RigidfxError] = SceneError) -> None:
+    """Raise `error` on all ranks as soon as one rank has a message. Collective.
+
+    Args:
+        comm: Communicator of the mesh.
+        message: What is wrong on this rank, or None.
+        error: Class to raise; its text is the message of the lowest rank that has one.
+
+    Raises:
+        RigidfxError: Of class `error`, on every rank alike.
+    """
+    messages = [m for m in comm.allgather(message) if m is not None]
+    if messages:
+        raise error(messages[0])

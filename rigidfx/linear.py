@@ -1,0 +1,69 @@
+"""Which linear solver: direct for small systems, Krylov with a fall-back to direct for large ones.
+
+Defaults are set through PETSc's interface before its options are read, so that every option under
+the project's prefix overrides them: -rigidfx_ksp_type, -rigidfx_pc_type, -rigidfx_snes_monitor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from petsc4py import PETSc
+
+__all__ = ["PREFIX", "configure", "default_options", "prefers_direct"]
+
+PREFIX = "rigidfx_"
+DIRECT_BELOW = 3000  # unknowns
+KRYLOV_RTOL = 1e-8
+KRYLOV_ITERATIONS = 400
+
+
+@contextmanager
+def default_options(prefix: str, **defaults: str) -> Iterator[None]:
+    """Put options that the user has not set into PETSc's database, and take them out again.
+
+    Args:
+        prefix: Prefix of the object that is configured meanwhile.
+        defaults: Values by option name, without the prefix.
+    """
+    options = PETSc.Options(prefix)
+    mine = [name for name in defaults if not options.hasName(name)]
+    for name in mine:
+        options[name] = defaults[name]
+    try:
+        yield
+    finally:
+        for name in mine:
+            options.delValue(name)
+
+
+def prefers_direct(unknowns: int) -> bool:
+    """Whether a factorisation is the faster way for so many unknowns."""
+    return unknowns < DIRECT_BELOW
+
+
+def configure(ksp: PETSc.KSP, direct: bool) -> None:
+    """Set a solver up, then let PETSc's options have their say. Collective.
+
+    Args:
+        ksp: Solver to be set up.
+        direct: LU by MUMPS if true, else GMRES preconditioned by incomplete factors of each rank's
+            block.
+    """
+    pc = ksp.getPC()
+    pc.reset()
+    if direct:
+        ksp.setType(PETSc.KSP.Type.PREONLY)
+        pc.setType(PETSc.PC.Type.LU)
+        pc.setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
+    else:
+        ksp.setType(PETSc.KSP.Type.GMRES)
+        ksp.setGMRESRestart(KRYLOV_ITERATIONS // 4)
+        ksp.setTolerances(rtol=KRYLOV_RTOL, atol=0.0, max_it=KRYLOV_ITERATIONS)
+        if ksp.comm.size == 1:
+            pc.setType(PETSc.PC.Type.ILU)
+            pc.setFactorOrdering(PETSc.Mat.OrderingType.RCM)
+        else:
+            pc.setType(PETSc.PC.Type.BJACOBI)
+    ksp.setFromOptions()

@@ -1,0 +1,78 @@
+"""Read-only numbers of a state: energies and momenta, already summed over ranks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+from rigidfx.internal import Cells, InternalForces
+from rigidfx.mass import Mass
+from rigidfx.scene import Scene
+from rigidfx.state import State
+
+__all__ = ["Measures", "Monitor"]
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Measures:
+    """Energies and momenta of a state.
+
+    Attributes:
+        kinetic: ½ v·M v [J].
+        strain: ∫ W dV [J].
+        linear_momentum: L = Σ (M v)ᵢ, shape (3,) [kg m/s].
+        angular_momentum: J = Σ xᵢ × (M v)ᵢ about the origin, shape (3,) [kg m²/s].
+        momentum_scale: Σ |(M v)ᵢ| [kg m/s], what L is to be compared with.
+    """
+
+    kinetic: float
+    strain: float
+    linear_momentum: Array
+    angular_momentum: Array
+    momentum_scale: float
+
+    @property
+    def energy(self) -> float:
+        """H = kinetic + strain [J]."""
+        return self.kinetic + self.strain
+
+
+class Monitor:
+    """Measures states of a scene."""
+
+    def __init__(self, scene: Scene, forces: InternalForces, mass: Mass, cells: Cells) -> None:
+        """Bind the stored energy to the flexible cells. Collective."""
+        self._scene, self._forces, self._mass = scene, forces, mass
+        self._energy = forces.bind_energy(cells)
+        self._X = scene.space.tabulate_dof_coordinates()[: scene.owned_nodes]
+        self._momentum = fem.Function(scene.space)
+
+    def measure(self, state: State) -> Measures:
+        """Energies and momenta of the state that the forms' u₁ holds. Collective.
+
+        Args:
+            state: A state whose displacement equals that of the forms' u₁.
+        """
+        n = self._scene.owned_nodes
+        mv = self._momentum.x.petsc_vec
+        self._mass.mult(state.v.x.petsc_vec, mv)
+        p = mv.array_r.reshape(-1, 3)
+        v = state.v.x.array[: 3 * n].reshape(-1, 3)
+        x = self._X + state.u.x.array[: 3 * n].reshape(-1, 3)
+        local = np.concatenate(
+            [
+                [0.5 * float(np.vdot(v, p)), float(fem.assemble_scalar(self._energy))],
+                p.sum(axis=0),
+                np.cross(x, p).sum(axis=0),
+                [np.linalg.norm(p, axis=1).sum()],
+            ]
+        )
+        total = np.asarray(self._scene.sum(local))
+        return Measures(
+            float(total[0]), float(total[1]), total[2:5], total[5:8], float(total[8])
+        )

@@ -1,0 +1,297 @@
+"""The whole problem, immutable and validated: mesh, materials, effects, discretisation.
+
+Every user error that can be known before the first step is raised when a scene is made, on all
+ranks alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+from math import isfinite
+from types import MappingProxyType
+from typing import Any, Literal
+
+import dolfinx.mesh as dmesh
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem, la
+from mpi4py import MPI
+
+from rigidfx import effects as fx
+from rigidfx.domain import Domain
+from rigidfx.errors import SceneError, agree
+from rigidfx.forms import EnergyMomentum, Scheme
+from rigidfx.materials import Material
+
+__all__ = ["Scene"]
+
+Array = npt.NDArray[np.float64]
+Nodes = npt.NDArray[np.int32]
+
+# Points per cell of the one quadrature rule that W, H and the residual share, by polynomial degree.
+STIFFNESS_DEGREE = {1: 2, 2: 4}
+
+
+class Scene:
+    """A problem of structural dynamics.
+
+    Attributes:
+        domain: Mesh and names.
+        materials: Pairs of a material and its owned cells; together they cover the mesh.
+        effects: All effects as given.
+        order: Order of the Lagrange displacement.
+        mass: "lumped" (diagonal, default) or "consistent".
+        scheme: Time integration scheme.
+        space: Vector-valued function space of displacement and velocity.
+        nodal_mass: ∫ ρ0 Nᵢ dV [kg] per local node, ghosts included, shape (nodes,).
+        supports: Pairs of a support and its local nodes, ghosts included.
+        probes: Named points [m] whose histories are recorded.
+    """
+
+    def __init__(
+        self,
+        domain: Domain,
+        material: Material | Mapping[str, Material],
+        effects: Sequence[fx.Effect] = (),
+        *,
+        order: int = 1,
+        mass: Literal["lumped", "consistent"] = "lumped",
+        scheme: Scheme | None = None,
+        probes: Mapping[str, Sequence[float]] | None = None,
+    ) -> None:
+        """Validate the problem. Collective.
+
+        Args:
+            domain: Mesh and names.
+            material: One material, or one for each of the named cell sets that make up the mesh.
+            effects: What acts, in any order.
+            order: 1 or 2. Sound with lumped mass: hexahedra of both orders (their nodal masses
+                are those of a Gauss-Lobatto rule, which keeps the order) and tetrahedra of order
+                1. Tetrahedra of order 2 have negative lumped masses at their vertices and need
+                the consistent matrix.
+            mass: "lumped" or "consistent", for the whole run.
+            scheme: EnergyMomentum() if None; Midpoint() or Trapezoidal() otherwise.
+            probes: Name → reference point [m].
+
+        Raises:
+            SceneError: If anything in it is unknown, impossible or in conflict.
+        """
+        self.domain = domain
+        self.effects = tuple(effects)
+        self.order, self.mass = order, mass
+        self.scheme: Scheme = EnergyMomentum() if scheme is None else scheme
+        self.probes = MappingProxyType(_points(probes or {}))
+        self._check_discretisation()
+        self._check_effects()
+        self.materials = _material_cells(domain, material)
+        self.space = fem.functionspace(domain.mesh, ("Lagrange", order, (3,)))
+        self.nodal_mass = self._nodal_mass()
+        self.supports = self._supports()
+        self._check_names()
+
+    # What is asked of a scene -------------------------------------------------------------------
+
+    @property
+    def comm(self) -> MPI.Comm:
+        """Communicator of the mesh."""
+        return self.domain.comm
+
+    @property
+    def mesh(self) -> dmesh.Mesh:
+        """The mesh."""
+        return self.domain.mesh
+
+    @property
+    def owned_nodes(self) -> int:
+        """Number of nodes this rank owns; they come first in all nodal arrays."""
+        return int(self.space.dofmap.index_map.size_local)
+
+    @property
+    def quadrature_degree(self) -> int:
+        """Degree of the rule of W, H and the residual: full integration of the stiffness."""
+        return STIFFNESS_DEGREE[self.order]
+
+    def named(self, kind: type[fx.Effect]) -> tuple[Any, ...]:
+        """The effects of a kind, in the order given."""
+        return tuple(e for e in self.effects if isinstance(e, kind))
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Sorted instants at which steps must end [s]."""
+        return tuple(sorted({t for e in self.named(fx.Windowed) for t in e.breakpoints}))
+
+    def nodes(self, name: str, wanted_by: str, dims: Sequence[int] = (2, 3, 1, 0)) -> Nodes:
+        """Local nodes in the closure of a named set, ghosts included. Collective."""
+        found = self.domain.find(name, dims, wanted_by)
+        self.mesh.topology.create_connectivity(found.dim, 3)
+        dofs = fem.locate_dofs_topological(self.space, found.dim, found.entities, remote=True)
+        return np.sort(dofs).astype(np.int32)
+
+    def sum(self, values: npt.ArrayLike) -> Any:
+        """Sum of a number or an array over all ranks. Collective."""
+        array = np.asarray(values, dtype=np.float64)
+        total = self.comm.allreduce(array, op=MPI.SUM) if self.comm.size > 1 else array
+        return float(total) if array.ndim == 0 else total
+
+    @property
+    def centre_of_mass(self) -> Array:
+        """Centre of mass in the reference configuration, shape (3,) [m]. Collective."""
+        n = self.owned_nodes
+        m, X = self.nodal_mass[:n], self.space.tabulate_dof_coordinates()[:n]
+        return np.asarray(self.sum(m @ X)) / self.sum(m.sum())
+
+    def nodal_weights(self, density: Any, measure: ufl.Measure) -> Array:
+        """∫ density Nᵢ over a measure, per local node with ghosts, shape (nodes,). Collective."""
+        test = ufl.TestFunction(self.space)
+        form = fem.form(density * ufl.dot(ufl.as_vector((1.0, 0.0, 0.0)), test) * measure)
+        out = fem.Function(self.space)
+        fem.assemble_vector(out.x.array, form)
+        out.x.scatter_reverse(la.InsertMode.add)
+        out.x.scatter_forward()
+        return out.x.array[::3].copy()
+
+    def density(self) -> fem.Function:
+        """ρ0 per cell [kg/m³] as a piecewise constant function."""
+        return self.cellwise([(m.rho, cells) for m, cells in self.materials])
+
+    def cellwise(self, values: Sequence[tuple[float, Nodes]]) -> fem.Function:
+        """A piecewise constant function from values and the owned cells that have them."""
+        f = fem.Function(fem.functionspace(self.mesh, ("DG", 0)))
+        for value, cells in values:
+            f.x.array[f.function_space.dofmap.list[cells, 0]] = value
+        f.x.scatter_forward()
+        return f
+
+    # Checks -------------------------------------------------------------------------------------
+
+    def _check_discretisation(self) -> None:
+        simplex = self.mesh.topology.cell_type == dmesh.CellType.tetrahedron
+        if self.order not in STIFFNESS_DEGREE:
+            raise SceneError(f"Scene: order must be 1 or 2, got {self.order!r}.")
+        if self.mass not in ("lumped", "consistent"):
+            raise SceneError(f"Scene: mass must be 'lumped' or 'consistent', got {self.mass!r}.")
+        if simplex and self.order == 2 and self.mass == "lumped":
+            raise SceneError(
+                "Scene: second-order tetrahedra have negative lumped masses at their vertices. "
+                "Take mass='consistent', or order=1, or hexahedra."
+            )
+        if self.mesh.geometry.cmap.degree > self.order:
+            raise SceneError(
+                f"Scene: cells of geometry order {self.mesh.geometry.cmap.degree} need at least "
+                f"that order of displacement (got {self.order}), or a rigid rotation would "
+                "strain them."
+            )
+
+    def _check_effects(self) -> None:
+        known = (fx.DeadLoad, fx.Support, fx.InitialVelocity, fx.NumericalDamping, fx.Preload)
+        for effect in self.effects:
+            if not isinstance(effect, known):
+                raise SceneError(f"Scene: {effect!r} is not an effect. See rigidfx.effects.")
+        if len(self.named(fx.Preload)) > 1:
+            raise SceneError("Scene: only one Preload makes sense; give it all static loads.")
+        damping = self.named(fx.NumericalDamping)
+        if damping and not self.scheme.damps:
+            raise SceneError(
+                f"Scene: numerical damping (22) goes with EnergyMomentum, not with "
+                f"{type(self.scheme).__name__}."
+            )
+        for a, b in combinations(damping, 2):
+            if _overlap(a, b):
+                raise SceneError("Scene: two NumericalDamping effects overlap in time.")
+
+    def _nodal_mass(self) -> Array:
+        # Two degrees above the integrand of an affine cell, for cells that are not.
+        measure = ufl.dx(domain=self.mesh, metadata={"quadrature_degree": 2 * self.order + 2})
+        mass = self.nodal_weights(self.density(), measure)
+        if self.mass == "lumped":
+            worst = mass.min(initial=np.inf)
+            agree(
+                self.comm,
+                None
+                if worst > 0
+                else f"Scene: a node has the lumped mass {worst:.3g} kg ≤ 0 (strongly curved "
+                "cells?). Take mass='consistent'.",
+            )
+        return mass
+
+    def _supports(self) -> tuple[tuple[fx.Support, Nodes], ...]:
+        supports = tuple(
+            (s, self.nodes(s.where, type(s).__name__)) for s in self.named(fx.Support)
+        )
+        for (a, nodes_a), (b, nodes_b) in combinations(supports, 2):
+            shared = np.intersect1d(nodes_a, nodes_b).size
+            axes = set(a.axes) & set(b.axes)
+            clash = bool(axes) and _overlap(a, b) and not a.same_motion(b)
+            if clash and self.sum(shared) > 0:
+                raise SceneError(
+                    f"Scene: {type(a).__name__} on '{a.where}' and {type(b).__name__} on "
+                    f"'{b.where}' prescribe different motions of the same nodes at the same "
+                    "time. Separate their sets, components or time windows."
+                )
+        for support, _ in supports:
+            start = support.since if isfinite(support.since) else 0.0
+            for what in (support.displacement_at(start), support.velocity_at(start, 1.0)):
+                _check_vector(what, f"{type(support).__name__} on '{support.where}'", start)
+        return supports
+
+    def _check_names(self) -> None:
+        loads = [*self.named(fx.DeadLoad), *(q for p in self.named(fx.Preload) for q in p.loads)]
+        for load in loads:
+            where = getattr(load, "where", None)
+            dims = {fx.Traction: (2,), fx.NodalForce: (2, 3, 1, 0)}.get(type(load), (3,))
+            if where is not None:
+                self.domain.find(where, dims, type(load).__name__)
+            start = max(0.0, load.since)
+            _check_vector(load.intensity(start), type(load).__name__, start)
+
+
+def _overlap(a: fx.Windowed, b: fx.Windowed) -> bool:
+    return max(a.since, b.since) < min(a.until, b.until)
+
+
+def _check_vector(value: Array, owner: str, t: float) -> None:
+    if np.shape(value) != (3,) or not np.isfinite(value).all():
+        raise SceneError(
+            f"{owner}: at t = {t:g} s three finite components are expected, got {value}."
+        )
+
+
+def _points(probes: Mapping[str, Sequence[float]]) -> dict[str, Array]:
+    points = {name: np.asarray(p, dtype=np.float64) for name, p in probes.items()}
+    for name, point in points.items():
+        if point.shape != (3,) or not np.isfinite(point).all():
+            raise SceneError(f"Scene: probe '{name}' must be three finite numbers, got {point}.")
+    return points
+
+
+def _material_cells(
+    domain: Domain, material: Material | Mapping[str, Material]
+) -> tuple[tuple[Material, Nodes], ...]:
+    """Materials with their owned cells; every cell has exactly one."""
+    owned = domain.mesh.topology.index_map(3).size_local
+    if isinstance(material, Material):
+        return ((material, np.arange(owned, dtype=np.int32)),)
+    if not isinstance(material, Mapping) or not material:
+        raise SceneError(
+            f"Scene: material must be a Material or a dict of cell-set names to materials, "
+            f"got {material!r}."
+        )
+    times_used = np.zeros(owned, dtype=np.int32)
+    pairs = []
+    for name, m in material.items():
+        if not isinstance(m, Material):
+            raise SceneError(f"Scene: the material of '{name}' must be a Material, got {m!r}.")
+        entities = domain.find(name, (3,), "Scene (material)").entities
+        cells = entities[entities < owned]
+        times_used[cells] += 1
+        pairs.append((m, cells))
+    none, several = (int(domain.comm.allreduce(int(np.count_nonzero(c))))
+                     for c in (times_used == 0, times_used > 1))
+    if none or several:
+        raise SceneError(
+            f"Scene: every cell needs exactly one material; {none} cells have none and {several} "
+            f"have several. Known names: {domain.names}."
+        )
+    return tuple(pairs)

@@ -1,0 +1,102 @@
+"""The only mutable physics: displacement, velocity, time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+from mpi4py import MPI
+
+from rigidfx.effects import InitialVelocity
+from rigidfx.errors import SceneError, agree
+from rigidfx.scene import Scene
+
+__all__ = ["Snapshot", "State", "initial_velocity"]
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """A copy of a state that it can be restored to."""
+
+    t: float
+    u: npt.NDArray[np.float64]
+    v: npt.NDArray[np.float64]
+
+
+class State:
+    """Displacement and velocity of all nodes at one time.
+
+    Attributes:
+        t: Time [s].
+        u: Displacement [m].
+        v: Velocity [m/s].
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        """The state at rest in the reference configuration at t = 0."""
+        self.t = 0.0
+        self.u = fem.Function(scene.space, name="displacement")
+        self.v = fem.Function(scene.space, name="velocity")
+
+    def snapshot(self) -> Snapshot:
+        """Copy of the state."""
+        return Snapshot(self.t, self.u.x.array.copy(), self.v.x.array.copy())
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Go back to a snapshot."""
+        self.t = snapshot.t
+        self.u.x.array[:] = snapshot.u
+        self.v.x.array[:] = snapshot.v
+
+
+def initial_velocity(scene: Scene) -> npt.NDArray[np.float64]:
+    """Velocity at the start per local node with ghosts, shape (nodes, 3) [m/s]. Collective.
+
+    Raises:
+        SceneError: If a given velocity is not finite, or contradicts a support that acts at the
+            start. Where no velocity is given, a support simply begins to move its nodes.
+    """
+    X = scene.space.tabulate_dof_coordinates()
+    v = np.zeros_like(X)
+    given = scene.named(InitialVelocity)
+    for effect in given:
+        centre = scene.centre_of_mass if effect.centre is None else np.asarray(effect.centre)
+        v += np.asarray(effect.linear) + np.cross(effect.angular, X - centre)
+        if effect.function is not None:
+            v += _evaluate(effect, scene, X)
+    scale = scene.comm.allreduce(float(np.abs(v).max(initial=0.0)), op=MPI.MAX)
+    for support, nodes in scene.supports if given else ():
+        if not (support.since <= 0.0 < support.until):
+            continue
+        wanted = support.velocity_at(0.0, 1e-6)
+        axes = list(support.axes)
+        error = np.abs(v[nodes][:, axes] - wanted[axes]).max(initial=0.0)
+        bound = max(scale, float(np.abs(wanted).max()))
+        agree(
+            scene.comm,
+            None
+            if error <= 1e-9 * bound
+            else f"InitialVelocity contradicts {type(support).__name__} on '{support.where}' "
+            f"(components '{support.components}'): they differ by {error:.3g} m/s at its nodes. "
+            "Give the nodes of a support its velocity, or start the support later.",
+        )
+    return v
+
+
+def _evaluate(
+    effect: InitialVelocity, scene: Scene, X: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    assert effect.function is not None
+    problem, values = None, np.zeros_like(X)
+    try:
+        values = np.asarray(effect.function(X.T), dtype=np.float64).T
+        if values.shape != X.shape:
+            values = np.broadcast_to(values, X.shape)
+        if not np.isfinite(values).all():
+            problem = "InitialVelocity: function gives values that are not finite."
+    except (TypeError, ValueError) as error:
+        problem = f"InitialVelocity: function must map (3, n) to (3, n): {error}."
+    agree(scene.comm, problem, SceneError)
+    return values

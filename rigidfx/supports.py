@@ -1,0 +1,196 @@
+"""Which dofs the supports hold at a time, how they move, and what happens where a support begins.
+
+A support that begins on a moving node, or a prescribed motion that jumps in velocity, is an
+impact: the update of the velocity would otherwise ring for ever. The velocity is projected, in the
+metric of the mass, on what the support allows; the energy and the impulse of that go to the ledger.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from petsc4py import PETSc
+
+from rigidfx.effects import Support
+from rigidfx.errors import StepError
+from rigidfx.mass import Mass
+from rigidfx.prolongation import Prolongation
+from rigidfx.scene import Scene
+from rigidfx.state import State
+
+__all__ = ["HeldDofs", "Impact", "acting", "impose_velocity", "rigidly_held"]
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Impact:
+    """Velocity taken over from a support at an instant.
+
+    Attributes:
+        t: Time [s].
+        supports: Names of the supports that caused it.
+        energy: Change of kinetic energy [J]; negative is lost.
+        impulse: Impulse exerted on the structure, shape (3,) [N s].
+        angular_impulse: Its moment about the origin, shape (3,) [N m s].
+    """
+
+    t: float
+    supports: tuple[str, ...]
+    energy: float
+    impulse: Array
+    angular_impulse: Array
+
+
+class HeldDofs:
+    """The dofs held by the supports that act at one time.
+
+    Attributes:
+        active: The supports.
+        mask: For each owned dof, whether it is held, shape (3 · owned nodes,).
+    """
+
+    def __init__(self, scene: Scene, active: tuple[Support, ...]) -> None:
+        """Find the dofs of the supports that act."""
+        self._scene = scene
+        self.active = active
+        owner = np.full(3 * scene.owned_nodes, -1, dtype=np.int32)
+        for k, support in reversed(list(enumerate(self.active))):
+            owner[dofs_of(scene, support)] = k
+        self.mask = owner >= 0
+        self._owner = owner[self.mask]
+        self._axis = (np.flatnonzero(self.mask) % 3).astype(np.int32)
+
+    def _spread(self, per_support: list[Array]) -> Array:
+        if not per_support:
+            return np.zeros(self._owner.size)
+        return np.asarray(np.stack(per_support)[self._owner, self._axis])
+
+    def increments(self, t0: float, t1: float) -> Array:
+        """Prescribed increments of the held dofs from t0 to t1 [m]."""
+        return self._spread(
+            [s.displacement_at(t1) - s.displacement_at(t0) for s in self.active]
+        )
+
+    def velocities(self, t: float, dt: float) -> Array:
+        """Prescribed velocities of the held dofs just after t [m/s]."""
+        return self._spread([s.velocity_at(t, dt) for s in self.active])
+
+    def reactions(self, forces: Array) -> Mapping[str, Array]:
+        """Force that each support exerts on the structure, shape (3,) [N]. Collective.
+
+        Args:
+            forces: Out-of-balance forces of the owned dofs [N].
+        """
+        held = forces[self.mask]
+        out: dict[str, Array] = {}
+        for k, support in enumerate(self.active):
+            mine = self._owner == k
+            total = np.bincount(self._axis[mine], weights=held[mine], minlength=3)
+            out[support.where] = out.get(support.where, 0.0) + np.asarray(self._scene.sum(total))
+        return out
+
+
+def acting(scene: Scene, t: float, resolution: float) -> tuple[Support, ...]:
+    """The supports that act in a step that begins at t [s], known to a resolution [s]."""
+    return tuple(s for s, _ in scene.supports if s.since <= t + resolution < s.until)
+
+
+def dofs_of(scene: Scene, support: Support) -> npt.NDArray[np.int64]:
+    """Owned dofs that a support holds while it acts."""
+    nodes = next(nodes for s, nodes in scene.supports if s is support)
+    owned = nodes[nodes < scene.owned_nodes].astype(np.int64)
+    return (3 * owned[:, None] + np.asarray(support.axes)).reshape(-1)
+
+
+def impose_velocity(
+    scene: Scene,
+    state: State,
+    mass: Mass,
+    prolongation: Prolongation,
+    velocities: Array,
+    supports: tuple[str, ...],
+) -> Impact | None:
+    """Give the held dofs their prescribed velocity by an impact without rebound. Collective.
+
+    The impulse acts on held dofs only, so the momentum of the others stays: with Δv_s given,
+    Pᵀ M P Δv_f = -Pᵀ M Δv_s. For a lumped mass the other velocities stay as they are.
+
+    Args:
+        scene: The problem.
+        state: Its velocity is changed.
+        mass: Mass operator.
+        prolongation: Map of free dofs for the supports that act now.
+        velocities: Prescribed velocities of the held dofs [m/s].
+        supports: Names for the report.
+
+    Returns:
+        What the impact did, or None where no velocity changed.
+    """
+    v = state.v.x.petsc_vec
+    dv, p = v.duplicate(), v.duplicate()
+    dv.set(0.0)
+    dv.array[prolongation.held] = velocities - v.array_r[prolongation.held]
+    if dv.norm(PETSc.NormType.INFINITY) == 0.0:
+        return None
+    mass.mult(dv, p)
+    rhs, dy = prolongation.unknowns(), prolongation.unknowns()
+    prolongation.restrict(p, rhs)
+    rhs.scale(-1.0)
+    if rhs.norm() > 0.0:
+        M = mass.matrix()
+        free = Prolongation(prolongation.mask, scene.comm)
+        ksp = PETSc.KSP().create(scene.comm)
+        ksp.setType(PETSc.KSP.Type.CG)
+        ksp.getPC().setType(PETSc.PC.Type.JACOBI)
+        ksp.setTolerances(rtol=1e-14, max_it=10_000)
+        ksp.setOperators(free.condense(M))
+        ksp.solve(rhs, dy)
+        if ksp.getConvergedReason() <= 0:
+            raise StepError("The velocity could not be adapted to a support that begins.")
+        prolongation.expand(dy, dv.array_r[prolongation.held].copy(), dv)
+        mass.mult(dv, p)
+        for item in (ksp, M):
+            item.destroy()
+        free.destroy()
+    n = scene.owned_nodes
+    before = state.v.x.array[: 3 * n].copy()
+    state.v.x.array[: 3 * n] += dv.array_r
+    state.v.x.scatter_forward()
+    X = scene.space.tabulate_dof_coordinates()[:n] + state.u.x.array[: 3 * n].reshape(-1, 3)
+    impulse = p.array_r.reshape(-1, 3)
+    mean = before + dv.array_r / 2
+    local = np.concatenate(
+        [[mean @ p.array_r], impulse.sum(axis=0), np.cross(X, impulse).sum(axis=0)]
+    )
+    total = np.asarray(scene.sum(local))
+    for item in (rhs, dy, dv, p):
+        item.destroy()
+    return Impact(state.t, supports, float(total[0]), total[1:4], total[4:7])
+
+
+def rigidly_held(scene: Scene, held: HeldDofs) -> bool:
+    """Whether the held dofs exclude every small rigid motion. Collective."""
+    n = scene.owned_nodes
+    X = scene.space.tabulate_dof_coordinates()[:n] - scene.centre_of_mass
+    size = scene.comm.allreduce(float(np.abs(X).max(initial=0.0)))
+    x, y, z = (X / size).T
+    zero, one = np.zeros(n), np.ones(n)
+    modes = np.stack(
+        [
+            np.stack(mode, axis=1).reshape(-1)[held.mask]
+            for mode in (
+                (one, zero, zero),
+                (zero, one, zero),
+                (zero, zero, one),
+                (zero, -z, y),
+                (z, zero, -x),
+                (-y, x, zero),
+            )
+        ]
+    )
+    gram = np.asarray(scene.sum(modes @ modes.T))
+    return int(np.linalg.matrix_rank(gram, tol=1e-10 * max(float(np.trace(gram)), 1e-300))) == 6
