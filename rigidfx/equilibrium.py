@@ -32,6 +32,8 @@ Array = npt.NDArray[np.float64]
 
 RELATIVE_TOLERANCE = 1e-12
 ROUNDING = 2.0  # safety on the estimated rounding level
+STALL = 0.2  # Newton has met rounding where it reduces the residual by less than this ...
+MARGIN = 100.0  # ... and the residual is within this factor of the estimate
 MAX_ITERATIONS = 25
 DIVERGENCE = 1e6  # growth of the residual at which Newton gives up
 MAX_FALLBACKS = 3  # direct solves in place of failed Krylov solves before Krylov is given up
@@ -260,7 +262,8 @@ class Equilibrium:
             return int(Reason.DIVERGED_DTOL)
         if norm == 0.0 or (iteration > 0 and norm <= RELATIVE_TOLERANCE * first):
             return int(Reason.CONVERGED_FNORM_RELATIVE)
-        if norm <= self._rounding:
+        stalled = iteration > 0 and norm > STALL * self._history[-2]
+        if norm <= self._rounding * (MARGIN if stalled else 1.0):
             return int(Reason.CONVERGED_FNORM_ABS)
         if iteration >= MAX_ITERATIONS:
             return int(Reason.DIVERGED_MAX_IT)

@@ -92,7 +92,7 @@ class InternalForces:
             scene.mesh,
         )
         linear = all(g.quadratic for g in self._groups) or not scene.scheme.conserving
-        self.strain_noise = 1.0 if linear else 1e3
+        self.strain_noise = 1.0 if linear else 30.0
 
     def _integrate(self, integrand: Any) -> ufl.Form:
         dx = ufl.Measure(
