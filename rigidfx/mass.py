@@ -24,6 +24,7 @@ __all__ = ["ConsistentMass", "LumpedMass", "Mass", "mass_operator"]
 class Mass(Protocol):
     """What a mass operator does."""
 
+
     def mult(self, v: PETSc.Vec, out: PETSc.Vec) -> None:
         """Out = M v."""
         ...
@@ -89,6 +90,7 @@ class ConsistentMass:
         self._matrix = fem_petsc.create_matrix(bound)
         fem_petsc.assemble_matrix(self._matrix, bound)
         self._matrix.assemble()
+        self._formats = {self._matrix.getType(): self._matrix}
 
     def mult(self, v: PETSc.Vec, out: PETSc.Vec) -> None:
         """Out = M v."""
@@ -96,15 +98,19 @@ class ConsistentMass:
 
     def add_to(self, K: PETSc.Mat, factor: float) -> None:
         """K += factor · M."""
-        K.axpy(factor, self._matrix, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+        kind = K.getType()
+        if kind not in self._formats:
+            self._formats[kind] = self._matrix.convert(kind, PETSc.Mat())
+        K.axpy(factor, self._formats[kind], PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
 
     def matrix(self) -> PETSc.Mat:
         """A copy of M; the caller destroys it."""
         return self._matrix.copy()
 
     def destroy(self) -> None:
-        """Free the matrix. Collective."""
-        self._matrix.destroy()
+        """Free the matrices. Collective."""
+        for matrix in self._formats.values():
+            matrix.destroy()
 
 
 def mass_operator(scene: Scene, cells: Cells) -> Mass:

@@ -2,8 +2,11 @@
 
 d = P y + d_s: the columns of P are the unknowns, its rows all dofs. A supported dof has no column;
 its increment is prescribed in d_s. The residual of the step is restricted by Pᵀ and the tangent
-condensed to Pᵀ K P by MatPtAP, so that no rows of ones, no penalties and no empty rows ever reach
-the solver. Where nothing is supported P is the identity and K itself is the reduced tangent.
+condensed to Pᵀ K P, so that no rows of ones, no penalties and no empty rows ever reach the solver.
+
+Where P only selects whole nodes, Pᵀ K P is a submatrix of blocks and K is kept in PETSc's blocked
+format (BAIJ), in which assembly takes two thirds and a Krylov iteration half of the time of AIJ.
+Anything else is MatPtAP, which wants AIJ. Where nothing is supported K itself is the product.
 """
 
 from __future__ import annotations
@@ -23,6 +26,7 @@ class Prolongation:
         mask: For each owned dof, whether it is prescribed.
         free: Local numbers of this rank's owned dofs that are unknowns, sorted.
         held: Local numbers of the owned dofs that are prescribed, sorted.
+        nodal: Whether the unknowns come in whole nodes, three at a time.
         size: Number of unknowns over all ranks.
     """
 
@@ -39,10 +43,26 @@ class Prolongation:
         self.comm = comm
         self.size = int(comm.allreduce(self.free.size))
         self._rows, self._columns = held.size, self.free.size
+        by_node = held.reshape(-1, 3)
+        broken = int(np.count_nonzero(by_node.any(axis=1) & ~by_node.all(axis=1)))
+        self.nodal = comm.allreduce(broken) == 0
         self._P: PETSc.Mat | None = None
+        self._blocks: PETSc.IS | None = None
         self._reduced: PETSc.Mat | None = None
         if comm.allreduce(self.held.size) > 0:
             self._P = self._selection()
+            if self.nodal:
+                self._blocks = self._node_blocks()
+
+    @property
+    def matrix_type(self) -> str:
+        """PETSc's format of the tangent that `condense` wants."""
+        return "baij" if self.nodal else "aij"
+
+    def _node_blocks(self) -> PETSc.IS:
+        first = self.comm.exscan(self._rows) or 0
+        nodes = (first + self.free[::3]) // 3
+        return PETSc.IS().createBlock(3, nodes.astype(PETSc.IntType), comm=self.comm)
 
     def _selection(self) -> PETSc.Mat:
         offsets = np.zeros(self._rows + 1, dtype=PETSc.IntType)
@@ -93,22 +113,27 @@ class Prolongation:
         """Pᵀ K P; the product's pattern is reused from the second call on. Collective.
 
         Args:
-            K: Full tangent, of unchanged pattern.
+            K: Full tangent in the format `matrix_type`, of unchanged pattern.
 
         Returns:
             The reduced tangent, owned by this object (or K, where P is the identity).
         """
         if self._P is None:
             return K
+        blocks = self._blocks
         if self._reduced is None:
-            self._reduced = K.PtAP(self._P)
+            self._reduced = (
+                K.createSubMatrix(blocks, blocks) if blocks is not None else K.PtAP(self._P)
+            )
+        elif blocks is not None:
+            K.createSubMatrix(blocks, blocks, submat=self._reduced)
         else:
             K.PtAP(self._P, result=self._reduced)
         return self._reduced
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
-        for matrix in (self._P, self._reduced):
-            if matrix is not None:
-                matrix.destroy()
-        self._P = self._reduced = None
+        for item in (self._P, self._blocks, self._reduced):
+            if item is not None:
+                item.destroy()
+        self._P = self._blocks = self._reduced = None

@@ -1,0 +1,245 @@
+"""What a fully flexible step costs, against a straightforward DOLFINx + SNES loop.
+
+Both integrate the tumbling L under a constant load with the same energy-momentum scheme, the same
+quadrature, lumped mass, first guess and stopping test, one step each in turn, so that a change of
+the machine's speed hits both alike; the ratio is the median of the steps' ratios. The plain loop is
+what a DOLFINx user would write: one form with the inertia in it, default compiler options, an AIJ
+matrix, an SNES.
+
+Two comparisons are made:
+
+* *same solver*: GMRES + ILU(0) to 1e-8 in every Newton iteration on both sides (and LU by MUMPS on
+  both sides where the system is small enough) — `ratio_to_plain_dolfinx` is the first of these;
+* *best against best*: rigidfx as it comes against the better of the plain loop's two solvers.
+
+    ./fenicsx python3 demos/benchmarks/flexible_step.py --unknowns 27000
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from statistics import median
+from time import perf_counter
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.fem import petsc as fem_petsc
+from petsc4py import PETSc
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+import rigidfx
+from meshes.tumbling_l import tumbling_l
+from rigidfx.linear import PREFIX
+
+E, NU, RHO = 1e4, 0.3, 10.0  # Pa, 1, kg/m³
+DT = 0.1  # s
+TRACTION = np.array([256.0, 512.0, 768.0]) / 90.0  # Pa
+SAME_SOLVER = {
+    "gmres+ilu": {"snes_ksp_ew": "0", "ksp_type": "gmres", "pc_type": "ilu", "ksp_rtol": "1e-8"},
+    "lu": {
+        "ksp_type": "preonly",
+        "pc_type": "lu",
+        "pc_factor_mat_solver_type": "mumps",
+    },
+}
+LU_BELOW = 50_000  # unknowns; beyond, a factorisation takes gigabytes and most of a minute
+
+
+def scene(refine: int) -> rigidfx.Scene:
+    """The tumbling L with cells of edge 1/refine under a constant pair of tractions."""
+    return rigidfx.Scene(
+        tumbling_l(refine),
+        rigidfx.StVenantKirchhoff(E=E, nu=NU, rho=RHO),
+        [
+            rigidfx.Traction("top", tuple(TRACTION)),
+            rigidfx.Traction("side", tuple(-TRACTION)),
+        ],
+    )
+
+
+class PlainLoop:
+    """The same dynamics as one would write them in DOLFINx and petsc4py."""
+
+    def __init__(self, problem: rigidfx.Scene, solver: dict[str, str], floor: float) -> None:
+        """Compile the form and set up an SNES.
+
+        Args:
+            problem: Scene whose mesh, boundary and data are used.
+            solver: PETSc options.
+            floor: Absolute tolerance of Newton [N]: the rounding level, the same for both.
+        """
+        mesh, V = problem.mesh, problem.space
+        self.u0, self.u1, self.v0, self.v1 = (fem.Function(V) for _ in range(4))
+        w, du = ufl.TestFunction(V), ufl.TrialFunction(V)
+        lmbda, mu = E * NU / ((1 + NU) * (1 - 2 * NU)), E / (2 * (1 + NU))
+        constant = [fem.Constant(mesh, x) for x in (lmbda, mu, RHO, DT)]
+        lmbda_, mu_, rho, dt = constant
+        identity = ufl.Identity(3)
+
+        def stress(u: fem.Function) -> ufl.core.expr.Expr:
+            F = identity + ufl.grad(u)
+            strain = (F.T * F - identity) / 2
+            return lmbda_ * ufl.tr(strain) * identity + 2 * mu_ * strain
+
+        F = identity + ufl.grad((self.u0 + self.u1) / 2)
+        S = (stress(self.u0) + stress(self.u1)) / 2
+        dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": problem.quadrature_degree})
+        nodes = ufl.dx(
+            domain=mesh, metadata={"quadrature_rule": "GLL", "quadrature_degree": 1}
+        )
+        acceleration = 2 * (self.u1 - self.u0 - dt * self.v0) / dt**2
+        facets = {name: problem.domain.find(name, (2,), "benchmark") for name in ("top", "side")}
+        from rigidfx._compat import integration_facets
+
+        ds = ufl.Measure(
+            "ds",
+            domain=mesh,
+            subdomain_data=[
+                (k, integration_facets(mesh, s.entities)) for k, s in enumerate(facets.values())
+            ],
+        )
+        load = fem.Constant(mesh, TRACTION)
+        R = (
+            rho * ufl.inner(acceleration, w) * nodes
+            + ufl.inner(F * S, ufl.grad(w)) * dx
+            - ufl.inner(load, w) * ds(0)
+            + ufl.inner(load, w) * ds(1)
+        )
+        self.residual_form = fem.form(R)
+        self.tangent_form = fem.form(ufl.derivative(R, self.u1, du))
+        self.A = fem_petsc.create_matrix(self.tangent_form)
+        self.x, self.b = self.A.createVecRight(), fem.Function(V)
+        self.r = self.A.createVecLeft()
+        self.snes = PETSc.SNES().create(mesh.comm)
+        self.snes.setOptionsPrefix("plain_")
+        options = PETSc.Options("plain_")
+        for name, value in {**solver, "snes_linesearch_type": "basic"}.items():
+            options[name] = value
+        self.snes.setFunction(self.residual, self.r)
+        self.snes.setJacobian(self.tangent, self.A)
+        self.snes.setTolerances(rtol=1e-12, atol=floor, stol=0.0, max_it=25)
+        self.snes.setFromOptions()
+        for name in (*solver, "snes_linesearch_type"):
+            options.delValue(name)
+
+    def residual(self, snes: PETSc.SNES, x: PETSc.Vec, r: PETSc.Vec) -> None:
+        """R(u₁)."""
+        self.u1.x.array[: x.local_size] = x.array_r
+        self.u1.x.scatter_forward()
+        self.b.x.array[:] = 0.0
+        fem.assemble_vector(self.b.x.array, self.residual_form)
+        r.array[:] = self.b.x.array[: x.local_size]
+
+    def tangent(self, snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, B: PETSc.Mat) -> None:
+        """dR/du₁."""
+        A.zeroEntries()
+        fem_petsc.assemble_matrix(A, self.tangent_form)
+        A.assemble()
+
+    def step(self) -> tuple[int, int]:
+        """Advance one step; Newton and linear iterations."""
+        self.x.array[:] = self.u0.x.array + DT * self.v0.x.array
+        self.snes.solve(None, self.x)
+        if self.snes.getConvergedReason() <= 0:
+            raise RuntimeError("the plain loop did not converge")
+        self.v0.x.array[:] = 2 / DT * (self.x.array_r - self.u0.x.array) - self.v0.x.array
+        self.u0.x.array[:] = self.x.array_r
+        return self.snes.getIterationNumber(), self.snes.getLinearSolveIterations()
+
+
+def stepper(problem: rigidfx.Scene, solver: dict[str, str]) -> Iterator[rigidfx.Report]:
+    """Reports of rigidfx under given PETSc options."""
+    options = PETSc.Options(PREFIX)
+    for name, value in solver.items():
+        options[name] = value
+    reports = rigidfx.simulate(problem, DT, 1e6, progress=False)
+    next(reports)
+    for name in solver:
+        options.delValue(name)
+    return reports
+
+
+def compare(
+    problem: rigidfx.Scene, ours: dict[str, str], plain: dict[str, str], steps: int
+) -> dict[str, object]:
+    """Interleaved steps of both loops."""
+    reports = stepper(problem, ours)
+    first = next(reports)
+    loop = PlainLoop(problem, plain, floor=2 * first.residuals[-1])
+    loop.step()
+    rows = []
+    for _ in range(steps):
+        start = perf_counter()
+        report = next(reports)
+        middle = perf_counter()
+        iterations, linear = loop.step()
+        rows.append((middle - start, perf_counter() - middle, report, iterations, linear))
+    here = report.state.u.x.array
+    difference = float(np.abs(here - loop.u0.x.array).max() / np.abs(here).max())
+    reports.close()
+    return {
+        "ratio": median(a / b for a, b, *_ in rows),
+        "rigidfx_s": median(a for a, *_ in rows),
+        "plain_s": median(b for _, b, *_ in rows),
+        "newton": [sum(r.iterations for _, _, r, *_ in rows), sum(n for *_, n, _ in rows)],
+        "linear": [sum(r.linear_iterations for _, _, r, *_ in rows), sum(k for *_, k in rows)],
+        "solver": report.solver,
+        "difference": difference,
+    }
+
+
+def main() -> None:
+    """Run the comparison and write its summary."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--unknowns", type=int, default=27_000, help="about 700, 27000, 200000")
+    parser.add_argument("--steps", type=int, default=9, help="timed steps per comparison")
+    parser.add_argument("--out", type=Path, default=Path("out/flexible_step"))
+    parser.add_argument("--short", action="store_true", help="700 unknowns, few steps")
+    arguments = parser.parse_args()
+    if arguments.short:
+        arguments.unknowns, arguments.steps = 700, 3
+    sizes = {len(tumbling_l_nodes(r)) * 3: r for r in range(1, 10)}
+    unknowns = min(sizes, key=lambda n: abs(n - arguments.unknowns))
+    problem = scene(sizes[unknowns])
+    solvers = [name for name in SAME_SOLVER if name != "lu" or unknowns < LU_BELOW]
+    same = {
+        name: compare(problem, SAME_SOLVER[name], SAME_SOLVER[name], arguments.steps)
+        for name in solvers
+    }
+    plain_best = min(solvers, key=lambda name: same[name]["plain_s"])
+    best = compare(problem, {}, SAME_SOLVER[plain_best], arguments.steps)
+    summary = {
+        "ratio_to_plain_dolfinx": same["gmres+ilu"]["ratio"],
+        "ratio_best_to_best": best["ratio"],
+        "unknowns": unknowns,
+        "same_solver": same,
+        "best": best,
+        "plain_best_solver": plain_best,
+    }
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    (arguments.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
+    for name, row in {**same, f"best (plain: {plain_best})": best}.items():
+        print(
+            f"{unknowns} unknowns, {name:24s} rigidfx {row['rigidfx_s']:.4f} s, plain "
+            f"{row['plain_s']:.4f} s, ratio {row['ratio']:.2f}, Newton {row['newton']}, linear "
+            f"{row['linear']}, difference {row['difference']:.1e}"
+        )
+    for name, row in [*same.items(), ("best", best)]:
+        # Both solve the same equations to Newton's tolerance, or the comparison means nothing.
+        assert row["difference"] < 1e-9, f"{name}: the two loops disagree by {row['difference']}"
+
+
+def tumbling_l_nodes(refine: int) -> range:
+    """Nodes of the L with cells of edge 1/refine, as a range to be counted."""
+    a, b, c = 6 * refine + 1, 3 * refine + 1, 7 * refine
+    return range(a * b * b + b * c * b)
+
+
+if __name__ == "__main__":
+    main()
