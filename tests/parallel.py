@@ -1,0 +1,56 @@
+"""Run a script on several ranks and read what rank 0 found."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+MARK = "RESULT "
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def report(data: Any) -> None:
+    """Print data where `run` finds it; to be called by one rank of the script."""
+    print(MARK + json.dumps(data), flush=True)
+
+
+def run(script: str | Path, ranks: int, timeout: float, *arguments: str) -> list[Any]:
+    """What the ranks of a script reported, in no particular order.
+
+    Args:
+        script: Python file.
+        ranks: Number of MPI ranks.
+        timeout: Seconds after which the run counts as hanging.
+        arguments: Arguments of the script.
+
+    Raises:
+        AssertionError: If the script fails or hangs.
+    """
+    # `-m mpi4py` aborts all ranks where one fails. This process may itself be a rank of MPI, of
+    # which mpirun must know nothing.
+    command = ["mpirun", "--oversubscribe", "-n", str(ranks), sys.executable, "-m", "mpi4py"]
+    mine = ("OMPI_COMM", "OMPI_UNIVERSE", "OMPI_APP", "OMPI_NUM", "OMPI_FIRST", "OMPI_FILE",
+            "PMIX_", "PMI_", "PRTE_", "HYDRA_")  # fmt: skip
+    kept = {k: v for k, v in os.environ.items() if not k.startswith(mine)}
+    path = [os.environ.get("PYTHONPATH", ""), str(ROOT), str(ROOT / "meshes")]
+    kept["PYTHONPATH"] = os.pathsep.join(p for p in path if p)
+    with subprocess.Popen(
+        [*command, str(script), *arguments],
+        env=kept,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        try:
+            out, err = process.communicate(timeout=timeout)
+        except subprocess.TimeoutExpired:
+            process.terminate()  # mpirun ends its ranks
+            out, err = process.communicate()
+            raise AssertionError(f"hangs after {timeout} s\n{out}\n{err}") from None
+    assert process.returncode == 0, f"{out}\n{err}"
+    lines = [line for line in out.splitlines() if line.startswith(MARK)]
+    return [json.loads(line.removeprefix(MARK)) for line in lines]
