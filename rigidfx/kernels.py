@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem
+from ufl.algorithms import expand_derivatives
 
 __all__ = ["Kernel"]
 
@@ -63,6 +64,10 @@ class Kernel:
 
     def __init__(self, form: ufl.Form, arguments: list[Any], mesh: Any) -> None:
         """Compile the form. Collective."""
+        # DOLFINx binds coefficients by their place in the form given, FFCx numbers those that are
+        # left once derivatives are applied: without this, a tangent that has lost the coefficient
+        # u₀ (the trapezoidal rule's) would read u₀ in place of u₁.
+        form = expand_derivatives(form)
         self._compiled = fem.compile_form(mesh.comm, form, jit_options=jit_options())
         self._arguments = arguments
         self._mesh = mesh

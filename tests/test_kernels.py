@@ -1,0 +1,34 @@
+"""A bound form reads the coefficients it was written with."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from dolfinx import fem
+
+import rigidfx as rf
+from rigidfx.internal import InternalForces
+
+
+@pytest.mark.parametrize("scheme", [rf.EnergyMomentum(), rf.Midpoint(), rf.Trapezoidal()])
+def test_tangent_is_the_derivative_of_the_residual(scheme):
+    """The trapezoidal rule's tangent has lost u₀: it must not read u₀ where it means u₁."""
+    material = rf.StVenantKirchhoff(E=1e4, nu=0.3, rho=10.0)
+    scene = rf.Scene(rf.box((0, 0, 0), (2, 1, 1), (2, 1, 1)), material, scheme=scheme)
+    u0 = fem.Function(scene.space)
+    forces = InternalForces(scene, u0)
+    bound = forces.bind(forces.cells())
+    rng = np.random.default_rng(1)
+    x0, x1, direction = rng.normal(scale=0.1, size=(3, u0.x.array.size))
+
+    def residual(x):
+        forces.u1.x.array[:] = x
+        return fem.assemble_vector(bound.residual).array.copy()
+
+    u0.x.array[:] = x0
+    h = 1e-5
+    quotient = (residual(x1 + h * direction) - residual(x1 - h * direction)) / (2 * h)
+    residual(x1)
+    K = fem.assemble_matrix(bound.tangent).to_scipy()
+    # The residual is cubic in u₁: the error of the quotient is of the order h².
+    np.testing.assert_allclose(K @ direction, quotient, atol=1e-8 * np.abs(quotient).max())
