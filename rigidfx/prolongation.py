@@ -125,8 +125,14 @@ class Prolongation:
             self._reduced = (
                 K.createSubMatrix(blocks, blocks) if blocks is not None else K.PtAP(self._P)
             )
-        elif blocks is not None:
+        elif blocks is not None and self.comm.size == 1:
             K.createSubMatrix(blocks, blocks, submat=self._reduced)
+        elif blocks is not None:
+            # PETSc does not refill a blocked submatrix that is spread over ranks ("Previous matrix
+            # must be same size/layout as request", seen with 3.22).
+            fresh = K.createSubMatrix(blocks, blocks)
+            fresh.copy(self._reduced, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+            fresh.destroy()
         else:
             K.PtAP(self._P, result=self._reduced)
         return self._reduced
