@@ -8,6 +8,7 @@ shows up as several reports on the way to its end.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from math import isfinite
@@ -183,10 +184,28 @@ def _report(
 def _progress_bar(scene: Scene, t_end: float, progress: bool | None) -> Any:
     from tqdm import tqdm
 
-    hidden = scene.comm.rank != 0 or progress is False
+    terminal = sys.stderr.isatty()
     return tqdm(
         total=t_end,
-        disable=True if hidden else (None if progress is None else False),
+        disable=scene.comm.rank != 0 or not (terminal if progress is None else progress),
         unit="s",
+        file=sys.stderr if terminal else _Lines(),
+        mininterval=0.1 if terminal else 5.0,
         bar_format="{l_bar}{bar}| {n:.4g}/{total:.4g} s [{elapsed}<{remaining}]",
     )
+
+
+class _Lines:
+    """Standard error where it is no terminal: the bar as a line each time.
+
+    mpirun passes on whole lines only, so that a bar that rewrites its line would not be seen.
+    """
+
+    def write(self, text: str) -> None:
+        """Write a state of the bar, without what moves a cursor."""
+        if text.strip():
+            sys.stderr.write(text.strip() + "\n")
+
+    def flush(self) -> None:
+        """Flush standard error."""
+        sys.stderr.flush()
