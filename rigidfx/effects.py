@@ -33,6 +33,8 @@ __all__ = [
     "NumericalDamping",
     "Preload",
     "PrescribedMotion",
+    "Resultant",
+    "Rigid",
     "Support",
     "Table",
     "Traction",
@@ -425,6 +427,91 @@ class Preload(Effect):
             raise SceneError("Preload: loads must be one or more dead loads.")
         if int(self.increments) != self.increments or self.increments < 1:
             raise SceneError(f"Preload: increments must be an integer ≥ 1, got {self.increments}.")
+
+
+@dataclass(frozen=True)
+class Rigid(Effect):
+    """Cells that move as one rigid body from the beginning.
+
+    A body whose nodes a support holds is refused, unless all components of three or more of its
+    nodes that do not lie on a line are held by one support: then it is fixed, or follows the
+    support's motion.
+
+    Attributes:
+        where: Name of a set of cells; all cells if None.
+        mass: Mass in place of the computed one [kg].
+        inertia: Inertia about the centre of mass in place of the computed one, shape (3, 3)
+            [kg m²].
+    """
+
+    where: str | None = None
+    mass: float | None = None
+    inertia: Sequence[Sequence[float]] | None = None
+
+    def __post_init__(self) -> None:
+        """Check the given data.
+
+        Raises:
+            SceneError: If the mass is not positive or the inertia not symmetric positive definite
+                with principal moments that a body can have.
+        """
+        if self.mass is not None and not (isfinite(self.mass) and self.mass > 0):
+            raise SceneError(f"Rigid: mass must be a finite number > 0, got {self.mass!r}.")
+        if self.inertia is None:
+            return
+        J = np.asarray(self.inertia, dtype=np.float64)
+        if J.shape != (3, 3) or not np.isfinite(J).all() or not np.allclose(J, J.T, rtol=1e-12):
+            raise SceneError(f"Rigid: inertia must be a symmetric 3×3 matrix, got {self.inertia}.")
+        a, b, c = np.linalg.eigvalsh(J)
+        if a <= 0 or c > (a + b) * (1 + 1e-9):
+            raise SceneError(
+                f"Rigid: no body has the principal moments of inertia {a:.3g}, {b:.3g}, {c:.3g}: "
+                "they must be positive and none above the sum of the others."
+            )
+
+
+@dataclass(frozen=True)
+class Resultant(Windowed):
+    """A force through the centre of mass and a torque on a rigid body; both keep their direction.
+
+    Attributes:
+        where: Name of the body's set of cells; None for the body of all cells.
+        force: Three components [N].
+        torque: Three components [N m].
+        time: Factor as a function of time, such as a `Table`; 1 if None.
+    """
+
+    where: str | None = None
+    force: Vector = (0.0, 0.0, 0.0)
+    torque: Vector = (0.0, 0.0, 0.0)
+    time: TimeFunction | None = field(default=None, kw_only=True)
+
+    def __post_init__(self) -> None:
+        """Check window and vectors.
+
+        Raises:
+            SceneError: If one of them cannot be used.
+        """
+        super().__post_init__()
+        _vector(self, "force", self.force)
+        _vector(self, "torque", self.torque)
+
+    def _factor(self, t: float) -> float:
+        return 0.0 if not self.active(t) else 1.0 if self.time is None else float(self.time(t))
+
+    def force_at(self, t: float) -> npt.NDArray[np.float64]:
+        """Force at t, shape (3,) [N]."""
+        return self._factor(t) * np.asarray(self.force, dtype=np.float64)
+
+    def torque_at(self, t: float) -> npt.NDArray[np.float64]:
+        """Torque at t, shape (3,) [N m]."""
+        return self._factor(t) * np.asarray(self.torque, dtype=np.float64)
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Ends of the window and declared breakpoints of the time function [s]."""
+        kinks = getattr(self.time, "breakpoints", ())
+        return (*super().breakpoints, *(t for t in kinks if self.since < t < self.until))
 
 
 def next_breakpoint(breakpoints: Sequence[float], t: float, resolution: float) -> float:

@@ -1,16 +1,18 @@
 """Solve the equations of one step (or of statics) with PETSc's SNES.
 
-The unknowns are the increments of the free dofs, d = u₁ - u₀, so that a motion far from the origin
-loses no digits; with v₁ = 2 d/Δt - v₀ the residual reads, in newtons,
+The unknowns y are increments, of the free dofs and of the rigid bodies, so that a motion far from
+the origin loses no digits; with d = d(y) = u₁ - u₀ and v₁ = 2 d/Δt - v₀ the residual reads
 
-    R(d) = M (2 d/Δt - 2 v₀)/Δt + f_int(u₀, u₀ + d) - f_ext(t½).
+    f(d) = M (2 d/Δt - 2 v₀)/Δt + f_int(u₀, u₀ + d) - f_ext(t½),    R(y) = Lᵀ f + bodies' own,
 
+all in newtons; the prolongation d(y) carries supports and bodies, see `prolongation` and `body`.
 Newton stops at ‖R‖ ≤ max(1e-12 ‖R_first‖, rounding), where the rounding level is estimated from the
 sizes of what R is the small difference of.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,8 +22,10 @@ from dolfinx import fem, la
 from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 
+from rigidfx.body import BodyMotion
 from rigidfx.internal import BoundForces, InternalForces
 from rigidfx.linear import PREFIX, configure, default_options, prefers_direct
+from rigidfx.loads import Resultants
 from rigidfx.mass import Mass
 from rigidfx.prolongation import Prolongation
 from rigidfx.scene import Scene
@@ -119,12 +123,15 @@ class Equilibrium:
         self._b = fem.Function(scene.space)
         self.forces_out_of_balance = self._b.x.petsc_vec
         self._K = fem_petsc.create_matrix(bound.tangent, prolongation.matrix_type)
+        _insert_anchors(self._K, prolongation.partition.anchors)
         self.d, self._work, self._inertia = (self._K.createVecLeft() for _ in range(3))
         self._y = prolongation.unknowns()
         self._r = self._y.duplicate()
         self._dt = 0.0
         self._v0: PETSc.Vec = None
         self._f_ext: PETSc.Vec = None
+        self._motions: Sequence[BodyMotion] = ()
+        self._resultants: Sequence[Resultants] = ()
         self._prescribed: Array = np.empty(0)
         self._history: list[float] = []
         self._rounding = 0.0
@@ -159,6 +166,8 @@ class Equilibrium:
         f_ext: PETSc.Vec,
         prescribed: Array,
         guess: PETSc.Vec,
+        motions: Sequence[BodyMotion] = (),
+        resultants: Sequence[Resultants] = (),
     ) -> Solution:
         """Find the increment of one step. Collective.
 
@@ -168,7 +177,10 @@ class Equilibrium:
             f_ext: External nodal forces at the midpoint, full length [N].
             prescribed: Increments of the held dofs [m].
             guess: First guess of the increment, full length [m].
+            motions: Motions of the bodies at the begin of the step.
+            resultants: Loads on the bodies at the midpoint.
         """
+        self._motions, self._resultants = motions, resultants
         self._dt, self._v0, self._f_ext, self._prescribed = dt, v0, f_ext, prescribed
         krylov = self._krylov and self._fallbacks < MAX_FALLBACKS
         reason, remark = self._iterate(guess), ""
@@ -193,13 +205,15 @@ class Equilibrium:
 
     def _iterate(self, guess: PETSc.Vec) -> int:
         self._history = []
-        self.prolongation.collapse(guess, self._y)
+        bodies = [np.r_[self._dt * m.velocity, b.length * self._dt * m.angular_velocity]
+                  for m, b in zip(self._motions, self.prolongation.partition.bodies, strict=True)]
+        self.prolongation.collapse(guess, np.reshape(bodies, (-1, 6)), self._y)
         self._snes.solve(None, self._y)
         return int(self._snes.getConvergedReason())
 
     def _expand(self, y: PETSc.Vec) -> None:
         """Set d and the forms' u₁ from the unknowns."""
-        self.prolongation.expand(y, self._prescribed, self.d)
+        self.prolongation.expand(y, self._motions, self._dt, self._prescribed, self.d)
         u1 = self._forces.u1.x
         u1.array[: self._owned] = self._forces.u0.x.array[: self._owned] + self.d.array_r
         u1.scatter_forward()
@@ -224,7 +238,18 @@ class Equilibrium:
             self._work.axpby(2 / self._dt**2, -2 / self._dt, self.d)
             self._mass.mult(self._work, self._inertia)
             full.axpy(1.0, self._inertia)
-        self.prolongation.restrict(full, r)
+        self.prolongation.restrict(full, self._body_forces(), r)
+
+    def _body_forces(self) -> Array:
+        """Inertia less loads of the bodies, shape (bodies, 6) [N]."""
+        increments = self.prolongation.increments
+        return np.reshape(
+            [
+                increment.inertia_force() - load.force(increment)
+                for increment, load in zip(increments, self._resultants, strict=True)
+            ],
+            (-1, 6),
+        )
 
     def _assemble_tangent(self) -> None:
         self._K.zeroEntries()
@@ -236,9 +261,22 @@ class Equilibrium:
         self._assemble_tangent()
         if len(self._history) == 1:
             self._estimate_rounding()
+        factor = 2 / self._dt**2
         if self._mass is not None:
-            self._mass.add_to(self._K, 2 / self._dt**2)
-        self.prolongation.condense(self._K)
+            self._mass.add_to(self._K, factor)
+        C = self.prolongation.condense(self._K)
+        if self._mass is not None:
+            self._mass.add_diagonal(C, factor, self.prolongation)
+        increments = self.prolongation.increments
+        if increments:
+            couples = self.prolongation.couples(self.forces_out_of_balance)
+            blocks = [
+                increment.tangent(couple - load.couple(increment))
+                for increment, couple, load in zip(
+                    increments, couples, self._resultants, strict=True
+                )
+            ]
+            self.prolongation.add_blocks(C, np.asarray(blocks))
 
     def _estimate_rounding(self) -> None:
         """Size of R that rounding in u₁ and in the strains leaves [N]."""
@@ -251,6 +289,11 @@ class Equilibrium:
             self._v0.copy(self._work)
             self._mass.mult(self._work, self._inertia)
             noise += 2 / self._dt * self._inertia.norm()
+        for body, motion in zip(
+            self.prolongation.partition.bodies, self._motions, strict=True
+        ):
+            spin = np.linalg.norm(motion.angular_momentum(body)) / body.length
+            noise += 2 / self._dt * float(body.mass * np.linalg.norm(motion.velocity) + spin)
         self._rounding = ROUNDING * float(np.finfo(np.float64).eps) * noise
 
     def test(self, iteration: int, norm: float) -> int:
@@ -265,14 +308,28 @@ class Equilibrium:
         first = self._history[0]
         if not np.isfinite(norm) or norm > DIVERGENCE * first:
             return int(Reason.DIVERGED_DTOL)
-        if norm == 0.0 or (iteration > 0 and norm <= RELATIVE_TOLERANCE * first):
+        if norm == 0.0:
+            return int(Reason.CONVERGED_FNORM_ABS)
+        if iteration > 0 and norm <= RELATIVE_TOLERANCE * first:
             return int(Reason.CONVERGED_FNORM_RELATIVE)
-        stalled = iteration > 0 and norm > STALL * self._history[-2]
-        if norm <= self._rounding * (MARGIN if stalled else 1.0):
+        if iteration > 0 and self._at_rounding():
             return int(Reason.CONVERGED_FNORM_ABS)
         if iteration >= MAX_ITERATIONS:
             return int(Reason.DIVERGED_MAX_IT)
         return 0
+
+    def _at_rounding(self) -> bool:
+        """Whether all that is left of the residual is rounding.
+
+        To be below the estimated level is not enough: in a stiff body that level is far above the
+        forces that move it as a whole, and momenta would drift. Either Newton no longer gets
+        anywhere, or what its quadratic convergence must have left is negligible.
+        """
+        *earlier, last, norm = self._history
+        if norm > STALL * last:
+            return norm <= MARGIN * self._rounding
+        truncation = last * (last / earlier[-1]) ** 2 if earlier else last
+        return norm <= self._rounding and truncation <= RELATIVE_TOLERANCE * self._history[0]
 
     def _worst_place(self) -> Array:
         """Reference position of the node with the largest residual. Collective."""
@@ -290,6 +347,15 @@ class Equilibrium:
         self.prolongation.destroy()
         for item in (self._K, self._y, self._r, self.d, self._work, self._inertia):
             item.destroy()
+
+
+def _insert_anchors(K: PETSc.Mat, nodes: npt.NDArray[np.int32]) -> None:
+    """Give rows of bodies that nothing pulls at an (empty) block of their own. Collective."""
+    K.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, False)
+    for node in nodes:
+        index = (K.getOwnershipRange()[0] + 3 * node + np.arange(3)).astype(PETSc.IntType)
+        K.setValues(index, index, np.zeros((3, 3)))
+    K.assemble()
 
 
 def _mean_cell_size(scene: Scene) -> float:

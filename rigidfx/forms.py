@@ -98,10 +98,12 @@ class Scheme(Protocol):
     Attributes:
         conserving: Whether energy is conserved for ξ = 0 whatever the step.
         damps: Whether numerical damping (22) goes with it.
+        couples: Whether it couples to rigid bodies: forces are evaluated at ½ (u₀ + u₁).
     """
 
     conserving: ClassVar[bool]
     damps: ClassVar[bool]
+    couples: ClassVar[bool]
 
     def virtual_work(
         self, energy: Energy, quadratic: bool, p: dict[str, Any], u0: Any, u1: Any, w: Any, xi: Any
@@ -126,6 +128,7 @@ class EnergyMomentum:
 
     conserving: ClassVar[bool] = True
     damps: ClassVar[bool] = True
+    couples: ClassVar[bool] = True
 
     def virtual_work(
         self, energy: Energy, quadratic: bool, p: dict[str, Any], u0: Any, u1: Any, w: Any, xi: Any
@@ -149,6 +152,7 @@ class Midpoint:
 
     conserving: ClassVar[bool] = False
     damps: ClassVar[bool] = False
+    couples: ClassVar[bool] = True
 
     def virtual_work(
         self, energy: Energy, quadratic: bool, p: dict[str, Any], u0: Any, u1: Any, w: Any, xi: Any
@@ -163,6 +167,7 @@ class Trapezoidal:
 
     conserving: ClassVar[bool] = False
     damps: ClassVar[bool] = False
+    couples: ClassVar[bool] = False
 
     def virtual_work(
         self, energy: Energy, quadratic: bool, p: dict[str, Any], u0: Any, u1: Any, w: Any, xi: Any

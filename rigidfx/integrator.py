@@ -8,19 +8,18 @@ from types import TracebackType
 
 import numpy as np
 import numpy.typing as npt
-from petsc4py import PETSc
 
 from rigidfx import effects as fx
-from rigidfx.equilibrium import Equilibrium, Solution
-from rigidfx.errors import SceneError, StepError
+from rigidfx.equilibrium import Solution
+from rigidfx.errors import StepError
 from rigidfx.internal import InternalForces
-from rigidfx.loads import NodalLoads
-from rigidfx.mass import mass_operator
-from rigidfx.monitor import Measures, Monitor
-from rigidfx.prolongation import Prolongation
+from rigidfx.monitor import Measures
+from rigidfx.parts import Parts, named_parts
+from rigidfx.preload import apply_preload
 from rigidfx.scene import Scene
 from rigidfx.state import State, initial_velocity
-from rigidfx.supports import HeldDofs, Impact, acting, impose_velocity, rigidly_held
+from rigidfx.supports import HeldDofs, Impact, acting, impose_velocity
+from rigidfx.system import System
 
 __all__ = ["Integrator", "StepResult"]
 
@@ -72,29 +71,23 @@ class Integrator:
         self.scene, self.state = scene, State(scene)
         velocity = initial_velocity(scene)
         self._resolution = 1e-9 * dt
-        self._forces = InternalForces(scene, self.state.u)
-        self._cells = self._forces.cells()
-        self._bound = self._forces.bind(self._cells)
-        self._mass = mass_operator(scene, self._cells)
-        self._loads = NodalLoads(scene, scene.named(fx.DeadLoad))
-        self._monitor = Monitor(scene, self._forces, self._mass, self._cells)
-        self._f_ext, self._guess = (self.state.u.x.petsc_vec.duplicate() for _ in range(2))
-        self._held = HeldDofs(scene, acting(scene, 0.0, self._resolution))
-        self._preload()
-        self.state.v.x.array[:] = velocity.reshape(-1)
-        self._equilibrium = self._partition()
-        self._impact = self._begin(self._held.active, dt)
         self._trial = np.inf  # length of the next attempt after a cut
+        self._forces = InternalForces(scene, self.state.u)
+        self._active = acting(scene, 0.0, self._resolution)
+        apply_preload(scene, self._forces, self.state, HeldDofs(scene, self._active))
+        self.state.v.x.array[:] = velocity.reshape(-1)
+        self._system = self._bind(named_parts(scene, self._forces, self.state, self._active))
+        self._impact = self._begin(self._active, dt)
 
     @property
     def unknowns(self) -> int:
         """Number of unknowns of the current partition."""
-        return self._equilibrium.prolongation.size
+        return self._system.equilibrium.prolongation.size
 
     def measure(self) -> Measures:
         """Energies and momenta of the current state. Collective."""
         self._forces.u1.x.array[:] = self.state.u.x.array
-        return self._monitor.measure(self.state)
+        return self._system.monitor.measure(self.state)
 
     def step(self, target: float) -> StepResult:
         """Advance to the target time, or as far towards it as a cut step gets. Collective.
@@ -111,7 +104,7 @@ class Integrator:
         while cuts <= MAX_CUTS:
             left = target - self.state.t
             dt = left if self._trial >= left * (1 - 1e-9) else self._trial
-            solution = self._attempt(dt)
+            solution = self._system.solve(self.state, dt)
             if solution.converged:
                 self._trial = np.inf if dt == left and cuts == 0 else 2 * dt
                 return self._accept(dt, target if dt == left else self.state.t + dt, solution, cuts)
@@ -127,46 +120,34 @@ class Integrator:
             "supports near that place, or add NumericalDamping."
         )
 
-    def _attempt(self, dt: float) -> Solution:
-        state = self.state
-        middle = state.t + dt / 2
-        self._forces.set_time(middle)
-        self._loads.evaluate(middle, self._f_ext)
-        v0 = state.v.x.petsc_vec
-        v0.copy(self._guess)
-        self._guess.scale(dt)
-        prescribed = self._held.increments(state.t, state.t + dt)
-        return self._equilibrium.solve(dt, v0, self._f_ext, prescribed, self._guess)
-
     def _accept(self, dt: float, t: float, solution: Solution, cuts: int) -> StepResult:
-        state, d = self.state, self._equilibrium.d
-        forces = self._equilibrium.forces_out_of_balance.array_r
-        held = self._held.mask
-        work_of_supports = float(self.scene.sum(forces[held] @ d.array_r[held]))
-        reactions = self._held.reactions(forces)
-        n = 3 * self.scene.owned_nodes
-        state.v.x.array[:n] = 2 / dt * d.array_r - state.v.x.array[:n]
-        state.v.x.scatter_forward()
-        state.u.x.array[:] = self._forces.u1.x.array
-        state.t = t
+        work = self._system.accept(self.state, dt, t)
         impact, self._impact = self._impact, None
-        work = self._f_ext.dot(d)
-        return StepResult(dt, solution, cuts, work, work_of_supports, reactions, impact)
+        return StepResult(
+            dt, solution, cuts, work.loads, work.supports, work.reactions, impact
+        )
 
-    # Supports -----------------------------------------------------------------------------------
+    # Partition ----------------------------------------------------------------------------------
 
-    def _partition(self) -> Equilibrium:
-        prolongation = Prolongation(self._held.mask, self.scene.comm)
-        return Equilibrium(self.scene, self._forces, self._bound, self._mass, prolongation)
+    def _bind(self, parts: Parts) -> System:
+        self._parts = parts
+        self.state.bodies, self.state.motions = parts.bodies, parts.motions
+        held = HeldDofs(self.scene, self._active, parts.carried_nodes)
+        self._held = held
+        return System(
+            self.scene, self._forces, self.state, parts.flexible, held, parts.carried_cells
+        )
 
     def _follow_supports(self, dt: float) -> None:
         """Change the partition where a support begins or ends; meet jumps of prescribed motion."""
-        t, before = self.state.t, self._held.active
+        t, before = self.state.t, self._active
         now = acting(self.scene, t, self._resolution)
         if now != before:
-            self._equilibrium.destroy()
-            self._held = HeldDofs(self.scene, now)
-            self._equilibrium = self._partition()
+            self.state.rebuild()
+            self._system.destroy()
+            self._active = now
+            parts = named_parts(self.scene, self._forces, self.state, now)
+            self._system = self._bind(parts)
         jumping = tuple(
             s
             for s in now
@@ -176,62 +157,28 @@ class Integrator:
             self._impact = self._begin(jumping, dt) or self._impact
 
     def _begin(self, supports: tuple[fx.Support, ...], dt: float) -> Impact | None:
+        """Meet the velocity of supports that begin; the difference goes to the ledger."""
         if not supports:
             return None
-        return impose_velocity(
-            self.scene,
-            self.state,
-            self._mass,
-            self._equilibrium.prolongation,
-            self._held.velocities(self.state.t, dt),
+        before = self.measure()
+        velocities = self._held.velocities(self.state.t, dt)
+        partition, mass = self._system.partition, self._system.mass
+        if not impose_velocity(self.scene, self.state, mass, partition, velocities):
+            return None
+        after = self.measure()
+        return Impact(
+            self.state.t,
             tuple(s.where for s in supports),
+            after.kinetic - before.kinetic,
+            after.linear_momentum - before.linear_momentum,
+            after.angular_momentum - before.angular_momentum,
         )
-
-    # Statics ------------------------------------------------------------------------------------
-
-    def _preload(self) -> None:
-        """Bring the state into the static equilibrium that the scene asks for."""
-        for preload in self.scene.named(fx.Preload):
-            if not rigidly_held(self.scene, self._held):
-                raise SceneError(
-                    "Preload: the supports that act at the start leave a rigid motion free, so "
-                    "there is no static equilibrium. Add supports or drop the preload."
-                )
-            loads = NodalLoads(self.scene, preload.loads)
-            prolongation = Prolongation(self._held.mask, self.scene.comm)
-            statics = Equilibrium(
-                self.scene,
-                self._forces,
-                self._forces.bind_static(self._cells),
-                None,
-                prolongation,
-            )
-            nothing = np.zeros(prolongation.held.size)
-            loads.evaluate(0.0, self._f_ext)
-            full = self._f_ext.copy()
-            for k in range(1, preload.increments + 1):
-                full.copy(self._f_ext)
-                self._f_ext.scale(k / preload.increments)
-                self._guess.set(0.0)
-                solution = statics.solve(1.0, None, self._f_ext, nothing, self._guess)
-                if not solution.converged:
-                    raise StepError(
-                        f"Preload: increment {k} of {preload.increments} did not converge "
-                        f"({solution.reason}); the largest residual is at X = {solution.place} m. "
-                        "Use more increments or smaller loads."
-                    )
-                self.state.u.x.array[:] = self._forces.u1.x.array
-            statics.destroy()
-            full.destroy()
 
     # Life ---------------------------------------------------------------------------------------
 
     def close(self) -> None:
         """Free all PETSc objects. Collective."""
-        self._equilibrium.destroy()
-        self._mass.destroy()
-        self._f_ext.destroy()
-        self._guess.destroy()
+        self._system.destroy()
 
     def __enter__(self) -> Integrator:
         """Nothing to do: all is made at construction."""

@@ -14,10 +14,12 @@ from petsc4py import PETSc
 
 from rigidfx import _compat
 from rigidfx import effects as fx
+from rigidfx.body import Increment, RigidBody
 from rigidfx.errors import SceneError, agree
+from rigidfx.rotation import skew
 from rigidfx.scene import Scene
 
-__all__ = ["NodalLoads"]
+__all__ = ["NodalLoads", "Resultants"]
 
 Array = npt.NDArray[np.float64]
 
@@ -35,19 +37,88 @@ class WeightedLoad:
     weights: Array
 
 
-class NodalLoads:
-    """Sum of dead loads on a scene."""
+@dataclass(frozen=True)
+class Resultants:
+    """Dead loads on one body at one time.
 
-    def __init__(self, scene: Scene, loads: Sequence[fx.DeadLoad]) -> None:
+    Attributes:
+        forces: Force vectors q, shape (loads, 3) [N per unit weight].
+        weights: Σ wᵢ over the body's nodes, shape (loads,).
+        arms: Σ wᵢ Vᵢ in the body's frame, shape (loads, 3).
+        torque: Torques in space that act on the body as such [N m].
+    """
+
+    forces: Array
+    weights: Array
+    arms: Array
+    torque: Array
+
+    def force(self, increment: Increment) -> Array:
+        """Resultant force and moment/ℓ at the averaged rotation, shape (6,) [N]."""
+        arms = self.arms @ increment.R_av.T
+        moment = np.cross(arms, self.forces).sum(axis=0) + self.torque
+        return np.concatenate([self.weights @ self.forces, moment / increment.body.length])
+
+    def couple(self, increment: Increment) -> Array:
+        """Σ ½ q̂ (R1 Σ wᵢ Vᵢ)^ of the loads, shape (3, 3) [N m]."""
+        arms = self.arms @ increment.R1.T
+        return np.asarray(0.5 * (skew(self.forces) @ skew(arms)).sum(axis=0))
+
+    def work(self, increment: Increment) -> float:
+        """Work in a step [J]."""
+        f = self.force(increment)
+        return float(f[:3] @ increment.dr + f[3:] @ increment.theta * increment.body.length)
+
+
+class NodalLoads:
+    """Sum of dead loads on a scene: on free nodes one by one, on bodies by their resultants."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        loads: Sequence[fx.DeadLoad],
+        bodies: Sequence[RigidBody] = (),
+        torques: Sequence[fx.Resultant] = (),
+    ) -> None:
         """Assemble the weights. Collective.
 
         Args:
             scene: The problem.
             loads: Loads to be added up.
+            bodies: Rigid bodies; loads on their nodes are kept as resultants.
+            torques: Force and torque resultants on bodies.
         """
         self._comm = scene.comm
         n = scene.owned_nodes
-        self._loads = [WeightedLoad(load, _weights(scene, load)[:n].copy()) for load in loads]
+        self._loads, self._on_bodies = [], []
+        self._torques = [[t for t in torques if t.where == b.name] for b in bodies]
+        for load in loads:
+            weights = _weights(scene, load)[:n].copy()
+            sums = [
+                np.r_[weights[b.nodes].sum(), weights[b.nodes] @ b.offsets] for b in bodies
+            ]
+            for b in bodies:
+                weights[b.nodes] = 0.0
+            self._loads.append(WeightedLoad(load, weights))
+            self._on_bodies.append(np.asarray(scene.sum(np.reshape(sums, (-1, 4)))))
+
+    def resultants(self, t: float) -> tuple[Resultants, ...]:
+        """Loads on each body at time t [s]."""
+        q = np.reshape([item.load.intensity(t) for item in self._loads], (-1, 3))
+        out = []
+        for k, torques in enumerate(self._torques):
+            moments = np.reshape([m[k] for m in self._on_bodies], (-1, 4))
+            pushes = np.reshape([r.force_at(t) for r in torques], (-1, 3))
+            twist = np.reshape([r.torque_at(t) for r in torques], (-1, 3)).sum(axis=0)
+            out.append(
+                Resultants(
+                    np.vstack([q, pushes]),
+                    np.r_[moments[:, 0], np.ones(len(pushes))],
+                    np.vstack([moments[:, 1:], np.zeros_like(pushes)]),
+                    twist,
+                )
+            )
+        return tuple(out)
 
     def __bool__(self) -> bool:
         """Whether there is any load."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
+import numpy.typing as npt
 import ufl
 from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
@@ -16,6 +17,7 @@ from petsc4py import PETSc
 
 from rigidfx.internal import Cells
 from rigidfx.kernels import Kernel
+from rigidfx.prolongation import Prolongation
 from rigidfx.scene import Scene
 
 __all__ = ["ConsistentMass", "LumpedMass", "Mass", "mass_operator"]
@@ -30,7 +32,11 @@ class Mass(Protocol):
         ...
 
     def add_to(self, K: PETSc.Mat, factor: float) -> None:
-        """K += factor · M; K has the pattern of the tangent."""
+        """K += factor · M for the full tangent, before it is condensed."""
+        ...
+
+    def add_diagonal(self, C: PETSc.Mat, factor: float, prolongation: Prolongation) -> None:
+        """C += factor · M for the condensed tangent, what `add_to` left for then."""
         ...
 
     def matrix(self) -> PETSc.Mat:
@@ -43,26 +49,34 @@ class Mass(Protocol):
 
 
 class LumpedMass:
-    """Diagonal mass: one number per node, three times."""
+    """Diagonal mass: one number per node, three times; none at nodes that bodies hold."""
 
-    def __init__(self, scene: Scene) -> None:
-        """Take the nodal masses of the scene."""
-        n = scene.owned_nodes
-        self._diagonal = PETSc.Vec().createWithArray(
-            np.repeat(scene.nodal_mass[:n], 3), comm=scene.comm
-        )
+    def __init__(self, scene: Scene, massive: npt.NDArray[np.bool_]) -> None:
+        """Take the nodal masses of the scene.
+
+        Args:
+            scene: The problem.
+            massive: For each owned node, whether its mass counts here.
+        """
+        mass = np.where(massive, scene.nodal_mass[: scene.owned_nodes], 0.0)
+        self._diagonal = PETSc.Vec().createWithArray(np.repeat(mass, 3), comm=scene.comm)
+        self._reduced: PETSc.Vec | None = None
 
     def mult(self, v: PETSc.Vec, out: PETSc.Vec) -> None:
         """Out = M v."""
         out.pointwiseMult(self._diagonal, v)
 
     def add_to(self, K: PETSc.Mat, factor: float) -> None:
-        """K += factor · M."""
-        scaled = self._diagonal.duplicate()
-        self._diagonal.copy(scaled)
-        scaled.scale(factor)
-        K.setDiagonal(scaled, PETSc.InsertMode.ADD_VALUES)
-        scaled.destroy()
+        """Nothing: rows inside bodies are empty and have no diagonal."""
+
+    def add_diagonal(self, C: PETSc.Mat, factor: float, prolongation: Prolongation) -> None:
+        """C += factor · M at the free dofs."""
+        bodies = np.zeros((len(prolongation.partition.bodies), 6))
+        if self._reduced is None:
+            self._reduced = prolongation.unknowns()
+        prolongation.collapse(self._diagonal, bodies, self._reduced)
+        self._reduced.scale(factor)
+        C.setDiagonal(self._reduced, PETSc.InsertMode.ADD_VALUES)
 
     def matrix(self) -> PETSc.Mat:
         """M as a new AIJ matrix; the caller destroys it."""
@@ -73,24 +87,34 @@ class LumpedMass:
 
     def destroy(self) -> None:
         """Free the diagonal. Collective."""
-        self._diagonal.destroy()
+        for vector in (self._diagonal, self._reduced):
+            if vector is not None:
+                vector.destroy()
 
 
 class ConsistentMass:
     """M = ∫ ρ0 Nᵢ Nⱼ dV over the given cells."""
 
-    def __init__(self, scene: Scene, cells: Cells) -> None:
-        """Assemble the matrix once. Collective."""
+    def __init__(self, scene: Scene, cells: Cells, carried: Cells | None = None) -> None:
+        """Assemble the matrix once. Collective.
+
+        Args:
+            scene: The problem.
+            cells: Flexible cells: what is added to tangents.
+            carried: Further cells whose dofs are all held: they count in products with vectors.
+        """
         v, w = ufl.TrialFunction(scene.space), ufl.TestFunction(scene.space)
         dx = ufl.Measure(
             "dx", domain=scene.mesh, metadata={"quadrature_degree": 2 * scene.order + 2}
         )
         form = scene.density() * ufl.inner(v, w) * dx(tuple(cells))
-        bound = Kernel(form, [scene.space] * 2, scene.mesh).bind(cells)
-        self._matrix = fem_petsc.create_matrix(bound)
-        fem_petsc.assemble_matrix(self._matrix, bound)
-        self._matrix.assemble()
-        self._formats = {self._matrix.getType(): self._matrix}
+        kernel = Kernel(form, [scene.space] * 2, scene.mesh)
+        flexible = _assembled(kernel.bind(cells))
+        self._formats = {flexible.getType(): flexible}
+        self._matrix = flexible
+        if carried is not None:
+            every = {i: np.union1d(own, carried[i]) for i, own in cells.items()}
+            self._matrix = _assembled(kernel.bind(every))
 
     def mult(self, v: PETSc.Vec, out: PETSc.Vec) -> None:
         """Out = M v."""
@@ -100,8 +124,12 @@ class ConsistentMass:
         """K += factor · M."""
         kind = K.getType()
         if kind not in self._formats:
-            self._formats[kind] = self._matrix.convert(kind, PETSc.Mat())
+            flexible = next(iter(self._formats.values()))
+            self._formats[kind] = flexible.convert(kind, PETSc.Mat())
         K.axpy(factor, self._formats[kind], PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+
+    def add_diagonal(self, C: PETSc.Mat, factor: float, prolongation: Prolongation) -> None:
+        """Nothing: all is in the full tangent already."""
 
     def matrix(self) -> PETSc.Mat:
         """A copy of M; the caller destroys it."""
@@ -109,10 +137,28 @@ class ConsistentMass:
 
     def destroy(self) -> None:
         """Free the matrices. Collective."""
-        for matrix in self._formats.values():
+        for matrix in (self._matrix, *self._formats.values()):
             matrix.destroy()
 
 
-def mass_operator(scene: Scene, cells: Cells) -> Mass:
-    """The mass operator that a scene asks for."""
-    return LumpedMass(scene) if scene.mass == "lumped" else ConsistentMass(scene, cells)
+def _assembled(form: fem.Form) -> PETSc.Mat:
+    M = fem_petsc.create_matrix(form)
+    fem_petsc.assemble_matrix(M, form)
+    M.assemble()
+    return M
+
+
+def mass_operator(
+    scene: Scene, cells: Cells, massive: npt.NDArray[np.bool_], carried: Cells | None = None
+) -> Mass:
+    """The mass operator that a scene asks for.
+
+    Args:
+        scene: The problem.
+        cells: Owned cells by subdomain id whose mass counts, if it is consistent.
+        massive: Owned nodes whose mass counts, if it is lumped.
+        carried: Owned cells that a support moves; their mass counts too.
+    """
+    if scene.mass == "lumped":
+        return LumpedMass(scene, massive)
+    return ConsistentMass(scene, cells, carried)

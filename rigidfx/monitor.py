@@ -8,8 +8,9 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from rigidfx.internal import Cells, InternalForces
+from rigidfx.internal import InternalForces
 from rigidfx.mass import Mass
+from rigidfx.partition import Partition
 from rigidfx.scene import Scene
 from rigidfx.state import State
 
@@ -45,11 +46,14 @@ class Measures:
 class Monitor:
     """Measures states of a scene."""
 
-    def __init__(self, scene: Scene, forces: InternalForces, mass: Mass, cells: Cells) -> None:
+    def __init__(
+        self, scene: Scene, forces: InternalForces, mass: Mass, partition: Partition
+    ) -> None:
         """Bind the stored energy to the flexible cells. Collective."""
         self._scene, self._forces, self._mass = scene, forces, mass
-        self._energy = forces.bind_energy(cells)
-        self._X = scene.space.tabulate_dof_coordinates()[: scene.owned_nodes]
+        self._energy = forces.bind_energy(partition.flexible)
+        self._nodes = slice(None, scene.owned_nodes) if partition.whole else partition.active
+        self._X = scene.space.tabulate_dof_coordinates()[self._nodes]
         self._momentum = fem.Function(scene.space)
 
     def measure(self, state: State) -> Measures:
@@ -58,12 +62,10 @@ class Monitor:
         Args:
             state: A state whose displacement equals that of the forms' u₁.
         """
-        n = self._scene.owned_nodes
-        mv = self._momentum.x.petsc_vec
-        self._mass.mult(state.v.x.petsc_vec, mv)
-        p = mv.array_r.reshape(-1, 3)
-        v = state.v.x.array[: 3 * n].reshape(-1, 3)
-        x = self._X + state.u.x.array[: 3 * n].reshape(-1, 3)
+        nodes = self._nodes
+        self._mass.mult(state.v.x.petsc_vec, self._momentum.x.petsc_vec)
+        p, v, u = (f.x.array.reshape(-1, 3)[nodes] for f in (self._momentum, state.v, state.u))
+        x = self._X + u
         local = np.concatenate(
             [
                 [0.5 * float(np.vdot(v, p)), float(fem.assemble_scalar(self._energy))],
@@ -73,6 +75,12 @@ class Monitor:
             ]
         )
         total = np.asarray(self._scene.sum(local))
+        for body, motion in zip(state.bodies, state.motions, strict=True):
+            momentum = body.mass * motion.velocity
+            total[0] += motion.kinetic(body)
+            total[2:5] += momentum
+            total[5:8] += np.cross(motion.r, momentum) + motion.angular_momentum(body)
+            total[8] += np.linalg.norm(momentum)
         return Measures(
             float(total[0]), float(total[1]), total[2:5], total[5:8], float(total[8])
         )

@@ -185,7 +185,15 @@ class Scene:
             )
 
     def _check_effects(self) -> None:
-        known = (fx.DeadLoad, fx.Support, fx.InitialVelocity, fx.NumericalDamping, fx.Preload)
+        known = (
+            fx.DeadLoad,
+            fx.Support,
+            fx.InitialVelocity,
+            fx.NumericalDamping,
+            fx.Preload,
+            fx.Rigid,
+            fx.Resultant,
+        )
         for effect in self.effects:
             if not isinstance(effect, known):
                 raise SceneError(f"Scene: {effect!r} is not an effect. See rigidfx.effects.")
@@ -196,6 +204,20 @@ class Scene:
             raise SceneError(
                 f"Scene: numerical damping (22) goes with EnergyMomentum, not with "
                 f"{type(self.scheme).__name__}."
+            )
+        bodies = [r.where for r in self.named(fx.Rigid)]
+        if len(set(bodies)) != len(bodies) or (None in bodies and len(bodies) > 1):
+            raise SceneError("Scene: a cell can be in one Rigid body only.")
+        for resultant in self.named(fx.Resultant):
+            if resultant.where not in bodies:
+                raise SceneError(
+                    f"Resultant: '{resultant.where}' is not the name of a Rigid body; there are "
+                    f"{bodies or 'none'}."
+                )
+        if bodies and not self.scheme.couples:
+            raise SceneError(
+                f"Scene: {type(self.scheme).__name__} does not couple to rigid bodies; take "
+                "EnergyMomentum or Midpoint."
             )
         for a, b in combinations(damping, 2):
             if _overlap(a, b):

@@ -9,6 +9,7 @@ import numpy.typing as npt
 from dolfinx import fem
 from mpi4py import MPI
 
+from rigidfx.body import BodyMotion, RigidBody
 from rigidfx.effects import InitialVelocity
 from rigidfx.errors import SceneError, agree
 from rigidfx.scene import Scene
@@ -23,6 +24,7 @@ class Snapshot:
     t: float
     u: npt.NDArray[np.float64]
     v: npt.NDArray[np.float64]
+    motions: tuple[BodyMotion, ...]
 
 
 class State:
@@ -32,6 +34,11 @@ class State:
         t: Time [s].
         u: Displacement [m].
         v: Velocity [m/s].
+        bodies: Rigid bodies.
+        motions: Their motions, in the same order.
+        interior: For each body, which of its nodes no flexible cell touches.
+
+    Between outputs u and v of nodes inside bodies lag behind; `rebuild` brings them up to date.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -39,16 +46,36 @@ class State:
         self.t = 0.0
         self.u = fem.Function(scene.space, name="displacement")
         self.v = fem.Function(scene.space, name="velocity")
+        self.bodies: tuple[RigidBody, ...] = ()
+        self.motions: tuple[BodyMotion, ...] = ()
+        self.interior: tuple[npt.NDArray[np.int32], ...] = ()
+        self.X = scene.space.tabulate_dof_coordinates()
 
     def snapshot(self) -> Snapshot:
         """Copy of the state."""
-        return Snapshot(self.t, self.u.x.array.copy(), self.v.x.array.copy())
+        return Snapshot(self.t, self.u.x.array.copy(), self.v.x.array.copy(), self.motions)
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go back to a snapshot."""
         self.t = snapshot.t
         self.u.x.array[:] = snapshot.u
         self.v.x.array[:] = snapshot.v
+        self.motions = snapshot.motions
+
+    def rebuild(self) -> None:
+        """Set displacement and velocity of the nodes inside bodies from their motions. Collective.
+
+        Velocities of attached nodes stay: with a consistent mass the flexible cells' side of the
+        interface has a velocity of its own.
+        """
+        if not self.bodies:
+            return
+        u, v = (f.x.array.reshape(-1, 3) for f in (self.u, self.v))
+        for body, motion, inside in zip(self.bodies, self.motions, self.interior, strict=True):
+            u[body.nodes] = motion.positions(body.offsets) - self.X[body.nodes]
+            v[body.nodes[inside]] = motion.velocities(body.offsets[inside])
+        self.u.x.scatter_forward()
+        self.v.x.scatter_forward()
 
 
 def initial_velocity(scene: Scene) -> npt.NDArray[np.float64]:

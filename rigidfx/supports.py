@@ -8,7 +8,7 @@ metric of the mass, on what the support allows; the energy and the impulse of th
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +17,7 @@ from petsc4py import PETSc
 from rigidfx.effects import Support
 from rigidfx.errors import StepError
 from rigidfx.mass import Mass
+from rigidfx.partition import Partition
 from rigidfx.prolongation import Prolongation
 from rigidfx.scene import Scene
 from rigidfx.state import State
@@ -53,13 +54,26 @@ class HeldDofs:
         mask: For each owned dof, whether it is held, shape (3 · owned nodes,).
     """
 
-    def __init__(self, scene: Scene, active: tuple[Support, ...]) -> None:
-        """Find the dofs of the supports that act."""
+    def __init__(
+        self,
+        scene: Scene,
+        active: tuple[Support, ...],
+        carried: Mapping[int, npt.NDArray[np.int32]] | None = None,
+    ) -> None:
+        """Find the dofs of the supports that act.
+
+        Args:
+            scene: The problem.
+            active: Supports.
+            carried: Further owned nodes, of bodies that a support moves, by its number.
+        """
         self._scene = scene
         self.active = active
         owner = np.full(3 * scene.owned_nodes, -1, dtype=np.int32)
         for k, support in reversed(list(enumerate(self.active))):
             owner[dofs_of(scene, support)] = k
+        for k, nodes in (carried or {}).items():
+            owner[(3 * nodes[:, None] + np.arange(3)).reshape(-1)] = k
         self.mask = owner >= 0
         self._owner = owner[self.mask]
         self._axis = (np.flatnonzero(self.mask) % 3).astype(np.int32)
@@ -107,69 +121,82 @@ def dofs_of(scene: Scene, support: Support) -> npt.NDArray[np.int64]:
 
 
 def impose_velocity(
-    scene: Scene,
-    state: State,
-    mass: Mass,
-    prolongation: Prolongation,
-    velocities: Array,
-    supports: tuple[str, ...],
-) -> Impact | None:
+    scene: Scene, state: State, mass: Mass, partition: Partition, velocities: Array
+) -> bool:
     """Give the held dofs their prescribed velocity by an impact without rebound. Collective.
 
-    The impulse acts on held dofs only, so the momentum of the others stays: with Δv_s given,
-    Pᵀ M P Δv_f = -Pᵀ M Δv_s. For a lumped mass the other velocities stay as they are.
+    The impulse acts on held dofs only, so the momentum of all others stays: with Δv_s given,
+    (Lᵀ M L + bodies) Δy = -Lᵀ M Δv_s. For a lumped mass no other velocity changes.
 
     Args:
         scene: The problem.
-        state: Its velocity is changed.
+        state: Its velocities are changed.
         mass: Mass operator.
-        prolongation: Map of free dofs for the supports that act now.
+        partition: Division of the dofs for the supports that act now.
         velocities: Prescribed velocities of the held dofs [m/s].
-        supports: Names for the report.
 
     Returns:
-        What the impact did, or None where no velocity changed.
+        Whether any velocity changed.
     """
     v = state.v.x.petsc_vec
+    held = np.flatnonzero(partition.held)
     dv, p = v.duplicate(), v.duplicate()
     dv.set(0.0)
-    dv.array[prolongation.held] = velocities - v.array_r[prolongation.held]
-    if dv.norm(PETSc.NormType.INFINITY) == 0.0:
-        return None
-    mass.mult(dv, p)
-    rhs, dy = prolongation.unknowns(), prolongation.unknowns()
-    prolongation.restrict(p, rhs)
-    rhs.scale(-1.0)
-    if rhs.norm() > 0.0:
-        M = mass.matrix()
-        free = Prolongation(prolongation.mask, scene.comm)
-        ksp = PETSc.KSP().create(scene.comm)
-        ksp.setType(PETSc.KSP.Type.CG)
-        ksp.getPC().setType(PETSc.PC.Type.JACOBI)
-        ksp.setTolerances(rtol=1e-14, max_it=10_000)
-        ksp.setOperators(free.condense(M))
-        ksp.solve(rhs, dy)
-        if ksp.getConvergedReason() <= 0:
-            raise StepError("The velocity could not be adapted to a support that begins.")
-        prolongation.expand(dy, dv.array_r[prolongation.held].copy(), dv)
+    dv.array[held] = velocities - v.array_r[held]
+    changed = dv.norm(PETSc.NormType.INFINITY) > 0.0
+    if changed:
         mass.mult(dv, p)
-        for item in (ksp, M):
-            item.destroy()
-        free.destroy()
-    n = scene.owned_nodes
-    before = state.v.x.array[: 3 * n].copy()
-    state.v.x.array[: 3 * n] += dv.array_r
-    state.v.x.scatter_forward()
-    X = scene.space.tabulate_dof_coordinates()[:n] + state.u.x.array[: 3 * n].reshape(-1, 3)
-    impulse = p.array_r.reshape(-1, 3)
-    mean = before + dv.array_r / 2
-    local = np.concatenate(
-        [[mean @ p.array_r], impulse.sum(axis=0), np.cross(X, impulse).sum(axis=0)]
-    )
-    total = np.asarray(scene.sum(local))
-    for item in (rhs, dy, dv, p):
-        item.destroy()
-    return Impact(state.t, supports, float(total[0]), total[1:4], total[4:7])
+        prolongation = Prolongation(partition, scene.comm)
+        rhs, dy = prolongation.unknowns(), prolongation.unknowns()
+        # At θ = 0 the rows of L and P agree and map velocities, equation (25).
+        prolongation.rotate(dy, state.motions, 1.0)
+        prolongation.restrict(p, np.zeros((len(partition.bodies), 6)), rhs)
+        rhs.scale(-1.0)
+        if rhs.norm() > 0.0:
+            _solve(prolongation, mass, state, rhs, dy)
+            prolongation.apply(dy, dv.array_r[held].copy(), dv)
+            state.motions = tuple(
+                replace(
+                    m,
+                    velocity=m.velocity + y[:3],
+                    spin=m.spin + m.R.T @ y[3:] / body.length,
+                )
+                for m, body, y in zip(
+                    state.motions, partition.bodies, prolongation.bodies_part(dy), strict=True
+                )
+            )
+        v.axpy(1.0, dv)
+        state.v.x.scatter_forward()
+        rhs.destroy()
+        dy.destroy()
+        prolongation.destroy()
+    dv.destroy()
+    p.destroy()
+    return changed
+
+
+def _solve(
+    prolongation: Prolongation, mass: Mass, state: State, rhs: PETSc.Vec, dy: PETSc.Vec
+) -> None:
+    """Solve (Lᵀ M L + bodies) Δy = rhs by conjugate gradients. Collective."""
+    M = mass.matrix()
+    reduced = prolongation.condense(M)
+    blocks = np.zeros((len(state.bodies), 6, 6))
+    for block, body, motion in zip(blocks, state.bodies, state.motions, strict=True):
+        block[:3, :3] = body.mass * np.eye(3)
+        block[3:, 3:] = motion.R @ body.inertia @ motion.R.T / body.length**2
+    prolongation.add_blocks(reduced, blocks)
+    ksp = PETSc.KSP().create(rhs.comm)
+    ksp.setType(PETSc.KSP.Type.CG)
+    ksp.getPC().setType(PETSc.PC.Type.JACOBI)
+    ksp.setTolerances(rtol=1e-14, max_it=10_000)
+    ksp.setOperators(reduced)
+    ksp.solve(rhs, dy)
+    reason = ksp.getConvergedReason()
+    ksp.destroy()
+    M.destroy()
+    if reason <= 0:
+        raise StepError("The velocity could not be adapted to a support that begins.")
 
 
 def rigidly_held(scene: Scene, held: HeldDofs) -> bool:

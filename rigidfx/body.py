@@ -1,0 +1,177 @@
+"""One rigid body: its data, its motion, and its own part of a step's residual and tangent.
+
+A body is frozen in the configuration of an instant: Vᵢ = xᵢ - x_s are its nodes' positions relative
+to the centre of mass, and x_i = r + R Vᵢ from then on. The unknowns of a step are Δr and the Cayley
+vector θ of the rotation increment,
+
+    R1 = cay(θ) R0,    ṙ1 = 2 Δr/Δt - ṙ0,    W1 = 2 R0ᵀθ/Δt - W0,    π = R J W,
+
+and the body's own part of the balance of momenta (12) reads m (ṙ1 - ṙ0)/Δt and (π1 - π0)/Δt. Then
+Δr·m(ṙ1 - ṙ0)/Δt and θ·(π1 - π0)/Δt are exactly the increments of the kinetic energy (Simo and Wong,
+IJNME 31 (1991) 19). In the vector of unknowns θ is multiplied by the length ℓ, ℓ² = tr J/(2 m), and
+moments are divided by it: all unknowns are lengths and all residuals forces.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.rotation import cayley, cayley_tangent, orthonormalized, skew
+
+__all__ = ["BodyMotion", "Increment", "RigidBody", "at_rest"]
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RigidBody:
+    """What does not change while a body is rigid.
+
+    Attributes:
+        name: Name of its set of cells.
+        cells: Owned cells on this rank, sorted.
+        nodes: Owned nodes on this rank, sorted.
+        offsets: V of these nodes in the body's frame, shape (nodes, 3) [m].
+        mass: m [kg].
+        inertia: J about the centre of mass in the body's frame, shape (3, 3) [kg m²].
+        origin: Centre of mass at the freeze, shape (3,) [m].
+    """
+
+    name: str
+    cells: npt.NDArray[np.int32]
+    nodes: npt.NDArray[np.int32]
+    offsets: Array
+    mass: float
+    inertia: Array
+    origin: Array
+
+    @property
+    def length(self) -> float:
+        """ℓ = sqrt(tr J/(2 m)), the radius of gyration that scales rotations [m]."""
+        return float(np.sqrt(np.trace(self.inertia) / (2 * self.mass)))
+
+
+@dataclass(frozen=True)
+class BodyMotion:
+    """Pose and velocity of a body.
+
+    Attributes:
+        r: Position of the centre of mass [m].
+        R: Rotation since the freeze.
+        velocity: ṙ [m/s].
+        spin: W, angular velocity in the body's frame [rad/s].
+    """
+
+    r: Array
+    R: Array
+    velocity: Array
+    spin: Array
+
+    @property
+    def angular_velocity(self) -> Array:
+        """ω = R W in space [rad/s]."""
+        return np.asarray(self.R @ self.spin)
+
+    def angular_momentum(self, body: RigidBody) -> Array:
+        """π = R J W about the centre of mass [kg m²/s]."""
+        return np.asarray(self.R @ body.inertia @ self.spin)
+
+    def kinetic(self, body: RigidBody) -> float:
+        """½ m ṙ·ṙ + ½ W·J W [J]."""
+        translation = body.mass * self.velocity @ self.velocity
+        return float(0.5 * (translation + self.spin @ body.inertia @ self.spin))
+
+    def positions(self, offsets: Array) -> Array:
+        """x = r + R V for offsets of shape (n, 3) [m]."""
+        return np.asarray(self.r + offsets @ self.R.T)
+
+    def velocities(self, offsets: Array) -> Array:
+        """ṙ + ω × R V for offsets of shape (n, 3) [m/s]; equation (2)."""
+        return np.asarray(self.velocity + np.cross(self.angular_velocity, offsets @ self.R.T))
+
+
+def at_rest(body: RigidBody) -> BodyMotion:
+    """The motion of a body at the freeze, without velocity."""
+    return BodyMotion(body.origin.copy(), np.eye(3), np.zeros(3), np.zeros(3))
+
+
+@dataclass(frozen=True)
+class Increment:
+    """A trial step of one body.
+
+    Attributes:
+        body: The body.
+        start: Its motion at the begin of the step.
+        dr: Δr [m].
+        theta: θ [1].
+        dt: Δt [s].
+    """
+
+    body: RigidBody
+    start: BodyMotion
+    dr: Array
+    theta: Array
+    dt: float
+
+    @property
+    def R1(self) -> Array:
+        """Rotation at the end of the step."""
+        return cayley(self.theta) @ self.start.R
+
+    @property
+    def R_av(self) -> Array:
+        """½ (R0 + R1), equation (4)."""
+        return 0.5 * (self.start.R + self.R1)
+
+    @property
+    def T(self) -> Array:
+        """Spin of R1 per unit dθ."""
+        return cayley_tangent(self.theta)
+
+    def end(self) -> BodyMotion:
+        """The motion at the end of the step."""
+        s = self.start
+        return BodyMotion(
+            s.r + self.dr,
+            orthonormalized(self.R1),
+            2 / self.dt * self.dr - s.velocity,
+            2 / self.dt * s.R.T @ self.theta - s.spin,
+        )
+
+    def inertia_force(self) -> Array:
+        """m (ṙ1 - ṙ0)/Δt and (π1 - π0)/(ℓ Δt), shape (6,) [N]."""
+        body, s = self.body, self.start
+        force = body.mass * 2 / self.dt * (self.dr / self.dt - s.velocity)
+        W1 = 2 / self.dt * s.R.T @ self.theta - s.spin
+        moment = (self.R1 @ body.inertia @ W1 - s.angular_momentum(body)) / self.dt
+        return np.concatenate([force, moment / body.length])
+
+    def tangent(self, couples: Array) -> Array:
+        """Derivative of the body's residual rows that P does not carry, shape (6, 6) [N/m].
+
+        Args:
+            couples: Σ ½ f̂ᵢ v̂₁,ᵢ over forces on the body's nodes, shape (3, 3) [N m]: how the
+                moments Σ v_av × f change with R1.
+        """
+        body, s, T = self.body, self.start, self.T
+        W1 = 2 / self.dt * s.R.T @ self.theta - s.spin
+        pi1 = self.R1 @ body.inertia @ W1
+        rotation = couples @ T
+        rotation += (
+            -skew(pi1) @ T + 2 / self.dt * self.R1 @ body.inertia @ s.R.T
+        ) / self.dt
+        G = np.zeros((6, 6))
+        G[:3, :3] = 2 * body.mass / self.dt**2 * np.eye(3)
+        G[3:, 3:] = rotation / body.length**2
+        return G
+
+    def test_rows(self, offsets: Array) -> Array:
+        """-v̂_av/ℓ per node, shape (n, 3, 3): rows of L, equations (5), (13)."""
+        return -skew(offsets @ self.R_av.T) / self.body.length
+
+    def trial_rows(self, offsets: Array) -> Array:
+        """-v̂₁ T/ℓ per node, shape (n, 3, 3): rows of P."""
+        return -skew(offsets @ self.R1.T) @ self.T / self.body.length

@@ -1,0 +1,106 @@
+"""Who moves how: free dofs, dofs held by supports, nodes carried by rigid bodies.
+
+A partition is made once for a set of flexible cells, bodies and supports, and everything a step
+works on is sized by it. A node that belongs to a body and to a flexible cell is *attached*: the
+flexible cells pull at it, the body moves it. The other nodes of a body are of no concern to a step.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem, la
+
+from rigidfx.body import RigidBody
+from rigidfx.internal import Cells
+from rigidfx.scene import Scene
+
+__all__ = ["Partition", "partition"]
+
+
+@dataclass(frozen=True)
+class Partition:
+    """A division of cells and dofs.
+
+    Attributes:
+        flexible: Flexible owned cells by subdomain id.
+        bodies: Rigid bodies.
+        attached: For each body, which of its nodes are attached (positions in body.nodes).
+        anchors: Owned nodes, one per body that no flexible cell touches: attached for the sake of
+            the pattern of the product.
+        held: For each owned dof, whether a support prescribes it, shape (3 · owned nodes,).
+        free: For each owned dof, whether it is an unknown.
+        active: Owned nodes outside bodies or attached.
+        massive: For each owned node, whether its inertia is its own and not a body's.
+        whole: Whether there are no bodies.
+    """
+
+    flexible: Cells
+    bodies: tuple[RigidBody, ...]
+    attached: tuple[npt.NDArray[np.int32], ...]
+    anchors: npt.NDArray[np.int32]
+    held: npt.NDArray[np.bool_]
+    free: npt.NDArray[np.bool_]
+    active: npt.NDArray[np.int32]
+    massive: npt.NDArray[np.bool_]
+    whole: bool
+
+
+def partition(
+    scene: Scene,
+    flexible: Cells,
+    bodies: tuple[RigidBody, ...],
+    held: npt.NDArray[np.bool_],
+) -> Partition:
+    """Divide the dofs of a scene. Collective.
+
+    Args:
+        scene: The problem.
+        flexible: Flexible owned cells by subdomain id.
+        bodies: Rigid bodies; no two share a node.
+        anchors: Owned nodes, one per body that no flexible cell touches: attached for the sake of
+            the pattern of the product.
+        held: For each owned dof, whether a support prescribes it.
+    """
+    n = scene.owned_nodes
+    massive = np.ones(n, dtype=bool)
+    if not bodies:
+        nothing, everything = np.empty(0, np.int32), np.arange(n, dtype=np.int32)
+        return Partition(flexible, (), (), nothing, held, ~held, everything, massive, True)
+    touched = _nodes_of(scene, flexible)[:n]
+    for body in bodies:
+        massive[body.nodes] = False
+    attached = [np.flatnonzero(touched[b.nodes]).astype(np.int32) for b in bodies]
+    anchors = []
+    for k, body in enumerate(bodies):
+        counts = scene.comm.allgather((len(attached[k]), len(body.nodes)))
+        if not any(touching for touching, _ in counts):
+            holder = next(rank for rank, (_, nodes) in enumerate(counts) if nodes)
+            if holder == scene.comm.rank:
+                attached[k] = np.zeros(1, np.int32)
+                anchors.append(body.nodes[0])
+    free = np.repeat(massive, 3) & ~held
+    return Partition(
+        flexible,
+        bodies,
+        tuple(attached),
+        np.asarray(anchors, dtype=np.int32),
+        held,
+        free,
+        np.flatnonzero(massive | touched).astype(np.int32),
+        massive,
+        False,
+    )
+
+
+def _nodes_of(scene: Scene, cells: Cells) -> npt.NDArray[np.bool_]:
+    """Which local nodes belong to the given cells of any rank. Collective."""
+    mark = fem.Function(scene.space)
+    for group in cells.values():
+        nodes = scene.space.dofmap.list[group].reshape(-1)
+        mark.x.array[3 * nodes] = 1.0
+    mark.x.scatter_reverse(la.InsertMode.add)
+    mark.x.scatter_forward()
+    return mark.x.array[::3] > 0

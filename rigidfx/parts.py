@@ -1,0 +1,145 @@
+"""Which cells are flexible, which form bodies and which go with a support."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+from rigidfx.body import BodyMotion, RigidBody
+from rigidfx.effects import Rigid, Support
+from rigidfx.errors import SceneError, agree
+from rigidfx.inertia import form_body
+from rigidfx.internal import Cells, InternalForces
+from rigidfx.scene import Scene
+from rigidfx.state import State
+from rigidfx.supports import dofs_of
+
+__all__ = ["Parts", "named_parts"]
+
+Nodes = npt.NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class Parts:
+    """A division of the cells, with the bodies and their motions.
+
+    Attributes:
+        flexible: Flexible owned cells by subdomain id.
+        bodies: Rigid bodies that move freely.
+        motions: Their motions.
+        carried_cells: Owned cells that move with a support, by subdomain id; None if there are
+            none.
+        carried_nodes: Owned nodes that move with a support, by the support's number.
+    """
+
+    flexible: Cells
+    bodies: tuple[RigidBody, ...]
+    motions: tuple[BodyMotion, ...]
+    carried_cells: Cells | None
+    carried_nodes: Mapping[int, Nodes]
+
+
+def named_parts(
+    scene: Scene, forces: InternalForces, state: State, active: tuple[Support, ...]
+) -> Parts:
+    """The parts that the scene names. Collective.
+
+    Args:
+        scene: The problem.
+        forces: Internal forces, which know the cells of each material.
+        state: Current state; bodies that are in it already keep data and motion.
+        active: Supports that act now.
+
+    Raises:
+        SceneError: If two bodies share a node, or a support holds a body other than by clamping
+            it whole.
+    """
+    owned = scene.mesh.topology.index_map(3).size_local
+    rigid: list[npt.NDArray[np.int32]] = []
+    bodies, motions, carried, taken = [], [], {}, np.zeros(scene.owned_nodes, dtype=np.int32)
+    known = {b.name: (b, m) for b, m in zip(state.bodies, state.motions, strict=True)}
+    for effect in scene.named(Rigid):
+        cells, nodes = _cells_and_nodes(scene, effect)
+        name = effect.where or "all cells"
+        clash = "Two bodies" if taken[nodes].any() else None
+        agree(
+            scene.comm,
+            clash
+            and f"Rigid '{name}' shares nodes with another body, which would be a hinge. Merge the "
+            "two sets, or leave a layer of flexible cells between them.",
+        )
+        taken[nodes] = 1
+        rigid.append(cells)
+        support = _clamp(scene, active, name, nodes)
+        if support is not None:
+            carried[support] = np.union1d(carried.get(support, nodes), nodes).astype(np.int32)
+        elif name in known:
+            bodies.append(known[name][0])
+            motions.append(known[name][1])
+        else:
+            n = 3 * scene.owned_nodes
+            u, v = (f.x.array[:n].reshape(-1, 3) for f in (state.u, state.v))
+            at = forces.cells(cells)
+            body, motion = form_body(scene, name, at, nodes, u, v, effect.mass, effect.inertia)
+            bodies.append(body)
+            motions.append(motion)
+    if not rigid:
+        return Parts(forces.cells(), (), (), None, {})
+    every = np.arange(owned, dtype=np.int32)
+    flexible = np.setdiff1d(every, np.concatenate(rigid))
+    with_bodies = np.concatenate([np.empty(0, np.int32), *(b.cells for b in bodies)])
+    moved = np.setdiff1d(np.setdiff1d(every, flexible), with_bodies)
+    some = scene.sum(moved.size) > 0
+    return Parts(
+        forces.cells(flexible),
+        tuple(bodies),
+        tuple(motions),
+        forces.cells(moved) if some else None,
+        carried,
+    )
+
+
+def _cells_and_nodes(scene: Scene, effect: Rigid) -> tuple[npt.NDArray[np.int32], Nodes]:
+    """Owned cells and owned nodes of a body, sorted. Collective."""
+    owned = scene.mesh.topology.index_map(3).size_local
+    if effect.where is None:
+        return np.arange(owned, dtype=np.int32), np.arange(scene.owned_nodes, dtype=np.int32)
+    found = scene.domain.find(effect.where, (3,), "Rigid")
+    scene.mesh.topology.create_connectivity(3, 3)
+    nodes = fem.locate_dofs_topological(scene.space, 3, found.entities, remote=True)
+    nodes = np.sort(nodes[nodes < scene.owned_nodes]).astype(np.int32)
+    return found.entities[found.entities < owned], nodes
+
+
+def _clamp(scene: Scene, active: tuple[Support, ...], name: str, nodes: Nodes) -> int | None:
+    """Number of the support that clamps a body, None if nothing holds it. Collective."""
+    inside = np.zeros(3 * scene.owned_nodes, dtype=bool)
+    inside[(3 * nodes[:, None] + np.arange(3)).reshape(-1)] = True
+    holding: list[int] = []
+    for k, support in enumerate(active):
+        dofs = dofs_of(scene, support)
+        if scene.sum(np.count_nonzero(inside[dofs])) > 0:
+            holding.append(k)
+    if not holding:
+        return None
+    first = active[holding[0]]
+    dofs = np.unique(np.concatenate([dofs_of(scene, active[k]) for k in holding]))
+    counts = np.bincount(dofs[inside[dofs]] // 3, minlength=scene.owned_nodes)
+    X = scene.space.tabulate_dof_coordinates()[np.flatnonzero(counts == 3)]
+    partly = scene.sum(np.count_nonzero((counts > 0) & (counts < 3))) > 0
+    points = np.concatenate(scene.comm.allgather(X))
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False) if len(points) else [0]
+    spans = len(points) >= 3 and spread[1] > 1e-9 * spread[0]
+    same = all(active[k].same_motion(first) for k in holding)
+    if partly or not spans or not same:
+        raise SceneError(
+            f"Rigid '{name}' has nodes held by the support on '{first.where}'. A body on a "
+            "support would be a kinematic chain: leave a layer of flexible cells between them, or "
+            "clamp all components (xyz) of at least three of its nodes that are not in line, by "
+            "one motion; it is then fixed, or follows that motion."
+        )
+    return holding[0]

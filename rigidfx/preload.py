@@ -1,0 +1,57 @@
+"""Static equilibrium before the dynamics start."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rigidfx.effects import Preload, Rigid
+from rigidfx.equilibrium import Equilibrium
+from rigidfx.errors import SceneError, StepError
+from rigidfx.internal import InternalForces
+from rigidfx.loads import NodalLoads
+from rigidfx.partition import partition
+from rigidfx.prolongation import Prolongation
+from rigidfx.scene import Scene
+from rigidfx.state import State
+from rigidfx.supports import HeldDofs, rigidly_held
+
+__all__ = ["apply_preload"]
+
+
+def apply_preload(
+    scene: Scene, forces: InternalForces, state: State, held: HeldDofs
+) -> None:
+    """Bring the state into the static equilibrium that the scene asks for, if it does. Collective.
+
+    Raises:
+        SceneError: If the supports leave a rigid motion free, or bodies are rigid from the start.
+        StepError: If an increment does not converge.
+    """
+    for preload in scene.named(Preload):
+        if scene.named(Rigid):
+            raise SceneError("Preload: statics with parts that are Rigid is not supported.")
+        if not rigidly_held(scene, held):
+            raise SceneError(
+                "Preload: the supports that act at the start leave a rigid motion free, so there "
+                "is no static equilibrium. Add supports or drop the preload."
+            )
+        loads, cells = NodalLoads(scene, preload.loads), forces.cells()
+        prolongation = Prolongation(partition(scene, cells, (), held.mask), scene.comm)
+        statics = Equilibrium(scene, forces, forces.bind_static(cells), None, prolongation)
+        full, part, guess = (state.u.x.petsc_vec.duplicate() for _ in range(3))
+        loads.evaluate(0.0, full)
+        guess.set(0.0)
+        for k in range(1, preload.increments + 1):
+            full.copy(part)
+            part.scale(k / preload.increments)
+            nothing = np.zeros(prolongation.held.size)
+            solution = statics.solve(1.0, None, part, nothing, guess)
+            if not solution.converged:
+                raise StepError(
+                    f"Preload: increment {k} of {preload.increments} did not converge "
+                    f"({solution.reason}); the largest residual is at X = {solution.place} m. "
+                    "Use more increments or smaller loads."
+                )
+            state.u.x.array[:] = forces.u1.x.array
+        for item in (statics, full, part, guess):
+            item.destroy()

@@ -1,0 +1,61 @@
+"""Finite rotations in NumPy: skew matrices, the Cayley map and its tangent.
+
+The Cayley vector θ of a rotation by the angle φ about the unit vector e is θ = 2 tan(φ/2) e: any
+increment below π is finite, and no series or special case near φ = 0 is needed. J. C. Simo and
+K. K. Wong, IJNME 31 (1991) 19, doi:10.1002/nme.1620310103.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["cayley", "cayley_tangent", "orthonormalized", "skew"]
+
+Array = npt.NDArray[np.float64]
+
+
+def skew(a: npt.ArrayLike) -> Array:
+    """â with â b = a × b, equation (6).
+
+    Args:
+        a: Vectors, shape (..., 3).
+
+    Returns:
+        Shape (..., 3, 3).
+    """
+    a = np.asarray(a)
+    out = np.zeros((*a.shape, 3), dtype=a.dtype)
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -a[..., 2], a[..., 1], -a[..., 0]
+    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = a[..., 2], -a[..., 1], a[..., 0]
+    return out
+
+
+def cayley(theta: npt.ArrayLike) -> Array:
+    """Rotation (I - ½θ̂)⁻¹ (I + ½θ̂) = I + (θ̂ + ½θ̂²)/(1 + ¼θ·θ).
+
+    Args:
+        theta: Cayley vector θ, shape (3,).
+
+    Returns:
+        Shape (3, 3), orthonormal to rounding.
+    """
+    hat = skew(theta)
+    return np.eye(3) + (hat + 0.5 * hat @ hat) / (1 + 0.25 * np.dot(theta, theta))
+
+
+def cayley_tangent(theta: npt.ArrayLike) -> Array:
+    """T = (I + ½θ̂)/(1 + ¼θ·θ): spatial spin of the rotated frame per unit dθ.
+
+    Args:
+        theta: Cayley vector θ, shape (3,).
+
+    Returns:
+        Shape (3, 3).
+    """
+    return (np.eye(3) + 0.5 * skew(theta)) / (1 + 0.25 * np.dot(theta, theta))
+
+
+def orthonormalized(R: Array) -> Array:
+    """R after one Newton step of the polar decomposition: rounding does not pile up in products."""
+    return R @ (1.5 * np.eye(3) - 0.5 * R.T @ R)
