@@ -21,6 +21,7 @@ from rigidfx.effects import (
 from rigidfx.errors import OutputError, RigidfxError, SceneError, StepError
 from rigidfx.forms import EnergyMomentum, Midpoint, Trapezoidal
 from rigidfx.materials import Hyperelastic, Material, MooneyRivlin, NeoHooke, StVenantKirchhoff
+from rigidfx.output import Recorder, read_history
 from rigidfx.scene import Scene
 from rigidfx.simulation import Report, simulate
 
@@ -41,6 +42,7 @@ __all__ = [
     "OutputError",
     "Preload",
     "PrescribedMotion",
+    "Recorder",
     "Report",
     "RigidfxError",
     "Scene",
@@ -51,6 +53,7 @@ __all__ = [
     "Traction",
     "Trapezoidal",
     "box",
+    "read_history",
     "read_msh",
     "simulate",
 ]

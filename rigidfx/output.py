@@ -1,0 +1,234 @@
+"""What a run leaves in its folder: a row per step in history.csv, and fields for ParaView.
+
+    folder/history.csv     one row per step, flushed at once, numbers in full precision
+    folder/fields.pvd      displacement and velocity, for ParaView, at the output interval
+    folder/fields/         its files, one per time
+
+Columns of history.csv, in SI units; a vector has one column for each of x, y, z:
+
+    step, t, dt, iterations, linear_iterations, cuts, unknowns
+    kinetic, strain, energy                  at t [J]
+    work_of_loads, work_of_supports          in the step [J]
+    impact_energy                            change of energy where a support began [J]
+    momentum_scale, L_x …                    Σ m|v| and linear momentum [kg m/s]
+    J_x …                                    angular momentum about the origin [kg m²/s]
+    reaction_NAME_x …                        of each support [N], zero while it does not act
+    u_NAME_x …                               displacement of each probe [m]
+    wall                                     wall time of the step [s]
+"""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Iterable
+from math import floor, isfinite
+from pathlib import Path
+from types import TracebackType
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.errors import OutputError, SceneError, StepError, agree
+from rigidfx.paraview import Body, Series
+from rigidfx.scene import Scene
+from rigidfx.simulation import Report
+
+__all__ = ["Recorder", "read_history"]
+
+Array = npt.NDArray[np.float64]
+
+SCALARS = (
+    *("step", "t", "dt", "iterations", "linear_iterations", "cuts", "unknowns"),
+    *("kinetic", "strain", "energy", "work_of_loads", "work_of_supports"),
+)
+
+
+class Recorder:
+    """Writes the reports of a run into a folder; a context manager.
+
+    Only rank 0 writes. What a former run has left in the folder under the same names is replaced.
+
+    Example:
+        >>> with Recorder(scene, "out/frame", interval=0.1) as recorder:   # doctest: +SKIP
+        ...     for report in simulate(scene, dt=0.01, t_end=2.4):
+        ...         recorder.write(report)
+
+    Attributes:
+        folder: Where the files are.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        folder: str | Path,
+        *,
+        every: int = 1,
+        interval: float | None = None,
+    ) -> None:
+        """Make the folder and open history.csv. Collective.
+
+        Args:
+            scene: The problem that is run.
+            folder: Folder for the output; made if it does not exist.
+            every: Fields are written at every so many steps ...
+            interval: ... or, if given, at the first step that ends at or after each multiple of
+                this time [s]. The last state is written in any case.
+
+        Raises:
+            OutputError: On every rank, if the folder cannot be written to.
+            SceneError: If every or interval cannot be used.
+        """
+        if int(every) != every or every < 1:
+            raise SceneError(f"Recorder: every must be a whole number ≥ 1, got {every!r}.")
+        if interval is not None and not (isfinite(interval) and interval > 0):
+            raise SceneError(f"Recorder: interval must be a finite number > 0, got {interval!r}.")
+        self.folder = Path(folder)
+        self._comm = scene.comm
+        self._every, self._interval = every, interval
+        self._supports = tuple(dict.fromkeys(support.where for support, _ in scene.supports))
+        self._first = self._comm.rank == 0
+        self._body = Body(scene.space)
+        self._materials = self._body.on_cells(_material_numbers(scene))
+        self._last: Report | None = None
+        self._fields_at, self._next = -1, 0.0
+        problem = None
+        try:
+            if self._first:
+                self.folder.mkdir(parents=True, exist_ok=True)
+                self.history.open("w").close()
+                self._series = Series(self.series, self._body)
+        except OSError as error:
+            problem = self._problem(error)
+        agree(self._comm, problem, OutputError)
+        path = self.history if self._first else os.devnull
+        self._file = open(path, "w", newline="", encoding="utf-8")  # noqa: SIM115
+        self._rows = csv.DictWriter(self._file, _columns(self._supports, scene.probes))
+        self._rows.writeheader()
+
+    @property
+    def history(self) -> Path:
+        """Path of history.csv."""
+        return self.folder / "history.csv"
+
+    @property
+    def series(self) -> Path:
+        """Path of the series for ParaView."""
+        return self.folder / "fields.pvd"
+
+    def write(self, report: Report) -> None:
+        """Add a row, and the fields where their time has come. Collective.
+
+        Args:
+            report: A step of the run.
+
+        Raises:
+            OutputError: On every rank, if rank 0 cannot write.
+        """
+        self._last = report
+        problem = None
+        try:
+            self._rows.writerow(self._row(report))
+            self._file.flush()
+        except OSError as error:
+            problem = self._problem(error)
+        agree(self._comm, problem, OutputError)
+        if self._due(report):
+            self._write_fields(report)
+
+    def close(self) -> None:
+        """Close history.csv."""
+        self._file.close()
+
+    def __enter__(self) -> Recorder:
+        """Nothing to do: all is open from construction."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Write the fields of the last step, and close.
+
+        After a StepError too, which all ranks raise alike. Any other error may be one rank's own.
+        """
+        try:
+            together = error is None or isinstance(error, StepError)
+            if together and self._last is not None and self._last.step != self._fields_at:
+                self._write_fields(self._last)
+        finally:
+            self.close()
+
+    def _due(self, report: Report) -> bool:
+        if self._interval is None:
+            return report.step % self._every == 0
+        if report.t < self._next * (1 - 1e-9):
+            return False
+        self._next = (floor(report.t / self._interval * (1 + 1e-9)) + 1) * self._interval
+        return True
+
+    def _write_fields(self, report: Report) -> None:
+        state = report.state
+        points = {f.name: self._body.on_nodes(f) for f in (state.u, state.v)}
+        self._fields_at = report.step
+        problem = None
+        if self._first:
+            try:
+                self._series.write(report.t, points, {"material": self._materials})
+            except OSError as error:
+                problem = self._problem(error)
+        agree(self._comm, problem, OutputError)
+
+    def _row(self, report: Report) -> dict[str, float]:
+        row = {name: getattr(report, name) for name in SCALARS}
+        row["impact_energy"] = report.impact.energy if report.impact else 0.0
+        row["momentum_scale"] = report.momentum_scale
+        row |= _components("L", report.linear_momentum)
+        row |= _components("J", report.angular_momentum)
+        for name in self._supports:
+            row |= _components(f"reaction_{name}", report.reactions.get(name, np.zeros(3)))
+        for name, displacement in report.probes.items():
+            row |= _components(f"u_{name}", displacement)
+        return row | {"wall": report.wall}
+
+    def _problem(self, error: OSError) -> str:
+        return (
+            f"Recorder: cannot write to the folder '{self.folder}' "
+            f"({error.strerror or error}: '{error.filename or self.history}'). Name a folder that "
+            "you may write to and where no file is in the way, and check the space left there."
+        )
+
+
+def read_history(path: str | Path) -> dict[str, Array]:
+    """The columns of a history.csv by name, each of shape (steps,).
+
+    Args:
+        path: The file.
+
+    Raises:
+        OSError: If it cannot be read.
+    """
+    with open(path, newline="", encoding="utf-8") as file:
+        header, *rows = list(csv.reader(file))
+    values = np.array(rows, dtype=np.float64).reshape(len(rows), len(header))
+    return dict(zip(header, values.T, strict=True))
+
+
+def _components(name: str, vector: Iterable[float]) -> dict[str, float]:
+    return {f"{name}_{axis}": float(x) for axis, x in zip("xyz", vector, strict=True)}
+
+
+def _columns(supports: Iterable[str], probes: Iterable[str]) -> list[str]:
+    vectors = ["L", "J", *(f"reaction_{s}" for s in supports), *(f"u_{p}" for p in probes)]
+    names = [f"{vector}_{axis}" for vector in vectors for axis in "xyz"]
+    return [*SCALARS, "impact_energy", "momentum_scale", *names, "wall"]
+
+
+def _material_numbers(scene: Scene) -> npt.NDArray[np.int32]:
+    """For each owned cell, which of the scene's materials it has, counted from 0."""
+    numbers = np.zeros(scene.mesh.topology.index_map(3).size_local, dtype=np.int32)
+    for k, (_, cells) in enumerate(scene.materials):
+        numbers[cells] = k
+    return numbers

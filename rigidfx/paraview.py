@@ -1,0 +1,205 @@
+"""ParaView series: point and cell data of the whole body, the same files from any number of ranks.
+
+A series is a .pvd that lists one .vtu per time. Rank 0 writes the whole body: cells in the order of
+the mesh file, each node once, no ghosts. The .pvd is replaced after each time and names finished
+files only, so it can be opened while a run goes on and after one that was killed.
+
+DOLFINx's own writers do less: VTKFile puts numbers in plain text, shows ghost cells and completes
+the .pvd at the end only; VTXWriter of DOLFINx 0.9 cannot join point and cell data.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem, plot
+
+__all__ = ["Body", "Series"]
+
+Array = npt.NDArray[Any]
+
+VTK_NAMES = {"f": "Float", "i": "Int", "u": "UInt"}
+
+
+class Body:
+    """Brings values on nodes and cells from all ranks to rank 0.
+
+    Cells are ordered by their number in the mesh file, nodes by their first appearance in them, so
+    that the result does not depend on the number of ranks.
+
+    Attributes:
+        points: Reference positions, shape (nodes, 3) [m]; empty but on rank 0.
+        cells: Nodes of each cell in VTK's order, shape (cells, nodes each); empty but on rank 0.
+        vtk_type: VTK's number of the cell type.
+    """
+
+    def __init__(self, space: Any) -> None:
+        """Number cells and nodes. Collective.
+
+        Args:
+            space: Lagrange space of the displacement.
+        """
+        self._comm = space.mesh.comm
+        self._owned_nodes = int(space.dofmap.index_map.size_local)
+        self._owned_cells = int(space.mesh.topology.index_map(3).size_local)
+        table, types, X = plot.vtk_mesh(space)
+        corners = space.dofmap.dof_layout.num_dofs
+        local = table.reshape(-1, corners + 1)[: self._owned_cells, 1:]
+        known = space.dofmap.index_map.local_to_global(local.reshape(-1).astype(np.int32))
+        numbers = space.mesh.topology.original_cell_index[: self._owned_cells]
+        self._order = np.argsort(self._gather(np.asarray(numbers)))
+        nodes = self._gather(known.reshape(-1, corners))[self._order]
+        used, first, inverse = np.unique(nodes, return_index=True, return_inverse=True)
+        appearance = np.argsort(first)
+        rank = np.empty_like(appearance)
+        rank[appearance] = np.arange(appearance.size)
+        self._nodes = used[appearance]
+        self.cells = rank[inverse.reshape(-1)].reshape(nodes.shape).astype(np.int32)
+        self.points = self.on_nodes(X)
+        self.vtk_type = max(self._comm.allgather(int(types[0]) if len(types) else 0))
+
+    def _gather(self, values: Array) -> Array:
+        """Rows of all ranks on rank 0; no rows elsewhere."""
+        parts = self._comm.gather(values, root=0)
+        return np.concatenate(parts) if parts else values[:0]
+
+    def on_nodes(self, values: fem.Function | Array) -> Array:
+        """Nodal vectors on rank 0, shape (nodes, 3). Collective.
+
+        Args:
+            values: A function of the space, or an array of shape (local nodes, 3).
+        """
+        local = values if isinstance(values, np.ndarray) else values.x.array.reshape(-1, 3)
+        return self._gather(local[: self._owned_nodes])[self._nodes]
+
+    def on_cells(self, values: Array) -> Array:
+        """Values per cell on rank 0. Collective.
+
+        Args:
+            values: One row for each local cell, owned cells first.
+        """
+        return self._gather(values[: self._owned_cells])[self._order]
+
+
+class Series:
+    """Writes a .pvd and its .vtu files; used on rank 0 only.
+
+    Attributes:
+        path: The .pvd, replaced after each time.
+    """
+
+    def __init__(self, path: Path, body: Body) -> None:
+        """Take the place of a former series of that name.
+
+        Args:
+            path: The .pvd; its .vtu files go to a folder beside it.
+            body: Points and cells.
+
+        Raises:
+            OSError: If something is in the way.
+        """
+        self.path = path
+        self._files = path.with_suffix("")
+        self._entries: list[str] = []
+        self._body = {
+            "points": _pack(body.points.astype("<f8")),
+            "connectivity": _pack(body.cells.astype("<i4")),
+            "offsets": _pack(np.cumsum([body.cells.shape[1]] * len(body.cells)).astype("<i4")),
+            "types": _pack(np.full(len(body.cells), body.vtk_type, np.uint8)),
+        }
+        self._size = len(body.points), len(body.cells)
+        self._files.mkdir(exist_ok=True)
+        path.unlink(missing_ok=True)
+        for stale in self._files.glob(f"{path.stem}_[0-9]*.vtu"):
+            stale.unlink()
+
+    def write(self, t: float, points: Mapping[str, Array], cells: Mapping[str, Array]) -> None:
+        """Add a time to the series.
+
+        Args:
+            t: Time [s].
+            points: Name → values on the nodes, shape (nodes,) or (nodes, 3).
+            cells: Name → values on the cells, shape (cells,) or (cells, 3).
+
+        Raises:
+            OSError: If a file cannot be written.
+        """
+        file = self._files / f"{self.path.stem}_{len(self._entries):06d}.vtu"
+        _replace(file, self._vtu(points, cells))
+        name = quoteattr(f"{self._files.name}/{file.name}")
+        self._entries.append(f'<DataSet timestep="{t!r}" part="0" file={name}/>')
+        text = "\n".join(
+            (
+                '<VTKFile type="Collection" version="0.1">',
+                "<Collection>",
+                *self._entries,
+                "</Collection>",
+                "</VTKFile>",
+                "",
+            )
+        )
+        _replace(self.path, text.encode())
+
+    def _vtu(self, points: Mapping[str, Array], cells: Mapping[str, Array]) -> bytes:
+        blocks: list[bytes] = []
+
+        def array(name: str, kind: str, width: int, block: bytes) -> str:
+            offset = sum(map(len, blocks))
+            blocks.append(block)
+            return (
+                f'<DataArray type="{kind}" Name={quoteattr(name)} NumberOfComponents="{width}" '
+                f'format="appended" offset="{offset}"/>'
+            )
+
+        def data(name: str, values: Array) -> str:
+            values = values.astype(values.dtype.newbyteorder("<"))
+            kind = f"{VTK_NAMES[values.dtype.kind]}{8 * values.dtype.itemsize}"
+            return array(name, kind, int(np.prod(values.shape[1:])), _pack(values))
+
+        own = self._body
+        # From version 2.1 on, VTK numbers the edges of second-order hexahedra as DOLFINx does.
+        lines = [
+            '<VTKFile type="UnstructuredGrid" version="2.2" byte_order="LittleEndian" '
+            'header_type="UInt64" compressor="vtkZLibDataCompressor">',
+            "<UnstructuredGrid>",
+            f'<Piece NumberOfPoints="{self._size[0]}" NumberOfCells="{self._size[1]}">',
+            "<PointData>",
+            *(data(name, values) for name, values in points.items()),
+            "</PointData>",
+            "<CellData>",
+            *(data(name, values) for name, values in cells.items()),
+            "</CellData>",
+            "<Points>",
+            array("points", "Float64", 3, own["points"]),
+            "</Points>",
+            "<Cells>",
+            array("connectivity", "Int32", 1, own["connectivity"]),
+            array("offsets", "Int32", 1, own["offsets"]),
+            array("types", "UInt8", 1, own["types"]),
+            "</Cells>",
+            "</Piece>",
+            "</UnstructuredGrid>",
+            '<AppendedData encoding="raw">',
+        ]
+        end = b"\n</AppendedData>\n</VTKFile>\n"
+        return ("\n".join(lines) + "\n_").encode() + b"".join(blocks) + end
+
+
+def _pack(values: Array) -> bytes:
+    """One compressed block with the header VTK expects: 1 block, its size, no rest, packed size."""
+    raw = np.ascontiguousarray(values).tobytes()
+    packed = zlib.compress(raw, 1)
+    return np.array([1, len(raw), 0, len(packed)], "<u8").tobytes() + packed
+
+
+def _replace(path: Path, content: bytes) -> None:
+    """Write a file so that it is there wholly or not at all."""
+    part = path.with_name(path.name + ".part")
+    part.write_bytes(content)
+    part.replace(path)

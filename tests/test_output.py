@@ -1,0 +1,261 @@
+"""What the recorder leaves: read back by VTK and by csv, from one rank and from several."""
+
+from __future__ import annotations
+
+import csv
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from parallel import report as tell
+from parallel import run as mpirun
+
+import rigidfx as rf
+from rigidfx.paraview import Body, Series
+
+vtk_xml = pytest.importorskip("vtkmodules.vtkIOXML")
+from vtkmodules.util.numpy_support import vtk_to_numpy  # noqa: E402
+
+pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its ranks itself")
+
+MATERIAL = rf.StVenantKirchhoff(E=1e4, nu=0.3, rho=10.0)
+CELLS = {  # and VTK's numbers of them
+    ("hexahedron", 1): 12,
+    ("hexahedron", 2): 72,
+    ("tetrahedron", 1): 10,
+    ("tetrahedron", 2): 71,
+}
+
+
+def make_scene(cell="hexahedron", order=1):
+    """A bar whose foot lets go at 0.25 s, pulled at its end."""
+    domain = rf.box((0, 0, 0), (1, 1, 3), (2, 2, 5), cell)
+    domain = domain.with_cells("low", lambda x: x[2] < 1.21)
+    domain = domain.with_cells("high", lambda x: x[2] > 1.19)
+    return rf.Scene(
+        domain,
+        {"low": MATERIAL, "high": rf.StVenantKirchhoff(E=2e4, nu=0.2, rho=20.0)},
+        [
+            rf.Fixed("z0", until=0.25),
+            rf.Fixed("x0", "x", since=0.3),
+            rf.Traction("z1", (300.0, 0.0, 100.0)),
+        ],
+        order=order,
+        mass="consistent",
+        probes={"tip": (1.0, 1.0, 3.0)},
+    )
+
+
+def record(folder, cell="hexahedron", order=1, **when):
+    """Five steps of the bar; the reports and their displacements and velocities by node."""
+    scene = make_scene(cell, order)
+    body = Body(scene.space)
+    reports, fields = [], []
+    with rf.Recorder(scene, folder, **when) as recorder:
+        for report in rf.simulate(scene, 0.1, 0.5, progress=False):
+            recorder.write(report)
+            reports.append(report)
+            fields.append([body.on_nodes(f) for f in (report.state.u, report.state.v)])
+    return recorder, reports, fields
+
+
+def read_series(pvd):
+    """Times and grids of a series."""
+    grids = {}
+    for entry in ET.parse(pvd).getroot().iter("DataSet"):
+        reader = vtk_xml.vtkXMLUnstructuredGridReader()
+        reader.SetFileName(str(pvd.parent / entry.get("file")))
+        reader.Update()
+        assert reader.GetErrorCode() == 0
+        grids[float(entry.get("timestep"))] = reader.GetOutput()
+    return grids
+
+
+def point_data(grid, name):
+    return vtk_to_numpy(grid.GetPointData().GetArray(name))
+
+
+def cell_data(grid, name):
+    return vtk_to_numpy(grid.GetCellData().GetArray(name))
+
+
+def grid_points(grid):
+    return vtk_to_numpy(grid.GetPoints().GetData())
+
+
+@pytest.mark.parametrize(("cell", "order"), CELLS)
+def test_series_holds_point_and_cell_data_of_every_time(tmp_path, cell, order):
+    recorder, reports, fields = record(tmp_path / "out", cell, order)
+    grids = read_series(recorder.series)
+    assert list(grids) == [r.t for r in reports]
+    for grid, (u, v) in zip(grids.values(), fields, strict=True):
+        np.testing.assert_array_equal(point_data(grid, "displacement"), u)
+        np.testing.assert_array_equal(point_data(grid, "velocity"), v)
+        centres = np.array(
+            [np.mean(vtk_to_numpy(grid.GetCell(c).GetPoints().GetData())[:, 2])
+             for c in range(grid.GetNumberOfCells())]
+        )  # fmt: skip
+        np.testing.assert_array_equal(cell_data(grid, "material"), centres > 1.2)
+    assert np.abs(fields[-1][0]).max() > 0.01
+    assert {grid.GetCellType(c) for c in range(grid.GetNumberOfCells())} == {CELLS[cell, order]}
+
+
+@pytest.mark.parametrize(("cell", "order"), CELLS)
+def test_nodes_of_a_cell_are_in_the_order_of_vtk(tmp_path, cell, order):
+    """Shape functions of VTK at its own nodes give back the points of the file."""
+    scene = make_scene(cell, order)
+    body = Body(scene.space)
+    Series(tmp_path / "fields.pvd", body).write(0.0, {"X": body.points}, {})
+    (grid,) = read_series(tmp_path / "fields.pvd").values()
+    volume = 0.0
+    for c in range(grid.GetNumberOfCells()):
+        corners = grid.GetCell(c)
+        points = vtk_to_numpy(corners.GetPoints().GetData()).copy()
+        parametric = np.array(corners.GetParametricCoords()).reshape(-1, 3)
+        low, size = points.min(axis=0), np.ptp(points, axis=0)
+        volume += size.prod() if cell == "hexahedron" else size.prod() / 6
+        if cell == "hexahedron":
+            np.testing.assert_allclose(parametric, (points - low) / size, atol=1e-12)
+        else:
+            a = points[:4]
+            affine = a[0] + parametric @ (a[1:] - a[0])
+            np.testing.assert_allclose(affine, points, atol=1e-12)
+    assert volume == pytest.approx(3.0)
+
+
+def test_history_has_full_precision_and_a_column_for_everything(tmp_path):
+    recorder, reports, _ = record(tmp_path / "a" / "b")
+    with recorder.history.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(reports)
+    for row, r in zip(rows, reports, strict=True):
+        for name in ("step", "t", "dt", "iterations", "cuts", "unknowns", "kinetic", "strain",
+                     "energy", "work_of_loads", "work_of_supports", "momentum_scale"):  # fmt: skip
+            assert float(row[name]) == getattr(r, name)
+        vectors = {"L": r.linear_momentum, "J": r.angular_momentum, "u_tip": r.probes["tip"]}
+        for where in ("z0", "x0"):
+            vectors[f"reaction_{where}"] = r.reactions.get(where, np.zeros(3))
+        for name, vector in vectors.items():
+            assert [float(row[f"{name}_{axis}"]) for axis in "xyz"] == list(vector)
+    h = rf.read_history(recorder.history)
+    assert list(h) == list(rows[0])
+    np.testing.assert_array_equal(h["energy"], [r.energy for r in reports])
+    held = (h["t"] <= 0.25) & (h["step"] > 0)
+    assert np.all(h["reaction_z0_x"][held] != 0)
+    assert np.all(h["reaction_z0_x"][~held] == 0)
+    ledger = np.diff(h["energy"]) - (
+        h["work_of_loads"] + h["work_of_supports"] + h["impact_energy"]
+    )[1:]
+    np.testing.assert_allclose(ledger, 0, atol=1e-10 * h["energy"].max())
+
+
+@pytest.mark.parametrize(
+    ("when", "times"),
+    [
+        ({"every": 2}, [0.0, 0.2, 0.3, 0.5]),  # 0.25 s, when the foot lets go, is a step as well
+        ({"every": 100}, [0.0, 0.5]),
+        ({"interval": 0.2}, [0.0, 0.2, 0.4, 0.5]),
+        ({"interval": 0.25}, [0.0, 0.25, 0.5]),
+        ({"interval": 0.01}, [0.0, 0.1, 0.2, 0.25, 0.3, 0.4, 0.5]),
+    ],
+)
+def test_fields_at_the_output_interval_and_in_the_end(tmp_path, when, times):
+    recorder, *_ = record(tmp_path, **when)
+    assert list(read_series(recorder.series)) == pytest.approx(times)
+
+
+def test_files_are_readable_while_the_run_goes_on(tmp_path):
+    scene = make_scene()
+    recorder = rf.Recorder(scene, tmp_path)
+    for k, report in enumerate(rf.simulate(scene, 0.1, 0.2, progress=False), start=1):
+        recorder.write(report)
+        assert len(read_series(recorder.series)) == k
+        assert rf.read_history(recorder.history)["t"].size == k
+    recorder.close()
+
+
+def test_second_run_takes_the_place_of_the_first(tmp_path):
+    record(tmp_path)
+    recorder, *_ = record(tmp_path, every=100)
+    assert len(list(tmp_path.glob("fields/*"))) == len(read_series(recorder.series)) == 2
+
+
+@pytest.mark.parametrize(
+    "when", [{"every": 0}, {"every": 1.5}, {"interval": 0.0}, {"interval": float("nan")}]
+)
+def test_interval_is_checked(tmp_path, when):
+    with pytest.raises(rf.SceneError, match=next(iter(when))):
+        rf.Recorder(make_scene(), tmp_path, **when)
+
+
+def in_the_way(tmp_path):
+    """Folders that cannot be made: even root may not write below a file or into /proc."""
+    (tmp_path / "file").write_text("in the way")
+    return [tmp_path / "file", tmp_path / "file" / "out", Path("/proc/rigidfx/out")]
+
+
+@pytest.mark.parametrize("case", range(3))
+def test_folder_that_cannot_be_written(tmp_path, case):
+    folder = in_the_way(tmp_path)[case]
+    with pytest.raises(rf.OutputError, match=f"'{folder}'.*Name a folder"):
+        rf.Recorder(make_scene(), folder)
+
+
+def test_folder_without_permission(tmp_path):
+    tmp_path.chmod(0o555)
+    try:
+        (tmp_path / "probe").touch()
+    except PermissionError:
+        with pytest.raises(rf.OutputError, match="Permission denied"):
+            rf.Recorder(make_scene(), tmp_path)
+    else:
+        pytest.skip("root may write anywhere")
+    finally:
+        tmp_path.chmod(0o755)
+
+
+def test_package_is_imported_without_graphics():
+    code = "import sys, rigidfx, rigidfx.plot, rigidfx.shapes; print(*sys.modules)"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert not {"matplotlib", "pyvista", "vtkmodules", "meshio"} & set(out.stdout.split())
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize(("cell", "order"), [("hexahedron", 1), ("tetrahedron", 2)])
+def test_files_of_several_ranks_are_those_of_one(tmp_path, cell, order):
+    alone, *_ = record(tmp_path / "1", cell, order)
+    mpirun(__file__, 2, 120, str(tmp_path / "2"), cell, str(order))
+    serial, parallel = read_series(alone.series), read_series(tmp_path / "2" / "fields.pvd")
+    assert list(serial) == list(parallel)
+    for one, two in zip(serial.values(), parallel.values(), strict=True):
+        np.testing.assert_allclose(grid_points(two), grid_points(one), atol=1e-14)
+        for connectivity in ("GetConnectivityArray", "GetOffsetsArray"):
+            a, b = (vtk_to_numpy(getattr(g.GetCells(), connectivity)()) for g in (one, two))
+            np.testing.assert_array_equal(a, b)
+        for name in ("displacement", "velocity"):
+            a, b = point_data(one, name), point_data(two, name)
+            np.testing.assert_allclose(b, a, atol=1e-9 * np.abs(a).max())
+        np.testing.assert_array_equal(cell_data(one, "material"), cell_data(two, "material"))
+    h1, h2 = rf.read_history(alone.history), rf.read_history(tmp_path / "2" / "history.csv")
+    assert list(h1) == list(h2)
+    np.testing.assert_array_equal(h1["unknowns"], h2["unknowns"])
+    np.testing.assert_allclose(h1["energy"], h2["energy"], rtol=1e-9)
+
+
+@pytest.mark.parallel
+def test_all_ranks_learn_that_nothing_can_be_written(tmp_path):
+    folder = in_the_way(tmp_path)[1]
+    messages = mpirun(__file__, 2, 60, str(folder))
+    assert len(messages) == 2
+    assert all("OutputError" in m and str(folder) in m for m in messages)
+
+
+if __name__ == "__main__":
+    try:
+        record(sys.argv[1], *sys.argv[2:3], *map(int, sys.argv[3:]))
+    except rf.OutputError as error:
+        tell(f"OutputError: {error}")
