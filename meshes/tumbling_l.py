@@ -1,6 +1,6 @@
 """The L-shaped body of Simo and Tarnow (1992), cut into equal cells.
 
-[0,6]×[0,3]×[0,3] ∪ [0,3]×[3,10]×[0,3] m: 117 unit hexahedra, 224 nodes. Its end faces are named
+[0,6]×[0,3]×[0,3] and [0,3]×[3,10]×[0,3] m: 117 unit hexahedra, 224 nodes. Its end faces are named
 "top" (y = 10) and "side" (x = 6).
 """
 
@@ -17,9 +17,7 @@ from mpi4py import MPI
 from rigidfx import Domain
 
 # The six tetrahedra of a cube: from corner 0 to corner 7 by one step along each axis, in any order.
-TETRAHEDRA = [
-    [0, 1 << a, (1 << a) + (1 << b), 7] for a, b, _ in permutations(range(3))
-]
+TETRAHEDRA = [[0, 1 << a, (1 << a) + (1 << b), 7] for a, b, _ in permutations(range(3))]
 
 
 def tumbling_l(
@@ -57,10 +55,7 @@ def _cubes(refine: int) -> tuple[np.ndarray, np.ndarray]:
     inside = (j < 3 * refine) | (i < 3 * refine)
     i, j, k = i[inside], j[inside], k[inside]
     corner = np.stack(
-        [
-            ((i + c % 2) * (ny + 1) + j + c // 2 % 2) * (nz + 1) + k + c // 4
-            for c in range(8)
-        ],
+        [((i + c % 2) * (ny + 1) + j + c // 2 % 2) * (nz + 1) + k + c // 4 for c in range(8)],
         axis=1,
     )
     used, cells = np.unique(corner, return_inverse=True)

@@ -15,6 +15,8 @@ from rigidfx.effects import (
     NumericalDamping,
     Preload,
     PrescribedMotion,
+    Resultant,
+    Rigid,
     Table,
     Traction,
 )
@@ -44,6 +46,8 @@ __all__ = [
     "PrescribedMotion",
     "Recorder",
     "Report",
+    "Resultant",
+    "Rigid",
     "RigidfxError",
     "Scene",
     "SceneError",

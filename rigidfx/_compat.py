@@ -36,7 +36,7 @@ def cell_geometry_dofs(mesh: Any) -> npt.NDArray[np.int32]:
     return geometry.dofmap if hasattr(geometry, "dofmap") else geometry.dofmaps(0)
 
 
-def model_to_mesh(model: Any, comm: MPI.Comm, partitioner: Any) -> tuple[Any, Any, Any]:
+def model_to_mesh(model: Any, comm: MPI.Intracomm, partitioner: Any) -> tuple[Any, Any, Any]:
     """Mesh, cell tags and facet tags of the gmsh model held by rank 0."""
     if VERSION == (0, 9):
         from dolfinx.io import gmshio as gmsh_io
@@ -46,6 +46,6 @@ def model_to_mesh(model: Any, comm: MPI.Comm, partitioner: Any) -> tuple[Any, An
     return data[0], data[1], data[2]
 
 
-def vtk_file(comm: MPI.Comm, path: Path) -> Any:
+def vtk_file(comm: MPI.Intracomm, path: Path) -> Any:
     """Open a .pvd series for writing."""
     return dolfinx.io.VTKFile(comm, str(path), "w")

@@ -85,7 +85,7 @@ class BodyMotion:
         return float(0.5 * (translation + self.spin @ body.inertia @ self.spin))
 
     def positions(self, offsets: Array) -> Array:
-        """x = r + R V for offsets of shape (n, 3) [m]."""
+        """X = r + R V for offsets of shape (n, 3) [m]."""
         return np.asarray(self.r + offsets @ self.R.T)
 
     def velocities(self, offsets: Array) -> Array:
@@ -142,7 +142,7 @@ class Increment:
         )
 
     def inertia_force(self) -> Array:
-        """m (ṙ1 - ṙ0)/Δt and (π1 - π0)/(ℓ Δt), shape (6,) [N]."""
+        """M (ṙ1 - ṙ0)/Δt and (π1 - π0)/(ℓ Δt), shape (6,) [N]."""
         body, s = self.body, self.start
         force = body.mass * 2 / self.dt * (self.dr / self.dt - s.velocity)
         W1 = 2 / self.dt * s.R.T @ self.theta - s.spin
@@ -160,9 +160,7 @@ class Increment:
         W1 = 2 / self.dt * s.R.T @ self.theta - s.spin
         pi1 = self.R1 @ body.inertia @ W1
         rotation = couples @ T
-        rotation += (
-            -skew(pi1) @ T + 2 / self.dt * self.R1 @ body.inertia @ s.R.T
-        ) / self.dt
+        rotation += (-skew(pi1) @ T + 2 / self.dt * self.R1 @ body.inertia @ s.R.T) / self.dt
         G = np.zeros((6, 6))
         G[:3, :3] = 2 * body.mass / self.dt**2 * np.eye(3)
         G[3:, 3:] = rotation / body.length**2
@@ -170,8 +168,8 @@ class Increment:
 
     def test_rows(self, offsets: Array) -> Array:
         """-v̂_av/ℓ per node, shape (n, 3, 3): rows of L, equations (5), (13)."""
-        return -skew(offsets @ self.R_av.T) / self.body.length
+        return np.asarray(-skew(offsets @ self.R_av.T) / self.body.length)
 
     def trial_rows(self, offsets: Array) -> Array:
         """-v̂₁ T/ℓ per node, shape (n, 3, 3): rows of P."""
-        return -skew(offsets @ self.R1.T) @ self.T / self.body.length
+        return np.asarray(-skew(offsets @ self.R1.T) @ self.T / self.body.length)

@@ -81,12 +81,10 @@ class Domain:
             )
         check_cells(mesh)
         object.__setattr__(self, "mesh", mesh)
-        object.__setattr__(
-            self, "sets", MappingProxyType({(s.name, s.dim): s for s in sets})
-        )
+        object.__setattr__(self, "sets", MappingProxyType({(s.name, s.dim): s for s in sets}))
 
     @property
-    def comm(self) -> MPI.Comm:
+    def comm(self) -> MPI.Intracomm:
         """Communicator of the mesh."""
         return self.mesh.comm
 
@@ -210,7 +208,7 @@ def box(
     upper: Sequence[float],
     cells: Sequence[int],
     cell: str = "hexahedron",
-    comm: MPI.Comm = MPI.COMM_WORLD,
+    comm: MPI.Intracomm = MPI.COMM_WORLD,
 ) -> Domain:
     """A box of equal cells whose six faces are named x0, x1, y0, y1, z0, z1. Collective.
 
@@ -239,13 +237,15 @@ def box(
     for axis, letter in enumerate("xyz"):
         tol = 1e-9 * (b[axis] - a[axis])
         for side, value in (("0", a[axis]), ("1", b[axis])):
-            domain = domain.with_facets(
-                letter + side, lambda x, i=axis, v=value, e=tol: np.abs(x[i] - v) < e
-            )
+            domain = domain.with_facets(letter + side, _on_plane(axis, value, tol))
     return domain
 
 
-def read_msh(path: str | Path, comm: MPI.Comm = MPI.COMM_WORLD) -> Domain:
+def _on_plane(axis: int, value: float, tol: float) -> Marker:
+    return lambda x: np.abs(x[axis] - value) < tol
+
+
+def read_msh(path: str | Path, comm: MPI.Intracomm = MPI.COMM_WORLD) -> Domain:
     """Read a gmsh file; its physical groups become the names of the domain. Collective.
 
     Args:

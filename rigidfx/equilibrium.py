@@ -6,8 +6,6 @@ the origin loses no digits; with d = d(y) = u₁ - u₀ and v₁ = 2 d/Δt - v�
     f(d) = M (2 d/Δt - 2 v₀)/Δt + f_int(u₀, u₀ + d) - f_ext(t½),    R(y) = Lᵀ f + bodies' own,
 
 all in newtons; the prolongation d(y) carries supports and bodies, see `prolongation` and `body`.
-Newton stops at ‖R‖ ≤ max(1e-12 ‖R_first‖, rounding), where the rounding level is estimated from the
-sizes of what R is the small difference of.
 """
 
 from __future__ import annotations
@@ -27,6 +25,7 @@ from rigidfx.internal import BoundForces, InternalForces
 from rigidfx.linear import PREFIX, configure, default_options, prefers_direct
 from rigidfx.loads import Resultants
 from rigidfx.mass import Mass
+from rigidfx.newton import MAX_ITERATIONS, StoppingTest, reason_name
 from rigidfx.prolongation import Prolongation
 from rigidfx.scene import Scene
 
@@ -34,12 +33,6 @@ __all__ = ["Equilibrium", "Solution"]
 
 Array = npt.NDArray[np.float64]
 
-RELATIVE_TOLERANCE = 1e-12
-ROUNDING = 2.0  # safety on the estimated rounding level
-STALL = 0.2  # Newton has met rounding where it reduces the residual by less than this ...
-MARGIN = 100.0  # ... and the residual is within this factor of the estimate
-MAX_ITERATIONS = 25
-DIVERGENCE = 1e6  # growth of the residual at which Newton gives up
 MAX_FALLBACKS = 3  # direct solves in place of failed Krylov solves before Krylov is given up
 
 
@@ -85,7 +78,7 @@ def convergence(
     snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float], equilibrium: Equilibrium
 ) -> int:
     """SNES callback: the stopping test."""
-    return equilibrium.test(iteration, norms[2])
+    return equilibrium.stop(iteration, norms[2])
 
 
 class Equilibrium:
@@ -96,6 +89,7 @@ class Equilibrium:
         d: Increment of all dofs found by the last solve, full length [m].
         forces_out_of_balance: Full residual of the last solve [N]; at held dofs it is what the
             supports exert.
+        stop: Newton's stopping test, with the history of the last solve.
     """
 
     def __init__(
@@ -133,8 +127,7 @@ class Equilibrium:
         self._motions: Sequence[BodyMotion] = ()
         self._resultants: Sequence[Resultants] = ()
         self._prescribed: Array = np.empty(0)
-        self._history: list[float] = []
-        self._rounding = 0.0
+        self.stop = StoppingTest()
         self._krylov = mass is not None and not prefers_direct(prolongation.size)
         self._fallbacks = 0
         self._snes = self._create_snes(scene)
@@ -196,17 +189,19 @@ class Equilibrium:
         ksp = self._snes.getKSP()
         return Solution(
             converged,
-            _reason_name(reason),
-            tuple(self._history),
+            reason_name(reason),
+            tuple(self.stop.history),
             self._snes.getLinearSolveIterations(),
             f"{ksp.getType()}+{ksp.getPC().getType()}{remark}",
             None if converged else self._worst_place(),
         )
 
     def _iterate(self, guess: PETSc.Vec) -> int:
-        self._history = []
-        bodies = [np.r_[self._dt * m.velocity, b.length * self._dt * m.angular_velocity]
-                  for m, b in zip(self._motions, self.prolongation.partition.bodies, strict=True)]
+        self.stop.restart()
+        bodies = [
+            np.r_[self._dt * m.velocity, b.length * self._dt * m.angular_velocity]
+            for m, b in zip(self._motions, self.prolongation.partition.bodies, strict=True)
+        ]
         self.prolongation.collapse(guess, np.reshape(bodies, (-1, 6)), self._y)
         self._snes.solve(None, self._y)
         return int(self._snes.getConvergedReason())
@@ -259,7 +254,7 @@ class Equilibrium:
     def tangent(self) -> None:
         """Assemble and condense the tangent at the last iterate. Collective."""
         self._assemble_tangent()
-        if len(self._history) == 1:
+        if len(self.stop.history) == 1:
             self._estimate_rounding()
         factor = 2 / self._dt**2
         if self._mass is not None:
@@ -289,47 +284,10 @@ class Equilibrium:
             self._v0.copy(self._work)
             self._mass.mult(self._work, self._inertia)
             noise += 2 / self._dt * self._inertia.norm()
-        for body, motion in zip(
-            self.prolongation.partition.bodies, self._motions, strict=True
-        ):
+        for body, motion in zip(self.prolongation.partition.bodies, self._motions, strict=True):
             spin = np.linalg.norm(motion.angular_momentum(body)) / body.length
             noise += 2 / self._dt * float(body.mass * np.linalg.norm(motion.velocity) + spin)
-        self._rounding = ROUNDING * float(np.finfo(np.float64).eps) * noise
-
-    def test(self, iteration: int, norm: float) -> int:
-        """Newton's stop.
-
-        Args:
-            iteration: Number of the iterate.
-            norm: ‖R‖ there [N].
-        """
-        Reason = PETSc.SNES.ConvergedReason
-        self._history.append(norm)
-        first = self._history[0]
-        if not np.isfinite(norm) or norm > DIVERGENCE * first:
-            return int(Reason.DIVERGED_DTOL)
-        if norm == 0.0:
-            return int(Reason.CONVERGED_FNORM_ABS)
-        if iteration > 0 and norm <= RELATIVE_TOLERANCE * first:
-            return int(Reason.CONVERGED_FNORM_RELATIVE)
-        if iteration > 0 and self._at_rounding():
-            return int(Reason.CONVERGED_FNORM_ABS)
-        if iteration >= MAX_ITERATIONS:
-            return int(Reason.DIVERGED_MAX_IT)
-        return 0
-
-    def _at_rounding(self) -> bool:
-        """Whether all that is left of the residual is rounding.
-
-        To be below the estimated level is not enough: in a stiff body that level is far above the
-        forces that move it as a whole, and momenta would drift. Either Newton no longer gets
-        anywhere, or what its quadratic convergence must have left is negligible.
-        """
-        *earlier, last, norm = self._history
-        if norm > STALL * last:
-            return norm <= MARGIN * self._rounding
-        truncation = last * (last / earlier[-1]) ** 2 if earlier else last
-        return norm <= self._rounding and truncation <= RELATIVE_TOLERANCE * self._history[0]
+        self.stop.expect_rounding(noise)
 
     def _worst_place(self) -> Array:
         """Reference position of the node with the largest residual. Collective."""
@@ -363,10 +321,3 @@ def _mean_cell_size(scene: Scene) -> float:
     mass = scene.sum(scene.nodal_mass[: scene.owned_nodes].sum())
     mean_density = scene.sum(sum(m.rho * cells.size for m, cells in scene.materials))
     return float(np.cbrt(mass / mean_density))
-
-
-def _reason_name(reason: int) -> str:
-    for name, value in vars(PETSc.SNES.ConvergedReason).items():
-        if value == reason and not name.startswith("_"):
-            return name.lower()
-    return f"reason {reason}"

@@ -31,7 +31,7 @@ class OutputError(RigidfxError, OSError):
     """Results cannot be written where they should go."""
 
 
-def agree(comm: MPI.Comm, message: str | None, error: type[RigidfxError] = SceneError) -> None:
+def agree(comm: MPI.Intracomm, message: str | None, error: type[RigidfxError] = SceneError) -> None:
     """Raise `error` on all ranks as soon as one rank has a message. Collective.
 
     Args:

@@ -8,12 +8,12 @@ M = C₁ - C₀ all forms read ∫ F½ S : Grad δu, with
     any other W, ξ = 0          S = S̄ + [2 (W₁ - W₀) - S̄:M] / (M:M) M
     its damping                 ... + ξ ℂ₀:(E₁ - E₀),   ℂ₀ = ∂²W/∂E² at E = 0
 
-The discrete gradient is that of O. Gonzalez, CMAME 190 (2000) 1763, doi:10.1016/S0045-7825(00)00189-4,
-around S̄, the mean of S at the two Gauss points of the segment C₀ … C₁, in place of S at its
-middle. Its error S̄:M - 2 (W₁ - W₀) is O(|M|⁵), below rounding already for |M| < 1e-3, so that the
-correction can be left out there; with the stress at the middle that holds only below 3e-6, where
-rounding in W₁ - W₀ disturbs the stress three hundred times more. ξ ℂ₀ dissipates ξ ΔE:ℂ₀:ΔE ≥ 0
-for every material, whereas ξ (S₁ - S₀) can add energy.
+The discrete gradient is that of O. Gonzalez, CMAME 190 (2000) 1763, around S̄, the mean of S at the
+two Gauss points of the segment C₀ … C₁, instead of S at its middle. The defect S̄:M - 2 (W₁ - W₀) is
+O(|M|⁵), below rounding already for |M| < 1e-3, so that the correction can be left out there; with
+the stress at the middle that holds only below 3e-6, where rounding in W₁ - W₀ disturbs the stress
+three hundred times more. ξ ℂ₀ dissipates ξ ΔE:ℂ₀:ΔE ≥ 0 for every material, whereas ξ (S₁ - S₀) can
+add energy.
 """
 
 from __future__ import annotations

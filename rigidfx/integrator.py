@@ -69,7 +69,7 @@ class Integrator:
             StepError: If the static preload does not converge.
         """
         self.scene, self.state = scene, State(scene)
-        velocity = initial_velocity(scene)
+        velocity = initial_velocity(scene, dt)
         self._resolution = 1e-9 * dt
         self._trial = np.inf  # length of the next attempt after a cut
         self._forces = InternalForces(scene, self.state.u)
@@ -115,17 +115,20 @@ class Integrator:
         raise StepError(
             f"The step from t = {self.state.t:.9g} s did not converge, not even with "
             f"Δt = {dt:.3g} s ({solution.reason}; residuals "
-            f"{', '.join(f'{r:.2e}' for r in solution.residuals[:6])} N). The largest residual is "
-            f"at the node X = ({x:.6g}, {y:.6g}, {z:.6g}) m. Try a smaller Δt, look at loads and "
-            "supports near that place, or add NumericalDamping."
+            f"{', '.join(f'{r:.2e}' for r in solution.residuals[:6]) or 'not finite'} N). "
+            f"The largest residual is at the node X = ({x:.6g}, {y:.6g}, {z:.6g}) m. Try a "
+            "smaller Δt, look at loads and supports near that place, or add NumericalDamping."
         )
 
     def _accept(self, dt: float, t: float, solution: Solution, cuts: int) -> StepResult:
         work = self._system.accept(self.state, dt, t)
+        impact = self.take_impact()
+        return StepResult(dt, solution, cuts, work.loads, work.supports, work.reactions, impact)
+
+    def take_impact(self) -> Impact | None:
+        """What the begin of a support did since this was last asked."""
         impact, self._impact = self._impact, None
-        return StepResult(
-            dt, solution, cuts, work.loads, work.supports, work.reactions, impact
-        )
+        return impact
 
     # Partition ----------------------------------------------------------------------------------
 

@@ -127,9 +127,7 @@ class InternalForces:
     def bind_static(self, cells: Cells) -> BoundForces:
         """Static internal forces at `u1` over the given cells; compiled when first asked for."""
         test, trial = ufl.TestFunction(self._scene.space), ufl.TrialFunction(self._scene.space)
-        work = self._integrate(
-            lambda g: static_virtual_work(g.energy, g.parameters, self.u1, test)
-        )
+        work = self._integrate(lambda g: static_virtual_work(g.energy, g.parameters, self.u1, test))
         V, mesh = self._scene.space, self._scene.mesh
         tangent = ufl.derivative(work, self.u1, trial)
         return BoundForces(
@@ -139,9 +137,7 @@ class InternalForces:
     def set_time(self, t: float) -> None:
         """Set what in the forms depends on the midpoint of the step, t [s]."""
         if self._xi is not None:
-            self._xi.value = sum(
-                d.xi for d in self._scene.named(NumericalDamping) if d.active(t)
-            )
+            self._xi.value = sum(d.xi for d in self._scene.named(NumericalDamping) if d.active(t))
 
 
 def _groups(scene: Scene) -> list[Group]:

@@ -94,9 +94,7 @@ class NodalLoads:
         self._torques = [[t for t in torques if t.where == b.name] for b in bodies]
         for load in loads:
             weights = _weights(scene, load)[:n].copy()
-            sums = [
-                np.r_[weights[b.nodes].sum(), weights[b.nodes] @ b.offsets] for b in bodies
-            ]
+            sums = [np.r_[weights[b.nodes].sum(), weights[b.nodes] @ b.offsets] for b in bodies]
             for b in bodies:
                 weights[b.nodes] = 0.0
             self._loads.append(WeightedLoad(load, weights))

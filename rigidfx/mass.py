@@ -26,7 +26,6 @@ __all__ = ["ConsistentMass", "LumpedMass", "Mass", "mass_operator"]
 class Mass(Protocol):
     """What a mass operator does."""
 
-
     def mult(self, v: PETSc.Vec, out: PETSc.Vec) -> None:
         """Out = M v."""
         ...

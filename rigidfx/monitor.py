@@ -81,6 +81,4 @@ class Monitor:
             total[2:5] += momentum
             total[5:8] += np.cross(motion.r, momentum) + motion.angular_momentum(body)
             total[8] += np.linalg.norm(momentum)
-        return Measures(
-            float(total[0]), float(total[1]), total[2:5], total[5:8], float(total[8])
-        )
+        return Measures(float(total[0]), float(total[1]), total[2:5], total[5:8], float(total[8]))

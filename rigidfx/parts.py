@@ -60,7 +60,10 @@ def named_parts(
     """
     owned = scene.mesh.topology.index_map(3).size_local
     rigid: list[npt.NDArray[np.int32]] = []
-    bodies, motions, carried, taken = [], [], {}, np.zeros(scene.owned_nodes, dtype=np.int32)
+    bodies: list[RigidBody] = []
+    motions: list[BodyMotion] = []
+    carried: dict[int, Nodes] = {}
+    taken = np.zeros(scene.owned_nodes, dtype=np.int32)
     known = {b.name: (b, m) for b, m in zip(state.bodies, state.motions, strict=True)}
     for effect in scene.named(Rigid):
         cells, nodes = _cells_and_nodes(scene, effect)

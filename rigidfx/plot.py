@@ -44,7 +44,7 @@ def histories(
     *,
     free_since: float | None = None,
     title: str = "",
-    comm: MPI.Comm = MPI.COMM_WORLD,
+    comm: MPI.Intracomm = MPI.COMM_WORLD,
 ) -> None:
     """Draw energies and momenta against time. Collective.
 
@@ -138,7 +138,7 @@ def curves(
     xlabel: str,
     ylabel: str,
     title: str = "",
-    comm: MPI.Comm = MPI.COMM_WORLD,
+    comm: MPI.Intracomm = MPI.COMM_WORLD,
 ) -> None:
     """Draw curves in one panel below the other. Collective.
 
@@ -199,7 +199,7 @@ def save(figure: Any, path: str | Path) -> None:
     figure.savefig(path, dpi=DPI)
 
 
-def on_first_rank(comm: MPI.Comm, draw: Callable[[], None], what: str) -> None:
+def on_first_rank(comm: MPI.Intracomm, draw: Callable[[], None], what: str) -> None:
     """Call `draw` on rank 0 and raise on all ranks what goes wrong there."""
     problem = None
     if comm.rank == 0:

@@ -1,4 +1,4 @@
-"""First guess of a step's displacement increment: u₁ = u₀ + Δt v, rotated where rotations are large.
+"""First guess of a step: u₁ = u₀ + Δt v, rotated where rotations are large.
 
 At a large rotation per step the tangents of the motion lead far away from it and Newton pays for
 that with iterations. The mean rigid motion of what is left flexible and of the bodies, c and ω from
@@ -21,9 +21,7 @@ __all__ = ["predict"]
 SMALL = 0.02  # rotation per step [rad] below which the tangent is as good a guess
 
 
-def predict(
-    scene: Scene, state: State, partition: Partition, dt: float, guess: PETSc.Vec
-) -> None:
+def predict(scene: Scene, state: State, partition: Partition, dt: float, guess: PETSc.Vec) -> None:
     """Set the guess. Collective.
 
     Args:

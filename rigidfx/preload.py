@@ -18,9 +18,7 @@ from rigidfx.supports import HeldDofs, rigidly_held
 __all__ = ["apply_preload"]
 
 
-def apply_preload(
-    scene: Scene, forces: InternalForces, state: State, held: HeldDofs
-) -> None:
+def apply_preload(scene: Scene, forces: InternalForces, state: State, held: HeldDofs) -> None:
     """Bring the state into the static equilibrium that the scene asks for, if it does. Collective.
 
     Raises:

@@ -66,6 +66,7 @@ class Probes:
         """Displacement of each point, shape (3,) [m]. Collective."""
         if not self._probes:
             return {}
+        state.rebuild()
         u = state.u.x.array.reshape(-1, 3)
         local = np.stack([p.weights @ u[p.nodes] for p in self._probes.values()])
         return dict(zip(self._probes, np.asarray(self._scene.sum(local)), strict=True))

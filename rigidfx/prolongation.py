@@ -49,7 +49,7 @@ class Prolongation:
         increments: Trial increments of the bodies, set by `expand`; equal on all ranks.
     """
 
-    def __init__(self, partition: Partition, comm: MPI.Comm, thin: bool = True) -> None:
+    def __init__(self, partition: Partition, comm: MPI.Intracomm, thin: bool = True) -> None:
         """Build the patterns. Collective.
 
         Args:
@@ -196,8 +196,8 @@ class Prolongation:
             return
         values = self.bodies_part(y)
         self.increments = tuple(
-            Increment(body, motion, value[:3], value[3:] / body.length, dt)
-            for body, motion, value in zip(self.partition.bodies, motions, values, strict=True)
+            Increment(body, motion, values[k, :3], np.asarray(values[k, 3:] / body.length), dt)
+            for k, (body, motion) in enumerate(zip(self.partition.bodies, motions, strict=True))
         )
         L, P = [], []
         for increment, attached in zip(self.increments, self.partition.attached, strict=True):
@@ -213,7 +213,7 @@ class Prolongation:
         """The six unknowns of each body, shape (bodies, 6), on all ranks. Collective."""
         values = np.zeros((len(self.partition.bodies), 6))
         values[self._mine] = y.array_r[self.free.size :].reshape(-1, 6)
-        return self.comm.allreduce(values, op=MPI.SUM) if self.comm.size > 1 else values
+        return np.asarray(self.comm.allreduce(values, op=MPI.SUM))
 
     def collapse(self, d: PETSc.Vec, bodies: Array, y: PETSc.Vec) -> None:
         """Unknowns from a full-length vector at the free dofs and six numbers per body.
@@ -244,9 +244,7 @@ class Prolongation:
         """Σ ½ f̂ᵢ v̂₁,ᵢ over each body's attached nodes, shape (bodies, 3, 3). Collective."""
         nodal = f.array_r.reshape(-1, 3)
         out = np.zeros((len(self.increments), 3, 3))
-        for k, (inc, at) in enumerate(
-            zip(self.increments, self.partition.attached, strict=True)
-        ):
+        for k, (inc, at) in enumerate(zip(self.increments, self.partition.attached, strict=True)):
             v1 = inc.body.offsets[at] @ inc.R1.T
             out[k] = 0.5 * np.einsum(
                 "nij,njk->ik", skew(nodal[inc.body.nodes[at]]), skew(v1), optimize=True
@@ -316,7 +314,7 @@ class Prolongation:
         self._products = {}
 
 
-def _owners(partition: Partition, comm: MPI.Comm) -> list[int]:
+def _owners(partition: Partition, comm: MPI.Intracomm) -> list[int]:
     """Rank that owns the unknowns of each body: the first with most of its attached nodes."""
     owners = []
     for attached in partition.attached:

@@ -24,7 +24,7 @@ CHUNK = 20_000  # cells looked at in one go, to bound the memory
 def _determinants(
     mesh: dmesh.Mesh, cells: npt.NDArray[np.int32], points: npt.NDArray[np.float64]
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """det J at reference points, shape (cells, points), and each cell's diameter cubed."""
+    """Det J at reference points, shape (cells, points), and each cell's diameter cubed."""
     element = basix.create_element(
         basix.ElementFamily.P,
         basix.CellType[mesh.topology.cell_type.name],

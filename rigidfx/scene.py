@@ -94,7 +94,7 @@ class Scene:
     # What is asked of a scene -------------------------------------------------------------------
 
     @property
-    def comm(self) -> MPI.Comm:
+    def comm(self) -> MPI.Intracomm:
         """Communicator of the mesh."""
         return self.domain.comm
 
@@ -239,9 +239,7 @@ class Scene:
         return mass
 
     def _supports(self) -> tuple[tuple[fx.Support, Nodes], ...]:
-        supports = tuple(
-            (s, self.nodes(s.where, type(s).__name__)) for s in self.named(fx.Support)
-        )
+        supports = tuple((s, self.nodes(s.where, type(s).__name__)) for s in self.named(fx.Support))
         for (a, nodes_a), (b, nodes_b) in combinations(supports, 2):
             shared = np.intersect1d(nodes_a, nodes_b).size
             axes = set(a.axes) & set(b.axes)
@@ -309,8 +307,10 @@ def _material_cells(
         cells = entities[entities < owned]
         times_used[cells] += 1
         pairs.append((m, cells))
-    none, several = (int(domain.comm.allreduce(int(np.count_nonzero(c))))
-                     for c in (times_used == 0, times_used > 1))
+    none, several = (
+        int(domain.comm.allreduce(int(np.count_nonzero(c))))
+        for c in (times_used == 0, times_used > 1)
+    )
     if none or several:
         raise SceneError(
             f"Scene: every cell needs exactly one material; {none} cells have none and {several} "

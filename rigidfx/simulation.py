@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.body import BodyMotion, RigidBody
 from rigidfx.effects import next_breakpoint
 from rigidfx.errors import SceneError
 from rigidfx.integrator import Integrator, StepResult
@@ -27,9 +28,38 @@ from rigidfx.scene import Scene
 from rigidfx.state import State
 from rigidfx.supports import Impact
 
-__all__ = ["Report", "simulate"]
+__all__ = ["BodyReport", "Report", "simulate"]
 
 Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class BodyReport:
+    """A rigid body at one time.
+
+    Attributes:
+        name: Name of its set of cells.
+        mass: m [kg].
+        centre: Position of the centre of mass, shape (3,) [m].
+        orientation: Rotation R since it became rigid, shape (3, 3).
+        velocity: Velocity of the centre of mass, shape (3,) [m/s].
+        angular_velocity: ω in space, shape (3,) [rad/s].
+        linear_momentum: m ṙ, shape (3,) [kg m/s].
+        spin: Angular momentum about the centre of mass, shape (3,) [kg m²/s].
+        angular_momentum: Angular momentum about the origin, shape (3,) [kg m²/s].
+        kinetic: Kinetic energy [J].
+    """
+
+    name: str
+    mass: float
+    centre: Array
+    orientation: Array
+    velocity: Array
+    angular_velocity: Array
+    linear_momentum: Array
+    spin: Array
+    angular_momentum: Array
+    kinetic: float
 
 
 @dataclass(frozen=True)
@@ -55,10 +85,13 @@ class Report:
         work_of_supports: Work of the reactions in this step [J].
         reactions: Force of each support on the structure at the step's midpoint, by the name of
             its set, shape (3,) [N].
-        impact: What the begin of a support, or a jump of its velocity, did at the step's start.
+        impact: What the begin of a support, or a jump of its velocity, did at the step's start; at
+            t = 0 in the report of the initial state.
+        bodies: The rigid bodies.
         probes: Displacement of each probe, shape (3,) [m].
         wall: Wall time of the step [s].
         state: Displacement and velocity; read, do not change. It lives on with the simulation.
+            `state.rebuild()` brings nodes inside bodies up to date.
     """
 
     step: int
@@ -79,6 +112,7 @@ class Report:
     work_of_supports: float
     reactions: Mapping[str, Array]
     impact: Impact | None
+    bodies: tuple[BodyReport, ...]
     probes: Mapping[str, Array]
     wall: float
     state: State
@@ -174,10 +208,27 @@ def _report(
         work_of_loads=result.work_of_loads if result else 0.0,
         work_of_supports=result.work_of_supports if result else 0.0,
         reactions=result.reactions if result else {},
-        impact=result.impact if result else None,
+        impact=result.impact if result else integrator.take_impact(),
+        bodies=tuple(map(_body_report, state.bodies, state.motions)),
         probes=probes.displacements(state),
         wall=wall,
         state=state,
+    )
+
+
+def _body_report(body: RigidBody, motion: BodyMotion) -> BodyReport:
+    momentum, spin = body.mass * motion.velocity, motion.angular_momentum(body)
+    return BodyReport(
+        name=body.name,
+        mass=body.mass,
+        centre=motion.r,
+        orientation=motion.R,
+        velocity=motion.velocity,
+        angular_velocity=motion.angular_velocity,
+        linear_momentum=momentum,
+        spin=spin,
+        angular_momentum=np.cross(motion.r, momentum) + spin,
+        kinetic=motion.kinetic(body),
     )
 
 

@@ -78,8 +78,16 @@ class State:
         self.v.x.scatter_forward()
 
 
-def initial_velocity(scene: Scene) -> npt.NDArray[np.float64]:
+# Relative error of the difference quotient for a path whose velocity is not given.
+CONTRADICTION = 1e-5
+
+
+def initial_velocity(scene: Scene, dt: float) -> npt.NDArray[np.float64]:
     """Velocity at the start per local node with ghosts, shape (nodes, 3) [m/s]. Collective.
+
+    Args:
+        scene: The problem.
+        dt: Nominal Δt [s], the scale for velocities of supports that are known by their path only.
 
     Raises:
         SceneError: If a given velocity is not finite, or contradicts a support that acts at the
@@ -97,14 +105,14 @@ def initial_velocity(scene: Scene) -> npt.NDArray[np.float64]:
     for support, nodes in scene.supports if given else ():
         if not (support.since <= 0.0 < support.until):
             continue
-        wanted = support.velocity_at(0.0, 1e-6)
+        wanted = support.velocity_at(0.0, dt)
         axes = list(support.axes)
         error = np.abs(v[nodes][:, axes] - wanted[axes]).max(initial=0.0)
         bound = max(scale, float(np.abs(wanted).max()))
         agree(
             scene.comm,
             None
-            if error <= 1e-9 * bound
+            if error <= CONTRADICTION * bound
             else f"InitialVelocity contradicts {type(support).__name__} on '{support.where}' "
             f"(components '{support.components}'): they differ by {error:.3g} m/s at its nodes. "
             "Give the nodes of a support its velocity, or start the support later.",

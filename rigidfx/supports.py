@@ -85,9 +85,7 @@ class HeldDofs:
 
     def increments(self, t0: float, t1: float) -> Array:
         """Prescribed increments of the held dofs from t0 to t1 [m]."""
-        return self._spread(
-            [s.displacement_at(t1) - s.displacement_at(t0) for s in self.active]
-        )
+        return self._spread([s.displacement_at(t1) - s.displacement_at(t0) for s in self.active])
 
     def velocities(self, t: float, dt: float) -> Array:
         """Prescribed velocities of the held dofs just after t [m/s]."""
@@ -155,15 +153,14 @@ def impose_velocity(
         if rhs.norm() > 0.0:
             _solve(prolongation, mass, state, rhs, dy)
             prolongation.apply(dy, dv.array_r[held].copy(), dv)
+            y = prolongation.bodies_part(dy)
             state.motions = tuple(
                 replace(
                     m,
-                    velocity=m.velocity + y[:3],
-                    spin=m.spin + m.R.T @ y[3:] / body.length,
+                    velocity=m.velocity + y[k, :3],
+                    spin=m.spin + m.R.T @ y[k, 3:] / body.length,
                 )
-                for m, body, y in zip(
-                    state.motions, partition.bodies, prolongation.bodies_part(dy), strict=True
-                )
+                for k, (m, body) in enumerate(zip(state.motions, state.bodies, strict=True))
             )
         v.axpy(1.0, dv)
         state.v.x.scatter_forward()

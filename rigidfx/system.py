@@ -6,6 +6,7 @@ nothing else.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,7 +42,7 @@ class Work:
 
     loads: float
     supports: float
-    reactions: dict[str, Array]
+    reactions: Mapping[str, Array]
 
 
 class System:

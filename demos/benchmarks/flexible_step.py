@@ -90,9 +90,7 @@ class PlainLoop:
         F = identity + ufl.grad((self.u0 + self.u1) / 2)
         S = (stress(self.u0) + stress(self.u1)) / 2
         dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": problem.quadrature_degree})
-        nodes = ufl.dx(
-            domain=mesh, metadata={"quadrature_rule": "GLL", "quadrature_degree": 1}
-        )
+        nodes = ufl.dx(domain=mesh, metadata={"quadrature_rule": "GLL", "quadrature_degree": 1})
         acceleration = 2 * (self.u1 - self.u0 - dt * self.v0) / dt**2
         facets = {name: problem.domain.find(name, (2,), "benchmark") for name in ("top", "side")}
         from rigidfx._compat import integration_facets

@@ -1,0 +1,123 @@
+"""What all effects share: time windows, time functions, checks of vectors."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from math import inf, isfinite
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.errors import SceneError
+
+__all__ = ["Effect", "Table", "TimeFunction", "Vector", "Windowed", "next_breakpoint", "vector"]
+
+Vector = tuple[float, float, float]
+TimeFunction = Callable[[float], float]
+
+
+def vector(owner: object, name: str, value: Any) -> npt.NDArray[np.float64]:
+    """Three finite numbers as an array, shape (3,).
+
+    Args:
+        owner: Whose value it is, for the message.
+        name: Name of the value.
+        value: What was given.
+
+    Raises:
+        SceneError: If it is anything else.
+    """
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        array = np.empty(0)
+    if array.shape != (3,) or not np.isfinite(array).all():
+        raise SceneError(
+            f"{type(owner).__name__}: {name} must be three finite numbers, got {value!r}."
+        )
+    return array
+
+
+@dataclass(frozen=True)
+class Table:
+    """A piecewise linear function of time; constant before the first and after the last time.
+
+    Every interior kink is a breakpoint at which a step ends.
+
+    Attributes:
+        times: Strictly increasing instants [s].
+        values: Value at each instant, in the unit of what it multiplies.
+    """
+
+    times: Sequence[float]
+    values: Sequence[float]
+
+    def __post_init__(self) -> None:
+        """Check the table.
+
+        Raises:
+            SceneError: If lengths differ, times do not increase or a number is not finite.
+        """
+        times, values = np.asarray(self.times, float), np.asarray(self.values, float)
+        if times.ndim != 1 or times.shape != values.shape or times.size == 0:
+            raise SceneError("Table: times and values must be lists of the same length ≥ 1.")
+        if not (np.isfinite(times).all() and np.isfinite(values).all()):
+            raise SceneError("Table: times and values must be finite.")
+        if np.any(np.diff(times) <= 0):
+            raise SceneError("Table: times must increase strictly; a jump takes a time window.")
+
+    def __call__(self, t: float) -> float:
+        """Value at time t [s]."""
+        return float(np.interp(t, self.times, self.values))
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Instants of the kinks [s]."""
+        return tuple(float(t) for t in self.times)
+
+
+class Effect:
+    """Anything a scene may name."""
+
+
+@dataclass(frozen=True)
+class Windowed(Effect):
+    """An effect that acts in a time window.
+
+    Attributes:
+        since: Begin of the window [s].
+        until: End of the window [s].
+    """
+
+    since: float = field(default=-inf, kw_only=True)
+    until: float = field(default=inf, kw_only=True)
+
+    def __post_init__(self) -> None:
+        """Check the window.
+
+        Raises:
+            SceneError: If it is empty or its ends are not numbers.
+        """
+        if not self.since < self.until:
+            raise SceneError(
+                f"{type(self).__name__}: the time window needs since < until, "
+                f"got {self.since!r} … {self.until!r}."
+            )
+
+    def active(self, t: float) -> bool:
+        """Whether the effect acts in a step whose midpoint is t [s]."""
+        return self.since <= t <= self.until
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Instants at which a step must end [s]."""
+        return tuple(t for t in (self.since, self.until) if isfinite(t))
+
+
+def next_breakpoint(breakpoints: Sequence[float], t: float, resolution: float) -> float:
+    """First of the sorted breakpoints later than t by more than the resolution [s], or infinity."""
+    k = bisect_right(breakpoints, t + resolution)
+    return breakpoints[k] if k < len(breakpoints) else inf

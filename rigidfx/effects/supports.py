@@ -1,0 +1,132 @@
+"""Supports: nodes held where they are, or moved along a given path."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.effects.base import Vector, Windowed
+from rigidfx.errors import SceneError
+
+__all__ = ["Fixed", "PrescribedMotion", "Support"]
+
+
+@dataclass(frozen=True)
+class Support(Windowed):
+    """Prescribes components of the motion of a named set's nodes.
+
+    Attributes:
+        where: Name of a set of any dimension; all nodes in its closure take part.
+        components: Which of the components x, y, z are held, for example "xz".
+    """
+
+    where: str
+    components: str = "xyz"
+
+    def __post_init__(self) -> None:
+        """Check window and components.
+
+        Raises:
+            SceneError: If components is empty or names anything but x, y, z once each.
+        """
+        super().__post_init__()
+        c = self.components
+        if not c or set(c) - set("xyz") or len(set(c)) != len(c):
+            raise SceneError(
+                f"{type(self).__name__} on '{self.where}': components must be some of 'xyz', "
+                f"each once, got {c!r}."
+            )
+
+    @property
+    def axes(self) -> tuple[int, ...]:
+        """The held components as numbers 0, 1, 2."""
+        return tuple("xyz".index(c) for c in self.components)
+
+    def displacement_at(self, t: float) -> npt.NDArray[np.float64]:
+        """Prescribed displacement, shape (3,) [m], up to a constant of no consequence."""
+        raise NotImplementedError
+
+    def velocity_at(self, t: float, dt: float) -> npt.NDArray[np.float64]:
+        """Prescribed velocity just after t, shape (3,) [m/s].
+
+        Args:
+            t: Time [s].
+            dt: Time step [s], the scale of the difference quotient where one is needed.
+        """
+        raise NotImplementedError
+
+    def same_motion(self, other: Support) -> bool:
+        """Whether both prescribe the same motion, so that they may share nodes."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class Fixed(Support):
+    """Holds the nodes of a named set where they are when the window begins."""
+
+    def displacement_at(self, t: float) -> npt.NDArray[np.float64]:
+        """Zero."""
+        return np.zeros(3)
+
+    def velocity_at(self, t: float, dt: float) -> npt.NDArray[np.float64]:
+        """Zero."""
+        return np.zeros(3)
+
+    def same_motion(self, other: Support) -> bool:
+        """Two fixed supports never disagree."""
+        return isinstance(other, Fixed)
+
+
+@dataclass(frozen=True)
+class PrescribedMotion(Support):
+    """Moves the nodes of a named set along a given path, from where they are at its begin.
+
+    Attributes:
+        displacement: Function t → three components of the displacement [m]; only its increments
+            count. An attribute `breakpoints` of it names the instants of its kinks.
+        velocity: Its derivative [m/s]; by a one-sided second-order difference if None. It is
+            used where the motion begins and after each breakpoint.
+    """
+
+    displacement: Callable[[float], Vector] = field(kw_only=True)
+    velocity: Callable[[float], Vector] | None = field(default=None, kw_only=True)
+
+    def __post_init__(self) -> None:
+        """Check window, components and functions.
+
+        Raises:
+            SceneError: If displacement or velocity is not a function.
+        """
+        super().__post_init__()
+        for name in ("displacement", "velocity"):
+            f = getattr(self, name)
+            if not callable(f) and not (name == "velocity" and f is None):
+                raise SceneError(
+                    f"PrescribedMotion on '{self.where}': {name} must be a function of t, "
+                    f"got {f!r}."
+                )
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Ends of the window and declared kinks of the motion [s]."""
+        kinks = getattr(self.displacement, "breakpoints", ())
+        return (*super().breakpoints, *(t for t in kinks if self.since < t < self.until))
+
+    def displacement_at(self, t: float) -> npt.NDArray[np.float64]:
+        """The given path at t."""
+        return np.asarray(self.displacement(t), dtype=np.float64)
+
+    def velocity_at(self, t: float, dt: float) -> npt.NDArray[np.float64]:
+        """The given velocity at t, or the difference quotient of the path just after t."""
+        if self.velocity is not None:
+            return np.asarray(self.velocity(t), dtype=np.float64)
+        h = 1e-3 * dt
+        u0, u1, u2 = (self.displacement_at(t + k * h) for k in range(3))
+        return np.asarray((4 * u1 - 3 * u0 - u2) / (2 * h))
+
+    def same_motion(self, other: Support) -> bool:
+        """The same path given by the same function."""
+        return isinstance(other, PrescribedMotion) and other.displacement == self.displacement
