@@ -134,7 +134,8 @@ class Equilibrium:
 
     def _create_snes(self, scene: Scene) -> PETSc.SNES:
         self._assemble_tangent()  # creates the reduced tangent that SNES is given
-        self._K_reduced = self.prolongation.condense(self._K)
+        condensed = self.prolongation.condense(self._K)
+        self._K_reduced = self.prolongation.solvable(condensed)
         snes = PETSc.SNES().create(scene.comm)
         snes.setOptionsPrefix(PREFIX)
         snes.setType(PETSc.SNES.Type.NEWTONLS)
@@ -272,6 +273,7 @@ class Equilibrium:
                 )
             ]
             self.prolongation.add_blocks(C, np.asarray(blocks))
+        self.prolongation.solvable(C)
 
     def _estimate_rounding(self) -> None:
         """Size of R that rounding in u₁ and in the strains leaves [N]."""

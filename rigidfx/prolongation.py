@@ -305,6 +305,21 @@ class Prolongation:
         if self.partition.bodies:
             C.assemble()
 
+    def solvable(self, C: PETSc.Mat) -> PETSc.Mat:
+        """The reduced tangent in the format that is solved fastest. Collective.
+
+        Args:
+            C: What `condense` gave, with all that was added to it.
+        """
+        if self._selects or not self._nodal:
+            return C
+        if "solvable" in self._products:
+            C.convert("baij", self._products["solvable"])
+        else:
+            C.setBlockSizes(3, 3)
+            self._products["solvable"] = C.convert("baij", PETSc.Mat())
+        return self._products["solvable"]
+
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
         for item in (self._L, self._P, self._D, self._blocks, *self._products.values()):
