@@ -14,12 +14,12 @@ ROOT = Path(__file__).resolve().parent.parent
 
 
 def report(data: Any) -> None:
-    """Print data where `run` finds it; to be called by one rank of the script."""
+    """Print data where `run` finds it; to be called once, by one rank of the script."""
     print(MARK + json.dumps(data), flush=True)
 
 
-def run(script: str | Path, ranks: int, timeout: float, *arguments: str) -> list[Any]:
-    """What the ranks of a script reported, in no particular order.
+def run(script: str | Path, ranks: int, timeout: float, *arguments: str) -> Any:
+    """What a script reported.
 
     Args:
         script: Python file.
@@ -52,5 +52,5 @@ def run(script: str | Path, ranks: int, timeout: float, *arguments: str) -> list
             out, err = process.communicate()
             raise AssertionError(f"hangs after {timeout} s\n{out}\n{err}") from None
     assert process.returncode == 0, f"{out}\n{err}"
-    lines = [line for line in out.splitlines() if line.startswith(MARK)]
-    return [json.loads(line.removeprefix(MARK)) for line in lines]
+    (line,) = [line for line in out.splitlines() if line.startswith(MARK)]
+    return json.loads(line.removeprefix(MARK))

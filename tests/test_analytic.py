@@ -43,7 +43,9 @@ def test_bar_vibrates_at_its_analytic_frequency(name, mass):
         getattr(rf, name)(E=E, nu=0.0, rho=rho),
         [
             rf.Fixed("x0"),
-            rf.InitialVelocity(function=lambda X: SOFT * wave * np.outer([1, 0, 0], np.sin(k * X[0]))),
+            rf.InitialVelocity(
+                function=lambda X: SOFT * wave * np.outer([1, 0, 0], np.sin(k * X[0]))
+            ),
         ],
         mass=mass,
         probes={"end": (length, 0.15, 0.15)},
@@ -76,7 +78,7 @@ def _timoshenko_cantilever(E, rho, nu, length, a):
 
 
 def test_cantilever_sags_and_vibrates_as_a_beam():
-    """Preload by an end load, let go: static deflection and first frequency of Timoshenko's beam."""
+    """Sag under an end load, then let go: deflection and first frequency of Timoshenko's beam."""
     length, a, E, rho = 10.0, 1.0, 1e6, 2.0
     euler, omega = _timoshenko_cantilever(E, rho, 0.0, length, a)
     force = -SOFT * E * a**4 / 12 / length**2
@@ -105,7 +107,7 @@ def test_cantilever_sags_and_vibrates_as_a_beam():
 
 
 def _uniaxial_bar(material, traction, cell="hexahedron", order=1):
-    """End displacement of a unit cube under a dead traction, free to contract; its two stretches."""
+    """Stretches of a unit cube under a dead end traction, free to contract, shape (3,)."""
     scene = rf.Scene(
         rf.box((0, 0, 0), (1, 1, 1), (2, 1, 1), cell),
         material,
@@ -167,7 +169,9 @@ def test_static_end_load_at_finite_strain(material, energy, traction):
     assert np.abs(found - [a, b, b]).max() <= 100 * NEWTON
 
 
-@pytest.mark.parametrize(("cell", "order"), [("tetrahedron", 1), ("hexahedron", 2), ("tetrahedron", 2)])
+@pytest.mark.parametrize(
+    ("cell", "order"), [("tetrahedron", 1), ("hexahedron", 2), ("tetrahedron", 2)]
+)
 def test_uniform_stress_is_exact_in_all_cells(cell, order):
     """A patch test: the same stretches whatever the cells."""
     material = rf.NeoHooke(E=100.0, nu=0.3, rho=1.0)

@@ -270,9 +270,7 @@ def _halves(effects, left, right):
     return list(rf.simulate(scene, 0.1, 3.0))
 
 
-SPIN = rf.InitialVelocity(
-    angular=(0.0, 0.05, 0.1), function=lambda X: 0.05 * np.sin(X[[1, 2, 0]])
-)
+SPIN = rf.InitialVelocity(angular=(0.0, 0.05, 0.1), function=lambda X: 0.05 * np.sin(X[[1, 2, 0]]))
 
 
 @pytest.mark.parametrize("name", ["StVenantKirchhoff", "NeoHooke"])

@@ -34,7 +34,7 @@ class Books:
         if before is None:
             return
         energy, impulse = 0.0, np.zeros(3)
-        if r.impact is not None and r.impact.t > 0:  # one at t = 0 is in the initial report
+        if r.impact is not None:
             self.impacts.append(r.impact)
             energy, impulse = r.impact.energy, r.impact.impulse
         force = np.asarray(loads) + sum(r.reactions.values(), np.zeros(3))
@@ -84,9 +84,7 @@ def test_impact_of_a_lumped_body_is_what_its_nodes_had():
             break
         v, u = (f.x.array.reshape(-1, 3)[held] for f in (r.state.v, r.state.u))
         x = scene.space.tabulate_dof_coordinates()[held] + u
-        lost = [
-            -0.5 * np.sum(m * v**2), *(-m * v).sum(axis=0), *np.cross(x, -m * v).sum(axis=0)
-        ]
+        lost = [-0.5 * np.sum(m * v**2), *(-m * v).sum(axis=0), *np.cross(x, -m * v).sum(axis=0)]
     assert r.impact is not None
 
 
@@ -202,6 +200,20 @@ def test_books_of_any_prescribed_motion(mass, size, frequency, begin, length, dt
         place = u
 
 
+@MASSES
+def test_impact_at_the_start(mass):
+    """A body at rest whose end moves from t = 0 on: the initial report has the impact."""
+    motion = rf.PrescribedMotion("x1", displacement=Ramp(0.0, (0.2, 0.0, 0.0)))
+    reports, books = rf.simulate(_bar(motion, mass=mass), 0.1, 0.5), Books()
+    first = next(reports)
+    assert first.impact.energy == pytest.approx(first.kinetic, rel=100 * EPS)
+    assert first.impact.impulse == pytest.approx(first.linear_momentum, abs=1e3 * EPS)
+    books.enter(first)
+    for r in reports:
+        books.enter(r)
+    assert books.impacts == []
+
+
 def test_motion_of_a_whole_face_is_followed_by_the_body():
     """A slow start (cosine) of one end drags the bar along as a whole."""
 
@@ -247,7 +259,9 @@ def test_shared_nodes_are_counted_once():
 def test_preloaded_body_stays_where_it_sags(increments):
     """Gravity in statics and on in the dynamics: nothing moves, the reaction is the weight."""
     gravity = rf.Gravity((0.0, 0.0, -0.1))
-    scene = _bar(rf.Fixed("x0"), gravity, rf.Preload([gravity], increments), probes={"p": (4, 1, 1)})
+    scene = _bar(
+        rf.Fixed("x0"), gravity, rf.Preload([gravity], increments), probes={"p": (4, 1, 1)}
+    )
     reports = list(rf.simulate(scene, 0.2, 10.0))
     sag = reports[0].probes["p"]
     assert sag[2] < -0.05

@@ -1,0 +1,231 @@
+"""Bad input: refused with the same error on every rank, and no rank is left waiting.
+
+Run as a script under mpirun, this file goes through all cases on each rank.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import dolfinx.mesh as dmesh
+import numpy as np
+import parallel
+import pytest
+from mpi4py import MPI
+
+import rigidfx as rf
+from rigidfx.domain import Domain, EntitySet
+from rigidfx.errors import SceneError, StepError
+
+COMM = MPI.COMM_WORLD
+STEEL = rf.StVenantKirchhoff(rho=2.0, E=50.0, nu=0.3)
+
+
+def _box(cell="hexahedron"):
+    return rf.box((0, 0, 0), (4, 1, 1), (4, 2, 2), cell)
+
+
+def _run(*effects, material=STEEL, dt=0.1, t_end=0.5, **options):
+    for _ in rf.simulate(rf.Scene(_box(), material, effects, **options), dt, t_end):
+        pass
+
+
+def _dragged(cell):
+    """A mesh with one vertex dragged through its neighbours, near one end only."""
+    mesh = _box(cell).mesh
+    x = mesh.geometry.x
+    x[np.linalg.norm(x - [1, 0.5, 0.5], axis=1) < 1e-9] += [1.7, 0.1, 0.0]
+    return mesh
+
+
+def _squashed():
+    mesh = _box("tetrahedron").mesh
+    mesh.geometry.x[:, 1] = 0.0
+    return mesh
+
+
+def _path(name):
+    """A file that cannot be read; made by this file's own location, which all ranks agree on."""
+    return Path(__file__).resolve().parent / name
+
+
+def _circle(t):
+    return (np.cos(t), np.sin(t), 0.0)
+
+
+def _nan_on_one_rank(t):
+    """A load that ceases to be finite on the last rank only."""
+    last = COMM.rank == COMM.size - 1
+    return (np.nan if last and t > 0.2 else 1.0, 0.0, 0.0)
+
+
+def _velocity_on_one_rank(X):
+    return np.full_like(X, np.inf if COMM.rank == 0 else 0.0)
+
+
+EMPTY = np.empty(0, np.int32)
+
+# name: (what is done, error, part of its message)
+CASES = {
+    "unknown facets": (
+        lambda: _run(rf.Traction("top", (1, 0, 0))),
+        SceneError,
+        "no facets named 'top'",
+    ),
+    "unknown nodes": (lambda: _run(rf.Fixed("foot")), SceneError, "named 'foot'"),
+    "unknown cells": (lambda: _run(rf.Gravity(where="core")), SceneError, "no cells named 'core'"),
+    "unknown material cells": (
+        lambda: _run(material={"core": STEEL}),
+        SceneError,
+        "no cells named 'core'",
+    ),
+    "tag on no cells": (
+        lambda: rf.Scene(Domain(_box().mesh, [EntitySet("core", 3, EMPTY)]), {"core": STEEL}),
+        SceneError,
+        "stands for no cells",
+    ),
+    "support on no facets": (
+        lambda: rf.Scene(
+            Domain(_box().mesh, [EntitySet("foot", 2, EMPTY)]), STEEL, [rf.Fixed("foot")]
+        ),
+        SceneError,
+        "stands for no facets",
+    ),
+    "marker of no facets": (
+        lambda: _box().with_facets("far", lambda x: x[0] > 9),
+        SceneError,
+        "true for no facets",
+    ),
+    "cell without material": (
+        lambda: rf.Scene(_box().with_cells("a", lambda x: x[0] < 1.5), {"a": STEEL}),
+        SceneError,
+        "cells have none",
+    ),
+    "2D mesh": (
+        lambda: Domain(dmesh.create_unit_square(COMM, 3, 3)),
+        SceneError,
+        "three-dimensional",
+    ),
+    "zero density": (lambda: rf.NeoHooke(rho=0.0, E=1.0, nu=0.3), SceneError, "rho must"),
+    "negative density": (lambda: rf.NeoHooke(rho=-1.0, E=1.0, nu=0.3), SceneError, "rho must"),
+    "zero stiffness": (lambda: rf.NeoHooke(rho=1.0, E=0.0, nu=0.3), SceneError, "E must"),
+    "negative stiffness": (
+        lambda: rf.StVenantKirchhoff(rho=1.0, E=-1.0, nu=0.3),
+        SceneError,
+        "E must",
+    ),
+    "Poisson's ratio of a half": (
+        lambda: rf.NeoHooke(rho=1.0, E=1.0, nu=0.5),
+        SceneError,
+        "nu must",
+    ),
+    "Poisson's ratio of minus one": (
+        lambda: rf.StVenantKirchhoff(rho=1.0, E=1.0, nu=-1.0),
+        SceneError,
+        "nu must",
+    ),
+    "inverted hexahedron": (lambda: Domain(_dragged("hexahedron")), SceneError, "inverted"),
+    "inverted tetrahedron": (lambda: Domain(_dragged("tetrahedron")), SceneError, "inverted"),
+    "cells without volume": (lambda: Domain(_squashed()), SceneError, "inverted or flat"),
+    "zero step": (lambda: _run(dt=0.0), SceneError, "dt must"),
+    "negative step": (lambda: _run(dt=-0.1), SceneError, "dt must"),
+    "end that is no number": (lambda: _run(t_end=np.nan), SceneError, "t_end must"),
+    "load that is not finite": (
+        lambda: _run(rf.Gravity((0, 0, np.nan))),
+        SceneError,
+        "three finite numbers",
+    ),
+    "load function that is not finite": (
+        lambda: _run(rf.Traction("x1", lambda t: (np.inf, 0, 0))),
+        SceneError,
+        "three finite",
+    ),
+    "load that ceases to be finite": (
+        lambda: _run(rf.Traction("x1", lambda t: (1 if t < 0.2 else np.nan, 0, 0))),
+        SceneError,
+        "at t = 0.25 s three finite",
+    ),
+    "load that ceases to be finite on one rank": (
+        lambda: _run(rf.Traction("x1", _nan_on_one_rank)),
+        SceneError,
+        "at t = 0.25 s three finite",
+    ),
+    "initial velocity that is not finite on one rank": (
+        lambda: _run(rf.InitialVelocity(function=_velocity_on_one_rank)),
+        SceneError,
+        "not finite",
+    ),
+    "supports in conflict": (
+        lambda: _run(rf.Fixed("x0"), rf.PrescribedMotion("x0", displacement=_circle)),
+        SceneError,
+        "different motions of the same nodes",
+    ),
+    "supports in conflict on an edge": (
+        lambda: _run(rf.Fixed("x0", "y"), rf.PrescribedMotion("z0", "y", displacement=_circle)),
+        SceneError,
+        "different motions of the same nodes",
+    ),
+    "velocity against a support": (
+        lambda: _run(rf.Fixed("x0"), rf.InitialVelocity(linear=(1, 0, 0))),
+        SceneError,
+        "contradicts",
+    ),
+    "preload without supports": (
+        lambda: _run(rf.Preload([rf.Gravity()])),
+        SceneError,
+        "rigid motion free",
+    ),
+    "probe outside": (lambda: _run(probes={"p": (9, 9, 9)}), SceneError, "lies in no cell"),
+    "missing mesh file": (
+        lambda: rf.read_msh(_path("nothing.msh")),
+        SceneError,
+        "There is no mesh file",
+    ),
+    "unreadable mesh file": (lambda: rf.read_msh(_path("conftest.py")), SceneError, "conftest.py"),
+    "step that never converges": (
+        lambda: _run(rf.Fixed("x0"), rf.Traction("x1", (1e20, 0, 0), since=0.25)),
+        StepError,
+        "The largest residual is at the node X = (",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_is_refused(name):
+    """Each with its own error and a message that says what is wrong."""
+    action, error, message = CASES[name]
+    with pytest.raises(error) as caught:
+        action()
+    assert message in str(caught.value)
+
+
+@pytest.mark.parallel
+def test_is_refused_on_two_ranks():
+    """The same cases on two ranks: the same message on both, and no rank waits for the other."""
+    ranks = parallel.run(__file__, 2, timeout=240)
+    assert len(ranks) == 2
+    for name, (_, error, message) in CASES.items():
+        first, second = (rank.get(name, ["not reached", ""]) for rank in ranks)
+        assert first[0] == error.__name__, (name, first)
+        assert message in first[1]
+        assert first == second, name
+
+
+def _script():
+    found = {}
+    for name, (action, _, _) in CASES.items():
+        print(f"rank {COMM.rank}: {name}", file=sys.stderr, flush=True)
+        try:
+            action()
+            found[name] = ["accepted", ""]
+        except Exception as error:
+            found[name] = [type(error).__name__, str(error)]
+        COMM.barrier()  # a rank that is still in the case would hang here
+    everybody = COMM.gather(found)
+    if COMM.rank == 0:
+        parallel.report(everybody)
+
+
+if __name__ == "__main__":
+    _script()

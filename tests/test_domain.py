@@ -1,0 +1,289 @@
+"""Meshes with names: boxes, gmsh files, and cells that are not whole."""
+
+from __future__ import annotations
+
+import dolfinx.mesh as dmesh
+import numpy as np
+import pytest
+from histories import EPS
+from mpi4py import MPI
+from tumbling_l import tumbling_l
+
+import rigidfx as rf
+from rigidfx.domain import Domain, EntitySet
+from rigidfx.errors import SceneError
+
+CELLS = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+MATERIAL = rf.StVenantKirchhoff(rho=2.0, E=50.0, nu=0.3)
+
+
+def _mass(domain, **options):
+    scene = rf.Scene(domain, MATERIAL, **options)
+    return scene.sum(scene.nodal_mass[: scene.owned_nodes].sum())
+
+
+@CELLS
+def test_box(cell):
+    """Its volume, its number of cells and its six named faces."""
+    domain = rf.box((1, 2, 3), (3, 5, 4), (2, 3, 4), cell)
+    assert _mass(domain) == pytest.approx(2.0 * 6.0, rel=100 * EPS)
+    cubes = 24 if cell == "hexahedron" else 24 * 6
+    assert domain.mesh.topology.index_map(3).size_global == cubes
+    per_square = 1 if cell == "hexahedron" else 2
+    for name, squares in {"x0": 12, "x1": 12, "y0": 8, "y1": 8, "z0": 6, "z1": 6}.items():
+        faces = domain.find(name, (2,), "test")
+        assert domain.count(faces) == squares * per_square
+        x = domain.mesh.geometry.x[dmesh.entities_to_geometry(domain.mesh, 2, faces.entities)]
+        axis, side = "xyz".index(name[0]), int(name[1])
+        assert np.all(x[:, :, axis] == [(1, 2, 3), (3, 5, 4)][side][axis])
+
+
+@CELLS
+def test_tumbling_l(cell):
+    """Mass, centre and inertia of the reference problem, for ρ = 1."""
+    scene = rf.Scene(
+        tumbling_l(cell=cell), rf.StVenantKirchhoff(rho=1.0, E=1.0, nu=0.3), mass="consistent"
+    )
+    n = scene.owned_nodes
+    assert scene.sum(scene.nodal_mass[:n].sum()) == pytest.approx(117.0, rel=100 * EPS)
+    expected = [2.1923077, 4.1923077, 1.5]
+    assert scene.centre_of_mass == pytest.approx(expected, abs=1e-7)  # digits printed
+    if cell == "hexahedron":
+        assert n == 224
+        # Spinning about each axis: J = I ω of the published tensor.
+        published = [[1112.4231, 218.0769, 0], [218.0769, 362.4231, 0], [0, 0, 1299.3462]]
+        for axis in np.eye(3):
+            spinning = rf.Scene(
+                scene.domain,
+                rf.StVenantKirchhoff(rho=1.0, E=1.0, nu=0.3),
+                [rf.InitialVelocity(angular=tuple(axis))],
+                mass="consistent",
+            )
+            reports = rf.simulate(spinning, 0.1, 1.0)
+            first = next(reports)
+            reports.close()
+            assert first.angular_momentum == pytest.approx(published @ axis, abs=1e-4)
+            assert first.kinetic == pytest.approx(axis @ published @ axis / 2, abs=1e-4)
+
+
+def test_names_are_added_to_a_new_domain():
+    """Cells, facets, vertices by marker; the old domain stays as it was."""
+    old = rf.box((0, 0, 0), (4, 1, 1), (4, 1, 1))
+    new = (
+        old.with_cells("left", lambda x: x[0] < 2 + 1e-9)
+        .with_facets("strip", lambda x: (x[2] > 1 - 1e-9) & (x[0] < 2 + 1e-9))
+        .with_vertices("line", lambda x: np.isclose(x[0], 2.0))
+        .with_cell_set("first", [0])
+    )
+    counts = {("left", 3): 2, ("strip", 2): 2, ("line", 0): 4, ("first", 3): 1}
+    for (name, dim), count in counts.items():
+        assert new.count(new.find(name, (dim,), "test")) == count
+        with pytest.raises(SceneError, match=f"named '{name}'"):
+            old.find(name, (dim,), "test")
+    scene = rf.Scene(new, MATERIAL)
+    assert scene.nodes("line", "test").size == 4
+    assert scene.nodes("left", "test").size == 12
+    assert scene.nodes("strip", "test").size == 6
+
+
+def test_message_lists_the_known_names():
+    """An unknown name is answered with those that exist."""
+    with pytest.raises(SceneError, match=r"no facets named 'top'.*'x0' \(facets\)"):
+        rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1)).find("top", (2,), "Traction")
+
+
+def test_markers_and_sets_that_hit_nothing():
+    """A name must stand for something."""
+    domain = rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1))
+    for add in (domain.with_cells, domain.with_facets, domain.with_vertices):
+        with pytest.raises(SceneError, match="true for no"):
+            add("nowhere", lambda x: x[0] > 5)
+    with pytest.raises(SceneError, match="empty"):
+        domain.with_cell_set("nothing", [])
+    with pytest.raises(SceneError, match="no cell 99"):
+        domain.with_cell_set("wrong", [99])
+
+
+# Cells that are not whole -----------------------------------------------------------------------
+
+
+def _moved(cell, towards):
+    """A box of 3×3×3 cubes whose vertex at (1, 1, 1) is moved elsewhere."""
+    mesh = rf.box((0, 0, 0), (3, 3, 3), (3, 3, 3), cell).mesh
+    x = mesh.geometry.x
+    x[np.linalg.norm(x - 1.0, axis=1) < 1e-9] = towards
+    return mesh
+
+
+@CELLS
+@pytest.mark.parametrize("towards", [(2.5, 1.1, 1.1), (1.0, 1.0, 3.4), (-0.5, 1.0, 1.0)])
+def test_inverted_cells(cell, towards):
+    """A vertex dragged through its neighbours turns cells inside out: refused, with a place."""
+    with pytest.raises(SceneError, match="inverted or flat cells, the first around"):
+        Domain(_moved(cell, towards))
+
+
+@CELLS
+def test_moved_but_whole_cells(cell):
+    """A distorted mesh is not an inverted one."""
+    Domain(_moved(cell, (1.2, 0.9, 1.15)))
+
+
+def test_flat_cells():
+    """All corners in one plane: no volume."""
+    mesh = rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1), "tetrahedron").mesh
+    mesh.geometry.x[:, 2] *= 1e-15
+    with pytest.raises(SceneError, match="inverted or flat"):
+        Domain(mesh)
+
+
+def test_a_tiny_mesh_is_not_flat():
+    """Volumes are judged relative to the cells' size: a box of a micrometre is fine."""
+    for size in (1e-6, 1e6):
+        assert _mass(rf.box((0, 0, 0), (size,) * 3, (2, 2, 2))) == pytest.approx(2 * size**3)
+
+
+def test_meshes_of_other_kinds():
+    """Surfaces, lines and prisms are refused."""
+    comm = MPI.COMM_WORLD
+    with pytest.raises(SceneError, match="three-dimensional"):
+        Domain(dmesh.create_unit_square(comm, 2, 2))
+    with pytest.raises(SceneError, match="three-dimensional"):
+        Domain(dmesh.create_unit_interval(comm, 2))
+    with pytest.raises(SceneError, match="hexahedra and tetrahedra"):
+        Domain(dmesh.create_unit_cube(comm, 1, 1, 1, dmesh.CellType.prism))
+
+
+@pytest.mark.parametrize(
+    ("upper", "cells", "cell", "match"),
+    [
+        ((1, 1, 0), (1, 1, 1), "hexahedron", "upper must exceed"),
+        ((1, 1), (1, 1, 1), "hexahedron", "upper must exceed"),
+        ((1, 1, np.nan), (1, 1, 1), "hexahedron", "upper must exceed"),
+        ((1, 1, 1), (1, 0, 1), "hexahedron", "cells must be"),
+        ((1, 1, 1), (1, 1), "hexahedron", "cells must be"),
+        ((1, 1, 1), (1, 1, 1), "prism", "cell must be one of"),
+    ],
+)
+def test_boxes_that_cannot_be_made(upper, cells, cell, match):
+    """No volume, no cells, unknown cells."""
+    with pytest.raises(SceneError, match=match):
+        rf.box((0, 0, 0), upper, cells, cell)
+
+
+# What a scene refuses ---------------------------------------------------------------------------
+
+
+def test_discretisations_that_are_refused():
+    """Unknown order or mass; second-order tetrahedra with a lumped mass."""
+    domain = rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1), "tetrahedron")
+    for options, match in (
+        ({"order": 3}, "order must be"),
+        ({"mass": "heavy"}, "mass must be"),
+        ({"order": 2}, "negative lumped masses"),
+        ({"scheme": rf.Midpoint(), "effects": [rf.NumericalDamping(0.1)]}, "goes with"),
+        ({"effects": [rf.NumericalDamping(0.1), rf.NumericalDamping(0.1, since=1)]}, "overlap"),
+        ({"effects": ["gravity"]}, "not an effect"),
+        ({"probes": {"p": (0, 0)}}, "three finite numbers"),
+    ):
+        with pytest.raises(SceneError, match=match):
+            rf.Scene(domain, MATERIAL, **options)
+
+
+def test_materials_must_cover_the_mesh():
+    """Every cell has exactly one material, from names that exist and are not empty."""
+    domain = rf.box((0, 0, 0), (4, 1, 1), (4, 1, 1))
+    domain = domain.with_cells("left", lambda x: x[0] < 2 + 1e-9)
+    domain = domain.with_cells("right", lambda x: x[0] > 1 - 1e-9)
+    empty = Domain(domain.mesh, [EntitySet("none", 3, np.empty(0, np.int32))])
+    for where, material, match in (
+        (domain, {"left": MATERIAL}, "2 cells have none"),
+        (domain, {"left": MATERIAL, "right": MATERIAL}, "1 have several"),
+        (domain, {"middle": MATERIAL}, "no cells named 'middle'"),
+        (empty, {"none": MATERIAL}, "stands for no cells"),
+        (domain, {"left": "steel"}, "must be a Material"),
+        (domain, {}, "must be a Material or a dict"),
+        (domain, None, "must be a Material or a dict"),
+    ):
+        with pytest.raises(SceneError, match=match):
+            rf.Scene(where, material)
+
+
+# Files of gmsh ----------------------------------------------------------------------------------
+
+gmsh = pytest.importorskip("gmsh")
+
+
+def write_msh(path, *, volumes=True, order=1, sphere=False):
+    """Two boxes in a row: cells "left", "right", facets "end" and a group without a name."""
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        if sphere:
+            ball = gmsh.model.occ.addSphere(0, 0, 0, 1.0)
+            gmsh.model.occ.synchronize()
+            gmsh.model.addPhysicalGroup(3, [ball], name="ball")
+            gmsh.option.setNumber("Mesh.MeshSizeMax", 0.6)
+        else:
+            a = gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
+            b = gmsh.model.occ.addBox(1, 0, 0, 2, 1, 1)
+            gmsh.model.occ.fragment([(3, a)], [(3, b)])
+            gmsh.model.occ.synchronize()
+            if volumes:
+                gmsh.model.addPhysicalGroup(3, [a], 7, name="left")
+                gmsh.model.addPhysicalGroup(3, [b], 9, name="right")
+            faces = gmsh.model.getEntitiesInBoundingBox(2.99, -1, -1, 3.01, 2, 2, 2)
+            gmsh.model.addPhysicalGroup(2, [tag for _, tag in faces], 3, name="end")
+            faces = gmsh.model.getEntitiesInBoundingBox(-0.01, -1, -1, 0.01, 2, 2, 2)
+            gmsh.model.addPhysicalGroup(2, [tag for _, tag in faces], 4)
+            gmsh.option.setNumber("Mesh.MeshSizeMax", 0.7)
+        gmsh.model.mesh.generate(3 if volumes else 2)
+        gmsh.model.mesh.setOrder(order)
+        gmsh.write(str(path))
+    finally:
+        gmsh.finalize()
+    return path
+
+
+def test_gmsh_file(tmp_path):
+    """Physical groups become names, by which materials, loads and supports find their cells."""
+    domain = rf.read_msh(write_msh(tmp_path / "bar.msh"))
+    assert set(domain.sets) == {("left", 3), ("right", 3), ("end", 2), ("facets-4", 2)}
+    heavy = rf.StVenantKirchhoff(rho=5.0, E=50.0, nu=0.3)
+    scene = rf.Scene(
+        domain,
+        {"left": heavy, "right": MATERIAL},
+        [rf.Fixed("facets-4"), rf.Traction("end", (0.0, 1.0, 0.0))],
+        probes={"tip": (3.0, 0.5, 0.5)},
+    )
+    mass = scene.sum(scene.nodal_mass[: scene.owned_nodes].sum())
+    assert mass == pytest.approx(5.0 * 1 + 2.0 * 2, rel=1e3 * EPS)
+    *_, last = rf.simulate(scene, 0.1, 0.5)
+    assert last.probes["tip"][1] > 0.0
+
+
+def test_gmsh_file_of_curved_cells(tmp_path):
+    """Second-order cells need second-order displacement; their curved volume is kept."""
+    domain = rf.read_msh(write_msh(tmp_path / "ball.msh", order=2, sphere=True))
+    with pytest.raises(SceneError, match="geometry order 2"):
+        rf.Scene(domain, MATERIAL, mass="consistent")
+    mass = _mass(domain, order=2, mass="consistent")
+    straight = _mass(rf.read_msh(write_msh(tmp_path / "flat.msh", sphere=True)))
+    exact = 2.0 * 4 / 3 * np.pi
+    assert abs(mass - exact) < 0.1 * abs(straight - exact)
+
+
+def test_gmsh_files_that_cannot_be_read(tmp_path):
+    """Missing, no mesh at all, without volume cells."""
+    with pytest.raises(SceneError, match=r"no mesh file '.*nothing\.msh'"):
+        rf.read_msh(tmp_path / "nothing.msh")
+    with pytest.raises(SceneError, match="no mesh file"):
+        rf.read_msh(tmp_path)
+    (tmp_path / "text.msh").write_text("This is no mesh.\n")
+    with pytest.raises(SceneError):
+        rf.read_msh(tmp_path / "text.msh")
+    (tmp_path / "cut.msh").write_text("$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Nodes\n1 8 1")
+    with pytest.raises(SceneError):
+        rf.read_msh(tmp_path / "cut.msh")
+    with pytest.raises(SceneError, match=r"no physical group of volume cells.*'end' \(facets\)"):
+        rf.read_msh(write_msh(tmp_path / "surface.msh", volumes=False))

@@ -1,0 +1,185 @@
+"""Loads: how much arrives, where and when."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from histories import EPS, NEWTON
+from hypothesis import given
+from hypothesis import strategies as st
+
+import rigidfx as rf
+from rigidfx.domain import Domain, EntitySet
+from rigidfx.errors import SceneError
+
+MATERIAL = rf.StVenantKirchhoff(rho=2.0, E=50.0, nu=0.3)
+
+
+def _domain(cell="hexahedron"):
+    return (
+        rf.box((0, 0, 0), (4, 2, 1), (4, 2, 1), cell)
+        .with_vertices("corner", lambda x: np.isclose(x.sum(axis=0), 7.0))
+        .with_cells("left", lambda x: x[0] < 1 + 1e-9)
+    )
+
+
+def _impulse(load, dt=0.125, t_end=1.0, **options):
+    """Momentum of a free body at the end, which is the impulse of its loads."""
+    *_, last = rf.simulate(rf.Scene(_domain(), MATERIAL, [load], **options), dt, t_end)
+    return last.linear_momentum
+
+
+Q = np.array([1.0, -2.0, 0.5])
+
+
+@pytest.mark.parametrize(
+    ("load", "total"),
+    [
+        (rf.NodalForce("x1", tuple(Q)), 1.0),  # facets
+        (rf.NodalForce("corner", tuple(Q)), 1.0),  # a vertex
+        (rf.NodalForce("left", tuple(Q)), 1.0),  # cells
+        (rf.Traction("x1", tuple(Q)), 2.0),  # area 2 × 1
+        (rf.Traction("z0", tuple(Q)), 8.0),
+        (rf.BodyForce(tuple(Q)), 8.0),
+        (rf.BodyForce(tuple(Q), where="left"), 2.0),
+        (rf.Gravity(tuple(Q)), 16.0),
+        (rf.Gravity(tuple(Q), where="left"), 4.0),
+    ],
+)
+@pytest.mark.parametrize("order", [1, 2])
+def test_total_force(load, total, order):
+    """What arrives is what was asked: a total, a traction × area, a density × volume."""
+    assert np.abs(_impulse(load, order=order) - total * Q).max() <= 100 * NEWTON * total
+
+
+def test_nodal_force_is_shared_equally():
+    """Each node of the set gets the same part, corners too."""
+    scene = rf.Scene(_domain(), MATERIAL, [rf.NodalForce("x1", tuple(Q))])
+    *_, last = rf.simulate(scene, 1e-6, 1e-6)
+    # In so short a step only inertia answers: m v = q Δt / n.
+    p = scene.nodal_mass[:, None] * last.state.v.x.array.reshape(-1, 3)
+    nodes = scene.nodes("x1", "test")
+    assert nodes.size == 6
+    assert np.abs(p[nodes] - Q * 1e-6 / 6).max() <= 1e-10 * 1e-6
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda **w: rf.NodalForce("x1", tuple(Q), **w),
+        lambda **w: rf.Traction("x1", tuple(Q / 2), **w),
+        lambda **w: rf.BodyForce(tuple(Q / 8), **w),
+        lambda **w: rf.Gravity(tuple(Q / 16), **w),
+    ],
+)
+def test_window(make):
+    """A load acts from since to until, wherever these lie on the grid of steps."""
+    assert np.abs(_impulse(make(since=0.2, until=0.77)) - 0.57 * Q).max() <= 100 * NEWTON
+    assert np.abs(_impulse(make(since=0.9)) - 0.1 * Q).max() <= 100 * NEWTON
+    assert np.abs(_impulse(make(until=0.4)) - 0.4 * Q).max() <= 100 * NEWTON
+    assert np.abs(_impulse(make(since=2.0))).max() == 0.0
+    assert np.abs(_impulse(make(since=-3.0, until=-1.0))).max() == 0.0
+
+
+@given(
+    times=st.lists(st.integers(0, 40), min_size=1, max_size=5, unique=True).map(sorted),
+    data=st.data(),
+)
+def test_table_is_piecewise_linear(times, data):
+    """Values at its times, straight in between, constant outside; kinks are breakpoints."""
+    times = [t / 20 for t in times]
+    values = data.draw(st.lists(st.floats(-10, 10), min_size=len(times), max_size=len(times)))
+    table = rf.Table(times, values)
+    assert [table(t) for t in times] == pytest.approx(values, abs=20 * EPS)
+    assert table(times[0] - 1) == pytest.approx(values[0], abs=20 * EPS)
+    assert table(times[-1] + 1) == pytest.approx(values[-1], abs=20 * EPS)
+    for a, b, p, q in zip(times, times[1:], values, values[1:], strict=False):
+        assert table((3 * a + b) / 4) == pytest.approx((3 * p + q) / 4, abs=100 * EPS)
+    assert list(table.breakpoints) == times
+
+
+def test_impulse_of_a_table_is_exact():
+    """Steps end at the kinks, so that midpoint values integrate the table exactly."""
+    table = rf.Table((0.1, 0.33, 0.8), (0.0, 3.0, 1.0))
+    area = 0.23 * 1.5 + 0.47 * 2 + 0.2 * 1.0
+    load = rf.NodalForce("x1", tuple(Q), time=table)
+    assert np.abs(_impulse(load) - area * Q).max() <= 100 * NEWTON
+
+
+def test_value_as_a_function_of_time():
+    """The value may itself turn in time; it is taken at midpoints."""
+
+    def value(t):
+        return (np.cos(t), np.sin(t), 0.0)
+
+    middles = (np.arange(8) + 0.5) * 0.125
+    expected = 0.125 * np.array([value(t) for t in middles]).sum(axis=0)
+    assert np.abs(_impulse(rf.NodalForce("x1", value)) - expected).max() <= 100 * NEWTON
+    both = rf.NodalForce("x1", value, time=lambda t: 2.0)
+    assert np.abs(_impulse(both) - 2 * expected).max() <= 100 * NEWTON
+
+
+def test_load_that_ceases_to_be_finite():
+    """A value that is fine at the start and not later is found when it comes up."""
+    for load in (
+        rf.NodalForce("x1", lambda t: (1.0 if t < 0.5 else np.nan, 0, 0)),
+        rf.Traction("x1", (1.0, 0, 0), time=lambda t: 1.0 if t < 0.5 else np.nan),
+        rf.BodyForce(lambda t: (1.0, 0, 0) if t < 0.5 else (1.0, 0)),
+    ):
+        times = []
+        with pytest.raises(SceneError, match=r"at t = 0\.5625 s three finite"):
+            times.extend(
+                r.t for r in rf.simulate(rf.Scene(_domain(), MATERIAL, [load]), 0.125, 1.0)
+            )
+        assert not times or times[-1] <= 0.5
+
+
+@pytest.mark.parametrize("value", [(1.0, 2.0), (np.nan, 0, 0), "abc", 3.0, (0, 0, np.inf), None])
+@pytest.mark.parametrize(
+    "kind",
+    [lambda v: rf.NodalForce("x1", v), lambda v: rf.Traction("x1", v), rf.BodyForce, rf.Gravity],
+)
+def test_value_that_is_no_vector(kind, value):
+    """Three finite numbers are asked for where the load is made."""
+    with pytest.raises(SceneError, match="three finite numbers"):
+        kind(value)
+
+
+@pytest.mark.parametrize(
+    ("times", "values"),
+    [
+        ((), ()),
+        ((0, 1), (1,)),
+        ((0, 0), (1, 2)),
+        ((1, 0), (1, 2)),
+        ((0, np.nan), (1, 2)),
+        ((0, 1), (1, np.inf)),
+    ],
+)
+def test_table_that_cannot_be_used(times, values):
+    """Equal lengths, increasing times, finite numbers."""
+    with pytest.raises(SceneError, match="Table"):
+        rf.Table(times, values)
+
+
+def test_windows_and_times_that_cannot_be_used():
+    """An empty window, a time factor that is no function."""
+    for since, until in ((1.0, 1.0), (2.0, 1.0), (np.nan, 1.0)):
+        with pytest.raises(SceneError, match="since < until"):
+            rf.Gravity(since=since, until=until)
+    with pytest.raises(SceneError, match="time must be a function"):
+        rf.Gravity(time=2.0)
+
+
+def test_traction_needs_boundary_facets():
+    """Facets inside the mesh are refused, and a set of cells is no set of facets."""
+    mesh = _domain().mesh
+    mesh.topology.create_connectivity(2, 3)
+    cells_of = mesh.topology.connectivity(2, 3)
+    count = mesh.topology.index_map(2).size_local + mesh.topology.index_map(2).num_ghosts
+    inner = [f for f in range(count) if len(cells_of.links(f)) == 2]
+    domain = Domain(mesh, [EntitySet("inner", 2, np.array(inner, np.int32))])
+    with pytest.raises(SceneError, match="inside the mesh"):
+        next(rf.simulate(rf.Scene(domain, MATERIAL, [rf.Traction("inner", (1, 0, 0))]), 0.1, 1.0))
+    with pytest.raises(SceneError, match="no facets named 'left'"):
+        rf.Scene(_domain(), MATERIAL, [rf.Traction("left", (1, 0, 0))])

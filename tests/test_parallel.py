@@ -1,0 +1,133 @@
+"""Histories on 1, 2 and 3 ranks are the same.
+
+Run as a script under mpirun, this file integrates its scenes and reports their histories.
+"""
+
+from __future__ import annotations
+
+import parallel
+import pytest
+from mpi4py import MPI
+
+import rigidfx as rf
+
+# The issue's bound; Newton's tolerance leaves some 1e-12 a step.
+TOLERANCE = 1e-9
+
+
+def _tumbling():
+    """The reference problem."""
+    from histories import tumbling
+
+    return tumbling(rf.StVenantKirchhoff(rho=10.0, E=1e4, nu=0.3), load=4.0), 0.1, 6.0
+
+
+def _everything():
+    """Tetrahedra, two materials, consistent mass, damping, windows, an impact, a moved face."""
+    domain = rf.box((0, 0, 0), (4, 1, 1), (6, 2, 2), "tetrahedron")
+    domain = domain.with_cells("left", lambda x: x[0] < 2 + 1e-9)
+    domain = domain.with_cells("right", lambda x: x[0] > 2 - 1e-9)
+    gravity = rf.Gravity((0.0, -0.05, 0.0))
+
+    def path(t):
+        return (0.1 * (t - 1.0), 0.05 * (t - 1.0) ** 2, 0.0)
+
+    scene = rf.Scene(
+        domain,
+        {
+            "left": rf.NeoHooke(rho=2.0, E=50.0, nu=0.3),
+            "right": rf.NeoHooke(rho=1.0, E=80.0, nu=0.4),
+        },
+        [
+            gravity,
+            rf.Preload([gravity], increments=2),
+            rf.Fixed("x0"),
+            rf.Fixed("z1", "z", since=2.0),
+            rf.PrescribedMotion("x1", "xy", displacement=path, since=1.0, until=3.0),
+            rf.Traction("y1", (0.1, 0.2, 0.3), since=0.33, until=2.5),
+            rf.NumericalDamping(0.05, since=3.5),
+        ],
+        mass="consistent",
+        probes={"tip": (4.0, 1.0, 1.0), "inside": (2.2, 0.6, 0.3)},
+    )
+    return scene, 0.2, 5.0
+
+
+def _second_order():
+    """Hexahedra of second order with lumped mass, large enough for the Krylov solver."""
+    spin = rf.InitialVelocity(angular=(0.1, 0.2, 0.3), linear=(1.0, 0.0, 0.0))
+    scene = rf.Scene(
+        rf.box((0, 0, 0), (4, 1, 1), (6, 2, 2)),
+        rf.StVenantKirchhoff(rho=2.0, E=50.0, nu=0.3),
+        [spin, rf.NodalForce("x1", (0.0, 3.0, 0.0), until=1.0)],
+        order=2,
+        probes={"tip": (4.0, 1.0, 1.0)},
+    )
+    return scene, 0.2, 2.0
+
+
+SCENES = {"tumbling": _tumbling, "everything": _everything, "second order": _second_order}
+
+
+def _history(scene, dt, t_end):
+    """What is recorded, step by step, as plain lists; and a scale for each."""
+    rows = []
+    for r in rf.simulate(scene, dt, t_end):
+        row = {
+            "t": r.t,
+            "unknowns": r.unknowns,
+            "energy": [r.kinetic, r.strain, r.work_of_loads, r.work_of_supports],
+            "linear momentum": list(r.linear_momentum),
+            "angular momentum": list(r.angular_momentum),
+            "displacement": [float(x) for u in r.probes.values() for x in u],
+            "reactions": [float(x) for name in sorted(r.reactions) for x in r.reactions[name]],
+            "impact": [] if r.impact is None else [r.impact.energy, *r.impact.impulse],
+        }
+        row["momentum scale"] = r.momentum_scale
+        rows.append(row)
+    return rows
+
+
+def _largest(rows, key):
+    return max((abs(x) for row in rows for x in row[key]), default=0.0)
+
+
+@pytest.fixture(scope="module")
+def histories():
+    """Histories of all scenes by the number of ranks."""
+    return {n: parallel.run(__file__, n, timeout=240) for n in (1, 2, 3)}
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("ranks", [2, 3])
+@pytest.mark.parametrize("name", SCENES)
+def test_history_is_that_on_one_rank(histories, name, ranks):
+    """Energies, momenta, displacements, reactions and impacts, each relative to its largest."""
+    one, several = histories[1][name], histories[ranks][name]
+    assert [row["t"] for row in several] == [row["t"] for row in one]
+    assert [row["unknowns"] for row in several] == [row["unknowns"] for row in one]
+    momentum = max(row["momentum scale"] for row in one)
+    for key in ("energy", "linear momentum", "angular momentum", "displacement", "reactions",
+                "impact"):  # fmt: skip
+        # Components that vanish are rounding of what they are sums of.
+        scale = max(_largest(one, key), momentum if "momentum" in key else 0.0)
+        worst = 0.0
+        for a, b in zip(one, several, strict=True):
+            assert len(a[key]) == len(b[key])
+            worst = max([worst, *(abs(x - y) for x, y in zip(a[key], b[key], strict=True))])
+        print(f"{key}: {worst / scale if scale else 0.0:.2g}")
+        assert worst <= TOLERANCE * scale
+
+
+@pytest.mark.parallel
+def test_scene_with_an_impact_has_one(histories):
+    """What is compared above is there."""
+    assert sum(bool(row["impact"]) for row in histories[1]["everything"]) >= 2
+    assert _largest(histories[1]["everything"], "reactions") > 0
+    assert _largest(histories[1]["tumbling"], "energy") > 1e3
+
+
+if __name__ == "__main__":
+    results = {name: _history(*make()) for name, make in SCENES.items()}
+    if MPI.COMM_WORLD.rank == 0:
+        parallel.report(results)

@@ -1,0 +1,216 @@
+"""Steps: where they end, how they are cut, how their linear systems are solved."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from histories import EPS, NEWTON, column, drift, tumbling
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import rigidfx as rf
+from rigidfx.errors import SceneError, StepError
+
+MATERIAL = rf.NeoHooke(rho=1.0, E=100.0, nu=0.3)
+
+
+def _bar(*effects, cells=(4, 1, 1), material=MATERIAL, **options):
+    return rf.Scene(rf.box((0, 0, 0), (4, 1, 1), cells), material, effects, **options)
+
+
+def _overloaded(*effects):
+    """A load beyond all bounds from t = 0.25 s on. (Neo-Hooke would get over it.)"""
+    load = rf.Traction("x1", (1e20, 0.0, 0.0), since=0.25)
+    return _bar(load, *effects, material=rf.StVenantKirchhoff(rho=1.0, E=100.0, nu=0.3))
+
+
+# Where steps end --------------------------------------------------------------------------------
+
+
+def _times(scene, dt, t_end):
+    reports = list(rf.simulate(scene, dt, t_end))
+    assert [r.step for r in reports] == list(range(len(reports)))
+    t = column(reports, "t")
+    assert np.abs(np.diff(t) - column(reports, "dt")[1:]).max() <= 4 * EPS * t_end
+    return t
+
+
+def test_steps_end_on_the_grid_and_at_the_end():
+    """At k Δt, not at sums of Δt; the last step is shorter where Δt does not divide the end."""
+    expected = [*(0.1 * k for k in range(11)), 1.03]
+    assert np.array_equal(_times(_bar(), 0.1, 1.03), expected)
+    assert np.array_equal(_times(_bar(), 0.1, 0.05), [0.0, 0.05])
+    assert np.array_equal(_times(_bar(), 0.1, 0.3), [0.0, 0.1, 0.2, 0.3])
+
+
+@settings(max_examples=15)
+@given(
+    kinks=st.lists(st.floats(0.01, 1.2), min_size=1, max_size=4, unique=True).map(sorted),
+    dt=st.floats(0.06, 0.5),
+)
+def test_steps_end_at_every_breakpoint(kinks, dt):
+    """Grid and breakpoints, both exactly, and nothing else."""
+    table = rf.Table(kinks, [0.0] * len(kinks))
+    t = _times(_bar(rf.Gravity(time=table), cells=(1, 1, 1)), dt, 1.0)
+    close = 1e-9 * dt
+    wanted = [*(k for k in kinks if k < 1.0), *(k * dt for k in range(int(1 / dt) + 1)), 1.0]
+    for w in wanted:
+        assert np.abs(t - w).min() <= close
+    for found in t:
+        assert np.abs(np.array(wanted) - found).min() <= close
+    assert all(k in t for k in kinks if k < 1.0)
+
+
+def test_breakpoint_next_to_the_grid_makes_no_tiny_step():
+    """A breakpoint that is a grid point but for rounding is one instant, not two."""
+    t = _times(_bar(rf.Gravity(since=0.1 + 0.2, until=0.7 + 1e-13)), 0.1, 1.0)
+    assert len(t) == 11
+    assert np.diff(t).min() > 0.099
+
+
+# Cutting ----------------------------------------------------------------------------------------
+
+
+def _violent():
+    """A neo-Hookean bar that collapses within half a step; Newton cannot follow at once."""
+    squeeze = rf.InitialVelocity(
+        function=lambda X: -5.0 * np.array([X[0] - 2, 0.3 * X[1] * X[0], 0 * X[2]])
+    )
+    return _bar(squeeze)
+
+
+def test_step_that_does_not_converge_is_cut():
+    """The run goes on in shorter steps, gets back to the grid and has lost nothing."""
+    reports = list(rf.simulate(_violent(), 0.2, 2.0))
+    assert max(r.cuts for r in reports) > 0
+    t = column(reports, "t")
+    for k in range(11):
+        assert np.abs(t - 0.2 * k).min() <= 4 * EPS * 2
+    assert any(r.dt == pytest.approx(0.2) for r in reports[2:])  # the cut does not last
+    assert drift(column(reports, "energy")) <= 1e-10
+    assert drift(column(reports, "linear_momentum")) <= 1e-10
+
+
+def test_step_that_never_converges():
+    """It ends in an error that names the time and the place."""
+    with pytest.raises(StepError) as caught:
+        list(rf.simulate(_overloaded(rf.Fixed("x0")), 0.1, 1.0))
+    message = str(caught.value)
+    assert "from t = 0.25 s" in message
+    assert "X = (4, " in message  # on the loaded face
+
+
+def test_state_before_a_failed_step_is_kept():
+    """The error leaves the last accepted state as it was."""
+    reports = rf.simulate(_overloaded(rf.Gravity()), 0.1, 1.0)
+    last = next(r for r in reports if r.t == 0.25)
+    u = last.state.u.x.array.copy()
+    with pytest.raises(StepError):
+        next(reports)
+    assert last.state.t == 0.25
+    assert np.array_equal(last.state.u.x.array, u)
+
+
+# Newton and the linear solver -------------------------------------------------------------------
+
+
+def test_newton_converges_quadratically():
+    """Steps of the tumbling L take three iterations; each squares the residual, or nearly."""
+    scene = tumbling(rf.StVenantKirchhoff(rho=10.0, E=1e4, nu=0.3))
+    *_, last = rf.simulate(scene, 0.1, 3.0)
+    r = np.array(last.residuals) / last.residuals[0]
+    assert last.iterations <= 4
+    assert r[2] <= 10 * r[1] ** 2
+
+
+def _final(*options, cells=(16, 4, 4)):
+    """End state of a bar above the size for which a factorisation is the default."""
+    kick = rf.InitialVelocity(function=lambda X: 0.3 * np.outer([0, 1, 0.5], X[0].round(9)))
+    *_, last = rf.simulate(_bar(rf.Fixed("x0"), kick, cells=cells), 0.1, 0.5)
+    return last.state.u.x.array.copy(), last
+
+
+def test_krylov_falls_back_to_a_factorisation(monkeypatch, petsc_options):
+    """Where GMRES gives up, steps are solved directly and the answer is the same."""
+    monkeypatch.setattr("rigidfx.linear.DIRECT_BELOW", 0)
+    u, usual = _final()
+    assert usual.solver.startswith("gmres")
+    petsc_options["ksp_max_it"] = 1
+    u_direct, fallen = _final()
+    assert "fall-back" in fallen.solver or fallen.solver.startswith("preonly+lu")
+    assert np.abs(u_direct - u).max() <= 1e3 * NEWTON * np.abs(u).max()
+
+
+def test_first_fall_back_is_reported(monkeypatch, petsc_options):
+    """In the very step in which it happens."""
+    monkeypatch.setattr("rigidfx.linear.DIRECT_BELOW", 0)
+    petsc_options["ksp_max_it"] = 1
+    kick = rf.InitialVelocity(function=lambda X: 0.3 * np.outer([0, 1, 0.5], X[0].round(9)))
+    reports = rf.simulate(_bar(rf.Fixed("x0"), kick, cells=(16, 4, 4)), 0.5, 2.0)
+    next(reports)
+    first = next(reports)
+    reports.close()
+    assert "fall-back from Krylov" in first.solver
+    assert "lu" in first.solver
+
+
+def test_options_under_the_prefix_win(monkeypatch, petsc_options):
+    """-rigidfx_ksp_type and -rigidfx_pc_type override the choice, large or small."""
+    u, usual = _final(cells=(4, 1, 1))
+    assert usual.solver == "preonly+lu"
+    petsc_options["ksp_type"] = "bcgs"
+    petsc_options["pc_type"] = "jacobi"
+    petsc_options["ksp_rtol"] = 1e-10
+    u_option, other = _final(cells=(4, 1, 1))
+    assert other.solver == "bcgs+jacobi"
+    assert other.linear_iterations > usual.linear_iterations
+    assert np.abs(u_option - u).max() <= 1e3 * NEWTON * np.abs(u).max()
+
+
+def test_options_of_others_are_left_alone(petsc_options):
+    """rigidfx reads its own prefix only, and leaves nothing in PETSc's database."""
+    from petsc4py import PETSc
+
+    everything = PETSc.Options()
+    everything["ksp_type"] = "richardson"
+    before = dict(everything.getAll())
+    try:
+        _, last = _final(cells=(4, 1, 1))
+        assert last.solver == "preonly+lu"
+        assert dict(everything.getAll()) == before
+    finally:
+        everything.delValue("ksp_type")
+
+
+def test_run_that_is_left_early():
+    """A generator may be closed, or forgotten, at any time; the next run is not disturbed."""
+    for _ in range(20):
+        reports = rf.simulate(_bar(rf.Gravity()), 0.1, 1.0)
+        next(reports)
+        next(reports)
+        reports.close()
+    reports = list(rf.simulate(_bar(rf.Gravity()), 0.1, 1.0))
+    assert reports[-1].t == 1.0
+
+
+@pytest.mark.parametrize("value", [0.0, -0.1, np.nan, np.inf])
+def test_times_that_cannot_be_used(value):
+    """Δt and the end must be finite and positive; said at the call, not at the first step."""
+    with pytest.raises(SceneError, match="dt must"):
+        rf.simulate(_bar(), value, 1.0)
+    with pytest.raises(SceneError, match="t_end must"):
+        rf.simulate(_bar(), 0.1, value)
+
+
+def test_probes():
+    """Points inside cells are interpolated; points outside are refused."""
+    spin = np.array([0.0, 0.0, 0.1])
+    points = {"node": (4.0, 1.0, 1.0), "inside": (1.3, 0.2, 0.7), "middle": (2.0, 0.5, 0.5)}
+    scene = _bar(rf.InitialVelocity(angular=tuple(spin)), probes=points)
+    *_, last = rf.simulate(scene, 1e-4, 1e-4)
+    for name, point in points.items():
+        # One short step: u = Δt ω × X to second order in ω Δt = 1e-5.
+        expected = 1e-4 * np.cross(spin, np.array(point) - [2, 0.5, 0.5])
+        assert np.abs(last.probes[name] - expected).max() <= 1e-9
+    with pytest.raises(SceneError, match="lies in no cell"):
+        rf.simulate(_bar(probes={"far": (9.0, 0.0, 0.0)}), 0.1, 1.0)
