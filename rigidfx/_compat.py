@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import dolfinx
@@ -46,6 +45,9 @@ def model_to_mesh(model: Any, comm: MPI.Intracomm, partitioner: Any) -> tuple[An
     return data[0], data[1], data[2]
 
 
-def vtk_file(comm: MPI.Intracomm, path: Path) -> Any:
-    """Open a .pvd series for writing."""
-    return dolfinx.io.VTKFile(comm, str(path), "w")
+def assemble_unrolled(A: Any, form: Any) -> None:
+    """Add a bilinear form into a matrix whose local-to-global map numbers dofs one by one."""
+    cpp = form._cpp_object
+    constants = dolfinx.cpp.fem.pack_constants(cpp)
+    coefficients = dolfinx.cpp.fem.pack_coefficients(cpp)
+    dolfinx.cpp.fem.petsc.assemble_matrix(A, cpp, constants, coefficients, [], True)

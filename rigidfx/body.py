@@ -15,6 +15,7 @@ moments are divided by it: all unknowns are lengths and all residuals forces.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -48,7 +49,7 @@ class RigidBody:
     inertia: Array
     origin: Array
 
-    @property
+    @cached_property
     def length(self) -> float:
         """ℓ = sqrt(tr J/(2 m)), the radius of gyration that scales rotations [m]."""
         return float(np.sqrt(np.trace(self.inertia) / (2 * self.mass)))
@@ -116,17 +117,17 @@ class Increment:
     theta: Array
     dt: float
 
-    @property
+    @cached_property
     def R1(self) -> Array:
         """Rotation at the end of the step."""
         return cayley(self.theta) @ self.start.R
 
-    @property
+    @cached_property
     def R_av(self) -> Array:
         """½ (R0 + R1), equation (4)."""
         return 0.5 * (self.start.R + self.R1)
 
-    @property
+    @cached_property
     def T(self) -> Array:
         """Spin of R1 per unit dθ."""
         return cayley_tangent(self.theta)

@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, la
-from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 
 from rigidfx.body import BodyMotion
+from rigidfx.condensation import CondensedMatrix
 from rigidfx.internal import BoundForces, InternalForces
 from rigidfx.linear import PREFIX, configure, default_options, prefers_direct
 from rigidfx.loads import Resultants
@@ -99,6 +99,7 @@ class Equilibrium:
         bound: BoundForces,
         mass: Mass | None,
         prolongation: Prolongation,
+        thin: bool = True,
     ) -> None:
         """Create matrices, vectors and the SNES. Collective.
 
@@ -108,6 +109,7 @@ class Equilibrium:
             bound: Forms over the flexible cells.
             mass: Mass operator, or None for statics.
             prolongation: Map between unknowns and dofs.
+            thin: Whether the tangent is consistent with L; see `CondensedMatrix`.
         """
         self.prolongation = prolongation
         self._forces, self._bound, self._mass = forces, bound, mass
@@ -116,9 +118,10 @@ class Equilibrium:
         self._cell_size = _mean_cell_size(scene)
         self._b = fem.Function(scene.space)
         self.forces_out_of_balance = self._b.x.petsc_vec
-        self._K = fem_petsc.create_matrix(bound.tangent, prolongation.matrix_type)
-        _insert_anchors(self._K, prolongation.partition.anchors)
-        self.d, self._work, self._inertia = (self._K.createVecLeft() for _ in range(3))
+        self._tangent = CondensedMatrix(prolongation, bound.core, bound.rim, thin)
+        self.d, self._work, self._inertia = (
+            self.forces_out_of_balance.duplicate() for _ in range(3)
+        )
         self._y = prolongation.unknowns()
         self._r = self._y.duplicate()
         self._dt = 0.0
@@ -133,14 +136,11 @@ class Equilibrium:
         self._snes = self._create_snes(scene)
 
     def _create_snes(self, scene: Scene) -> PETSc.SNES:
-        self._assemble_tangent()  # creates the reduced tangent that SNES is given
-        condensed = self.prolongation.condense(self._K)
-        self._K_reduced = self.prolongation.solvable(condensed)
         snes = PETSc.SNES().create(scene.comm)
         snes.setOptionsPrefix(PREFIX)
         snes.setType(PETSc.SNES.Type.NEWTONLS)
         snes.setFunction(residual, self._r, args=(self,))
-        snes.setJacobian(tangent, self._K_reduced, args=(self,))
+        snes.setJacobian(tangent, self._tangent.matrix, args=(self,))
         snes.setConvergenceTest(convergence, args=(self,))
         snes.setTolerances(max_it=MAX_ITERATIONS)
         if self._krylov:
@@ -229,11 +229,11 @@ class Equilibrium:
         full = self.forces_out_of_balance
         full.axpy(-1.0, self._f_ext)
         if self._mass is not None:
-            # M (v₁ - v₀)/Δt with v₁ = 2 d/Δt - v₀
+            # M (v₁ - v₀)/Δt with v₁ = 2 d/Δt - v₀, rounded as the update of the velocity is.
             self._v0.copy(self._work)
-            self._work.axpby(2 / self._dt**2, -2 / self._dt, self.d)
+            self._work.axpby(2 / self._dt, -2.0, self.d)
             self._mass.mult(self._work, self._inertia)
-            full.axpy(1.0, self._inertia)
+            full.axpy(1 / self._dt, self._inertia)
         self.prolongation.restrict(full, self._body_forces(), r)
 
     def _body_forces(self) -> Array:
@@ -247,22 +247,16 @@ class Equilibrium:
             (-1, 6),
         )
 
-    def _assemble_tangent(self) -> None:
-        self._K.zeroEntries()
-        fem_petsc.assemble_matrix(self._K, self._bound.tangent)
-        self._K.assemble()
-
     def tangent(self) -> None:
         """Assemble and condense the tangent at the last iterate. Collective."""
-        self._assemble_tangent()
+        K = self._tangent
+        K.assemble()
         if len(self.stop.history) == 1:
+            K.matrix.assemble()
             self._estimate_rounding()
-        factor = 2 / self._dt**2
         if self._mass is not None:
-            self._mass.add_to(self._K, factor)
-        C = self.prolongation.condense(self._K)
-        if self._mass is not None:
-            self._mass.add_diagonal(C, factor, self.prolongation)
+            self._mass.add_to(K, 2 / self._dt**2, self.prolongation)
+        K.finish()
         increments = self.prolongation.increments
         if increments:
             couples = self.prolongation.couples(self.forces_out_of_balance)
@@ -272,19 +266,18 @@ class Equilibrium:
                     increments, couples, self._resultants, strict=True
                 )
             ]
-            self.prolongation.add_blocks(C, np.asarray(blocks))
-        self.prolongation.solvable(C)
+            self.prolongation.add_blocks(K.matrix, np.asarray(blocks))
 
     def _estimate_rounding(self) -> None:
         """Size of R that rounding in u₁ and in the strains leaves [N]."""
-        self._K.getDiagonal(self._work)
-        u1 = np.abs(self._forces.u1.x.array[: self._owned])
+        stiffness = self._tangent.matrix.getDiagonal()
+        u1 = np.abs(self._forces.u1.x.array[self.prolongation.free])
         strain = self._forces.strain_noise * self._cell_size
-        self._work.array[:] *= u1 + strain
-        noise = self._work.norm() + self._f_ext.norm()
+        stiffness.array[: u1.size] *= u1 + strain
+        noise = stiffness.norm() + self._f_ext.norm()
+        stiffness.destroy()
         if self._mass is not None:
-            self._v0.copy(self._work)
-            self._mass.mult(self._work, self._inertia)
+            self._mass.mult(self._v0, self._inertia)
             noise += 2 / self._dt * self._inertia.norm()
         for body, motion in zip(self.prolongation.partition.bodies, self._motions, strict=True):
             spin = np.linalg.norm(motion.angular_momentum(body)) / body.length
@@ -305,17 +298,8 @@ class Equilibrium:
         """Free all PETSc objects, the prolongation's among them. Collective."""
         self._snes.destroy()
         self.prolongation.destroy()
-        for item in (self._K, self._y, self._r, self.d, self._work, self._inertia):
+        for item in (self._tangent, self._y, self._r, self.d, self._work, self._inertia):
             item.destroy()
-
-
-def _insert_anchors(K: PETSc.Mat, nodes: npt.NDArray[np.int32]) -> None:
-    """Give rows of bodies that nothing pulls at an (empty) block of their own. Collective."""
-    K.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, False)
-    for node in nodes:
-        index = (K.getOwnershipRange()[0] + 3 * node + np.arange(3)).astype(PETSc.IntType)
-        K.setValues(index, index, np.zeros((3, 3)))
-    K.assemble()
 
 
 def _mean_cell_size(scene: Scene) -> float:

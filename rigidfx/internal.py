@@ -49,11 +49,13 @@ class BoundForces:
 
     Attributes:
         residual: Internal force vector.
-        tangent: Its derivative by the unknown displacement.
+        core: Its derivative by the unknown displacement, over cells that touch no rigid body.
+        rim: The same over those that do.
     """
 
     residual: fem.Form
-    tangent: fem.Form
+    core: fem.Form
+    rim: fem.Form
 
 
 class InternalForces:
@@ -116,9 +118,16 @@ class InternalForces:
             for i, g in enumerate(self._groups, start=1)
         }
 
-    def bind(self, cells: Cells) -> BoundForces:
-        """Internal forces of a step over the given cells."""
-        return BoundForces(self._residual.bind(cells), self._tangent.bind(cells))
+    def bind(self, cells: Cells, core: Cells, rim: Cells) -> BoundForces:
+        """Internal forces of a step.
+
+        Args:
+            cells: Flexible cells.
+            core: Those that touch no rigid body.
+            rim: Those that do.
+        """
+        tangents = (self._tangent.bind(part) for part in (core, rim))
+        return BoundForces(self._residual.bind(cells), *tangents)
 
     def bind_energy(self, cells: Cells) -> fem.Form:
         """Stored energy at `u1` over the given cells."""
@@ -130,8 +139,10 @@ class InternalForces:
         work = self._integrate(lambda g: static_virtual_work(g.energy, g.parameters, self.u1, test))
         V, mesh = self._scene.space, self._scene.mesh
         tangent = ufl.derivative(work, self.u1, trial)
+        empty = {i: own[:0] for i, own in cells.items()}
+        kernel = Kernel(tangent, [V, V], mesh)
         return BoundForces(
-            Kernel(work, [V], mesh).bind(cells), Kernel(tangent, [V, V], mesh).bind(cells)
+            Kernel(work, [V], mesh).bind(cells), kernel.bind(cells), kernel.bind(empty)
         )
 
     def set_time(self, t: float) -> None:

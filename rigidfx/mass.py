@@ -1,7 +1,7 @@
 """The two mass operators: diagonal, and consistent.
 
-Both act on full-length PETSc vectors of the displacement space and add themselves to a tangent.
-A run uses one of them throughout: mixing them breaks the conservation of angular momentum.
+Both act on full-length PETSc vectors of the displacement space and add themselves to a condensed
+tangent. A run uses one of them throughout: mixing them breaks the conservation of angular momentum.
 """
 
 from __future__ import annotations
@@ -11,10 +11,10 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 import ufl
-from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 
+from rigidfx.condensation import CondensedMatrix
 from rigidfx.internal import Cells
 from rigidfx.kernels import Kernel
 from rigidfx.prolongation import Prolongation
@@ -30,12 +30,8 @@ class Mass(Protocol):
         """Out = M v."""
         ...
 
-    def add_to(self, K: PETSc.Mat, factor: float) -> None:
-        """K += factor · M for the full tangent, before it is condensed."""
-        ...
-
-    def add_diagonal(self, C: PETSc.Mat, factor: float, prolongation: Prolongation) -> None:
-        """C += factor · M for the condensed tangent, what `add_to` left for then."""
+    def add_to(self, tangent: CondensedMatrix, factor: float, prolongation: Prolongation) -> None:
+        """Add factor · M to an assembled tangent that is not finished yet. Collective."""
         ...
 
     def matrix(self) -> PETSc.Mat:
@@ -65,17 +61,15 @@ class LumpedMass:
         """Out = M v."""
         out.pointwiseMult(self._diagonal, v)
 
-    def add_to(self, K: PETSc.Mat, factor: float) -> None:
-        """Nothing: rows inside bodies are empty and have no diagonal."""
-
-    def add_diagonal(self, C: PETSc.Mat, factor: float, prolongation: Prolongation) -> None:
-        """C += factor · M at the free dofs."""
-        bodies = np.zeros((len(prolongation.partition.bodies), 6))
+    def add_to(self, tangent: CondensedMatrix, factor: float, prolongation: Prolongation) -> None:
+        """Add factor · M at the free dofs. Collective."""
         if self._reduced is None:
             self._reduced = prolongation.unknowns()
+        bodies = np.zeros((len(prolongation.partition.bodies), 6))
         prolongation.collapse(self._diagonal, bodies, self._reduced)
         self._reduced.scale(factor)
-        C.setDiagonal(self._reduced, PETSc.InsertMode.ADD_VALUES)
+        tangent.matrix.assemble()
+        tangent.matrix.setDiagonal(self._reduced, PETSc.InsertMode.ADD_VALUES)
 
     def matrix(self) -> PETSc.Mat:
         """M as a new AIJ matrix; the caller destroys it."""
@@ -107,28 +101,29 @@ class ConsistentMass:
             "dx", domain=scene.mesh, metadata={"quadrature_degree": 2 * scene.order + 2}
         )
         form = scene.density() * ufl.inner(v, w) * dx(tuple(cells))
-        kernel = Kernel(form, [scene.space] * 2, scene.mesh)
-        flexible = _assembled(kernel.bind(cells))
-        self._formats = {flexible.getType(): flexible}
-        self._matrix = flexible
+        self._kernel = Kernel(form, [scene.space] * 2, scene.mesh)
+        counted = cells
         if carried is not None:
-            every = {i: np.union1d(own, carried[i]) for i, own in cells.items()}
-            self._matrix = _assembled(kernel.bind(every))
+            counted = {i: np.union1d(own, carried[i]) for i, own in cells.items()}
+        bound = self._kernel.bind(counted)
+        self._matrix = fem_petsc.create_matrix(bound)
+        fem_petsc.assemble_matrix(self._matrix, bound)
+        self._matrix.assemble()
+        self._condensed: CondensedMatrix | None = None
 
     def mult(self, v: PETSc.Vec, out: PETSc.Vec) -> None:
         """Out = M v."""
         self._matrix.mult(v, out)
 
-    def add_to(self, K: PETSc.Mat, factor: float) -> None:
-        """K += factor · M."""
-        kind = K.getType()
-        if kind not in self._formats:
-            flexible = next(iter(self._formats.values()))
-            self._formats[kind] = flexible.convert(kind, PETSc.Mat())
-        K.axpy(factor, self._formats[kind], PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
-
-    def add_diagonal(self, C: PETSc.Mat, factor: float, prolongation: Prolongation) -> None:
-        """Nothing: all is in the full tangent already."""
+    def add_to(self, tangent: CondensedMatrix, factor: float, prolongation: Prolongation) -> None:
+        """Add factor · M of the flexible cells. Collective."""
+        if self._condensed is None:
+            part = prolongation.partition
+            forms = self._kernel.bind(part.core), self._kernel.bind(part.rim)
+            self._condensed = CondensedMatrix(prolongation, *forms)
+            self._condensed.assemble()
+            self._condensed.matrix.assemble()
+        tangent.add(self._condensed, factor)
 
     def matrix(self) -> PETSc.Mat:
         """A copy of M; the caller destroys it."""
@@ -136,15 +131,9 @@ class ConsistentMass:
 
     def destroy(self) -> None:
         """Free the matrices. Collective."""
-        for matrix in (self._matrix, *self._formats.values()):
-            matrix.destroy()
-
-
-def _assembled(form: fem.Form) -> PETSc.Mat:
-    M = fem_petsc.create_matrix(form)
-    fem_petsc.assemble_matrix(M, form)
-    M.assemble()
-    return M
+        self._matrix.destroy()
+        if self._condensed is not None:
+            self._condensed.destroy()
 
 
 def mass_operator(

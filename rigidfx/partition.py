@@ -8,6 +8,7 @@ flexible cells pull at it, the body moves it. The other nodes of a body are of n
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -25,7 +26,10 @@ class Partition:
     """A division of cells and dofs.
 
     Attributes:
+        space: Function space of the displacement.
         flexible: Flexible owned cells by subdomain id.
+        core: Those of them that touch no body.
+        rim: Those that do.
         bodies: Rigid bodies.
         attached: For each body, which of its nodes are attached (positions in body.nodes).
         anchors: Owned nodes, one per body that no flexible cell touches: attached for the sake of
@@ -37,7 +41,10 @@ class Partition:
         whole: Whether there are no bodies.
     """
 
+    space: Any
     flexible: Cells
+    core: Cells
+    rim: Cells
     bodies: tuple[RigidBody, ...]
     attached: tuple[npt.NDArray[np.int32], ...]
     anchors: npt.NDArray[np.int32]
@@ -68,7 +75,11 @@ def partition(
     massive = np.ones(n, dtype=bool)
     if not bodies:
         nothing, everything = np.empty(0, np.int32), np.arange(n, dtype=np.int32)
-        return Partition(flexible, (), (), nothing, held, ~held, everything, massive, True)
+        empty = {i: cells[:0] for i, cells in flexible.items()}
+        return Partition(
+            *(scene.space, flexible, flexible, empty, (), (), nothing),
+            *(held, ~held, everything, massive, True),
+        )
     touched = _nodes_of(scene, flexible)[:n]
     for body in bodies:
         massive[body.nodes] = False
@@ -82,8 +93,13 @@ def partition(
                 attached[k] = np.zeros(1, np.int32)
                 anchors.append(body.nodes[0])
     free = np.repeat(massive, 3) & ~held
+    carried = np.concatenate([body.nodes for body in bodies])
+    core, rim = _split(scene, flexible, carried)
     return Partition(
+        scene.space,
         flexible,
+        core,
+        rim,
         bodies,
         tuple(attached),
         np.asarray(anchors, dtype=np.int32),
@@ -104,3 +120,17 @@ def _nodes_of(scene: Scene, cells: Cells) -> npt.NDArray[np.bool_]:
     mark.x.scatter_reverse(la.InsertMode.add)
     mark.x.scatter_forward()
     return mark.x.array[::3] > 0
+
+
+def _split(scene: Scene, flexible: Cells, carried: npt.NDArray[np.int32]) -> tuple[Cells, Cells]:
+    """Flexible cells without and with nodes of bodies. Collective."""
+    mark = fem.Function(scene.space)
+    mark.x.array[3 * carried] = 1.0
+    mark.x.scatter_forward()
+    of_body = mark.x.array[::3] > 0
+    dofs = scene.space.dofmap.list
+    touching = {i: of_body[dofs[cells]].any(axis=1) for i, cells in flexible.items()}
+    return (
+        {i: cells[~touching[i]] for i, cells in flexible.items()},
+        {i: cells[touching[i]] for i, cells in flexible.items()},
+    )

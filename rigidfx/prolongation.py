@@ -8,15 +8,7 @@ displacement lies exactly in the range of L,
 so the residual is restricted by Lᵀ, equations (5) and (13); the derivative of d is P, with rows
 [I, -v̂₁ T/ℓ]. A supported dof has no column and its increment is prescribed in d_s; a node inside a
 body has no entries at all. So no rows of ones, no penalties and no empty rows ever reach the
-solver. The tangent is condensed to
-
-    Lᵀ K P = Pᵀ K P + (L - P)ᵀ K P,
-
-by MatPtAP and a product as thin as L - P is: it has the rotation columns of attached nodes only.
-
-Where P only selects whole nodes, Pᵀ K P is a submatrix of blocks and K is kept in PETSc's blocked
-format (BAIJ), in which assembly takes two thirds and a Krylov iteration half of the time of AIJ.
-Where nothing is supported or rigid, K itself is the product.
+solver. `condensation` makes the reduced tangent with them.
 """
 
 from __future__ import annotations
@@ -25,6 +17,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
+from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -46,18 +39,21 @@ class Prolongation:
         free: Local numbers of this rank's owned dofs that are unknowns, sorted.
         held: Local numbers of the owned dofs that are prescribed, sorted.
         size: Number of unknowns over all ranks.
+        nodal: Whether free dofs come in whole nodes, three at a time.
         increments: Trial increments of the bodies, set by `expand`; equal on all ranks.
+        L: Test side, rows as above; None where all dofs are unknowns.
+        P: Trial side.
+        D: L - P, in the rows of attached nodes only; None without bodies.
     """
 
-    def __init__(self, partition: Partition, comm: MPI.Intracomm, thin: bool = True) -> None:
+    def __init__(self, partition: Partition, comm: MPI.Intracomm) -> None:
         """Build the patterns. Collective.
 
         Args:
             partition: Division of the dofs.
             comm: Communicator of the mesh.
-            thin: Whether `condense` adds (L - P)ᵀ K P; without it Newton converges linearly.
         """
-        self.partition, self.comm, self._thin = partition, comm, thin
+        self.partition, self.comm = partition, comm
         self.free = np.flatnonzero(partition.free)
         self.held = np.flatnonzero(partition.held)
         bodies = partition.bodies
@@ -69,31 +65,16 @@ class Prolongation:
         self.increments: tuple[Increment, ...] = ()
         by_node = partition.free.reshape(-1, 3)
         broken = int(np.count_nonzero(by_node.any(axis=1) & ~by_node.all(axis=1)))
-        self._nodal = comm.allreduce(broken) == 0
-        self._selects = not bodies
-        self._identity = self.size == comm.allreduce(self._rows) and self._selects
+        self.nodal = comm.allreduce(broken) == 0
+        identity = not bodies and self.size == comm.allreduce(self._rows)
         self._first_row = comm.exscan(self._rows) or 0
         self._first_column = comm.exscan(self._columns) or 0
         self._body_columns = self._locate_bodies()
-        self._L = self._P = self._D = None
-        self._blocks: PETSc.IS | None = None
-        self._products: dict[str, PETSc.Mat] = {}
-        if self._identity:
-            return
-        if self._selects and self._nodal:
-            nodes = (self._first_row + self.free[::3]) // 3
-            self._blocks = PETSc.IS().createBlock(3, nodes.astype(Int), comm=comm)
-        self._L = self._create(selection=True)
-        self._P = self._create(selection=True) if bodies else self._L
-        if bodies and thin:
-            self._D = self._create(selection=False)
+        self.L: PETSc.Mat | None = None if identity else self._create(selection=True)
+        self.P = self._create(selection=True) if bodies else self.L
+        self.D = self._create(selection=False) if bodies else None
 
     # Patterns -----------------------------------------------------------------------------------
-
-    @property
-    def matrix_type(self) -> str:
-        """PETSc's format of the full tangent that `condense` wants."""
-        return "baij" if self._selects and self._nodal else "aij"
 
     def _locate_bodies(self) -> list[int]:
         """First global column of each body; bodies come last among their owner's columns."""
@@ -184,10 +165,10 @@ class Prolongation:
 
     def apply(self, y: PETSc.Vec, prescribed: Array, d: PETSc.Vec) -> None:
         """D = L y + d_s with L as it is."""
-        if self._L is None:
+        if self.L is None:
             y.copy(d)
             return
-        self._L.mult(y, d)
+        self.L.mult(y, d)
         d.array[self.held] = prescribed
 
     def rotate(self, y: PETSc.Vec, motions: Sequence[BodyMotion], dt: float) -> None:
@@ -204,10 +185,10 @@ class Prolongation:
             offsets = increment.body.offsets[attached]
             L.append(increment.test_rows(offsets))
             P.append(increment.trial_rows(offsets))
-        self._rotate(self._L, L)
-        self._rotate(self._P, P)
-        if self._D is not None:
-            self._rotate(self._D, [a - b for a, b in zip(L, P, strict=True)])
+        self._rotate(self.L, L)
+        self._rotate(self.P, P)
+        if self.D is not None:
+            self._rotate(self.D, [a - b for a, b in zip(L, P, strict=True)])
 
     def bodies_part(self, y: PETSc.Vec) -> Array:
         """The six unknowns of each body, shape (bodies, 6), on all ranks. Collective."""
@@ -234,10 +215,10 @@ class Prolongation:
             bodies: Shape (bodies, 6), equal on all ranks.
             r: Overwritten.
         """
-        if self._L is None:
+        if self.L is None:
             f.copy(r)
             return
-        self._L.multTranspose(f, r)
+        self.L.multTranspose(f, r)
         r.array[self.free.size :] += bodies[self._mine].reshape(-1)
 
     def couples(self, f: PETSc.Vec) -> Array:
@@ -253,44 +234,35 @@ class Prolongation:
 
     # Matrices -----------------------------------------------------------------------------------
 
-    def condense(self, K: PETSc.Mat) -> PETSc.Mat:
-        """Lᵀ K P; patterns are reused from the second call on. Collective.
+    def empty_matrix(self) -> PETSc.Mat:
+        """A reduced AIJ matrix without entries that maps local nodes (or dofs) to unknowns.
 
-        Args:
-            K: Full tangent in the format `matrix_type`, of unchanged pattern.
-
-        Returns:
-            The reduced tangent, owned by this object (or K, where P is the identity).
+        Its first assembly finds the pattern. Collective.
         """
-        if self._identity:
-            return K
-        C = self._products
-        if self._blocks is not None:
-            blocks = self._blocks
-            if "C" not in C:
-                C["C"] = K.createSubMatrix(blocks, blocks)
-            elif self.comm.size == 1:
-                K.createSubMatrix(blocks, blocks, submat=C["C"])
-            else:
-                # PETSc does not refill a blocked submatrix that is spread over ranks ("Previous
-                # matrix must be same size/layout as request", seen with 3.22).
-                fresh = K.createSubMatrix(blocks, blocks)
-                fresh.copy(C["C"], structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
-                fresh.destroy()
-            return C["C"]
-        if "C" in C:
-            K.PtAP(self._P, result=C["C"])
-        else:
-            C["C"] = K.PtAP(self._P)
-        if self._D is not None:
-            if "DK" in C:
-                self._D.transposeMatMult(K, result=C["DK"])
-                C["DK"].matMult(self._P, result=C["DKP"])
-            else:
-                C["DK"] = self._D.transposeMatMult(K)
-                C["DKP"] = C["DK"].matMult(self._P)
-            C["C"].axpy(1.0, C["DKP"], PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
-        return C["C"]
+        block = 3 if self.nodal else 1
+        numbers = self._numbers()[::block]
+        numbers = np.where(numbers >= 0, numbers // block, -1).astype(Int)
+        mapping = PETSc.LGMap().create(numbers, bsize=block, comm=self.comm)
+        A = PETSc.Mat().create(self.comm)
+        A.setSizes([(self._columns, None)] * 2)
+        A.setType(PETSc.Mat.Type.AIJ)
+        A.setBlockSize(block)
+        A.setLGMap(mapping, mapping)
+        A.setUp()
+        mapping.destroy()
+        return A
+
+    def _numbers(self) -> npt.NDArray[np.int64]:
+        """Unknown of each local dof, ghosts included; -1 where it has none. Collective."""
+        numbers = fem.Function(self.partition.space)
+        numbers.x.array[:] = -1.0
+        numbers.x.array[self.free] = self._first_column + np.arange(self.free.size)
+        numbers.x.scatter_forward()
+        return numbers.x.array.astype(np.int64)
+
+    def condense(self, K: PETSc.Mat) -> PETSc.Mat:
+        """Pᵀ K P of a full matrix, as a new one, which the caller destroys. Collective."""
+        return K.copy() if self.P is None else K.PtAP(self.P)
 
     def add_blocks(self, C: PETSc.Mat, blocks: Array) -> None:
         """Add a 6×6 block per body to a reduced matrix. Collective.
@@ -302,31 +274,14 @@ class Prolongation:
         for k in self._mine:
             index = (self._body_columns[k] + np.arange(6)).astype(Int)
             C.setValues(index, index, blocks[k], addv=PETSc.InsertMode.ADD_VALUES)
-        if self.partition.bodies:
-            C.assemble()
-
-    def solvable(self, C: PETSc.Mat) -> PETSc.Mat:
-        """The reduced tangent in the format that is solved fastest. Collective.
-
-        Args:
-            C: What `condense` gave, with all that was added to it.
-        """
-        if self._selects or not self._nodal:
-            return C
-        if "solvable" in self._products:
-            C.convert("baij", self._products["solvable"])
-        else:
-            C.setBlockSizes(3, 3)
-            self._products["solvable"] = C.convert("baij", PETSc.Mat())
-        return self._products["solvable"]
+        C.assemble()
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
-        for item in (self._L, self._P, self._D, self._blocks, *self._products.values()):
+        for item in (self.L, self.P, self.D):
             if item is not None:
                 item.destroy()
-        self._L = self._P = self._D = self._blocks = None
-        self._products = {}
+        self.L = self.P = self.D = None
 
 
 def _owners(partition: Partition, comm: MPI.Intracomm) -> list[int]:

@@ -190,8 +190,8 @@ def _solve(
     ksp.setOperators(reduced)
     ksp.solve(rhs, dy)
     reason = ksp.getConvergedReason()
-    ksp.destroy()
-    M.destroy()
+    for item in (ksp, reduced, M):
+        item.destroy()
     if reason <= 0:
         raise StepError("The velocity could not be adapted to a support that begins.")
 

@@ -89,7 +89,7 @@ class System:
         self.equilibrium = Equilibrium(
             scene,
             forces,
-            forces.bind(flexible),
+            forces.bind(flexible, self.partition.core, self.partition.rim),
             self.mass,
             Prolongation(self.partition, scene.comm),
         )
