@@ -118,16 +118,17 @@ class InternalForces:
             for i, g in enumerate(self._groups, start=1)
         }
 
-    def bind(self, cells: Cells, core: Cells, rim: Cells) -> BoundForces:
+    def bind(
+        self, cells: Cells, core: Cells | None = None, rim: Cells | None = None
+    ) -> BoundForces:
         """Internal forces of a step.
 
         Args:
             cells: Flexible cells.
-            core: Those that touch no rigid body.
-            rim: Those that do.
+            core: Those that touch no rigid body; all if None.
+            rim: Those that do; none if None.
         """
-        tangents = (self._tangent.bind(part) for part in (core, rim))
-        return BoundForces(self._residual.bind(cells), *tangents)
+        return _bound(self._residual, self._tangent, cells, core, rim)
 
     def bind_energy(self, cells: Cells) -> fem.Form:
         """Stored energy at `u1` over the given cells."""
@@ -139,16 +140,27 @@ class InternalForces:
         work = self._integrate(lambda g: static_virtual_work(g.energy, g.parameters, self.u1, test))
         V, mesh = self._scene.space, self._scene.mesh
         tangent = ufl.derivative(work, self.u1, trial)
-        empty = {i: own[:0] for i, own in cells.items()}
-        kernel = Kernel(tangent, [V, V], mesh)
-        return BoundForces(
-            Kernel(work, [V], mesh).bind(cells), kernel.bind(cells), kernel.bind(empty)
-        )
+        return _bound(Kernel(work, [V], mesh), Kernel(tangent, [V, V], mesh), cells)
 
     def set_time(self, t: float) -> None:
         """Set what in the forms depends on the midpoint of the step, t [s]."""
         if self._xi is not None:
             self._xi.value = sum(d.xi for d in self._scene.named(NumericalDamping) if d.active(t))
+
+
+def _bound(
+    residual: Kernel,
+    tangent: Kernel,
+    cells: Cells,
+    core: Cells | None = None,
+    rim: Cells | None = None,
+) -> BoundForces:
+    none = {i: own[:0] for i, own in cells.items()}
+    return BoundForces(
+        residual.bind(cells),
+        tangent.bind(cells if core is None else core),
+        tangent.bind(none if rim is None else rim),
+    )
 
 
 def _groups(scene: Scene) -> list[Group]:

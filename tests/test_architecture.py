@@ -25,6 +25,7 @@ LAYERS = [
     "internal",
     "partition",
     "prolongation",
+    "condensation",
     "mass",
     "inertia",
     "state",

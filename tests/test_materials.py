@@ -193,7 +193,7 @@ class Assembled:
         return out
 
     def tangent_times(self, w):
-        K = fem_petsc.assemble_matrix(self.bound.tangent)
+        K = fem_petsc.assemble_matrix(self.bound.core)
         K.assemble()
         x, y = K.createVecRight(), K.createVecLeft()
         x.array[:] = w

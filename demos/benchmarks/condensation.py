@@ -87,7 +87,9 @@ def main() -> None:
     for reports in runs.values():
         for _ in range(3):  # the initial state and two steps to warm up
             next(reports)
-    rows = [{name: timed(reports) for name, reports in runs.items()} for _ in range(arguments.steps)]
+    rows = [
+        {name: timed(reports) for name, reports in runs.items()} for _ in range(arguments.steps)
+    ]
     last = {name: report for name, (_, report) in rows[-1].items()}
     seconds = {name: median(row[name][0] for row in rows) for name in runs}
     newton = {name: float(np.mean([row[name][1].iterations for row in rows])) for name in runs}
