@@ -19,7 +19,8 @@ def _tumbling():
     """The reference problem."""
     from histories import tumbling
 
-    return tumbling(rf.StVenantKirchhoff(rho=10.0, E=1e4, nu=0.3), load=4.0), 0.1, 6.0
+    material, probes = rf.StVenantKirchhoff(rho=10.0, E=1e4, nu=0.3), {"tip": (0.0, 10.0, 0.0)}
+    return tumbling(material, load=4.0, probes=probes), 0.1, 6.0
 
 
 def _everything():
@@ -120,14 +121,17 @@ def test_history_is_that_on_one_rank(histories, name, ranks):
 
 
 @pytest.mark.parallel
-def test_scene_with_an_impact_has_one(histories):
-    """What is compared above is there."""
+def test_there_is_something_to_compare(histories):
+    """Motions, reactions and impacts, on as many ranks as asked for."""
     assert sum(bool(row["impact"]) for row in histories[1]["everything"]) >= 2
     assert _largest(histories[1]["everything"], "reactions") > 0
+    for name in SCENES:
+        assert _largest(histories[1][name], "displacement") > 0.05
     assert _largest(histories[1]["tumbling"], "energy") > 1e3
+    assert [histories[n]["ranks"] for n in (1, 2, 3)] == [1, 2, 3]
 
 
 if __name__ == "__main__":
     results = {name: _history(*make()) for name, make in SCENES.items()}
     if MPI.COMM_WORLD.rank == 0:
-        parallel.report(results)
+        parallel.report({**results, "ranks": MPI.COMM_WORLD.size})
