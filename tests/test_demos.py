@@ -17,6 +17,7 @@ from mpi4py import MPI
 
 ROOT = Path(__file__).resolve().parent.parent
 DEMOS = sorted((ROOT / "demos").glob("*.py"))
+BENCHMARKS = sorted((ROOT / "demos" / "benchmarks").glob("*.py"))
 MPI_VARIABLES = ("OMPI_COMM", "OMPI_UNIVERSE", "OMPI_APP", "OMPI_NUM", "OMPI_FIRST", "OMPI_FILE",
                  "PMIX_", "PMI_", "PRTE_", "HYDRA_")  # fmt: skip
 
@@ -30,6 +31,16 @@ SUMMARY = {
         "wall_per_step_s",
         "unknowns",
         "comparison",
+    },
+}
+BENCHMARK_SUMMARY = {
+    "flexible_step": {"ratio_to_plain_dolfinx", "unknowns"},
+    "condensation": {
+        "ratio_to_ideal",
+        "newton_per_step",
+        "ratio_to_flexible",
+        "unknowns",
+        "unknowns_reduced",
     },
 }
 FILES = {
@@ -74,6 +85,15 @@ def test_demo(tmp_path, demo, ranks):
     pictures = list((tmp_path / "out").glob("*.png"))
     assert pictures
     assert all(picture.read_bytes().startswith(b"\x89PNG") for picture in pictures)
+
+
+@pytest.mark.parametrize("benchmark", BENCHMARKS, ids=lambda benchmark: benchmark.stem)
+def test_benchmark(tmp_path, benchmark):
+    """A benchmark's own assertions hold; its times mean nothing here."""
+    code, text = run(benchmark, 1, "--short", "--out", tmp_path / "out")
+    assert code == 0, text
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert BENCHMARK_SUMMARY.get(benchmark.stem, set()) <= set(summary)
 
 
 @pytest.mark.parallel
