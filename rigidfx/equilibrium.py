@@ -26,6 +26,7 @@ from rigidfx.linear import PREFIX, configure, default_options, prefers_direct
 from rigidfx.loads import Resultants
 from rigidfx.mass import Mass
 from rigidfx.newton import MAX_ITERATIONS, StoppingTest, reason_name
+from rigidfx.prediction import Guess
 from rigidfx.prolongation import Prolongation
 from rigidfx.scene import Scene
 
@@ -159,7 +160,7 @@ class Equilibrium:
         v0: PETSc.Vec | None,
         f_ext: PETSc.Vec,
         prescribed: Array,
-        guess: PETSc.Vec,
+        guesses: Sequence[Guess],
         motions: Sequence[BodyMotion] = (),
         resultants: Sequence[Resultants] = (),
     ) -> Solution:
@@ -170,19 +171,19 @@ class Equilibrium:
             v0: Velocity at the begin of the step, full length [m/s]; None in statics.
             f_ext: External nodal forces at the midpoint, full length [N].
             prescribed: Increments of the held dofs [m].
-            guess: First guess of the increment, full length [m].
+            guesses: First guesses; the one with the smallest residual is taken.
             motions: Motions of the bodies at the begin of the step.
             resultants: Loads on the bodies at the midpoint.
         """
         self._motions, self._resultants = motions, resultants
         self._dt, self._v0, self._f_ext, self._prescribed = dt, v0, f_ext, prescribed
         krylov = self._krylov and self._fallbacks < MAX_FALLBACKS
-        reason, remark = self._iterate(guess), ""
+        reason, remark = self._iterate(guesses), ""
         if reason == PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE and krylov:
             # The Krylov solver gave up: repeat the step with a factorisation.
             self._fallbacks += 1
             configure(self._snes.getKSP(), True, self.prolongation.size)
-            reason, remark = self._iterate(guess), " (fall-back from Krylov)"
+            reason, remark = self._iterate(guesses), " (fall-back from Krylov)"
             if self._fallbacks < MAX_FALLBACKS:
                 configure(self._snes.getKSP(), False, self.prolongation.size)
         self._expand(self._y)
@@ -197,15 +198,21 @@ class Equilibrium:
             None if converged else self._worst_place(),
         )
 
-    def _iterate(self, guess: PETSc.Vec) -> int:
+    def _iterate(self, guesses: Sequence[Guess]) -> int:
         self.stop.restart()
-        bodies = [
-            np.r_[self._dt * m.velocity, b.length * self._dt * m.angular_velocity]
-            for m, b in zip(self._motions, self.prolongation.partition.bodies, strict=True)
-        ]
-        self.prolongation.collapse(guess, np.reshape(bodies, (-1, 6)), self._y)
+        norms = [self._norm_at(guess) for guess in guesses] if len(guesses) > 1 else [0.0]
+        self._start_at(guesses[int(np.argmin(np.nan_to_num(norms, nan=np.inf)))])
         self._snes.solve(None, self._y)
         return int(self._snes.getConvergedReason())
+
+    def _start_at(self, guess: Guess) -> None:
+        self._work.array[:] = guess.increment
+        self.prolongation.collapse(self._work, guess.bodies, self._y)
+
+    def _norm_at(self, guess: Guess) -> float:
+        self._start_at(guess)
+        self.residual(self._y, self._r)
+        return float(self._r.norm())
 
     def _expand(self, y: PETSc.Vec) -> None:
         """Set d and the forms' u₁ from the unknowns."""
@@ -289,7 +296,7 @@ class Equilibrium:
         self.residual(self._y, self._r)
         free = np.zeros(self._owned)
         free[self.prolongation.free] = self.forces_out_of_balance.array_r[self.prolongation.free]
-        size = np.linalg.norm(np.nan_to_num(free, nan=np.inf).reshape(-1, 3), axis=1)
+        size = np.nan_to_num(np.abs(free), nan=np.inf).reshape(-1, 3).max(axis=1)
         k = int(np.argmax(size)) if size.size else -1
         best: tuple[float, Any] = (float(size[k]), self._X[k].copy()) if k >= 0 else (-1.0, None)
         return max(self.prolongation.comm.allgather(best), key=lambda item: item[0])[1]

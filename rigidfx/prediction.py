@@ -1,49 +1,99 @@
-"""First guess of a step: u₁ = u₀ + Δt v, rotated where rotations are large.
+"""First guesses of a step: u₁ = u₀ + Δt v, rotated where rotations are large.
 
 At a large rotation per step the tangents of the motion lead far away from it and Newton pays for
 that with iterations. The mean rigid motion of what is left flexible and of the bodies, c and ω from
 their momenta, is therefore continued exactly as the step would continue it, by the Cayley vector
-Δt ω, and only the velocity relative to it along a straight line.
+Δt ω. What moves relative to it goes on along a straight line if it is slow, and hardly at all if it
+vibrates faster than the step can see: both are offered, and the smaller residual decides.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
-from petsc4py import PETSc
+import numpy.typing as npt
 
 from rigidfx.partition import Partition
 from rigidfx.rotation import cayley, skew
 from rigidfx.scene import Scene
 from rigidfx.state import State
 
-__all__ = ["predict"]
+__all__ = ["Guess", "predict"]
+
+Array = npt.NDArray[np.float64]
 
 SMALL = 0.02  # rotation per step [rad] below which the tangent is as good a guess
 
 
-def predict(scene: Scene, state: State, partition: Partition, dt: float, guess: PETSc.Vec) -> None:
-    """Set the guess. Collective.
+@dataclass(frozen=True)
+class Guess:
+    """A first guess of a step.
+
+    Attributes:
+        increment: Increment of all owned dofs [m], full length; what bodies carry is of no concern.
+        bodies: Δr and ℓθ of each body, shape (bodies, 6) [m].
+    """
+
+    increment: Array
+    bodies: Array
+
+
+def predict(scene: Scene, state: State, partition: Partition, dt: float) -> tuple[Guess, ...]:
+    """First guesses, the most natural one first. Collective.
 
     Args:
         scene: The problem.
         state: State at the begin of the step.
         partition: Division of the dofs.
         dt: Δt [s].
-        guess: Increment of the displacement, full length, overwritten [m].
     """
-    v0 = state.v.x.petsc_vec
-    v0.copy(guess)
-    guess.scale(dt)
-    nodes = slice(None, scene.owned_nodes) if partition.whole else partition.active
-    m = (scene.nodal_mass[: scene.owned_nodes] * partition.massive)[nodes]
-    x, v = state.X[nodes] + _nodal(state.u.x.array)[nodes], _nodal(state.v.x.array)[nodes]
-    first = np.asarray(scene.sum(np.r_[m.sum(), m @ x, m @ v]))
+    n = scene.owned_nodes
+    own = [dt * m.velocity for m in state.motions], [m.angular_velocity for m in state.motions]
+    whole = Guess(dt * state.v.x.array[: 3 * n], _six(state, dt, *own))
+    nodes = slice(None, n) if partition.whole else partition.active
+    x = state.X[nodes] + state.u.x.array.reshape(-1, 3)[nodes]
+    v = state.v.x.array.reshape(-1, 3)[nodes]
+    mass = (scene.nodal_mass[:n] * partition.massive)[nodes]
+    c, velocity, omega = _mean_motion(scene, state, mass, x, v)
+    theta = dt * omega
+    size = np.linalg.norm(theta)
+    angle = 2 * np.arctan(size / 2)
+    if angle < SMALL:
+        return (whole,)
+    turn, half = cayley(theta) - np.eye(3), cayley(2 * np.tan(angle / 4) / size * theta)
+
+    def carried(x: Array, v: Array, share: float) -> Array:
+        relative = v - velocity - np.cross(omega, x - c)
+        return np.asarray(dt * velocity + (x - c) @ turn.T + share * dt * relative @ half.T)
+
+    guesses = []
+    for share in (1.0, 0.0):
+        increment = whole.increment.copy()
+        increment.reshape(-1, 3)[nodes] = carried(x, v, share)
+        centres = [carried(m.r, m.velocity, share) for m in state.motions]
+        spins = [omega + share * (m.angular_velocity - omega) for m in state.motions]
+        guesses.append(Guess(increment, _six(state, dt, centres, spins)))
+    return tuple(guesses)
+
+
+def _six(state: State, dt: float, translations: list[Array], spins: list[Array]) -> Array:
+    """Δr and ℓθ of the bodies from Δr and angular velocities, shape (bodies, 6) [m]."""
+    rows = zip(state.bodies, translations, spins, strict=True)
+    return np.reshape([np.r_[dr, b.length * dt * omega] for b, dr, omega in rows], (-1, 6))
+
+
+def _mean_motion(
+    scene: Scene, state: State, mass: Array, x: Array, v: Array
+) -> tuple[Array, Array, Array]:
+    """Centre, its velocity and ω of nodes and bodies together, by their momenta. Collective."""
+    first = np.asarray(scene.sum(np.r_[mass.sum(), mass @ x, mass @ v]))
     for body, motion in zip(state.bodies, state.motions, strict=True):
         first += body.mass * np.r_[1.0, motion.r, motion.velocity]
     c, velocity = first[1:4] / first[0], first[4:] / first[0]
     y = x - c
-    moment = np.cross(y, m[:, None] * v).sum(axis=0)
-    inertia = (m @ (y * y).sum(axis=1)) * np.eye(3) - (m[:, None] * y).T @ y
+    moment = np.cross(y, mass[:, None] * v).sum(axis=0)
+    inertia = (mass @ (y * y).sum(axis=1)) * np.eye(3) - (mass[:, None] * y).T @ y
     second = np.asarray(scene.sum(np.r_[moment, inertia.reshape(-1)]))
     for body, motion in zip(state.bodies, state.motions, strict=True):
         arm = motion.r - c
@@ -51,15 +101,4 @@ def predict(scene: Scene, state: State, partition: Partition, dt: float, guess: 
         J = motion.R @ body.inertia @ motion.R.T - body.mass * skew(arm) @ skew(arm)
         second[3:] += J.reshape(-1)
     omega = np.linalg.lstsq(second[3:].reshape(3, 3), second[:3], rcond=1e-9)[0]
-    theta = dt * omega
-    angle = 2 * np.arctan(np.linalg.norm(theta) / 2)
-    if angle < SMALL:
-        return
-    half = 2 * np.tan(angle / 4) / np.linalg.norm(theta) * theta
-    relative = v - velocity - np.cross(omega, y)
-    d = dt * velocity + y @ (cayley(theta) - np.eye(3)).T + dt * relative @ cayley(half).T
-    guess.array.reshape(-1, 3)[nodes] = d
-
-
-def _nodal(values: np.ndarray) -> np.ndarray:
-    return values.reshape(-1, 3)
+    return c, velocity, omega

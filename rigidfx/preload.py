@@ -10,6 +10,7 @@ from rigidfx.errors import SceneError, StepError
 from rigidfx.internal import InternalForces
 from rigidfx.loads import NodalLoads
 from rigidfx.partition import partition
+from rigidfx.prediction import Guess
 from rigidfx.prolongation import Prolongation
 from rigidfx.scene import Scene
 from rigidfx.state import State
@@ -36,14 +37,14 @@ def apply_preload(scene: Scene, forces: InternalForces, state: State, held: Held
         loads, cells = NodalLoads(scene, preload.loads), forces.cells()
         prolongation = Prolongation(partition(scene, cells, (), held.mask), scene.comm)
         statics = Equilibrium(scene, forces, forces.bind_static(cells), None, prolongation)
-        full, part, guess = (state.u.x.petsc_vec.duplicate() for _ in range(3))
+        full, part = (state.u.x.petsc_vec.duplicate() for _ in range(2))
+        rest = Guess(np.zeros(3 * scene.owned_nodes), np.empty((0, 6)))
         loads.evaluate(0.0, full)
-        guess.set(0.0)
         for k in range(1, preload.increments + 1):
             full.copy(part)
             part.scale(k / preload.increments)
             nothing = np.zeros(prolongation.held.size)
-            solution = statics.solve(1.0, None, part, nothing, guess)
+            solution = statics.solve(1.0, None, part, nothing, (rest,))
             if not solution.converged:
                 raise StepError(
                     f"Preload: increment {k} of {preload.increments} did not converge "
@@ -51,5 +52,5 @@ def apply_preload(scene: Scene, forces: InternalForces, state: State, held: Held
                     "Use more increments or smaller loads."
                 )
             state.u.x.array[:] = forces.u1.x.array
-        for item in (statics, full, part, guess):
+        for item in (statics, full, part):
             item.destroy()

@@ -93,7 +93,7 @@ class System:
             self.mass,
             Prolongation(self.partition, scene.comm),
         )
-        self._f_ext, self._guess = (state.u.x.petsc_vec.duplicate() for _ in range(2))
+        self._f_ext = state.u.x.petsc_vec.duplicate()
 
     def solve(self, state: State, dt: float) -> Solution:
         """Find the increment of a step of length dt [s]; the state is not changed. Collective."""
@@ -101,13 +101,12 @@ class System:
         self._forces.set_time(middle)
         self._loads.evaluate(middle, self._f_ext)
         self._resultants = self._loads.resultants(middle)
-        predict(self._scene, state, self.partition, dt, self._guess)
         return self.equilibrium.solve(
             dt,
             state.v.x.petsc_vec,
             self._f_ext,
             self._held.increments(state.t, state.t + dt),
-            self._guess,
+            predict(self._scene, state, self.partition, dt),
             state.motions,
             self._resultants,
         )
@@ -148,4 +147,3 @@ class System:
         self.equilibrium.destroy()
         self.mass.destroy()
         self._f_ext.destroy()
-        self._guess.destroy()

@@ -6,20 +6,21 @@ import json
 import os
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
-MARK = "RESULT "
+RESULT = "RIGIDFX_TEST_RESULT"  # names the file; standard output mixes what the ranks print
 ROOT = Path(__file__).resolve().parent.parent
 
 
 def report(data: Any) -> None:
-    """Print data where `run` finds it; to be called once, by one rank of the script."""
-    print(MARK + json.dumps(data), flush=True)
+    """Leave data where `run` finds it; to be called once, by one rank of the script."""
+    Path(os.environ[RESULT]).write_text(json.dumps(data), encoding="utf-8")
 
 
 def run(script: str | Path, ranks: int, timeout: float, *arguments: str) -> Any:
-    """What a script reported.
+    """What a script reported; None if nothing.
 
     Args:
         script: Python file.
@@ -38,19 +39,21 @@ def run(script: str | Path, ranks: int, timeout: float, *arguments: str) -> Any:
     kept = {k: v for k, v in os.environ.items() if not k.startswith(mine)}
     path = [os.environ.get("PYTHONPATH", ""), str(ROOT), str(ROOT / "meshes")]
     kept["PYTHONPATH"] = os.pathsep.join(p for p in path if p)
-    with subprocess.Popen(
-        [*command, str(script), *arguments],
-        env=kept,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as process:
-        try:
-            out, err = process.communicate(timeout=timeout)
-        except subprocess.TimeoutExpired:
-            process.terminate()  # mpirun ends its ranks
-            out, err = process.communicate()
-            raise AssertionError(f"hangs after {timeout} s\n{out}\n{err}") from None
-    assert process.returncode == 0, f"{out}\n{err}"
-    (line,) = [line for line in out.splitlines() if line.startswith(MARK)]
-    return json.loads(line.removeprefix(MARK))
+    with tempfile.TemporaryDirectory() as folder:
+        result = Path(folder, "result.json")
+        kept[RESULT] = str(result)
+        with subprocess.Popen(
+            [*command, str(script), *arguments],
+            env=kept,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        ) as process:
+            try:
+                out, err = process.communicate(timeout=timeout)
+            except subprocess.TimeoutExpired:
+                process.terminate()  # mpirun ends its ranks
+                out, err = process.communicate()
+                raise AssertionError(f"hangs after {timeout} s\n{out}\n{err}") from None
+        assert process.returncode == 0, f"{out}\n{err}"
+        return json.loads(result.read_text(encoding="utf-8")) if result.exists() else None

@@ -147,9 +147,9 @@ def test_history_has_full_precision_and_a_column_for_everything(tmp_path):
     held = (h["t"] <= 0.25) & (h["step"] > 0)
     assert np.all(h["reaction_z0_x"][held] != 0)
     assert np.all(h["reaction_z0_x"][~held] == 0)
-    ledger = np.diff(h["energy"]) - (
-        h["work_of_loads"] + h["work_of_supports"] + h["impact_energy"]
-    )[1:]
+    ledger = (
+        np.diff(h["energy"]) - (h["work_of_loads"] + h["work_of_supports"] + h["impact_energy"])[1:]
+    )
     np.testing.assert_allclose(ledger, 0, atol=1e-10 * h["energy"].max())
 
 
@@ -258,4 +258,6 @@ if __name__ == "__main__":
     try:
         record(sys.argv[1], *sys.argv[2:3], *map(int, sys.argv[3:]))
     except rf.OutputError as error:
-        tell(f"OutputError: {error}")
+        messages = MPI.COMM_WORLD.gather(f"OutputError: {error}")
+        if messages is not None:
+            tell(messages)
