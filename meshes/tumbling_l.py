@@ -8,13 +8,10 @@ from __future__ import annotations
 
 from itertools import permutations
 
-import basix.ufl
-import dolfinx.mesh as dmesh
 import numpy as np
-import ufl
 from mpi4py import MPI
 
-from rigidfx import Domain
+from rigidfx import Domain, from_arrays
 
 # The six tetrahedra of a cube: from corner 0 to corner 7 by one step along each axis, in any order.
 TETRAHEDRA = [[0, 1 << a, (1 << a) + (1 << b), 7] for a, b, _ in permutations(range(3))]
@@ -33,16 +30,8 @@ def tumbling_l(
     cells, points = _cubes(refine) if comm.rank == 0 else (np.empty((0, 8), int), np.empty((0, 3)))
     if cell == "tetrahedron":
         cells = cells[:, TETRAHEDRA].reshape(-1, 4)
-    element = basix.ufl.element("Lagrange", cell, 1, shape=(3,))
-    mesh = dmesh.create_mesh(
-        comm,
-        cells.astype(np.int64),
-        points,
-        ufl.Mesh(element),
-        dmesh.create_cell_partitioner(dmesh.GhostMode.shared_facet),
-    )
     return (
-        Domain(mesh)
+        from_arrays(points, cells, cell, comm)
         .with_facets("top", lambda x: np.isclose(x[1], 10.0))
         .with_facets("side", lambda x: np.isclose(x[0], 6.0))
     )

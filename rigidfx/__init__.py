@@ -5,7 +5,7 @@ scene names a domain, materials and effects; `simulate` yields a report per step
 writes ParaView files and a CSV.
 """
 
-from rigidfx.domain import Domain, box, read_msh
+from rigidfx.domain import Domain, box, from_arrays, read_msh
 from rigidfx.effects import (
     BodyForce,
     Fixed,
@@ -57,6 +57,7 @@ __all__ = [
     "Traction",
     "Trapezoidal",
     "box",
+    "from_arrays",
     "read_history",
     "read_msh",
     "simulate",

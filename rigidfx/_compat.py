@@ -9,7 +9,16 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-__all__ = ["VERSION", "cell_geometry_dofs", "integration_facets", "model_to_mesh"]
+__all__ = [
+    "VERSION",
+    "assemble_unrolled",
+    "cell_geometry_dofs",
+    "coordinate_map",
+    "create_mesh",
+    "ghosted_partitioner",
+    "integration_facets",
+    "model_to_mesh",
+]
 
 VERSION = tuple(int(part) for part in dolfinx.__version__.split(".")[:2])
 if not (0, 9) <= VERSION < (0, 12):
@@ -31,17 +40,35 @@ def integration_facets(mesh: Any, facets: npt.NDArray[np.int32]) -> npt.NDArray[
 
 def cell_geometry_dofs(mesh: Any) -> npt.NDArray[np.int32]:
     """Geometry nodes of each local cell, shape (cells, nodes per cell)."""
-    geometry = mesh.geometry
-    return geometry.dofmap if hasattr(geometry, "dofmap") else geometry.dofmaps(0)
+    return mesh.geometry.dofmap if VERSION == (0, 9) else mesh.geometry.dofmaps[0]
 
 
-def model_to_mesh(model: Any, comm: MPI.Intracomm, partitioner: Any) -> tuple[Any, Any, Any]:
+def coordinate_map(mesh: Any) -> Any:
+    """The map from the reference cell to the cells of a mesh."""
+    return mesh.geometry.cmap if VERSION == (0, 9) else mesh.geometry.cmaps[0]
+
+
+def ghosted_partitioner() -> Any:
+    """A partitioner that gives each rank the cells across its facets as ghosts."""
+    mode = dolfinx.mesh.GhostMode.shared_facet
+    if VERSION == (0, 9):
+        return dolfinx.mesh.create_cell_partitioner(mode)
+    return dolfinx.mesh.create_cell_partitioner(mode, 2)
+
+
+def create_mesh(comm: MPI.Intracomm, cells: Any, points: Any, element: Any) -> Any:
+    """A mesh of cells given on any ranks as numbers of points."""
+    order = (points, element) if VERSION == (0, 9) else (element, points)
+    return dolfinx.mesh.create_mesh(comm, cells, *order, ghosted_partitioner())
+
+
+def model_to_mesh(model: Any, comm: MPI.Intracomm) -> tuple[Any, Any, Any]:
     """Mesh, cell tags and facet tags of the gmsh model held by rank 0."""
     if VERSION == (0, 9):
         from dolfinx.io import gmshio as gmsh_io
     else:
         from dolfinx.io import gmsh as gmsh_io
-    data = gmsh_io.model_to_mesh(model, comm, 0, gdim=3, partitioner=partitioner)
+    data = gmsh_io.model_to_mesh(model, comm, 0, gdim=3, partitioner=ghosted_partitioner())
     return data[0], data[1], data[2]
 
 

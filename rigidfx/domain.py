@@ -13,16 +13,18 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+import basix.ufl
 import dolfinx.mesh as dmesh
 import numpy as np
 import numpy.typing as npt
+import ufl
 from mpi4py import MPI
 
 from rigidfx import _compat
 from rigidfx.errors import SceneError, agree
 from rigidfx.quality import check_cells
 
-__all__ = ["Domain", "EntitySet", "box", "read_msh"]
+__all__ = ["Domain", "EntitySet", "box", "from_arrays", "read_msh"]
 
 Marker = Callable[[npt.NDArray[np.float64]], npt.NDArray[np.bool_]]
 
@@ -241,6 +243,37 @@ def box(
     return domain
 
 
+def from_arrays(
+    points: npt.ArrayLike,
+    cells: npt.ArrayLike,
+    cell: str = "hexahedron",
+    comm: MPI.Intracomm = MPI.COMM_WORLD,
+) -> Domain:
+    """A domain of given cells, without names. Collective.
+
+    Args:
+        points: Corner positions, shape (points, 3) [m]; empty on all ranks but one.
+        cells: Corner numbers in DOLFINx's order (of a hexahedron: x fastest, then y, then z),
+            shape (cells, 8) or (cells, 4); empty on all ranks but one.
+        cell: "hexahedron" or "tetrahedron".
+        comm: Communicator of the mesh.
+
+    Raises:
+        SceneError: If shapes or numbers do not fit, or cells are inverted or flat.
+    """
+    corners = {"hexahedron": 8, "tetrahedron": 4}
+    if cell not in corners:
+        raise SceneError(f"from_arrays: cell must be one of {sorted(corners)}, got {cell!r}.")
+    x = np.asarray(points, dtype=np.float64).reshape(-1, 3)
+    numbers = np.asarray(cells, dtype=np.int64).reshape(-1, corners[cell])
+    fits = numbers.size == 0 or (numbers.min() >= 0 and numbers.max() < len(x))
+    agree(comm, None if fits else f"from_arrays: cells name points outside 0 … {len(x) - 1}.")
+    finite = bool(np.isfinite(x).all())
+    agree(comm, None if finite else "from_arrays: points must be finite.")
+    element = basix.ufl.element("Lagrange", cell, 1, shape=(3,))
+    return Domain(_compat.create_mesh(comm, numbers, x, ufl.Mesh(element)))
+
+
 def _on_plane(axis: int, value: float, tol: float) -> Marker:
     return lambda x: np.abs(x[axis] - value) < tol
 
@@ -272,9 +305,8 @@ def read_msh(path: str | Path, comm: MPI.Intracomm = MPI.COMM_WORLD) -> Domain:
     try:
         agree(comm, problem)
         names = comm.bcast(names)
-        partitioner = dmesh.create_cell_partitioner(dmesh.GhostMode.shared_facet)
         model = gmsh.model if comm.rank == 0 else None
-        mesh, cell_tags, facet_tags = _compat.model_to_mesh(model, comm, partitioner)
+        mesh, cell_tags, facet_tags = _compat.model_to_mesh(model, comm)
     finally:
         if gmsh is not None and gmsh.isInitialized():
             gmsh.finalize()

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import geometry
 
-from rigidfx._compat import cell_geometry_dofs
+from rigidfx._compat import cell_geometry_dofs, coordinate_map
 from rigidfx.errors import SceneError
 from rigidfx.scene import Scene
 from rigidfx.state import State
@@ -78,7 +78,7 @@ _NOWHERE = Probe(np.empty(0, np.int32), np.empty(0))
 def _probe(scene: Scene, cell: int, point: Array) -> Probe:
     mesh, element = scene.mesh, scene.space.element
     corners = mesh.geometry.x[cell_geometry_dofs(mesh)[cell]]
-    reference = mesh.geometry.cmap.pull_back(point.reshape(1, 3), corners)
+    reference = coordinate_map(mesh).pull_back(point.reshape(1, 3), corners)
     scalar: Any = element.basix_element
     weights = scalar.tabulate(0, reference)[0, 0, :, 0]
     return Probe(scene.space.dofmap.cell_dofs(cell).astype(np.int32), weights)

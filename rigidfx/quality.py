@@ -12,7 +12,7 @@ import dolfinx.mesh as dmesh
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx._compat import cell_geometry_dofs
+from rigidfx._compat import cell_geometry_dofs, coordinate_map
 from rigidfx.errors import agree
 
 __all__ = ["check_cells"]
@@ -28,7 +28,7 @@ def _determinants(
     element = basix.create_element(
         basix.ElementFamily.P,
         basix.CellType[mesh.topology.cell_type.name],
-        mesh.geometry.cmap.degree,
+        coordinate_map(mesh).degree,
         basix.LagrangeVariant.equispaced,
     )
     table = element.tabulate(1, points)[1:4, :, :, 0]
@@ -41,7 +41,7 @@ def _determinants(
 def _points(mesh: dmesh.Mesh) -> npt.NDArray[np.float64]:
     """Corners of the reference cell and the points of a Gauss rule."""
     cell = basix.CellType[mesh.topology.cell_type.name]
-    gauss, _ = basix.make_quadrature(cell, 2 * mesh.geometry.cmap.degree)
+    gauss, _ = basix.make_quadrature(cell, 2 * coordinate_map(mesh).degree)
     return np.vstack([basix.geometry(cell), gauss])
 
 

@@ -19,6 +19,7 @@ import ufl
 from dolfinx import fem, la
 from mpi4py import MPI
 
+from rigidfx import _compat
 from rigidfx import effects as fx
 from rigidfx.domain import Domain
 from rigidfx.errors import SceneError, agree
@@ -177,9 +178,10 @@ class Scene:
                 "Scene: second-order tetrahedra have negative lumped masses at their vertices. "
                 "Take mass='consistent', or order=1, or hexahedra."
             )
-        if self.mesh.geometry.cmap.degree > self.order:
+        curved = _compat.coordinate_map(self.mesh).degree
+        if curved > self.order:
             raise SceneError(
-                f"Scene: cells of geometry order {self.mesh.geometry.cmap.degree} need at least "
+                f"Scene: cells of geometry order {curved} need at least "
                 f"that order of displacement (got {self.order}), or a rigid rotation would "
                 "strain them."
             )
