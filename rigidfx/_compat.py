@@ -31,7 +31,11 @@ _facet_domains = dolfinx.fem.compute_integration_domains
 
 
 def integration_facets(mesh: Any, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
-    """Exterior facets as the (cell, local facet) pairs that `create_form` takes, flat."""
+    """Exterior facets as the (cell, local facet) pairs that `create_form` takes, flat.
+
+    Others among the given ones are left out (0.11 does not do so itself).
+    """
+    facets = np.intersect1d(facets, dolfinx.mesh.exterior_facet_indices(mesh.topology))
     kind = dolfinx.fem.IntegralType.exterior_facet
     if VERSION == (0, 9):
         return _facet_domains(kind, mesh.topology, facets, mesh.topology.dim - 1)
