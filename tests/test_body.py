@@ -1,0 +1,459 @@
+"""Rigid-body data by equation (35) against closed forms, and a body's own step: the free top."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import pytest
+from histories import EPS, column, drift, show
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+from scipy.special import ellipk
+from tumbling_l import tumbling_l
+
+import rigidfx as rf
+from rigidfx.body import BodyMotion, Increment, RigidBody
+from rigidfx.integrator import Integrator
+from rigidfx.rotation import skew
+
+SOFT = rf.StVenantKirchhoff(rho=1000.0, E=1e6, nu=0.3)
+CELLS = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+
+
+def body_of(scene, k=0):
+    """The k-th body of a scene as it is formed at the start."""
+    with Integrator(scene, 0.1) as integrator:
+        return integrator.state.bodies[k]
+
+
+def box_inertia(mass, size):
+    """Inertia tensor of a homogeneous box about its centre."""
+    a, b, c = np.square(size)
+    return mass / 12 * np.diag([b + c, a + c, a + b])
+
+
+# Mass, centre, inertia -------------------------------------------------------------------------
+
+
+@CELLS
+@pytest.mark.parametrize("order", [1, 2])
+def test_consistent_data_of_a_box_are_exact(order, cell):
+    """Rigid motions are in the space of the displacement, so (35) integrates them exactly."""
+    lower, size = np.array([1.0, -2.0, 5.0]), np.array([4.0, 2.0, 1.0])
+    domain = rf.box(lower, lower + size, (3, 2, 2), cell)
+    body = body_of(rf.Scene(domain, SOFT, [rf.Rigid()], order=order, mass="consistent"))
+    assert body.mass == pytest.approx(8000.0, rel=100 * EPS)
+    assert np.abs(body.origin - lower - size / 2).max() <= 100 * EPS * 5
+    J = box_inertia(8000.0, size)
+    assert np.abs(body.inertia - J).max() <= 1000 * EPS * J.max()
+    assert body.length == pytest.approx(np.sqrt(np.trace(J) / 16000), rel=1000 * EPS)
+
+
+def test_lumped_data_of_second_order_hexahedra_are_exact():
+    """Their nodal masses are a Gauss-Lobatto rule, exact for the squares in an inertia."""
+    scene = rf.Scene(rf.box((0, 0, 0), (4, 2, 1), (2, 1, 1)), SOFT, [rf.Rigid()], order=2)
+    body = body_of(scene)
+    J = box_inertia(8000.0, (4, 2, 1))
+    assert np.abs(body.inertia - J).max() <= 1000 * EPS * J.max()
+
+
+@CELLS
+@pytest.mark.convergence
+def test_lumped_inertia_converges_with_the_square_of_the_cell_size(cell):
+    """Mass and centre are exact, the inertia has the error of the trapezoidal rule."""
+    J, errors = box_inertia(8000.0, (4, 2, 1)), []
+    for n in (1, 2, 4):
+        domain = rf.box((0, 0, 0), (4, 2, 1), (4 * n, 2 * n, n), cell)
+        body = body_of(rf.Scene(domain, SOFT, [rf.Rigid()]))
+        assert body.mass == pytest.approx(8000.0, rel=1000 * EPS)
+        if cell == "hexahedron":
+            assert np.abs(body.origin - (2, 1, 0.5)).max() <= 1000 * EPS
+        errors.append(np.abs(body.inertia - J).max())
+    slopes = np.log2(np.array(errors[:-1]) / errors[1:])
+    show(coarse=errors[0] / J.max(), fine=errors[-1] / J.max(), slope=slopes[-1])
+    assert np.abs(slopes - 2).max() <= 0.1
+
+
+def test_data_of_the_tumbling_l():
+    """The published mass, centre and inertia tensor, benchmarks.md."""
+    material = rf.StVenantKirchhoff(rho=1.0, E=1e4, nu=0.3)
+    body = body_of(rf.Scene(tumbling_l(), material, [rf.Rigid()], mass="consistent"))
+    J = np.array([[1112.4231, 218.0769, 0], [218.0769, 362.4231, 0], [0, 0, 1299.3462]])
+    assert body.mass == pytest.approx(117.0, rel=1000 * EPS)
+    printed = 0.5e-4  # half a unit of the last printed digit
+    assert np.abs(body.origin - (2.1923077, 4.1923077, 1.5)).max() <= 0.5e-7 * 1.01
+    assert np.abs(body.inertia - J).max() <= printed * 1.01
+
+
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+def test_materials_inside_a_body(mass):
+    """Two halves of different density make one body; the one of a lumped mass to O(h²)."""
+    n = 2 if mass == "consistent" else 8
+    domain = rf.box((0, 0, 0), (4, 1, 1), (n, n // 2, n // 2))
+    domain = domain.with_cells("left", lambda x: x[0] <= 2 + 1e-9)
+    domain = domain.with_cells("right", lambda x: x[0] >= 2 - 1e-9)
+    materials = {
+        "left": rf.StVenantKirchhoff(rho=3.0, E=1e3, nu=0.3),
+        "right": rf.NeoHooke(rho=1.0, E=1e5, nu=0.2),
+    }
+    body = body_of(rf.Scene(domain, materials, [rf.Rigid()], mass=mass))
+    m = np.array([6.0, 2.0])
+    centre = m @ np.array([[1, 0.5, 0.5], [3, 0.5, 0.5]]) / 8
+    J = np.zeros((3, 3))
+    for mass_of, x in zip(m, (1.0, 3.0), strict=True):
+        arm = x - centre[0]
+        J += box_inertia(mass_of, (2, 1, 1)) + mass_of * arm**2 * np.diag([0, 1, 1])
+    assert body.mass == pytest.approx(8.0, rel=1000 * EPS)
+    assert np.abs(body.origin - centre).max() <= (1000 * EPS)
+    # trapezoidal rule per direction: + m h²/6
+    h2 = 0.0 if mass == "consistent" else 8 * ((4 / n) ** 2 + (2 / n) ** 2) / 6
+    assert np.abs(body.inertia - J).max() <= h2 + 1000 * EPS * J.max()
+
+
+def test_given_mass_and_inertia_replace_the_computed_ones():
+    """And move the body as they say: momenta and energy are theirs."""
+    J = [[0.3, 0.01, 0.0], [0.01, 0.35, 0.02], [0.0, 0.02, 0.4]]
+    effects = [
+        rf.Rigid(mass=7.0, inertia=J),
+        rf.InitialVelocity(linear=(1.0, 2.0, 3.0), angular=(0.1, 15.0, 0.1)),
+    ]
+    scene = rf.Scene(rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1)), SOFT, effects)
+    (first, *_) = rf.simulate(scene, 0.01, 0.01)
+    (body,) = first.bodies
+    omega = np.array([0.1, 15.0, 0.1])
+    assert body.mass == 7.0
+    assert np.abs(body.angular_velocity - omega).max() <= 1000 * EPS
+    assert np.abs(body.spin - J @ omega).max() <= 1000 * EPS * 15
+    assert first.kinetic == pytest.approx(3.5 * 14 + omega @ J @ omega / 2, rel=1000 * EPS)
+    assert first.unknowns == 6
+
+
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+def test_a_body_takes_the_momenta_of_its_nodes(mass):
+    """(34): of a velocity field that is not rigid, a body keeps L and J and not all energy."""
+    effects = [
+        rf.InitialVelocity(
+            linear=(1.0, 0.0, 2.0),
+            angular=(0.1, 0.5, 0.2),
+            function=lambda X: np.array([np.sin(3 * X[1]), X[0] ** 2, np.cos(X[0] * X[2])]),
+        )
+    ]
+    domain = rf.box((0, 0, 0), (3, 2, 1), (3, 2, 2), "tetrahedron")
+    flexible, rigid = (
+        next(iter(rf.simulate(rf.Scene(domain, SOFT, e, mass=mass), 0.1, 0.1)))
+        for e in (effects, [*effects, rf.Rigid()])
+    )
+    for name in ("linear_momentum", "angular_momentum"):
+        a, b = getattr(flexible, name), getattr(rigid, name)
+        assert np.abs(a - b).max() <= 1000 * EPS * np.abs(a).max()
+    assert 0.1 * flexible.kinetic < rigid.kinetic < 0.99 * flexible.kinetic
+
+
+ranges = st.tuples(st.integers(0, 4), st.integers(1, 4)).map(lambda s: (s[0], s[0] + s[1]))
+boxes = st.tuples(ranges, ranges, ranges)
+
+
+def boxes_apart(a, b):
+    """Whether two boxes of cells share no node."""
+    return any(p[1] < q[0] or q[1] < p[0] for p, q in zip(a, b, strict=True))
+
+
+def cell_box(box_):
+    """Marker of the cells (edge 1) in a box of cells."""
+    return lambda x: np.all(
+        [(x[i] >= low - 1e-9) & (x[i] <= high + 1e-9) for i, (low, high) in enumerate(box_)],
+        axis=0,
+    )
+
+
+@functools.cache
+def _domain(cell):
+    return rf.box((0, 0, 0), (5, 3, 3), (5, 3, 3), cell)
+
+
+@CELLS
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+@settings(max_examples=12)
+@given(data=st.data())
+def test_no_mass_is_lost_or_counted_twice(cell, mass, data):
+    """Σ free nodal masses + Σ body masses = ∫ρ0 dV, whatever is rigid.
+
+    In uniform motion L and the kinetic energy count every mass once; under gravity, whose nodal
+    forces know nothing of bodies, everything falls alike and nothing strains: the masses that the
+    equations of motion use are the same.
+    """
+    found = []
+    domain = _domain(cell)
+    size = (5, 3, 3)
+    for _ in range(data.draw(st.integers(1, 3), label="bodies")):
+        place = data.draw(boxes, label="cells")
+        place = tuple((low % n, min(high - low, n - low % n) + low % n)
+                      for (low, high), n in zip(place, size, strict=True))  # fmt: skip
+        if all(boxes_apart(place, other) for other in found):
+            domain = domain.with_cells(f"body {len(found)}", cell_box(place))
+            found.append(place)
+    v, g = np.array([1.0, -2.0, 0.5]), np.array([0.2, 0.1, -0.4])
+    scene = rf.Scene(
+        domain,
+        rf.StVenantKirchhoff(rho=2.0, E=100.0, nu=0.3),
+        [rf.Rigid(f"body {k}") for k in range(len(found))]
+        + [rf.InitialVelocity(linear=tuple(v)), rf.Gravity(tuple(g))],
+        mass=mass,
+    )
+    total, X = 2.0 * 45.0, scene.space.tabulate_dof_coordinates()
+    dt, first = 0.5, True
+    for r in rf.simulate(scene, dt, 2 * dt):
+        tolerance = 1e-13 if first else 1e-11  # the second is Newton's
+        now = v + g * r.t
+        assert np.abs(r.linear_momentum - total * now).max() <= tolerance * total
+        assert abs(r.kinetic - total / 2 * now @ now) <= tolerance * total
+        assert r.strain <= 1e-20 * total
+        r.state.rebuild()
+        fall = v * r.t + g * r.t**2 / 2
+        assert np.abs(r.state.u.x.array.reshape(-1, 3) - fall).max() <= tolerance
+        assert len(X) == len(r.state.u.x.array) // 3
+        first = False
+
+
+# The free top ----------------------------------------------------------------------------------
+
+INERTIA, OMEGA = np.diag([0.3, 0.35, 0.4]), np.array([0.1, 15.0, 0.1])
+PERIOD = 12.334946  # s, benchmarks.md
+BOX_OMEGA, BOX_PERIOD = np.array([0.05, 1.0, 0.0]), 27.908466  # rad/s, s
+
+
+def exact_period(moments, omega):
+    """4K(k²)/τ of a free top with the given principal moments [s]."""
+    A, B, C = np.sort(moments)
+    w = omega[np.argsort(moments)]
+    J = np.sort(moments)
+    T2, h2 = J @ w**2, (J * w) @ (J * w)
+    if h2 < T2 * B:  # about the axis of the least moment instead
+        A, C = C, A
+    k2 = (B - A) * (T2 * C - h2) / ((C - B) * (h2 - T2 * A))
+    return 4 * ellipk(k2) / np.sqrt((C - B) * (h2 - T2 * A) / (A * B * C))
+
+
+def top(inertia=INERTIA, mass=2.0):
+    """A body without cells."""
+    nothing = np.empty(0, np.int32)
+    return RigidBody("top", nothing, nothing, np.empty((0, 3)), mass, inertia, np.zeros(3))
+
+
+def advance(body, start, dt, guess, most=30):
+    """One step of the body alone by Newton; its motion, θ and the residuals."""
+    theta, sizes, zero = guess, [], np.zeros((3, 3))
+    dr = dt * start.velocity
+    while len(sizes) < most:
+        trial = Increment(body, start, dr, theta, dt)
+        R = trial.inertia_force()
+        sizes.append(np.linalg.norm(R))
+        if len(sizes) > 2 and sizes[-1] >= 0.1 * sizes[-2]:  # rounding
+            break
+        step = np.linalg.solve(trial.tangent(zero), R)
+        dr, theta = dr - step[:3], theta - step[3:] / body.length
+        if np.abs(step).max() <= EPS * body.length:
+            break
+    trial = Increment(body, start, dr, theta, dt)
+    return trial.end(), theta, sizes
+
+
+def spin(body, omega, dt, t_end):
+    """Motions of a free top, one per step."""
+    motion = BodyMotion(np.zeros(3), np.eye(3), np.array([0.1, 0.0, -0.2]), np.array(omega))
+    yield motion
+    theta, last = dt * motion.spin, None
+    for _ in range(round(t_end / dt)):
+        guess = theta if last is None else 2 * theta - last
+        last = theta
+        motion, theta, _ = advance(body, motion, dt, guess)
+        yield motion
+
+
+def crossings(values, dt):
+    """Times at which a history changes sign, by cubic interpolation."""
+    values, out = np.asarray(values), []
+    for k in np.flatnonzero(values[:-1] * values[1:] < 0):
+        points = np.arange(k - 1, k + 3)
+        inverse = np.polyfit(values[points], points - k, 3)  # t as a function of the value
+        out.append((k + inverse[-1]) * dt)
+    return np.array(out)
+
+
+def test_exact_periods():
+    """The formula of this file gives the published figures."""
+    assert exact_period(np.diag(INERTIA), OMEGA) == pytest.approx(PERIOD, abs=0.51e-6)
+    J = np.diag(box_inertia(8000.0, (4, 2, 1)))
+    assert exact_period(J, BOX_OMEGA) == pytest.approx(BOX_PERIOD, abs=0.51e-6)
+
+
+@pytest.mark.convergence
+def test_period_of_the_free_top_is_of_second_order():
+    """Half a period between two changes of sign of ω₂; the first of them at 3.692 s."""
+    errors, firsts = [], []
+    for dt in (0.04, 0.02, 0.01):
+        times = crossings([m.spin[1] for m in spin(top(), OMEGA, dt, 11.0)], dt)
+        errors.append(abs(times[1] - times[0] - PERIOD / 2))
+        firsts.append(times[0])
+    slopes = np.log2(np.array(errors[:-1]) / errors[1:])
+    show(errors=errors[-1], slope=slopes[-1], first=firsts[-1])
+    assert np.abs(slopes - 2).max() <= 0.1
+    extrapolated = firsts[-1] + (firsts[-1] - firsts[-2]) / 3
+    assert extrapolated == pytest.approx(3.692, abs=0.6e-3)
+
+
+@pytest.mark.slow
+def test_free_top_for_100000_steps():
+    """Energy and spin in space to rounding, without secular drift: 1500 s at 0.22 rad a step."""
+    body, n, dt = top(), 100_000, 0.015
+    E, pi = np.empty(n + 1), np.empty((n + 1, 3))
+    for k, motion in enumerate(spin(body, OMEGA, dt, n * dt)):
+        E[k], pi[k] = motion.kinetic(body), motion.angular_momentum(body)
+    dE, dpi = np.abs(E / E[0] - 1), np.linalg.norm(pi - pi[0], axis=1) / np.linalg.norm(pi[0])
+    show(energy=dE.max(), spin=dpi.max(), first_tenth=dE[: n // 10].max())
+    # Rounding of 1e5 steps adds up like √n ε to a few n ε, never to more.
+    assert max(dE.max(), dpi.max()) <= 2 * n * EPS
+    assert np.abs(motion.R.T @ motion.R - np.eye(3)).max() <= 20 * EPS
+
+
+def test_free_top_through_simulate():
+    """All cells rigid, inertia given: six unknowns, the exact period, nothing lost."""
+    effects = [
+        rf.Rigid(mass=2.0, inertia=INERTIA.tolist()),
+        rf.InitialVelocity(angular=tuple(OMEGA), linear=(0.1, 0.0, -0.2)),
+    ]
+    scene = rf.Scene(rf.box((0, 0, 0), (1, 1, 1), (2, 2, 2)), SOFT, effects)
+    dt = 0.01
+    reports = list(rf.simulate(scene, dt, 2000 * dt))
+    W = [(r.bodies[0].orientation.T @ r.bodies[0].angular_velocity)[1] for r in reports]
+    times = crossings(W, dt)
+    half = np.diff(times)
+    # A flip about the unstable axis multiplies differences by exp(2.16 · 6.17) = 6e5 each.
+    own = crossings([m.spin[1] for m in spin(top(), OMEGA, dt, 2000 * dt)], dt)
+    show(half=half.mean(), H=drift(column(reports, "energy")), iterations=max(
+        r.iterations for r in reports))  # fmt: skip
+    assert np.abs(times - own).max() <= 1e-6
+    assert np.abs(half - PERIOD / 2).max() <= 1e-3  # the test above measures 1.3e-4
+    assert all(r.unknowns == 6 and r.cuts == 0 for r in reports)
+    for name in ("energy", "linear_momentum"):
+        assert drift(column(reports, name)) <= 1e-12
+    spins = np.array([r.bodies[0].spin for r in reports])
+    assert drift(spins) <= 1e-12
+    assert drift(column(reports, "angular_momentum")) <= 1e-12
+
+
+@pytest.mark.convergence
+def test_tumbling_box():
+    """Consistent mass: the exact period to O(Δt²), through simulate."""
+    errors = []
+    for dt in (0.2, 0.1):
+        scene = rf.Scene(
+            rf.box((0, 0, 0), (4, 2, 1), (2, 1, 1)),
+            SOFT,
+            [rf.Rigid(), rf.InitialVelocity(angular=tuple(BOX_OMEGA))],
+            mass="consistent",
+        )
+        reports = list(rf.simulate(scene, dt, 28.0))
+        W = [(r.bodies[0].orientation.T @ r.bodies[0].angular_velocity)[1] for r in reports]
+        times = crossings(W, dt)
+        errors.append(abs(2 * (times[1] - times[0]) - BOX_PERIOD))
+        assert drift(column(reports, "energy")) <= 1e-12
+        assert drift(column(reports, "angular_momentum")) <= 1e-12
+    slope = np.log2(errors[0] / errors[1])
+    show(error=errors[1], slope=slope)
+    assert abs(slope - 2) <= 0.1
+
+
+@pytest.mark.convergence
+def test_tumbling_box_of_lumped_mass():
+    """Its period tends to the exact one with the square of the cell size."""
+    errors = []
+    for n in (2, 4, 8):
+        domain = rf.box((0, 0, 0), (4, 2, 1), (4 * n, 2 * n, n))
+        J = body_of(rf.Scene(domain, SOFT, [rf.Rigid()])).inertia
+        assert np.abs(J - np.diag(np.diag(J))).max() <= 1000 * EPS * J.max()
+        errors.append(abs(exact_period(np.diag(J), BOX_OMEGA) - BOX_PERIOD))
+    slopes = np.log2(np.array(errors[:-1]) / errors[1:])
+    show(error=errors[-1], slope=slopes[-1])
+    assert np.abs(slopes - 2).max() <= 0.1
+
+
+@settings(max_examples=20)
+@given(seed=st.integers(0, 1000))
+def test_large_rotation_in_one_step(seed):
+    """2.5 rad, |θ| = 6, about any axis of an unsymmetric body: Newton converges, H and π stay."""
+    rng = np.random.default_rng(seed)
+    axis = rng.standard_normal(3)
+    body, theta = top(), 2 * np.tan(1.25)
+    omega = theta * axis / np.linalg.norm(axis)
+    motion = BodyMotion(np.zeros(3), np.eye(3), np.zeros(3), omega)
+    after, found, sizes = advance(body, motion, 1.0, omega)
+    assert sizes[-1] <= 1e-13 * np.linalg.norm(motion.angular_momentum(body)), sizes
+    angle = 2 * np.arctan(np.linalg.norm(found) / 2)
+    assert angle > 2.3, sizes
+    change = after.angular_momentum(body) - motion.angular_momentum(body)
+    assert np.abs(change).max() <= 1000 * EPS
+    assert after.kinetic(body) == pytest.approx(motion.kinetic(body), rel=1000 * EPS)
+
+
+def test_large_rotation_through_simulate():
+    """The same for all cells rigid: no step is cut."""
+    effects = [
+        rf.Rigid(mass=2.0, inertia=INERTIA.tolist()),
+        rf.InitialVelocity(angular=(1.0, 5.8, 1.2)),
+    ]
+    scene = rf.Scene(rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1)), SOFT, effects)
+    reports = list(rf.simulate(scene, 1.0, 20.0))
+    before = np.eye(3)
+    largest = 0.0
+    for r in reports[1:]:
+        increment = r.bodies[0].orientation @ before.T
+        before = r.bodies[0].orientation
+        largest = max(largest, np.arccos((np.trace(increment) - 1) / 2))
+        assert r.cuts == 0, r.residuals
+    show(angle=largest, iterations=max(r.iterations for r in reports))
+    assert largest > 2.45
+    assert drift(column(reports, "energy")) <= 1e-11
+    assert drift(column(reports, "angular_momentum")) <= 1e-11
+
+
+def tangent_error(body, start, theta, forces, arms):
+    """Difference of a body's tangent from the derivative of its residual, by central differences.
+
+    The residual has the body's inertia and given forces on points V of it: Σ v_av × f.
+    """
+    dt, dr = 0.3, np.array([0.1, 0.2, -0.3])
+
+    def residual(y):
+        trial = Increment(body, start, y[:3], y[3:] / body.length, dt)
+        moment = np.cross(arms @ trial.R_av.T, forces).sum(axis=0)
+        return trial.inertia_force() + np.r_[np.zeros(3), moment / body.length]
+
+    y, h = np.r_[dr, body.length * theta], 2e-3
+    trial = Increment(body, start, dr, theta, dt)
+    couples = 0.5 * (skew(forces) @ skew(arms @ trial.R1.T)).sum(axis=0)
+    G = trial.tangent(couples)
+    numeric = np.stack(
+        [
+            (8 * (residual(y + h * e) - residual(y - h * e))
+             - residual(y + 2 * h * e) + residual(y - 2 * h * e)) / (12 * h)
+            for e in np.eye(6)
+        ],
+        axis=1,
+    )  # fmt: skip
+    return np.abs(G - numeric).max() / np.abs(numeric).max()
+
+
+@given(seed=st.integers(0, 10_000), size=st.floats(0.0, 2.0))
+def test_tangent_of_a_body(seed, size):
+    """Of its own inertia and of the couples of dead forces, at |θ| up to 2."""
+    rng = np.random.default_rng(seed)
+    R = Rotation.from_rotvec(rng.standard_normal(3)).as_matrix()
+    start = BodyMotion(np.zeros(3), R, rng.standard_normal(3), rng.standard_normal(3))
+    theta = rng.standard_normal(3)
+    theta *= size / np.linalg.norm(theta)
+    forces, arms = rng.standard_normal((2, 4, 3))
+    # fourth-order differences leave h⁴ = 2e-11 times a fifth derivative
+    assert tangent_error(top(), start, theta, forces, arms) <= 1e-8
