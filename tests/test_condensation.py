@@ -1,0 +1,352 @@
+"""The reduced system against SciPy, and its tangent against differences of its residual.
+
+Run as a script under mpirun, this file compares condensed matrices of some random partitions with
+products of gathered ones on rank 0, and reports the largest relative errors.
+"""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import parallel
+import pytest
+from dolfinx.fem import petsc as fem_petsc
+from histories import show
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mpi4py import MPI
+from scipy.sparse import csr_matrix
+from scipy.spatial.transform import Rotation
+
+import rigidfx as rf
+from rigidfx.body import BodyMotion
+from rigidfx.condensation import CondensedMatrix
+from rigidfx.integrator import Integrator
+from rigidfx.rotation import skew
+
+# Its residual is a polynomial of the displacement, which differences differentiate to rounding.
+MATERIAL = rf.StVenantKirchhoff(rho=2.0, E=50.0, nu=0.3)
+SIZE = (5, 3, 3)
+CELLS = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+MASSES = pytest.mark.parametrize("mass", ["lumped", "consistent"])
+
+
+@functools.cache
+def _domain(cell):
+    return rf.box((0, 0, 0), SIZE, SIZE, cell)
+
+
+def random_boxes(rng, most=3):
+    """Up to so many boxes of cells that share no node, as pairs of corners."""
+    boxes = []
+    for _ in range(most):
+        low = rng.integers(0, SIZE)
+        high = np.minimum(low + rng.integers(1, 4, size=3), SIZE)
+        if all(((high < a) | (b < low)).any() for a, b in boxes):
+            boxes.append((low, high))
+    return boxes
+
+
+def scene_with(boxes, cell, *effects, **options):
+    """A block of unit cells with these boxes rigid."""
+    domain = _domain(cell)
+    for k, (low, high) in enumerate(boxes):
+        domain = domain.with_cells(
+            f"body {k}",
+            lambda x, low=low, high=high: np.all(
+                [x.T - low >= -1e-9, x.T - high <= 1e-9], axis=(0, 2)
+            ),
+        )
+    bodies = [rf.Rigid(f"body {k}") for k in range(len(boxes))]
+    return rf.Scene(domain, MATERIAL, [*bodies, *effects], **options)
+
+
+# Matrices on rank 0 ----------------------------------------------------------------------------
+
+
+def gathered(A):
+    """A PETSc matrix as a SciPy one on rank 0, None elsewhere. Collective."""
+    A = A.convert("aij", type(A)())
+    indptr, indices, values = A.getValuesCSR()
+    parts = A.comm.tompi4py().gather((np.diff(indptr), indices, values))
+    shape = A.getSize()
+    A.destroy()
+    if parts is None:
+        return None
+    counts, columns, entries = (np.concatenate(p) for p in zip(*parts, strict=True))
+    return csr_matrix((entries, columns, np.r_[0, np.cumsum(counts)]), shape=shape)
+
+
+def nodal_map(prolongation, motions, theta, comm):
+    """Dense L and P on rank 0, from the kinematics alone. Collective.
+
+    P is the derivative, by a complex step, of the displacement of nodes that move with Δr and θ; L
+    has the averaged positions, equation (5).
+    """
+    partition = prolongation.partition
+    free = prolongation.free
+    columns = free.size + 6 * len(prolongation._mine)
+    first = comm.exscan(columns) or 0
+    row0 = comm.exscan(partition.held.size) or 0
+    rows = comm.allreduce(partition.held.size)
+    L, P = np.zeros((2, rows, prolongation.size))
+    for k, dof in enumerate(free):
+        L[row0 + dof, first + k] = P[row0 + dof, first + k] = 1.0
+    start = np.zeros(len(motions), dtype=np.int64)
+    for place, k in enumerate(prolongation._mine):
+        start[k] = first + free.size + 6 * place
+    start = comm.allreduce(start)
+
+    def rotation(t):
+        return np.linalg.solve(np.eye(3) - skew(t) / 2, np.eye(3) + skew(t) / 2)
+
+    for k, (body, motion) in enumerate(zip(partition.bodies, motions, strict=True)):
+        at = slice(start[k], start[k] + 3), slice(start[k] + 3, start[k] + 6)
+        h = 1e-30
+        dR = [rotation(theta[k] + 1j * h * e).imag / h @ motion.R for e in np.eye(3)]
+        R_av = (motion.R + rotation(theta[k]) @ motion.R) / 2
+        for n in partition.attached[k]:
+            V, row = body.offsets[n], row0 + 3 * body.nodes[n] + np.arange(3)
+            L[row, at[0]] = P[row, at[0]] = np.eye(3)
+            L[row, at[1]] = -skew(R_av @ V) / body.length
+            P[row, at[1]] = np.stack([d @ V for d in dR], axis=1) / body.length
+    return comm.reduce(L), comm.reduce(P)
+
+
+def condensation_errors(scene, seed):
+    """Relative errors of PᵀKP and LᵀKP, L and P, and the least singular value of P. Collective."""
+    rng = np.random.default_rng(seed)
+    comm = scene.comm
+    errors = {}
+    with Integrator(scene, 0.1) as integrator:
+        system, forces = integrator._system, integrator._forces
+        prolongation = system.equilibrium.prolongation
+        part = system.partition
+        motions = tuple(
+            BodyMotion(
+                m.r, Rotation.from_rotvec(rng.standard_normal(3)).as_matrix(), m.velocity, m.spin
+            )
+            for m in integrator.state.motions
+        )
+        theta = rng.uniform(-1, 1, size=(len(motions), 3))
+        y = prolongation.unknowns()
+        six = np.array(
+            [np.r_[rng.standard_normal(3), b.length * t]
+             for b, t in zip(part.bodies, theta, strict=True)]
+        ).reshape(-1, 6)  # fmt: skip
+        zero = integrator.state.u.x.petsc_vec.duplicate()
+        prolongation.collapse(zero, six, y)
+        prolongation.rotate(y, motions, 0.1)
+        # Any state: the stiffness is evaluated in a field that depends on positions only, so that
+        # it is the same on any number of ranks.
+        X = scene.space.tabulate_dof_coordinates()
+        for f, a in ((forces.u0, 0.3), (forces.u1, 0.5)):
+            f.x.array[:] = (0.1 * np.sin(a * X[:, [1, 2, 0]] + X)).reshape(-1)
+        whole = forces.bind(part.flexible)
+        K = fem_petsc.assemble_matrix(whole.core)
+        K.assemble()
+        full = gathered(K)
+        L, P = nodal_map(prolongation, motions, theta, comm)
+        K.destroy()
+        bound = forces.bind(part.flexible, part.core, part.rim)
+        reduced = {}
+        for thin in (True, False):
+            condensed = CondensedMatrix(prolongation, bound.core, bound.rim, thin)
+            for _ in range(2):  # a second time reuses pattern and products
+                condensed.assemble()
+                condensed.matrix.assemble()
+                condensed.finish()
+            reduced[thin] = gathered(condensed.matrix)
+            condensed.destroy()
+        own = [gathered(A) for A in (prolongation.L, prolongation.P)]
+        y.destroy()
+        zero.destroy()
+        if comm.rank == 0:
+            scale = np.abs(full.data).max(initial=0.0) or 1.0
+            for thin, left in ((True, L), (False, P)):
+                wanted = left.T @ (full @ P)
+                name = "LKP" if thin else "PKP"
+                errors[name] = float(np.abs(reduced[thin] - wanted).max() / scale)
+            errors["L"] = float(np.abs(own[0] - L).max())
+            errors["P"] = float(np.abs(own[1] - P).max())
+            errors["asymmetry"] = float(np.abs(L - P).max())
+            errors["least singular value"] = float(np.linalg.svd(P, compute_uv=False)[-1])
+    return errors
+
+
+def _with_support(scene_boxes, cell, rng, mass):
+    """The scene, held at x1 in one, all or no components where no body touches that face."""
+    touching = any(high[0] == SIZE[0] for _, high in scene_boxes)
+    held = [] if touching else [[], [rf.Fixed("x1", "z")], [rf.Fixed("x1")]][rng.integers(3)]
+    return scene_with(scene_boxes, cell, *held, mass=mass)
+
+
+@CELLS
+@settings(max_examples=12)
+@given(seed=st.integers(0, 2**20))
+def test_condensed_matrices_are_the_products(cell, seed):
+    """PᵀKP, LᵀKP against SciPy; L and P against kinematics; P has full rank."""
+    rng = np.random.default_rng(seed)
+    boxes = random_boxes(rng)
+    scene = _with_support(boxes, cell, rng, "lumped")
+    e = condensation_errors(scene, seed)
+    if boxes and max(np.prod(high - low) for low, high in boxes) == np.prod(SIZE):
+        return
+    assert e["L"] <= 1e-13
+    assert e["P"] <= 1e-13
+    # of the largest entry of K, times the number of nodes summed over and the arms
+    assert e["PKP"] <= 1e-12, e
+    assert e["LKP"] <= 1e-12, e
+    assert e["least singular value"] > 0.1, e
+    assert e["asymmetry"] > 0.1, e  # or the two products would be the same
+
+
+# The whole tangent -----------------------------------------------------------------------------
+
+
+def _vector(prolongation, values):
+    y = prolongation.unknowns()
+    y.array[:] = values
+    return y
+
+
+def tangent_error(scene, seed, size, dt=0.3, thin=None):
+    """Largest difference between tangent and central differences of R, relative to the tangent.
+
+    Args:
+        scene: Scene on one rank.
+        seed: Of the random iterate.
+        size: |θ| of the bodies.
+        dt: Δt.
+        thin: Replaces the setting of the equations if not None.
+    """
+    rng = np.random.default_rng(seed)
+    with Integrator(scene, dt) as integrator:
+        for _ in range(2):  # into a state with strains, velocities and rotations
+            integrator.step(integrator.state.t + dt)
+        system = integrator._system
+        eq = system.equilibrium
+        if thin is not None:
+            eq._tangent._thin = thin
+        system.solve(integrator.state, dt)
+        prolongation = eq.prolongation
+        free = prolongation.free.size
+        y0 = eq._y.array_r.copy()
+        y0[:free] += 0.05 * rng.standard_normal(free)
+        for k, body in enumerate(prolongation.partition.bodies):
+            theta = rng.standard_normal(3)
+            theta *= size / np.linalg.norm(theta)
+            at = free + 6 * k
+            y0[at : at + 6] = np.r_[0.2 * rng.standard_normal(3), body.length * theta]
+        y, r = _vector(prolongation, y0), prolongation.unknowns()
+
+        def residual(values):
+            y.array[:] = values
+            eq.residual(y, r)
+            return r.array_r.copy()
+
+        residual(y0)
+        eq.tangent()
+        A = gathered(eq._tangent.matrix).toarray()
+        h = 2e-3
+        numeric = np.empty_like(A)
+        for j in range(y0.size):
+            e = np.zeros(y0.size)
+            e[j] = h
+            numeric[:, j] = (
+                8 * (residual(y0 + e) - residual(y0 - e))
+                - (residual(y0 + 2 * e) - residual(y0 - 2 * e))
+            ) / (12 * h)
+        y.destroy()
+        r.destroy()
+        return np.abs(A - numeric).max() / np.abs(numeric).max()
+
+
+ONE = [(np.array([0, 0, 0]), np.array([2, 3, 3]))]
+TWO = [
+    (np.array([0, 0, 0]), np.array([2, 2, 3])),
+    (np.array([3, 1, 1]), np.array([5, 3, 3])),
+]
+PUSHES = (
+    rf.InitialVelocity(linear=(0.3, 0.0, 0.1), angular=(0.3, 0.5, -0.4)),
+    rf.Gravity((0.3, -0.2, 0.5)),
+    rf.Traction("x0", (1.0, 2.0, -1.0)),
+    rf.NodalForce("y0", (3.0, 5.0, -2.0)),
+    rf.Resultant("body 0", force=(2.0, 1.0, 0.0), torque=(5.0, -4.0, 3.0)),
+)
+
+
+@MASSES
+@pytest.mark.parametrize("bodies", [ONE, TWO], ids=["one body", "two bodies"])
+@pytest.mark.parametrize("size", [0.05, 1.0])
+def test_tangent_is_the_derivative_of_the_residual(mass, bodies, size):
+    """With loads and torques on bodies; fourth-order differences leave h⁴ = 2e-11 and rounding."""
+    scene = scene_with(bodies, "tetrahedron" if mass == "lumped" else "hexahedron", *PUSHES,
+                       mass=mass)  # fmt: skip
+    error = tangent_error(scene, seed=1, size=size)
+    show(error=error)
+    assert error <= 1e-9
+
+
+def test_tangent_with_supports():
+    """Dofs that are held in one component only are dropped, the rest is in its place."""
+    moved = rf.PrescribedMotion("x1", "xz", displacement=lambda t: (0.02 * t, 0.0, 0.01 * t))
+    scene = scene_with(ONE, "hexahedron", *PUSHES[1:], moved, mass="consistent")
+    assert tangent_error(scene, seed=2, size=0.7) <= 1e-9
+
+
+def test_tangent_of_a_body_alone():
+    """All cells rigid, under loads: 6 × 6."""
+    effects = [rf.Rigid(), *PUSHES[:-1], rf.Resultant(None, torque=(50.0, -40.0, 30.0))]
+    scene = rf.Scene(_domain("hexahedron"), MATERIAL, effects)
+    assert tangent_error(scene, seed=3, size=1.0) <= 1e-9
+
+
+def test_without_the_thin_term_the_tangent_is_another():
+    """The measure of the tests above can fail."""
+    scene = scene_with(ONE, "hexahedron", *PUSHES)
+    assert tangent_error(scene, seed=1, size=0.5, thin=False) > 1e-3
+
+
+# On several ranks ------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def on_ranks():
+    """Errors of all seeds by the number of ranks."""
+    return {n: parallel.run(__file__, n, timeout=240) for n in (2, 3)}
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_condensed_matrices_on_several_ranks(on_ranks, ranks):
+    """Gathered on rank 0, compared there by SciPy."""
+    found = on_ranks[ranks]
+    assert found["ranks"] == ranks
+    for e in found["errors"]:
+        assert max(e["L"], e["P"]) <= 1e-13, e
+        assert max(e["PKP"], e["LKP"]) <= 1e-12, e
+        assert e["least singular value"] > 0.1, e
+    assert found["spans"] > 0  # bodies across ranks
+
+
+def main():
+    """Some partitions on the ranks that there are."""
+    comm = MPI.COMM_WORLD
+    errors, spans = [], 0
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        cell = ("hexahedron", "tetrahedron")[seed % 2]
+        scene = _with_support(random_boxes(rng), cell, rng, "lumped")
+        errors.append(condensation_errors(scene, seed))
+        with Integrator(scene, 0.1) as integrator:
+            for body in integrator.state.bodies:
+                holders = comm.allgather(body.nodes.size > 0)
+                spans += sum(holders) == comm.size
+    if comm.rank == 0:
+        parallel.report({"ranks": comm.size, "errors": errors, "spans": spans})
+
+
+if __name__ == "__main__":
+    main()
