@@ -61,12 +61,6 @@ class CondensedMatrix:
                 self.matrix, np.zeros((len(prolongation.partition.bodies), 6, 6))
             )
         self.matrix.assemble()
-        if prolongation.nodal:
-            # Entries that find their own place are safe in AIJ only (PETSc 3.22).
-            found = self.matrix
-            self.matrix = found.convert(PETSc.Mat.Type.BAIJ, PETSc.Mat())
-            self.matrix.setLGMap(*found.getLGMap())
-            found.destroy()
         self.matrix.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, True)
 
     def assemble(self) -> None:
@@ -99,6 +93,7 @@ class CondensedMatrix:
             assemble_unrolled(self.matrix, self._core)
 
     def _condense(self) -> None:
+        self._prolongation.rotate_trial()
         P, C = self._prolongation.P, self._products
         D: PETSc.Mat = self._prolongation.D
         if not C:

@@ -23,7 +23,6 @@ from petsc4py import PETSc
 
 from rigidfx.body import BodyMotion, Increment
 from rigidfx.partition import Partition
-from rigidfx.rotation import skew
 
 __all__ = ["Prolongation"]
 
@@ -70,6 +69,19 @@ class Prolongation:
         self._first_row = comm.exscan(self._rows) or 0
         self._first_column = comm.exscan(self._columns) or 0
         self._body_columns = self._locate_bodies()
+        nodes = [b.nodes[at] for b, at in zip(bodies, partition.attached, strict=True)]
+        self._arms = [b.offsets[at] for b, at in zip(bodies, partition.attached, strict=True)]
+        self._nodes = nodes
+        dofs = [
+            3 * np.repeat(own.astype(np.int64), 3) + np.tile([0, 1, 2], own.size) for own in nodes
+        ]
+        self._attached = np.concatenate([np.empty(0, np.int64), *dofs])
+        sizes = [own.size for own in dofs]
+        self._translations = np.repeat(np.asarray(self._body_columns, dtype=np.int64), sizes)
+        turned = self._translations[:, None] + np.arange(3, 6)
+        self._rotations = turned.reshape(-1).astype(Int)
+        self._offsets = np.arange(0, self._rotations.size + 1, 3, dtype=Int)
+        self._row_numbers = (self._first_row + self._attached).astype(Int)
         self.L: PETSc.Mat | None = None if identity else self._create(selection=True)
         self.P = self._create(selection=True) if bodies else self.L
         self.D = self._create(selection=False) if bodies else None
@@ -84,14 +96,6 @@ class Prolongation:
         total = self.comm.allreduce(first, op=MPI.SUM) if len(first) else first
         return [int(c) for c in total]
 
-    def _attached(self) -> list[npt.NDArray[np.int64]]:
-        """Owned dofs of each body's attached nodes, three a node."""
-        bodies, attached = self.partition.bodies, self.partition.attached
-        return [
-            (3 * body.nodes[at].astype(np.int64)[:, None] + np.arange(3)).reshape(-1)
-            for body, at in zip(bodies, attached, strict=True)
-        ]
-
     def _create(self, selection: bool) -> PETSc.Mat:
         """A matrix of the pattern of L and P, or of L - P only. Collective.
 
@@ -101,14 +105,13 @@ class Prolongation:
         rows = [self.free] if selection else []
         columns = [self._first_column + np.arange(self.free.size)] if selection else []
         values = [np.ones(self.free.size)] if selection else []
-        for first, dofs in zip(self._body_columns, self._attached(), strict=True):
-            if selection:
-                rows.append(dofs)
-                columns.append(first + dofs % 3)
-                values.append(np.ones(dofs.size))
-            rows.append(np.repeat(dofs, 3))
-            columns.append(np.tile(first + np.arange(3, 6), dofs.size))
-            values.append(np.zeros(3 * dofs.size))
+        if selection:
+            rows.append(self._attached)
+            columns.append(self._translations + self._attached % 3)
+            values.append(np.ones(self._attached.size))
+        rows.append(np.repeat(self._attached, 3))
+        columns.append(self._rotations)
+        values.append(np.zeros(self._rotations.size))
         row, column = np.concatenate(rows), np.concatenate(columns)
         order = np.lexsort((column, row))
         offsets = np.r_[0, np.cumsum(np.bincount(row, minlength=self._rows))].astype(Int)
@@ -121,17 +124,9 @@ class Prolongation:
         A.assemble()
         return A
 
-    def _rotate(self, A: PETSc.Mat, rotations: Sequence[Array]) -> None:
-        """Set the rotation columns, shape (nodes, 3, 3) per body. Collective."""
-        for first, dofs, rotation in zip(
-            self._body_columns, self._attached(), rotations, strict=True
-        ):
-            A.setValuesIJV(
-                np.arange(0, 3 * dofs.size + 1, 3, dtype=Int),
-                np.tile(first + np.arange(3, 6), dofs.size).astype(Int),
-                rotation.reshape(-1),
-                rowmap=(self._first_row + dofs).astype(Int),
-            )
+    def _fill(self, A: PETSc.Mat, rows: Array) -> None:
+        """Set the rotation columns of all attached nodes, shape (nodes, 3, 3). Collective."""
+        A.setValuesIJV(self._offsets, self._rotations, rows.reshape(-1), rowmap=self._row_numbers)
         A.assemble()
 
     # Vectors ------------------------------------------------------------------------------------
@@ -172,7 +167,7 @@ class Prolongation:
         d.array[self.held] = prescribed
 
     def rotate(self, y: PETSc.Vec, motions: Sequence[BodyMotion], dt: float) -> None:
-        """Set L, P and the bodies' increments to the unknowns y. Collective."""
+        """Set L and the bodies' increments to the unknowns y. Collective."""
         if not self.partition.bodies:
             return
         values = self.bodies_part(y)
@@ -180,21 +175,32 @@ class Prolongation:
             Increment(body, motion, values[k, :3], np.asarray(values[k, 3:] / body.length), dt)
             for k, (body, motion) in enumerate(zip(self.partition.bodies, motions, strict=True))
         )
-        L, P = [], []
-        for increment, attached in zip(self.increments, self.partition.attached, strict=True):
-            offsets = increment.body.offsets[attached]
-            L.append(increment.test_rows(offsets))
-            P.append(increment.trial_rows(offsets))
-        self._rotate(self.L, L)
-        self._rotate(self.P, P)
-        if self.D is not None:
-            self._rotate(self.D, [a - b for a, b in zip(L, P, strict=True)])
+        self._test = np.concatenate(
+            [i.test_rows(arms) for i, arms in zip(self.increments, self._arms, strict=True)]
+        )
+        self._fill(self.L, self._test)
+
+    def rotate_trial(self) -> None:
+        """Set P and L - P where L is. Collective."""
+        if not self.increments:
+            return
+        trial = np.concatenate(
+            [i.trial_rows(arms) for i, arms in zip(self.increments, self._arms, strict=True)]
+        )
+        self._fill(self.P, trial)
+        self._fill(self.D, self._test - trial)
 
     def bodies_part(self, y: PETSc.Vec) -> Array:
         """The six unknowns of each body, shape (bodies, 6), on all ranks. Collective."""
         values = np.zeros((len(self.partition.bodies), 6))
         values[self._mine] = y.array_r[self.free.size :].reshape(-1, 6)
-        return np.asarray(self.comm.allreduce(values, op=MPI.SUM))
+        return self._sum(values)
+
+    def _sum(self, values: Array) -> Array:
+        """Sum over ranks, in place. Collective."""
+        if self.comm.size > 1:
+            self.comm.Allreduce(MPI.IN_PLACE, values)
+        return values
 
     def collapse(self, d: PETSc.Vec, bodies: Array, y: PETSc.Vec) -> None:
         """Unknowns from a full-length vector at the free dofs and six numbers per body.
@@ -225,17 +231,16 @@ class Prolongation:
         """Σ ½ f̂ᵢ v̂₁,ᵢ over each body's attached nodes, shape (bodies, 3, 3). Collective."""
         nodal = f.array_r.reshape(-1, 3)
         out = np.zeros((len(self.increments), 3, 3))
-        for k, (inc, at) in enumerate(zip(self.increments, self.partition.attached, strict=True)):
-            v1 = inc.body.offsets[at] @ inc.R1.T
-            out[k] = 0.5 * np.einsum(
-                "nij,njk->ik", skew(nodal[inc.body.nodes[at]]), skew(v1), optimize=True
-            )
-        return self.comm.allreduce(out, op=MPI.SUM) if self.comm.size > 1 else out
+        for k, (increment, own) in enumerate(zip(self.increments, self._nodes, strict=True)):
+            # f̂ v̂ = v fᵀ - (f·v) I
+            moment = (self._arms[k] @ increment.R1.T).T @ nodal[own]
+            out[k] = 0.5 * (moment - np.trace(moment) * np.eye(3))
+        return self._sum(out)
 
     # Matrices -----------------------------------------------------------------------------------
 
     def empty_matrix(self) -> PETSc.Mat:
-        """A reduced AIJ matrix without entries that maps local nodes (or dofs) to unknowns.
+        """A reduced matrix without entries that maps local nodes (or dofs) to unknowns.
 
         Its first assembly finds the pattern. Collective.
         """
@@ -245,7 +250,7 @@ class Prolongation:
         mapping = PETSc.LGMap().create(numbers, bsize=block, comm=self.comm)
         A = PETSc.Mat().create(self.comm)
         A.setSizes([(self._columns, None)] * 2)
-        A.setType(PETSc.Mat.Type.AIJ)
+        A.setType(PETSc.Mat.Type.BAIJ if self.nodal else PETSc.Mat.Type.AIJ)
         A.setBlockSize(block)
         A.setLGMap(mapping, mapping)
         A.setUp()
@@ -262,6 +267,7 @@ class Prolongation:
 
     def condense(self, K: PETSc.Mat) -> PETSc.Mat:
         """Pᵀ K P of a full matrix, as a new one, which the caller destroys. Collective."""
+        self.rotate_trial()
         return K.copy() if self.P is None else K.PtAP(self.P)
 
     def add_blocks(self, C: PETSc.Mat, blocks: Array) -> None:
