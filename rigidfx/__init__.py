@@ -5,7 +5,7 @@ scene names a domain, materials and effects; `simulate` yields a report per step
 writes ParaView files and a CSV.
 """
 
-from rigidfx.domain import Domain, box, from_arrays, read_msh
+from rigidfx.domain import Domain, box, from_arrays
 from rigidfx.effects import (
     BodyForce,
     Fixed,
@@ -23,6 +23,7 @@ from rigidfx.effects import (
 from rigidfx.errors import OutputError, RigidfxError, SceneError, StepError
 from rigidfx.forms import EnergyMomentum, Midpoint, Trapezoidal
 from rigidfx.materials import Hyperelastic, Material, MooneyRivlin, NeoHooke, StVenantKirchhoff
+from rigidfx.msh import read_msh
 from rigidfx.output import Recorder, read_history
 from rigidfx.scene import Scene
 from rigidfx.simulation import Report, simulate

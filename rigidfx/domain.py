@@ -1,4 +1,4 @@
-"""A mesh with its named parts: boxes for quick scenes, gmsh files for real ones.
+"""A mesh with its named parts; boxes and arrays for quick scenes.
 
 Everything a scene refers to is found by *name*: a name stands for a set of cells, facets, edges or
 vertices. A domain never changes; `with_cells`, `with_facets` and `with_vertices` return a new one
@@ -7,11 +7,10 @@ that knows one name more.
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 import basix.ufl
 import dolfinx.mesh as dmesh
@@ -21,10 +20,10 @@ import ufl
 from mpi4py import MPI
 
 from rigidfx import _compat
-from rigidfx.errors import SceneError, agree
+from rigidfx.errors import SceneError, agree, together
 from rigidfx.quality import check_cells
 
-__all__ = ["Domain", "EntitySet", "box", "from_arrays", "read_msh"]
+__all__ = ["Domain", "EntitySet", "box", "from_arrays"]
 
 Marker = Callable[[npt.NDArray[np.float64]], npt.NDArray[np.bool_]]
 
@@ -129,11 +128,10 @@ class Domain:
         tdim = self.mesh.topology.dim
         self.mesh.topology.create_entities(dim)
         self.mesh.topology.create_connectivity(dim, tdim)
-        if boundary:
-            self.mesh.topology.create_connectivity(dim, tdim)
-            entities = dmesh.locate_entities_boundary(self.mesh, dim, marker)
-        else:
-            entities = dmesh.locate_entities(self.mesh, dim, marker)
+        locate = dmesh.locate_entities_boundary if boundary else dmesh.locate_entities
+        entities = together(
+            self.comm, f"The marker of '{name}'", lambda: locate(self.mesh, dim, marker)
+        )
         new = EntitySet(name, dim, np.sort(entities).astype(np.int32))
         out = replace_sets(self, {**self.sets, (name, dim): new})
         if out.count(new) == 0:
@@ -224,16 +222,27 @@ def box(
     Raises:
         SceneError: If the box has no volume, a number of cells is below one or the cell is unknown.
     """
-    a, b = np.asarray(lower, float), np.asarray(upper, float)
-    if a.shape != (3,) or b.shape != (3,) or not np.all(b > a):
-        raise SceneError(f"box: upper must exceed lower in all of x, y, z; got {lower}, {upper}.")
-    if len(cells) != 3 or min(cells) < 1:
-        raise SceneError(f"box: cells must be three numbers ≥ 1, got {cells}.")
+    try:
+        a, b = np.asarray(lower, float), np.asarray(upper, float)
+        counts = [operator.index(n) for n in cells]
+    except (TypeError, ValueError):
+        raise SceneError(
+            "box: lower and upper must be three numbers each and cells three whole numbers, got "
+            f"{lower!r}, {upper!r}, {cells!r}."
+        ) from None
+    finite = a.shape == b.shape == (3,) and bool(np.isfinite([a, b]).all())
+    if not finite or not np.all(b > a):
+        raise SceneError(
+            "box: lower and upper must be three finite numbers each, and upper must exceed lower "
+            f"in all of x, y, z; got {lower}, {upper}."
+        )
+    if len(counts) != 3 or min(counts) < 1:
+        raise SceneError(f"box: cells must be three whole numbers ≥ 1, got {cells}.")
     kinds = {kind.name: kind for kind in CELLS}
     if cell not in kinds:
         raise SceneError(f"box: cell must be one of {sorted(kinds)}, got {cell!r}.")
     mesh = dmesh.create_box(
-        comm, [a, b], list(cells), kinds[cell], ghost_mode=dmesh.GhostMode.shared_facet
+        comm, [a, b], counts, kinds[cell], ghost_mode=dmesh.GhostMode.shared_facet
     )
     domain = Domain(mesh)
     for axis, letter in enumerate("xyz"):
@@ -276,66 +285,3 @@ def from_arrays(
 
 def _on_plane(axis: int, value: float, tol: float) -> Marker:
     return lambda x: np.abs(x[axis] - value) < tol
-
-
-def read_msh(path: str | Path, comm: MPI.Intracomm = MPI.COMM_WORLD) -> Domain:
-    """Read a gmsh file; its physical groups become the names of the domain. Collective.
-
-    Args:
-        path: A .msh file; it is read on rank 0 only.
-        comm: Communicator of the mesh.
-
-    Raises:
-        SceneError: If the file is missing or unreadable, or holds no named group of volume cells.
-    """
-    problem, names = None, {}
-    gmsh: Any = None
-    if comm.rank == 0:
-        try:
-            import gmsh as gmsh_module
-
-            gmsh = gmsh_module
-            names = _open_model(gmsh, Path(path))
-        except ImportError:
-            problem = "Reading .msh files needs the Python module gmsh (pip install gmsh)."
-        except (OSError, ValueError) as error:
-            problem = str(error)
-        except Exception as error:  # gmsh raises bare Exception with its log
-            problem = f"gmsh cannot read '{path}': {error}"
-    try:
-        agree(comm, problem)
-        names = comm.bcast(names)
-        model = gmsh.model if comm.rank == 0 else None
-        mesh, cell_tags, facet_tags = _compat.model_to_mesh(model, comm)
-    finally:
-        if gmsh is not None and gmsh.isInitialized():
-            gmsh.finalize()
-    mesh.topology.create_connectivity(2, 3)
-    tags = {3: cell_tags, 2: facet_tags}
-    return Domain(
-        mesh,
-        [
-            EntitySet(name, dim, np.sort(tags[dim].find(marker)))
-            for (dim, marker), name in names.items()
-            if dim in tags
-        ],
-    )
-
-
-def _open_model(gmsh: Any, path: Path) -> dict[tuple[int, int], str]:
-    """Open the file as gmsh's current model; physical names by (dimension, tag)."""
-    if not path.is_file():
-        raise ValueError(f"There is no mesh file '{path}' (looked in {Path.cwd()}).")
-    if not gmsh.isInitialized():
-        gmsh.initialize(interruptible=False)
-    gmsh.option.setNumber("General.Terminal", 0)
-    gmsh.open(str(path))
-    groups = gmsh.model.getPhysicalGroups()
-    names = {(d, t): gmsh.model.getPhysicalName(d, t) or f"{KINDS[d]}-{t}" for d, t in groups}
-    if not any(dim == 3 for dim, _ in names):
-        listed = ", ".join(f"'{n}' ({KINDS[d]})" for (d, _), n in names.items()) or "none"
-        raise ValueError(
-            f"'{path}' has no physical group of volume cells (dimension 3), which are what a "
-            f"domain is made of. Physical groups there: {listed}."
-        )
-    return names

@@ -7,12 +7,24 @@ or files goes through `agree`.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from math import isfinite, isnan
+from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-__all__ = ["OutputError", "RigidfxError", "SceneError", "StepError", "agree"]
+__all__ = [
+    "OutputError",
+    "RigidfxError",
+    "SceneError",
+    "StepError",
+    "agree",
+    "number",
+    "together",
+]
+
+T = TypeVar("T")
 
 
 class RigidfxError(Exception):
@@ -45,3 +57,47 @@ def agree(comm: MPI.Intracomm, message: str | None, error: type[RigidfxError] = 
     messages = [m for m in comm.allgather(message) if m is not None]
     if messages:
         raise error(messages[0])
+
+
+def together(comm: MPI.Intracomm, owner: str, function: Callable[[], T]) -> T:
+    """Call a user's function on all ranks; if it fails on one, all raise. Collective.
+
+    Args:
+        comm: Communicator of the mesh.
+        owner: Whose function it is, for the message.
+        function: Function to call.
+
+    Raises:
+        SceneError: On every rank, with the message of the lowest rank that failed.
+    """
+    problem, value = None, None
+    try:
+        value = function()
+    except RigidfxError as error:
+        problem = str(error)
+    except Exception as error:  # whatever a user's function may raise
+        problem = f"{owner} failed with {type(error).__name__}: {error}"
+    agree(comm, problem)
+    return value  # type: ignore[return-value]
+
+
+def number(owner: str, name: str, value: Any, *, infinite: bool = False) -> float:
+    """A user's number as a float.
+
+    Args:
+        owner: Whose number it is, for the message.
+        name: Name of the number.
+        value: What was given.
+        infinite: Whether plus or minus infinity will do.
+
+    Raises:
+        SceneError: If it is no number, or not finite where it has to be.
+    """
+    if not isinstance(value, str) and value is not None:
+        try:
+            result = float(value)
+        except (TypeError, ValueError):
+            result = float("nan")
+        if isfinite(result) or (infinite and not isnan(result)):
+            return result
+    raise SceneError(f"{owner}: {name} must be a finite number, got {value!r}.")

@@ -15,7 +15,7 @@ from petsc4py import PETSc
 from rigidfx import _compat
 from rigidfx import effects as fx
 from rigidfx.body import Increment, RigidBody
-from rigidfx.errors import SceneError, agree
+from rigidfx.errors import SceneError, together
 from rigidfx.rotation import skew
 from rigidfx.scene import Scene
 
@@ -102,7 +102,9 @@ class NodalLoads:
 
     def resultants(self, t: float) -> tuple[Resultants, ...]:
         """Loads on each body at time t [s]."""
-        q = np.reshape([item.load.intensity(t) for item in self._loads], (-1, 3))
+        if not self._torques:
+            return ()
+        q = np.reshape(self._q(t), (-1, 3))
         out = []
         for k, torques in enumerate(self._torques):
             moments = np.reshape([m[k] for m in self._on_bodies], (-1, 4))
@@ -136,19 +138,35 @@ class NodalLoads:
         forces[:] = 0.0
         if not self._loads:
             return
-        problem = None
-        for item in self._loads:
-            q = item.load.intensity(t)
-            if q.shape == (3,) and np.isfinite(q).all():
-                if q.any():
-                    forces += item.weights[:, None] * q
-            elif problem is None:
-                where = getattr(item.load, "where", None) or "all cells"
-                problem = (
-                    f"{type(item.load).__name__} on '{where}': at t = {t:g} s three finite "
-                    f"components are expected, got {q}. Check its value and time function."
+        for q, item in zip(
+            together(self._comm, "A load", lambda: self._q(t)), self._loads, strict=True
+        ):
+            if q.any():
+                forces += item.weights[:, None] * q
+
+    def _q(self, t: float) -> list[Array]:
+        """Force vector of each load at time t, shape (3,); what a user's function does is checked.
+
+        Raises:
+            SceneError: On this rank, if one fails or is not three finite numbers.
+        """
+        out = []
+        for load in (item.load for item in self._loads):
+            name = f"{type(load).__name__} on '{getattr(load, 'where', None) or 'all cells'}'"
+            try:
+                q = load.intensity(t)
+            except Exception as error:  # whatever a user's function may raise
+                raise SceneError(
+                    f"{name}: its value or time function failed at t = {t:g} s with "
+                    f"{type(error).__name__}: {error}"
+                ) from error
+            if q.shape != (3,) or not np.isfinite(q).all():
+                raise SceneError(
+                    f"{name}: at t = {t:g} s three finite components are expected, got {q}. "
+                    "Check its value and time function."
                 )
-        agree(self._comm, problem)
+            out.append(q)
+        return out
 
 
 def _weights(scene: Scene, load: fx.DeadLoad) -> Array:

@@ -12,13 +12,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from math import isfinite
 from types import MappingProxyType
 from typing import Any, ClassVar
 
 import ufl
 
-from rigidfx.errors import SceneError
+from rigidfx.errors import SceneError, number
 
 __all__ = ["Hyperelastic", "Material", "MooneyRivlin", "NeoHooke", "StVenantKirchhoff"]
 
@@ -27,7 +26,7 @@ Energy = Callable[..., Any]
 
 def _positive(owner: object, **values: float) -> None:
     for name, value in values.items():
-        if not (isfinite(value) and value > 0):
+        if not number(type(owner).__name__, name, value) > 0:
             raise SceneError(
                 f"{type(owner).__name__}: {name} must be a finite number > 0, got {value!r}."
             )
@@ -36,7 +35,7 @@ def _positive(owner: object, **values: float) -> None:
 def _lame(owner: object, E: float, nu: float) -> dict[str, float]:
     """Lamé parameters [Pa] from Young's modulus and Poisson's ratio, both checked."""
     _positive(owner, E=E)
-    if not -1 < nu < 0.5:
+    if not -1 < number(type(owner).__name__, "nu", nu) < 0.5:
         raise SceneError(
             f"{type(owner).__name__}: Poisson's ratio nu must lie inside (-1, 1/2), got {nu!r}; "
             "for nearly incompressible behaviour take, say, 0.499 and second-order cells."
@@ -185,8 +184,9 @@ class MooneyRivlin(Material):
             SceneError: If ρ0, κ or c10 + c01 is not positive, or c10 or c01 negative.
         """
         super().__post_init__()
-        _positive(self, kappa=self.kappa, **{"c10 + c01": self.c10 + self.c01})
-        if min(self.c10, self.c01) < 0:
+        c10, c01 = (number("MooneyRivlin", name, getattr(self, name)) for name in ("c10", "c01"))
+        _positive(self, kappa=self.kappa, **{"c10 + c01": c10 + c01})
+        if min(c10, c01) < 0:
             raise SceneError("MooneyRivlin: c10 and c01 must not be negative.")
 
     @property
@@ -231,8 +231,7 @@ class Hyperelastic(Material):
         if not callable(self.W):
             raise SceneError(f"{self.label}: W must be a function of C giving UFL, got {self.W!r}.")
         for name, value in self.values.items():
-            if not isfinite(value):
-                raise SceneError(f"{self.label}: parameter {name} must be finite, got {value!r}.")
+            number(self.label, f"parameter {name}", value)
         object.__setattr__(self, "values", MappingProxyType(dict(self.values)))
 
     @property

@@ -22,14 +22,14 @@ from __future__ import annotations
 import csv
 import os
 from collections.abc import Iterable
-from math import floor, isfinite
+from math import floor
 from pathlib import Path
 from types import TracebackType
 
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx.errors import OutputError, SceneError, StepError, agree
+from rigidfx.errors import OutputError, SceneError, StepError, agree, number
 from rigidfx.paraview import Body, Series
 from rigidfx.scene import Scene
 from rigidfx.simulation import Report
@@ -79,9 +79,9 @@ class Recorder:
             OutputError: On every rank, if the folder cannot be written to.
             SceneError: If every or interval cannot be used.
         """
-        if int(every) != every or every < 1:
+        if not isinstance(every, int) or every < 1:
             raise SceneError(f"Recorder: every must be a whole number ≥ 1, got {every!r}.")
-        if interval is not None and not (isfinite(interval) and interval > 0):
+        if interval is not None and not number("Recorder", "interval", interval) > 0:
             raise SceneError(f"Recorder: interval must be a finite number > 0, got {interval!r}.")
         self.folder = Path(folder)
         self._comm = scene.comm

@@ -77,6 +77,8 @@ def check_cells(mesh: dmesh.Mesh) -> None:
     Raises:
         SceneError: On all ranks, naming one offending cell by its place and input number.
     """
+    finite = bool(np.isfinite(mesh.geometry.x).all())
+    agree(mesh.comm, None if finite else "The mesh has nodes whose coordinates are not finite.")
     local = mesh.topology.index_map(3).size_local
     points, sign = _points(mesh), np.empty(local)
     broken = np.empty(local, dtype=bool)

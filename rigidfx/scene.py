@@ -6,7 +6,8 @@ ranks alike.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from itertools import combinations
 from math import isfinite
 from types import MappingProxyType
@@ -22,7 +23,7 @@ from mpi4py import MPI
 from rigidfx import _compat
 from rigidfx import effects as fx
 from rigidfx.domain import Domain
-from rigidfx.errors import SceneError, agree
+from rigidfx.errors import SceneError, agree, together
 from rigidfx.forms import EnergyMomentum, Scheme
 from rigidfx.materials import Material
 
@@ -79,14 +80,28 @@ class Scene:
         Raises:
             SceneError: If anything in it is unknown, impossible or in conflict.
         """
+        if not isinstance(domain, Domain):
+            raise SceneError(
+                f"Scene: domain must be a Domain (box, from_arrays, read_msh, or Domain(mesh) of a "
+                f"DOLFINx mesh), got {type(domain).__name__}."
+            )
         self.domain = domain
+        if isinstance(effects, str) or not isinstance(effects, Iterable):
+            raise SceneError(f"Scene: effects must be a list of effects, got {effects!r}.")
         self.effects = tuple(effects)
         self.order, self.mass = order, mass
         self.scheme: Scheme = EnergyMomentum() if scheme is None else scheme
+        if isinstance(scheme, type) or not hasattr(self.scheme, "virtual_work"):
+            raise SceneError(
+                f"Scene: scheme must be EnergyMomentum(), Midpoint() or Trapezoidal(), got "
+                f"{scheme!r}."
+            )
         self.probes = MappingProxyType(_points(probes or {}))
         self._check_discretisation()
         self._check_effects()
         self.materials = _material_cells(domain, material)
+        for used, _ in self.materials:
+            _check_energy(used)
         self.space = fem.functionspace(domain.mesh, ("Lagrange", order, (3,)))
         self.nodal_mass = self._nodal_mass()
         self.supports = self._supports()
@@ -254,9 +269,22 @@ class Scene:
                 )
         for support, _ in supports:
             start = support.since if isfinite(support.since) else 0.0
-            for what in (support.displacement_at(start), support.velocity_at(start, 1.0)):
-                _check_vector(what, f"{type(support).__name__} on '{support.where}'", start)
+            owner = f"{type(support).__name__} on '{support.where}'"
+            self._ask(owner, start, partial(support.displacement_at, start))
+            self._ask(owner, start, partial(support.velocity_at, start, 1.0))
         return supports
+
+    def _ask(self, owner: str, t: float, function: Callable[[], Array]) -> None:
+        """Check that a user's function gives three finite numbers at time t. Collective."""
+
+        def check() -> None:
+            value = function()
+            if np.shape(value) != (3,) or not np.isfinite(value).all():
+                raise SceneError(
+                    f"{owner}: at t = {t:g} s three finite components are expected, got {value}."
+                )
+
+        together(self.comm, f"{owner}: its function of time", check)
 
     def _check_names(self) -> None:
         loads = [*self.named(fx.DeadLoad), *(q for p in self.named(fx.Preload) for q in p.loads)]
@@ -266,22 +294,39 @@ class Scene:
             if where is not None:
                 self.domain.find(where, dims, type(load).__name__)
             start = max(0.0, load.since)
-            _check_vector(load.intensity(start), type(load).__name__, start)
+            self._ask(
+                f"{type(load).__name__} on '{where or 'all cells'}'",
+                start,
+                partial(load.intensity, start),
+            )
+
+
+def _check_energy(material: Material) -> None:
+    """See whether a stored energy is a scalar of C and the parameters that are given."""
+    owner = getattr(material, "label", type(material).__name__)
+    try:
+        W = material.energy(ufl.variable(ufl.Identity(3)), **material.parameters)
+        scalar = ufl.as_ufl(W).ufl_shape == ()
+    except Exception as error:  # whatever a user's function may raise
+        raise SceneError(
+            f"Scene: the stored energy of {owner} cannot be formed: {type(error).__name__}: "
+            f"{error}. It must be a function of C and of the parameters that are given."
+        ) from error
+    if not scalar:
+        raise SceneError(f"Scene: the stored energy of {owner} must be a scalar.")
 
 
 def _overlap(a: fx.Windowed, b: fx.Windowed) -> bool:
     return max(a.since, b.since) < min(a.until, b.until)
 
 
-def _check_vector(value: Array, owner: str, t: float) -> None:
-    if np.shape(value) != (3,) or not np.isfinite(value).all():
-        raise SceneError(
-            f"{owner}: at t = {t:g} s three finite components are expected, got {value}."
-        )
-
-
 def _points(probes: Mapping[str, Sequence[float]]) -> dict[str, Array]:
-    points = {name: np.asarray(p, dtype=np.float64) for name, p in probes.items()}
+    try:
+        points = {name: np.asarray(p, dtype=np.float64) for name, p in probes.items()}
+    except (AttributeError, TypeError, ValueError):
+        raise SceneError(
+            f"Scene: probes must be a dict of names to three numbers each, got {probes!r}."
+        ) from None
     for name, point in points.items():
         if point.shape != (3,) or not np.isfinite(point).all():
             raise SceneError(f"Scene: probe '{name}' must be three finite numbers, got {point}.")

@@ -11,7 +11,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from math import isfinite
 from time import perf_counter
 from typing import Any
 
@@ -20,7 +19,7 @@ import numpy.typing as npt
 
 from rigidfx.body import BodyMotion, RigidBody
 from rigidfx.effects import next_breakpoint
-from rigidfx.errors import SceneError
+from rigidfx.errors import SceneError, number
 from rigidfx.integrator import Integrator, StepResult
 from rigidfx.monitor import Measures
 from rigidfx.probes import Probes
@@ -144,9 +143,12 @@ def simulate(
             in conflict; later, if a load takes a value that is not finite.
         StepError: If a step does not converge, even after cutting.
     """
-    if not (isfinite(dt) and dt > 0):
+    if not isinstance(scene, Scene):
+        raise SceneError(f"simulate: scene must be a Scene, got {scene!r}.")
+    dt, t_end = number("simulate", "dt", dt), number("simulate", "t_end", t_end)
+    if not dt > 0:
         raise SceneError(f"simulate: dt must be a finite number > 0, got {dt!r}.")
-    if not (isfinite(t_end) and t_end > 0):
+    if not t_end > 0:
         raise SceneError(f"simulate: t_end must be a finite number > 0, got {t_end!r}.")
     probes = Probes(scene)
     return _reports(scene, Integrator(scene, dt), probes, dt, t_end, progress)

@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 from rigidfx.body import BodyMotion, RigidBody
 from rigidfx.effects import InitialVelocity
-from rigidfx.errors import SceneError, agree
+from rigidfx.errors import SceneError, agree, together
 from rigidfx.scene import Scene
 
 __all__ = ["Snapshot", "State", "initial_velocity"]
@@ -105,7 +105,11 @@ def initial_velocity(scene: Scene, dt: float) -> npt.NDArray[np.float64]:
     for support, nodes in scene.supports if given else ():
         if not (support.since <= 0.0 < support.until):
             continue
-        wanted = support.velocity_at(0.0, dt)
+        wanted = together(
+            scene.comm,
+            f"{type(support).__name__} on '{support.where}'",
+            lambda s=support: s.velocity_at(0.0, dt),  # type: ignore[misc]
+        )
         axes = list(support.axes)
         error = np.abs(v[nodes][:, axes] - wanted[axes]).max(initial=0.0)
         bound = max(scale, float(np.abs(wanted).max()))
@@ -131,7 +135,10 @@ def _evaluate(
             values = np.broadcast_to(values, X.shape)
         if not np.isfinite(values).all():
             problem = "InitialVelocity: function gives values that are not finite."
-    except (TypeError, ValueError) as error:
-        problem = f"InitialVelocity: function must map (3, n) to (3, n): {error}."
+    except Exception as error:  # whatever a user's function may raise
+        problem = (
+            f"InitialVelocity: function must map (3, n) to (3, n); it failed with "
+            f"{type(error).__name__}: {error}"
+        )
     agree(scene.comm, problem, SceneError)
     return values

@@ -7,15 +7,15 @@ metric of the mass, on what the support allows; the energy and the impulse of th
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
-from rigidfx.effects import Support
-from rigidfx.errors import StepError
+from rigidfx.effects import PrescribedMotion, Support
+from rigidfx.errors import SceneError, StepError, together
 from rigidfx.mass import Mass
 from rigidfx.partition import Partition
 from rigidfx.prolongation import Prolongation
@@ -84,12 +84,42 @@ class HeldDofs:
         return np.asarray(np.stack(per_support)[self._owner, self._axis])
 
     def increments(self, t0: float, t1: float) -> Array:
-        """Prescribed increments of the held dofs from t0 to t1 [m]."""
-        return self._spread([s.displacement_at(t1) - s.displacement_at(t0) for s in self.active])
+        """Prescribed increments of the held dofs from t0 to t1 [m]. Collective."""
+        return self._ask(lambda s: s.displacement_at(t1) - s.displacement_at(t0), t1)
 
     def velocities(self, t: float, dt: float) -> Array:
-        """Prescribed velocities of the held dofs just after t [m/s]."""
-        return self._spread([s.velocity_at(t, dt) for s in self.active])
+        """Prescribed velocities of the held dofs just after t [m/s]. Collective."""
+        return self._ask(lambda s: s.velocity_at(t, dt), t)
+
+    def _ask(self, question: Callable[[Support], Array], t: float) -> Array:
+        """A vector of each support, spread over its dofs; what a user's function does is checked.
+
+        Raises:
+            SceneError: On every rank, if one fails or is not three finite numbers. Collective.
+        """
+
+        def answers() -> list[Array]:
+            out = []
+            for support in self.active:
+                name = f"{type(support).__name__} on '{support.where}'"
+                try:
+                    value = question(support)
+                except Exception as error:  # whatever a user's function may raise
+                    raise SceneError(
+                        f"{name}: its path failed near t = {t:g} s with "
+                        f"{type(error).__name__}: {error}"
+                    ) from error
+                if np.shape(value) != (3,) or not np.isfinite(value).all():
+                    raise SceneError(
+                        f"{name}: near t = {t:g} s its path or velocity is not three finite "
+                        f"numbers but {value}."
+                    )
+                out.append(value)
+            return out
+
+        if not any(isinstance(s, PrescribedMotion) for s in self.active):
+            return self._spread([question(s) for s in self.active])
+        return self._spread(together(self._scene.comm, "A support", answers))
 
     def reactions(self, forces: Array) -> Mapping[str, Array]:
         """Force that each support exerts on the structure, shape (3,) [N]. Collective.

@@ -16,6 +16,7 @@ LAYERS = [
     "effects",
     "quality",
     "domain",
+    "msh",
     "forms",
     "kernels",
     "linear",

@@ -66,7 +66,19 @@ def _velocity_on_one_rank(X):
 
 EMPTY = np.empty(0, np.int32)
 
+
 # name: (what is done, error, part of its message)
+def _fails_on_one_rank(value, since=-1.0):
+    """A function of time (or place) that raises on the last rank only, after a while."""
+
+    def function(t):
+        if COMM.rank == COMM.size - 1 and np.max(t) > since:
+            raise KeyError("lost")
+        return value
+
+    return function
+
+
 CASES = {
     "unknown facets": (
         lambda: _run(rf.Traction("top", (1, 0, 0))),
@@ -183,6 +195,54 @@ CASES = {
         "There is no mesh file",
     ),
     "unreadable mesh file": (lambda: rf.read_msh(_path("conftest.py")), SceneError, "conftest.py"),
+    "load that fails on one rank": (
+        lambda: _run(rf.Gravity(_fails_on_one_rank((0, 0, 1), since=0.2))),
+        SceneError,
+        "failed at t = 0.25 s with KeyError",
+    ),
+    "time function that fails on one rank": (
+        lambda: _run(rf.Gravity(time=_fails_on_one_rank(1.0))),
+        SceneError,
+        "failed with KeyError",
+    ),
+    "path that fails on one rank": (
+        lambda: _run(
+            rf.PrescribedMotion("x0", displacement=_fails_on_one_rank((0, 0, 0), since=0.25))
+        ),
+        SceneError,
+        "path failed near t = 0.3 s",
+    ),
+    "path that is no path": (
+        lambda: _run(rf.PrescribedMotion("x0", displacement=lambda t: (t, 0))),
+        SceneError,
+        "three finite components",
+    ),
+    "velocity that fails on one rank": (
+        lambda: _run(rf.InitialVelocity(function=_fails_on_one_rank(0.0))),
+        SceneError,
+        "failed with KeyError",
+    ),
+    "marker that fails on one rank": (
+        lambda: _box().with_cells("some", _fails_on_one_rank(None)),
+        SceneError,
+        "The marker of 'some' failed",
+    ),
+    "text for a number": (
+        lambda: rf.StVenantKirchhoff(E="2e7", nu=0.3, rho=1.0),
+        SceneError,
+        "E must be a finite number",
+    ),
+    "time step that is no number": (lambda: _run(dt="a"), SceneError, "dt must be a finite"),
+    "effects that are none": (
+        lambda: rf.Scene(_box(), STEEL, STEEL),
+        SceneError,
+        "effects must be a list",
+    ),
+    "energy without its parameters": (
+        lambda: _run(material=rf.Hyperelastic(rho=1.0, W=lambda C, mu: mu * C[0, 0])),
+        SceneError,
+        "cannot be formed",
+    ),
     "step that never converges": (
         lambda: _run(rf.Fixed("x0"), rf.Traction("x1", (1e20, 0, 0), since=0.25)),
         StepError,

@@ -287,3 +287,60 @@ def test_gmsh_files_that_cannot_be_read(tmp_path):
         rf.read_msh(tmp_path / "cut.msh")
     with pytest.raises(SceneError, match=r"no physical group of volume cells.*'end' \(facets\)"):
         rf.read_msh(write_msh(tmp_path / "surface.msh", volumes=False))
+
+
+def _save(path, build):
+    """Write a file of gmsh on rank 0 alone."""
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.option.setNumber("Mesh.MeshSizeMax", 0.5)
+        build(gmsh.model)
+        gmsh.write(str(path))
+    finally:
+        gmsh.finalize()
+    return path
+
+
+def test_overlapping_groups(tmp_path):
+    """A face in two groups and a volume in two groups belong to both; points are vertices."""
+
+    def build(model):
+        one, two = model.occ.addBox(0, 0, 0, 1, 1, 1), model.occ.addBox(1, 0, 0, 1, 1, 1)
+        model.occ.fragment([(3, one)], [(3, two)])
+        model.occ.synchronize()
+        faces = [tag for _, tag in model.getEntitiesInBoundingBox(-1, -1, -1, 3, 3, 1e-3, dim=2)]
+        skin = [tag for _, tag in model.getBoundary([(3, one), (3, two)], oriented=False)]
+        model.addPhysicalGroup(2, faces, name="bottom")
+        model.addPhysicalGroup(2, skin, name="skin")
+        model.addPhysicalGroup(3, [one, two], name="all")
+        model.addPhysicalGroup(3, [one], name="left")
+        corner = model.getEntitiesInBoundingBox(-0.1, -0.1, -0.1, 0.1, 0.1, 0.1, dim=0)
+        model.addPhysicalGroup(0, [corner[0][1]], name="corner")
+        model.mesh.generate(3)
+
+    domain = rf.read_msh(_save(tmp_path / "two.msh", build))
+    material = rf.StVenantKirchhoff(E=1e4, nu=0.3, rho=1.0)
+    count = {name: domain.count(s) for (name, _), s in domain.sets.items()}
+    assert count["corner"] == 1
+    assert 0 < count["left"] < count["all"] == domain.mesh.topology.index_map(3).size_global
+    for name, area in (("skin", 10.0), ("bottom", 2.0)):
+        reports = list(
+            rf.simulate(rf.Scene(domain, material, [rf.Traction(name, (1, 0, 0))]), 1, 1)
+        )
+        assert reports[-1].linear_momentum[0] == pytest.approx(area, rel=1e-10)
+
+
+@pytest.mark.parametrize(("recombine", "found"), [(True, "Prism"), (None, "generated in 3D")])
+def test_files_without_usable_cells(tmp_path, recombine, found):
+    """Prisms are named, and a group that has no cells."""
+
+    def build(model):
+        base = model.occ.addRectangle(0, 0, 0, 1, 1)
+        model.occ.extrude([(2, base)], 0, 0, 1, numElements=[2], recombine=True)
+        model.occ.synchronize()
+        model.addPhysicalGroup(3, [tag for _, tag in model.getEntities(3)], name="body")
+        model.mesh.generate(3 if recombine else 2)
+
+    with pytest.raises(SceneError, match=found):
+        rf.read_msh(_save(tmp_path / "file.msh", build))

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx.errors import SceneError
+from rigidfx.errors import SceneError, number
 
 __all__ = ["Effect", "Table", "TimeFunction", "Vector", "Windowed", "next_breakpoint", "vector"]
 
@@ -101,7 +101,11 @@ class Windowed(Effect):
         Raises:
             SceneError: If it is empty or its ends are not numbers.
         """
-        if not self.since < self.until:
+        owner = type(self).__name__
+        since, until = (
+            number(owner, name, getattr(self, name), infinite=True) for name in ("since", "until")
+        )
+        if not since < until:
             raise SceneError(
                 f"{type(self).__name__}: the time window needs since < until, "
                 f"got {self.since!r} … {self.until!r}."

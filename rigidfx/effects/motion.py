@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import isfinite
 
 import numpy as np
 import numpy.typing as npt
 
 from rigidfx.effects.base import Effect, Vector, Windowed, vector
 from rigidfx.effects.loads import DeadLoad
-from rigidfx.errors import SceneError
+from rigidfx.errors import SceneError, number
 
 __all__ = ["InitialVelocity", "NumericalDamping", "Preload", "Rigid"]
 
@@ -64,7 +63,7 @@ class NumericalDamping(Windowed):
             SceneError: If ξ is negative, above ½ or not finite.
         """
         super().__post_init__()
-        if not (isfinite(self.xi) and 0 <= self.xi <= 0.5):
+        if not 0 <= number("NumericalDamping", "xi", self.xi) <= 0.5:
             raise SceneError(f"NumericalDamping: xi must lie in [0, 1/2], got {self.xi!r}.")
 
 
@@ -89,7 +88,8 @@ class Preload(Effect):
         Raises:
             SceneError: If there are none, one is not a dead load, or increments < 1.
         """
-        object.__setattr__(self, "loads", tuple(self.loads))
+        loads = (self.loads,) if isinstance(self.loads, DeadLoad) else tuple(self.loads)
+        object.__setattr__(self, "loads", loads)
         if not self.loads or not all(isinstance(load, DeadLoad) for load in self.loads):
             raise SceneError("Preload: loads must be one or more dead loads.")
         if int(self.increments) != self.increments or self.increments < 1:
@@ -122,7 +122,7 @@ class Rigid(Effect):
             SceneError: If the mass is not positive or the inertia not symmetric positive definite
                 with principal moments that a body can have.
         """
-        if self.mass is not None and not (isfinite(self.mass) and self.mass > 0):
+        if self.mass is not None and not number("Rigid", "mass", self.mass) > 0:
             raise SceneError(f"Rigid: mass must be a finite number > 0, got {self.mass!r}.")
         if self.inertia is None:
             return
