@@ -91,7 +91,7 @@ class NodalLoads:
         self._comm = scene.comm
         n = scene.owned_nodes
         self._loads, self._on_bodies = [], []
-        self._torques = [[t for t in torques if t.where == b.name] for b in bodies]
+        self._torques = [[t for t in torques if t.body == b.name] for b in bodies]
         for load in loads:
             weights = _weights(scene, load)[:n].copy()
             sums = [np.r_[weights[b.nodes].sum(), weights[b.nodes] @ b.offsets] for b in bodies]

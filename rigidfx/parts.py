@@ -67,7 +67,7 @@ def named_parts(
     known = {b.name: (b, m) for b, m in zip(state.bodies, state.motions, strict=True)}
     for effect in scene.named(Rigid):
         cells, nodes = _cells_and_nodes(scene, effect)
-        name = effect.where or "all cells"
+        name = effect.name
         clash = "Two bodies" if taken[nodes].any() else None
         agree(
             scene.comm,

@@ -13,9 +13,20 @@ import numpy.typing as npt
 
 from rigidfx.errors import SceneError, number
 
-__all__ = ["Effect", "Table", "TimeFunction", "Vector", "Windowed", "next_breakpoint", "vector"]
+__all__ = [
+    "WHOLE",
+    "Effect",
+    "Table",
+    "TimeFunction",
+    "Vector",
+    "Windowed",
+    "next_breakpoint",
+    "vector",
+]
 
 Vector = tuple[float, float, float]
+WHOLE = "all cells"  # what goes by this name is not a set of cells but the whole domain
+
 TimeFunction = Callable[[float], float]
 
 

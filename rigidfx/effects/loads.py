@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx.effects.base import TimeFunction, Vector, Windowed, vector
+from rigidfx.effects.base import WHOLE, TimeFunction, Vector, Windowed, vector
 from rigidfx.errors import SceneError
 
 __all__ = ["BodyForce", "DeadLoad", "Gravity", "NodalForce", "Resultant", "Traction"]
@@ -141,6 +141,11 @@ class Resultant(Windowed):
         super().__post_init__()
         vector(self, "force", self.force)
         vector(self, "torque", self.torque)
+
+    @property
+    def body(self) -> str:
+        """Name of the body it acts on."""
+        return self.where or WHOLE
 
     def _factor(self, t: float) -> float:
         return 0.0 if not self.active(t) else 1.0 if self.time is None else float(self.time(t))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx.effects.base import Effect, Vector, Windowed, vector
+from rigidfx.effects.base import WHOLE, Effect, Vector, Windowed, vector
 from rigidfx.effects.loads import DeadLoad
 from rigidfx.errors import SceneError, number
 
@@ -114,6 +114,11 @@ class Rigid(Effect):
     where: str | None = None
     mass: float | None = None
     inertia: Sequence[Sequence[float]] | None = None
+
+    @property
+    def name(self) -> str:
+        """Name of the body in reports."""
+        return self.where or WHOLE
 
     def __post_init__(self) -> None:
         """Check the given data.
