@@ -77,7 +77,7 @@ class Integrator:
         apply_preload(scene, self._forces, self.state, HeldDofs(scene, self._active))
         self.state.v.x.array[:] = velocity.reshape(-1)
         self._system = self._bind(named_parts(scene, self._forces, self.state, self._active))
-        self._impact = self._begin(self._active, dt)
+        self._impact = self._begin(self._active, dt, self.measure())
 
     @property
     def unknowns(self) -> int:
@@ -145,25 +145,29 @@ class Integrator:
         """Change the partition where a support begins or ends; meet jumps of prescribed motion."""
         t, before = self.state.t, self._active
         now = acting(self.scene, t, self._resolution)
+        jumping = tuple(
+            s
+            for s in now
+            if s not in before or any(abs(t - b) <= self._resolution for b in s.breakpoints)
+        )
+        # A body that a support takes over must count as the body here: interface nodes of the
+        # flexible side have velocities of their own.
+        measures = self.measure() if jumping else None
         if now != before:
             self.state.rebuild()
             self._system.destroy()
             self._active = now
             parts = named_parts(self.scene, self._forces, self.state, now)
             self._system = self._bind(parts)
-        jumping = tuple(
-            s
-            for s in now
-            if s not in before or any(abs(t - b) <= self._resolution for b in s.breakpoints)
-        )
-        if jumping:
-            self._impact = self._begin(jumping, dt) or self._impact
+        if measures is not None:
+            self._impact = self._begin(jumping, dt, measures) or self._impact
 
-    def _begin(self, supports: tuple[fx.Support, ...], dt: float) -> Impact | None:
+    def _begin(
+        self, supports: tuple[fx.Support, ...], dt: float, before: Measures
+    ) -> Impact | None:
         """Meet the velocity of supports that begin; the difference goes to the ledger."""
         if not supports:
             return None
-        before = self.measure()
         velocities = self._held.velocities(self.state.t, dt)
         partition, mass = self._system.partition, self._system.mass
         if not impose_velocity(self.scene, self.state, mass, partition, velocities):
