@@ -1,0 +1,257 @@
+"""Rigid bodies and supports, and what is refused: alone and, without hanging, on two ranks.
+
+Run as a script under mpirun, this file makes every refused scene and reports each rank's message.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import parallel
+import pytest
+from histories import EPS, NEWTON
+from mpi4py import MPI
+
+import rigidfx as rf
+from rigidfx.errors import SceneError
+
+MATERIAL = rf.StVenantKirchhoff(rho=2.0, E=500.0, nu=0.3)
+MOVING = rf.InitialVelocity(linear=(0.3, 0.2, -0.1), angular=(0.1, 0.2, 0.3))
+MASSES = pytest.mark.parametrize("mass", ["lumped", "consistent"])
+
+
+def domain():
+    """A bar of 6 m × 1 m × 1 m with names for some of its cells and nodes."""
+
+    def between(low, high):
+        return lambda x: (x[0] >= low - 1e-9) & (x[0] <= high + 1e-9)
+
+    def corner(x):
+        return np.isclose(x[0], 0) & np.isclose(x[1], 0) & np.isclose(x[2], 0)
+
+    return (
+        rf.box((0, 0, 0), (6, 1, 1), (6, 1, 1))
+        .with_cells("left", between(0, 2))
+        .with_cells("next", between(2, 4))
+        .with_cells("over", between(1, 3))
+        .with_cells("right", between(4, 6))
+        .with_vertices("corner", corner)
+        .with_vertices("edge", lambda x: np.isclose(x[0], 0) & np.isclose(x[1], 0))
+        .with_vertices("line", lambda x: np.isclose(x[2], 0) & np.isclose(x[1], 0) & (x[0] < 2.5))
+        .with_vertices("three", lambda x: np.isclose(x[0], 0) & (x[1] + x[2] < 1.5))
+    )
+
+
+def bar(*effects, **options):
+    """The bar with its left end rigid."""
+    return rf.Scene(domain(), MATERIAL, [rf.Rigid("left"), *effects], **options)
+
+
+def start(scene):
+    """The report of the initial state."""
+    reports = rf.simulate(scene, 0.1, 0.1)
+    first = next(reports)
+    reports.close()
+    return first
+
+
+# What is refused -------------------------------------------------------------------------------
+
+
+def path(t):
+    return (0.1 * t, 0.0, 0.0)
+
+
+def _two_motions():
+    d = domain().with_vertices("top", lambda x: np.isclose(x[0], 0) & np.isclose(x[1], 1))
+    held = rf.PrescribedMotion("top", displacement=path)
+    return start(rf.Scene(d, MATERIAL, [rf.Rigid("left"), rf.Fixed("edge"), held]))
+
+
+REFUSED = {
+    # name: (what is made, what its message says)
+    "one component": (lambda: start(bar(rf.Fixed("x0", "x"))), "kinematic chain"),
+    "one node": (lambda: start(bar(rf.Fixed("corner"))), "kinematic chain"),
+    "two nodes": (lambda: start(bar(rf.Fixed("edge"))), "kinematic chain"),
+    "nodes in line": (lambda: start(bar(rf.Fixed("line"))), "kinematic chain"),
+    "a node in part": (
+        lambda: start(bar(rf.Fixed("x0"), rf.Fixed("line", "y"))),
+        "kinematic chain",
+    ),
+    "two motions": (_two_motions, "one motion"),
+    "shared nodes": (
+        lambda: start(bar(rf.Rigid("next"))),
+        "shares nodes with another body, which would be a hinge",
+    ),
+    "shared cells": (lambda: start(bar(rf.Rigid("over"))), "another body"),
+    "the same twice": (lambda: bar(rf.Rigid("left")), "one Rigid body only"),
+    "all cells and more": (lambda: bar(rf.Rigid()), "one Rigid body only"),
+    "unknown set": (lambda: start(bar(rf.Rigid("nowhere"))), "nowhere"),
+    "unknown resultant": (lambda: bar(rf.Resultant("right")), "not the name of a Rigid body"),
+    "resultant without body": (
+        lambda: rf.Scene(domain(), MATERIAL, [rf.Resultant("left")]),
+        "not the name of a Rigid body",
+    ),
+    "mass 0": (lambda: rf.Rigid("left", mass=0.0), "mass must be"),
+    "mass nan": (lambda: rf.Rigid("left", mass=np.nan), "mass must be"),
+    "inertia of two numbers": (lambda: rf.Rigid("left", inertia=[1.0, 2.0]), "3×3"),
+    "unsymmetric inertia": (
+        lambda: rf.Rigid("left", inertia=[[1, 0.1, 0], [0, 1, 0], [0, 0, 1]]),
+        "symmetric",
+    ),
+    "indefinite inertia": (lambda: rf.Rigid("left", inertia=np.diag([1, 1, -1])), "positive"),
+    "impossible inertia": (lambda: rf.Rigid("left", inertia=np.diag([1, 1, 3])), "sum of the"),
+    "infinite inertia": (lambda: rf.Rigid("left", inertia=np.diag([1, 1, np.inf])), "3×3"),
+    "resultant of two numbers": (lambda: rf.Resultant("left", force=(1.0, 2.0)), "force"),
+    "torque nan": (lambda: rf.Resultant("left", torque=(np.nan, 0, 0)), "torque"),
+    "a scheme that does not couple": (lambda: bar(scheme=rf.Trapezoidal()), "does not couple"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_refused(name):
+    """With a message that says what and, for bodies, which."""
+    make, words = REFUSED[name]
+    with pytest.raises(SceneError, match=words) as caught:
+        make()
+    if words == "kinematic chain":
+        assert "Rigid 'left'" in str(caught.value)
+        assert "leave a layer of flexible cells" in str(caught.value)
+
+
+@pytest.fixture(scope="module")
+def on_two_ranks():
+    """What the script below reports."""
+    return parallel.run(__file__, 2, timeout=120)
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("name", REFUSED)
+def test_refused_on_two_ranks(on_two_ranks, name):
+    """By the same message on both, without hanging."""
+    a, b = on_two_ranks[name]
+    assert a is not None
+    assert a == b
+    assert REFUSED[name][1] in a
+
+
+# What is possible ------------------------------------------------------------------------------
+
+
+def same_motion(a, b, tolerance):
+    """Whether two scenes of the same mesh move alike for 20 steps of 0.1 s."""
+    for r, s in zip(rf.simulate(a, 0.1, 2.0), rf.simulate(b, 0.1, 2.0), strict=True):
+        u, w = r.state.u.x.array, s.state.u.x.array
+        assert np.abs(u - w).max() <= tolerance * (1e-3 + np.abs(w).max())
+        last = r, s
+    return last
+
+
+def away(X):
+    """Velocities that vanish up to x = 2."""
+    bump = np.maximum(X[0] - 2, 0.0)
+    return np.array([0 * bump, 0.1 * bump, 0.05 * bump])
+
+
+@MASSES
+@pytest.mark.parametrize("where", ["x0", "three", "left"])
+def test_clamped_body_is_fixed(mass, where):
+    """Held at three nodes or more that are not in line: as if all its nodes were."""
+    effects = [rf.InitialVelocity(function=away), rf.Gravity((0.0, 0.0, -0.3))]
+    clamped = bar(rf.Fixed(where), *effects, mass=mass)
+    plain = rf.Scene(domain(), MATERIAL, [rf.Fixed("left"), *effects], mass=mass)
+    r, s = same_motion(clamped, plain, 100 * NEWTON)
+    assert r.bodies == ()
+    assert r.unknowns == s.unknowns == 3 * 16
+    left = clamped.nodes("left", "test")
+    assert np.all(r.state.u.x.array.reshape(-1, 3)[left] == 0)
+    assert np.abs(r.state.u.x.array).max() > 0.1
+    assert np.abs(r.reactions[where] - s.reactions["left"]).max() <= 1e-9
+    assert abs(r.energy - s.energy) <= 1e-10 * s.energy
+
+
+@MASSES
+def test_clamped_body_follows_its_motion(mass):
+    """A prescribed motion of three of its nodes moves all of it, and the rest by it."""
+
+    def way(t):
+        return (0.2 * np.sin(t), 0.1 * (1 - np.cos(2 * t)), 0.05 * t**2)
+
+    def speed(t):
+        return (0.2 * np.cos(t), 0.2 * np.sin(2 * t), 0.1 * t)
+
+    clamped, plain = (
+        rf.Scene(
+            domain(),
+            MATERIAL,
+            [*rigid, rf.PrescribedMotion(where, displacement=way, velocity=speed)],
+            mass=mass,
+        )
+        for rigid, where in (([rf.Rigid("left")], "three"), ([], "left"))
+    )
+    r, s = same_motion(clamped, plain, 100 * NEWTON)
+    left = clamped.nodes("left", "test")
+    assert np.abs(r.state.u.x.array.reshape(-1, 3)[left] - way(2.0)).max() <= 100 * EPS
+    assert r.work_of_supports == pytest.approx(s.work_of_supports, rel=1e-8)
+
+
+@MASSES
+def test_clamp_that_begins_and_ends(mass):
+    """A free body is stopped at 0.5 s and let go at 1 s: impact and balance of every step."""
+    scene = bar(rf.Fixed("x0", since=0.5, until=1.0), MOVING, mass=mass)
+    before, impacts, seen = None, [], set()
+    for r in rf.simulate(scene, 0.1, 2.0):
+        if before is not None:
+            energy, impulse = 0.0, np.zeros(3)
+            if r.impact is not None:
+                impacts.append(r.impact)
+                energy, impulse = r.impact.energy, r.impact.impulse
+            scale = r.energy + before.energy + abs(energy)
+            work = r.work_of_loads + r.work_of_supports + energy
+            assert abs(r.energy - before.energy - work) <= 100 * NEWTON * scale
+            force = sum(r.reactions.values(), np.zeros(3))
+            scale = r.momentum_scale + before.momentum_scale + r.dt * np.abs(force).sum()
+            dL = r.linear_momentum - before.linear_momentum - r.dt * force - impulse
+            assert np.abs(dL).max() <= 100 * NEWTON * scale
+        held = 0.5 < r.t - r.dt / 2 < 1.0
+        assert len(r.bodies) == (0 if held else 1)
+        if r.step:
+            seen.add((held, r.unknowns))
+        before = r
+    (impact,) = impacts
+    assert impact.t == pytest.approx(0.5, abs=1e-12)
+    assert impact.energy < 0
+    assert seen == {(False, 3 * 16 + 6), (True, 3 * 16)}
+
+
+def test_free_body_next_to_a_support():
+    """A layer of flexible cells between them is enough; reactions are in the books."""
+    scene = rf.Scene(
+        domain(), MATERIAL, [rf.Rigid("right"), rf.Fixed("x0"), rf.Gravity((0, 0.0, -0.3))]
+    )
+    reports = list(rf.simulate(scene, 0.1, 3.0))
+    assert reports[-1].bodies[0].name == "right"
+    H, work = reports[0].energy, 0.0
+    for r in reports[1:]:
+        work += r.work_of_loads
+        assert r.work_of_supports == 0.0
+        assert r.energy - H == pytest.approx(work, rel=1e-10)
+    assert reports[-1].bodies[0].centre[2] < 0.4
+
+
+def main():
+    """Messages of all refused scenes on each rank."""
+    comm = MPI.COMM_WORLD
+    found = {}
+    for name, (make, _) in REFUSED.items():
+        message = None
+        try:
+            make()
+        except SceneError as error:
+            message = str(error)
+        found[name] = comm.gather(message)
+    if comm.rank == 0:
+        parallel.report(found)
+
+
+if __name__ == "__main__":
+    main()
