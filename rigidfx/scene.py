@@ -22,6 +22,7 @@ from mpi4py import MPI
 
 from rigidfx import _compat
 from rigidfx import effects as fx
+from rigidfx.assignment import assign
 from rigidfx.domain import Domain
 from rigidfx.errors import SceneError, agree, together
 from rigidfx.forms import EnergyMomentum, Scheme
@@ -99,9 +100,7 @@ class Scene:
         self.probes = MappingProxyType(_points(probes or {}))
         self._check_discretisation()
         self._check_effects()
-        self.materials = _material_cells(domain, material)
-        for used, _ in self.materials:
-            _check_energy(used)
+        self.materials = assign(domain, material)
         self.space = fem.functionspace(domain.mesh, ("Lagrange", order, (3,)))
         self.nodal_mass = self._nodal_mass()
         self.supports = self._supports()
@@ -301,21 +300,6 @@ class Scene:
             )
 
 
-def _check_energy(material: Material) -> None:
-    """See whether a stored energy is a scalar of C and the parameters that are given."""
-    owner = getattr(material, "label", type(material).__name__)
-    try:
-        W = material.energy(ufl.variable(ufl.Identity(3)), **material.parameters)
-        scalar = ufl.as_ufl(W).ufl_shape == ()
-    except Exception as error:  # whatever a user's function may raise
-        raise SceneError(
-            f"Scene: the stored energy of {owner} cannot be formed: {type(error).__name__}: "
-            f"{error}. It must be a function of C and of the parameters that are given."
-        ) from error
-    if not scalar:
-        raise SceneError(f"Scene: the stored energy of {owner} must be a scalar.")
-
-
 def _overlap(a: fx.Windowed, b: fx.Windowed) -> bool:
     return max(a.since, b.since) < min(a.until, b.until)
 
@@ -331,36 +315,3 @@ def _points(probes: Mapping[str, Sequence[float]]) -> dict[str, Array]:
         if point.shape != (3,) or not np.isfinite(point).all():
             raise SceneError(f"Scene: probe '{name}' must be three finite numbers, got {point}.")
     return points
-
-
-def _material_cells(
-    domain: Domain, material: Material | Mapping[str, Material]
-) -> tuple[tuple[Material, Nodes], ...]:
-    """Materials with their owned cells; every cell has exactly one."""
-    owned = domain.mesh.topology.index_map(3).size_local
-    if isinstance(material, Material):
-        return ((material, np.arange(owned, dtype=np.int32)),)
-    if not isinstance(material, Mapping) or not material:
-        raise SceneError(
-            f"Scene: material must be a Material or a dict of cell-set names to materials, "
-            f"got {material!r}."
-        )
-    times_used = np.zeros(owned, dtype=np.int32)
-    pairs = []
-    for name, m in material.items():
-        if not isinstance(m, Material):
-            raise SceneError(f"Scene: the material of '{name}' must be a Material, got {m!r}.")
-        entities = domain.find(name, (3,), "Scene (material)").entities
-        cells = entities[entities < owned]
-        times_used[cells] += 1
-        pairs.append((m, cells))
-    none, several = (
-        int(domain.comm.allreduce(int(np.count_nonzero(c))))
-        for c in (times_used == 0, times_used > 1)
-    )
-    if none or several:
-        raise SceneError(
-            f"Scene: every cell needs exactly one material; {none} cells have none and {several} "
-            f"have several. Known names: {domain.names}."
-        )
-    return tuple(pairs)

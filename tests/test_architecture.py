@@ -17,6 +17,7 @@ LAYERS = [
     "quality",
     "domain",
     "msh",
+    "assignment",
     "forms",
     "kernels",
     "linear",
