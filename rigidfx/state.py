@@ -36,7 +36,8 @@ class State:
         v: Velocity [m/s].
         bodies: Rigid bodies.
         motions: Their motions, in the same order.
-        interior: For each body, which of its nodes no flexible cell touches.
+        carried: For each body, which of its nodes have its velocity: all of them with a lumped
+            mass, else those that no flexible cell touches.
 
     Between outputs u and v of nodes inside bodies lag behind; `rebuild` brings them up to date.
     """
@@ -48,7 +49,7 @@ class State:
         self.v = fem.Function(scene.space, name="velocity")
         self.bodies: tuple[RigidBody, ...] = ()
         self.motions: tuple[BodyMotion, ...] = ()
-        self.interior: tuple[npt.NDArray[np.int32], ...] = ()
+        self.carried: tuple[npt.NDArray[np.int32], ...] = ()
         self.X = scene.space.tabulate_dof_coordinates()
 
     def snapshot(self) -> Snapshot:
@@ -65,15 +66,15 @@ class State:
     def rebuild(self) -> None:
         """Set displacement and velocity of the nodes inside bodies from their motions. Collective.
 
-        Velocities of attached nodes stay: with a consistent mass the flexible cells' side of the
-        interface has a velocity of its own.
+        With a consistent mass velocities at the interface stay: the flexible cells' side of it has
+        a velocity of its own.
         """
         if not self.bodies:
             return
         u, v = (f.x.array.reshape(-1, 3) for f in (self.u, self.v))
-        for body, motion, inside in zip(self.bodies, self.motions, self.interior, strict=True):
+        for body, motion, own in zip(self.bodies, self.motions, self.carried, strict=True):
             u[body.nodes] = motion.positions(body.offsets) - self.X[body.nodes]
-            v[body.nodes[inside]] = motion.velocities(body.offsets[inside])
+            v[body.nodes[own]] = motion.velocities(body.offsets[own])
         self.u.x.scatter_forward()
         self.v.x.scatter_forward()
 

@@ -77,9 +77,11 @@ class System:
         """
         self._scene, self._forces, self._held = scene, forces, held
         self.partition = partition(scene, flexible, state.bodies, held.mask)
-        state.interior = tuple(
-            np.setdiff1d(np.arange(b.nodes.size, dtype=np.int32), at)
-            for b, at in zip(state.bodies, self.partition.attached, strict=True)
+        state.carried = tuple(
+            np.arange(body.nodes.size, dtype=np.int32)
+            if scene.mass == "lumped"
+            else np.flatnonzero(~np.isin(body.nodes, self.partition.active)).astype(np.int32)
+            for body in state.bodies
         )
         self.mass = mass_operator(scene, flexible, self.partition.massive, carried)
         self._loads = NodalLoads(
