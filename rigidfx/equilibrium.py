@@ -134,6 +134,7 @@ class Equilibrium:
         self.stop = StoppingTest()
         self._krylov = mass is not None and not prefers_direct(prolongation.size)
         self._fallbacks = 0
+        self._stiffness = self._reference_stiffness()
         self._snes = self._create_snes(scene)
 
     def _create_snes(self, scene: Scene) -> PETSc.SNES:
@@ -186,6 +187,12 @@ class Equilibrium:
             reason, remark = self._iterate(guesses), " (fall-back from Krylov)"
             if self._fallbacks < MAX_FALLBACKS:
                 configure(self._snes.getKSP(), False, self.prolongation.size)
+        elif reason < 0 and krylov and self._snes.getUseEW():
+            # Newton may have failed on loosely solved systems, whose errors depend on the number
+            # of ranks: before the step is cut, they are solved as if each were the last.
+            self._snes.setUseEW(False)
+            reason, remark = self._iterate(guesses), " (solved tightly)"
+            self._snes.setUseEW(True)
         self._expand(self._y)
         converged = reason > 0
         ksp = self._snes.getKSP()
@@ -202,6 +209,7 @@ class Equilibrium:
         self.stop.restart()
         norms = [self._norm_at(guess) for guess in guesses] if len(guesses) > 1 else [0.0]
         self._start_at(guesses[int(np.argmin(np.nan_to_num(norms, nan=np.inf)))])
+        self._estimate_rounding()
         self._snes.solve(None, self._y)
         return int(self._snes.getConvergedReason())
 
@@ -258,9 +266,6 @@ class Equilibrium:
         """Assemble and condense the tangent at the last iterate. Collective."""
         K = self._tangent
         K.assemble()
-        if len(self.stop.history) == 1:
-            K.matrix.assemble()
-            self._estimate_rounding()
         if self._mass is not None:
             self._mass.add_to(K, 2 / self._dt**2, self.prolongation)
         K.finish()
@@ -275,12 +280,33 @@ class Equilibrium:
             ]
             self.prolongation.add_blocks(K.matrix, np.asarray(blocks))
 
+    def _reference_stiffness(self) -> Array:
+        """Diagonal of the tangent without deformation, per unknown of this rank [N/m]. Collective.
+
+        Not that of the current state: near the collapse of a cell that one grows without bound, and
+        any residual would pass for rounding.
+        """
+        functions = (self._forces.u0.x.array, self._forces.u1.x.array)
+        current = [array.copy() for array in functions]
+        for array in functions:
+            array[:] = 0.0
+        self._tangent.assemble()
+        self._tangent.finish()
+        for array, values in zip(functions, current, strict=True):
+            array[:] = values
+        diagonal = self._tangent.matrix.getDiagonal()
+        out = diagonal.array_r.copy()
+        diagonal.destroy()
+        return out
+
     def _estimate_rounding(self) -> None:
-        """Size of R that rounding in u₁ and in the strains leaves [N]."""
-        stiffness = self._tangent.matrix.getDiagonal()
+        """Size of R that rounding in u₁ and in the strains leaves [N]. Collective."""
         u1 = np.abs(self._forces.u1.x.array[self.prolongation.free])
         strain = self._forces.strain_noise * self._cell_size
+        stiffness = self._y.duplicate()
+        stiffness.array[:] = self._stiffness
         stiffness.array[: u1.size] *= u1 + strain
+        stiffness.array[u1.size :] *= strain
         noise = stiffness.norm() + self._f_ext.norm()
         stiffness.destroy()
         if self._mass is not None:
