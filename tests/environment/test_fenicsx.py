@@ -57,7 +57,12 @@ class CommandTest(unittest.TestCase):
     def test_signals_reach_the_command(self):
         for number, code in ((signal.SIGTERM, 7), (signal.SIGINT, 130)):
             with subprocess.Popen(
-                [FENICSX, "python3", "-c", SLEEPER], stdout=-1, stderr=-1, text=True
+                [FENICSX, "python3", "-c", SLEEPER],
+                stdout=-1,
+                stderr=-1,
+                text=True,
+                # A shell's background job ignores interrupts, and so would all it starts.
+                preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
             ) as process:
                 assert process.stdout.readline() == "asleep\n"
                 process.send_signal(number)
