@@ -7,6 +7,7 @@ sparsity pattern and products shrink with them.
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
@@ -16,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem
+from mpi4py import MPI
 from ufl.algorithms import expand_derivatives
 
 __all__ = ["Kernel"]
@@ -39,7 +41,7 @@ def jit_options() -> dict[str, Any]:
     depend on the processor that -march=native stands for.
     """
     return {
-        "timeout": 600,
+        "timeout": 60,
         "cffi_extra_compile_args": [
             "-O3",
             "-march=native",
@@ -51,6 +53,24 @@ def jit_options() -> dict[str, Any]:
             f"-DRIGIDFX_PROCESSOR_{_processor()}",
         ],
     }
+
+
+def _compile(comm: MPI.Intracomm, form: ufl.Form) -> Any:
+    """Compile a form; clear what an interrupted compilation has left in the way. Collective.
+
+    FFCx takes a source file without a result for another process's work in progress, waits for it
+    and gives up.
+    """
+    try:
+        return fem.compile_form(comm, form, jit_options=jit_options())
+    except (RuntimeError, TimeoutError) as error:
+        stale = re.search(r"remove (\S+\.c)\)", str(error))
+        if not comm.bcast(stale is not None):
+            raise
+        if stale is not None:
+            Path(stale[1]).unlink(missing_ok=True)
+        comm.barrier()
+    return fem.compile_form(comm, form, jit_options=jit_options())
 
 
 class Kernel:
@@ -68,7 +88,7 @@ class Kernel:
         # left once derivatives are applied: without this, a tangent that has lost the coefficient
         # u₀ (the trapezoidal rule's) would read u₀ in place of u₁.
         form = expand_derivatives(form)
-        self._compiled = fem.compile_form(mesh.comm, form, jit_options=jit_options())
+        self._compiled = _compile(mesh.comm, form)
         self._arguments = arguments
         self._mesh = mesh
         self._coefficients = {w: w for w in form.coefficients()}
