@@ -177,6 +177,24 @@ def test_other_parts_in_the_same_motion(material):
         assert [b.mass for b in reports[0].bodies] == pytest.approx([12 + 8 + 2, 2 + 4 + 16])
 
 
+def test_newton_ends_where_every_flexible_cell_touches_a_body():
+    """A flexible layer on a rigid one: Newton knows the rounding of cells at a body's rim, too."""
+    domain = rf.box((0, 0, 0), (12, 2, 2), (12, 2, 2))
+    domain = domain.with_cells("stiff", lambda x: x[2] <= 1 + 1e-9)
+    start = rf.InitialVelocity(
+        angular=(0.5, 0.2, 0.3),
+        function=lambda X: np.array([0 * X[0], 0.3 * (X[2] > 1.5), 0 * X[0]]),
+    )
+    material = rf.NeoHooke(rho=1.0, E=1e3, nu=0.3)
+    reports = list(rf.simulate(rf.Scene(domain, material, [rf.Rigid("stiff"), start]), 0.1, 5.0))
+    text = histories_text(reports)
+    show(most=max(r.iterations for r in reports))
+    assert all(r.cuts == 0 for r in reports), text
+    # three iterations, and one that finds out that nothing but rounding is left
+    assert max(r.iterations for r in reports) <= 4, text
+    assert drift(column(reports, "energy")) <= DRIFT
+
+
 def test_reports_of_bodies_add_up():
     """Body and flexible part give the totals: m ṙ, r × m ṙ + spin, ½ m ṙ² + ½ ω·spin."""
     scene = bar(rf.InitialVelocity(angular=(0.2, 0.3, 0.6), linear=(1.0, 2.0, 0.0)))
