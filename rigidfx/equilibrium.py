@@ -147,7 +147,7 @@ class Equilibrium:
         snes.setTolerances(max_it=MAX_ITERATIONS)
         if self._krylov:
             # Linear systems are solved no further than Newton's quadratic convergence will get:
-            # four Krylov iterations in ten are saved without a Newton iteration more.
+            # three Krylov iterations in ten are saved, for a Newton iteration in ten more at most.
             snes.setParamsEW(version=2, rtol_0=3e-3, gamma=0.3, alpha=2.0)
             snes.setUseEW(True)
         with default_options(PREFIX, snes_linesearch_type="basic"):

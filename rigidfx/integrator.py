@@ -133,7 +133,6 @@ class Integrator:
     # Partition ----------------------------------------------------------------------------------
 
     def _bind(self, parts: Parts) -> System:
-        self._parts = parts
         self.state.bodies, self.state.motions = parts.bodies, parts.motions
         held = HeldDofs(self.scene, self._active, parts.carried_nodes)
         self._held = held
