@@ -14,7 +14,8 @@ from petsc4py import PETSc
 __all__ = ["PREFIX", "configure", "default_options", "prefers_direct"]
 
 PREFIX = "rigidfx_"
-# At 672 unknowns GMRES takes half the time of LU already; below, little is at stake.
+# A step by LU takes 1.6 ms at 60, 3.6 ms at 243 and 10 ms at 624 unknowns; by GMRES 0.9, 2.2 and
+# 5 ms. Up to here LU costs a few milliseconds more, and never gives up.
 DIRECT_BELOW = 500  # unknowns
 KRYLOV_RTOL = 1e-8
 
