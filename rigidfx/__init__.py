@@ -5,6 +5,7 @@ scene names a domain, materials and effects; `simulate` yields a report per step
 writes ParaView files and a CSV.
 """
 
+from rigidfx.criterion import Release, StrainRate
 from rigidfx.domain import Domain, box, from_arrays
 from rigidfx.effects import (
     BodyForce,
@@ -20,7 +21,7 @@ from rigidfx.effects import (
     Table,
     Traction,
 )
-from rigidfx.errors import OutputError, RigidfxError, SceneError, StepError
+from rigidfx.errors import OutputError, RigidfxError, RigidfxWarning, SceneError, StepError
 from rigidfx.forms import EnergyMomentum, Midpoint, Trapezoidal
 from rigidfx.materials import Hyperelastic, Material, MooneyRivlin, NeoHooke, StVenantKirchhoff
 from rigidfx.msh import read_msh
@@ -46,14 +47,17 @@ __all__ = [
     "Preload",
     "PrescribedMotion",
     "Recorder",
+    "Release",
     "Report",
     "Resultant",
     "Rigid",
     "RigidfxError",
+    "RigidfxWarning",
     "Scene",
     "SceneError",
     "StVenantKirchhoff",
     "StepError",
+    "StrainRate",
     "Table",
     "Traction",
     "Trapezoidal",

@@ -22,9 +22,34 @@ import numpy.typing as npt
 
 from rigidfx.rotation import cayley, cayley_tangent, orthonormalized, skew
 
-__all__ = ["BodyMotion", "Increment", "RigidBody", "at_rest"]
+__all__ = ["BodyMotion", "Frozen", "Increment", "RigidBody", "at_rest"]
 
 Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Frozen:
+    """What a body keeps for its release. The deformed shape is kept by its offsets.
+
+    Attributes:
+        nodes: Owned nodes on this rank whose velocity the freeze changed.
+        velocities: Rᵀ (v - v_rigid) at these nodes, shape (nodes, 3) [m/s]; equation (40).
+        strain: Strain energy of its cells [J].
+        vibration: Kinetic energy that the freeze took out of the motion [J].
+    """
+
+    nodes: npt.NDArray[np.int32]
+    velocities: Array
+    strain: float
+    vibration: float
+
+    @property
+    def energy(self) -> float:
+        """Energy that the body gives back [J]."""
+        return self.strain + self.vibration
+
+
+NOTHING = Frozen(np.empty(0, np.int32), np.empty((0, 3)), 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -32,13 +57,17 @@ class RigidBody:
     """What does not change while a body is rigid.
 
     Attributes:
-        name: Name of its set of cells.
+        name: Its name in reports, that of a set of cells where a `Rigid` effect named it.
         cells: Owned cells on this rank, sorted.
         nodes: Owned nodes on this rank, sorted.
         offsets: V of these nodes in the body's frame, shape (nodes, 3) [m].
         mass: m [kg].
         inertia: J about the centre of mass in the body's frame, shape (3, 3) [kg m²].
         origin: Centre of mass at the freeze, shape (3,) [m].
+        number: Its number ≥ 1, which no other body of the run has had.
+        size: Number of its cells over all ranks.
+        named: Sets of cells in it that are rigid always.
+        frozen: What it keeps for its release.
     """
 
     name: str
@@ -48,6 +77,10 @@ class RigidBody:
     mass: float
     inertia: Array
     origin: Array
+    number: int = 1
+    size: int = 0
+    named: tuple[str, ...] = ()
+    frozen: Frozen = NOTHING
 
     @cached_property
     def length(self) -> float:

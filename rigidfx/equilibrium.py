@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, la
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from rigidfx.body import BodyMotion
@@ -298,6 +299,19 @@ class Equilibrium:
         out = diagonal.array_r.copy()
         diagonal.destroy()
         return out
+
+    @property
+    def strain_error(self) -> float:
+        """Strain that the residual of the last solve and rounding may leave in a cell. Collective.
+
+        The residual moves a node by no more than it would against the mean stiffness of a node.
+        """
+        comm = self.prolongation.comm
+        sums = np.array([self._stiffness.sum(), self._stiffness.size])
+        total = comm.allreduce(sums, op=MPI.SUM)
+        moved = self.stop.history[-1] / max(total[0], 1e-300) * np.sqrt(max(total[1], 1.0))
+        eps = float(np.finfo(np.float64).eps)
+        return float(moved / self._cell_size + eps * self._forces.strain_noise)
 
     def _estimate_rounding(self) -> None:
         """Size of R that rounding in u₁ and in the strains leaves [N]. Collective."""

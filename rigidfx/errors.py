@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 __all__ = [
     "OutputError",
     "RigidfxError",
+    "RigidfxWarning",
     "SceneError",
     "StepError",
     "agree",
@@ -29,6 +30,10 @@ T = TypeVar("T")
 
 class RigidfxError(Exception):
     """Base of all errors of this package."""
+
+
+class RigidfxWarning(UserWarning):
+    """A run goes on, but what it finds may not be what was wanted. Shown on rank 0."""
 
 
 class SceneError(RigidfxError, ValueError):

@@ -1,4 +1,4 @@
-"""Rigid-body data from the mass matrix of the flexible cells, and bodies by name.
+"""Rigid-body data from the mass matrix of the flexible cells.
 
 With P the rigid motions of the body's nodes about a point, M_tot = Pᵀ M P, equation (35), holds
 mass, centre and inertia tensor: of the lumped masses of the body's nodes, or of the consistent
@@ -8,89 +8,79 @@ same.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from rigidfx.body import BodyMotion, RigidBody
-from rigidfx.errors import SceneError
 from rigidfx.internal import Cells
 from rigidfx.mass import Mass, mass_operator
 from rigidfx.rotation import skew
 from rigidfx.scene import Scene
 
-__all__ = ["form_body"]
+__all__ = ["MassProperties", "mass_properties"]
 
 Array = npt.NDArray[np.float64]
 
 THIN = 1e-10  # least over largest principal moment below which a body counts as a line
 
 
-def form_body(
-    scene: Scene,
-    name: str,
-    cells: Cells,
-    nodes: npt.NDArray[np.int32],
-    u: Array,
-    v: Array,
-    mass: float | None = None,
-    inertia: npt.ArrayLike | None = None,
-) -> tuple[RigidBody, BodyMotion]:
-    """Make a rigid body of cells, with the momenta that its nodes have. Collective.
+@dataclass(frozen=True)
+class MassProperties:
+    """Mass, inertia and momenta of some nodes, as those of a rigid body.
+
+    Attributes:
+        mass: m [kg].
+        centre: Centre of mass, shape (3,) [m].
+        inertia: J about it, shape (3, 3) [kg m²].
+        velocity: Velocity of the centre that gives the nodes' linear momentum [m/s].
+        spin: Angular velocity that gives their angular momentum [rad/s]; zero if singular.
+        singular: Whether the nodes lie on a line, so that they are no body.
+    """
+
+    mass: float
+    centre: Array
+    inertia: Array
+    velocity: Array
+    spin: Array
+    singular: bool
+
+
+def mass_properties(
+    scene: Scene, cells: Cells, nodes: npt.NDArray[np.int32], x: Array, v: Array
+) -> MassProperties:
+    """Rigid-body data of cells and nodes, equations (34)-(39). Collective.
 
     Args:
         scene: The problem.
-        name: Name of the body.
-        cells: Its owned cells by subdomain id.
-        nodes: Its owned nodes, sorted.
-        u: Displacement of all owned nodes, shape (nodes, 3) [m].
+        cells: Owned cells by subdomain id; their mass counts if it is consistent.
+        nodes: Owned nodes, sorted; their mass counts if it is lumped.
+        x: Position of all owned nodes, shape (nodes, 3) [m].
         v: Velocity of all owned nodes, shape (nodes, 3) [m/s].
-        mass: Mass in place of the computed one [kg].
-        inertia: Inertia about the centre of mass, in the current orientation, in place of the
-            computed one, shape (3, 3) [kg m²].
-
-    Returns:
-        The body and its motion, whose momenta are those of the nodes, equations (34), (39), if
-        mass and inertia are the computed ones.
-
-    Raises:
-        SceneError: If its inertia tensor is singular: nodes on a line, or none.
     """
-    x = scene.space.tabulate_dof_coordinates()[: scene.owned_nodes] + u
     total = np.asarray(scene.sum(np.r_[x[nodes].sum(axis=0), nodes.size]))
-    if total[3] == 0:
-        raise SceneError(f"Rigid body '{name}' has no nodes.")
-    reference = total[:3] / total[3]
+    reference = total[:3] / max(total[3], 1.0)
     counted = np.zeros(scene.owned_nodes, dtype=bool)
     counted[nodes] = True
     operator = mass_operator(scene, cells, counted)
     M_tot, momentum = _project(scene, operator, nodes, x[nodes] - reference, v)
     operator.destroy()
     m = np.trace(M_tot[:3, :3]) / 3  # (36)
+    if not m > 0:
+        zero = np.zeros(3)
+        return MassProperties(0.0, reference, np.zeros((3, 3)), zero, zero, True)
     # M_θu = m ĉ, c the centre of mass seen from the reference point (37)
     hat = M_tot[3:, :3] / m
     c = 0.5 * np.array([hat[2, 1] - hat[1, 2], hat[0, 2] - hat[2, 0], hat[1, 0] - hat[0, 1]])
     J = M_tot[3:, 3:] + m * skew(c) @ skew(c)  # (38), Steiner
     J = 0.5 * (J + J.T)
     moments = np.linalg.eigvalsh(J)
-    if not moments[0] > THIN * moments[2]:
-        raise SceneError(
-            f"Rigid body '{name}' has the principal moments of inertia {moments} kg m²: its nodes "
-            "lie on a line, so it cannot be a body of its own. Give it more cells."
-        )
-    velocity = momentum[:3] / m
-    spin = np.linalg.solve(J, momentum[3:] - np.cross(c, momentum[:3]))
-    origin = reference + c
-    body = RigidBody(
-        name=name,
-        cells=np.sort(np.concatenate([np.empty(0, np.int32), *cells.values()])),
-        nodes=nodes,
-        offsets=x[nodes] - origin,
-        mass=float(m if mass is None else mass),
-        inertia=J if inertia is None else np.asarray(inertia, dtype=np.float64),
-        origin=origin,
-    )
-    return body, BodyMotion(origin.copy(), np.eye(3), velocity, spin)
+    singular = not moments[0] > THIN * moments[2]
+    spin = np.zeros(3)
+    if not singular:
+        spin = np.linalg.solve(J, momentum[3:] - np.cross(c, momentum[:3]))
+    return MassProperties(float(m), reference + c, J, momentum[:3] / m, spin, singular)
 
 
 def _project(

@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 from types import TracebackType
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from rigidfx import effects as fx
+from rigidfx.body import RigidBody
+from rigidfx.decision import Part
 from rigidfx.equilibrium import Solution
 from rigidfx.errors import StepError
+from rigidfx.freezing import freeze, release
+from rigidfx.inertia import MassProperties
 from rigidfx.internal import InternalForces
+from rigidfx.ledger import BodyChange, Event
 from rigidfx.monitor import Measures
 from rigidfx.parts import Parts, named_parts
 from rigidfx.preload import apply_preload
 from rigidfx.scene import Scene
 from rigidfx.state import State, initial_velocity
+from rigidfx.strain_rate import StrainRates
 from rigidfx.supports import HeldDofs, Impact, acting, impose_velocity
 from rigidfx.system import System
 
@@ -38,6 +45,7 @@ class StepResult:
         work_of_supports: Work of the reactions [J].
         reactions: Force each support exerts on the structure at the midpoint, shape (3,) [N].
         impact: Velocity taken over from a support that began at the start of the step.
+        strain_rates: Flexible owned cells and their strain rates [1/s], if they are measured.
     """
 
     dt: float
@@ -47,6 +55,7 @@ class StepResult:
     work_of_supports: float
     reactions: Mapping[str, npt.NDArray[np.float64]]
     impact: Impact | None
+    strain_rates: tuple[npt.NDArray[np.int32], npt.NDArray[np.float64]] | None
 
 
 class Integrator:
@@ -57,12 +66,15 @@ class Integrator:
         state: The state, changed by `step` only.
     """
 
-    def __init__(self, scene: Scene, dt: float) -> None:
+    def __init__(
+        self, scene: Scene, dt: float, measure: Literal["rms", "printed"] | None = None
+    ) -> None:
         """Compile the forms, assemble mass and loads, set the initial state. Collective.
 
         Args:
             scene: The problem.
             dt: Nominal Δt [s].
+            measure: How strain rates are measured, if at all.
 
         Raises:
             SceneError: If the initial velocity contradicts a support, or a preload is not held.
@@ -73,6 +85,7 @@ class Integrator:
         self._resolution = 1e-9 * dt
         self._trial = np.inf  # length of the next attempt after a cut
         self._forces = InternalForces(scene, self.state.u)
+        self._rates = StrainRates(scene, self._forces, measure) if measure else None
         self._active = acting(scene, 0.0, self._resolution)
         apply_preload(scene, self._forces, self.state, HeldDofs(scene, self._active))
         self.state.v.x.array[:] = velocity.reshape(-1)
@@ -83,6 +96,29 @@ class Integrator:
     def unknowns(self) -> int:
         """Number of unknowns of the current partition."""
         return self._system.equilibrium.prolongation.size
+
+    @property
+    def flexible(self) -> npt.NDArray[np.bool_]:
+        """For each owned cell, whether it is flexible."""
+        mask = np.zeros(self.scene.mesh.topology.index_map(3).size_local, dtype=bool)
+        for cells in self._flexible.values():
+            mask[cells] = True
+        return mask
+
+    @property
+    def held_nodes(self) -> npt.NDArray[np.bool_]:
+        """For each owned node, whether a support holds any of its components."""
+        return np.asarray(self._held.mask.reshape(-1, 3).any(axis=1))
+
+    @property
+    def strain_rate(self) -> npt.NDArray[np.float64] | None:
+        """Strain rate of each owned cell in the last step [1/s], if it is measured."""
+        return self._rates.values if self._rates is not None else None
+
+    @property
+    def strain_error(self) -> float:
+        """Strain that the end of Newton's iteration may leave in a cell."""
+        return self._system.equilibrium.strain_error
 
     def measure(self) -> Measures:
         """Energies and momenta of the current state. Collective."""
@@ -121,9 +157,20 @@ class Integrator:
         )
 
     def _accept(self, dt: float, t: float, solution: Solution, cuts: int) -> StepResult:
+        rates = None
+        if self._rates is not None:  # before u₀ becomes u₁
+            rates = self._rates.cells, self._rates.measure(dt)
         work = self._system.accept(self.state, dt, t)
-        impact = self.take_impact()
-        return StepResult(dt, solution, cuts, work.loads, work.supports, work.reactions, impact)
+        return StepResult(
+            dt=dt,
+            solution=solution,
+            cuts=cuts,
+            work_of_loads=work.loads,
+            work_of_supports=work.supports,
+            reactions=work.reactions,
+            impact=self.take_impact(),
+            strain_rates=rates,
+        )
 
     def take_impact(self) -> Impact | None:
         """What the begin of a support did since this was last asked."""
@@ -135,9 +182,72 @@ class Integrator:
     def _bind(self, parts: Parts) -> System:
         self.state.bodies, self.state.motions = parts.bodies, parts.motions
         held = HeldDofs(self.scene, self._active, parts.carried_nodes)
-        self._held = held
+        self._held, self._flexible = held, parts.flexible
+        if self._rates is not None:
+            self._rates.bind(parts.flexible)
         return System(
             self.scene, self._forces, self.state, parts.flexible, held, parts.carried_cells
+        )
+
+    def regroup(
+        self,
+        parts: Sequence[Part],
+        apart: Set[str],
+        kind: Literal["freeze", "release"],
+        reason: str,
+    ) -> Event | None:
+        """Release and freeze, so that the given parts are the bodies from now on. Collective.
+
+        Args:
+            parts: The bodies.
+            apart: Names of bodies that are to stay as they are, whether among the parts or not.
+            kind: What is reported.
+            reason: What is reported.
+
+        Returns:
+            What happened; None if nothing did.
+        """
+        state, scene = self.state, self.scene
+        old = {
+            body.number: (body, motion)
+            for body, motion in zip(state.bodies, state.motions, strict=True)
+            if body.name not in apart
+        }
+        kept = {part.number for part in parts if part.kept}
+        if len(kept) == len(parts) == len(old):
+            return None
+        before, unknowns = self.measure(), self.unknowns
+        release(state, [pair for number, pair in old.items() if number not in kept])
+        found = []
+        for part in parts:
+            if part.kept:
+                found.append(old[part.number])
+                continue
+            cells, nodes = part.region.cells, part.region.nodes
+            made = freeze(
+                scene, self._forces, state, cells, nodes, part.name, part.number, part.named
+            )
+            if not isinstance(made, MassProperties):  # or it stays flexible
+                found.append(made)
+        self._system.destroy()
+        self._system = self._bind(named_parts(scene, self._forces, state, self._active, found))
+        new = {body.number: body for body, _ in found}
+        after = self.measure()
+        linear = after.linear_momentum - before.linear_momentum
+        angular = after.angular_momentum - before.angular_momentum
+        changes = _changes({number: body for number, (body, _) in old.items()}, new)
+        return Event(
+            t=state.t,
+            kind=kind,
+            reason=reason,
+            changes=changes,
+            unknowns_before=unknowns,
+            unknowns_after=self.unknowns,
+            energy_frozen=max(after.stored - before.stored, 0.0),
+            energy_released=max(before.stored - after.stored, 0.0),
+            energy_lost=before.energy - after.energy,
+            linear_momentum_error=float(np.linalg.norm(linear)),
+            angular_momentum_error=float(np.linalg.norm(angular)),
         )
 
     def _follow_supports(self, dt: float) -> None:
@@ -198,3 +308,23 @@ class Integrator:
     ) -> None:
         """Free all PETSc objects."""
         self.close()
+
+
+def _changes(old: Mapping[int, RigidBody], new: Mapping[int, RigidBody]) -> tuple[BodyChange, ...]:
+    """How bodies before and after an event differ, by number."""
+    changes = []
+    for number in sorted(old.keys() | new.keys()):
+        before, after = old.get(number), new.get(number)
+        if before is after:
+            continue
+        changes.append(
+            BodyChange(
+                name=(after or before).name,  # type: ignore[union-attr]
+                number=number,
+                cells_before=before.size if before else 0,
+                cells_after=after.size if after else 0,
+                stored_before=before.frozen.energy if before else 0.0,
+                stored_after=after.frozen.energy if after else 0.0,
+            )
+        )
+    return tuple(changes)

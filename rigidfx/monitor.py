@@ -25,7 +25,8 @@ class Measures:
 
     Attributes:
         kinetic: ½ v·M v [J].
-        strain: ∫ W dV [J].
+        strain: ∫ W dV of the flexible cells [J].
+        stored: Energy that bodies keep for their release [J].
         linear_momentum: L = Σ (M v)ᵢ, shape (3,) [kg m/s].
         angular_momentum: J = Σ xᵢ × (M v)ᵢ about the origin, shape (3,) [kg m²/s].
         momentum_scale: Σ |(M v)ᵢ| [kg m/s], what L is to be compared with.
@@ -33,14 +34,15 @@ class Measures:
 
     kinetic: float
     strain: float
+    stored: float
     linear_momentum: Array
     angular_momentum: Array
     momentum_scale: float
 
     @property
     def energy(self) -> float:
-        """H = kinetic + strain [J]."""
-        return self.kinetic + self.strain
+        """H = kinetic + strain + stored [J]."""
+        return self.kinetic + self.strain + self.stored
 
 
 class Monitor:
@@ -81,4 +83,11 @@ class Monitor:
             total[2:5] += momentum
             total[5:8] += np.cross(motion.r, momentum) + motion.angular_momentum(body)
             total[8] += np.linalg.norm(momentum)
-        return Measures(float(total[0]), float(total[1]), total[2:5], total[5:8], float(total[8]))
+        return Measures(
+            kinetic=float(total[0]),
+            strain=float(total[1]),
+            stored=state.stored,
+            linear_momentum=total[2:5],
+            angular_momentum=total[5:8],
+            momentum_scale=float(total[8]),
+        )

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from rigidfx.body import BodyMotion, RigidBody
+from rigidfx.body import NOTHING, BodyMotion, RigidBody
 from rigidfx.effects import Rigid, Support
 from rigidfx.errors import SceneError, agree
-from rigidfx.inertia import form_body
+from rigidfx.freezing import freeze
+from rigidfx.inertia import MassProperties
 from rigidfx.internal import Cells, InternalForces
 from rigidfx.scene import Scene
 from rigidfx.state import State
@@ -44,28 +45,34 @@ class Parts:
 
 
 def named_parts(
-    scene: Scene, forces: InternalForces, state: State, active: tuple[Support, ...]
+    scene: Scene,
+    forces: InternalForces,
+    state: State,
+    active: tuple[Support, ...],
+    found: Sequence[tuple[RigidBody, BodyMotion]] = (),
 ) -> Parts:
-    """The parts that the scene names. Collective.
+    """The parts that the scene names, and bodies found beside them. Collective.
 
     Args:
         scene: The problem.
         forces: Internal forces, which know the cells of each material.
-        state: Current state; bodies that are in it already keep data and motion.
+        state: Current state; named bodies that are in it already keep data and motion.
         active: Supports that act now.
+        found: Further bodies with their motions. Those that hold named sets stand for these.
 
     Raises:
         SceneError: If two bodies share a node, or a support holds a body other than by clamping
             it whole.
     """
     owned = scene.mesh.topology.index_map(3).size_local
-    rigid: list[npt.NDArray[np.int32]] = []
+    rigid: list[npt.NDArray[np.int32]] = [body.cells for body, _ in found]
     bodies: list[RigidBody] = []
     motions: list[BodyMotion] = []
+    held_by_found = {name for body, _ in found for name in body.named}
     carried: dict[int, Nodes] = {}
     taken = np.zeros(scene.owned_nodes, dtype=np.int32)
     known = {b.name: (b, m) for b, m in zip(state.bodies, state.motions, strict=True)}
-    for effect in scene.named(Rigid):
+    for number, effect in enumerate(scene.named(Rigid), start=1):
         cells, nodes = _cells_and_nodes(scene, effect)
         name = effect.name
         clash = "Two bodies" if taken[nodes].any() else None
@@ -80,16 +87,18 @@ def named_parts(
         support = _clamp(scene, active, name, nodes)
         if support is not None:
             carried[support] = np.union1d(carried.get(support, nodes), nodes).astype(np.int32)
+        elif name in held_by_found:
+            continue
         elif name in known:
             bodies.append(known[name][0])
             motions.append(known[name][1])
         else:
-            n = 3 * scene.owned_nodes
-            u, v = (f.x.array[:n].reshape(-1, 3) for f in (state.u, state.v))
-            at = forces.cells(cells)
-            body, motion = form_body(scene, name, at, nodes, u, v, effect.mass, effect.inertia)
+            body, motion = _freeze_named(scene, forces, state, effect, cells, nodes, number)
             bodies.append(body)
             motions.append(motion)
+    for body, motion in found:
+        bodies.append(body)
+        motions.append(motion)
     if not rigid:
         return Parts(forces.cells(), (), (), None, {})
     every = np.arange(owned, dtype=np.int32)
@@ -104,6 +113,31 @@ def named_parts(
         forces.cells(moved) if some else None,
         carried,
     )
+
+
+def _freeze_named(
+    scene: Scene,
+    forces: InternalForces,
+    state: State,
+    effect: Rigid,
+    cells: Nodes,
+    nodes: Nodes,
+    number: int,
+) -> tuple[RigidBody, BodyMotion]:
+    """The body of an effect, with the mass and inertia that it may give. Collective."""
+    name = effect.name
+    made = freeze(scene, forces, state, cells, nodes, name, number, (name,))
+    if isinstance(made, MassProperties):
+        raise SceneError(
+            f"Rigid body '{name}' has no nodes, or they lie on a line, so that it cannot be a body "
+            f"of its own: its inertia is\n{made.inertia} kg m². Give it more cells."
+        )
+    body, motion = made
+    if effect.given:
+        mass = body.mass if effect.mass is None else effect.mass
+        inertia = body.inertia if effect.inertia is None else np.asarray(effect.inertia, float)
+        body = replace(body, mass=float(mass), inertia=inertia, frozen=NOTHING)
+    return body, motion
 
 
 def _cells_and_nodes(scene: Scene, effect: Rigid) -> tuple[npt.NDArray[np.int32], Nodes]:

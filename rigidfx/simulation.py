@@ -9,8 +9,8 @@ shows up as several reports on the way to its end.
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any
 
@@ -18,14 +18,17 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.body import BodyMotion, RigidBody
+from rigidfx.criterion import StrainRate
 from rigidfx.effects import next_breakpoint
 from rigidfx.errors import SceneError, number
 from rigidfx.integrator import Integrator, StepResult
+from rigidfx.ledger import Event
 from rigidfx.monitor import Measures
 from rigidfx.probes import Probes
 from rigidfx.scene import Scene
 from rigidfx.state import State
 from rigidfx.supports import Impact
+from rigidfx.switching import Switching
 
 __all__ = ["BodyReport", "Report", "simulate"]
 
@@ -37,7 +40,9 @@ class BodyReport:
     """A rigid body at one time.
 
     Attributes:
-        name: Name of its set of cells.
+        name: Name of its set of cells, or "part" and its number.
+        number: Its number ≥ 1, by which fields show it.
+        cells: Number of its cells.
         mass: m [kg].
         centre: Position of the centre of mass, shape (3,) [m].
         orientation: Rotation R since it became rigid, shape (3, 3).
@@ -47,9 +52,12 @@ class BodyReport:
         spin: Angular momentum about the centre of mass, shape (3,) [kg m²/s].
         angular_momentum: Angular momentum about the origin, shape (3,) [kg m²/s].
         kinetic: Kinetic energy [J].
+        stored: Energy that it keeps for its release [J].
     """
 
     name: str
+    number: int
+    cells: int
     mass: float
     centre: Array
     orientation: Array
@@ -59,6 +67,7 @@ class BodyReport:
     spin: Array
     angular_momentum: Array
     kinetic: float
+    stored: float
 
 
 @dataclass(frozen=True)
@@ -76,7 +85,9 @@ class Report:
         cuts: How often the step was cut before it converged.
         unknowns: Number of unknowns of the step.
         kinetic: Kinetic energy [J].
-        strain: Strain energy [J].
+        strain: Strain energy of the flexible cells [J].
+        stored: Energy that bodies keep for their release: their strain energy, and the kinetic
+            energy of what they vibrated when they were frozen [J].
         linear_momentum: L, shape (3,) [kg m/s].
         angular_momentum: J about the origin, shape (3,) [kg m²/s].
         momentum_scale: Σ |(M v)ᵢ| [kg m/s], what L is to be compared with.
@@ -87,6 +98,12 @@ class Report:
         impact: What the begin of a support, or a jump of its velocity, did at the step's start; at
             t = 0 in the report of the initial state.
         bodies: The rigid bodies.
+        events: What was frozen and released since the last report: right before the step, and at
+            its end. Energies, momenta and bodies of the report are those after them.
+        closeness: How close any cell's strain rate came to its tolerance at the end of a window,
+            the least |e/tol - 1|; NaN if the step ended none.
+        strain_rate: Strain rate of each owned cell in the step [1/s], zero in bodies; None where
+            it is not measured. It changes with the next step.
         probes: Displacement of each probe, shape (3,) [m].
         wall: Wall time of the step [s].
         state: Displacement and velocity; read, do not change. It lives on with the simulation.
@@ -104,6 +121,7 @@ class Report:
     unknowns: int
     kinetic: float
     strain: float
+    stored: float
     linear_momentum: Array
     angular_momentum: Array
     momentum_scale: float
@@ -112,18 +130,26 @@ class Report:
     reactions: Mapping[str, Array]
     impact: Impact | None
     bodies: tuple[BodyReport, ...]
+    events: tuple[Event, ...]
+    closeness: float
+    strain_rate: Array | None
     probes: Mapping[str, Array]
     wall: float
     state: State
 
     @property
     def energy(self) -> float:
-        """H = kinetic + strain [J]."""
-        return self.kinetic + self.strain
+        """H = kinetic + strain + stored [J]."""
+        return self.kinetic + self.strain + self.stored
 
 
 def simulate(
-    scene: Scene, dt: float, t_end: float, *, progress: bool | None = None
+    scene: Scene,
+    dt: float,
+    t_end: float,
+    *,
+    rigidify: StrainRate | None = None,
+    progress: bool | None = None,
 ) -> Iterator[Report]:
     """Integrate a scene from t = 0.
 
@@ -131,6 +157,7 @@ def simulate(
         scene: The problem.
         dt: Nominal time step Δt [s].
         t_end: End of the simulation [s].
+        rigidify: When parts become rigid and flexible again; no part does if None.
         progress: Whether rank 0 shows a progress bar on standard error; where that is a terminal
             if None.
 
@@ -150,23 +177,33 @@ def simulate(
         raise SceneError(f"simulate: dt must be a finite number > 0, got {dt!r}.")
     if not t_end > 0:
         raise SceneError(f"simulate: t_end must be a finite number > 0, got {t_end!r}.")
+    if rigidify is not None and not isinstance(rigidify, StrainRate):
+        raise SceneError(f"simulate: rigidify must be a StrainRate, got {rigidify!r}.")
+    if rigidify is not None and not scene.scheme.couples:
+        raise SceneError(
+            f"simulate: {type(scene.scheme).__name__} does not couple to rigid bodies; take "
+            "EnergyMomentum or Midpoint."
+        )
     probes = Probes(scene)
-    return _reports(scene, Integrator(scene, dt), probes, dt, t_end, progress)
+    integrator = Integrator(scene, dt, rigidify.measure if rigidify else None)
+    switching = Switching(scene, rigidify, integrator, dt) if rigidify else None
+    return _reports(scene, integrator, switching, probes, dt, t_end, progress)
 
 
 def _reports(
     scene: Scene,
     integrator: Integrator,
+    switching: Switching | None,
     probes: Probes,
     dt: float,
     t_end: float,
     progress: bool | None,
 ) -> Iterator[Report]:
-    breakpoints = scene.breakpoints
+    breakpoints = sorted({*scene.breakpoints, *(switching.breakpoints if switching else ())})
     resolution = 1e-9 * dt
     with integrator, _progress_bar(scene, t_end, progress) as bar:
         step, grid, state = 0, 1, integrator.state
-        yield _report(0, integrator, probes, None, integrator.measure(), 0.0)
+        yield _report(0, integrator, probes, None, integrator.measure())
         while state.t < t_end - resolution:
             while grid * dt <= state.t + resolution:
                 grid += 1
@@ -175,12 +212,15 @@ def _reports(
             if stop < target - resolution or abs(stop - target) <= resolution:
                 target = stop
             start = perf_counter()
+            events = switching.before(target - state.t) if switching else []
             result = integrator.step(target)
             step += 1
-            measures = integrator.measure()
-            wall = perf_counter() - start
+            report = _report(step, integrator, probes, result, integrator.measure())
+            if switching is not None:
+                now = switching.after(result, report)
+                report = _amended(report, integrator, [*events, *now], switching.closeness)
             bar.update(result.dt)
-            yield _report(step, integrator, probes, result, measures, wall)
+            yield replace(report, wall=perf_counter() - start)
 
 
 def _report(
@@ -189,7 +229,6 @@ def _report(
     probes: Probes,
     result: StepResult | None,
     measures: Measures,
-    wall: float,
 ) -> Report:
     state, solution = integrator.state, result.solution if result else None
     return Report(
@@ -204,6 +243,7 @@ def _report(
         unknowns=integrator.unknowns,
         kinetic=measures.kinetic,
         strain=measures.strain,
+        stored=measures.stored,
         linear_momentum=measures.linear_momentum,
         angular_momentum=measures.angular_momentum,
         momentum_scale=measures.momentum_scale,
@@ -211,17 +251,46 @@ def _report(
         work_of_supports=result.work_of_supports if result else 0.0,
         reactions=result.reactions if result else {},
         impact=result.impact if result else integrator.take_impact(),
-        bodies=tuple(map(_body_report, state.bodies, state.motions)),
+        bodies=_body_reports(state),
+        events=(),
+        closeness=np.nan,
+        strain_rate=integrator.strain_rate,
         probes=probes.displacements(state),
-        wall=wall,
+        wall=0.0,
         state=state,
     )
+
+
+def _amended(
+    report: Report, integrator: Integrator, events: Sequence[Event], closeness: float
+) -> Report:
+    """A report after what was switched around its step. Collective."""
+    report = replace(report, events=tuple(events), closeness=closeness)
+    if not any(event.t == report.t for event in events):
+        return report
+    now = integrator.measure()
+    return replace(
+        report,
+        kinetic=now.kinetic,
+        strain=now.strain,
+        stored=now.stored,
+        linear_momentum=now.linear_momentum,
+        angular_momentum=now.angular_momentum,
+        momentum_scale=now.momentum_scale,
+        bodies=_body_reports(integrator.state),
+    )
+
+
+def _body_reports(state: State) -> tuple[BodyReport, ...]:
+    return tuple(map(_body_report, state.bodies, state.motions))
 
 
 def _body_report(body: RigidBody, motion: BodyMotion) -> BodyReport:
     momentum, spin = body.mass * motion.velocity, motion.angular_momentum(body)
     return BodyReport(
         name=body.name,
+        number=body.number,
+        cells=body.size,
         mass=body.mass,
         centre=motion.r,
         orientation=motion.R,
@@ -231,6 +300,7 @@ def _body_report(body: RigidBody, motion: BodyMotion) -> BodyReport:
         spin=spin,
         angular_momentum=np.cross(motion.r, momentum) + spin,
         kinetic=motion.kinetic(body),
+        stored=body.frozen.energy,
     )
 
 

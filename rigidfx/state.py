@@ -63,6 +63,28 @@ class State:
         self.v.x.array[:] = snapshot.v
         self.motions = snapshot.motions
 
+    def positions(self, nodes: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
+        """Positions of owned nodes, also of those inside bodies, shape (nodes, 3) [m]."""
+        x = self.X[nodes] + self.u.x.array.reshape(-1, 3)[nodes]
+        for body, motion in zip(self.bodies, self.motions, strict=True):
+            place = np.searchsorted(body.nodes, nodes)
+            inside = place < body.nodes.size
+            inside[inside] = body.nodes[place[inside]] == nodes[inside]
+            x[inside] = motion.positions(body.offsets[place[inside]])
+        return np.asarray(x)
+
+    @property
+    def stored(self) -> float:
+        """Energy that the bodies keep for their release [J]."""
+        return sum(body.frozen.energy for body in self.bodies)
+
+    def body_numbers(self) -> npt.NDArray[np.int32]:
+        """For each owned cell the number of the body it is in, 0 for flexible cells."""
+        numbers = np.zeros(self.u.function_space.mesh.topology.index_map(3).size_local, np.int32)
+        for body in self.bodies:
+            numbers[body.cells] = body.number
+        return numbers
+
     def rebuild(self) -> None:
         """Set displacement and velocity of the nodes inside bodies from their motions. Collective.
 

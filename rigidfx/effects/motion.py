@@ -120,6 +120,11 @@ class Rigid(Effect):
         """Name of the body in reports."""
         return self.where or WHOLE
 
+    @property
+    def given(self) -> bool:
+        """Whether it has a mass or an inertia other than that of its cells."""
+        return self.mass is not None or self.inertia is not None
+
     def __post_init__(self) -> None:
         """Check the given data.
 

@@ -1,0 +1,60 @@
+"""What a switch did, to the joule."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+__all__ = ["BodyChange", "Event"]
+
+
+@dataclass(frozen=True)
+class BodyChange:
+    """A body that was made, changed or released at an event.
+
+    Attributes:
+        name: Its name.
+        number: Its number.
+        cells_before: Its cells before the event; 0 for a new body.
+        cells_after: Its cells after the event; 0 for one that is no more.
+        stored_before: Strain energy and energy of difference velocities it held before [J].
+        stored_after: The same after the event [J].
+    """
+
+    name: str
+    number: int
+    cells_before: int
+    cells_after: int
+    stored_before: float
+    stored_after: float
+
+
+@dataclass(frozen=True)
+class Event:
+    """A change of the partition at an instant; numbers are summed over ranks.
+
+    Attributes:
+        t: Time [s].
+        kind: "freeze" if the window's cells became rigid, "release" if bodies were released.
+        reason: What caused it, in words.
+        changes: The bodies that it changed.
+        unknowns_before: Number of unknowns before it.
+        unknowns_after: Number of unknowns after it.
+        energy_frozen: Energy taken out of the motion and stored in bodies [J].
+        energy_released: Stored energy given back to the motion [J].
+        energy_lost: Total energy before less total energy after, everything stored counted [J].
+        linear_momentum_error: |L after - L before| [kg m/s].
+        angular_momentum_error: |J after - J before| about the origin [kg m²/s].
+    """
+
+    t: float
+    kind: Literal["freeze", "release"]
+    reason: str
+    changes: tuple[BodyChange, ...]
+    unknowns_before: int
+    unknowns_after: int
+    energy_frozen: float
+    energy_released: float
+    energy_lost: float
+    linear_momentum_error: float
+    angular_momentum_error: float
