@@ -1,20 +1,32 @@
 """What a run leaves in its folder: a row per step in history.csv, and fields for ParaView.
 
     folder/history.csv     one row per step, flushed at once, numbers in full precision
-    folder/fields.pvd      displacement and velocity, for ParaView, at the output interval
+    folder/events.csv      one row per body that was frozen, changed or released; only if there may
+                           be such events
+    folder/fields.pvd      fields for ParaView, at the output interval
     folder/fields/         its files, one per time
+
+The fields are displacement and velocity on the nodes, and on the cells the number of the material,
+and, where there are rigid bodies or may be, the number of the body (0 outside bodies), a flag
+(1 rigid, 0 flexible) and the strain rate of the step [1/s], zero in bodies.
 
 Columns of history.csv, in SI units; a vector has one column for each of x, y, z:
 
     step, t, dt, iterations, linear_iterations, cuts, unknowns
-    kinetic, strain, energy                  at t [J]
+    kinetic, strain, stored, energy          at t; stored in bodies, and the sum of the three [J]
     work_of_loads, work_of_supports          in the step [J]
     impact_energy                            change of energy where a support began [J]
     momentum_scale, L_x …                    Σ m|v| and linear momentum [kg m/s]
     J_x …                                    angular momentum about the origin [kg m²/s]
+    bodies, J_rigid_x …                      number of rigid bodies, and their part of it
     reaction_NAME_x …                        of each support [N], zero while it does not act
     u_NAME_x …                               displacement of each probe [m]
     wall                                     wall time of the step [s]
+
+Columns of events.csv: t, kind, reason, unknowns_before, unknowns_after of the event; name, number,
+cells_before, cells_after, stored_before, stored_after of the body [J]; energy_frozen,
+energy_released, energy_lost [J], linear_momentum_error [kg m/s], angular_momentum_error [kg m²/s]
+of the event.
 """
 
 from __future__ import annotations
@@ -25,10 +37,12 @@ from collections.abc import Iterable
 from math import floor
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.effects import Rigid
 from rigidfx.errors import OutputError, SceneError, StepError, agree, number
 from rigidfx.paraview import Body, Series
 from rigidfx.scene import Scene
@@ -40,8 +54,16 @@ Array = npt.NDArray[np.float64]
 
 SCALARS = (
     *("step", "t", "dt", "iterations", "linear_iterations", "cuts", "unknowns"),
-    *("kinetic", "strain", "energy", "work_of_loads", "work_of_supports"),
+    *("kinetic", "strain", "stored", "energy", "work_of_loads", "work_of_supports"),
 )
+
+
+EVENT = (
+    *("t", "kind", "reason", "unknowns_before", "unknowns_after"),
+    *("energy_frozen", "energy_released", "energy_lost"),
+    *("linear_momentum_error", "angular_momentum_error"),
+)
+CHANGE = ("name", "number", "cells_before", "cells_after", "stored_before", "stored_after")
 
 
 class Recorder:
@@ -90,6 +112,7 @@ class Recorder:
         self._first = self._comm.rank == 0
         self._body = Body(scene.space)
         self._materials = self._body.on_cells(_material_numbers(scene))
+        self._may_be_rigid = bool(scene.named(Rigid))
         self._last: Report | None = None
         self._fields_at, self._next = -1, 0.0
         problem = None
@@ -97,6 +120,7 @@ class Recorder:
             if self._first:
                 self.folder.mkdir(parents=True, exist_ok=True)
                 self.history.open("w").close()
+                self.events.unlink(missing_ok=True)
                 self._series = Series(self.series, self._body)
         except OSError as error:
             problem = self._problem(error)
@@ -110,6 +134,11 @@ class Recorder:
     def history(self) -> Path:
         """Path of history.csv."""
         return self.folder / "history.csv"
+
+    @property
+    def events(self) -> Path:
+        """Path of events.csv."""
+        return self.folder / "events.csv"
 
     @property
     def series(self) -> Path:
@@ -130,6 +159,8 @@ class Recorder:
         try:
             self._rows.writerow(self._row(report))
             self._file.flush()
+            if self._first:
+                self._write_events(report)
         except OSError as error:
             problem = self._problem(error)
         agree(self._comm, problem, OutputError)
@@ -169,14 +200,43 @@ class Recorder:
         self._next = (floor(report.t / self._interval * (1 + 1e-9)) + 1) * self._interval
         return True
 
+    def _write_events(self, report: Report) -> None:
+        if report.strain_rate is None:
+            return
+        new = not self.events.exists()
+        if not (new or report.events):
+            return
+        with self.events.open("a", newline="", encoding="utf-8") as file:
+            rows = csv.DictWriter(file, [*EVENT, *CHANGE])
+            if new:
+                rows.writeheader()
+            for event in report.events:
+                for change in event.changes:
+                    rows.writerow(
+                        {name: getattr(event, name) for name in EVENT}
+                        | {name: getattr(change, name) for name in CHANGE}
+                    )
+
+    def _cell_fields(self, report: Report) -> dict[str, npt.NDArray[Any]]:
+        """Fields on the cells, whole on rank 0. Collective."""
+        fields = {"material": self._materials}
+        if self._may_be_rigid or report.strain_rate is not None:
+            body = self._body.on_cells(report.state.body_numbers())
+            fields |= {"body": body, "rigid": (body > 0).astype(np.uint8)}
+        if report.strain_rate is not None:
+            fields["strain_rate"] = self._body.on_cells(report.strain_rate)
+        return fields
+
     def _write_fields(self, report: Report) -> None:
         state = report.state
+        state.rebuild()
+        cells = self._cell_fields(report)
         points = {f.name: self._body.on_nodes(f) for f in (state.u, state.v)}
         self._fields_at = report.step
         problem = None
         if self._first:
             try:
-                self._series.write(report.t, points, {"material": self._materials})
+                self._series.write(report.t, points, cells)
             except OSError as error:
                 problem = self._problem(error)
         agree(self._comm, problem, OutputError)
@@ -187,6 +247,8 @@ class Recorder:
         row["momentum_scale"] = report.momentum_scale
         row |= _components("L", report.linear_momentum)
         row |= _components("J", report.angular_momentum)
+        row["bodies"] = len(report.bodies)
+        row |= _components("J_rigid", sum((b.angular_momentum for b in report.bodies), np.zeros(3)))
         for name in self._supports:
             row |= _components(f"reaction_{name}", report.reactions.get(name, np.zeros(3)))
         for name, displacement in report.probes.items():
@@ -221,9 +283,10 @@ def _components(name: str, vector: Iterable[float]) -> dict[str, float]:
 
 
 def _columns(supports: Iterable[str], probes: Iterable[str]) -> list[str]:
-    vectors = ["L", "J", *(f"reaction_{s}" for s in supports), *(f"u_{p}" for p in probes)]
+    named = [*(f"reaction_{s}" for s in supports), *(f"u_{p}" for p in probes)]
+    vectors = ["L", "J", "J_rigid", *named]
     names = [f"{vector}_{axis}" for vector in vectors for axis in "xyz"]
-    return [*SCALARS, "impact_energy", "momentum_scale", *names, "wall"]
+    return [*SCALARS, "impact_energy", "momentum_scale", "bodies", *names, "wall"]
 
 
 def _material_numbers(scene: Scene) -> npt.NDArray[np.int32]:

@@ -25,11 +25,11 @@ class Probe:
     """A point of the body as a weighted sum of nodes.
 
     Attributes:
-        nodes: Local nodes of its cell; none on ranks that do not hold it.
+        nodes: Those nodes of its cell that this rank owns.
         weights: Shape functions there.
     """
 
-    nodes: npt.NDArray[np.int32]
+    nodes: npt.NDArray[np.int64]
     weights: Array
 
 
@@ -59,26 +59,31 @@ class Probes:
                 raise SceneError(
                     f"Scene: the probe '{name}' at {tuple(points[k])} m lies in no cell."
                 )
-            mine = holders[0] == scene.comm.rank
-            self._probes[name] = _probe(scene, cell, points[k]) if mine else _NOWHERE
+            mine = _weights(scene, cell, points[k]) if holders[0] == scene.comm.rank else None
+            self._probes[name] = _owned(scene, *scene.comm.bcast(mine, root=holders[0]))
 
     def displacements(self, state: State) -> Mapping[str, Array]:
         """Displacement of each point, shape (3,) [m]. Collective."""
         if not self._probes:
             return {}
-        state.rebuild()
-        u = state.u.x.array.reshape(-1, 3)
-        local = np.stack([p.weights @ u[p.nodes] for p in self._probes.values()])
-        return dict(zip(self._probes, np.asarray(self._scene.sum(local)), strict=True))
+        points = self._probes.values()
+        local = [p.weights @ (state.positions(p.nodes) - state.X[p.nodes]) for p in points]
+        return dict(zip(self._probes, np.asarray(self._scene.sum(np.stack(local))), strict=True))
 
 
-_NOWHERE = Probe(np.empty(0, np.int32), np.empty(0))
-
-
-def _probe(scene: Scene, cell: int, point: Array) -> Probe:
+def _weights(scene: Scene, cell: int, point: Array) -> tuple[npt.NDArray[np.int64], Array]:
+    """Global nodes of a cell and their shape functions at a point of it."""
     mesh, element = scene.mesh, scene.space.element
     corners = mesh.geometry.x[cell_geometry_dofs(mesh)[cell]]
     reference = coordinate_map(mesh).pull_back(point.reshape(1, 3), corners)
     scalar: Any = element.basix_element
     weights = scalar.tabulate(0, reference)[0, 0, :, 0]
-    return Probe(scene.space.dofmap.cell_dofs(cell).astype(np.int32), weights)
+    nodes = scene.space.dofmap.cell_dofs(cell).astype(np.int32)
+    return scene.space.dofmap.index_map.local_to_global(nodes), weights
+
+
+def _owned(scene: Scene, nodes: npt.NDArray[np.int64], weights: Array) -> Probe:
+    """The part of a weighted sum of global nodes that this rank owns."""
+    first, end = scene.space.dofmap.index_map.local_range
+    mine = (nodes >= first) & (nodes < end)
+    return Probe(nodes[mine] - first, weights[mine])

@@ -9,7 +9,7 @@ import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -25,8 +25,15 @@ __all__ = ["Shapes"]
 Array = npt.NDArray[np.float64]
 
 
+LIGHT, DARK = "#e8e4da", "#33475b"  # flexible and rigid parts, as in the paper's Fig. 6
+
+Colour = Literal["displacement", "velocity", "rigid"]
+
+
 @dataclass(frozen=True)
 class _Shape:
+    """A body at one time; values belong to points, or to cells where these are rigid or not."""
+
     t: float
     points: Array
     values: Array
@@ -47,23 +54,26 @@ class Shapes:
         scene: Scene,
         times: Iterable[float],
         *,
-        colour: Literal["displacement", "velocity"] = "velocity",
+        colour: Colour = "velocity",
     ) -> None:
         """Choose what is to be seen. Collective.
 
         Args:
             scene: The problem that is run.
             times: Times [s]; of each, the first step that ends at or after it is taken.
-            colour: The field whose magnitude colours the body.
+            colour: The field whose magnitude colours the body, or "rigid" for rigid (dark) and
+                flexible (light) cells.
 
         Raises:
-            SceneError: If there are no times, or the colour is not one of the two.
+            SceneError: If there are no times, or the colour is not one of these.
         """
         self._times = sorted(times)
         if not self._times:
             raise SceneError("Shapes: times must name at least one time.")
-        if colour not in ("displacement", "velocity"):
-            raise SceneError(f"Shapes: colour must be displacement or velocity, got {colour!r}.")
+        if colour not in get_args(Colour):
+            raise SceneError(
+                f"Shapes: colour must be one of {', '.join(get_args(Colour))}, got {colour!r}."
+            )
         self._colour = colour
         self._comm = scene.comm
         self._body = Body(scene.space)
@@ -81,8 +91,14 @@ class Shapes:
         if not due:
             return
         del self._times[:due]
-        u, v = (self._body.on_nodes(f) for f in (report.state.u, report.state.v))
-        values = np.linalg.norm(u if self._colour == "displacement" else v, axis=1)
+        state = report.state
+        state.rebuild()
+        u = self._body.on_nodes(state.u)
+        if self._colour == "rigid":
+            values = (self._body.on_cells(state.body_numbers()) > 0).astype(np.float64)
+        else:
+            field = u if self._colour == "displacement" else self._body.on_nodes(state.v)
+            values = np.linalg.norm(field, axis=1)
         self._shapes.append(_Shape(report.t, self._body.points + u, values))
 
     def draw(
@@ -109,8 +125,9 @@ class Shapes:
 
         def draw() -> None:
             shapes = self._shapes
-            top = max(max(float(s.values.max()) for s in shapes), 1e-300)
-            images = _photographs(self._body, shapes, top, view, up)
+            flags = self._colour == "rigid"
+            top = 1.0 if flags else max(max(float(s.values.max()) for s in shapes), 1e-300)
+            images = _photographs(self._body, shapes, top, view, up, flags)
             wide = min(columns, len(images))
             rows = -(-len(images) // wide)
             figure, axes = figure_of(rows, wide, (2.8 * wide + 1.2, 2.9 * rows + 0.4), title)
@@ -119,14 +136,22 @@ class Shapes:
             for ax, shape, image in zip(axes.flat, shapes, images, strict=False):
                 ax.imshow(image, interpolation="lanczos")
                 ax.set_title(f"$t$ = {shape.t:.4g} s", loc="center", fontsize=12)
-            _colour_bar(figure, axes, top, self._colour)
+            if flags:
+                _legend(figure)
+            else:
+                _colour_bar(figure, axes, top, self._colour)
             save(figure, path)
 
         on_first_rank(self._comm, draw, f"Shapes: '{path}'")
 
 
 def _photographs(
-    body: Body, shapes: Sequence[_Shape], top: float, view: Sequence[float], up: Sequence[float]
+    body: Body,
+    shapes: Sequence[_Shape],
+    top: float,
+    view: Sequence[float],
+    up: Sequence[float],
+    of_cells: bool,
 ) -> list[Any]:
     """Pictures of the shapes as arrays; colours from 0 to `top`."""
     if not os.environ.get("DISPLAY"):
@@ -142,14 +167,15 @@ def _photographs(
     images = []
     for shape in shapes:
         grid = pv.UnstructuredGrid(table.reshape(-1), types, shape.points)
-        grid.point_data["magnitude"] = shape.values
+        data = grid.cell_data if of_cells else grid.point_data
+        data["colour"] = shape.values
         surface = grid.extract_surface(nonlinear_subdivision=2)
         plotter = pv.Plotter(off_screen=True, window_size=(700, 700))
         plotter.set_background("white")
         plotter.add_mesh(
             surface,
-            scalars="magnitude",
-            cmap="viridis",
+            scalars="colour",
+            cmap=[LIGHT, DARK] if of_cells else "viridis",
             clim=(0.0, top),
             show_scalar_bar=False,
             show_edges=body.cells.shape[1] in (4, 8),
@@ -166,6 +192,13 @@ def _photographs(
         images.append(plotter.screenshot(return_img=True))
         plotter.close()
     return images
+
+
+def _legend(figure: Any) -> None:
+    from matplotlib.patches import Patch
+
+    patches = [Patch(facecolor=DARK, label="rigid"), Patch(facecolor=LIGHT, label="flexible")]
+    figure.legend(handles=patches, loc="outside right center")
 
 
 def _colour_bar(figure: Any, axes: Any, top: float, colour: str) -> None:
