@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from rigidfx.rotation import cayley, cayley_tangent, orthonormalized, skew
 
-__all__ = ["BodyMotion", "Frozen", "Increment", "RigidBody", "at_rest"]
+__all__ = ["BodyMotion", "Frozen", "Increment", "RigidBody", "at_rest", "mass_block"]
 
 Array = npt.NDArray[np.float64]
 
@@ -67,6 +67,7 @@ class RigidBody:
         number: Its number ≥ 1, which no other body of the run has had.
         size: Number of its cells over all ranks.
         named: Sets of cells in it that are rigid always.
+        given: Whether mass or inertia are given in place of those of its cells.
         frozen: What it keeps for its release.
     """
 
@@ -80,6 +81,7 @@ class RigidBody:
     number: int = 1
     size: int = 0
     named: tuple[str, ...] = ()
+    given: bool = False
     frozen: Frozen = NOTHING
 
     @cached_property
@@ -125,6 +127,14 @@ class BodyMotion:
     def velocities(self, offsets: Array) -> Array:
         """ṙ + ω × R V for offsets of shape (n, 3) [m/s]; equation (2)."""
         return np.asarray(self.velocity + np.cross(self.angular_velocity, offsets @ self.R.T))
+
+
+def mass_block(body: RigidBody, motion: BodyMotion) -> Array:
+    """Mass matrix of ṙ and ℓω in space, shape (6, 6) [kg]."""
+    block = np.zeros((6, 6))
+    block[:3, :3] = body.mass * np.eye(3)
+    block[3:, 3:] = motion.R @ body.inertia @ motion.R.T / body.length**2
+    return block
 
 
 def at_rest(body: RigidBody) -> BodyMotion:

@@ -36,6 +36,7 @@ class MassProperties:
         inertia: J about it, shape (3, 3) [kg m²].
         velocity: Velocity of the centre that gives the nodes' linear momentum [m/s].
         spin: Angular velocity that gives their angular momentum [rad/s]; zero if singular.
+        kinetic: Kinetic energy of the nodes' velocities [J].
         singular: Whether the nodes lie on a line, so that they are no body.
     """
 
@@ -44,6 +45,7 @@ class MassProperties:
     inertia: Array
     velocity: Array
     spin: Array
+    kinetic: float
     singular: bool
 
 
@@ -64,12 +66,12 @@ def mass_properties(
     counted = np.zeros(scene.owned_nodes, dtype=bool)
     counted[nodes] = True
     operator = mass_operator(scene, cells, counted)
-    M_tot, momentum = _project(scene, operator, nodes, x[nodes] - reference, v)
+    M_tot, momentum, kinetic = _project(scene, operator, nodes, x[nodes] - reference, v)
     operator.destroy()
     m = np.trace(M_tot[:3, :3]) / 3  # (36)
     if not m > 0:
         zero = np.zeros(3)
-        return MassProperties(0.0, reference, np.zeros((3, 3)), zero, zero, True)
+        return MassProperties(0.0, reference, np.zeros((3, 3)), zero, zero, 0.0, True)
     # M_θu = m ĉ, c the centre of mass seen from the reference point (37)
     hat = M_tot[3:, :3] / m
     c = 0.5 * np.array([hat[2, 1] - hat[1, 2], hat[0, 2] - hat[2, 0], hat[1, 0] - hat[0, 1]])
@@ -80,13 +82,14 @@ def mass_properties(
     spin = np.zeros(3)
     if not singular:
         spin = np.linalg.solve(J, momentum[3:] - np.cross(c, momentum[:3]))
-    return MassProperties(float(m), reference + c, J, momentum[:3] / m, spin, singular)
+    velocity = momentum[:3] / m
+    return MassProperties(float(m), reference + c, J, velocity, spin, kinetic, singular)
 
 
 def _project(
     scene: Scene, operator: Mass, nodes: npt.NDArray[np.int32], arms: Array, v: Array
-) -> tuple[Array, Array]:
-    """Pᵀ M P, shape (6, 6), and Pᵀ M v, shape (6,), about the reference point. Collective."""
+) -> tuple[Array, Array, float]:
+    """Pᵀ M P, shape (6, 6), Pᵀ M v, shape (6,), about the reference point, ½ v·M v. Collective."""
     mode, image = fem.Function(scene.space), fem.Function(scene.space)
     n = scene.owned_nodes
     P = np.zeros((6, nodes.size, 3))
@@ -100,4 +103,5 @@ def _project(
         mine = image.x.array[: 3 * n].reshape(-1, 3)[nodes]
         columns.append(np.einsum("ani,ni->a", P, mine))
     product = np.asarray(scene.sum(np.stack(columns, axis=1)))
-    return product[:, :6], product[:, 6]
+    kinetic = 0.5 * float(scene.sum(np.vdot(v[nodes], mine)))
+    return product[:, :6], product[:, 6], kinetic

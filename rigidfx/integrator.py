@@ -15,13 +15,13 @@ from rigidfx.body import RigidBody
 from rigidfx.decision import Part
 from rigidfx.equilibrium import Solution
 from rigidfx.errors import StepError
-from rigidfx.freezing import freeze, release
-from rigidfx.inertia import MassProperties
+from rigidfx.freezing import Exchange, LumpedExchange, Selection
 from rigidfx.internal import InternalForces
 from rigidfx.ledger import BodyChange, Event
 from rigidfx.monitor import Measures
 from rigidfx.parts import Parts, named_parts
 from rigidfx.preload import apply_preload
+from rigidfx.projection import ConsistentExchange
 from rigidfx.scene import Scene
 from rigidfx.state import State, initial_velocity
 from rigidfx.strain_rate import StrainRates
@@ -86,6 +86,8 @@ class Integrator:
         self._trial = np.inf  # length of the next attempt after a cut
         self._forces = InternalForces(scene, self.state.u)
         self._rates = StrainRates(scene, self._forces, measure) if measure else None
+        kind = LumpedExchange if scene.mass == "lumped" else ConsistentExchange
+        self._exchange: Exchange = kind(scene, self._forces)
         self._active = acting(scene, 0.0, self._resolution)
         apply_preload(scene, self._forces, self.state, HeldDofs(scene, self._active))
         self.state.v.x.array[:] = velocity.reshape(-1)
@@ -208,34 +210,29 @@ class Integrator:
             What happened; None if nothing did.
         """
         state, scene = self.state, self.scene
-        old = {
-            body.number: (body, motion)
-            for body, motion in zip(state.bodies, state.motions, strict=True)
-            if body.name not in apart
-        }
+        old = {body.number: body for body in state.bodies if body.name not in apart}
         kept = {part.number for part in parts if part.kept}
         if len(kept) == len(parts) == len(old):
             return None
-        before, unknowns = self.measure(), self.unknowns
-        release(state, [pair for number, pair in old.items() if number not in kept])
-        found = []
+        before, unknowns, held = self.measure(), self.unknowns, self._held.mask
+        self._exchange.release(state, old.keys() - kept, held)
         for part in parts:
-            if part.kept:
-                found.append(old[part.number])
-                continue
-            cells, nodes = part.region.cells, part.region.nodes
-            made = freeze(
-                scene, self._forces, state, cells, nodes, part.name, part.number, part.named
-            )
-            if not isinstance(made, MassProperties):  # or it stays flexible
-                found.append(made)
+            if not part.kept:
+                cells, nodes = part.region.cells, part.region.nodes
+                what = Selection(cells, nodes, part.name, part.number, part.named)
+                self._exchange.freeze(state, what, held)
+        found = [
+            (body, motion)
+            for body, motion in zip(state.bodies, state.motions, strict=True)
+            if body.name not in apart
+        ]
         self._system.destroy()
         self._system = self._bind(named_parts(scene, self._forces, state, self._active, found))
         new = {body.number: body for body, _ in found}
         after = self.measure()
         linear = after.linear_momentum - before.linear_momentum
         angular = after.angular_momentum - before.angular_momentum
-        changes = _changes({number: body for number, (body, _) in old.items()}, new)
+        changes = _changes(old, new)
         return Event(
             t=state.t,
             kind=kind,

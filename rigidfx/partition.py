@@ -18,7 +18,7 @@ from rigidfx.body import RigidBody
 from rigidfx.internal import Cells
 from rigidfx.scene import Scene
 
-__all__ = ["Partition", "partition"]
+__all__ = ["Partition", "partition", "rigid_fields"]
 
 
 @dataclass(frozen=True)
@@ -108,6 +108,38 @@ def partition(
         np.flatnonzero(massive | touched).astype(np.int32),
         massive,
         False,
+    )
+
+
+def rigid_fields(
+    scene: Scene, bodies: tuple[RigidBody, ...], held: npt.NDArray[np.bool_]
+) -> Partition:
+    """A division in which all nodes of bodies are attached and no cell is flexible.
+
+    It serves fields over the whole mesh that are rigid in the bodies.
+
+    Args:
+        scene: The problem.
+        bodies: Rigid bodies; no two share a node.
+        held: For each owned dof, whether a support prescribes it.
+    """
+    n = scene.owned_nodes
+    free = np.ones(n, dtype=bool)
+    for body in bodies:
+        free[body.nodes] = False
+    return Partition(
+        space=scene.space,
+        flexible={},
+        core={},
+        rim={},
+        bodies=bodies,
+        attached=tuple(np.arange(body.nodes.size, dtype=np.int32) for body in bodies),
+        anchors=np.empty(0, np.int32),
+        held=held,
+        free=np.repeat(free, 3) & ~held,
+        active=np.arange(n, dtype=np.int32),
+        massive=free,
+        whole=not bodies,
     )
 
 

@@ -12,8 +12,7 @@ from dolfinx import fem
 from rigidfx.body import NOTHING, BodyMotion, RigidBody
 from rigidfx.effects import Rigid, Support
 from rigidfx.errors import SceneError, agree
-from rigidfx.freezing import freeze
-from rigidfx.inertia import MassProperties
+from rigidfx.freezing import Selection, freeze
 from rigidfx.internal import Cells, InternalForces
 from rigidfx.scene import Scene
 from rigidfx.state import State
@@ -126,17 +125,17 @@ def _freeze_named(
 ) -> tuple[RigidBody, BodyMotion]:
     """The body of an effect, with the mass and inertia that it may give. Collective."""
     name = effect.name
-    made = freeze(scene, forces, state, cells, nodes, name, number, (name,))
-    if isinstance(made, MassProperties):
+    selection = Selection(cells, nodes, name, number, (name,))
+    body, motion, singular = freeze(scene, forces, state, selection)
+    if singular:
         raise SceneError(
             f"Rigid body '{name}' has no nodes, or they lie on a line, so that it cannot be a body "
-            f"of its own: its inertia is\n{made.inertia} kg m². Give it more cells."
+            f"of its own: its inertia is\n{body.inertia} kg m². Give it more cells."
         )
-    body, motion = made
     if effect.given:
         mass = body.mass if effect.mass is None else effect.mass
         inertia = body.inertia if effect.inertia is None else np.asarray(effect.inertia, float)
-        body = replace(body, mass=float(mass), inertia=inertia, frozen=NOTHING)
+        body = replace(body, mass=float(mass), inertia=inertia, given=True, frozen=NOTHING)
     return body, motion
 
 

@@ -34,7 +34,7 @@ STYLE = {
     "lines.linewidth": 1.3,
 }
 BLUE, ORANGE, GREEN, DARK, GREY = "#0072b2", "#d55e00", "#009e73", "#222222", "#999999"
-COLOURS = (BLUE, ORANGE, GREEN, "#cc79a7")
+COLOURS = (BLUE, ORANGE, GREEN, "#cc79a7", "#56b4e9", "#e69f00")
 DPI = 150
 
 
@@ -136,7 +136,7 @@ def curves(
     path: str | Path,
     *,
     xlabel: str,
-    ylabel: str,
+    ylabel: str | Sequence[str],
     title: str = "",
     comm: MPI.Intracomm = MPI.COMM_WORLD,
 ) -> None:
@@ -146,7 +146,7 @@ def curves(
         panels: Heading of each panel → its curves.
         path: Picture to write.
         xlabel: Quantity and unit of the abscissa.
-        ylabel: Quantity and unit of the ordinate.
+        ylabel: Quantity and unit of the ordinate, one for all panels or one for each.
         title: Heading of the figure.
         comm: Ranks that call this.
 
@@ -157,7 +157,10 @@ def curves(
     def draw() -> None:
         figure, axes = figure_of(len(panels), 1, (9.0, 3.1 * len(panels) + 0.5), title, sharex=True)
         colours: dict[str, str] = {}
-        for ax, (heading, group) in zip(axes[:, 0], panels.items(), strict=True):
+        legends: set[str] = set()
+        ylabels = [ylabel] * len(panels) if isinstance(ylabel, str) else ylabel
+        rows = zip(axes[:, 0], panels.items(), ylabels, strict=True)
+        for ax, (heading, group), label in rows:
             for curve in group:
                 colour = colours.setdefault(curve.label, COLOURS[len(colours) % len(COLOURS)])
                 ax.plot(curve.x, curve.y, color=colour, label=curve.label)
@@ -172,8 +175,10 @@ def curves(
                         color=colour,
                     )
             ax.set_title(heading)
-            ax.set_ylabel(ylabel)
-        axes[0, 0].legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+            ax.set_ylabel(label)
+            if group[0].label not in legends:
+                ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+            legends |= {curve.label for curve in group}
         axes[-1, 0].set_xlabel(xlabel)
         save(figure, path)
 

@@ -14,8 +14,10 @@ import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
+from rigidfx.body import mass_block
 from rigidfx.effects import PrescribedMotion, Support
-from rigidfx.errors import SceneError, StepError, together
+from rigidfx.errors import SceneError, together
+from rigidfx.linear import conjugate_gradients
 from rigidfx.mass import Mass
 from rigidfx.partition import Partition
 from rigidfx.prolongation import Prolongation
@@ -208,22 +210,12 @@ def _solve(
     """Solve (Lᵀ M L + bodies) Δy = rhs by conjugate gradients. Collective."""
     M = mass.matrix()
     reduced = prolongation.condense(M)
-    blocks = np.zeros((len(state.bodies), 6, 6))
-    for block, body, motion in zip(blocks, state.bodies, state.motions, strict=True):
-        block[:3, :3] = body.mass * np.eye(3)
-        block[3:, 3:] = motion.R @ body.inertia @ motion.R.T / body.length**2
-    prolongation.add_blocks(reduced, blocks)
-    ksp = PETSc.KSP().create(rhs.comm)
-    ksp.setType(PETSc.KSP.Type.CG)
-    ksp.getPC().setType(PETSc.PC.Type.JACOBI)
-    ksp.setTolerances(rtol=1e-14, max_it=10_000)
-    ksp.setOperators(reduced)
-    ksp.solve(rhs, dy)
-    reason = ksp.getConvergedReason()
-    for item in (ksp, reduced, M):
-        item.destroy()
-    if reason <= 0:
-        raise StepError("The velocity could not be adapted to a support that begins.")
+    pairs = zip(state.bodies, state.motions, strict=True)
+    blocks = [mass_block(body, motion) for body, motion in pairs]
+    prolongation.add_blocks(reduced, np.reshape(blocks, (-1, 6, 6)))
+    conjugate_gradients(reduced, rhs, dy)
+    reduced.destroy()
+    M.destroy()
 
 
 def rigidly_held(scene: Scene, held: HeldDofs) -> bool:

@@ -39,6 +39,7 @@ LAYERS = [
     "state",
     "observation",
     "freezing",
+    "projection",
     "supports",
     "monitor",
     "probes",
