@@ -59,19 +59,20 @@ def say(text: str) -> None:
 # The paper's figure with the data is not in its text. What the text gives is kept: 574 nodes of
 # 8-node bricks, forces for two seconds on the top and bottom nodes of the block and on 20 nodes on
 # top of the cantilever next to its free end, which give an angular momentum about y only; strong
-# damping; release at 500 s. All else is chosen so that the paper's story is told: cubes of 1 m; the
-# material, so soft that the cantilever swings with a period of some five seconds; the
-# forces, so large that it bends visibly; the damping ξ and the tolerance, so that the last part
-# becomes rigid at about 410 s. The axis y is that of the largest moment of inertia, about which a
-# damped body turns stably.
+# damping; release at 500 s. All else is chosen so that the paper's story is told: the dimensions,
+# with y the axis of the largest moment of inertia, about which a damped body turns stably; the
+# material, so soft that the cantilever swings once in four and a half seconds; the forces, so
+# large that it bends visibly; damping ξ and tolerance, so that the last part becomes rigid between
+# 410 and 415 s. Parts of less than twenty cells are not worth six unknowns and a switch each.
 
 # +
 FREE = 2.0  # s; nothing acts from here on
 FORCE = 1e4  # N, down on the block and up on the tip
 WINDOW = 5.0  # s; the observation period, longer than that of the slowest vibration
-DAMPING = 0.5 if options.short else 0.13  # ξ
+MIN_CELLS = 20  # of a new body
+DAMPING = 0.5 if options.short else 0.18  # ξ
 RELEASE = 60.0 if options.short else 500.0  # s
-tol = options.tol or (5e-3 if options.short else 3.5e-4)  # 1/s
+tol = options.tol or (5e-3 if options.short else 8.4e-5)  # 1/s
 dt = options.dt or (0.2 if options.short else 0.1)  # s
 t_end = options.t_end or (65.0 if options.short else 520.0)  # s
 if t_end <= FREE:
@@ -80,14 +81,14 @@ if t_end <= FREE:
 domain = block_with_cantilever()
 scene = rf.Scene(
     domain,
-    rf.StVenantKirchhoff(E=7e4, nu=0.3, rho=100.0),  # Pa, 1, kg/m³
+    rf.StVenantKirchhoff(E=5e5, nu=0.3, rho=100.0),  # Pa, 1, kg/m³
     [
         rf.NodalForce("block top and bottom", (0.0, 0.0, -FORCE), until=FREE),
         rf.NodalForce("tip", (0.0, 0.0, FORCE), until=FREE),
         rf.NumericalDamping(DAMPING),
     ],
     mass=options.mass,
-    probes={"tip": (20.0, 2.5, 3.0)},
+    probes={"tip": (23.0, 2.7, 3.0)},
 )
 # -
 
@@ -101,7 +102,9 @@ scene = rf.Scene(
 # it takes over their momenta, keeps their shape and with it their strain energy, and keeps their
 # velocities relative to its own. At 500 s all is given back.
 
-criterion = rf.StrainRate(tol, WINDOW, release=rf.Release(at=RELEASE), until=RELEASE)
+criterion = rf.StrainRate(
+    tol, WINDOW, min_cells=MIN_CELLS, release=rf.Release(at=RELEASE), until=RELEASE
+)
 
 # ## The run
 #
@@ -109,7 +112,7 @@ criterion = rf.StrainRate(tol, WINDOW, release=rf.Release(at=RELEASE), until=REL
 # scale shows where the next ones will appear.
 
 # +
-snapshots = RELEASE * np.array([0.3, 0.45, 0.6, 0.7, 0.76, 0.8, 0.99, 1.0])  # s
+snapshots = RELEASE * np.array([0.26, 0.34, 0.42, 0.5, 0.74, 0.8, 0.99, 1.0])  # s
 evolution = Shapes(scene, snapshots, colour="rigid")
 swings = Shapes(scene, [0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0, RELEASE], colour="velocity")
 reports: list[rf.Report] = []
@@ -272,5 +275,5 @@ if options.tol is None and options.dt is None and options.t_end is None:
     if options.compare and not options.short:
         assert summary["energy_deviation"] <= 1e-3
         assert abs(summary["strain_energy_recovered"] - 1) <= 1e-2
-        assert 405.0 <= summary["all_rigid_time"] <= 415.0
+        assert 410.0 <= summary["all_rigid_time"] <= 415.0
 say("Momentum is kept, and energy at every switch.")
