@@ -24,7 +24,7 @@ from rigidfx.effects import (
 from rigidfx.errors import OutputError, RigidfxError, RigidfxWarning, SceneError, StepError
 from rigidfx.forms import EnergyMomentum, Midpoint, Trapezoidal
 from rigidfx.materials import Hyperelastic, Material, MooneyRivlin, NeoHooke, StVenantKirchhoff
-from rigidfx.msh import read_msh
+from rigidfx.msh import from_gmsh, read_msh
 from rigidfx.output import Recorder, read_history
 from rigidfx.scene import Scene
 from rigidfx.simulation import Report, simulate
@@ -63,6 +63,7 @@ __all__ = [
     "Trapezoidal",
     "box",
     "from_arrays",
+    "from_gmsh",
     "read_history",
     "read_msh",
     "simulate",

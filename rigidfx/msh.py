@@ -7,6 +7,7 @@ name then stands for the entities of its group.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from rigidfx import _compat
 from rigidfx.domain import KINDS, Domain, EntitySet
 from rigidfx.errors import SceneError, together
 
-__all__ = ["read_msh"]
+__all__ = ["from_gmsh", "read_msh"]
 
 # gmsh's numbers of the cells that DOLFINx and rigidfx know.
 KNOWN = {4: "tetrahedra", 5: "hexahedra", 11: "second-order tetrahedra", 12: "27-node hexahedra"}
@@ -41,17 +42,64 @@ def read_msh(path: str | Path, comm: MPI.Intracomm = MPI.COMM_WORLD) -> Domain:
         SceneError: If the file is missing or unreadable, holds no named group of volume cells, or
             cells of several or unknown kinds.
     """
+    return _domain(comm, f"gmsh: reading '{path}'", f"'{path}'", lambda gmsh: _open(gmsh, path))
+
+
+def from_gmsh(build: Callable[[Any], None], comm: MPI.Intracomm = MPI.COMM_WORLD) -> Domain:
+    """A domain of a model that is built with gmsh's Python interface. Collective.
+
+    Example:
+        >>> def ball(gmsh):                                   # doctest: +SKIP
+        ...     volume = gmsh.model.occ.addSphere(0, 0, 0, 1.0)
+        ...     gmsh.model.occ.synchronize()
+        ...     gmsh.model.addPhysicalGroup(3, [volume], name="ball")
+        ...     gmsh.model.mesh.generate(3)
+        >>> domain = from_gmsh(ball)
+
+    Args:
+        build: Function of the module gmsh that adds geometry and physical groups to its model and
+            meshes it; called on rank 0 only.
+        comm: Communicator of the mesh.
+
+    Raises:
+        SceneError: If the function fails, or the model holds no named group of volume cells, or
+            cells of several or unknown kinds.
+    """
+
+    def fresh(gmsh: Any) -> None:
+        gmsh.model.add("rigidfx")
+        build(gmsh)
+
+    return _domain(comm, "from_gmsh: the function that builds the model", "The model", fresh)
+
+
+def _domain(comm: MPI.Intracomm, owner: str, source: str, fill: Callable[[Any], None]) -> Domain:
+    """The domain of gmsh's model once a function has filled it. Collective.
+
+    Args:
+        comm: Communicator of the mesh.
+        owner: What fails if the function does.
+        source: Where the model comes from, for messages.
+        fill: Function of the module gmsh.
+    """
     gmsh: Any = None
+    first = comm.rank == 0
     try:
-        if comm.rank == 0:
+        if first:
             try:
                 import gmsh as module
             except ImportError:
                 module = None
             gmsh = module
-        first = comm.rank == 0
-        read = (lambda: _open(gmsh, path)) if first else dict
-        names: Names = comm.bcast(together(comm, f"gmsh: reading '{path}'", read))
+
+        def read() -> Names:
+            if not first:
+                return {}
+            _start(gmsh)
+            fill(gmsh)
+            return _names(gmsh, source)
+
+        names: Names = comm.bcast(together(comm, owner, read))
         mesh, cells, facets = _compat.model_to_mesh(gmsh.model if first else None, comm)
     finally:
         if gmsh is not None and gmsh.isInitialized():
@@ -78,20 +126,27 @@ def _among(points: npt.NDArray[np.float64]) -> Any:
     return lambda x: tree.query(x.T)[0] <= 1e-12 + 1e-9 * size
 
 
-def _open(gmsh: Any, path: str | Path) -> Names:
-    """Open a file as gmsh's model, with one group per entity; what its names stand for.
+def _start(gmsh: Any) -> None:
+    if gmsh is None:
+        raise SceneError("Meshes of gmsh need its Python module (pip install gmsh).")
+    if not gmsh.isInitialized():
+        gmsh.initialize(interruptible=False)
+    gmsh.option.setNumber("General.Terminal", 0)
+
+
+def _open(gmsh: Any, path: str | Path) -> None:
+    """Open a file as gmsh's model."""
+    if not Path(path).is_file():
+        raise SceneError(f"There is no mesh file '{path}' (looked in {Path.cwd()}).")
+    gmsh.open(str(path))
+
+
+def _names(gmsh: Any, source: str) -> Names:
+    """Give gmsh's model one group per entity; what its names stand for.
 
     Returns:
         By dimension and name: numbers of entities, or positions of points for dimensions 0, 1.
     """
-    if gmsh is None:
-        raise SceneError("Reading .msh files needs the Python module gmsh (pip install gmsh).")
-    if not Path(path).is_file():
-        raise SceneError(f"There is no mesh file '{path}' (looked in {Path.cwd()}).")
-    if not gmsh.isInitialized():
-        gmsh.initialize(interruptible=False)
-    gmsh.option.setNumber("General.Terminal", 0)
-    gmsh.open(str(path))
     model = gmsh.model
     groups = [
         (dim, model.getPhysicalName(dim, tag) or f"{KINDS[dim]}-{tag}", tag)
@@ -105,14 +160,14 @@ def _open(gmsh: Any, path: str | Path) -> Names:
     kinds = {int(k) for e in volumes for k in model.mesh.getElements(3, e)[0]}
     if not kinds:
         raise SceneError(
-            f"'{path}' has no physical group of volume cells (dimension 3) with cells in it, "
+            f"{source} has no physical group of volume cells (dimension 3) with cells in it, "
             f"which are what a domain is made of. Physical groups there: {listed}. Was the mesh "
             "generated in 3D before it was saved?"
         )
     if len(kinds) > 1 or not kinds <= set(KNOWN):
         shown = ", ".join(model.mesh.getElementProperties(k)[0] for k in sorted(kinds))
         raise SceneError(
-            f"'{path}' has volume cells of these kinds: {shown}. A domain takes one kind, out of "
+            f"{source} has volume cells of these kinds: {shown}. A domain takes one kind, out of "
             f"{', '.join(KNOWN.values())}."
         )
     positions = {

@@ -19,8 +19,7 @@ import numpy.typing as npt
 
 from rigidfx.body import BodyMotion, RigidBody
 from rigidfx.criterion import StrainRate
-from rigidfx.effects import next_breakpoint
-from rigidfx.errors import SceneError, number
+from rigidfx.errors import SceneError
 from rigidfx.integrator import Integrator, StepResult
 from rigidfx.ledger import Event
 from rigidfx.monitor import Measures
@@ -29,6 +28,7 @@ from rigidfx.scene import Scene
 from rigidfx.state import State
 from rigidfx.supports import Impact
 from rigidfx.switching import Switching
+from rigidfx.timeline import Timeline
 
 __all__ = ["BodyReport", "Report", "simulate"]
 
@@ -145,7 +145,7 @@ class Report:
 
 def simulate(
     scene: Scene,
-    dt: float,
+    dt: float | Mapping[float, float],
     t_end: float,
     *,
     rigidify: StrainRate | None = None,
@@ -155,7 +155,7 @@ def simulate(
 
     Args:
         scene: The problem.
-        dt: Nominal time step Δt [s].
+        dt: Nominal time step Δt [s], or one from each of several times on: {0: 0.01, 2.2: 0.002}.
         t_end: End of the simulation [s].
         rigidify: When parts become rigid and flexible again; no part does if None.
         progress: Whether rank 0 shows a progress bar on standard error; where that is a terminal
@@ -172,11 +172,7 @@ def simulate(
     """
     if not isinstance(scene, Scene):
         raise SceneError(f"simulate: scene must be a Scene, got {scene!r}.")
-    dt, t_end = number("simulate", "dt", dt), number("simulate", "t_end", t_end)
-    if not dt > 0:
-        raise SceneError(f"simulate: dt must be a finite number > 0, got {dt!r}.")
-    if not t_end > 0:
-        raise SceneError(f"simulate: t_end must be a finite number > 0, got {t_end!r}.")
+    timeline = Timeline(dt, t_end)
     if rigidify is not None and not isinstance(rigidify, StrainRate):
         raise SceneError(f"simulate: rigidify must be a StrainRate, got {rigidify!r}.")
     if rigidify is not None and not scene.scheme.couples:
@@ -185,9 +181,13 @@ def simulate(
             "EnergyMomentum or Midpoint."
         )
     probes = Probes(scene)
-    integrator = Integrator(scene, dt, rigidify.measure if rigidify else None)
-    switching = Switching(scene, rigidify, integrator, dt) if rigidify else None
-    return _reports(scene, integrator, switching, probes, dt, t_end, progress)
+    integrator = Integrator(scene, timeline.dt, rigidify.measure if rigidify else None)
+    switching = None
+    if rigidify is not None:
+        switching = Switching(scene, rigidify, integrator, timeline.resolution)
+        timeline.stop_at(switching.breakpoints)
+    timeline.stop_at(scene.breakpoints)
+    return _reports(scene, integrator, switching, probes, timeline, progress)
 
 
 def _reports(
@@ -195,22 +195,14 @@ def _reports(
     integrator: Integrator,
     switching: Switching | None,
     probes: Probes,
-    dt: float,
-    t_end: float,
+    timeline: Timeline,
     progress: bool | None,
 ) -> Iterator[Report]:
-    breakpoints = sorted({*scene.breakpoints, *(switching.breakpoints if switching else ())})
-    resolution = 1e-9 * dt
-    with integrator, _progress_bar(scene, t_end, progress) as bar:
-        step, grid, state = 0, 1, integrator.state
+    with integrator, _progress_bar(scene, timeline.t_end, progress) as bar:
+        step, state = 0, integrator.state
         yield _report(0, integrator, probes, None, integrator.measure())
-        while state.t < t_end - resolution:
-            while grid * dt <= state.t + resolution:
-                grid += 1
-            target = min(t_end, grid * dt)
-            stop = next_breakpoint(breakpoints, state.t, resolution)
-            if stop < target - resolution or abs(stop - target) <= resolution:
-                target = stop
+        while not timeline.over(state.t):
+            target = timeline.next(state.t)
             start = perf_counter()
             events = switching.before(target - state.t) if switching else []
             result = integrator.step(target)

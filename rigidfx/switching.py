@@ -43,7 +43,7 @@ class Switching:
     """
 
     def __init__(
-        self, scene: Scene, criterion: StrainRate, integrator: Integrator, dt: float
+        self, scene: Scene, criterion: StrainRate, integrator: Integrator, resolution: float
     ) -> None:
         """Find the cells that the criterion names. Collective.
 
@@ -51,13 +51,13 @@ class Switching:
             scene: The problem.
             criterion: What the user states.
             integrator: What advances the scene.
-            dt: Nominal Δt [s].
+            resolution: Times closer than this are the same [s].
 
         Raises:
             SceneError: If a name is unknown, or the mesh was distributed without ghost cells.
         """
         self._scene, self._criterion, self._integrator = scene, criterion, integrator
-        self._resolution = 1e-9 * dt
+        self._resolution = resolution
         self._graph = CellGraph(scene)
         special = np.full(self._graph.owned, np.inf)
         for name, tol in criterion.tolerances.items():

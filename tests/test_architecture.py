@@ -15,6 +15,7 @@ LAYERS = [
     "materials",
     "effects",
     "criterion",
+    "timeline",
     "ledger",
     "quality",
     "domain",

@@ -5,7 +5,7 @@ changes abruptly; steps end exactly there. An effect that a scene does not name 
 compiled forms.
 """
 
-from rigidfx.effects.base import Effect, Table, Windowed, next_breakpoint
+from rigidfx.effects.base import Effect, Table, Windowed
 from rigidfx.effects.loads import BodyForce, DeadLoad, Gravity, NodalForce, Resultant, Traction
 from rigidfx.effects.motion import InitialVelocity, NumericalDamping, Preload, Rigid
 from rigidfx.effects.supports import Fixed, PrescribedMotion, Support
@@ -27,5 +27,4 @@ __all__ = [
     "Table",
     "Traction",
     "Windowed",
-    "next_breakpoint",
 ]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from math import inf, isfinite
@@ -20,7 +19,6 @@ __all__ = [
     "TimeFunction",
     "Vector",
     "Windowed",
-    "next_breakpoint",
     "vector",
 ]
 
@@ -130,9 +128,3 @@ class Windowed(Effect):
     def breakpoints(self) -> tuple[float, ...]:
         """Instants at which a step must end [s]."""
         return tuple(t for t in (self.since, self.until) if isfinite(t))
-
-
-def next_breakpoint(breakpoints: Sequence[float], t: float, resolution: float) -> float:
-    """First of the sorted breakpoints later than t by more than the resolution [s], or infinity."""
-    k = bisect_right(breakpoints, t + resolution)
-    return breakpoints[k] if k < len(breakpoints) else inf
