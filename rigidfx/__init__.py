@@ -25,6 +25,7 @@ from rigidfx.errors import OutputError, RigidfxError, RigidfxWarning, SceneError
 from rigidfx.forms import EnergyMomentum, Midpoint, Trapezoidal
 from rigidfx.materials import Hyperelastic, Material, MooneyRivlin, NeoHooke, StVenantKirchhoff
 from rigidfx.msh import from_gmsh, read_msh
+from rigidfx.multibody import read_bodies, write_bodies
 from rigidfx.output import Recorder, read_history
 from rigidfx.scene import Scene
 from rigidfx.simulation import Report, simulate
@@ -64,7 +65,9 @@ __all__ = [
     "box",
     "from_arrays",
     "from_gmsh",
+    "read_bodies",
     "read_history",
     "read_msh",
     "simulate",
+    "write_bodies",
 ]

@@ -18,7 +18,7 @@ from rigidfx.body import RigidBody
 from rigidfx.internal import Cells
 from rigidfx.scene import Scene
 
-__all__ = ["Partition", "partition", "rigid_fields"]
+__all__ = ["Partition", "nodes_of", "partition", "rigid_fields"]
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def partition(
             *(scene.space, flexible, flexible, empty, (), (), nothing),
             *(held, ~held, everything, massive, True),
         )
-    touched = _nodes_of(scene, flexible)[:n]
+    touched = nodes_of(scene, flexible)[:n]
     for body in bodies:
         massive[body.nodes] = False
     attached = [np.flatnonzero(touched[b.nodes]).astype(np.int32) for b in bodies]
@@ -143,7 +143,7 @@ def rigid_fields(
     )
 
 
-def _nodes_of(scene: Scene, cells: Cells) -> npt.NDArray[np.bool_]:
+def nodes_of(scene: Scene, cells: Cells) -> npt.NDArray[np.bool_]:
     """Which local nodes belong to the given cells of any rank. Collective."""
     mark = fem.Function(scene.space)
     for group in cells.values():

@@ -80,7 +80,7 @@ class Switching:
         self._changes = Changes(scene, criterion.load_change, self._resolution)
         self._record = Record(scene)
         self._warned: set[str] = set()
-        self._begin(max(float(criterion.since), 0.0))
+        self._begin(0.0)
         self.closeness = np.nan
 
     @property
@@ -96,8 +96,8 @@ class Switching:
         return np.asarray(found[found < self._graph.owned])
 
     def _begin(self, t: float) -> None:
-        """Begin a new window at t [s]."""
-        self._window = Window(self._graph.owned, t)
+        """Begin a new window at t [s], or when observation does."""
+        self._window = Window(self._graph.owned, max(t, float(self._criterion.since)))
 
     # The run ------------------------------------------------------------------------------------
 

@@ -53,6 +53,7 @@ LAYERS = [
     "integrator",
     "switching",
     "simulation",
+    "multibody",
     "paraview",
     "output",
     "plot",

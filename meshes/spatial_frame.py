@@ -1,0 +1,77 @@
+"""A plate on four columns, half of it: the frame of Göttlicher & Schweizerhof (2005), section 7.2.
+
+The paper's figure with the dimensions is not in its text; they are chosen here. The plate is
+6 × 6 × 1 m, of which y < 3 m is meshed; the columns are 0.25 × 0.25 × 3 m.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from rigidfx import Domain, from_gmsh
+
+HEIGHT, THICKNESS = 3.0, 1.0  # m; of the columns and of the plate
+# Lines along each axis [m], and the number of cells between them.
+LINES = {
+    0: ((0.0, 0.6, 0.85, 5.15, 5.4, 6.0), (2, 2, 18, 2, 2)),
+    1: ((0.0, 0.6, 0.85, 3.0), (2, 2, 9)),
+    2: ((0.0, HEIGHT, HEIGHT + THICKNESS), (10, 3)),
+}
+COLUMNS = (1, 1), (3, 1)  # intervals along x and y in which columns stand
+
+
+def spatial_frame(refine: int = 1, comm: MPI.Comm = MPI.COMM_WORLD) -> Domain:
+    """The frame. Collective.
+
+    Cells are named "plate" and "columns"; facets "side", where the plate is pushed, "feet" and
+    "symmetry".
+
+    Args:
+        refine: How often each interval is divided more finely than at first.
+        comm: Communicator of the mesh.
+    """
+    return from_gmsh(lambda gmsh: _build(gmsh, refine), comm)
+
+
+def _build(gmsh: Any, refine: int) -> None:
+    """Boxes between the lines, glued, each cut into bricks."""
+    occ, model = gmsh.model.occ, gmsh.model
+    x, y, z = (LINES[axis][0] for axis in range(3))
+    for i in range(len(x) - 1):
+        for j in range(len(y) - 1):
+            layers = (0, 1) if (i, j) in COLUMNS else (1,)
+            for k in layers:
+                size = (x[i + 1] - x[i], y[j + 1] - y[j], z[k + 1] - z[k])
+                occ.addBox(x[i], y[j], z[k], *size)
+    boxes = occ.getEntities(3)
+    occ.fragment(boxes[:1], boxes[1:])
+    occ.synchronize()
+    for _, curve in model.getEntities(1):
+        bounds = np.reshape(model.getBoundingBox(1, curve), (2, 3))
+        axis = int(np.argmax(bounds[1] - bounds[0]))
+        lines, cells = LINES[axis]
+        interval = int(np.argmin(np.abs(np.asarray(lines) - bounds[0, axis])))
+        model.mesh.setTransfiniteCurve(curve, refine * cells[interval] + 1)
+    for _, surface in model.getEntities(2):
+        model.mesh.setTransfiniteSurface(surface)
+        model.mesh.setRecombine(2, surface)
+    for _, volume in model.getEntities(3):
+        model.mesh.setTransfiniteVolume(volume)
+
+    def within(dim: int, lower: tuple[float, ...], upper: tuple[float, ...]) -> list[int]:
+        low, high = np.asarray(lower) - 1e-6, np.asarray(upper) + 1e-6
+        return [tag for _, tag in model.getEntitiesInBoundingBox(*low, *high, dim)]
+
+    top, far, middle = HEIGHT + THICKNESS, x[-1], y[-1]
+    for dim, name, lower, upper in (
+        (3, "plate", (0, 0, HEIGHT), (far, middle, top)),
+        (3, "columns", (0, 0, 0), (far, middle, HEIGHT)),
+        (2, "side", (0, 0, HEIGHT), (0, middle, top)),
+        (2, "feet", (0, 0, 0), (far, middle, 0)),
+        (2, "symmetry", (0, middle, HEIGHT), (far, middle, top)),
+    ):
+        model.addPhysicalGroup(dim, within(dim, lower, upper), name=name)
+    model.mesh.generate(3)
