@@ -52,9 +52,10 @@ class CondensedMatrix:
         self._touched = prolongation.touched
         if self._touched:
             self._rim = rim
-            self._K = prolongation.partition.rows.matrix()
+            self._K = prolongation.partition.rows.matrix(PETSc.Mat.Type.BAIJ)
             fem_petsc.assemble_matrix(self._K, rim)
             self._K.assemble()
+            self._unblocked = self._K.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
             self._products = self._first_products()
             self._find_blocks()
             self._insert_rim()
@@ -93,22 +94,23 @@ class CondensedMatrix:
 
     def _first_products(self) -> list[PETSc.Mat]:
         """Pᵀ K P, (L - P)ᵀ K and (L - P)ᵀ K P, whose patterns are final with K's. Collective."""
-        P, D = self._prolongation.P, self._prolongation.D
+        K, P, D = self._unblocked, self._prolongation.P, self._prolongation.D
         # With Pᵀ at hand it takes a third of the time of PETSc's default; across ranks this way
         # does not exist.
-        way = {"matptap_via": "rap"} if self._K.comm.size == 1 else {}
+        way = {"matptap_via": "rap"} if K.comm.size == 1 else {}
         with default_options("", **way):
-            product = self._K.PtAP(P)
-        DK = D.transposeMatMult(self._K)
+            product = K.PtAP(P)
+        DK = D.transposeMatMult(K)
         return [product, DK, DK.matMult(P)]
 
     def _condense(self) -> None:
         self._prolongation.rotate_trial()
-        P, D = self._prolongation.P, self._prolongation.D
+        K, P, D = self._unblocked, self._prolongation.P, self._prolongation.D
         product, DK, DKP = self._products
-        self._K.PtAP(P, result=product)
+        self._K.convert(PETSc.Mat.Type.AIJ, K)
+        K.PtAP(P, result=product)
         if self._thin:
-            D.transposeMatMult(self._K, result=DK)
+            D.transposeMatMult(K, result=DK)
             DK.matMult(P, result=DKP)
             product.axpy(1.0, DKP, SUBSET)
 
@@ -145,5 +147,5 @@ class CondensedMatrix:
         """Free the PETSc objects. Collective."""
         self.matrix.destroy()
         if self._touched:
-            for item in (self._K, *self._products):
+            for item in (self._K, self._unblocked, *self._products):
                 item.destroy()

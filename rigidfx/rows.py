@@ -49,10 +49,10 @@ class Rows:
         out.setType(PETSc.Vec.Type.STANDARD)
         return out
 
-    def matrix(self) -> PETSc.Mat:
+    def matrix(self, kind: str = PETSc.Mat.Type.AIJ) -> PETSc.Mat:
         """A new matrix without entries; see `mapped_matrix`. Collective."""
         numbers = self.first + np.arange(self.dofs.size)
-        return mapped_matrix(self._space, self.dofs, numbers, self.dofs.size, PETSc.Mat.Type.AIJ, 3)
+        return mapped_matrix(self._space, self.dofs, numbers, self.dofs.size, kind, 3)
 
     def positions(self, nodes: npt.NDArray[np.int32]) -> npt.NDArray[np.int64]:
         """Places of some of the nodes among them."""
