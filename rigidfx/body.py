@@ -238,7 +238,7 @@ class Increment:
     def couples(self, moments: Array) -> Array:
         """Σ ½ f̂ᵢ v̂₁,ᵢ of forces with these moments, shape (3, 3) [N m]: see `tangent`."""
         B = self.R1 @ moments[1:]  # Σ v₁ fᵀ, and f̂ v̂ = v fᵀ - (f·v) I
-        return np.asarray(0.5 * (B - np.trace(B) * IDENTITY))
+        return np.asarray(0.5 * B - 0.5 * B.trace() * IDENTITY)
 
     def test_rows(self, offsets: Array) -> Array:
         """-v̂_av/ℓ per node, shape (n, 3, 3): rows of L, equations (5), (13)."""
@@ -250,4 +250,4 @@ class Increment:
 
     def _rows(self, offsets: Array, spins: Array) -> Array:
         """-Σ Vⱼ Bⱼ/ℓ per node from the matrices Bⱼ of the body's axes, shape (3, 3, 3)."""
-        return np.reshape(offsets @ (spins / -self.body.length).reshape(3, 9), (-1, 3, 3))
+        return (offsets @ (spins / -self.body.length).reshape(3, 9)).reshape(-1, 3, 3)

@@ -77,27 +77,29 @@ def predict(scene: Scene, state: State, partition: Partition, dt: float) -> tupl
 
 def _six(state: State, dt: float, translations: list[Array], spins: list[Array]) -> Array:
     """Δr and ℓθ of the bodies from Δr and angular velocities, shape (bodies, 6) [m]."""
-    rows = zip(state.bodies, translations, spins, strict=True)
-    return np.reshape([np.r_[dr, b.length * dt * omega] for b, dr, omega in rows], (-1, 6))
+    six = np.empty((len(state.bodies), 6))
+    for k, body in enumerate(state.bodies):
+        six[k, :3], six[k, 3:] = translations[k], body.length * dt * spins[k]
+    return six
 
 
 def _mean_motion(
     scene: Scene, state: State, mass: Array, x: Array, v: Array
 ) -> tuple[Array, Array, Array]:
     """Centre, its velocity and ω of nodes and bodies together, by their momenta. Collective."""
-    first = np.asarray(scene.sum(np.r_[mass.sum(), mass @ x, mass @ v]))
+    first = np.asarray(scene.sum(np.concatenate([[mass.sum()], mass @ x, mass @ v])))
     for body, motion in zip(state.bodies, state.motions, strict=True):
-        first += body.mass * np.r_[1.0, motion.r, motion.velocity]
+        first += body.mass * np.concatenate([[1.0], motion.r, motion.velocity])
     c, velocity = first[1:4] / first[0], first[4:] / first[0]
     y = x - c
     weighted = (mass[:, None] * y).T
     spread = weighted @ y
     inertia = np.trace(spread) * IDENTITY - spread
-    second = np.asarray(scene.sum(np.r_[axial(weighted @ v), inertia.reshape(-1)]))
+    second = np.asarray(scene.sum(np.concatenate([axial(weighted @ v), inertia.reshape(-1)])))
     for body, motion in zip(state.bodies, state.motions, strict=True):
-        arm = motion.r - c
-        second[:3] += skew(arm) @ (body.mass * motion.velocity) + motion.angular_momentum(body)
-        J = motion.R @ body.inertia @ motion.R.T - body.mass * skew(arm) @ skew(arm)
+        hat = skew(motion.r - c)
+        second[:3] += hat @ (body.mass * motion.velocity) + motion.angular_momentum(body)
+        J = motion.R @ body.inertia @ motion.R.T - body.mass * hat @ hat
         second[3:] += J.reshape(-1)
     omega = np.linalg.lstsq(second[3:].reshape(3, 3), second[:3], rcond=1e-9)[0]
     return c, velocity, omega

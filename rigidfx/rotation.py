@@ -37,7 +37,7 @@ def skew(a: npt.ArrayLike) -> Array:
         Shape (..., 3, 3).
     """
     a = np.asarray(a)
-    return np.reshape(a @ UNIT_SPINS, (*a.shape, 3))
+    return (a @ UNIT_SPINS).reshape(*a.shape, 3)
 
 
 def axial(B: Array) -> Array:
