@@ -256,7 +256,10 @@ class Prolongation:
     def condense(self, K: PETSc.Mat) -> PETSc.Mat:
         """Pᵀ K P of a matrix of all rows, as a new one, which the caller destroys. Collective."""
         self.rotate_trial()
-        return K.PtAP(self.P)
+        out = K.PtAP(self.P)
+        # A body that no flexible cell touches has no entries yet.
+        out.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+        return out
 
     def add_blocks(self, C: PETSc.Mat, blocks: Array) -> None:
         """Add a 6×6 block per body to a reduced matrix. Collective.
