@@ -20,7 +20,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx.rotation import cayley, cayley_tangent, orthonormalized, skew
+from rigidfx.rotation import IDENTITY, axial, cayley, cayley_tangent, orthonormalized, skew
 
 __all__ = ["BodyMotion", "Frozen", "Increment", "RigidBody", "at_rest", "mass_block"]
 
@@ -175,22 +175,27 @@ class Increment:
         """Spin of R1 per unit dθ."""
         return cayley_tangent(self.theta)
 
+    @cached_property
+    def spin1(self) -> Array:
+        """W1, angular velocity at the end in the body's frame [rad/s]."""
+        return np.asarray(2 / self.dt * (self.theta @ self.start.R) - self.start.spin)
+
+    @cached_property
+    def pi1(self) -> Array:
+        """π1, angular momentum at the end about the centre of mass [kg m²/s]."""
+        return np.asarray(self.R1 @ (self.body.inertia @ self.spin1))
+
     def end(self) -> BodyMotion:
         """The motion at the end of the step."""
         s = self.start
-        return BodyMotion(
-            s.r + self.dr,
-            orthonormalized(self.R1),
-            2 / self.dt * self.dr - s.velocity,
-            2 / self.dt * s.R.T @ self.theta - s.spin,
-        )
+        velocity = 2 / self.dt * self.dr - s.velocity
+        return BodyMotion(s.r + self.dr, orthonormalized(self.R1), velocity, self.spin1)
 
     def inertia_force(self) -> Array:
         """M (ṙ1 - ṙ0)/Δt and (π1 - π0)/(ℓ Δt), shape (6,) [N]."""
         body, s = self.body, self.start
         force = body.mass * 2 / self.dt * (self.dr / self.dt - s.velocity)
-        W1 = 2 / self.dt * s.R.T @ self.theta - s.spin
-        moment = (self.R1 @ body.inertia @ W1 - s.angular_momentum(body)) / self.dt
+        moment = (self.pi1 - s.angular_momentum(body)) / self.dt
         return np.concatenate([force, moment / body.length])
 
     def tangent(self, couples: Array) -> Array:
@@ -201,19 +206,48 @@ class Increment:
                 moments Σ v_av × f change with R1.
         """
         body, s, T = self.body, self.start, self.T
-        W1 = 2 / self.dt * s.R.T @ self.theta - s.spin
-        pi1 = self.R1 @ body.inertia @ W1
         rotation = couples @ T
-        rotation += (-skew(pi1) @ T + 2 / self.dt * self.R1 @ body.inertia @ s.R.T) / self.dt
+        rotation += (2 / self.dt * self.R1 @ body.inertia @ s.R.T - skew(self.pi1) @ T) / self.dt
         G = np.zeros((6, 6))
-        G[:3, :3] = 2 * body.mass / self.dt**2 * np.eye(3)
+        G[:3, :3] = 2 * body.mass / self.dt**2 * IDENTITY
         G[3:, 3:] = rotation / body.length**2
         return G
 
+    # Nodes of the body. With arms [1, V], shape (n, 4), everything that happens to them goes
+    # through one small matrix, shape (4, 3): displacements are arms @ matrix, forces f enter as
+    # their moments armsᵀ f, with F = Σ f in the first row and A = Σ V fᵀ below.
+
+    def affine(self, dr: Array, theta: Array) -> Array:
+        """The matrix of the displacement Δr + θ × v_av, shape (4, 3) [m, 1]."""
+        out = np.empty((4, 3))
+        out[0] = dr
+        out[1:] = (skew(theta) @ self.R_av).T
+        return out
+
+    def resultant(self, moments: Array) -> Array:
+        """Σ f and Σ v_av × f/ℓ of forces with these moments, shape (6,) [N].
+
+        Args:
+            moments: Shape (4, 3) [N, N m].
+        """
+        out = np.empty(6)
+        out[:3] = moments[0]
+        out[3:] = axial(self.R_av @ moments[1:]) / self.body.length
+        return out
+
+    def couples(self, moments: Array) -> Array:
+        """Σ ½ f̂ᵢ v̂₁,ᵢ of forces with these moments, shape (3, 3) [N m]: see `tangent`."""
+        B = self.R1 @ moments[1:]  # Σ v₁ fᵀ, and f̂ v̂ = v fᵀ - (f·v) I
+        return np.asarray(0.5 * B - 0.5 * B.trace() * IDENTITY)
+
     def test_rows(self, offsets: Array) -> Array:
         """-v̂_av/ℓ per node, shape (n, 3, 3): rows of L, equations (5), (13)."""
-        return np.asarray(-skew(offsets @ self.R_av.T) / self.body.length)
+        return self._rows(offsets, skew(self.R_av.T))
 
     def trial_rows(self, offsets: Array) -> Array:
         """-v̂₁ T/ℓ per node, shape (n, 3, 3): rows of P."""
-        return np.asarray(-skew(offsets @ self.R1.T) @ self.T / self.body.length)
+        return self._rows(offsets, skew(self.R1.T) @ self.T)
+
+    def _rows(self, offsets: Array, spins: Array) -> Array:
+        """-Σ Vⱼ Bⱼ/ℓ per node from the matrices Bⱼ of the body's axes, shape (3, 3, 3)."""
+        return (offsets @ (spins / -self.body.length).reshape(3, 9)).reshape(-1, 3, 3)

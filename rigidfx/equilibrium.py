@@ -6,6 +6,7 @@ the origin loses no digits; with d = d(y) = u₁ - u₀ and v₁ = 2 d/Δt - v�
     f(d) = M (2 d/Δt - 2 v₀)/Δt + f_int(u₀, u₀ + d) - f_ext(t½),    R(y) = Lᵀ f + bodies' own,
 
 all in newtons; the prolongation d(y) carries supports and bodies, see `prolongation` and `body`.
+d and f have rows for the active nodes only.
 """
 
 from __future__ import annotations
@@ -88,9 +89,9 @@ class Equilibrium:
 
     Attributes:
         prolongation: Map between unknowns and dofs.
-        d: Increment of all dofs found by the last solve, full length [m].
-        forces_out_of_balance: Full residual of the last solve [N]; at held dofs it is what the
-            supports exert.
+        d: Increments of the active nodes found by the last solve [m].
+        forces_out_of_balance: Residual of the last solve at the active nodes [N]; at held dofs it
+            is what the supports exert.
         stop: Newton's stopping test, with the history of the last solve.
     """
 
@@ -115,15 +116,15 @@ class Equilibrium:
         """
         self.prolongation = prolongation
         self._forces, self._bound, self._mass = forces, bound, mass
-        self._owned = 3 * scene.owned_nodes
-        self._X = scene.space.tabulate_dof_coordinates()[: scene.owned_nodes]
+        self._rows = prolongation.partition.rows
+        self._reached = prolongation.partition.reached
         self._cell_size = _mean_cell_size(scene)
         self._b = fem.Function(scene.space)
-        self.forces_out_of_balance = self._b.x.petsc_vec
         self._tangent = CondensedMatrix(prolongation, bound.core, bound.rim, thin)
-        self.d, self._work, self._inertia = (
-            self.forces_out_of_balance.duplicate() for _ in range(3)
+        self.d, self.forces_out_of_balance, self._work, self._inertia = (
+            self._rows.vector() for _ in range(4)
         )
+        self._moments: Array = np.zeros((len(prolongation.partition.bodies), 4, 3))
         self._y = prolongation.unknowns()
         self._r = self._y.duplicate()
         self._dt = 0.0
@@ -170,8 +171,8 @@ class Equilibrium:
 
         Args:
             dt: Δt [s]; of no meaning in statics.
-            v0: Velocity at the begin of the step, full length [m/s]; None in statics.
-            f_ext: External nodal forces at the midpoint, full length [N].
+            v0: Velocity of the active nodes at the begin of the step [m/s]; None in statics.
+            f_ext: External forces at the active nodes at the midpoint [N].
             prescribed: Increments of the held dofs [m].
             guesses: First guesses; the one with the smallest residual is taken.
             motions: Motions of the bodies at the begin of the step.
@@ -215,8 +216,7 @@ class Equilibrium:
         return int(self._snes.getConvergedReason())
 
     def _start_at(self, guess: Guess) -> None:
-        self._work.array[:] = guess.increment
-        self.prolongation.collapse(self._work, guess.bodies, self._y)
+        self.prolongation.collapse(guess.increment, guess.bodies, self._y)
 
     def _norm_at(self, guess: Guess) -> float:
         self._start_at(guess)
@@ -226,8 +226,8 @@ class Equilibrium:
     def _expand(self, y: PETSc.Vec) -> None:
         """Set d and the forms' u₁ from the unknowns."""
         self.prolongation.expand(y, self._motions, self._dt, self._prescribed, self.d)
-        u1 = self._forces.u1.x
-        u1.array[: self._owned] = self._forces.u0.x.array[: self._owned] + self.d.array_r
+        u1, dofs = self._forces.u1.x, self._rows.dofs
+        u1.array[dofs] = self._forces.u0.x.array[dofs] + self.d.array_r
         u1.scatter_forward()
 
     def residual(self, y: PETSc.Vec, r: PETSc.Vec) -> None:
@@ -239,29 +239,30 @@ class Equilibrium:
         """
         self._expand(y)
         b = self._b.x
-        b.array[:] = 0.0
+        b.array[self._reached] = 0.0
         fem.assemble_vector(b.array, self._bound.residual)
         b.scatter_reverse(la.InsertMode.add)
-        full = self.forces_out_of_balance
-        full.axpy(-1.0, self._f_ext)
+        f = self.forces_out_of_balance
+        f.array[:] = b.array[self._rows.dofs]
+        f.axpy(-1.0, self._f_ext)
         if self._mass is not None:
             # M (v₁ - v₀)/Δt with v₁ = 2 d/Δt - v₀, rounded as the update of the velocity is.
             self._v0.copy(self._work)
             self._work.axpby(2 / self._dt, -2.0, self.d)
             self._mass.mult(self._work, self._inertia)
-            full.axpy(1 / self._dt, self._inertia)
-        self.prolongation.restrict(full, self._body_forces(), r)
+            f.axpy(1 / self._dt, self._inertia)
+        self.prolongation.collapse(f.array_r, self._body_forces(), r)
 
     def _body_forces(self) -> Array:
-        """Inertia less loads of the bodies, shape (bodies, 6) [N]."""
+        """Residual of the bodies, shape (bodies, 6) [N]. Collective."""
         increments = self.prolongation.increments
-        return np.reshape(
-            [
-                increment.inertia_force() - load.force(increment)
-                for increment, load in zip(increments, self._resultants, strict=True)
-            ],
-            (-1, 6),
-        )
+        self._moments = self.prolongation.moments(self.forces_out_of_balance)
+        out = np.empty((len(increments), 6))
+        for k, (increment, load) in enumerate(zip(increments, self._resultants, strict=True)):
+            self._moments[k] -= load.moments
+            out[k] = increment.inertia_force() + increment.resultant(self._moments[k])
+            out[k, 3:] -= load.torque / increment.body.length
+        return out
 
     def tangent(self) -> None:
         """Assemble and condense the tangent at the last iterate. Collective."""
@@ -270,16 +271,11 @@ class Equilibrium:
         if self._mass is not None:
             self._mass.add_to(K, 2 / self._dt**2, self.prolongation)
         K.finish()
-        increments = self.prolongation.increments
-        if increments:
-            couples = self.prolongation.couples(self.forces_out_of_balance)
-            blocks = [
-                increment.tangent(couple - load.couple(increment))
-                for increment, couple, load in zip(
-                    increments, couples, self._resultants, strict=True
-                )
-            ]
-            self.prolongation.add_blocks(K.matrix, np.asarray(blocks))
+        blocks = [
+            increment.tangent(increment.couples(self._moments[k]))
+            for k, increment in enumerate(self.prolongation.increments)
+        ]
+        self.prolongation.add_blocks(K.matrix, np.reshape(blocks, (-1, 6, 6)))
 
     def _reference_stiffness(self) -> Array:
         """Diagonal of the tangent without deformation, per unknown of this rank [N/m]. Collective.
@@ -315,7 +311,7 @@ class Equilibrium:
 
     def _estimate_rounding(self) -> None:
         """Size of R that rounding in u₁ and in the strains leaves [N]. Collective."""
-        u1 = np.abs(self._forces.u1.x.array[self.prolongation.free])
+        u1 = np.abs(self._forces.u1.x.array[self._rows.dofs[self.prolongation.free]])
         strain = self._forces.strain_noise * self._cell_size
         stiffness = self._y.duplicate()
         stiffness.array[:] = self._stiffness
@@ -334,18 +330,19 @@ class Equilibrium:
     def _worst_place(self) -> Array:
         """Reference position of the node with the largest residual. Collective."""
         self.residual(self._y, self._r)
-        free = np.zeros(self._owned)
-        free[self.prolongation.free] = self.forces_out_of_balance.array_r[self.prolongation.free]
-        size = np.nan_to_num(np.abs(free), nan=np.inf).reshape(-1, 3).max(axis=1)
+        f, free = np.zeros(self._rows.dofs.size), self.prolongation.free
+        f[free] = self.forces_out_of_balance.array_r[free]
+        size = np.nan_to_num(np.abs(f), nan=np.inf).reshape(-1, 3).max(axis=1)
         k = int(np.argmax(size)) if size.size else -1
-        best: tuple[float, Any] = (float(size[k]), self._X[k].copy()) if k >= 0 else (-1.0, None)
+        best: tuple[float, Any] = (float(size[k]), self._rows.X[k]) if k >= 0 else (-1.0, None)
         return max(self.prolongation.comm.allgather(best), key=lambda item: item[0])[1]
 
     def destroy(self) -> None:
         """Free all PETSc objects, the prolongation's among them. Collective."""
         self._snes.destroy()
         self.prolongation.destroy()
-        for item in (self._tangent, self._y, self._r, self.d, self._work, self._inertia):
+        own = self.d, self.forces_out_of_balance, self._work, self._inertia
+        for item in (self._tangent, self._y, self._r, *own):
             item.destroy()
 
 

@@ -94,7 +94,6 @@ def freeze(
     n = scene.owned_nodes
     u, v = (f.x.array[: 3 * n].reshape(-1, 3) for f in (state.u, state.v))
     x = state.X[:n] + u
-    forces.u1.x.array[:] = state.u.x.array
     cells = forces.cells(what.cells)
     p = mass_properties(scene, cells, what.nodes, x, v)
     motion = BodyMotion(p.centre.copy(), np.eye(3), p.velocity, p.spin)

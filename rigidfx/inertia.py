@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem
 
 from rigidfx.internal import Cells
 from rigidfx.mass import Mass, mass_operator
 from rigidfx.rotation import skew
+from rigidfx.rows import Rows
 from rigidfx.scene import Scene
 
 __all__ = ["MassProperties", "mass_properties"]
@@ -63,10 +63,9 @@ def mass_properties(
     """
     total = np.asarray(scene.sum(np.r_[x[nodes].sum(axis=0), nodes.size]))
     reference = total[:3] / max(total[3], 1.0)
-    counted = np.zeros(scene.owned_nodes, dtype=bool)
-    counted[nodes] = True
-    operator = mass_operator(scene, cells, counted)
-    M_tot, momentum, kinetic = _project(scene, operator, nodes, x[nodes] - reference, v)
+    rows = Rows(scene.space, nodes)
+    operator = mass_operator(scene, rows, cells, scene.nodal_mass[nodes])
+    M_tot, momentum, kinetic = _project(scene, operator, rows, x[nodes] - reference, v[nodes])
     operator.destroy()
     m = np.trace(M_tot[:3, :3]) / 3  # (36)
     if not m > 0:
@@ -87,21 +86,20 @@ def mass_properties(
 
 
 def _project(
-    scene: Scene, operator: Mass, nodes: npt.NDArray[np.int32], arms: Array, v: Array
+    scene: Scene, operator: Mass, rows: Rows, arms: Array, v: Array
 ) -> tuple[Array, Array, float]:
     """Pᵀ M P, shape (6, 6), Pᵀ M v, shape (6,), about the reference point, ½ v·M v. Collective."""
-    mode, image = fem.Function(scene.space), fem.Function(scene.space)
-    n = scene.owned_nodes
-    P = np.zeros((6, nodes.size, 3))
+    mode, image = rows.vector(), rows.vector()
+    P = np.zeros((6, *arms.shape))
     P[:3] = np.eye(3)[:, None, :]
     P[3:] = np.cross(np.eye(3)[:, None, :], arms)
     columns = []
-    for motion in (*P, v[nodes]):
-        mode.x.array[:] = 0.0
-        mode.x.array[: 3 * n].reshape(-1, 3)[nodes] = motion
-        operator.mult(mode.x.petsc_vec, image.x.petsc_vec)
-        mine = image.x.array[: 3 * n].reshape(-1, 3)[nodes]
-        columns.append(np.einsum("ani,ni->a", P, mine))
+    for motion in (*P, v):
+        mode.array[:] = motion.reshape(-1)
+        operator.mult(mode, image)
+        columns.append(P.reshape(6, -1) @ image.array_r)
+    kinetic = 0.5 * float(scene.sum(mode.array_r @ image.array_r))  # the last motion is v
+    mode.destroy()
+    image.destroy()
     product = np.asarray(scene.sum(np.stack(columns, axis=1)))
-    kinetic = 0.5 * float(scene.sum(np.vdot(v[nodes], mine)))
     return product[:, :6], product[:, 6], kinetic

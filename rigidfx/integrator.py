@@ -124,7 +124,6 @@ class Integrator:
 
     def measure(self) -> Measures:
         """Energies and momenta of the current state. Collective."""
-        self._forces.u1.x.array[:] = self.state.u.x.array
         return self._system.monitor.measure(self.state)
 
     def step(self, target: float) -> StepResult:

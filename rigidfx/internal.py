@@ -89,7 +89,7 @@ class InternalForces:
         self._residual = Kernel(work, [V], scene.mesh)
         self._tangent = Kernel(ufl.derivative(work, self.u1, trial), [V, V], scene.mesh)
         self._energy = Kernel(
-            self._integrate(lambda g: stored_energy(g.energy, self.u1, g.parameters)),
+            self._integrate(lambda g: stored_energy(g.energy, self.u0, g.parameters)),
             [],
             scene.mesh,
         )
@@ -131,7 +131,7 @@ class InternalForces:
         return _bound(self._residual, self._tangent, cells, core, rim)
 
     def bind_energy(self, cells: Cells) -> fem.Form:
-        """Stored energy at `u1` over the given cells."""
+        """Stored energy at `u0` over the given cells."""
         return self._energy.bind(cells)
 
     def bind_static(self, cells: Cells) -> BoundForces:

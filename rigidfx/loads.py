@@ -16,7 +16,6 @@ from rigidfx import _compat
 from rigidfx import effects as fx
 from rigidfx.body import Increment, RigidBody
 from rigidfx.errors import SceneError, together
-from rigidfx.rotation import skew
 from rigidfx.scene import Scene
 
 __all__ = ["NodalLoads", "Resultants"]
@@ -30,7 +29,7 @@ class WeightedLoad:
 
     Attributes:
         load: The effect.
-        weights: Weight of each owned node: area [m²], volume [m³], mass [kg] or share [1].
+        weights: Weight of each node: area [m²], volume [m³], mass [kg] or share [1].
     """
 
     load: fx.DeadLoad
@@ -42,32 +41,18 @@ class Resultants:
     """Dead loads on one body at one time.
 
     Attributes:
-        forces: Force vectors q, shape (loads, 3) [N per unit weight].
-        weights: Σ wᵢ over the body's nodes, shape (loads,).
-        arms: Σ wᵢ Vᵢ in the body's frame, shape (loads, 3).
+        moments: Σ f and Σ V fᵀ over the body's nodes, V in the body's frame, shape (4, 3) [N, N m].
         torque: Torques in space that act on the body as such [N m].
     """
 
-    forces: Array
-    weights: Array
-    arms: Array
+    moments: Array
     torque: Array
-
-    def force(self, increment: Increment) -> Array:
-        """Resultant force and moment/ℓ at the averaged rotation, shape (6,) [N]."""
-        arms = self.arms @ increment.R_av.T
-        moment = np.cross(arms, self.forces).sum(axis=0) + self.torque
-        return np.concatenate([self.weights @ self.forces, moment / increment.body.length])
-
-    def couple(self, increment: Increment) -> Array:
-        """Σ ½ q̂ (R1 Σ wᵢ Vᵢ)^ of the loads, shape (3, 3) [N m]."""
-        arms = self.arms @ increment.R1.T
-        return np.asarray(0.5 * (skew(self.forces) @ skew(arms)).sum(axis=0))
 
     def work(self, increment: Increment) -> float:
         """Work in a step [J]."""
-        f = self.force(increment)
-        return float(f[:3] @ increment.dr + f[3:] @ increment.theta * increment.body.length)
+        f = increment.resultant(self.moments)
+        turning = f[3:] * increment.body.length + self.torque
+        return float(f[:3] @ increment.dr + turning @ increment.theta)
 
 
 class NodalLoads:
@@ -77,6 +62,7 @@ class NodalLoads:
         self,
         scene: Scene,
         loads: Sequence[fx.DeadLoad],
+        nodes: npt.NDArray[np.int32],
         bodies: Sequence[RigidBody] = (),
         torques: Sequence[fx.Resultant] = (),
     ) -> None:
@@ -85,64 +71,45 @@ class NodalLoads:
         Args:
             scene: The problem.
             loads: Loads to be added up.
+            nodes: Owned nodes, among them all that belong to no body.
             bodies: Rigid bodies; loads on their nodes are kept as resultants.
             torques: Force and torque resultants on bodies.
         """
         self._comm = scene.comm
         n = scene.owned_nodes
-        self._loads, self._on_bodies = [], []
+        self._loads, on_bodies = [], []
         self._torques = [[t for t in torques if t.body == b.name] for b in bodies]
         for load in loads:
             weights = _weights(scene, load)[:n].copy()
             sums = [np.r_[weights[b.nodes].sum(), weights[b.nodes] @ b.offsets] for b in bodies]
             for b in bodies:
                 weights[b.nodes] = 0.0
-            self._loads.append(WeightedLoad(load, weights))
-            self._on_bodies.append(np.asarray(scene.sum(np.reshape(sums, (-1, 4)))))
+            self._loads.append(WeightedLoad(load, weights[nodes]))
+            on_bodies.append(np.asarray(scene.sum(np.reshape(sums, (-1, 4)))))
+        # Σ w and Σ w V of each body and load, shape (bodies, 4, loads)
+        self._arms = np.reshape(on_bodies, (len(loads), len(bodies), 4)).transpose(1, 2, 0)
 
-    def resultants(self, t: float) -> tuple[Resultants, ...]:
-        """Loads on each body at time t [s]."""
-        if not self._torques:
-            return ()
-        q = np.reshape(self._q(t), (-1, 3))
-        out = []
-        for k, torques in enumerate(self._torques):
-            moments = np.reshape([m[k] for m in self._on_bodies], (-1, 4))
-            pushes = np.reshape([r.force_at(t) for r in torques], (-1, 3))
-            twist = np.reshape([r.torque_at(t) for r in torques], (-1, 3)).sum(axis=0)
-            out.append(
-                Resultants(
-                    np.vstack([q, pushes]),
-                    np.r_[moments[:, 0], np.ones(len(pushes))],
-                    np.vstack([moments[:, 1:], np.zeros_like(pushes)]),
-                    twist,
-                )
-            )
-        return tuple(out)
-
-    def __bool__(self) -> bool:
-        """Whether there is any load."""
-        return bool(self._loads)
-
-    def evaluate(self, t: float, out: PETSc.Vec) -> None:
-        """Nodal forces at time t. Collective.
+    def evaluate(self, t: float, out: PETSc.Vec) -> tuple[Resultants, ...]:
+        """Nodal forces and loads on each body at time t. Collective.
 
         Args:
             t: Time [s], the midpoint of a step.
-            out: Full-length vector, overwritten [N].
+            out: Three rows for each of the nodes, overwritten [N].
 
         Raises:
             SceneError: On every rank, if a load's value is not three finite numbers on any.
         """
         forces = out.array.reshape(-1, 3)
         forces[:] = 0.0
-        if not self._loads:
-            return
-        for q, item in zip(
-            together(self._comm, "A load", lambda: self._q(t)), self._loads, strict=True
-        ):
-            if q.any():
-                forces += item.weights[:, None] * q
+        q = together(self._comm, "A load", lambda: self._q(t)) if self._loads else []
+        for value, item in zip(q, self._loads, strict=True):
+            if value.any():
+                forces += item.weights[:, None] * value
+        values = np.reshape(q, (-1, 3))
+        return tuple(
+            _on_body(arms @ values, torques, t)
+            for arms, torques in zip(self._arms, self._torques, strict=True)
+        )
 
     def _q(self, t: float) -> list[Array]:
         """Force vector of each load at time t, shape (3,); what a user's function does is checked.
@@ -167,6 +134,15 @@ class NodalLoads:
                 )
             out.append(q)
         return out
+
+
+def _on_body(moments: Array, torques: Sequence[fx.Resultant], t: float) -> Resultants:
+    """Add what acts on a body as such to the moments of the loads on its nodes."""
+    twist = np.zeros(3)
+    for resultant in torques:
+        moments[0] += resultant.force_at(t)
+        twist += resultant.torque_at(t)
+    return Resultants(moments, twist)
 
 
 def _weights(scene: Scene, load: fx.DeadLoad) -> Array:

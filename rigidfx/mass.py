@@ -1,7 +1,7 @@
 """The two mass operators: diagonal, and consistent.
 
-Both act on full-length PETSc vectors of the displacement space and add themselves to a condensed
-tangent. A run uses one of them throughout: mixing them breaks the conservation of angular momentum.
+Both act on PETSc vectors over some of the nodes and add themselves to a condensed tangent. A run
+uses one of them throughout: mixing them breaks the conservation of angular momentum.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from rigidfx.condensation import CondensedMatrix
 from rigidfx.internal import Cells
 from rigidfx.kernels import Kernel
 from rigidfx.prolongation import Prolongation
+from rigidfx.rows import Rows
 from rigidfx.scene import Scene
 
 __all__ = ["ConsistentMass", "LumpedMass", "Mass", "mass_operator"]
@@ -46,15 +47,15 @@ class Mass(Protocol):
 class LumpedMass:
     """Diagonal mass: one number per node, three times; none at nodes that bodies hold."""
 
-    def __init__(self, scene: Scene, massive: npt.NDArray[np.bool_]) -> None:
-        """Take the nodal masses of the scene.
+    def __init__(self, rows: Rows, masses: npt.NDArray[np.float64]) -> None:
+        """Take nodal masses.
 
         Args:
-            scene: The problem.
-            massive: For each owned node, whether its mass counts here.
+            rows: Those of the nodes that count here.
+            masses: Mass of each [kg].
         """
-        mass = np.where(massive, scene.nodal_mass[: scene.owned_nodes], 0.0)
-        self._diagonal = PETSc.Vec().createWithArray(np.repeat(mass, 3), comm=scene.comm)
+        self._diagonal = rows.vector()
+        self._diagonal.array[:] = np.repeat(masses, 3)
         self._reduced: PETSc.Vec | None = None
 
     def mult(self, v: PETSc.Vec, out: PETSc.Vec) -> None:
@@ -66,7 +67,7 @@ class LumpedMass:
         if self._reduced is None:
             self._reduced = prolongation.unknowns()
         bodies = np.zeros((len(prolongation.partition.bodies), 6))
-        prolongation.collapse(self._diagonal, bodies, self._reduced)
+        prolongation.collapse(self._diagonal.array_r, bodies, self._reduced)
         self._reduced.scale(factor)
         tangent.matrix.assemble()
         tangent.matrix.setDiagonal(self._reduced, PETSc.InsertMode.ADD_VALUES)
@@ -88,11 +89,14 @@ class LumpedMass:
 class ConsistentMass:
     """M = ∫ ρ0 Nᵢ Nⱼ dV over the given cells."""
 
-    def __init__(self, scene: Scene, cells: Cells, carried: Cells | None = None) -> None:
+    def __init__(
+        self, scene: Scene, rows: Rows, cells: Cells, carried: Cells | None = None
+    ) -> None:
         """Assemble the matrix once. Collective.
 
         Args:
             scene: The problem.
+            rows: Those of the nodes of the cells.
             cells: Flexible cells: what is added to tangents.
             carried: Further cells whose dofs are all held: they count in products with vectors.
         """
@@ -106,7 +110,7 @@ class ConsistentMass:
         if carried is not None:
             counted = {i: np.union1d(own, carried[i]) for i, own in cells.items()}
         bound = self._kernel.bind(counted)
-        self._matrix = fem_petsc.create_matrix(bound)
+        self._matrix = rows.matrix()
         fem_petsc.assemble_matrix(self._matrix, bound)
         self._matrix.assemble()
         self._condensed: CondensedMatrix | None = None
@@ -137,16 +141,21 @@ class ConsistentMass:
 
 
 def mass_operator(
-    scene: Scene, cells: Cells, massive: npt.NDArray[np.bool_], carried: Cells | None = None
+    scene: Scene,
+    rows: Rows,
+    cells: Cells,
+    masses: npt.NDArray[np.float64],
+    carried: Cells | None = None,
 ) -> Mass:
     """The mass operator that a scene asks for.
 
     Args:
         scene: The problem.
+        rows: Those of the nodes it acts on.
         cells: Owned cells by subdomain id whose mass counts, if it is consistent.
-        massive: Owned nodes whose mass counts, if it is lumped.
+        masses: Mass of each node [kg], if it is lumped.
         carried: Owned cells that a support moves; their mass counts too.
     """
     if scene.mass == "lumped":
-        return LumpedMass(scene, massive)
-    return ConsistentMass(scene, cells, carried)
+        return LumpedMass(rows, masses)
+    return ConsistentMass(scene, rows, cells, carried)

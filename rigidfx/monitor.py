@@ -11,6 +11,7 @@ from dolfinx import fem
 from rigidfx.internal import InternalForces
 from rigidfx.mass import Mass
 from rigidfx.partition import Partition
+from rigidfx.rotation import axial, skew
 from rigidfx.scene import Scene
 from rigidfx.state import State
 
@@ -52,36 +53,29 @@ class Monitor:
         self, scene: Scene, forces: InternalForces, mass: Mass, partition: Partition
     ) -> None:
         """Bind the stored energy to the flexible cells. Collective."""
-        self._scene, self._forces, self._mass = scene, forces, mass
+        self._scene, self._mass, self._rows = scene, mass, partition.rows
         self._energy = forces.bind_energy(partition.flexible)
-        self._nodes = slice(None, scene.owned_nodes) if partition.whole else partition.active
-        self._X = scene.space.tabulate_dof_coordinates()[self._nodes]
-        self._momentum = fem.Function(scene.space)
+        self._v, self._p = self._rows.vector(), self._rows.vector()
 
     def measure(self, state: State) -> Measures:
-        """Energies and momenta of the state that the forms' u₁ holds. Collective.
-
-        Args:
-            state: A state whose displacement equals that of the forms' u₁.
-        """
-        nodes = self._nodes
-        self._mass.mult(state.v.x.petsc_vec, self._momentum.x.petsc_vec)
-        p, v, u = (f.x.array.reshape(-1, 3)[nodes] for f in (self._momentum, state.v, state.u))
-        x = self._X + u
-        local = np.concatenate(
-            [
-                [0.5 * float(np.vdot(v, p)), float(fem.assemble_scalar(self._energy))],
-                p.sum(axis=0),
-                np.cross(x, p).sum(axis=0),
-                [np.linalg.norm(p, axis=1).sum()],
-            ]
-        )
+        """Energies and momenta of the state that the forms' u₀ belongs to. Collective."""
+        dofs = self._rows.dofs
+        self._v.array[:] = state.v.x.array[dofs]
+        self._mass.mult(self._v, self._p)
+        p = self._p.array_r.reshape(-1, 3)
+        x = self._rows.X + state.u.x.array[dofs].reshape(-1, 3)
+        local = np.empty(9)
+        local[0] = 0.5 * float(self._v.array_r @ self._p.array_r)
+        local[1] = fem.assemble_scalar(self._energy)
+        local[2:5] = p.sum(axis=0)
+        local[5:8] = axial(x.T @ p)
+        local[8] = np.sqrt((p * p).sum(axis=1)).sum()
         total = np.asarray(self._scene.sum(local))
         for body, motion in zip(state.bodies, state.motions, strict=True):
             momentum = body.mass * motion.velocity
             total[0] += motion.kinetic(body)
             total[2:5] += momentum
-            total[5:8] += np.cross(motion.r, momentum) + motion.angular_momentum(body)
+            total[5:8] += skew(motion.r) @ momentum + motion.angular_momentum(body)
             total[8] += np.linalg.norm(momentum)
         return Measures(
             kinetic=float(total[0]),
@@ -91,3 +85,8 @@ class Monitor:
             angular_momentum=total[5:8],
             momentum_scale=float(total[8]),
         )
+
+    def destroy(self) -> None:
+        """Free the PETSc objects. Collective."""
+        self._v.destroy()
+        self._p.destroy()

@@ -2,7 +2,8 @@
 
 A partition is made once for a set of flexible cells, bodies and supports, and everything a step
 works on is sized by it. A node that belongs to a body and to a flexible cell is *attached*: the
-flexible cells pull at it, the body moves it. The other nodes of a body are of no concern to a step.
+flexible cells pull at it, the body moves it. The other nodes of a body are of no concern to a step:
+they have no rows, and cost nothing.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from dolfinx import fem, la
 
 from rigidfx.body import RigidBody
 from rigidfx.internal import Cells
+from rigidfx.rows import Rows
 from rigidfx.scene import Scene
 
 __all__ = ["Partition", "nodes_of", "partition", "rigid_fields"]
@@ -32,13 +34,13 @@ class Partition:
         rim: Those that do.
         bodies: Rigid bodies.
         attached: For each body, which of its nodes are attached (positions in body.nodes).
-        anchors: Owned nodes, one per body that no flexible cell touches: attached for the sake of
-            the pattern of the product.
         held: For each owned dof, whether a support prescribes it, shape (3 · owned nodes,).
         free: For each owned dof, whether it is an unknown.
-        active: Owned nodes outside bodies or attached.
         massive: For each owned node, whether its inertia is its own and not a body's.
-        whole: Whether there are no bodies.
+        rows: Those of the active nodes, owned ones outside bodies or attached.
+        masses: Lumped mass of each active node that is its own [kg].
+        reached: Local dofs, ghosts included, of flexible cells of any rank: what forms over these
+            read and write.
     """
 
     space: Any
@@ -47,12 +49,12 @@ class Partition:
     rim: Cells
     bodies: tuple[RigidBody, ...]
     attached: tuple[npt.NDArray[np.int32], ...]
-    anchors: npt.NDArray[np.int32]
     held: npt.NDArray[np.bool_]
     free: npt.NDArray[np.bool_]
-    active: npt.NDArray[np.int32]
     massive: npt.NDArray[np.bool_]
-    whole: bool
+    rows: Rows
+    masses: npt.NDArray[np.float64]
+    reached: npt.NDArray[np.int64]
 
 
 def partition(
@@ -67,47 +69,28 @@ def partition(
         scene: The problem.
         flexible: Flexible owned cells by subdomain id.
         bodies: Rigid bodies; no two share a node.
-        anchors: Owned nodes, one per body that no flexible cell touches: attached for the sake of
-            the pattern of the product.
         held: For each owned dof, whether a support prescribes it.
     """
     n = scene.owned_nodes
+    touched = nodes_of(scene, flexible)
     massive = np.ones(n, dtype=bool)
-    if not bodies:
-        nothing, everything = np.empty(0, np.int32), np.arange(n, dtype=np.int32)
-        empty = {i: cells[:0] for i, cells in flexible.items()}
-        return Partition(
-            *(scene.space, flexible, flexible, empty, (), (), nothing),
-            *(held, ~held, everything, massive, True),
-        )
-    touched = nodes_of(scene, flexible)[:n]
     for body in bodies:
         massive[body.nodes] = False
-    attached = [np.flatnonzero(touched[b.nodes]).astype(np.int32) for b in bodies]
-    anchors = []
-    for k, body in enumerate(bodies):
-        counts = scene.comm.allgather((len(attached[k]), len(body.nodes)))
-        if not any(touching for touching, _ in counts):
-            holder = next(rank for rank, (_, nodes) in enumerate(counts) if nodes)
-            if holder == scene.comm.rank:
-                attached[k] = np.zeros(1, np.int32)
-                anchors.append(body.nodes[0])
-    free = np.repeat(massive, 3) & ~held
-    carried = np.concatenate([body.nodes for body in bodies])
-    core, rim = _split(scene, flexible, carried)
+    core, rim = _split(scene, flexible, np.flatnonzero(~massive))
+    active = np.flatnonzero(massive | touched[:n]).astype(np.int32)
     return Partition(
-        scene.space,
-        flexible,
-        core,
-        rim,
-        bodies,
-        tuple(attached),
-        np.asarray(anchors, dtype=np.int32),
-        held,
-        free,
-        np.flatnonzero(massive | touched).astype(np.int32),
-        massive,
-        False,
+        space=scene.space,
+        flexible=flexible,
+        core=core,
+        rim=rim,
+        bodies=bodies,
+        attached=tuple(np.flatnonzero(touched[b.nodes]).astype(np.int32) for b in bodies),
+        held=held,
+        free=np.repeat(massive, 3) & ~held,
+        massive=massive,
+        rows=Rows(scene.space, active),
+        masses=np.where(massive, scene.nodal_mass[:n], 0.0)[active],
+        reached=np.flatnonzero(np.repeat(touched, 3)),
     )
 
 
@@ -134,12 +117,12 @@ def rigid_fields(
         rim={},
         bodies=bodies,
         attached=tuple(np.arange(body.nodes.size, dtype=np.int32) for body in bodies),
-        anchors=np.empty(0, np.int32),
         held=held,
         free=np.repeat(free, 3) & ~held,
-        active=np.arange(n, dtype=np.int32),
         massive=free,
-        whole=not bodies,
+        rows=Rows(scene.space, np.arange(n, dtype=np.int32)),
+        masses=np.where(free, scene.nodal_mass[:n], 0.0),
+        reached=np.empty(0, np.int64),
     )
 
 
@@ -154,7 +137,7 @@ def nodes_of(scene: Scene, cells: Cells) -> npt.NDArray[np.bool_]:
     return mark.x.array[::3] > 0
 
 
-def _split(scene: Scene, flexible: Cells, carried: npt.NDArray[np.int32]) -> tuple[Cells, Cells]:
+def _split(scene: Scene, flexible: Cells, carried: npt.NDArray[np.int64]) -> tuple[Cells, Cells]:
     """Flexible cells without and with nodes of bodies. Collective."""
     mark = fem.Function(scene.space)
     mark.x.array[3 * carried] = 1.0

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.partition import Partition
-from rigidfx.rotation import cayley, skew
+from rigidfx.rotation import IDENTITY, axial, cayley, skew
 from rigidfx.scene import Scene
 from rigidfx.state import State
 
@@ -31,7 +31,8 @@ class Guess:
     """A first guess of a step.
 
     Attributes:
-        increment: Increment of all owned dofs [m], full length; what bodies carry is of no concern.
+        increment: Increments of the active nodes [m], one number per row; what bodies carry is of
+            no concern.
         bodies: Δr and ℓθ of each body, shape (bodies, 6) [m].
     """
 
@@ -48,29 +49,26 @@ def predict(scene: Scene, state: State, partition: Partition, dt: float) -> tupl
         partition: Division of the dofs.
         dt: Δt [s].
     """
-    n = scene.owned_nodes
+    rows = partition.rows
     own = [dt * m.velocity for m in state.motions], [m.angular_velocity for m in state.motions]
-    whole = Guess(dt * state.v.x.array[: 3 * n], _six(state, dt, *own))
-    nodes = slice(None, n) if partition.whole else partition.active
-    x = state.X[nodes] + state.u.x.array.reshape(-1, 3)[nodes]
-    v = state.v.x.array.reshape(-1, 3)[nodes]
-    mass = (scene.nodal_mass[:n] * partition.massive)[nodes]
-    c, velocity, omega = _mean_motion(scene, state, mass, x, v)
+    v = state.v.x.array[rows.dofs].reshape(-1, 3)
+    whole = Guess(dt * v.reshape(-1), _six(state, dt, *own))
+    x = rows.X + state.u.x.array[rows.dofs].reshape(-1, 3)
+    c, velocity, omega = _mean_motion(scene, state, partition.masses, x, v)
     theta = dt * omega
     size = np.linalg.norm(theta)
     angle = 2 * np.arctan(size / 2)
     if angle < SMALL:
         return (whole,)
-    turn, half = cayley(theta) - np.eye(3), cayley(2 * np.tan(angle / 4) / size * theta)
+    turn, half = cayley(theta) - IDENTITY, cayley(2 * np.tan(angle / 4) / size * theta)
 
     def carried(x: Array, v: Array, share: float) -> Array:
-        relative = v - velocity - np.cross(omega, x - c)
+        relative = v - velocity - (x - c) @ skew(omega).T
         return np.asarray(dt * velocity + (x - c) @ turn.T + share * dt * relative @ half.T)
 
     guesses = []
     for share in (1.0, 0.0):
-        increment = whole.increment.copy()
-        increment.reshape(-1, 3)[nodes] = carried(x, v, share)
+        increment = carried(x, v, share).reshape(-1)
         centres = [carried(m.r, m.velocity, share) for m in state.motions]
         spins = [omega + share * (m.angular_velocity - omega) for m in state.motions]
         guesses.append(Guess(increment, _six(state, dt, centres, spins)))
@@ -79,26 +77,29 @@ def predict(scene: Scene, state: State, partition: Partition, dt: float) -> tupl
 
 def _six(state: State, dt: float, translations: list[Array], spins: list[Array]) -> Array:
     """Δr and ℓθ of the bodies from Δr and angular velocities, shape (bodies, 6) [m]."""
-    rows = zip(state.bodies, translations, spins, strict=True)
-    return np.reshape([np.r_[dr, b.length * dt * omega] for b, dr, omega in rows], (-1, 6))
+    six = np.empty((len(state.bodies), 6))
+    for k, body in enumerate(state.bodies):
+        six[k, :3], six[k, 3:] = translations[k], body.length * dt * spins[k]
+    return six
 
 
 def _mean_motion(
     scene: Scene, state: State, mass: Array, x: Array, v: Array
 ) -> tuple[Array, Array, Array]:
     """Centre, its velocity and ω of nodes and bodies together, by their momenta. Collective."""
-    first = np.asarray(scene.sum(np.r_[mass.sum(), mass @ x, mass @ v]))
+    first = np.asarray(scene.sum(np.concatenate([[mass.sum()], mass @ x, mass @ v])))
     for body, motion in zip(state.bodies, state.motions, strict=True):
-        first += body.mass * np.r_[1.0, motion.r, motion.velocity]
+        first += body.mass * np.concatenate([[1.0], motion.r, motion.velocity])
     c, velocity = first[1:4] / first[0], first[4:] / first[0]
     y = x - c
-    moment = np.cross(y, mass[:, None] * v).sum(axis=0)
-    inertia = (mass @ (y * y).sum(axis=1)) * np.eye(3) - (mass[:, None] * y).T @ y
-    second = np.asarray(scene.sum(np.r_[moment, inertia.reshape(-1)]))
+    weighted = (mass[:, None] * y).T
+    spread = weighted @ y
+    inertia = np.trace(spread) * IDENTITY - spread
+    second = np.asarray(scene.sum(np.concatenate([axial(weighted @ v), inertia.reshape(-1)])))
     for body, motion in zip(state.bodies, state.motions, strict=True):
-        arm = motion.r - c
-        second[:3] += np.cross(arm, body.mass * motion.velocity) + motion.angular_momentum(body)
-        J = motion.R @ body.inertia @ motion.R.T - body.mass * skew(arm) @ skew(arm)
+        hat = skew(motion.r - c)
+        second[:3] += hat @ (body.mass * motion.velocity) + motion.angular_momentum(body)
+        J = motion.R @ body.inertia @ motion.R.T - body.mass * hat @ hat
         second[3:] += J.reshape(-1)
     omega = np.linalg.lstsq(second[3:].reshape(3, 3), second[:3], rcond=1e-9)[0]
     return c, velocity, omega

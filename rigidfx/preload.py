@@ -34,17 +34,19 @@ def apply_preload(scene: Scene, forces: InternalForces, state: State, held: Held
                 "Preload: the supports that act at the start leave a rigid motion free, so there "
                 "is no static equilibrium. Add supports or drop the preload."
             )
-        loads, cells = NodalLoads(scene, preload.loads), forces.cells()
-        prolongation = Prolongation(partition(scene, cells, (), held.mask), scene.comm)
+        cells = forces.cells()
+        part = partition(scene, cells, (), held.mask)
+        loads = NodalLoads(scene, preload.loads, part.rows.nodes)
+        prolongation = Prolongation(part, scene.comm)
         statics = Equilibrium(scene, forces, forces.bind_static(cells), None, prolongation)
-        full, part = (state.u.x.petsc_vec.duplicate() for _ in range(2))
-        rest = Guess(np.zeros(3 * scene.owned_nodes), np.empty((0, 6)))
+        full, share = (part.rows.vector() for _ in range(2))
+        rest = Guess(np.zeros(part.rows.dofs.size), np.empty((0, 6)))
         loads.evaluate(0.0, full)
         for k in range(1, preload.increments + 1):
-            full.copy(part)
-            part.scale(k / preload.increments)
+            full.copy(share)
+            share.scale(k / preload.increments)
             nothing = np.zeros(prolongation.held.size)
-            solution = statics.solve(1.0, None, part, nothing, (rest,))
+            solution = statics.solve(1.0, None, share, nothing, (rest,))
             if not solution.converged:
                 raise StepError(
                     f"Preload: increment {k} of {preload.increments} did not converge "
@@ -52,5 +54,5 @@ def apply_preload(scene: Scene, forces: InternalForces, state: State, held: Held
                     "Use more increments or smaller loads."
                 )
             state.u.x.array[:] = forces.u1.x.array
-        for item in (statics, full, part):
+        for item in (statics, full, share):
             item.destroy()

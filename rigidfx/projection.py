@@ -31,6 +31,7 @@ from rigidfx.linear import conjugate_gradients
 from rigidfx.mass import ConsistentMass
 from rigidfx.partition import rigid_fields
 from rigidfx.prolongation import Prolongation
+from rigidfx.rows import Rows
 from rigidfx.scene import Scene
 from rigidfx.state import State
 
@@ -79,7 +80,7 @@ class RigidFields:
         self._held = np.flatnonzero(held)
         self._y, self._r = self._prolongation.unknowns(), self._prolongation.unknowns()
         # At θ = 0 the rows of L and P agree and map velocities, equation (25).
-        self._prolongation.rotate(self._y, state.motions, 1.0)
+        self._prolongation.rotate(np.zeros((len(state.bodies), 6)), state.motions, 1.0)
         self._reduced = self._prolongation.condense(mass)
         self._blocks = _blocks(state.bodies, state.motions)
         self._prolongation.add_blocks(self._reduced, self._blocks)
@@ -111,8 +112,9 @@ class RigidFields:
         self._y.set(0.0)
         if self._r.norm() > 0.0:
             conjugate_gradients(self._reduced, self._r, self._y)
-        self._prolongation.apply(self._y, v_held, self._full)
-        return Field(self._full.array_r.copy(), self._prolongation.bodies_part(self._y))
+        six = self._prolongation.bodies_part(self._y)
+        self._prolongation.apply(self._y, six, v_held, self._full)
+        return Field(self._full.array_r.copy(), six)
 
     def given_momenta(self, bodies: Array) -> Array:
         """Momenta of the bodies whose mass is given, zero for the others, shape (bodies, 6)."""
@@ -226,8 +228,9 @@ class Present:
         given = np.concatenate([none, *(b.cells for b in state.bodies if b.given)])
         inside = np.concatenate([none, *(b.cells for b in state.bodies)])
         counted = np.setdiff1d(every, given)
-        self._all = ConsistentMass(scene, forces.cells(counted))
-        flexible = ConsistentMass(scene, forces.cells(np.setdiff1d(every, inside)))
+        rows = Rows(scene.space, np.arange(scene.owned_nodes, dtype=np.int32))
+        self._all = ConsistentMass(scene, rows, forces.cells(counted))
+        flexible = ConsistentMass(scene, rows, forces.cells(np.setdiff1d(every, inside)))
         self.mass = self._all.matrix()
         n = 3 * scene.owned_nodes
         outside = state.v.x.array[:n].copy()

@@ -1,4 +1,4 @@
-"""Between the full vector of displacement increments and the unknowns of a step.
+"""Between the increments of the active nodes and the unknowns of a step.
 
 The unknowns y are the increments of the free dofs and, for each rigid body, Δr and ℓθ. The step's
 displacement lies exactly in the range of L,
@@ -7,8 +7,9 @@ displacement lies exactly in the range of L,
 
 so the residual is restricted by Lᵀ, equations (5) and (13); the derivative of d is P, with rows
 [I, -v̂₁ T/ℓ]. A supported dof has no column and its increment is prescribed in d_s; a node inside a
-body has no entries at all. So no rows of ones, no penalties and no empty rows ever reach the
-solver. `condensation` makes the reduced tangent with them.
+body has no row at all. So no rows of ones, no penalties and no empty rows ever reach the solver.
+Vectors pass L and Lᵀ by the bodies' small matrices, see `body`; P and L - P are PETSc matrices, of
+which `condensation` makes the reduced tangent.
 """
 
 from __future__ import annotations
@@ -17,12 +18,12 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from rigidfx.body import BodyMotion, Increment
 from rigidfx.partition import Partition
+from rigidfx.rows import mapped_matrix
 
 __all__ = ["Prolongation"]
 
@@ -35,14 +36,14 @@ class Prolongation:
 
     Attributes:
         partition: What it is made for.
-        free: Local numbers of this rank's owned dofs that are unknowns, sorted.
-        held: Local numbers of the owned dofs that are prescribed, sorted.
+        free: Rows of this rank that are unknowns, sorted.
+        held: Rows of this rank that are prescribed, sorted.
         size: Number of unknowns over all ranks.
         nodal: Whether free dofs come in whole nodes, three at a time.
         increments: Trial increments of the bodies, set by `expand`; equal on all ranks.
-        L: Test side, rows as above; None where all dofs are unknowns.
-        P: Trial side.
-        D: L - P, in the rows of attached nodes only; None without bodies.
+        touched: Whether flexible cells touch any body.
+        P: Trial side, rows as above; unit rows at free dofs only without bodies.
+        D: L - P, in the rows of attached nodes only.
     """
 
     def __init__(self, partition: Partition, comm: MPI.Intracomm) -> None:
@@ -53,38 +54,35 @@ class Prolongation:
             comm: Communicator of the mesh.
         """
         self.partition, self.comm = partition, comm
-        self.free = np.flatnonzero(partition.free)
-        self.held = np.flatnonzero(partition.held)
+        rows = partition.rows
+        free = partition.free[rows.dofs]
+        self.free = np.flatnonzero(free)
+        self.held = np.flatnonzero(partition.held[rows.dofs])
         bodies = partition.bodies
         self._owners = _owners(partition, comm)
         self._mine = [k for k, rank in enumerate(self._owners) if rank == comm.rank]
-        self._rows = partition.held.size
         self._columns = self.free.size + 6 * len(self._mine)
         self.size = int(comm.allreduce(self._columns))
         self.increments: tuple[Increment, ...] = ()
-        by_node = partition.free.reshape(-1, 3)
+        by_node = free.reshape(-1, 3)
         broken = int(np.count_nonzero(by_node.any(axis=1) & ~by_node.all(axis=1)))
         self.nodal = comm.allreduce(broken) == 0
-        identity = not bodies and self.size == comm.allreduce(self._rows)
-        self._first_row = comm.exscan(self._rows) or 0
         self._first_column = comm.exscan(self._columns) or 0
         self._body_columns = self._locate_bodies()
-        nodes = [b.nodes[at] for b, at in zip(bodies, partition.attached, strict=True)]
-        self._arms = [b.offsets[at] for b, at in zip(bodies, partition.attached, strict=True)]
-        self._nodes = nodes
-        dofs = [
-            3 * np.repeat(own.astype(np.int64), 3) + np.tile([0, 1, 2], own.size) for own in nodes
-        ]
+        pairs = list(zip(bodies, partition.attached, strict=True))
+        self._nodes = [rows.positions(body.nodes[at]) for body, at in pairs]
+        self._arms = [np.c_[np.ones(at.size), body.offsets[at]] for body, at in pairs]
+        dofs = [(3 * own[:, None] + np.arange(3)).reshape(-1) for own in self._nodes]
         self._attached = np.concatenate([np.empty(0, np.int64), *dofs])
+        self.touched = comm.allreduce(self._attached.size) > 0
         sizes = [own.size for own in dofs]
         self._translations = np.repeat(np.asarray(self._body_columns, dtype=np.int64), sizes)
         turned = self._translations[:, None] + np.arange(3, 6)
         self._rotations = turned.reshape(-1).astype(Int)
         self._offsets = np.arange(0, self._rotations.size + 1, 3, dtype=Int)
-        self._row_numbers = (self._first_row + self._attached).astype(Int)
-        self.L: PETSc.Mat | None = None if identity else self._create(selection=True)
-        self.P = self._create(selection=True) if bodies else self.L
-        self.D = self._create(selection=False) if bodies else None
+        self._row_numbers = (rows.first + self._attached).astype(Int)
+        self.P = self._create(selection=True)
+        self.D = self._create(selection=False)
 
     # Patterns -----------------------------------------------------------------------------------
 
@@ -97,7 +95,7 @@ class Prolongation:
         return [int(c) for c in total]
 
     def _create(self, selection: bool) -> PETSc.Mat:
-        """A matrix of the pattern of L and P, or of L - P only. Collective.
+        """A matrix of the pattern of P, or of L - P only. Collective.
 
         Args:
             selection: Whether it has the constant unit entries.
@@ -114,10 +112,11 @@ class Prolongation:
         values.append(np.zeros(self._rotations.size))
         row, column = np.concatenate(rows), np.concatenate(columns)
         order = np.lexsort((column, row))
-        offsets = np.r_[0, np.cumsum(np.bincount(row, minlength=self._rows))].astype(Int)
+        height = self.partition.rows.dofs.size
+        offsets = np.r_[0, np.cumsum(np.bincount(row, minlength=height))].astype(Int)
         entries = column[order].astype(Int), np.concatenate(values)[order]
         A = PETSc.Mat().createAIJ(
-            [(self._rows, None), (self._columns, None)],
+            [(height, None), (self._columns, None)],
             csr=(offsets, *entries),
             comm=self.comm,
         )
@@ -153,42 +152,50 @@ class Prolongation:
             motions: Motions of the bodies at the begin of the step.
             dt: Δt [s].
             prescribed: Increments of the held dofs [m], in their order.
-            d: Full-length vector, overwritten.
+            d: Increments of the active nodes, overwritten.
         """
-        self.rotate(y, motions, dt)
-        self.apply(y, prescribed, d)
+        six = self.bodies_part(y)
+        self.rotate(six, motions, dt)
+        self.apply(y, six, prescribed, d)
 
-    def apply(self, y: PETSc.Vec, prescribed: Array, d: PETSc.Vec) -> None:
-        """D = L y + d_s with L as it is."""
-        if self.L is None:
-            y.copy(d)
-            return
-        self.L.mult(y, d)
-        d.array[self.held] = prescribed
+    def apply(self, y: PETSc.Vec, six: Array, prescribed: Array, d: PETSc.Vec) -> None:
+        """D = L y + d_s with L as it is.
 
-    def rotate(self, y: PETSc.Vec, motions: Sequence[BodyMotion], dt: float) -> None:
-        """Set L and the bodies' increments to the unknowns y. Collective."""
-        if not self.partition.bodies:
-            return
-        values = self.bodies_part(y)
+        Args:
+            y: Unknowns.
+            six: Those of the bodies, shape (bodies, 6), as `bodies_part` gives them.
+            prescribed: Increments of the held dofs [m], in their order.
+            d: Increments of the active nodes, overwritten.
+        """
+        values = d.array
+        values[self.free] = y.array_r[: self.free.size]
+        values[self.held] = prescribed
+        nodal = values.reshape(-1, 3)
+        for increment, (dr, turn), own, arms in zip(
+            self.increments, six.reshape(-1, 2, 3), self._nodes, self._arms, strict=True
+        ):
+            nodal[own] = arms @ increment.affine(dr, turn / increment.body.length)
+
+    def rotate(self, six: Array, motions: Sequence[BodyMotion], dt: float) -> None:
+        """Set the bodies' increments, and so L, to their unknowns, shape (bodies, 6)."""
         self.increments = tuple(
-            Increment(body, motion, values[k, :3], np.asarray(values[k, 3:] / body.length), dt)
-            for k, (body, motion) in enumerate(zip(self.partition.bodies, motions, strict=True))
+            Increment(body, motion, dr, turn / body.length, dt)
+            for body, motion, (dr, turn) in zip(
+                self.partition.bodies, motions, six.reshape(-1, 2, 3), strict=True
+            )
         )
-        self._test = np.concatenate(
-            [i.test_rows(arms) for i, arms in zip(self.increments, self._arms, strict=True)]
-        )
-        self._fill(self.L, self._test)
 
     def rotate_trial(self) -> None:
-        """Set P and L - P where L is. Collective."""
-        if not self.increments:
+        """Set P and L - P where L is, if it has been rotated. Collective."""
+        if not self.touched or not self.increments:
             return
-        trial = np.concatenate(
-            [i.trial_rows(arms) for i, arms in zip(self.increments, self._arms, strict=True)]
-        )
+        rows = [
+            (increment.test_rows(arms[:, 1:]), increment.trial_rows(arms[:, 1:]))
+            for increment, arms in zip(self.increments, self._arms, strict=True)
+        ]
+        test, trial = (np.concatenate(side) for side in zip(*rows, strict=True))
         self._fill(self.P, trial)
-        self._fill(self.D, self._test - trial)
+        self._fill(self.D, test - trial)
 
     def bodies_part(self, y: PETSc.Vec) -> Array:
         """The six unknowns of each body, shape (bodies, 6), on all ranks. Collective."""
@@ -202,73 +209,57 @@ class Prolongation:
             self.comm.Allreduce(MPI.IN_PLACE, values)
         return values
 
-    def collapse(self, d: PETSc.Vec, bodies: Array, y: PETSc.Vec) -> None:
-        """Unknowns from a full-length vector at the free dofs and six numbers per body.
+    def collapse(self, d: Array, bodies: Array, y: PETSc.Vec) -> None:
+        """Unknowns (or residuals) from those at the free dofs and six numbers per body.
 
         Args:
-            d: Full-length vector.
+            d: One number per row; those that are not free count for nothing.
             bodies: Shape (bodies, 6), equal on all ranks.
             y: Unknowns, overwritten.
         """
-        y.array[: self.free.size] = d.array_r[self.free]
+        y.array[: self.free.size] = d[self.free]
         y.array[self.free.size :] = bodies[self._mine].reshape(-1)
 
+    def moments(self, f: PETSc.Vec) -> Array:
+        """Σ f and Σ V fᵀ over each body's attached nodes, shape (bodies, 4, 3). Collective.
+
+        The bodies' `resultant` of them is what Lᵀ f has in their rows.
+        """
+        nodal = f.array_r.reshape(-1, 3)
+        out = np.empty((len(self._nodes), 4, 3))
+        for k, (own, arms) in enumerate(zip(self._nodes, self._arms, strict=True)):
+            out[k] = arms.T @ nodal[own]
+        return self._sum(out)
+
     def restrict(self, f: PETSc.Vec, bodies: Array, r: PETSc.Vec) -> None:
-        """R = Lᵀ f plus the bodies' own six numbers each.
+        """R = Lᵀ f plus the bodies' own six numbers each. Collective.
 
         Args:
-            f: Full-length vector.
+            f: One number per row.
             bodies: Shape (bodies, 6), equal on all ranks.
             r: Overwritten.
         """
-        if self.L is None:
-            f.copy(r)
-            return
-        self.L.multTranspose(f, r)
-        r.array[self.free.size :] += bodies[self._mine].reshape(-1)
-
-    def couples(self, f: PETSc.Vec) -> Array:
-        """Σ ½ f̂ᵢ v̂₁,ᵢ over each body's attached nodes, shape (bodies, 3, 3). Collective."""
-        nodal = f.array_r.reshape(-1, 3)
-        out = np.zeros((len(self.increments), 3, 3))
-        for k, (increment, own) in enumerate(zip(self.increments, self._nodes, strict=True)):
-            # f̂ v̂ = v fᵀ - (f·v) I
-            moment = (self._arms[k] @ increment.R1.T).T @ nodal[own]
-            out[k] = 0.5 * (moment - np.trace(moment) * np.eye(3))
-        return self._sum(out)
+        six, moments = bodies.copy(), self.moments(f)
+        for k, increment in enumerate(self.increments):
+            six[k] += increment.resultant(moments[k])
+        self.collapse(f.array_r, six, r)
 
     # Matrices -----------------------------------------------------------------------------------
 
     def empty_matrix(self) -> PETSc.Mat:
-        """A reduced matrix without entries that maps local nodes (or dofs) to unknowns.
-
-        Its first assembly finds the pattern. Collective.
-        """
-        block = 3 if self.nodal else 1
-        numbers = self._numbers()[::block]
-        numbers = np.where(numbers >= 0, numbers // block, -1).astype(Int)
-        mapping = PETSc.LGMap().create(numbers, bsize=block, comm=self.comm)
-        A = PETSc.Mat().create(self.comm)
-        A.setSizes([(self._columns, None)] * 2)
-        A.setType(PETSc.Mat.Type.BAIJ if self.nodal else PETSc.Mat.Type.AIJ)
-        A.setBlockSize(block)
-        A.setLGMap(mapping, mapping)
-        A.setUp()
-        mapping.destroy()
-        return A
-
-    def _numbers(self) -> npt.NDArray[np.int64]:
-        """Unknown of each local dof, ghosts included; -1 where it has none. Collective."""
-        numbers = fem.Function(self.partition.space)
-        numbers.x.array[:] = -1.0
-        numbers.x.array[self.free] = self._first_column + np.arange(self.free.size)
-        numbers.x.scatter_forward()
-        return numbers.x.array.astype(np.int64)
+        """A reduced matrix without entries; see `rows.mapped_matrix`. Collective."""
+        kind, block = (PETSc.Mat.Type.BAIJ, 3) if self.nodal else (PETSc.Mat.Type.AIJ, 1)
+        dofs = self.partition.rows.dofs[self.free]
+        numbers = self._first_column + np.arange(self.free.size)
+        return mapped_matrix(self.partition.space, dofs, numbers, self._columns, kind, block)
 
     def condense(self, K: PETSc.Mat) -> PETSc.Mat:
-        """Pᵀ K P of a full matrix, as a new one, which the caller destroys. Collective."""
+        """Pᵀ K P of a matrix of all rows, as a new one, which the caller destroys. Collective."""
         self.rotate_trial()
-        return K.copy() if self.P is None else K.PtAP(self.P)
+        out = K.PtAP(self.P)
+        # A body that no flexible cell touches has no entries yet.
+        out.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+        return out
 
     def add_blocks(self, C: PETSc.Mat, blocks: Array) -> None:
         """Add a 6×6 block per body to a reduced matrix. Collective.
@@ -284,10 +275,8 @@ class Prolongation:
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
-        for item in (self.L, self.P, self.D):
-            if item is not None:
-                item.destroy()
-        self.L = self.P = self.D = None
+        self.P.destroy()
+        self.D.destroy()
 
 
 def _owners(partition: Partition, comm: MPI.Intracomm) -> list[int]:

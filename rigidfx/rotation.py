@@ -10,9 +10,21 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["cayley", "cayley_tangent", "orthonormalized", "skew"]
+__all__ = ["axial", "cayley", "cayley_tangent", "orthonormalized", "skew"]
 
 Array = npt.NDArray[np.float64]
+
+
+IDENTITY = np.eye(3)
+# The skew matrices of the unit vectors, one per row.
+UNIT_SPINS = np.array(
+    [
+        [0, 0, 0, 0, 0, -1, 0, 1, 0],
+        [0, 0, 1, 0, 0, 0, -1, 0, 0],
+        [0, -1, 0, 1, 0, 0, 0, 0, 0],
+    ],
+    dtype=np.float64,
+)
 
 
 def skew(a: npt.ArrayLike) -> Array:
@@ -25,10 +37,19 @@ def skew(a: npt.ArrayLike) -> Array:
         Shape (..., 3, 3).
     """
     a = np.asarray(a)
-    out = np.zeros((*a.shape, 3), dtype=a.dtype)
-    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -a[..., 2], a[..., 1], -a[..., 0]
-    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = a[..., 2], -a[..., 1], a[..., 0]
-    return out
+    return (a @ UNIT_SPINS).reshape(*a.shape, 3)
+
+
+def axial(B: Array) -> Array:
+    """Σ aᵢ × bᵢ from B = Σ aᵢ bᵢᵀ: moments, at the cost of a small product.
+
+    Args:
+        B: Shape (3, 3).
+
+    Returns:
+        Shape (3,).
+    """
+    return UNIT_SPINS @ B.T.reshape(-1)
 
 
 def cayley(theta: npt.ArrayLike) -> Array:
@@ -41,7 +62,7 @@ def cayley(theta: npt.ArrayLike) -> Array:
         Shape (3, 3), orthonormal to rounding.
     """
     hat = skew(theta)
-    return np.eye(3) + (hat + 0.5 * hat @ hat) / (1 + 0.25 * np.dot(theta, theta))
+    return IDENTITY + (hat + 0.5 * hat @ hat) / (1 + 0.25 * np.dot(theta, theta))
 
 
 def cayley_tangent(theta: npt.ArrayLike) -> Array:
@@ -53,9 +74,9 @@ def cayley_tangent(theta: npt.ArrayLike) -> Array:
     Returns:
         Shape (3, 3).
     """
-    return (np.eye(3) + 0.5 * skew(theta)) / (1 + 0.25 * np.dot(theta, theta))
+    return (IDENTITY + 0.5 * skew(theta)) / (1 + 0.25 * np.dot(theta, theta))
 
 
 def orthonormalized(R: Array) -> Array:
     """R after one Newton step of the polar decomposition: rounding does not pile up in products."""
-    return R @ (1.5 * np.eye(3) - 0.5 * R.T @ R)
+    return R @ (1.5 * IDENTITY - 0.5 * R.T @ R)

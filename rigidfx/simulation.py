@@ -24,6 +24,7 @@ from rigidfx.integrator import Integrator, StepResult
 from rigidfx.ledger import Event
 from rigidfx.monitor import Measures
 from rigidfx.probes import Probes
+from rigidfx.rotation import skew
 from rigidfx.scene import Scene
 from rigidfx.state import State
 from rigidfx.supports import Impact
@@ -290,7 +291,7 @@ def _body_report(body: RigidBody, motion: BodyMotion) -> BodyReport:
         angular_velocity=motion.angular_velocity,
         linear_momentum=momentum,
         spin=spin,
-        angular_momentum=np.cross(motion.r, momentum) + spin,
+        angular_momentum=skew(motion.r) @ momentum + spin,
         kinetic=motion.kinetic(body),
         stored=body.frozen.energy,
     )

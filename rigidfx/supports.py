@@ -127,13 +127,12 @@ class HeldDofs:
         """Force that each support exerts on the structure, shape (3,) [N]. Collective.
 
         Args:
-            forces: Out-of-balance forces of the owned dofs [N].
+            forces: Out-of-balance forces of the held dofs [N].
         """
-        held = forces[self.mask]
         out: dict[str, Array] = {}
         for k, support in enumerate(self.active):
             mine = self._owner == k
-            total = np.bincount(self._axis[mine], weights=held[mine], minlength=3)
+            total = np.bincount(self._axis[mine], weights=forces[mine], minlength=3)
             out[support.where] = out.get(support.where, 0.0) + np.asarray(self._scene.sum(total))
         return out
 
@@ -168,24 +167,25 @@ def impose_velocity(
     Returns:
         Whether any velocity changed.
     """
-    v = state.v.x.petsc_vec
-    held = np.flatnonzero(partition.held)
-    dv, p = v.duplicate(), v.duplicate()
+    rows = partition.rows
+    held = np.flatnonzero(partition.held[rows.dofs])
+    dv, p = rows.vector(), rows.vector()
     dv.set(0.0)
-    dv.array[held] = velocities - v.array_r[held]
+    dv.array[held] = velocities - state.v.x.array[rows.dofs[held]]
     changed = dv.norm(PETSc.NormType.INFINITY) > 0.0
     if changed:
         mass.mult(dv, p)
         prolongation = Prolongation(partition, scene.comm)
         rhs, dy = prolongation.unknowns(), prolongation.unknowns()
         # At θ = 0 the rows of L and P agree and map velocities, equation (25).
-        prolongation.rotate(dy, state.motions, 1.0)
-        prolongation.restrict(p, np.zeros((len(partition.bodies), 6)), rhs)
+        none = np.zeros((len(partition.bodies), 6))
+        prolongation.rotate(none, state.motions, 1.0)
+        prolongation.restrict(p, none, rhs)
         rhs.scale(-1.0)
         if rhs.norm() > 0.0:
             _solve(prolongation, mass, state, rhs, dy)
-            prolongation.apply(dy, dv.array_r[held].copy(), dv)
             y = prolongation.bodies_part(dy)
+            prolongation.apply(dy, y, dv.array_r[held], dv)
             state.motions = tuple(
                 replace(
                     m,
@@ -194,7 +194,7 @@ def impose_velocity(
                 )
                 for k, (m, body) in enumerate(zip(state.motions, state.bodies, strict=True))
             )
-        v.axpy(1.0, dv)
+        state.v.x.array[rows.dofs] += dv.array_r
         state.v.x.scatter_forward()
         rhs.destroy()
         dy.destroy()

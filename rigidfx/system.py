@@ -76,36 +76,36 @@ class System:
                 dofs held, their mass counted.
         """
         self._scene, self._forces, self._held = scene, forces, held
-        self.partition = partition(scene, flexible, state.bodies, held.mask)
+        part = self.partition = partition(scene, flexible, state.bodies, held.mask)
+        rows = part.rows
         state.carried = tuple(
             np.arange(body.nodes.size, dtype=np.int32)
             if scene.mass == "lumped"
-            else np.flatnonzero(~np.isin(body.nodes, self.partition.active)).astype(np.int32)
+            else np.flatnonzero(~np.isin(body.nodes, rows.nodes)).astype(np.int32)
             for body in state.bodies
         )
-        self.mass = mass_operator(scene, flexible, self.partition.massive, carried)
-        self._loads = NodalLoads(
-            scene, scene.named(fx.DeadLoad), state.bodies, scene.named(fx.Resultant)
-        )
-        self.monitor = Monitor(scene, forces, self.mass, self.partition)
+        self.mass = mass_operator(scene, rows, flexible, part.masses, carried)
+        loads, resultants = scene.named(fx.DeadLoad), scene.named(fx.Resultant)
+        self._loads = NodalLoads(scene, loads, rows.nodes, state.bodies, resultants)
+        self.monitor = Monitor(scene, forces, self.mass, part)
         self.equilibrium = Equilibrium(
             scene,
             forces,
-            forces.bind(flexible, self.partition.core, self.partition.rim),
+            forces.bind(flexible, part.core, part.rim),
             self.mass,
-            Prolongation(self.partition, scene.comm),
+            Prolongation(part, scene.comm),
         )
-        self._f_ext = state.u.x.petsc_vec.duplicate()
+        self._f_ext, self._v0 = rows.vector(), rows.vector()
 
     def solve(self, state: State, dt: float) -> Solution:
         """Find the increment of a step of length dt [s]; the state is not changed. Collective."""
         middle = state.t + dt / 2
         self._forces.set_time(middle)
-        self._loads.evaluate(middle, self._f_ext)
-        self._resultants = self._loads.resultants(middle)
+        self._resultants = self._loads.evaluate(middle, self._f_ext)
+        self._v0.array[:] = state.v.x.array[self.partition.rows.dofs]
         return self.equilibrium.solve(
             dt,
-            state.v.x.petsc_vec,
+            self._v0,
             self._f_ext,
             self._held.increments(state.t, state.t + dt),
             predict(self._scene, state, self.partition, dt),
@@ -115,37 +115,36 @@ class System:
 
     def accept(self, state: State, dt: float, t: float) -> Work:
         """Take the found increment over into the state, which then is at time t. Collective."""
-        d, forces = self.equilibrium.d, self.equilibrium.forces_out_of_balance.array_r
-        held = self._held.mask
-        work = self._f_ext.dot(d)
-        supports = float(self._scene.sum(forces[held] @ d.array_r[held]))
-        reactions = self._held.reactions(forces)
-        n = 3 * self._scene.owned_nodes
-        state.v.x.array[:n] = 2 / dt * d.array_r - state.v.x.array[:n]
-        state.u.x.array[:] = self._forces.u1.x.array
-        increments = self.equilibrium.prolongation.increments
+        prolongation, dofs = self.equilibrium.prolongation, self.partition.rows.dofs
+        d, forces = self.equilibrium.d.array_r, self.equilibrium.forces_out_of_balance.array_r
+        reactions = forces[prolongation.held]
+        work = self._f_ext.dot(self.equilibrium.d)
+        supports = float(self._scene.sum(reactions @ d[prolongation.held]))
+        state.u.x.array[dofs] += d
+        state.v.x.array[dofs] = 2 / dt * d - self._v0.array_r
+        increments = prolongation.increments
         for increment, load in zip(increments, self._resultants, strict=True):
             work += load.work(increment)
         state.motions = tuple(increment.end() for increment in increments)
         self._attach(state)
+        state.u.x.scatter_forward()
         state.v.x.scatter_forward()
         state.t = t
-        return Work(work, supports, reactions)
+        return Work(work, supports, self._held.reactions(reactions))
 
     def _attach(self, state: State) -> None:
         """Put attached nodes exactly where their bodies are: increments would add up rounding."""
-        if not state.bodies:
-            return
         u = state.u.x.array.reshape(-1, 3)
         for body, motion, at in zip(
             state.bodies, state.motions, self.partition.attached, strict=True
         ):
             nodes = body.nodes[at]
             u[nodes] = motion.positions(body.offsets[at]) - state.X[nodes]
-        state.u.x.scatter_forward()
 
     def destroy(self) -> None:
         """Free all PETSc objects. Collective."""
         self.equilibrium.destroy()
         self.mass.destroy()
+        self.monitor.destroy()
         self._f_ext.destroy()
+        self._v0.destroy()

@@ -32,6 +32,7 @@ LAYERS = [
     "body",
     "internal",
     "strain_rate",
+    "rows",
     "partition",
     "prolongation",
     "condensation",

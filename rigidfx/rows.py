@@ -1,0 +1,98 @@
+"""Vectors and matrices over some of the nodes only: a step pays for no others.
+
+PETSc's objects of a step have three rows for each node that takes part in it. DOLFINx's functions
+and forms know all nodes; values pass between the two by index, element matrices by PETSc's
+local-to-global map, which drops what is not wanted.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+from petsc4py import PETSc
+
+__all__ = ["Rows", "mapped_matrix"]
+
+Int = PETSc.IntType
+
+
+class Rows:
+    """The rows of a set of nodes, three each.
+
+    Attributes:
+        nodes: Owned nodes, sorted.
+        dofs: Their owned dofs, in the order of the rows.
+        X: Their reference positions, shape (nodes, 3) [m].
+        first: Number of this rank's first row.
+    """
+
+    def __init__(self, space: Any, nodes: npt.NDArray[np.int32]) -> None:
+        """Number the rows. Collective.
+
+        Args:
+            space: Function space of the displacement.
+            nodes: Owned nodes, sorted.
+        """
+        self._space, self.comm = space, space.mesh.comm
+        self.nodes = nodes
+        self.dofs = (3 * nodes.astype(np.int64)[:, None] + np.arange(3)).reshape(-1)
+        self.X = space.tabulate_dof_coordinates()[nodes]
+        self.first: int = self.comm.exscan(self.dofs.size) or 0
+
+    def vector(self) -> PETSc.Vec:
+        """A new vector; the caller destroys it."""
+        out = PETSc.Vec().create(self.comm)
+        out.setSizes((self.dofs.size, None))
+        out.setType(PETSc.Vec.Type.STANDARD)
+        return out
+
+    def matrix(self, kind: str = PETSc.Mat.Type.AIJ) -> PETSc.Mat:
+        """A new matrix without entries; see `mapped_matrix`. Collective."""
+        numbers = self.first + np.arange(self.dofs.size)
+        return mapped_matrix(self._space, self.dofs, numbers, self.dofs.size, kind, 3)
+
+    def positions(self, nodes: npt.NDArray[np.int32]) -> npt.NDArray[np.int64]:
+        """Places of some of the nodes among them."""
+        return np.searchsorted(self.nodes, nodes)
+
+
+def mapped_matrix(
+    space: Any,
+    dofs: npt.NDArray[np.int64],
+    numbers: npt.NDArray[np.int64],
+    size: int,
+    kind: str,
+    block: int,
+) -> PETSc.Mat:
+    """A square matrix without entries that maps local nodes (or dofs) to rows. Collective.
+
+    Its first assembly finds the pattern.
+
+    Args:
+        space: Function space of the displacement.
+        dofs: Owned dofs that have a row; entries of all others are dropped.
+        numbers: Row of each.
+        size: Rows of this rank.
+        kind: Type of the matrix.
+        block: 3 if rows come in whole nodes, else 1.
+    """
+    every = fem.Function(space)
+    every.x.array[:] = -1.0
+    every.x.array[dofs] = numbers
+    every.x.scatter_forward()
+    local = every.x.array[::block].astype(np.int64)
+    comm = space.mesh.comm
+    mapping = PETSc.LGMap().create(
+        np.where(local >= 0, local // block, -1).astype(Int), bsize=block, comm=comm
+    )
+    A = PETSc.Mat().create(comm)
+    A.setSizes([(size, None)] * 2)
+    A.setType(kind)
+    A.setBlockSize(block)
+    A.setLGMap(mapping, mapping)
+    A.setUp()
+    mapping.destroy()
+    return A
