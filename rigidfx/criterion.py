@@ -120,6 +120,8 @@ class StrainRate:
             if not number(owner, f"the tolerance of '{name}'", tol) >= 0:
                 raise SceneError(f"StrainRate: the tolerance of '{name}' must be ≥ 0, got {tol!r}.")
         object.__setattr__(self, "tolerances", MappingProxyType(dict(self.tolerances)))
+        if not isinstance(self.never, Iterable):
+            raise SceneError(f"StrainRate: never must be names of cell sets, got {self.never!r}.")
         never = (self.never,) if isinstance(self.never, str) else tuple(self.never)
         object.__setattr__(self, "never", never)
         if not isinstance(self.min_cells, int) or self.min_cells < 1:

@@ -300,12 +300,13 @@ class Equilibrium:
     def strain_error(self) -> float:
         """Strain that the residual of the last solve and rounding may leave in a cell. Collective.
 
-        The residual moves a node by no more than it would against the mean stiffness of a node.
+        The residual moves a node by no more than it would against the mean stiffness of a node;
+        without flexible cells it strains nothing.
         """
         comm = self.prolongation.comm
         sums = np.array([self._stiffness.sum(), self._stiffness.size])
         total = comm.allreduce(sums, op=MPI.SUM)
-        moved = self.stop.history[-1] / max(total[0], 1e-300) * np.sqrt(max(total[1], 1.0))
+        moved = self.stop.history[-1] / total[0] * np.sqrt(total[1]) if total[0] > 0 else 0.0
         eps = float(np.finfo(np.float64).eps)
         return float(moved / self._cell_size + eps * self._forces.strain_noise)
 

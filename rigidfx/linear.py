@@ -16,9 +16,9 @@ from rigidfx.errors import StepError
 __all__ = ["PREFIX", "configure", "conjugate_gradients", "default_options", "prefers_direct"]
 
 PREFIX = "rigidfx_"
-# A step by LU takes 1.6 ms at 60, 3.6 ms at 243 and 10 ms at 624 unknowns; by GMRES 0.9, 2.2 and
-# 5 ms. Up to here LU costs a few milliseconds more, and never gives up.
-DIRECT_BELOW = 500  # unknowns
+# A step by LU takes 2.4 ms at 78, 3.9 ms at 150 and 5.0 ms at 258 unknowns; by GMRES 2.3, 3.2 and
+# 3.8 ms. Up to here LU costs no more, and it never gives up.
+DIRECT_BELOW = 100  # unknowns
 KRYLOV_RTOL = 1e-8
 
 

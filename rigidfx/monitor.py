@@ -30,7 +30,8 @@ class Measures:
         stored: Energy that bodies keep for their release [J].
         linear_momentum: L = Σ (M v)ᵢ, shape (3,) [kg m/s].
         angular_momentum: J = Σ xᵢ × (M v)ᵢ about the origin, shape (3,) [kg m²/s].
-        momentum_scale: Σ |(M v)ᵢ| [kg m/s], what L is to be compared with.
+        momentum_scale: Σ |(M v)ᵢ| [kg m/s], what L is to be compared with; a body counts with
+            |m ṙ| + |π|/ℓ.
     """
 
     kinetic: float
@@ -72,11 +73,11 @@ class Monitor:
         local[8] = np.sqrt((p * p).sum(axis=1)).sum()
         total = np.asarray(self._scene.sum(local))
         for body, motion in zip(state.bodies, state.motions, strict=True):
-            momentum = body.mass * motion.velocity
+            momentum, spin = body.mass * motion.velocity, motion.angular_momentum(body)
             total[0] += motion.kinetic(body)
             total[2:5] += momentum
-            total[5:8] += skew(motion.r) @ momentum + motion.angular_momentum(body)
-            total[8] += np.linalg.norm(momentum)
+            total[5:8] += skew(motion.r) @ momentum + spin
+            total[8] += np.linalg.norm(momentum) + np.linalg.norm(spin) / body.length
         return Measures(
             kinetic=float(total[0]),
             strain=float(total[1]),

@@ -43,7 +43,8 @@ class Region:
     Attributes:
         cells: Owned cells on this rank, sorted.
         nodes: Owned nodes on this rank, sorted; some may belong to cells of other ranks only.
-        label: Least number of its cells in the mesh file.
+        label: Least number in the mesh file of its cells, but for those that joined it because
+            they are enclosed.
         size: Number of its cells over all ranks.
     """
 
@@ -227,7 +228,7 @@ def find_regions(
         min_cells: Least number of cells of a new body.
 
     Returns:
-        The bodies, ordered by the least number of their cells in the mesh file.
+        The bodies, ordered by their labels.
     """
     old = existing >= 0
     new = rigid & ~barred & ~old

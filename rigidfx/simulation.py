@@ -91,7 +91,8 @@ class Report:
             energy of what they vibrated when they were frozen [J].
         linear_momentum: L, shape (3,) [kg m/s].
         angular_momentum: J about the origin, shape (3,) [kg m²/s].
-        momentum_scale: Σ |(M v)ᵢ| [kg m/s], what L is to be compared with.
+        momentum_scale: Σ |(M v)ᵢ| [kg m/s], what L is to be compared with; a body counts with
+            |m ṙ| + |π|/ℓ.
         work_of_loads: Work of the loads in this step [J].
         work_of_supports: Work of the reactions in this step [J].
         reactions: Force of each support on the structure at the step's midpoint, by the name of

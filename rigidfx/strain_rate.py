@@ -52,6 +52,8 @@ class StrainRates:
     def bind(self, flexible: Cells) -> None:
         """Measure these cells from now on; all others have the strain rate zero.
 
+        Those that were measured in the last step keep the strain rate of it.
+
         Args:
             flexible: Owned cells by subdomain id.
         """
@@ -59,7 +61,9 @@ class StrainRates:
         self.cells = np.sort(np.concatenate([np.empty(0, np.int32), *flexible.values()]))
         self._own = self._dofs[self.cells]
         self._divisor = self._volume[self.cells] ** (self._power / 2)
-        self.values[:] = 0.0
+        others = np.ones(self.values.size, dtype=bool)
+        others[self.cells] = False
+        self.values[others] = 0.0
 
     def measure(self, dt: float) -> Array:
         """Strain rates of the bound cells in the step that u₀ and u₁ hold, in their order [1/s].

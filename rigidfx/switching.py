@@ -103,7 +103,7 @@ class Switching:
 
     def before(self, dt: float) -> list[Event]:
         """What has to be released before a step of length dt [s]. Collective."""
-        if not (self._numbers() != NONE).any():
+        if all(body.name in self._alone for body in self._integrator.state.bodies):
             return []
         changed = self._changes.ahead(self._integrator.state.t + dt / 2)
         if not changed:

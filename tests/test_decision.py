@@ -1,0 +1,225 @@
+"""What is decided from an observed window, without a mesh."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from rigidfx.decision import Part, assign_bodies, qualify
+from rigidfx.observation import CYCLES, EXCITED, longest_period
+from rigidfx.regions import Region
+
+SELF = MPI.COMM_SELF
+
+
+# Cells that qualify ----------------------------------------------------------------------------
+
+
+def decide(worst, tol, observed=True):
+    worst, tol = np.asarray(worst, float), np.asarray(tol, float)
+    return qualify(worst, tol, np.broadcast_to(observed, worst.shape), SELF)
+
+
+def test_cell_at_its_tolerance_qualifies():
+    able, closeness = decide([1.0, 2.0, np.nextafter(2.0, 3.0)], [2.0, 2.0, 2.0])
+    assert able.tolist() == [True, True, False]
+    assert closeness == 0.0
+
+
+def test_each_cell_has_its_own_tolerance():
+    able, closeness = decide([1.0, 1.0, 1.0], [0.5, 1.25, 4.0])
+    assert able.tolist() == [False, True, True]
+    assert closeness == pytest.approx(0.2)  # |1/1.25 - 1|
+
+
+def test_only_cells_observed_in_the_whole_window_count():
+    able, closeness = decide([1.0, 0.0, 3.0], [2.0, 2.0, 2.0], [True, False, True])
+    assert able.tolist() == [True, False, False]
+    assert closeness == 0.5
+
+
+def test_tolerance_zero_takes_what_is_at_rest():
+    able, closeness = decide([0.0, 1e-300], [0.0, 0.0])
+    assert able.tolist() == [True, False]
+    assert closeness == np.inf  # nothing was compared
+
+
+# Identity of bodies ----------------------------------------------------------------------------
+
+
+def region(*cells):
+    """A region of one rank; its nodes are of no concern here."""
+    array = np.asarray(cells, dtype=np.int32)
+    return Region(array, array, min(cells), len(cells))
+
+
+def assign(regions, before, always=None, next_number=5, owned=12):
+    """Bodies after a change.
+
+    Args:
+        regions: Cells of each region.
+        before: Cells of each body before, by number.
+        always: Cells of sets that are rigid always.
+        next_number: First number that is free.
+        owned: Number of cells.
+    """
+    origin = np.full(owned, -1)
+    for number, cells in before.items():
+        origin[list(cells)] = number
+    sets = {name: np.asarray(cells, np.int32) for name, cells in (always or {}).items()}
+    sizes = {number: len(cells) for number, cells in before.items()}
+    return assign_bodies([region(*r) for r in regions], origin, sizes, sets, next_number, SELF)
+
+
+def facts(part: Part):
+    return part.number, part.name, part.origins, part.kept
+
+
+def test_new_bodies_get_new_numbers():
+    parts, free = assign([(0, 1), (4, 5)], {})
+    assert [facts(p) for p in parts] == [(5, "part 5", (), False), (6, "part 6", (), False)]
+    assert free == 7
+
+
+def test_body_that_stays_as_it_is_is_kept():
+    parts, free = assign([(0, 1), (4, 5, 6)], {2: (4, 5, 6)})
+    assert [facts(p) for p in parts] == [(2, "part 2", (2,), True), (5, "part 5", (), False)]
+    assert free == 6
+
+
+@pytest.mark.parametrize("cells", [(4, 5, 6, 7), (4, 5)], ids=["grows", "shrinks"])
+def test_body_that_grows_or_shrinks_keeps_its_number(cells):
+    (part,), free = assign([cells], {2: (4, 5, 6)})
+    assert facts(part) == (2, "part 2", (2,), False)
+    assert free == 5
+
+
+def test_body_that_swaps_a_cell_is_not_kept():
+    """Its size alone does not tell."""
+    (part,), _ = assign([(4, 5, 7)], {2: (4, 5, 6)})
+    assert facts(part) == (2, "part 2", (2,), False)
+
+
+def test_merged_bodies_have_the_number_of_the_oldest():
+    (part,), free = assign([(0, 1, 2, 3, 4)], {4: (0, 1), 3: (3, 4)})
+    assert facts(part) == (3, "part 3", (3, 4), False)
+    assert free == 5
+
+
+def test_divided_body_leaves_its_number_to_the_first_piece():
+    parts, free = assign([(0, 1), (3, 4), (6,)], {2: (0, 1, 2, 3, 4, 5, 6)})
+    assert [facts(p) for p in parts] == [
+        (2, "part 2", (2,), False),
+        (5, "part 5", (2,), False),
+        (6, "part 6", (2,), False),
+    ]
+    assert [p.region.label for p in parts] == [0, 3, 6]
+    assert free == 7
+
+
+def test_piece_of_one_body_may_merge_with_another():
+    """The first region takes the oldest number in it, the second what is left."""
+    parts, free = assign([(0, 1, 2), (4, 5)], {3: (2, 4), 2: (0,), 4: (5,)})
+    assert [facts(p) for p in parts] == [
+        (2, "part 2", (2, 3), False),
+        (3, "part 3", (3, 4), False),
+    ]
+    assert free == 5
+
+
+def test_bodies_are_ordered_by_number():
+    parts, _ = assign([(0, 1), (4, 5), (8, 9)], {4: (0, 1), 2: (8, 9)})
+    assert [p.number for p in parts] == [2, 4, 5]
+    assert [p.region.label for p in parts] == [8, 0, 4]
+
+
+def test_body_is_called_by_the_first_set_in_it_that_is_rigid_always():
+    parts, _ = assign([(0, 1, 2), (6, 7)], {1: (2,), 2: (0,)}, {"foot": (2,), "head": (0,)})
+    assert [(p.name, p.named) for p in parts] == [("foot", ("foot", "head")), ("part 5", ())]
+
+
+# Longest period --------------------------------------------------------------------------------
+
+HIGH, LOW = 0.5, 4.0  # periods [s]
+
+
+def sine(t, period, amplitude=1.0, phase=0.3):
+    return amplitude * np.sin(2 * np.pi * t / period + phase)
+
+
+def period_of(signal, t_end=40.0, n=1600):
+    """Longest period in a signal; a record of 10 periods of LOW, 80 of HIGH."""
+    t = np.linspace(0.0, t_end, n)
+    columns = signal(t)
+    return longest_period(t, columns if columns.ndim == 2 else columns[:, None])
+
+
+def near(period, t_end=40.0):
+    """Within the spacing of the frequencies: the spectrum is padded to four times its length."""
+    return pytest.approx(period, rel=period / (4 * t_end))
+
+
+@pytest.mark.parametrize("amplitude", [2 * EXCITED, 1.0, 10.0])
+def test_low_mode_that_is_excited_counts(amplitude):
+    found = period_of(lambda t: sine(t, HIGH) + sine(t, LOW, amplitude))
+    assert found == near(LOW)
+
+
+@pytest.mark.parametrize("amplitude", [0.0, 0.4 * EXCITED])
+def test_low_mode_that_is_not_excited_does_not_count(amplitude):
+    found = period_of(lambda t: sine(t, HIGH) + sine(t, LOW, amplitude))
+    assert found == near(HIGH)
+
+
+def test_period_is_that_of_any_signal():
+    found = period_of(lambda t: np.stack([sine(t, HIGH), sine(t, LOW), 0 * t], axis=1))
+    assert found == near(LOW)
+
+
+def test_signal_that_hardly_moves_does_not_count():
+    found = period_of(lambda t: np.stack([sine(t, HIGH), sine(t, LOW, 0.4 * EXCITED)], axis=1))
+    assert found == near(HIGH)
+
+
+@pytest.mark.parametrize("slope", [-0.02, 5.0])
+def test_linear_trend_is_no_period(slope):
+    assert period_of(lambda t: sine(t, LOW) + slope * t) == near(LOW)
+
+
+@pytest.mark.parametrize(
+    "slow",
+    [lambda t: 1e-2 * t**2, lambda t: sine(t, 40.0, 3.0)],
+    ids=["parabola", "less than three cycles"],
+)
+def test_what_is_slower_than_the_record_can_tell(slow):
+    assert np.isnan(period_of(lambda t: sine(t, HIGH) + slow(t)))
+
+
+@pytest.mark.parametrize("cycles", [CYCLES - 1.5, CYCLES + 1.5])
+def test_period_is_believed_after_some_cycles(cycles):
+    found = period_of(lambda t: sine(t, LOW), t_end=cycles * LOW)
+    assert np.isnan(found) if cycles < CYCLES else found == near(LOW, cycles * LOW)
+
+
+@pytest.mark.parametrize("level", [0.0, 3.0])
+def test_rest_has_no_period(level):
+    """Not even if rounding errors move it."""
+    noise = np.random.default_rng(0).normal(size=1600)
+    assert period_of(lambda t: 0 * t + level) == 0.0
+    assert period_of(lambda t: level * (1 + 1e-15 * noise)) == 0.0
+
+
+def test_no_signals_have_no_period():
+    assert longest_period(np.linspace(0, 1, 50), np.empty((50, 0))) == 0.0
+
+
+def test_record_that_is_too_short():
+    t = np.linspace(0.0, 40.0, 7)
+    assert np.isnan(longest_period(t, sine(t, LOW)[:, None]))
+
+
+def test_uneven_steps():
+    """Steps end on breakpoints, and may be cut: the record need not be even."""
+    t = np.sort(np.r_[np.linspace(0, 40, 1600), np.random.default_rng(1).uniform(0, 40, 300)])
+    assert longest_period(t, sine(t, LOW)[:, None]) == near(LOW)

@@ -1,0 +1,903 @@
+"""Freezing and releasing: what is given back, what causes it, and which cells it concerns.
+
+Run as a script under mpirun, this file reports histories with switches, and what is refused.
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+
+import dolfinx.mesh as dmesh
+import numpy as np
+import parallel
+import pytest
+import ufl
+from dolfinx import fem
+from histories import EPS, show
+from mpi4py import MPI
+
+import rigidfx as rf
+from rigidfx.decision import assign_bodies
+from rigidfx.domain import Domain
+from rigidfx.errors import SceneError
+from rigidfx.integrator import Integrator
+from rigidfx.observation import CYCLES
+from rigidfx.regions import NONE, CellGraph, find_regions
+
+COMM = MPI.COMM_WORLD
+ANY = 1e9  # 1/s; every cell qualifies
+E, RHO, NU = 300.0, 1.0, 0.3
+MATERIAL = rf.StVenantKirchhoff(rho=RHO, E=E, nu=NU)
+SPIN = rf.InitialVelocity(linear=(0.3, 0.2, -0.1), angular=(0.3, 0.2, 0.5))
+MASSES = pytest.mark.parametrize("mass", ["lumped", "consistent"])
+DT = 0.1  # s
+ROUNDING = 100 * EPS  # relative, of sums over some hundred nodes
+
+# A vibration that is no noise of Newton's iteration, and a window that sees no whole period of it:
+# right where a test is about what is done, not about what is wise.
+short_windows = pytest.mark.filterwarnings("ignore:StrainRate. the window:rigidfx.RigidfxWarning")
+
+
+def between(low, high):
+    return lambda x: (x[0] >= low - 1e-9) & (x[0] <= high + 1e-9)
+
+
+def domain(cells=(8, 1, 1), cell="hexahedron"):
+    """A bar along x with cells of 1 m; names for some of them."""
+    return (
+        rf.box((0, 0, 0), cells, cells, cell)
+        .with_cells("left", between(0, 3))
+        .with_cells("over", between(2, 4))
+        .with_cells("middle", between(3, 5))
+        .with_cells("right", between(5, 8))
+        .with_cells("tip", between(6, 8))
+    )
+
+
+def bar(*effects, cells=(8, 1, 1), cell="hexahedron", **options):
+    """The bar; it spins and strains unless the effects say otherwise."""
+    material = options.pop("material", MATERIAL)
+    return rf.Scene(domain(cells, cell), material, effects or [SPIN], **options)
+
+
+def run(scene, criterion, t_end=1.0, dt=DT):
+    return list(rf.simulate(scene, dt, t_end, rigidify=criterion))
+
+
+def events(reports):
+    return [event for report in reports for event in report.events]
+
+
+def times(reports, kind):
+    """When something of a kind happened."""
+    return pytest.approx([event.t for event in events(reports) if event.kind == kind], abs=1e-9)
+
+
+class Cells:
+    """Which cells of a bar are rigid, by the x of their middles."""
+
+    def __init__(self, scene):
+        mesh = scene.mesh
+        owned = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
+        self.x = dmesh.compute_midpoints(mesh, 3, owned)[:, 0]
+
+    def of(self, state):
+        """Cells of each body, by its name."""
+        return {body.name: sorted(self.x[body.cells].tolist()) for body in state.bodies}
+
+    def flexible(self, state):
+        """Cells outside bodies."""
+        return sorted(self.x[state.body_numbers() == 0].tolist())
+
+
+def last_cells(scene, criterion, t_end=0.25):
+    """Cells of each body, and flexible cells, in the end of a run."""
+    cells = Cells(scene)
+    *_, last = rf.simulate(scene, DT, t_end, rigidify=criterion)
+    return cells.of(last.state), cells.flexible(last.state)
+
+
+# What is given back ----------------------------------------------------------------------------
+
+
+class Stress:
+    """Second Piola-Kirchhoff stress, mean of each cell, shape (cells, 9) [Pa].
+
+    It is that in the body's frame: a rigid motion does not change it.
+    """
+
+    def __init__(self, scene):
+        self._u = fem.Function(scene.space)
+        F = ufl.Identity(3) + ufl.grad(self._u)
+        strain = (F.T * F - ufl.Identity(3)) / 2
+        mu, lam = E / (2 * (1 + NU)), E * NU / ((1 + NU) * (1 - 2 * NU))
+        S = lam * ufl.tr(strain) * ufl.Identity(3) + 2 * mu * strain
+        tensors = fem.functionspace(scene.mesh, ("DG", 0, (3, 3)))
+        self._form = fem.form(ufl.inner(S, ufl.TestFunction(tensors)) * ufl.dx)
+
+    def __call__(self, state):
+        state.rebuild()
+        self._u.x.array[:] = state.u.x.array
+        return fem.assemble_vector(self._form).array.reshape(-1, 9).copy()  # cells of 1 m³
+
+
+def regroup_all(integrator, rigid):
+    """All cells become one body, or flexible."""
+    graph = CellGraph(integrator.scene)
+    cells = np.full(graph.owned, rigid)
+    before = integrator.state.body_numbers().astype(np.int64)
+    before[before == 0] = NONE
+    regions = find_regions(graph, cells, np.full(graph.owned, NONE), ~cells)
+    sizes = {body.number: body.size for body in integrator.state.bodies}
+    parts, _ = assign_bodies(regions, before, sizes, {}, 1, graph.comm)
+    return integrator.regroup(parts, frozenset(), "freeze" if rigid else "release", "test")
+
+
+def assert_balanced(event, scale):
+    """No energy and no momentum has gone.
+
+    Args:
+        event: The event.
+        scale: Measures, or a report, that tell what is large.
+    """
+    found = {
+        "energy_lost": abs(event.energy_lost) / scale.energy,
+        "linear": event.linear_momentum_error / scale.momentum_scale,
+        "angular": event.angular_momentum_error / (8 * scale.momentum_scale),  # lever ≤ 8 m
+    }
+    show(**found)
+    assert max(found.values()) <= ROUNDING
+
+
+@pytest.mark.parametrize("turns", [0.25, 10.0])
+def test_freeze_turn_release(turns):
+    """Stresses and strain energy come back, and none where there was none; motions, too."""
+    scene = bar()
+    stress = Stress(scene)
+    with Integrator(scene, DT) as integrator:
+        state, n = integrator.state, 3 * scene.owned_nodes
+        # The right half is stretched and vibrates at random, the left half is free of strain.
+        stretch = np.where(state.X[:, 0] > 4, 0.01 * (state.X[:, 0] - 4) ** 2, 0.0)
+        state.u.x.array[:n].reshape(-1, 3)[:, 0] = stretch[: n // 3]
+        spin = np.cross((0.0, 0.0, 0.8), state.positions(np.arange(n // 3)) - (4.0, 0.5, 0.5))
+        vibration = np.random.default_rng(1).normal(scale=0.1, size=n)
+        state.v.x.array[:n] = spin.reshape(-1) + vibration
+        before, S, v = integrator.measure(), stress(state), state.v.x.array[:n].reshape(-1, 3)
+        v = v.copy()
+        assert_balanced(regroup_all(integrator, True), before)
+        frozen = integrator.measure()
+        assert integrator.unknowns == 6
+        assert frozen.strain == 0.0
+        assert frozen.stored >= before.strain
+        angle = 2 * np.pi * turns
+        steps = round(angle / 0.3)
+        (body,), (motion,) = state.bodies, state.motions
+        difference = v[body.nodes] - motion.velocities(body.offsets)
+        dt = 2 * np.tan(angle / steps / 2) / np.linalg.norm(motion.angular_velocity)
+        turned = 0.0
+        for _ in range(steps):
+            last = state.motions[0].R
+            integrator.step(state.t + dt)
+            moved = state.motions[0].R @ last.T
+            turned += np.arccos(np.clip((np.trace(moved) - 1) / 2, -1, 1))
+        (motion,) = state.motions
+        assert turned == pytest.approx(angle, rel=1e-3)
+        assert_balanced(regroup_all(integrator, False), before)
+        after, S_after = integrator.measure(), stress(state)
+        v_after = state.v.x.array[:n].reshape(-1, 3)
+        difference_after = v_after[body.nodes] - motion.velocities(body.offsets)
+    # Positions of some 8 m have rounding errors; strains are differences over 1 m.
+    noise = 8 * E * EPS
+    calm = np.abs(S).max(axis=1) <= noise
+    found = {
+        "stress": np.abs(S_after - S).max() / noise,
+        "where there was none": np.abs(S_after[calm]).max() / noise,
+        "strain energy": abs(after.strain / before.strain - 1),
+        "energy": abs(after.energy / before.energy - 1),
+        "angular momentum": np.linalg.norm(after.angular_momentum - before.angular_momentum)
+        / np.linalg.norm(before.angular_momentum),
+        "linear momentum": np.linalg.norm(after.linear_momentum - before.linear_momentum)
+        / before.momentum_scale,
+        "velocity": np.abs(difference_after @ motion.R - difference).max() / (8 * EPS),
+    }
+    show(turned=turned, peak_stress=np.abs(S).max(), **found)
+    assert calm.sum() == 4
+    assert np.abs(S[~calm]).max(axis=1).min() > 1.0
+    assert found["stress"] <= 20
+    assert found["where there was none"] <= 20
+    assert found["strain energy"] <= 20 * noise / np.abs(S).max()
+    assert found["velocity"] <= 20
+    # Each step of a body conserves to rounding.
+    balance = max(found["energy"], found["angular momentum"], found["linear momentum"])
+    assert balance <= ROUNDING + steps * EPS
+
+
+def test_centrifugal_strain_comes_back():
+    """A run that has come to rest but for its spin: frozen, turned, released as it was."""
+    scene = bar(rf.InitialVelocity(angular=(0, 0, 0.5)), rf.NumericalDamping(0.5))
+    stress = Stress(scene)
+    criterion = rf.StrainRate(1e-5, 3.0, release=rf.Release(at=90.0))
+    S, measured, switches = {}, {}, []
+    for r in rf.simulate(scene, 0.2, 91.0, rigidify=criterion):
+        switches += r.events
+        if r.events:
+            S[r.events[-1].kind] = stress(r.state)
+            measured[r.events[-1].kind] = r
+    freeze, release = switches[0], switches[-1]
+    assert [freeze.unknowns_after, release.unknowns_before] == [6, 6]
+    assert release.t - freeze.t > 2 * np.pi / 0.5
+    (change,) = release.changes
+    back = measured["release"].strain
+    difference = np.abs(S["release"] - S["freeze"]).max()
+    show(freeze=freeze.t, strain_energy=back, stress=np.abs(S["freeze"]).max(),
+         difference=difference / (8 * E * EPS))  # fmt: skip
+    assert np.abs(S["freeze"]).max() > 0.5
+    assert difference <= 20 * 8 * E * EPS
+    assert back <= change.stored_before <= back * (1 + 1e-6)  # hardly any vibration is left
+    assert back == pytest.approx(measured["release"].energy - measured["release"].kinetic)
+    for event in switches:
+        assert_balanced(event, measured["freeze"])
+
+
+@short_windows
+@pytest.mark.slow
+@pytest.mark.parametrize(("mass", "cycles"), [("lumped", 1000), ("consistent", 100)])
+def test_many_cycles(mass, cycles):
+    """Half of a vibrating bar frozen and released again and again: the issue's bounds."""
+    kick = rf.InitialVelocity(function=lambda x: 0.3 * np.sin([7 * x[0], 5 * x[1] + x[0], x[2]]))
+    scene = bar(SPIN, kick, cells=(8, 1, 1), mass=mass)
+    t_end = 2 * DT * cycles
+    criterion = rf.StrainRate(
+        0.0, DT, tolerances={"left": ANY}, release=rf.Release(at=2 * DT * np.arange(1, cycles + 1))
+    )
+    H, L, J, kinds = [], [], [], []
+    for r in rf.simulate(scene, DT, t_end, rigidify=criterion):
+        H.append(r.energy)
+        L.append(r.linear_momentum)
+        J.append(r.angular_momentum)
+        kinds += [event.kind for event in r.events]
+        if r.step % 2:
+            assert r.bodies[0].cells == 3
+            assert r.stored > 0
+    assert kinds == ["freeze", "release"] * cycles
+    found = {
+        "energy": np.abs(np.array(H) / H[0] - 1).max(),
+        "L": np.linalg.norm(np.array(L) - L[0], axis=1).max() / np.linalg.norm(L[0]),
+        "J": np.linalg.norm(np.array(J) - J[0], axis=1).max() / np.linalg.norm(J[0]),
+    }
+    show(**found)
+    assert found["energy"] <= 1e-9
+    assert max(found["L"], found["J"]) <= 1e-11
+
+
+@MASSES
+@pytest.mark.parametrize(("tol", "again"), [(0.0, []), (1e-6, [0.6])])
+def test_rest_freezes_at_once(mass, tol, again):
+    """Without motion there is nothing to divide by; nothing moves through all switches."""
+    scene = bar(rf.NumericalDamping(0.1), mass=mass)
+    reports = run(scene, rf.StrainRate(tol, DT, release=rf.Release(at=0.5)))
+    # Nodes come back to where they were but for rounding, which is more than a tolerance of zero.
+    assert times(reports, "freeze") == [0.1, *again]
+    assert times(reports, "release") == [0.5]
+    assert [r.unknowns for r in reports[:3]] == [3 * 36, 3 * 36, 6]
+    assert all(r.energy == 0.0 for r in reports if r.t < 0.45)
+    for r in reports:
+        assert r.energy <= 8 * E * (8 * EPS) ** 2
+        assert np.abs(r.state.u.x.array).max() <= 8 * EPS
+        assert np.isfinite([b.orientation for b in r.bodies]).all()
+        assert np.linalg.norm(r.linear_momentum) <= 8 * RHO * 8 * EPS / DT
+    for event in events(reports):
+        assert abs(event.energy_lost) <= 8 * E * (8 * EPS) ** 2
+
+
+@MASSES
+def test_run_in_which_nothing_qualifies(mass):
+    """It is the flexible one, bit by bit."""
+    criterion = rf.StrainRate(1e-6, 1.0)
+    alone = rf.simulate(bar(mass=mass), DT, 3.0)
+    watched = rf.simulate(bar(mass=mass), DT, 3.0, rigidify=criterion)
+    for a, b in zip(alone, watched, strict=True):
+        assert not b.events
+        for name in ("u", "v"):
+            one, two = (getattr(r.state, name).x.array for r in (a, b))
+            np.testing.assert_array_equal(one, two)
+        assert (a.energy, a.unknowns, a.iterations) == (b.energy, b.unknowns, b.iterations)
+        np.testing.assert_array_equal(a.angular_momentum, b.angular_momentum)
+    assert b.strain_rate.min() > 1e-6
+
+
+# What causes a release -------------------------------------------------------------------------
+
+MIDDLE = [3.5, 4.5]
+
+
+@short_windows
+def test_release_at_times():
+    """Steps end there, also between two steps of the grid; one time or several."""
+    reports = run(bar(), rf.StrainRate(ANY, 0.2, release=rf.Release(at=[0.35, 0.7])))
+    assert times(reports, "release") == [0.35, 0.7]
+    assert times(reports, "freeze") == [0.2, 0.6, 0.9]
+    assert {event.reason for event in events(reports) if event.kind == "release"} == {"planned"}
+    reports = run(bar(), rf.StrainRate(ANY, 0.2, release=rf.Release(at=0.5), until=0.45))
+    assert times(reports, "release") == [0.5]
+    assert times(reports, "freeze") == [0.2]
+    assert reports[-1].bodies == ()
+
+
+@short_windows
+@MASSES
+@pytest.mark.parametrize(
+    ("where", "left"),
+    [
+        ("tip", {"part 1": [0.5, 1.5, 2.5, 3.5, 4.5, 5.5]}),
+        ("middle", {"part 1": [0.5, 1.5, 2.5], "part 2": [5.5, 6.5, 7.5]}),
+    ],
+)
+def test_release_of_a_set(where, left, mass):
+    """What is left of the body stays rigid, as one body or as two, and nothing is lost."""
+    scene = bar(mass=mass)
+    release = rf.Release(at=0.5, where=where)
+    found, cells = {}, Cells(scene)
+    for r in rf.simulate(scene, DT, 0.8, rigidify=rf.StrainRate(ANY, 0.2, release=release)):
+        found[round(r.t, 9)] = cells.of(r.state)
+        for event in r.events:
+            assert_balanced(event, r)
+        if r.t == 0.5:
+            (event,) = r.events
+            changes = {c.name: (c.cells_before, c.cells_after) for c in event.changes}
+            assert changes["part 1"] == (8, len(left["part 1"]))
+            assert 0 < event.energy_released < r.energy
+            assert r.stored == pytest.approx(sum(c.stored_after for c in event.changes))
+    every = [k + 0.5 for k in range(8)]
+    assert found[0.4] == {"part 1": every}
+    assert found[0.5] == found[0.6] == left
+    assert found[0.7] == {"part 1": every}  # a window later it is as before
+
+
+@short_windows
+def test_release_of_one_body_by_a_condition():
+    """The condition sees the report; the other body moves on as it was."""
+    asked = []
+
+    def condition(report):
+        asked.append(report.t)
+        return ["part 2"] if report.t > 0.45 and len(report.bodies) == 2 else False
+
+    criterion = rf.StrainRate(
+        ANY, 0.2, never="middle", release=rf.Release(when=condition), until=0.55
+    )
+    scene = bar()
+    cells, names, first = Cells(scene), {}, {}
+    for r in rf.simulate(scene, DT, 0.8, rigidify=criterion):
+        names[round(r.t, 9)] = cells.of(r.state)
+        first[round(r.t, 9)] = r.state.bodies[:1]
+        if r.t == 0.5:
+            assert [(e.kind, e.reason) for e in r.events] == [("release", "condition")]
+    left, right = [0.5, 1.5, 2.5], [5.5, 6.5, 7.5]
+    assert asked == pytest.approx(np.arange(0.1, 0.85, 0.1))
+    assert names[0.4] == {"part 1": left, "part 2": right}
+    assert names[0.5] == names[0.8] == {"part 1": left}
+    assert first[0.2] == first[0.8] != ()
+
+
+@short_windows
+def test_release_of_all_by_a_condition():
+    criterion = rf.StrainRate(ANY, 0.2, release=rf.Release(when=lambda r: r.t > 0.35), until=0.5)
+    reports = run(bar(), criterion)
+    assert times(reports, "release") == [0.4]
+    assert times(reports, "freeze") == [0.2]
+
+
+@short_windows
+@pytest.mark.parametrize(
+    "effect",
+    [
+        rf.Traction("x1", (1.0, 0, 0), until=0.55),
+        rf.Gravity((0, 0, -0.1), since=0.55),
+        rf.NodalForce("x0", (0, 0.1, 0), time=rf.Table((0, 0.55, 9), (1, 1, 1.001))),
+        rf.Fixed("x0", since=0.55),
+        rf.PrescribedMotion(
+            "x0", displacement=lambda t: (0, 0, 0), velocity=lambda t: (0, 0, 0), until=0.55
+        ),
+    ],
+    ids=lambda effect: type(effect).__name__,
+)
+def test_declared_change_releases_everything(effect):
+    """A jump, a kink, a support: at the end of the step that ends there, and a window anew."""
+    still = () if isinstance(effect, rf.PrescribedMotion) else (SPIN,)
+    reports = run(bar(effect, *still), rf.StrainRate(ANY, 0.3), t_end=0.9)
+    assert times(reports, "release") == [0.55]
+    assert times(reports, "freeze") == [0.3, 0.9]  # the first step's end after 0.85
+    (release,) = (event for event in events(reports) if event.kind == "release")
+    assert release.reason == "a load or a support changes"
+
+
+def first_differences(factor, t_end, dt, window, fraction):
+    """Times of freezes and releases by a load that changes smoothly, from the rules alone."""
+    freezes, releases, frozen_at, begin, largest = [], [], None, 0.0, abs(factor(0.0))
+    for k in range(round(t_end / dt)):
+        t = k * dt
+        moved = 0.0 if frozen_at is None else abs(factor(t + dt / 2) - factor(frozen_at))
+        if np.isfinite(fraction) and moved > fraction * largest:
+            releases.append(t)
+            frozen_at, begin = None, t
+        largest = max(largest, abs(factor(t + dt)))
+        if t + dt >= begin + window - 1e-9:
+            if frozen_at is None:
+                freezes.append(t + dt)
+                frozen_at = t + dt
+            begin = t + dt
+    return freezes, releases
+
+
+@short_windows
+@pytest.mark.parametrize(
+    "factor",
+    [lambda t: 1 + 0.97 * t, lambda t: np.sin(2 * t), lambda t: np.exp(-2 * t)],
+    ids=["growing", "swinging", "fading"],
+)
+@pytest.mark.parametrize("fraction", [0.1, 0.25, np.inf])
+def test_smooth_load_releases_when_it_has_changed_enough(factor, fraction):
+    """Seen before the step, so that this is computed with the flexible cells already."""
+    scene = bar(SPIN, rf.Gravity((0, 0, -0.1), time=factor))
+    reports = run(scene, rf.StrainRate(ANY, 0.2, load_change=fraction), t_end=2.0)
+    freezes, releases = first_differences(factor, 2.0, DT, 0.2, fraction)
+    print(releases)
+    assert times(reports, "freeze") == freezes
+    assert times(reports, "release") == releases
+    assert (len(releases) == 0) == np.isinf(fraction)
+    for r in reports:
+        for event in r.events:
+            if event.kind == "release":
+                assert event.t == pytest.approx(r.t - r.dt)
+                assert event.reason == "Gravity on 'all cells' changes"
+                assert r.unknowns == 3 * 36
+                assert r.bodies == () or event is not r.events[-1]
+
+
+@short_windows
+def test_damping_and_time_steps_release_nothing():
+    """Nor do windows in which cells qualify that are rigid already."""
+    scene = bar(SPIN, rf.NumericalDamping(0.2, since=0.35, until=0.75))
+    reports = run(scene, rf.StrainRate(ANY, 0.2))
+    assert sorted({round(r.dt, 9) for r in reports}) == [0.0, 0.05, 0.1]
+    assert [(event.kind, event.t) for event in events(reports)] == [("freeze", 0.2)]
+
+
+# Which cells -----------------------------------------------------------------------------------
+
+LEFT, RIGHT = [0.5, 1.5, 2.5], [5.5, 6.5, 7.5]
+
+
+@short_windows
+@pytest.mark.parametrize(
+    "criterion",
+    [
+        rf.StrainRate(ANY, 0.2, never="middle"),
+        rf.StrainRate(ANY, 0.2, never=["middle"]),
+        rf.StrainRate(ANY, 0.2, tolerances={"middle": 0.0}),
+        rf.StrainRate(0.0, 0.2, tolerances={"left": ANY, "right": ANY}),
+    ],
+)
+def test_cells_named_by_the_criterion(criterion):
+    """Never rigid, or with a tolerance of their own."""
+    bodies, flexible = last_cells(bar(), criterion)
+    assert bodies == {"part 1": LEFT, "part 2": RIGHT}
+    assert flexible == MIDDLE
+
+
+@short_windows
+def test_least_tolerance_counts_where_sets_overlap():
+    for order in (("left", "over"), ("over", "left")):
+        tolerances = {name: ANY if name == "left" else 0.0 for name in order}
+        bodies, flexible = last_cells(bar(), rf.StrainRate(0.0, 0.2, tolerances=tolerances))
+        assert bodies == {"part 1": LEFT[:2]}
+        assert flexible == [2.5, *MIDDLE, *RIGHT]
+
+
+@short_windows
+def test_least_size_of_a_body():
+    for least, wanted in ((2, {"part 1": [6.5, 7.5]}), (3, {})):
+        criterion = rf.StrainRate(0.0, 0.2, tolerances={"tip": ANY}, min_cells=least)
+        assert last_cells(bar(), criterion)[0] == wanted
+
+
+@short_windows
+@MASSES
+def test_cells_that_are_rigid_always(mass):
+    """They grow together with what is found, and stay rigid when the rest is released."""
+    every = [*LEFT, *MIDDLE, *RIGHT]
+    scene = bar(SPIN, rf.Rigid("left"), rf.Rigid("right"), mass=mass)
+    found, cells = {}, Cells(scene)
+    criterion = rf.StrainRate(ANY, 0.2, release=rf.Release(at=[0.5]), until=0.6)
+    for r in rf.simulate(scene, DT, 0.8, rigidify=criterion):
+        found[round(r.t, 9)] = cells.of(r.state)
+        for event in r.events:
+            assert_balanced(event, r)
+    assert found[0.1] == {"left": LEFT, "right": RIGHT}
+    assert found[0.2] == found[0.4] == {"left": every}
+    assert found[0.5] == found[0.8] == {"left": LEFT, "right": RIGHT}
+
+
+@short_windows
+@pytest.mark.parametrize(
+    "effects",
+    [
+        (rf.Rigid("left", mass=5.0),),
+        (rf.Rigid("left", inertia=[[5, 0, 0], [0, 6, 0], [0, 0, 7]]),),
+        (rf.Rigid("left"), rf.Resultant("left", torque=(0, 0, 0.1))),
+    ],
+    ids=["mass", "inertia", "resultant"],
+)
+def test_body_with_data_of_its_own(effects):
+    """It neither grows nor merges nor goes, and no other body shares its nodes."""
+    scene = bar(SPIN, *effects)
+    found, cells = {}, Cells(scene)
+    criterion = rf.StrainRate(ANY, 0.2, release=rf.Release(at=0.5), until=0.6)
+    for r in rf.simulate(scene, DT, 0.8, rigidify=criterion):
+        found[round(r.t, 9)] = cells.of(r.state)
+    assert found[0.1] == found[0.5] == found[0.8] == {"left": LEFT}
+    assert found[0.2] == found[0.4] == {"left": LEFT, "part 2": [4.5, *RIGHT]}
+
+
+@short_windows
+@pytest.mark.parametrize("components", ["xyz", "y"])
+def test_cells_at_supports_stay_flexible(components):
+    """Those that touch a node of which any component is held, while it is held."""
+    fall = rf.Gravity((0, 0, -1.0))
+    support = rf.Fixed("x0", components, until=0.5)
+    scene = bar(fall, support, cells=(8, 2, 2))
+    found, cells = {}, Cells(scene)
+    for r in rf.simulate(scene, DT, 0.8, rigidify=rf.StrainRate(ANY, 0.2)):
+        found[round(r.t, 9)] = cells.flexible(r.state)
+    assert found[0.2] == found[0.4] == [0.5] * 4
+    assert len(found[0.5]) == len(found[0.6]) == 32
+    assert found[0.7] == []
+
+
+@short_windows
+@pytest.mark.parametrize("measure", ["rms", "printed"])
+def test_measures_of_the_strain_rate(measure):
+    """Of a homogeneous stretch: |Ė|, or |Ė|/V^½ as printed, whatever the mesh."""
+    rate, size = 1e-3, 0.5
+    scene = rf.Scene(
+        rf.box((0, 0, 0), (2, 1, 1), (4, 2, 2)),
+        MATERIAL,
+        [rf.InitialVelocity(function=lambda x: np.stack([rate * x[0], 0 * x[0], 0 * x[0]]))],
+    )
+    dt = 1e-4  # the stress that the stretch brings about acts a step later
+    reports = rf.simulate(scene, dt, dt, rigidify=rf.StrainRate(1.0, 1.0, measure=measure))
+    *_, last = reports
+    wanted = rate if measure == "rms" else rate / size**1.5
+    # E = ε + ε²/2 with ε = rate dt, and the change of the velocity (c dt/h)² in relative terms
+    assert last.strain_rate == pytest.approx(wanted, rel=(np.sqrt(E / RHO) * dt / size) ** 2 * 4)
+
+
+# Windows and warnings --------------------------------------------------------------------------
+
+
+def swinging(*effects):
+    """A bar without lateral strain that vibrates along its axis, in its lowest mode."""
+    velocity = rf.InitialVelocity(
+        function=lambda x: np.stack([0.1 * np.cos(np.pi * x[0] / 8), 0 * x[0], 0 * x[0]])
+    )
+    return bar(velocity, *effects, material=rf.StVenantKirchhoff(rho=RHO, E=E, nu=0.0))
+
+
+# Of eight linear elements with lumped mass: ω = 2 c/h sin(π h/2 L).
+PERIOD = np.pi / (np.sqrt(E / RHO) * np.sin(np.pi / 16))
+
+
+def test_window_that_is_shorter_than_the_period():
+    t_end = 20 * PERIOD
+    with pytest.warns(rf.RigidfxWarning, match="shorter than the longest period") as caught:
+        run(swinging(), rf.StrainRate(0.0, 0.6 * PERIOD), t_end=t_end, dt=PERIOD / 20)
+    assert len(caught) == 1  # once
+    (seen,) = re.findall(r"period seen, (\S+) s", str(caught[0].message))
+    # at the first window's end at which CYCLES cycles have been seen
+    assert float(seen) == pytest.approx(PERIOD, rel=1 / (4 * CYCLES))
+    run(swinging(), rf.StrainRate(0.0, 1.2 * PERIOD), t_end=t_end, dt=PERIOD / 20)  # no warning
+
+
+def test_window_auto():
+    """It waits until it has seen some periods of the motion, and of the loads."""
+    dt = PERIOD / 20
+    (freeze,) = events(run(swinging(), rf.StrainRate(ANY, "auto"), 6 * PERIOD, dt))
+    assert CYCLES * PERIOD * 0.95 <= freeze.t <= (CYCLES + 1) * PERIOD
+    slow = 2.5 * PERIOD
+    load = rf.Gravity((0, 0, -0.1), time=lambda t: np.sin(2 * np.pi * t / slow))
+    criterion = rf.StrainRate(ANY, "auto", load_change=np.inf)
+    (freeze,) = events(run(swinging(load), criterion, 6 * slow, dt))
+    assert CYCLES * slow * 0.95 <= freeze.t <= (CYCLES + 1) * slow
+
+
+def test_window_auto_at_rest():
+    """Nothing oscillates: as soon as that can be told."""
+    (freeze,) = events(run(bar(rf.NumericalDamping(0.1)), rf.StrainRate(0.0, "auto"), t_end=2.0))
+    assert freeze.t <= 1.0
+
+
+def test_tolerance_below_the_noise():
+    with pytest.warns(rf.RigidfxWarning, match="below what the end of Newton's") as caught:
+        run(bar(), rf.StrainRate(1e-16, 0.5), t_end=0.5)
+    assert len(caught) == 1
+    run(bar(), rf.StrainRate(1e-8, 0.5), t_end=0.5)  # no warning
+
+
+# Bad input -------------------------------------------------------------------------------------
+
+
+def _switch(criterion, *effects, **options):
+    """Two switches if all is well."""
+    return run(bar(*effects, cells=(8, 2, 2), **options), criterion, t_end=0.3)
+
+
+def _refused_condition(function):
+    return lambda: _switch(rf.StrainRate(ANY, 0.1, release=rf.Release(when=function)))
+
+
+def _on_the_last_rank(report):
+    if COMM.rank == COMM.size - 1:
+        raise KeyError("lost")
+    return False
+
+
+def _without_ghosts():
+    mesh = dmesh.create_box(
+        COMM, [(0, 0, 0), (8, 2, 2)], (8, 2, 2), dmesh.CellType.hexahedron,
+        ghost_mode=dmesh.GhostMode.none,
+    )  # fmt: skip
+    return run(rf.Scene(Domain(mesh), MATERIAL, [SPIN]), rf.StrainRate(1.0, 0.1), t_end=0.1)
+
+
+def _criterion(*arguments, **options):
+    return lambda: rf.StrainRate(*(arguments or (1.0, 1.0)), **options)
+
+
+# name: (what is done, part of the message)
+REFUSED = {
+    "negative tol": (_criterion(-1.0, 1.0), "tol must be ≥ 0, got -1.0"),
+    "tol that is no number": (_criterion("a", 1.0), "StrainRate: tol must be a finite number"),
+    "tol that is not finite": (_criterion(np.inf, 1.0), "tol must be a finite number"),
+    "no window": (_criterion(1.0, 0.0), "window must be > 0, got 0.0"),
+    "word for a window": (_criterion(1.0, "long"), "or 'auto', got 'long'"),
+    "nothing for a window": (_criterion(1.0, None), "window must be a finite number, got None"),
+    "measure": (_criterion(measure="max"), "'rms' or 'printed', got 'max'"),
+    "list of tolerances": (_criterion(tolerances=["left"]), "tolerances must be a dict"),
+    "negative tolerance": (_criterion(tolerances={"left": -1}), "the tolerance of 'left' must"),
+    "tolerance no number": (_criterion(tolerances={"left": None}), "the tolerance of 'left' must"),
+    "number for a name": (_criterion(never=5), "never must"),
+    "no cells": (_criterion(min_cells=0), "min_cells must be a whole number ≥ 1, got 0"),
+    "half a cell": (_criterion(min_cells=1.5), "min_cells must be a whole number ≥ 1, got 1.5"),
+    "release that is none": (_criterion(release=3.0), "must be Release records, got 3.0"),
+    "times for releases": (_criterion(release=[3.0]), "must be Release records, got [3.0]"),
+    "load change": (_criterion(load_change=0.0), "load_change must be > 0, got 0.0"),
+    "empty time": (_criterion(since=2.0, until=1.0), "since < until, got 2.0 … 1.0"),
+    "release of no cause": (lambda: rf.Release(), "name a time (at) or a condition (when)"),
+    "release at no number": (lambda: rf.Release(at=[1.0, None]), "Release: at must be a finite"),
+    "release on a number": (lambda: rf.Release(when=3.0), "must be a function of a report"),
+    "unknown cells that never are": (
+        lambda: _switch(rf.StrainRate(1.0, 0.1, never=["core"])),
+        "StrainRate (never): there are no cells named 'core'",
+    ),
+    "unknown cells with a tolerance": (
+        lambda: _switch(rf.StrainRate(1.0, 0.1, tolerances={"core": 1.0})),
+        "StrainRate (tolerances): there are no cells named 'core'",
+    ),
+    "unknown cells to release": (
+        lambda: _switch(rf.StrainRate(1.0, 0.1, release=rf.Release(at=1, where="core"))),
+        "Release: there are no cells named 'core'",
+    ),
+    "facets for cells": (
+        lambda: _switch(rf.StrainRate(1.0, 0.1, never=["x0"])),
+        "StrainRate (never): there are no cells named 'x0'",
+    ),
+    "condition that fails on one rank": (
+        _refused_condition(_on_the_last_rank),
+        "Release: its condition failed with KeyError",
+    ),
+    "condition that answers a number": (
+        _refused_condition(lambda r: 3),
+        "must give True, False or names of bodies, got 3",
+    ),
+    "condition that names no body": (
+        _refused_condition(lambda r: "core" if r.bodies else False),
+        "Release: its condition names the body 'core'; there are ['part 1']",
+    ),
+    "criterion that is none": (lambda: _switch(1e-3), "rigidify must be a StrainRate, got 0.001"),
+    "scheme that does not couple": (
+        lambda: _switch(rf.StrainRate(1.0, 0.1), scheme=rf.Trapezoidal()),
+        "Trapezoidal does not couple to rigid bodies",
+    ),
+}
+NO_GHOSTS = "distributed without ghost cells"
+
+
+@short_windows
+@pytest.mark.parametrize("name", REFUSED)
+def test_is_refused(name):
+    action, message = REFUSED[name]
+    with pytest.raises(SceneError) as caught:
+        action()
+    assert message in str(caught.value)
+
+
+# Several ranks ---------------------------------------------------------------------------------
+
+
+def _story():
+    """Kicked and damped: freezes, grows, merges; a set is released, and all by a load."""
+    scene = rf.Scene(
+        domain((12, 2, 2)).with_cells("far", between(9, 12)),
+        rf.StVenantKirchhoff(rho=1.0, E=1e3, nu=0.3),
+        [
+            rf.Traction("x1", (0.0, 6.0, 4.0), until=1.0),
+            rf.Traction("x0", (3.0, -2.0, 4.0), until=1.0),
+            rf.NumericalDamping(0.5),
+            rf.Gravity((0, 0, -1.0), since=20.0),
+        ],
+        probes={"on the body": (1.2, 0.3, 0.6), "at the end": (11.6, 0.6, 0.3)},
+    )
+    release = rf.Release(at=16.0, where="far")
+    return scene, rf.StrainRate(8e-3, 1.0, release=release), 0.1, 22.0
+
+
+def _nothing():
+    """No cell qualifies."""
+    scene = bar(SPIN, cells=(8, 2, 2), probes={"at the end": (7.6, 0.6, 0.3)})
+    return scene, rf.StrainRate(1e-6, 1.0), 0.1, 3.0
+
+
+def _one_end():
+    """The only body lies on one rank; a smooth load releases it, and a condition."""
+    scene = bar(
+        SPIN,
+        rf.Gravity((0, 0, -1.0), time=lambda t: 1 + 0.3 * t),
+        cells=(8, 2, 2),
+        probes={"at the end": (7.6, 0.6, 0.3)},
+    )
+    release = rf.Release(when=lambda r: "part 2" if r.bodies and 1.15 < r.t < 1.25 else False)
+    return scene, rf.StrainRate(0.0, 0.2, tolerances={"left": ANY}, release=release), 0.1, 2.0
+
+
+STORIES = {"story": _story, "one end": _one_end, "nothing": _nothing}
+
+
+def _history(scene, criterion, dt, t_end):
+    """Steps, switches and bodies by the numbers of their cells in the mesh file."""
+    topology, rows = scene.mesh.topology, []
+    for r in rf.simulate(scene, dt, t_end, rigidify=criterion):
+        r.state.rebuild()
+        cells = [topology.original_cell_index[b.cells] for b in r.state.bodies]
+        every = zip(*scene.comm.allgather(cells), strict=True)
+        n = 3 * scene.owned_nodes
+        rows.append(
+            {
+                "t": r.t,
+                "unknowns": r.unknowns,
+                "bodies": [[b.name, b.number] for b in r.bodies],
+                "cells": [np.sort(np.concatenate(parts)).tolist() for parts in every],
+                "events": [
+                    [e.t, e.kind, e.reason, e.unknowns_before, e.unknowns_after]
+                    + [[c.name, c.number, c.cells_before, c.cells_after] for c in e.changes]
+                    for e in r.events
+                ],
+                "energy": [r.kinetic, r.strain, r.stored],
+                "momentum": [*r.linear_momentum, *r.angular_momentum],
+                "displacement": [float(x) for p in r.probes.values() for x in p],
+                "norms": [
+                    float(np.sqrt(scene.sum(f.x.array[:n] @ f.x.array[:n])))
+                    for f in (r.state.u, r.state.v)
+                ],
+                "released": [e.energy_frozen + e.energy_released for e in r.events],
+                "closeness": r.closeness,
+                "balance": [
+                    max(
+                        abs(e.energy_lost) / r.energy,
+                        e.linear_momentum_error / r.momentum_scale,
+                        e.angular_momentum_error / (12 * r.momentum_scale),
+                    )
+                    for e in r.events
+                ],
+            }
+        )
+    return rows
+
+
+@pytest.fixture(scope="module")
+def on_ranks():
+    """What this file as a script reports, by the number of ranks."""
+    return {n: parallel.run(__file__, n, timeout=300) for n in (1, 2, 3)}
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("ranks", [2, 3])
+@pytest.mark.parametrize("name", STORIES)
+def test_history_is_that_on_one_rank(on_ranks, name, ranks):
+    """Switches and bodies are the same, numbers to 1e-9 of their largest: the issue's bound."""
+    one, several = on_ranks[1][name], on_ranks[ranks][name]
+    for key in ("t", "unknowns", "bodies", "cells", "events"):
+        assert [row[key] for row in several] == [row[key] for row in one], key
+    for key in ("energy", "momentum", "displacement", "norms", "released"):
+        a, b = (np.concatenate([row[key] for row in rows]) for rows in (one, several))
+        scale = np.abs(a).max(initial=0.0)
+        worst = np.abs(a - b).max(initial=0.0)
+        print(f"{key}: {worst / scale if scale else 0.0:.2g}")
+        assert worst <= 1e-9 * scale, key
+
+
+@pytest.mark.parallel
+def test_story_has_all_kinds_of_switches(on_ranks):
+    """New bodies, growth, a merger, loss of some cells, release of all; no decision is a tie."""
+    rows = on_ranks[1]["story"]
+    kinds, lost = set(), 0.0
+    for row in rows:
+        lost = max([lost, *row["balance"]])
+        for _, kind, _, _, _, *changes in row["events"]:
+            shape = [(before > 0, after > 0, after > before) for _, _, before, after in changes]
+            if kind == "release":
+                kinds |= {"less" if after else "gone" for _, after, _ in shape}
+            else:
+                kinds |= {"more" if before else "new" for before, after, _ in shape if after}
+                kinds |= {"merged" for _, after, _ in shape if not after}
+    closeness = np.nanmin([row["closeness"] for row in rows])
+    show(closeness=closeness, balance=lost)
+    assert kinds == {"less", "gone", "more", "new", "merged"}
+    assert lost <= ROUNDING
+    assert closeness > 1e-4  # far more than histories differ
+    assert min(row["unknowns"] for row in rows) == 6
+    assert not any(row["events"] for row in on_ranks[1]["nothing"])
+    reasons = [event[2] for row in on_ranks[1]["one end"] for event in row["events"]]
+    assert {"condition", "Gravity on 'all cells' changes"} < set(reasons)
+
+
+@pytest.mark.parallel
+def test_is_refused_on_two_ranks(on_ranks):
+    """The same message on both, and no rank waits for the other."""
+    first, second = on_ranks[2]["refused"]
+    assert first == second
+    for name, (_, message) in REFUSED.items():
+        assert first[name][0] == "SceneError", (name, first[name])
+        assert message in first[name][1]
+    assert NO_GHOSTS in first["without ghosts"][1]
+
+
+@pytest.mark.parallel
+def test_warnings_are_shown_on_rank_0(on_ranks):
+    zero, *others = on_ranks[3]["warned"]
+    assert len(zero) == 1
+    assert "below what the end of Newton's" in zero[0]
+    assert others == [[], []]
+
+
+def _refusals():
+    """Kind and text of each refusal on this rank."""
+    found = {}
+    for name, (action, _) in {**REFUSED, "without ghosts": (_without_ghosts, "")}.items():
+        try:
+            action()
+            found[name] = ["accepted", ""]
+        except Exception as error:
+            found[name] = [type(error).__name__, str(error)]
+        COMM.barrier()  # a rank that is still in the case would hang here
+    return found
+
+
+def _script():
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", rf.RigidfxWarning)  # of short windows
+        results = {name: _history(*make()) for name, make in STORIES.items()}
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", rf.RigidfxWarning)
+        run(bar(), rf.StrainRate(1e-16, 0.5), t_end=0.5)
+        mine = [str(w.message) for w in caught if w.category is rf.RigidfxWarning]
+    results["warned"] = COMM.gather(mine)
+    if COMM.size == 2:
+        results["refused"] = COMM.gather(_refusals())
+    if COMM.rank == 0:
+        parallel.report(results)
+
+
+if __name__ == "__main__":
+    _script()
