@@ -5,6 +5,7 @@
                            be such events
     folder/fields.pvd      fields for ParaView, at the output interval
     folder/fields/         its files, one per time
+    folder/view.py         a script for ParaView that shows them; see `view`
 
 The fields are displacement and velocity on the nodes, and on the cells the number of the material,
 and, where there are rigid bodies or may be, the number of the body (0 outside bodies), a flag
@@ -47,6 +48,7 @@ from rigidfx.errors import OutputError, SceneError, StepError, agree, number
 from rigidfx.paraview import Body, Series
 from rigidfx.scene import Scene
 from rigidfx.simulation import Report
+from rigidfx.view import write as write_view
 
 __all__ = ["Recorder", "read_history"]
 
@@ -122,6 +124,7 @@ class Recorder:
                 self.history.open("w").close()
                 self.events.unlink(missing_ok=True)
                 self._series = Series(self.series, self._body)
+                write_view(self.folder)
         except OSError as error:
             problem = self._problem(error)
         agree(self._comm, problem, OutputError)

@@ -56,6 +56,7 @@ LAYERS = [
     "simulation",
     "multibody",
     "paraview",
+    "view",
     "output",
     "plot",
     "shapes",

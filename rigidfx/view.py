@@ -1,0 +1,184 @@
+"""Shows a run in ParaView: its deformed shape, rigid cells dark and flexible ones light.
+
+A recorder leaves a copy of this file beside fields.pvd; only ParaView's own Python can run it.
+
+    pvbatch view.py                      the last state, as view.png
+    pvbatch view.py --times 0 4.5 9      these times, as view.0000.png, view.0001.png, ...
+    pvbatch view.py --all                every time; a film of it:
+                                         ffmpeg -i view.%04d.png -pix_fmt yuv420p view.mp4
+    pvbatch view.py --help               colours, size, direction of the view, ...
+
+Without a display: xvfb-run -a pvbatch view.py. In ParaView's window: Tools, Python Shell, Run
+Script, or as a macro, or paraview --script=view.py. It can be run while the simulation goes on.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+__all__ = ["MADE_IN", "main", "write"]
+
+MADE_IN = ""  # the folder that a copy was made for; some versions do not tell a script its place
+
+LIGHT, DARK, EDGES = (0.91, 0.89, 0.85), (0.2, 0.28, 0.36), (0.3, 0.3, 0.3)
+ON_CELLS = ("rigid", "body", "strain_rate", "material")
+ON_POINTS = ("displacement", "velocity")
+UNITS = {"strain_rate": " (1/s)", "displacement": " (m)", "velocity": " (m/s)"}
+
+
+def main(folder: Path, arguments: Sequence[str] | None, interactive: bool) -> None:
+    """Show the series in a folder.
+
+    Args:
+        folder: Where fields.pvd is.
+        arguments: Options, see --help; those of the command line if None.
+        interactive: Whether somebody looks on, so that no pictures are saved.
+    """
+    options = _options(arguments)
+    series = folder / "fields.pvd"
+    if not series.exists():
+        raise SystemExit(f"There is no {series}: keep this script beside the fields of its run.")
+    from paraview import simple as pv
+
+    reader = pv.PVDReader(FileName=str(series))
+    pv.RenameSource("fields", reader)
+    reader.UpdatePipeline()
+    times = list(reader.TimestepValues) or [0.0]
+    view = pv.GetActiveViewOrCreate("RenderView")
+    body = _draw(pv, view, reader, options)
+    scene = pv.GetAnimationScene()
+    scene.UpdateAnimationUsingDataTimeSteps()
+    if options.all:
+        wanted = times
+    elif options.times:
+        wanted = [min(times, key=lambda have: abs(have - t)) for t in options.times]
+    else:
+        wanted = times[-1:]
+    size = _diagonal(reader)
+    if not interactive:
+        view.ViewSize = list(options.size)  # letters are scaled with a picture that is larger
+    for k, t in enumerate(wanted):
+        scene.AnimationTime = t
+        view.ViewTime = t
+        body.UpdatePipeline(t)
+        _aim(view, body, size, options)
+        pv.Render(view)
+        if not interactive:
+            number = f".{k:04d}" if len(wanted) > 1 else ""
+            path = (options.out or folder) / f"view{number}.png"
+            pv.SaveScreenshot(str(path), view, ImageResolution=list(options.size))
+
+
+def write(folder: Path) -> None:
+    """Leave a copy in the folder of a run.
+
+    Args:
+        folder: Where fields.pvd is.
+
+    Raises:
+        OSError: If it cannot be written.
+    """
+    text = Path(__file__).read_text(encoding="utf-8")
+    made = text.replace('MADE_IN = ""', f"MADE_IN = {str(folder.resolve())!r}", 1)
+    (folder / "view.py").write_text(made, encoding="utf-8")
+
+
+def _options(arguments: Sequence[str] | None) -> Any:
+    parser = argparse.ArgumentParser(
+        description="Pictures of a run: deformed, rigid cells dark and flexible ones light."
+    )
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument("--all", action="store_true", help="a picture of every time")
+    which.add_argument(
+        "--times", type=float, nargs="+", metavar="T", help="pictures of the nearest times [s]"
+    )
+    parser.add_argument(
+        "--colour",
+        choices=(*ON_CELLS, *ON_POINTS),
+        help="field that colours the cells (rigid, if there may be bodies, or displacement)",
+    )
+    parser.add_argument("--scale", type=float, default=1.0, help="factor of displacements (1)")
+    parser.add_argument(
+        "--view",
+        type=float,
+        nargs=3,
+        default=(1.0, -1.6, 0.8),
+        metavar=("X", "Y", "Z"),
+        help="direction from the body to the camera (1 -1.6 0.8)",
+    )
+    parser.add_argument(
+        "--size", type=int, nargs=2, default=(1280, 800), metavar=("W", "H"), help="pixels"
+    )
+    parser.add_argument("--no-edges", action="store_true", help="leave out edges of cells")
+    parser.add_argument("--out", type=Path, help="folder for the pictures (that of this script)")
+    return parser.parse_args(arguments)
+
+
+def _draw(pv: Any, view: Any, reader: Any, options: Any) -> Any:
+    """The deformed body, its colours, and the time; returns the body."""
+    body = pv.WarpByVector(Input=reader)
+    body.Vectors = ["POINTS", "displacement"]
+    body.ScaleFactor = options.scale
+    pv.RenameSource("deformed", body)
+    pv.Hide(reader, view)
+    shown = pv.Show(body, view)
+    shown.Representation = "Surface" if options.no_edges else "Surface With Edges"
+    shown.EdgeColor = list(EDGES)
+    shown.Ambient, shown.Diffuse, shown.Specular = 0.45, 0.6, 0.0  # near the colours of the legend
+    present = [array.Name for array in reader.CellData]
+    colour = options.colour or ("rigid" if "rigid" in present else "displacement")
+    if colour not in (*present, *ON_POINTS):
+        raise SystemExit(f"This run has no field '{colour}': there are no rigid bodies in it.")
+    pv.ColorBy(shown, ("CELLS" if colour in ON_CELLS else "POINTS", colour))
+    table = pv.GetColorTransferFunction(colour)
+    if colour == "rigid":
+        table.InterpretValuesAsCategories = 1
+        table.Annotations = ["0", "flexible", "1", "rigid"]
+        table.IndexedColors = [*LIGHT, *DARK]
+    else:
+        shown.RescaleTransferFunctionToDataRangeOverTime()
+    shown.SetScalarBarVisibility(view, True)
+    bar = pv.GetScalarBar(table, view)
+    bar.Title = "cells" if colour == "rigid" else colour.replace("_", " ") + UNITS.get(colour, "")
+    bar.ComponentTitle = ""
+    bar.TitleColor = bar.LabelColor = [0.0, 0.0, 0.0]
+    clock = pv.AnnotateTimeFilter(Input=reader)
+    clock.Format = "t = {time:.4g} s"
+    text = pv.Show(clock, view)
+    text.Color = [0.0, 0.0, 0.0]
+    view.UseColorPaletteForBackground = 0
+    view.Background = [1.0, 1.0, 1.0]
+    pv.SetActiveSource(body)
+    return body
+
+
+def _diagonal(source: Any) -> float:
+    """Diagonal of a box round a source [m]."""
+    b = source.GetDataInformation().GetBounds()
+    return float(sum((b[2 * i + 1] - b[2 * i]) ** 2 for i in range(3)) ** 0.5)
+
+
+def _aim(view: Any, body: Any, size: float, options: Any) -> None:
+    """Follow the body, so that it has the same size in all pictures."""
+    b = body.GetDataInformation().GetBounds()
+    middle = [(b[2 * i] + b[2 * i + 1]) / 2 for i in range(3)]
+    length = sum(x * x for x in options.view) ** 0.5
+    upright = abs(options.view[2]) < 0.99 * length
+    view.CameraParallelProjection = 1
+    view.CameraFocalPoint = middle
+    view.CameraPosition = [
+        m + 4 * size * x / length for m, x in zip(middle, options.view, strict=True)
+    ]
+    view.CameraViewUp = [0.0, 0.0, 1.0] if upright else [0.0, 1.0, 0.0]
+    view.CameraParallelScale = 0.52 * size
+
+
+if __name__ == "__main__":
+    # pvbatch and pvpython name the script; ParaView's window does not, nor always its place.
+    batch = bool(sys.argv and sys.argv[0])
+    here = Path(__file__).resolve().parent if "__file__" in globals() else Path(MADE_IN)
+    main(here, None if batch else [], not batch)
