@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import ast
 import csv
+import shutil
 import subprocess
 import sys
+import warnings
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -221,7 +224,116 @@ def test_folder_without_permission(tmp_path):
 def test_package_is_imported_without_graphics():
     code = "import sys, rigidfx, rigidfx.plot, rigidfx.shapes; print(*sys.modules)"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert not {"matplotlib", "pyvista", "vtkmodules", "meshio"} & set(out.stdout.split())
+    known = {"matplotlib", "paraview", "pyvista", "vtkmodules", "meshio"}
+    assert not known & set(out.stdout.split())
+
+
+# Bodies ----------------------------------------------------------------------------------------
+
+
+def record_switches(folder):
+    """A spinning bar whose ends become rigid and are released; the numbers of each step."""
+    domain = rf.box((0, 0, 0), (6, 1, 1), (6, 1, 1))
+    domain = domain.with_cells("middle", lambda x: np.abs(x[0] - 3) < 1 + 1e-9)
+    spin = rf.InitialVelocity(angular=(0.2, 0.1, 0.5))
+    scene = rf.Scene(domain, MATERIAL, [spin])
+    criterion = rf.StrainRate(1e9, 0.2, never="middle", release=rf.Release(at=0.4))
+    body, reports, rates = Body(scene.space), [], []
+    with rf.Recorder(scene, folder) as recorder:
+        for report in rf.simulate(scene, 0.1, 0.5, rigidify=criterion, progress=False):
+            recorder.write(report)
+            reports.append(report)
+            rates.append(body.on_cells(report.strain_rate))
+    return recorder, reports, rates
+
+
+LEFT, MIDDLE, RIGHT = (0.5, 1.5), (2.5, 3.5), (4.5, 5.5)  # middles of cells
+
+
+def cells_along(grid):
+    """Middles of the cells along the undeformed bar."""
+    X = grid_points(grid)
+    return [
+        round(float(np.mean(X[[grid.GetCell(c).GetPointId(k) for k in range(8)], 0])), 9)
+        for c in range(grid.GetNumberOfCells())
+    ]
+
+
+def test_series_shows_bodies_and_strain_rates(tmp_path):
+    """At every time, of the partition and the step that end there."""
+    recorder, reports, rates = record_switches(tmp_path)
+    grids = read_series(recorder.series)
+    assert list(grids) == [r.t for r in reports]
+    for (t, grid), rate in zip(grids.items(), rates, strict=True):
+        x = cells_along(grid)
+        numbers = dict(zip(x, cell_data(grid, "body").tolist(), strict=True))
+        ends = (1, 2) if 0.15 < t < 0.35 else (0, 0)
+        for cells, number in zip((LEFT, MIDDLE, RIGHT), (ends[0], 0, ends[1]), strict=True):
+            assert [numbers[c] for c in cells] == [number, number]
+        np.testing.assert_array_equal(cell_data(grid, "rigid"), cell_data(grid, "body") > 0)
+        np.testing.assert_array_equal(cell_data(grid, "strain_rate"), rate)
+        still = np.isin(x, LEFT + RIGHT) & (0.15 < t < 0.45)  # released at the end of a step
+        np.testing.assert_array_equal(cell_data(grid, "strain_rate") > 0, ~still & (t > 0))
+
+
+def test_events_have_a_row_for_each_body(tmp_path):
+    recorder, reports, _ = record_switches(tmp_path)
+    with recorder.events.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    pairs = [(e, c) for r in reports for e in r.events for c in e.changes]
+    names = [(row["kind"], row["name"]) for row in rows]
+    assert names == [(kind, f"part {n}") for kind in ("freeze", "release") for n in (1, 2)]
+    assert [row["reason"] for row in rows] == [e.reason for e, _ in pairs]
+    for row, (event, change) in zip(rows, pairs, strict=True):
+        for column in ("t", "unknowns_before", "unknowns_after", "energy_frozen",
+                       "energy_released", "energy_lost", "linear_momentum_error",
+                       "angular_momentum_error"):  # fmt: skip
+            assert float(row[column]) == getattr(event, column)
+        for column in ("number", "cells_before", "cells_after", "stored_before", "stored_after"):
+            assert float(row[column]) == getattr(change, column)
+    assert len(rows[0]) == 16
+    h = rf.read_history(recorder.history)
+    np.testing.assert_array_equal(h["bodies"], [len(r.bodies) for r in reports])
+    np.testing.assert_array_equal(h["stored"], [r.stored for r in reports])
+    assert h["bodies"].tolist() == [0, 0, 2, 2, 0, 0]
+
+
+def test_runs_without_bodies_say_nothing_about_them(tmp_path):
+    recorder, *_ = record(tmp_path)
+    assert not recorder.events.exists()
+    for grid in read_series(recorder.series).values():
+        assert grid.GetCellData().GetNumberOfArrays() == 1
+
+
+def test_script_for_paraview_is_beside_the_fields(tmp_path):
+    """Valid for the oldest Python that the package knows, and needs nothing of the package."""
+    recorder, *_ = record(tmp_path / "it's here", every=100)
+    text = (recorder.folder / "view.py").read_text(encoding="utf-8")
+    tree = ast.parse(text, feature_version=(3, 10))
+    imported = {n.module for n in ast.walk(tree) if isinstance(n, ast.ImportFrom)}
+    assert not any("rigidfx" in str(name) for name in imported)
+    (made_in,) = (
+        ast.literal_eval(node.value)
+        for node in tree.body
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "MADE_IN"
+    )
+    assert Path(made_in) == recorder.folder.resolve()
+
+
+@pytest.mark.skipif(shutil.which("pvbatch") is None, reason="there is no pvbatch")
+def test_pvbatch_draws_what_is_rigid(tmp_path):
+    """Dark where cells are rigid, light where they are not; the time asked for."""
+    recorder, *_ = record_switches(tmp_path)
+    script = [str(recorder.folder / "view.py"), "--times", "0", "0.3", "--no-edges"]
+    window = ["xvfb-run", "-a"] if shutil.which("xvfb-run") else []
+    subprocess.run([*window, "pvbatch", *script], check=True, timeout=120)
+    from matplotlib.image import imread
+
+    dark = []
+    for k in range(2):
+        red, blue = imread(recorder.folder / f"view.{k:04d}.png")[..., (0, 2)].transpose(2, 0, 1)
+        dark.append(int(np.count_nonzero(blue > red + 0.05)))
+    assert dark[1] > 4 * dark[0]  # the key shows both colours in any case
 
 
 @pytest.mark.parallel
@@ -247,6 +359,27 @@ def test_files_of_several_ranks_are_those_of_one(tmp_path, cell, order):
 
 
 @pytest.mark.parallel
+def test_bodies_of_several_ranks_are_those_of_one(tmp_path):
+    record_switches(tmp_path / "1")
+    mpirun(__file__, 2, 120, str(tmp_path / "2"), "switches")
+    one, two = (read_series(tmp_path / ranks / "fields.pvd") for ranks in ("1", "2"))
+    assert list(one) == list(two)
+    for a, b in zip(one.values(), two.values(), strict=True):
+        for name in ("body", "rigid"):
+            np.testing.assert_array_equal(cell_data(a, name), cell_data(b, name))
+        rate = cell_data(a, "strain_rate")
+        np.testing.assert_allclose(cell_data(b, "strain_rate"), rate, atol=1e-9 * rate.max())
+    rows = []
+    for ranks in ("1", "2"):
+        with (tmp_path / ranks / "events.csv").open(newline="") as file:
+            rows.append(list(csv.DictReader(file)))
+    for a, b in zip(*rows, strict=True):
+        for column in ("t", "kind", "name", "number", "cells_before", "cells_after"):
+            assert a[column] == b[column]
+        assert float(b["stored_after"]) == pytest.approx(float(a["stored_after"]), rel=1e-9)
+
+
+@pytest.mark.parallel
 def test_all_ranks_learn_that_nothing_can_be_written(tmp_path):
     folder = in_the_way(tmp_path)[1]
     messages = mpirun(__file__, 2, 60, str(folder))
@@ -256,7 +389,12 @@ def test_all_ranks_learn_that_nothing_can_be_written(tmp_path):
 
 if __name__ == "__main__":
     try:
-        record(sys.argv[1], *sys.argv[2:3], *map(int, sys.argv[3:]))
+        if sys.argv[2:] == ["switches"]:
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")
+                record_switches(sys.argv[1])
+        else:
+            record(sys.argv[1], *sys.argv[2:3], *map(int, sys.argv[3:]))
     except rf.OutputError as error:
         messages = MPI.COMM_WORLD.gather(f"OutputError: {error}")
         if messages is not None:
