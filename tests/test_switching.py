@@ -521,6 +521,20 @@ def test_cells_that_are_rigid_always(mass):
 
 
 @short_windows
+def test_set_in_two_pieces_that_is_rigid_always():
+    """It is one body, also when what was found between the pieces is released."""
+    ends = domain().with_cells("ends", lambda x: np.abs(x[0] - 4) >= 2 - 1e-9)
+    scene = rf.Scene(ends, MATERIAL, [SPIN, rf.Rigid("ends")])
+    found, cells = {}, Cells(scene)
+    criterion = rf.StrainRate(ANY, 0.2, release=rf.Release(at=0.5, where="middle"), until=0.6)
+    for r in rf.simulate(scene, DT, 0.8, rigidify=criterion):
+        found[round(r.t, 9)] = cells.of(r.state), [body.number for body in r.bodies]
+    assert found[0.1] == ({"ends": [0.5, 1.5, 6.5, 7.5]}, [1])
+    assert found[0.5] == found[0.8] == ({"ends": [*LEFT, *RIGHT]}, [1])
+    assert found[0.2] == found[0.4] == ({"ends": [*LEFT, *MIDDLE, *RIGHT]}, [1])
+
+
+@short_windows
 @pytest.mark.parametrize(
     "effects",
     [
