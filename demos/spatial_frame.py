@@ -133,7 +133,7 @@ def side_by_side(
     for tol, collected in shapes.items():
         collected.draw(
             options.out / f"evolution_{end:g}s_tol_{tol:g}.png",
-            view=(-0.9, 1.6, 0.5),
+            view=(-0.8, -1.6, 0.35),
             title=f"Rigid and flexible parts, tolerance {tol:g}",
         )
     return out
