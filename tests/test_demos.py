@@ -32,9 +32,25 @@ SUMMARY = {
         "unknowns",
         "comparison",
     },
+    "free_flying_body": {
+        "unknowns_start",
+        "unknowns_end",
+        "first_rigid_time",
+        "all_rigid_time",
+        "release_time",
+        "wall_adaptive_s",
+        "wall_flexible_s",
+        "time_ratio_window",
+        "angular_momentum_drift",
+        "energy_jump_cycle",
+        "energy_deviation",
+        "strain_energy_recovered",
+    },
+    "spatial_frame": {"tolerances", "fits", "multibody"},
 }
 BENCHMARK_SUMMARY = {
     "flexible_step": {"ratio_to_plain_dolfinx", "unknowns"},
+    "observation": {"observed_to_plain", "freeze_in_steps", "release_in_steps", "unknowns"},
     "condensation": {
         "ratio_to_ideal",
         "newton_per_step",
@@ -45,6 +61,16 @@ BENCHMARK_SUMMARY = {
 }
 FILES = {
     "tumbling_l": ["history.csv", "fields.pvd", "histories.png", "shapes.png", "comparison.png"],
+    "free_flying_body": [
+        "history.csv",
+        "events.csv",
+        "fields.pvd",
+        "energies.png",
+        "angular_momentum.png",
+        "evolution.png",
+        "shapes.png",
+    ],
+    "spatial_frame": ["bodies.json", "energy_unknowns.png", "spectrum.png"],
 }
 
 pytestmark = [

@@ -1,0 +1,50 @@
+"""Where steps end."""
+
+from __future__ import annotations
+
+import pytest
+
+import rigidfx as rf
+from rigidfx.timeline import Timeline
+
+
+def ends(timeline):
+    """The ends of all steps."""
+    t, out = 0.0, []
+    while not timeline.over(t):
+        t = timeline.next(t)
+        out.append(t)
+    return out
+
+
+def test_steps_end_on_the_grid_and_at_the_end():
+    assert ends(Timeline(0.25, 1.1)) == [0.25, 0.5, 0.75, 1.0, 1.1]
+
+
+def test_a_breakpoint_divides_a_step_and_the_grid_goes_on():
+    timeline = Timeline(0.25, 1.0)
+    timeline.stop_at([0.3, 0.5 + 1e-12, 7.0])
+    assert ends(timeline) == [0.25, 0.3, 0.5 + 1e-12, 0.75, 1.0]
+
+
+def test_the_step_changes_at_its_times():
+    timeline = Timeline({0.0: 0.2, 0.5: 0.05, 0.6: 0.3}, 1.0)
+    assert ends(timeline) == pytest.approx([0.2, 0.4, 0.5, 0.55, 0.6, 0.9, 1.0], abs=1e-15)
+
+
+def test_a_long_grid_does_not_drift():
+    found = ends(Timeline(0.1, 1000.0))
+    assert len(found) == 10_000
+    assert max(abs(t - 0.1 * (k + 1)) for k, t in enumerate(found)) <= 1e-12
+
+
+@pytest.mark.parametrize("dt", [0.0, -1.0, float("nan"), {}, {0.1: 0.1}, {0.0: 0.0}, "fast", None])
+def test_a_step_that_is_none_is_refused(dt):
+    with pytest.raises(rf.SceneError, match="dt"):
+        Timeline(dt, 1.0)
+
+
+@pytest.mark.parametrize("t_end", [0.0, -1.0, float("inf"), "late"])
+def test_an_end_that_is_none_is_refused(t_end):
+    with pytest.raises(rf.SceneError, match="t_end"):
+        Timeline(0.1, t_end)
