@@ -27,8 +27,9 @@ from rigidfx.materials import Hyperelastic, Material, MooneyRivlin, NeoHooke, St
 from rigidfx.msh import from_gmsh, read_msh
 from rigidfx.multibody import read_bodies, write_bodies
 from rigidfx.output import Recorder, read_history
+from rigidfx.report import Report
 from rigidfx.scene import Scene
-from rigidfx.simulation import Report, simulate
+from rigidfx.simulation import simulate
 
 __all__ = [
     "BodyForce",

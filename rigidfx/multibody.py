@@ -19,8 +19,8 @@ from rigidfx.domain import Domain
 from rigidfx.effects import Rigid
 from rigidfx.errors import OutputError, SceneError, agree, together
 from rigidfx.partition import nodes_of
+from rigidfx.report import Report
 from rigidfx.scene import Scene
-from rigidfx.simulation import Report
 
 __all__ = ["read_bodies", "write_bodies"]
 

@@ -46,8 +46,8 @@ import numpy.typing as npt
 from rigidfx.effects import Rigid
 from rigidfx.errors import OutputError, SceneError, StepError, agree, number
 from rigidfx.paraview import Body, Series
+from rigidfx.report import Report
 from rigidfx.scene import Scene
-from rigidfx.simulation import Report
 from rigidfx.view import write as write_view
 
 __all__ = ["Recorder", "read_history"]

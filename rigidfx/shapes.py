@@ -17,8 +17,8 @@ import numpy.typing as npt
 from rigidfx.errors import SceneError
 from rigidfx.paraview import Body
 from rigidfx.plot import figure_of, on_first_rank, save
+from rigidfx.report import Report
 from rigidfx.scene import Scene
-from rigidfx.simulation import Report
 
 __all__ = ["Shapes"]
 

@@ -24,6 +24,7 @@ from rigidfx.integrator import Integrator, StepResult
 from rigidfx.ledger import Event
 from rigidfx.observation import Record, Window
 from rigidfx.regions import NONE, CellGraph, find_regions
+from rigidfx.report import Report
 from rigidfx.scene import Scene
 
 __all__ = ["Switching"]
@@ -111,7 +112,7 @@ class Switching:
         self._restart()
         return self._release(f"{changed} changes", self._everything())
 
-    def after(self, result: StepResult, report: Any) -> list[Event]:
+    def after(self, result: StepResult, report: Report) -> list[Event]:
         """What is released and frozen after a step. Collective.
 
         Args:
@@ -196,7 +197,7 @@ class Switching:
     def _everything(self) -> Bools:
         return np.ones(self._graph.owned, dtype=bool)
 
-    def _ask(self, release: Release, report: Any) -> list[Event]:
+    def _ask(self, release: Release, report: Report) -> list[Event]:
         """Release what a record says. Collective."""
         state, comm = self._integrator.state, self._scene.comm
         reason, names = "", None
@@ -283,7 +284,7 @@ class Switching:
         return self._graph.touching(self._graph.nodes_with_ghosts(nodes))
 
 
-def _answer(condition: Any, report: Any) -> bool | list[str]:
+def _answer(condition: Any, report: Report) -> bool | list[str]:
     """What a user's condition says: True, False or names of bodies."""
     answer = condition(report)
     if isinstance(answer, (bool, np.bool_)):

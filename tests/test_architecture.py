@@ -52,6 +52,7 @@ LAYERS = [
     "preload",
     "system",
     "integrator",
+    "report",
     "switching",
     "simulation",
     "multibody",
