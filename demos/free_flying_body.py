@@ -4,7 +4,7 @@
 # vibration away, slowly where it is slow: first the free end of the block hardly strains any more,
 # last the root of the cantilever. What hardly strains becomes rigid, until six unknowns are left of
 # 1722; then the body is released, and the strains that its rotation causes are there again. This is
-# the first example of R. Göttlicher and K. Schweizerhof, *Analysis of flexible structures with
+# the first example of B. Göttlicher and K. Schweizerhof, *Analysis of flexible structures with
 # occasionally rigid parts under transient loading*, Computers and Structures 83 (2005) 2035,
 # section 7.1.
 #

@@ -106,11 +106,15 @@ class Switching:
         """What has to be released before a step of length dt [s]. Collective."""
         if all(body.name in self._alone for body in self._integrator.state.bodies):
             return []
-        changed = self._changes.ahead(self._integrator.state.t + dt / 2)
+        middle = self._integrator.state.t + dt / 2
+        changed = self._changes.ahead(middle)
         if not changed:
             return []
-        self._restart()
-        return self._release(f"{changed} changes", self._everything())
+        self._changes.remember(middle)
+        events = self._release(f"{changed} changes", self._everything())
+        if events:
+            self._restart()
+        return events
 
     def after(self, result: StepResult, report: Report) -> list[Event]:
         """What is released and frozen after a step. Collective.
@@ -125,7 +129,6 @@ class Switching:
             assert result.strain_rates is not None
             self._window.add(*result.strain_rates)
             self._record.add(state, self._changes.observe(state.t))
-            self._check_tolerance(result)
         events = []
         if self._changes.declared(state.t):
             self._restart()
@@ -135,6 +138,7 @@ class Switching:
         if events:
             self._begin(state.t)
         elif self._window_ends():
+            self._check_tolerance(result)
             events += self._freeze()
         return events
 

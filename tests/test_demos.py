@@ -46,7 +46,7 @@ SUMMARY = {
         "energy_deviation",
         "strain_energy_recovered",
     },
-    "spatial_frame": {"tolerances", "fits", "multibody"},
+    "spatial_frame": {"tolerances", "multibody"},
 }
 BENCHMARK_SUMMARY = {
     "flexible_step": {"ratio_to_plain_dolfinx", "unknowns"},
