@@ -1,9 +1,9 @@
 """When loads and supports change so that bodies found before may be none any more (3.3).
 
 A change is a declared breakpoint (a jump, a kink, the end of a time window), at which steps end, or
-a load that differs from what it was when the present bodies were frozen by more than a given
-fraction of its largest value so far. Loads are functions of time, so the latter is seen before the
-step in which it happens.
+a load, or the velocity of a support, that differs from what it was when the present bodies were
+frozen by more than a given fraction of its largest value so far. Both are functions of time, so
+that is seen before the step in which it happens.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy.typing as npt
 from rigidfx import effects as fx
 from rigidfx.errors import together
 from rigidfx.scene import Scene
+from rigidfx.timeline import Timeline
 
 __all__ = ["Changes"]
 
@@ -23,16 +24,21 @@ Array = npt.NDArray[np.float64]
 class Changes:
     """Watches loads and supports of a scene."""
 
-    def __init__(self, scene: Scene, fraction: float, resolution: float) -> None:
+    def __init__(self, scene: Scene, fraction: float, timeline: Timeline) -> None:
         """Collect breakpoints and loads.
 
         Args:
             scene: The problem.
             fraction: Change of a load that counts, relative to its largest value so far.
-            resolution: Times closer than this are the same [s].
+            timeline: Where steps end.
         """
-        self._comm, self._fraction, self._resolution = scene.comm, fraction, resolution
-        self._loads = [*scene.named(fx.DeadLoad), *scene.named(fx.Resultant)]
+        self._comm, self._fraction = scene.comm, fraction
+        self._resolution, self._dt = timeline.resolution, timeline.dt
+        self._loads = [
+            *scene.named(fx.DeadLoad),
+            *scene.named(fx.Resultant),
+            *scene.named(fx.PrescribedMotion),
+        ]
         # Damping in a time window changes no load: its ends release nothing.
         effects = [e for e in scene.named(fx.Windowed) if not isinstance(e, fx.NumericalDamping)]
         self._breakpoints = np.unique([t for e in effects for t in e.breakpoints])
@@ -66,10 +72,18 @@ class Changes:
         return np.concatenate([np.empty(0), *values])
 
     def _intensities(self, t: float) -> list[Array]:
-        return together(self._comm, "A load", lambda: [_intensity(load, t) for load in self._loads])
+        dt = self._dt
+        return together(
+            self._comm, "A load", lambda: [_intensity(load, t, dt) for load in self._loads]
+        )
 
 
-def _intensity(load: fx.DeadLoad | fx.Resultant, t: float) -> Array:
+def _intensity(
+    load: fx.DeadLoad | fx.Resultant | fx.PrescribedMotion, t: float, dt: float
+) -> Array:
+    """Force of a load, or velocity of a support, at t [s]."""
+    if isinstance(load, fx.PrescribedMotion):
+        return np.asarray(load.velocity_at(t, dt)) if load.active(t) else np.zeros(3)
     if isinstance(load, fx.Resultant):
         return np.concatenate([load.force_at(t), load.torque_at(t)])
     return np.asarray(load.intensity(t))

@@ -8,6 +8,8 @@ from math import inf
 from types import MappingProxyType
 from typing import Any, Literal
 
+import numpy as np
+
 from rigidfx.errors import SceneError, number
 
 __all__ = ["Release", "StrainRate"]
@@ -37,8 +39,16 @@ class Release:
         Raises:
             SceneError: If there is neither a time nor a condition, or one cannot be used.
         """
-        for t in self.times:
-            number("Release", "at", t)
+        several = isinstance(self.at, Iterable) and not (
+            isinstance(self.at, (str, np.ndarray)) and np.ndim(self.at) == 0
+        )
+        times: Any = tuple(self.at) if several else (self.at,)  # type: ignore[arg-type]
+        for t in times:
+            if not number("Release", "at", t) > 0:
+                raise SceneError(f"Release: at must be later than the start, got {t!r}.")
+        object.__setattr__(self, "at", tuple(float(t) for t in times))
+        if self.where is not None and not isinstance(self.where, str):
+            raise SceneError(f"Release: where must be the name of a set, got {self.where!r}.")
         if self.when is not None and not callable(self.when):
             raise SceneError(f"Release: when must be a function of a report, got {self.when!r}.")
         if not self.times and self.when is None:
@@ -46,8 +56,8 @@ class Release:
 
     @property
     def times(self) -> tuple[float, ...]:
-        """The times, one or several [s]."""
-        return tuple(self.at) if isinstance(self.at, Iterable) else (self.at,)
+        """The times [s]."""
+        return self.at  # type: ignore[return-value]
 
 
 @dataclass(frozen=True)
@@ -74,8 +84,9 @@ class StrainRate:
         never: Names of sets of cells that stay flexible.
         min_cells: Least number of cells of a new body.
         release: Releases at given times or on the user's conditions.
-        load_change: A load that differs from what it was at the last freeze by more than this
-            fraction has changed; infinity lets only jumps, kinks and windows count.
+        load_change: A load, or the velocity of a support, that differs from what it was at the last
+            freeze by more than this fraction of its largest value so far has changed; infinity lets
+            only jumps, kinks and windows count.
         since: Time [s] at which observation begins.
         until: Time [s] from which on no more bodies are formed.
     """
@@ -100,7 +111,7 @@ class StrainRate:
         owner = "StrainRate"
         if not number(owner, "tol", self.tol) >= 0:
             raise SceneError(f"StrainRate: tol must be ≥ 0, got {self.tol!r}.")
-        if self.window != "auto":
+        if not isinstance(self.window, str) or self.window != "auto":
             if isinstance(self.window, str):
                 raise SceneError(
                     f"StrainRate: window must be a time in s or 'auto', got {self.window!r}."
@@ -124,7 +135,7 @@ class StrainRate:
             raise SceneError(f"StrainRate: never must be names of cell sets, got {self.never!r}.")
         never = (self.never,) if isinstance(self.never, str) else tuple(self.never)
         object.__setattr__(self, "never", never)
-        if not isinstance(self.min_cells, int) or self.min_cells < 1:
+        if not isinstance(self.min_cells, (int, np.integer)) or self.min_cells < 1:
             raise SceneError(
                 f"StrainRate: min_cells must be a whole number ≥ 1, got {self.min_cells!r}."
             )
@@ -134,7 +145,7 @@ class StrainRate:
         if not number(owner, "load_change", self.load_change, infinite=True) > 0:
             raise SceneError(f"StrainRate: load_change must be > 0, got {self.load_change!r}.")
         since = number(owner, "since", self.since)
-        if not since < number(owner, "until", self.until, infinite=True):
+        if not max(since, 0.0) < number(owner, "until", self.until, infinite=True):
             raise SceneError(
                 f"StrainRate: needs since < until, got {self.since!r} … {self.until!r}."
             )

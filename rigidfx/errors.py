@@ -11,6 +11,8 @@ from collections.abc import Callable
 from math import isfinite, isnan
 from typing import TYPE_CHECKING, Any, TypeVar
 
+import numpy as np
+
 if TYPE_CHECKING:
     from mpi4py import MPI
 
@@ -98,7 +100,7 @@ def number(owner: str, name: str, value: Any, *, infinite: bool = False) -> floa
     Raises:
         SceneError: If it is no number, or not finite where it has to be.
     """
-    if not isinstance(value, str) and value is not None:
+    if not isinstance(value, (str, bool)) and value is not None and np.ndim(value) == 0:
         try:
             result = float(value)
         except (TypeError, ValueError):

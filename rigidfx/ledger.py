@@ -43,8 +43,9 @@ class Event:
         energy_frozen: Energy taken out of the motion and stored in bodies [J].
         energy_released: Stored energy given back to the motion [J].
         energy_lost: Total energy before less total energy after, everything stored counted [J].
-        linear_momentum_error: |L after - L before| [kg m/s].
-        angular_momentum_error: |J after - J before| about the origin [kg m²/s].
+        linear_momentum_error: |L after - L before| [kg m/s]. With a consistent mass a support
+            holds nodes whose mass is coupled to those of bodies: there this is its impulse.
+        angular_momentum_error: |J after - J before| about the origin [kg m²/s]; likewise.
     """
 
     t: float

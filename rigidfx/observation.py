@@ -7,6 +7,8 @@ other, and the loads themselves. Their longest period is that of the lowest peak
 
 from __future__ import annotations
 
+from collections import deque
+
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
@@ -23,8 +25,8 @@ Ints = npt.NDArray[np.int64]
 
 TELLTALES = 8  # nodes whose distances are recorded
 CYCLES = 3.0  # cycles of a signal in a record before its period is believed
-EXCITED = 0.05  # amplitude relative to the strongest at which a mode counts as excited
-SAMPLES = 2048  # longest record; where it is exceeded every second sample is dropped
+EXCITED = 0.05  # amplitude relative to the largest swing at which a mode counts as excited
+SAMPLES = 2048  # longest record; older samples are forgotten
 REST = 1e-10  # relative amplitude below which nothing moves
 
 
@@ -34,6 +36,7 @@ class Window:
     Attributes:
         begin: Time at which it began [s].
         worst: Per owned cell [1/s].
+        steps: Number of steps observed.
     """
 
     def __init__(self, cells: int, begin: float) -> None:
@@ -43,7 +46,7 @@ class Window:
             cells: Number of owned cells.
             begin: Time [s].
         """
-        self.begin, self.worst = begin, np.zeros(cells)
+        self.begin, self.worst, self.steps = begin, np.zeros(cells), 0
 
     def add(self, cells: npt.NDArray[np.int32], rates: Array) -> None:
         """Observe a step.
@@ -53,6 +56,7 @@ class Window:
             rates: Their strain rates [1/s].
         """
         self.worst[cells] = np.maximum(self.worst[cells], rates)
+        self.steps += 1
 
 
 class Record:
@@ -67,9 +71,10 @@ class Record:
 
     def restart(self) -> None:
         """Forget everything."""
-        self._times: list[float] = []
-        self._distances: list[Array] = []
-        self._loads: list[Array] = []
+        self._times: deque[float] = deque(maxlen=SAMPLES)
+        self._distances: deque[Array] = deque(maxlen=SAMPLES)
+        self._loads: deque[Array] = deque(maxlen=SAMPLES)
+        self._longest, self._looked_at, self._added = float("nan"), 0, 0
 
     def add(self, state: State, loads: Array) -> None:
         """Record a state. Collective.
@@ -83,15 +88,22 @@ class Record:
         self._times.append(state.t)
         self._distances.append(pdist(everywhere))
         self._loads.append(loads)
-        if len(self._times) > SAMPLES:
-            for samples in (self._times, self._distances, self._loads):
-                del samples[1::2]
+        self._added += 1
 
     def period(self) -> float:
-        """Longest period seen [s]; 0 where nothing oscillates, NaN while that cannot be told."""
-        t = np.asarray(self._times)
-        distances, loads = np.asarray(self._distances), np.asarray(self._loads)
-        return float(np.max([longest_period(t, distances), longest_period(t, loads)]))
+        """Longest period seen [s]; 0 where nothing oscillates, NaN while that cannot be told.
+
+        A spectrum is taken no more often than each time the record has grown by an eighth.
+        """
+        if self._added - self._looked_at >= max(1, len(self._times) // 8):
+            self._looked_at = self._added
+            t = np.asarray(self._times)
+            distances, loads = np.asarray(self._distances), np.asarray(self._loads)
+            seen = np.max([longest_period(t, distances), longest_period(t, loads)])
+            self._longest = float(np.fmax(self._longest, seen))
+            if len(t) == SAMPLES and np.isnan(self._longest):
+                self._longest = float(t[-1] - t[0])  # no record can tell more
+        return self._longest
 
 
 def longest_period(t: Array, signals: Array) -> float:
@@ -119,15 +131,19 @@ def longest_period(t: Array, signals: Array) -> float:
         fs=1 / (even[1] - even[0]),
         window="hann",
         detrend="linear",
+        scaling="spectrum",
         axis=0,
         nfft=4 * len(even),
     )
-    amplitude = np.sqrt(power).max(axis=1)
+    amplitude = np.sqrt(2 * power).max(axis=1)
     told = frequency * (t[-1] - t[0]) >= CYCLES
-    peaks, _ = find_peaks(np.where(told, amplitude, 0.0), height=EXCITED * amplitude.max())
+    peaks, _ = find_peaks(np.where(told, amplitude, 0.0), height=EXCITED * swings.max() / 2)
     # What is slower than a few cycles in the record may be a trend, unless it outweighs the rest.
-    if not peaks.size or amplitude[~told].max(initial=0.0) > amplitude[peaks].max():
+    slow = amplitude[~told].max(initial=0.0)
+    if slow > max(EXCITED * swings.max() / 2, amplitude[peaks].max(initial=0.0)):
         return float("nan")
+    if not peaks.size:
+        return 0.0
     return float(1 / frequency[peaks[0]])
 
 

@@ -29,7 +29,7 @@ from rigidfx.freezing import Selection, freeze, take_out
 from rigidfx.internal import InternalForces
 from rigidfx.linear import conjugate_gradients
 from rigidfx.mass import ConsistentMass
-from rigidfx.partition import rigid_fields
+from rigidfx.partition import nodes_of, rigid_fields
 from rigidfx.prolongation import Prolongation
 from rigidfx.rows import Rows
 from rigidfx.scene import Scene
@@ -41,6 +41,7 @@ Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
 NEGLIGIBLE = 1e-15  # of the largest: difference velocities that need not be kept
+ROUNDING = 1e-13  # of the energy: what is too little to find the scale of a field by
 
 
 @dataclass(frozen=True)
@@ -155,9 +156,11 @@ class ConsistentExchange:
         gone = take_out(state, numbers)
         after = RigidFields(self._scene, state, held, present.mass)
         merged = after.project(present.momenta, of_given[staying], present.nodal[held])
-        # What was kept, turned with its bodies, as a field that is possible now and adds no momenta
+        # What was kept, turned with its bodies, and the difference of the two velocities that the
+        # interface has had, as a field that is possible now and adds no momenta.
         kept = np.zeros((self._scene.owned_nodes, 3))
         for body, motion in gone:
+            kept[body.nodes] += present.difference[body.nodes]
             kept[body.frozen.nodes] += body.frozen.velocities @ motion.R.T
         at_rest = np.zeros(int(np.count_nonzero(held)))
         none = np.zeros((len(staying), 6))
@@ -166,9 +169,12 @@ class ConsistentExchange:
         own[staying] = after.given_momenta(possible.bodies)
         rigid = before.project(before.momenta(possible.nodal), own, at_rest)
         mode = possible.plus(-1.0, Field(rigid.nodal, rigid.bodies[staying]))
-        missing = present.energy + sum(body.frozen.vibration for body, _ in gone)
-        missing -= 0.5 * after.product(merged, merged)
-        scale = _scale(after.product(mode, mode), after.product(merged, mode), missing)
+        wanted = present.energy + sum(body.frozen.vibration for body, _ in gone)
+        missing = wanted - 0.5 * after.product(merged, merged)
+        if missing > ROUNDING * wanted:
+            scale = _scale(after.product(mode, mode), after.product(merged, mode), missing)
+        else:
+            scale = 1.0
         self._take(state, merged.plus(scale, mode))
         for item in (before, after, present):
             item.destroy()
@@ -216,6 +222,8 @@ class Present:
     Attributes:
         mass: M of all cells but those in bodies whose mass is given.
         nodal: Velocity of all owned dofs, the bodies' at their nodes [m/s].
+        difference: At each owned node of an interface, the flexible cells' velocity less the
+            body's; zero elsewhere, shape (nodes, 3) [m/s].
         bodies: Velocity of the centre and ℓω of each body, shape (bodies, 6) [m/s].
         momenta: Momenta at all owned dofs, but those of masses that are given [kg m/s].
         energy: Kinetic energy [J].
@@ -237,6 +245,8 @@ class Present:
         self.nodal = outside.copy()
         for body, motion in zip(state.bodies, state.motions, strict=True):
             self.nodal.reshape(-1, 3)[body.nodes] = motion.velocities(body.offsets)
+        touched = nodes_of(scene, {0: np.setdiff1d(every, inside)})[: scene.owned_nodes]
+        self.difference = np.where(touched[:, None], (outside - self.nodal).reshape(-1, 3), 0.0)
         self.bodies = np.reshape(
             [
                 np.r_[m.velocity, b.length * m.angular_velocity]

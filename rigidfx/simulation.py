@@ -70,9 +70,8 @@ def simulate(
     if rigidify is not None:
         with ExitStack() as stack:
             stack.callback(integrator.close)
-            switching = Switching(scene, rigidify, integrator, timeline.resolution)
+            switching = Switching(scene, rigidify, integrator, timeline)
             stack.pop_all()
-        timeline.stop_at(switching.breakpoints)
     timeline.stop_at(scene.breakpoints)
     return _reports(scene, integrator, switching, probes, timeline, progress)
 

@@ -14,6 +14,7 @@ from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 
 from rigidfx import effects as fx
 from rigidfx.changes import Changes
@@ -26,6 +27,7 @@ from rigidfx.observation import Record, Window
 from rigidfx.regions import NONE, CellGraph, find_regions
 from rigidfx.report import Report
 from rigidfx.scene import Scene
+from rigidfx.timeline import Timeline
 
 __all__ = ["Switching"]
 
@@ -33,6 +35,7 @@ Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
 MARGIN = 1.25  # an automatic window in longest periods
+FEWEST = 8  # steps of an automatic window
 
 
 class Switching:
@@ -44,7 +47,7 @@ class Switching:
     """
 
     def __init__(
-        self, scene: Scene, criterion: StrainRate, integrator: Integrator, resolution: float
+        self, scene: Scene, criterion: StrainRate, integrator: Integrator, timeline: Timeline
     ) -> None:
         """Find the cells that the criterion names. Collective.
 
@@ -52,13 +55,14 @@ class Switching:
             scene: The problem.
             criterion: What the user states.
             integrator: What advances the scene.
-            resolution: Times closer than this are the same [s].
+            timeline: Where steps end; planned releases are added to it.
 
         Raises:
             SceneError: If a name is unknown, or the mesh was distributed without ghost cells.
         """
         self._scene, self._criterion, self._integrator = scene, criterion, integrator
-        self._resolution = resolution
+        self._resolution = timeline.resolution
+        timeline.stop_at(criterion.breakpoints)
         self._graph = CellGraph(scene)
         special = np.full(self._graph.owned, np.inf)
         for name, tol in criterion.tolerances.items():
@@ -78,16 +82,11 @@ class Switching:
             r.name: self._cells(r.where, "Rigid") for r in rigid if r.name not in self._alone
         }
         self._next_number = len(rigid) + 1
-        self._changes = Changes(scene, criterion.load_change, self._resolution)
+        self._changes = Changes(scene, criterion.load_change, timeline)
         self._record = Record(scene)
         self._warned: set[str] = set()
         self._begin(0.0)
         self.closeness = np.nan
-
-    @property
-    def breakpoints(self) -> tuple[float, ...]:
-        """Times of planned releases [s], at which steps end."""
-        return self._criterion.breakpoints
 
     def _cells(self, name: str | None, wanted_by: str) -> npt.NDArray[np.int32]:
         """Owned cells of a set; all if it has no name."""
@@ -129,13 +128,17 @@ class Switching:
             assert result.strain_rates is not None
             self._window.add(*result.strain_rates)
             self._record.add(state, self._changes.observe(state.t))
+        changed = self._changes.declared(state.t)
         events = []
-        if self._changes.declared(state.t):
+        if changed:
             self._restart()
             events += self._release("a load or a support changes", self._everything())
         for release in self._criterion.releases:
-            events += self._ask(release, report)
-        if events:
+            asked, cells = self._ask(release, report)
+            if asked:
+                changed = True
+                events += self._release(asked, cells)
+        if changed:
             self._begin(state.t)
         elif self._window_ends():
             self._check_tolerance(result)
@@ -153,8 +156,9 @@ class Switching:
         if t <= criterion.since + self._resolution or t >= criterion.until - self._resolution:
             return False
         if criterion.window == "auto":
-            period = self._record.period()
-            return bool(length + self._resolution >= MARGIN * period)
+            if self._window.steps < FEWEST:
+                return False
+            return bool(length + self._resolution >= MARGIN * self._record.period())
         if length + self._resolution < criterion.window:
             return False
         period = self._record.period()
@@ -168,9 +172,11 @@ class Switching:
 
     def _check_tolerance(self, result: StepResult) -> None:
         noise = self._integrator.strain_error / result.dt
-        if 0 < self._criterion.tol < noise:
+        comm = self._scene.comm
+        least = comm.allreduce(self._tol[self._tol > 0].min(initial=np.inf), op=MPI.MIN)
+        if least < noise:
             self._warn(
-                f"the tolerance {self._criterion.tol:.3g} 1/s is below what the end of Newton's "
+                f"the tolerance {least:.3g} 1/s is below what the end of Newton's "
                 f"iteration may leave in the strain rates, {noise:.3g} 1/s: decisions are at "
                 "random. Take a larger tolerance or a larger Δt."
             )
@@ -201,8 +207,8 @@ class Switching:
     def _everything(self) -> Bools:
         return np.ones(self._graph.owned, dtype=bool)
 
-    def _ask(self, release: Release, report: Report) -> list[Event]:
-        """Release what a record says. Collective."""
+    def _ask(self, release: Release, report: Report) -> tuple[str, Bools]:
+        """Why a record releases now, "" if it does not, and which owned cells. Collective."""
         state, comm = self._integrator.state, self._scene.comm
         reason, names = "", None
         if any(abs(t - state.t) <= self._resolution for t in release.times):
@@ -213,9 +219,9 @@ class Switching:
             answer = comm.bcast(answer)
             if answer:
                 reason, names = "condition", None if answer is True else answer
-        if not reason:
-            return []
         cells = self._everything()
+        if not reason:
+            return reason, cells
         if release.where is not None:
             cells = np.zeros_like(cells)
             cells[self._cells(release.where, "Release")] = True
@@ -231,7 +237,7 @@ class Switching:
             for name in names:
                 of_bodies[known[name].cells] = True
             cells &= of_bodies
-        return self._release(reason, cells)
+        return reason, cells
 
     def _release(self, reason: str, cells: Bools) -> list[Event]:
         """Release owned cells from their bodies; what is left of these stays rigid. Collective."""
@@ -296,7 +302,9 @@ def _answer(condition: Any, report: Report) -> bool | list[str]:
     if isinstance(answer, str):
         return [answer]
     if isinstance(answer, Iterable):
-        return [str(name) for name in answer]
+        names = list(answer)
+        if all(isinstance(name, str) for name in names):
+            return names
     raise SceneError(
         f"Release: its condition must give True, False or names of bodies, got {answer!r}."
     )
