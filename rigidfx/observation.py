@@ -12,7 +12,7 @@ from collections import deque
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
-from scipy.signal import find_peaks, periodogram
+from scipy.signal import detrend, find_peaks, periodogram
 from scipy.spatial.distance import pdist
 
 from rigidfx.scene import Scene
@@ -122,15 +122,17 @@ def longest_period(t: Array, signals: Array) -> float:
         return float("nan")
     even = np.linspace(t[0], t[-1], len(t))
     values = np.stack([np.interp(even, t, s) for s in signals.T], axis=1)
+    rest = REST * float(np.abs(values).max())
+    values = detrend(values, axis=0)
     swings = np.ptp(values, axis=0)
-    moving = swings > max(REST * float(np.abs(values).max()), EXCITED * float(swings.max()))
+    moving = swings > max(rest, EXCITED * float(swings.max()))
     if not moving.any():
         return 0.0
     frequency, power = periodogram(
         values[:, moving],
         fs=1 / (even[1] - even[0]),
         window="hann",
-        detrend="linear",
+        detrend=False,
         scaling="spectrum",
         axis=0,
         nfft=4 * len(even),
