@@ -521,6 +521,21 @@ def test_cells_that_are_rigid_always(mass):
 
 
 @short_windows
+@MASSES
+def test_a_body_that_has_kept_nothing_grows(mass):
+    """At rest until it is pushed: what its interface has had of its own is not lost with it."""
+    push = rf.Traction("x1", (0.0, 4.0, 1.0), until=0.3)
+    scene = bar(rf.Rigid("left"), push, mass=mass)
+    criterion = rf.StrainRate(ANY, 0.5, release=rf.Release(at=1.2))
+    events = 0
+    for r in rf.simulate(scene, DT, 1.5, rigidify=criterion):
+        for event in r.events:
+            assert_balanced(event, r)
+            events += 1
+    assert events == 2
+
+
+@short_windows
 def test_set_in_two_pieces_that_is_rigid_always():
     """It is one body, also when what was found between the pieces is released."""
     ends = domain().with_cells("ends", lambda x: np.abs(x[0] - 4) >= 2 - 1e-9)
@@ -775,7 +790,15 @@ def _one_end():
     return scene, rf.StrainRate(0.0, 0.2, tolerances={"left": ANY}, release=release), 0.1, 2.0
 
 
-STORIES = {"story": _story, "one end": _one_end, "nothing": _nothing}
+def _pushed():
+    """A body that has kept nothing grows and is released, with a consistent mass."""
+    push = rf.Traction("x1", (0.0, 4.0, 1.0), until=0.3)
+    probes = {"at the end": (7.6, 0.6, 0.3)}
+    scene = bar(rf.Rigid("left"), push, mass="consistent", probes=probes)
+    return scene, rf.StrainRate(ANY, 0.5, release=rf.Release(at=1.2)), 0.1, 2.0
+
+
+STORIES = {"story": _story, "one end": _one_end, "nothing": _nothing, "pushed": _pushed}
 
 
 def _history(scene, criterion, dt, t_end):
