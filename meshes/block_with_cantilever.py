@@ -19,15 +19,16 @@ WIDTH = 0.6  # m; of all cells along y; they are 1 m high
 LOADED_ROWS = 5  # of four nodes each
 
 
-def block_with_cantilever(comm: MPI.Comm = MPI.COMM_WORLD) -> Domain:
+def block_with_cantilever(refine: int = 1, comm: MPI.Comm = MPI.COMM_WORLD) -> Domain:
     """The body: 366 cells named "block" and "cantilever", and the vertices that are loaded.
 
-    These are named "block top and bottom" and "tip".
+    These are named "block top and bottom" and "tip". A finer mesh has more of them.
 
     Args:
+        refine: How many cells an edge of each brick is divided into.
         comm: Communicator of the mesh.
     """
-    cells, points = _bricks() if comm.rank == 0 else (np.empty((0, 8), int), np.empty((0, 3)))
+    cells, points = _bricks(refine) if comm.rank == 0 else (np.empty((0, 8), int), np.empty((0, 3)))
     root, height = LENGTHS[0] * BLOCK[0], BLOCK[2]
     top = (BLOCK[2] + CANTILEVER[2]) / 2
     loaded = root + LENGTHS[1] * (CANTILEVER[0] - LOADED_ROWS + 0.5)
@@ -43,19 +44,20 @@ def block_with_cantilever(comm: MPI.Comm = MPI.COMM_WORLD) -> Domain:
     )
 
 
-def _bricks() -> tuple[np.ndarray, np.ndarray]:
+def _bricks(refine: int) -> tuple[np.ndarray, np.ndarray]:
     """Corner numbers of the bricks, shape (cells, 8), and corner positions, shape (corners, 3)."""
     middle = [(b - c) // 2 for b, c in zip(BLOCK, CANTILEVER, strict=True)]
     starts = (0, 0, 0), (BLOCK[0], *middle[1:])
     lowest = np.concatenate(
         [
-            np.indices(counts).reshape(3, -1).T + start
+            np.indices([refine * n for n in counts]).reshape(3, -1).T + refine * np.array(start)
             for start, counts in zip(starts, (BLOCK, CANTILEVER), strict=True)
         ]
     )
     corners = np.indices((2, 2, 2)).reshape(3, -1).T[:, ::-1]  # x runs fastest
     every = (lowest[:, None, :] + corners).reshape(-1, 3)
-    grid, cells = np.unique(every, axis=0, return_inverse=True)
+    numbers, cells = np.unique(every, axis=0, return_inverse=True)
+    grid = numbers / refine
     x = LENGTHS[0] * np.minimum(grid[:, 0], BLOCK[0])
     x += LENGTHS[1] * np.maximum(grid[:, 0] - BLOCK[0], 0)
     points = np.column_stack([x, WIDTH * grid[:, 1], grid[:, 2]])

@@ -21,9 +21,10 @@ LINES = {
     2: ((0.0, HEIGHT, HEIGHT + THICKNESS), (10, 3)),
 }
 COLUMNS = (1, 1), (3, 1)  # intervals along x and y in which columns stand
+COLUMN_INTERVALS = {0: (1, 3), 1: (1,), 2: (0,)}  # those whose cells are cells of columns, too
 
 
-def spatial_frame(refine: int = 1, comm: MPI.Comm = MPI.COMM_WORLD) -> Domain:
+def spatial_frame(refine: int = 1, coarse: int = 1, comm: MPI.Comm = MPI.COMM_WORLD) -> Domain:
     """The frame. Collective.
 
     Cells are named "plate" and "columns"; facets "side", where the plate is pushed, "feet" and
@@ -31,12 +32,13 @@ def spatial_frame(refine: int = 1, comm: MPI.Comm = MPI.COMM_WORLD) -> Domain:
 
     Args:
         refine: How often each interval is divided more finely than at first.
+        coarse: How many of these cells are one in the plate, where no column stands above or below.
         comm: Communicator of the mesh.
     """
-    return from_gmsh(lambda gmsh: _build(gmsh, refine), comm)
+    return from_gmsh(lambda gmsh: _build(gmsh, refine, coarse), comm)
 
 
-def _build(gmsh: Any, refine: int) -> None:
+def _build(gmsh: Any, refine: int, coarse: int) -> None:
     """Boxes between the lines, glued, each cut into bricks."""
     occ, model = gmsh.model.occ, gmsh.model
     x, y, z = (LINES[axis][0] for axis in range(3))
@@ -54,7 +56,9 @@ def _build(gmsh: Any, refine: int) -> None:
         axis = int(np.argmax(bounds[1] - bounds[0]))
         lines, cells = LINES[axis]
         interval = int(np.argmin(np.abs(np.asarray(lines) - bounds[0, axis])))
-        model.mesh.setTransfiniteCurve(curve, refine * cells[interval] + 1)
+        of_column = interval in COLUMN_INTERVALS[axis]
+        count = cells[interval] if of_column else max(1, cells[interval] // coarse)
+        model.mesh.setTransfiniteCurve(curve, refine * count + 1)
     for _, surface in model.getEntities(2):
         model.mesh.setTransfiniteSurface(surface)
         model.mesh.setRecombine(2, surface)

@@ -27,7 +27,7 @@ from rigidfx.internal import BoundForces, InternalForces
 from rigidfx.linear import PREFIX, configure, default_options, prefers_direct
 from rigidfx.loads import Resultants
 from rigidfx.mass import Mass
-from rigidfx.newton import MAX_ITERATIONS, StoppingTest, reason_name
+from rigidfx.newton import MAX_ITERATIONS, RELATIVE_TOLERANCE, StoppingTest, reason_name
 from rigidfx.prediction import Guess
 from rigidfx.prolongation import Prolongation
 from rigidfx.scene import Scene
@@ -133,11 +133,12 @@ class Equilibrium:
         self._motions: Sequence[BodyMotion] = ()
         self._resultants: Sequence[Resultants] = ()
         self._prescribed: Array = np.empty(0)
-        self.stop = StoppingTest()
         self._krylov = mass is not None and not prefers_direct(prolongation.size)
         self._fallbacks = 0
         self._stiffness = self._reference_stiffness()
         self._snes = self._create_snes(scene)
+        rtol, _, _, max_it = self._snes.getTolerances()
+        self.stop = StoppingTest(rtol, max_it)
 
     def _create_snes(self, scene: Scene) -> PETSc.SNES:
         snes = PETSc.SNES().create(scene.comm)
@@ -146,7 +147,7 @@ class Equilibrium:
         snes.setFunction(residual, self._r, args=(self,))
         snes.setJacobian(tangent, self._tangent.matrix, args=(self,))
         snes.setConvergenceTest(convergence, args=(self,))
-        snes.setTolerances(max_it=MAX_ITERATIONS)
+        snes.setTolerances(rtol=RELATIVE_TOLERANCE, max_it=MAX_ITERATIONS)
         if self._krylov:
             # Linear systems are solved no further than Newton's quadratic convergence will get:
             # three Krylov iterations in ten are saved, for a Newton iteration in ten more at most.

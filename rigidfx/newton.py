@@ -1,7 +1,8 @@
 """When Newton stops: at a relative tolerance, or where only rounding is left.
 
-‖R‖ ≤ 1e-12 ‖R_first‖ ends a step as a rule; of a motion that needs next to no force (rest, free
-flight of a stiff body) that is below what rounding in the strains leaves, whose size is estimated.
+‖R‖ ≤ 1e-12 ‖R_first‖ ends a step as a rule (-rigidfx_snes_rtol is another factor); of a motion
+that needs next to no force (rest, free flight of a stiff body) that is below what rounding in the
+strains leaves, whose size is estimated.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from petsc4py import PETSc
 
-__all__ = ["MAX_ITERATIONS", "StoppingTest", "reason_name"]
+__all__ = ["MAX_ITERATIONS", "RELATIVE_TOLERANCE", "StoppingTest", "reason_name"]
 
 RELATIVE_TOLERANCE = 1e-12
 ROUNDING = 2.0  # safety on the estimated rounding level
@@ -24,11 +25,14 @@ class StoppingTest:
 
     Attributes:
         history: ‖R‖ [N] at each iterate so far.
+        rtol: Reduction of ‖R‖ that ends a step.
+        max_it: Iterations after which Newton gives up.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, rtol: float = RELATIVE_TOLERANCE, max_it: int = MAX_ITERATIONS) -> None:
         """Begin with no iterate and no rounding."""
         self.history: list[float] = []
+        self.rtol, self.max_it = rtol, max_it
         self._rounding = 0.0
 
     def restart(self) -> None:
@@ -53,11 +57,11 @@ class StoppingTest:
             return int(Reason.DIVERGED_DTOL)
         if norm == 0.0:
             return int(Reason.CONVERGED_FNORM_ABS)
-        if iteration > 0 and norm <= RELATIVE_TOLERANCE * first:
+        if iteration > 0 and norm <= self.rtol * first:
             return int(Reason.CONVERGED_FNORM_RELATIVE)
         if iteration > 0 and self._at_rounding():
             return int(Reason.CONVERGED_FNORM_ABS)
-        if iteration >= MAX_ITERATIONS:
+        if iteration >= self.max_it:
             return int(Reason.DIVERGED_MAX_IT)
         return 0
 
@@ -72,7 +76,7 @@ class StoppingTest:
         if norm > STALL * last:
             return norm <= MARGIN * self._rounding
         truncation = last * (last / earlier[-1]) ** 2 if earlier else last
-        return norm <= self._rounding and truncation <= RELATIVE_TOLERANCE * self.history[0]
+        return norm <= self._rounding and truncation <= self.rtol * self.history[0]
 
 
 def reason_name(reason: int) -> str:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import dolfinx.mesh as dmesh
 import numpy as np
 import pytest
+from block_with_cantilever import block_with_cantilever
 from histories import EPS
 from mpi4py import MPI
+from spatial_frame import spatial_frame
 from tumbling_l import tumbling_l
 
 import rigidfx as rf
@@ -64,6 +66,37 @@ def test_tumbling_l(cell):
             reports.close()
             assert first.angular_momentum == pytest.approx(published @ axis, abs=1e-4)
             assert first.kinetic == pytest.approx(axis @ published @ axis / 2, abs=1e-4)
+
+
+@pytest.mark.parametrize("refine", [1, 2])
+def test_block_with_cantilever(refine):
+    """574 nodes at first; a finer mesh is the same body with the same named parts."""
+    domain = block_with_cantilever(refine)
+    scene = rf.Scene(domain, MATERIAL)
+    cells = domain.mesh.topology.index_map(3).size_global
+    assert cells == 366 * refine**3
+    if refine == 1:
+        assert scene.space.dofmap.index_map.size_global == 574
+    assert _mass(domain) == pytest.approx(2.0 * (9 * 5.4 * 6 + 14 * 1.8 * 2), rel=1e3 * EPS)
+    probes = {"tip": (23.0, 2.7, 3.0), "corner": (0.0, 5.4, 6.0)}
+    assert set(rf.Scene(domain, MATERIAL, probes=probes).probes) == set(probes)
+    for name in ("block", "cantilever"):
+        domain.find(name, (3,), "test")
+    for name in ("block top and bottom", "tip"):
+        domain.find(name, (0,), "test")
+
+
+@pytest.mark.parametrize(("refine", "coarse"), [(1, 1), (1, 3), (2, 3)])
+def test_spatial_frame(refine, coarse):
+    """The columns keep their cells where the plate is coarse, and the frame its volume."""
+    pytest.importorskip("gmsh")
+    domain = spatial_frame(refine, coarse)
+    columns = domain.find("columns", (3,), "test").entities
+    owned = domain.mesh.topology.index_map(3).size_local
+    count = domain.comm.allreduce(int((columns < owned).sum()))
+    assert count == 2 * 2 * 2 * 10 * refine**3
+    volume = 6 * 3 * 1 + 2 * 0.25 * 0.25 * 3
+    assert _mass(domain) == pytest.approx(2.0 * volume, rel=1e3 * EPS)
 
 
 def test_names_are_added_to_a_new_domain():

@@ -167,6 +167,23 @@ def test_options_under_the_prefix_win(monkeypatch, petsc_options):
     assert np.abs(u_option - u).max() <= 1e3 * NEWTON * np.abs(u).max()
 
 
+def test_newtons_tolerance_is_an_option(petsc_options):
+    """-rigidfx_snes_rtol is the reduction of the residual that ends a step."""
+    usual = list(rf.simulate(tumbling(MATERIAL), 0.1, 6.0))
+    petsc_options["snes_rtol"] = 1e-4
+    loose = list(rf.simulate(tumbling(MATERIAL), 0.1, 6.0))
+    reduction = np.array([r.residuals[-1] / r.residuals[0] for r in loose[1:]])
+    assert reduction.max() <= 1e-4
+    assert sum(r.iterations for r in loose) < sum(r.iterations for r in usual)
+
+
+def test_newtons_patience_is_an_option(petsc_options):
+    """-rigidfx_snes_max_it is the number of iterations after which a step is cut."""
+    petsc_options["snes_max_it"] = 1
+    with pytest.raises(StepError):
+        list(rf.simulate(_violent(), 0.2, 2.0))
+
+
 def test_options_of_others_are_left_alone(petsc_options):
     """rigidfx reads its own prefix only, and leaves nothing in PETSc's database."""
     from petsc4py import PETSc
