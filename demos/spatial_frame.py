@@ -68,13 +68,18 @@ SPECTRUM = 10.2  # s; where it ends
 CRITERION = {"window": 0.23, "since": 0.97, "measure": "printed"}
 tolerances = [0.0, *(options.tol or ([SHARP] if options.short else [SHARP, 5e-4, 2.5e-3]))]
 middle = tolerances[1] if SHARP not in tolerances else SHARP
-spectrum_end = UNDAMPED + 1.0 if options.short else SPECTRUM
+spectrum_end = UNDAMPED + 0.6 if options.short else SPECTRUM
+
+
+def mesh() -> rf.Domain:
+    """The frame's mesh; a coarse plate will do for a short run."""
+    return spatial_frame(coarse=3 if options.short else 1)
 
 
 def frame(damped_until: float, *rigid: rf.Rigid, domain: rf.Domain | None = None) -> rf.Scene:
     """The scene, with damping until a time [s]."""
     return rf.Scene(
-        spatial_frame() if domain is None else domain,
+        mesh() if domain is None else domain,
         rf.StVenantKirchhoff(E=7e10, nu=0.2, rho=2700.0),  # Pa, 1, kg/m³
         [
             rf.Fixed("feet"),
@@ -191,7 +196,7 @@ def harmonic(reports: list[rf.Report]) -> dict[str, float]:
 # of a new run: a multibody system with springs that nobody had to invent.
 
 # +
-domain, rigid = rf.read_bodies(options.out / "bodies.json", spatial_frame())
+domain, rigid = rf.read_bodies(options.out / "bodies.json", mesh())
 reduced = list(
     rf.simulate(
         frame(UNDAMPED, *rigid, domain=domain),
@@ -308,7 +313,7 @@ at_middle = row(middle)
 assert at_middle["energy_jump"] <= 1e-11
 assert at_middle["bodies_end"] >= 1
 if not options.tol:
-    assert at_middle["energy_error"] <= 0.02
+    assert at_middle["energy_error"] <= (0.1 if options.short else 0.02)
     assert abs(at_middle["first_rigid_time"] - 1.2) < 0.02
     assert 0.0 < at_middle["first_frequency_shift"] < 0.1
 if not options.tol and not options.short:
