@@ -22,6 +22,7 @@ MPI_VARIABLES = ("OMPI_COMM", "OMPI_UNIVERSE", "OMPI_APP", "OMPI_NUM", "OMPI_FIR
                  "PMIX_", "PMI_", "PRTE_", "HYDRA_")  # fmt: skip
 
 SUMMARY = {
+    "accuracy_vs_time": {"choices", "base_error", "pareto_front", "runs", "wall_s", "ranks"},
     "tumbling_l": {
         "energy_drift",
         "angular_momentum_drift",
@@ -60,6 +61,7 @@ BENCHMARK_SUMMARY = {
     },
 }
 FILES = {
+    "accuracy_vs_time": ["accuracy_vs_time.csv", "accuracy_vs_time.json", "accuracy_vs_time.png"],
     "tumbling_l": ["history.csv", "fields.pvd", "histories.png", "shapes.png", "comparison.png"],
     "free_flying_body": [
         "history.csv",
