@@ -5,6 +5,7 @@ scene names a domain, materials and effects; `simulate` yields a report per step
 writes ParaView files and a CSV.
 """
 
+from rigidfx.cad import list_cad, read_cad
 from rigidfx.criterion import Release, StrainRate
 from rigidfx.domain import Domain, box, from_arrays
 from rigidfx.effects import (
@@ -12,17 +13,30 @@ from rigidfx.effects import (
     Fixed,
     Gravity,
     InitialVelocity,
+    KelvinVoigt,
+    MassDamping,
     NodalForce,
     NumericalDamping,
+    PointMass,
     Preload,
     PrescribedMotion,
+    Pressure,
     Resultant,
     Rigid,
+    Spring,
     Table,
     Traction,
 )
-from rigidfx.errors import OutputError, RigidfxError, RigidfxWarning, SceneError, StepError
+from rigidfx.errors import (
+    InversionError,
+    OutputError,
+    RigidfxError,
+    RigidfxWarning,
+    SceneError,
+    StepError,
+)
 from rigidfx.forms import EnergyMomentum, Midpoint, Trapezoidal
+from rigidfx.geo import read_geo
 from rigidfx.materials import Hyperelastic, Material, MooneyRivlin, NeoHooke, StVenantKirchhoff
 from rigidfx.msh import from_gmsh, read_msh
 from rigidfx.multibody import read_bodies, write_bodies
@@ -39,6 +53,9 @@ __all__ = [
     "Gravity",
     "Hyperelastic",
     "InitialVelocity",
+    "InversionError",
+    "KelvinVoigt",
+    "MassDamping",
     "Material",
     "Midpoint",
     "MooneyRivlin",
@@ -46,8 +63,10 @@ __all__ = [
     "NodalForce",
     "NumericalDamping",
     "OutputError",
+    "PointMass",
     "Preload",
     "PrescribedMotion",
+    "Pressure",
     "Recorder",
     "Release",
     "Report",
@@ -57,6 +76,7 @@ __all__ = [
     "RigidfxWarning",
     "Scene",
     "SceneError",
+    "Spring",
     "StVenantKirchhoff",
     "StepError",
     "StrainRate",
@@ -66,7 +86,10 @@ __all__ = [
     "box",
     "from_arrays",
     "from_gmsh",
+    "list_cad",
     "read_bodies",
+    "read_cad",
+    "read_geo",
     "read_history",
     "read_msh",
     "simulate",

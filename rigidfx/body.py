@@ -16,13 +16,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from rigidfx.rotation import IDENTITY, axial, cayley, cayley_tangent, orthonormalized, skew
 
-__all__ = ["BodyMotion", "Frozen", "Increment", "RigidBody", "at_rest", "mass_block"]
+__all__ = ["BodyMotion", "BodyTerm", "Frozen", "Increment", "RigidBody", "at_rest", "mass_block"]
 
 Array = npt.NDArray[np.float64]
 
@@ -251,3 +252,15 @@ class Increment:
     def _rows(self, offsets: Array, spins: Array) -> Array:
         """-Σ Vⱼ Bⱼ/ℓ per node from the matrices Bⱼ of the body's axes, shape (3, 3, 3)."""
         return (offsets @ (spins / -self.body.length).reshape(3, 9)).reshape(-1, 3, 3)
+
+
+class BodyTerm(Protocol):
+    """Forces on the nodes of one body that depend on its motion; written as resistance."""
+
+    def moments(self, increment: Increment) -> Array:
+        """Σ f and Σ V fᵀ of a step, as `Increment.resultant` takes them, shape (4, 3) [N, N m]."""
+        ...
+
+    def tangent(self, increment: Increment) -> Array:
+        """Derivative of their resultant as far as the forces change, shape (6, 6) [N/m]."""
+        ...

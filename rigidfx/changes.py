@@ -37,10 +37,11 @@ class Changes:
         self._loads = [
             *scene.named(fx.DeadLoad),
             *scene.named(fx.Resultant),
+            *scene.named(fx.Pressure),
             *scene.named(fx.PrescribedMotion),
         ]
         # Damping in a time window changes no load: its ends release nothing.
-        effects = [e for e in scene.named(fx.Windowed) if not isinstance(e, fx.NumericalDamping)]
+        effects = [e for e in scene.named(fx.Windowed) if not isinstance(e, fx.Damping)]
         self._breakpoints = np.unique([t for e in effects for t in e.breakpoints])
         self._reference = self._intensities(0.0)
         self._largest = [float(np.linalg.norm(q)) for q in self._reference]
@@ -79,11 +80,11 @@ class Changes:
 
 
 def _intensity(
-    load: fx.DeadLoad | fx.Resultant | fx.PrescribedMotion, t: float, dt: float
+    load: fx.DeadLoad | fx.Resultant | fx.Pressure | fx.PrescribedMotion, t: float, dt: float
 ) -> Array:
-    """Force of a load, or velocity of a support, at t [s]."""
+    """Force or pressure of a load, or velocity of a support, at t [s]."""
     if isinstance(load, fx.PrescribedMotion):
         return np.asarray(load.velocity_at(t, dt)) if load.active(t) else np.zeros(3)
     if isinstance(load, fx.Resultant):
         return np.concatenate([load.force_at(t), load.torque_at(t)])
-    return np.asarray(load.intensity(t))
+    return np.atleast_1d(load.intensity(t))

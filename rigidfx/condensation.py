@@ -14,6 +14,7 @@ assembly takes two thirds and a Krylov iteration three fifths of the time of AIJ
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
@@ -78,6 +79,24 @@ class CondensedMatrix:
         self.matrix.axpy(factor, other.matrix, SAME)
         if self._touched:
             self._K.axpy(factor, other._K, SAME)
+
+    def add_nodal(self, nodes: npt.NDArray[np.int32], blocks: npt.NDArray[np.float64]) -> None:
+        """Add to the diagonal blocks of free nodes. Collective.
+
+        Args:
+            nodes: Owned nodes of flexible cells.
+            blocks: Shape (nodes, 3, 3); what belongs to held dofs is dropped.
+        """
+        offsets = np.arange(nodes.size + 1, dtype=PETSc.IntType)
+        self.matrix.assemble()
+        if self._prolongation.nodal:
+            rows, add = nodes.astype(PETSc.IntType), self.matrix.setValuesBlockedLocalIJV
+        else:
+            rows = (3 * nodes[:, None] + np.arange(3)).reshape(-1).astype(PETSc.IntType)
+            offsets = 3 * np.arange(rows.size + 1, dtype=PETSc.IntType)
+            add = self.matrix.setValuesLocalIJV
+        columns = rows if self._prolongation.nodal else np.repeat(rows.reshape(-1, 3), 3, axis=0)
+        add(offsets, columns.reshape(-1), blocks.reshape(-1), PETSc.InsertMode.ADD_VALUES, rows)
 
     def finish(self) -> None:
         """Condense the rim and complete the matrix. Collective."""

@@ -87,6 +87,9 @@ class StrainRate:
         load_change: A load, or the velocity of a support, that differs from what it was at the last
             freeze by more than this fraction of its largest value so far has changed; infinity lets
             only jumps, kinks and windows count.
+        patience: Factor γ ≥ 1 by which cells have to qualify in more windows, one after the other,
+            each time they are released sooner than they were observed, from the second time in a
+            row on; 1 lets them never wait. Planned releases (`Release(at=…)`) do not count.
         since: Time [s] at which observation begins.
         until: Time [s] from which on no more bodies are formed.
     """
@@ -99,6 +102,7 @@ class StrainRate:
     min_cells: int = field(default=1, kw_only=True)
     release: Sequence[Release] | Release = field(default=(), kw_only=True)
     load_change: float = field(default=0.1, kw_only=True)
+    patience: float = field(default=2.0, kw_only=True)
     since: float = field(default=0.0, kw_only=True)
     until: float = field(default=inf, kw_only=True)
 
@@ -144,6 +148,8 @@ class StrainRate:
             raise SceneError(f"StrainRate: release must be Release records, got {self.release!r}.")
         if not number(owner, "load_change", self.load_change, infinite=True) > 0:
             raise SceneError(f"StrainRate: load_change must be > 0, got {self.load_change!r}.")
+        if not number(owner, "patience", self.patience) >= 1:
+            raise SceneError(f"StrainRate: patience must be ≥ 1, got {self.patience!r}.")
         since = number(owner, "since", self.since)
         if not max(since, 0.0) < number(owner, "until", self.until, infinite=True):
             raise SceneError(

@@ -115,7 +115,7 @@ class Domain:
         if self.count(found[0]) == 0:
             raise SceneError(
                 f"{wanted_by}: the name '{name}' stands for no {KINDS[found[0].dim]} at all. "
-                "Check the tag or the marker function behind it."
+                f"Check the tag or the marker function behind it. Known names: {self.names}."
             )
         return found[0]
 

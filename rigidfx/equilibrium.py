@@ -21,13 +21,20 @@ from dolfinx import fem, la
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from rigidfx.body import BodyMotion
+from rigidfx.body import BodyMotion, BodyTerm, Increment
 from rigidfx.condensation import CondensedMatrix
+from rigidfx.ground import GroundForces
 from rigidfx.internal import BoundForces, InternalForces
 from rigidfx.linear import PREFIX, configure, default_options, prefers_direct
 from rigidfx.loads import Resultants
 from rigidfx.mass import Mass
-from rigidfx.newton import MAX_ITERATIONS, RELATIVE_TOLERANCE, StoppingTest, reason_name
+from rigidfx.newton import (
+    MAX_ITERATIONS,
+    RELATIVE_TOLERANCE,
+    StoppingTest,
+    judged,
+    reason_name,
+)
 from rigidfx.prediction import Guess
 from rigidfx.prolongation import Prolongation
 from rigidfx.scene import Scene
@@ -102,6 +109,8 @@ class Equilibrium:
         bound: BoundForces,
         mass: Mass | None,
         prolongation: Prolongation,
+        ground: Sequence[GroundForces] = (),
+        terms: Sequence[Sequence[BodyTerm]] | None = None,
         thin: bool = True,
     ) -> None:
         """Create matrices, vectors and the SNES. Collective.
@@ -112,10 +121,14 @@ class Equilibrium:
             bound: Forms over the flexible cells.
             mass: Mass operator, or None for statics.
             prolongation: Map between unknowns and dofs.
+            ground: Springs and drag of the nodes.
+            terms: What depends on the motion of each body; nothing if None.
             thin: Whether the tangent is consistent with L; see `CondensedMatrix`.
         """
         self.prolongation = prolongation
         self._forces, self._bound, self._mass = forces, bound, mass
+        self._ground = ground
+        self._terms = [()] * len(prolongation.partition.bodies) if terms is None else terms
         self._rows = prolongation.partition.rows
         self._reached = prolongation.partition.reached
         self._cell_size = _mean_cell_size(scene)
@@ -214,7 +227,7 @@ class Equilibrium:
         self._start_at(guesses[int(np.argmin(np.nan_to_num(norms, nan=np.inf)))])
         self._estimate_rounding()
         self._snes.solve(None, self._y)
-        return int(self._snes.getConvergedReason())
+        return judged(int(self._snes.getConvergedReason()))
 
     def _start_at(self, guess: Guess) -> None:
         self.prolongation.collapse(guess.increment, guess.bodies, self._y)
@@ -252,6 +265,8 @@ class Equilibrium:
             self._work.axpby(2 / self._dt, -2.0, self.d)
             self._mass.mult(self._work, self._inertia)
             f.axpy(1 / self._dt, self._inertia)
+        for item in self._ground:
+            item.add_forces(self.d, self._dt, f)
         self.prolongation.collapse(f.array_r, self._body_forces(), r)
 
     def _body_forces(self) -> Array:
@@ -261,6 +276,8 @@ class Equilibrium:
         out = np.empty((len(increments), 6))
         for k, (increment, load) in enumerate(zip(increments, self._resultants, strict=True)):
             self._moments[k] -= load.moments
+            for term in self._terms[k]:
+                self._moments[k] += term.moments(increment)
             out[k] = increment.inertia_force() + increment.resultant(self._moments[k])
             out[k, 3:] -= load.torque / increment.body.length
         return out
@@ -271,12 +288,18 @@ class Equilibrium:
         K.assemble()
         if self._mass is not None:
             self._mass.add_to(K, 2 / self._dt**2, self.prolongation)
+        for item in self._ground:
+            item.add_to(K, self._dt, self.prolongation)
         K.finish()
-        blocks = [
-            increment.tangent(increment.couples(self._moments[k]))
-            for k, increment in enumerate(self.prolongation.increments)
-        ]
+        blocks = [self._block(k, each) for k, each in enumerate(self.prolongation.increments)]
         self.prolongation.add_blocks(K.matrix, np.reshape(blocks, (-1, 6, 6)))
+
+    def _block(self, k: int, increment: Increment) -> Array:
+        """Derivative of a body's rows that the condensed tangent does not hold, shape (6, 6)."""
+        block = increment.tangent(increment.couples(self._moments[k]))
+        for term in self._terms[k]:
+            block += term.tangent(increment)
+        return block
 
     def _reference_stiffness(self) -> Array:
         """Diagonal of the tangent without deformation, per unknown of this rank [N/m]. Collective.
@@ -327,6 +350,7 @@ class Equilibrium:
         for body, motion in zip(self.prolongation.partition.bodies, self._motions, strict=True):
             spin = np.linalg.norm(motion.angular_momentum(body)) / body.length
             noise += 2 / self._dt * float(body.mass * np.linalg.norm(motion.velocity) + spin)
+        noise += sum(item.rounding for item in self._ground)
         self.stop.expect_rounding(noise)
 
     def _worst_place(self) -> Array:
@@ -350,6 +374,7 @@ class Equilibrium:
 
 def _mean_cell_size(scene: Scene) -> float:
     """Cube root of the mean volume of a cell [m]. Collective."""
-    mass = scene.sum(scene.nodal_mass[: scene.owned_nodes].sum())
+    own = scene.nodal_mass - scene.point_masses
+    mass = scene.sum(own[: scene.owned_nodes].sum())
     mean_density = scene.sum(sum(m.rho * cells.size for m, cells in scene.materials))
     return float(np.cbrt(mass / mean_density))

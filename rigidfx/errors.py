@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
 __all__ = [
+    "InversionError",
     "OutputError",
     "RigidfxError",
     "RigidfxWarning",
@@ -44,6 +45,10 @@ class SceneError(RigidfxError, ValueError):
 
 class StepError(RigidfxError, RuntimeError):
     """A time step or a static solution did not converge, even after cutting."""
+
+
+class InversionError(StepError):
+    """A flexible cell was turned inside out or torn apart, in however short a step."""
 
 
 class OutputError(RigidfxError, OSError):

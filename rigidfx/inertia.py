@@ -57,14 +57,14 @@ def mass_properties(
     Args:
         scene: The problem.
         cells: Owned cells by subdomain id; their mass counts if it is consistent.
-        nodes: Owned nodes, sorted; their mass counts if it is lumped.
+        nodes: Owned nodes, sorted; their mass counts if it is lumped, point masses always.
         x: Position of all owned nodes, shape (nodes, 3) [m].
         v: Velocity of all owned nodes, shape (nodes, 3) [m/s].
     """
     total = np.asarray(scene.sum(np.r_[x[nodes].sum(axis=0), nodes.size]))
     reference = total[:3] / max(total[3], 1.0)
     rows = Rows(scene.space, nodes)
-    operator = mass_operator(scene, rows, cells, scene.nodal_mass[nodes])
+    operator = mass_operator(scene, rows, cells, np.ones(nodes.size, dtype=bool))
     M_tot, momentum, kinetic = _project(scene, operator, rows, x[nodes] - reference, v[nodes])
     operator.destroy()
     m = np.trace(M_tot[:3, :3]) / 3  # (36)

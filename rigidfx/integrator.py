@@ -14,23 +14,29 @@ from rigidfx import effects as fx
 from rigidfx.body import RigidBody
 from rigidfx.decision import Part
 from rigidfx.equilibrium import Solution
-from rigidfx.errors import StepError
+from rigidfx.errors import InversionError, StepError
 from rigidfx.freezing import Exchange, LumpedExchange, Selection
 from rigidfx.internal import InternalForces
+from rigidfx.inversion import Inversion
 from rigidfx.ledger import BodyChange, Event
 from rigidfx.monitor import Measures
-from rigidfx.parts import Parts, named_parts
+from rigidfx.parts import Parts, check_clamps, named_parts
 from rigidfx.preload import apply_preload
 from rigidfx.projection import ConsistentExchange
 from rigidfx.scene import Scene
 from rigidfx.state import State, initial_velocity
 from rigidfx.strain_rate import StrainRates
-from rigidfx.supports import HeldDofs, Impact, acting, impose_velocity
+from rigidfx.supports import HeldDofs, Impact, impose_velocity, supports_of
 from rigidfx.system import System
 
 __all__ = ["Integrator", "StepResult"]
 
 MAX_CUTS = 8  # a step is cut to at least 1/256 before it is given up
+REMEDY = (
+    ". There det F ≤ 0 at an integration point, or a stretch is above 10⁶. St.Venant-Kirchhoff "
+    "material does not resist strong compression: take NeoHooke there, smaller loads, larger "
+    "cells or NumericalDamping."
+)
 
 
 @dataclass(frozen=True)
@@ -43,7 +49,9 @@ class StepResult:
         cuts: How often it was cut before it converged.
         work_of_loads: f_ext·Δu [J].
         work_of_supports: Work of the reactions [J].
+        dissipated: Energy taken by each kind of damping [J].
         reactions: Force each support exerts on the structure at the midpoint, shape (3,) [N].
+        reaction_moments: Its moment about the origin, shape (3,) [N m].
         impact: Velocity taken over from a support that began at the start of the step.
         strain_rates: Flexible owned cells and their strain rates [1/s], if they are measured.
     """
@@ -53,7 +61,9 @@ class StepResult:
     cuts: int
     work_of_loads: float
     work_of_supports: float
+    dissipated: Mapping[str, float]
     reactions: Mapping[str, npt.NDArray[np.float64]]
+    reaction_moments: Mapping[str, npt.NDArray[np.float64]]
     impact: Impact | None
     strain_rates: tuple[npt.NDArray[np.int32], npt.NDArray[np.float64]] | None
 
@@ -83,16 +93,26 @@ class Integrator:
         self.scene, self.state = scene, State(scene)
         velocity = initial_velocity(scene, dt)
         self._resolution = 1e-9 * dt
-        self._trial = np.inf  # length of the next attempt after a cut
-        self._forces = InternalForces(scene, self.state.u)
+        check_clamps(scene, self._resolution)
+        self._trial = np.inf  # length of the next attempt after a cut ...
+        self._whole = dt  # ... of a step of this length
+        self._forces = InternalForces(scene, self.state.u, self._resolution)
         self._rates = StrainRates(scene, self._forces, measure) if measure else None
+        self._inversion = Inversion(scene, self._forces)
         kind = LumpedExchange if scene.mass == "lumped" else ConsistentExchange
         self._exchange: Exchange = kind(scene, self._forces)
-        self._active = acting(scene, 0.0, self._resolution)
-        apply_preload(scene, self._forces, self.state, HeldDofs(scene, self._active))
+        self._acting = scene.acting(0.0, self._resolution)
+        apply_preload(scene, self._forces, self.state, HeldDofs(scene, self._supports))
         self.state.v.x.array[:] = velocity.reshape(-1)
-        self._system = self._bind(named_parts(scene, self._forces, self.state, self._active))
-        self._impact = self._begin(self._active, dt, self.measure())
+        self._system = self._bind(named_parts(scene, self._forces, self.state, self._supports))
+        self._impact = self._begin(self._supports, dt, self.measure())
+        if scene.named(fx.Preload) and (turned := self._inversion.find()) is not None:
+            self.close()
+            raise InversionError(f"The static preload turns cells inside out: {turned}{REMEDY}")
+
+    @property
+    def _supports(self) -> tuple[fx.Support, ...]:
+        return supports_of(self._acting)
 
     @property
     def unknowns(self) -> int:
@@ -135,19 +155,29 @@ class Integrator:
         Raises:
             SceneError: If a load takes a value that is not finite.
             StepError: If the step does not converge after all cuts.
+            InversionError: If it turns cells inside out after all cuts.
         """
-        self._follow_supports(target - self.state.t)
-        cuts, solution = 0, None
-        while cuts <= MAX_CUTS:
-            left = target - self.state.t
+        left = target - self.state.t
+        self._follow_effects(left)
+        cuts, solution, turned = 0, None, None
+        if self._trial == np.inf:
+            self._whole = left
+        dt = np.inf
+        while dt > self._whole / 2**MAX_CUTS * (1 + 1e-9):
             dt = left if self._trial >= left * (1 - 1e-9) else self._trial
             solution = self._system.solve(self.state, dt)
-            if solution.converged:
+            turned = self._inversion.find() if solution.converged else None
+            if solution.converged and turned is None:
                 self._trial = np.inf if dt == left and cuts == 0 else 2 * dt
                 return self._accept(dt, target if dt == left else self.state.t + dt, solution, cuts)
             cuts += 1
             self._trial = dt / 2
         assert solution is not None
+        if turned is not None:
+            raise InversionError(
+                f"The step from t = {self.state.t:.9g} s turns cells inside out, even with "
+                f"Δt = {dt:.3g} s: {turned}{REMEDY}"
+            )
         x, y, z = solution.place if solution.place is not None else (np.nan,) * 3
         raise StepError(
             f"The step from t = {self.state.t:.9g} s did not converge, not even with "
@@ -168,7 +198,9 @@ class Integrator:
             cuts=cuts,
             work_of_loads=work.loads,
             work_of_supports=work.supports,
+            dissipated=work.dissipated,
             reactions=work.reactions,
+            reaction_moments=work.reaction_moments,
             impact=self.take_impact(),
             strain_rates=rates,
         )
@@ -182,12 +214,20 @@ class Integrator:
 
     def _bind(self, parts: Parts) -> System:
         self.state.bodies, self.state.motions = parts.bodies, parts.motions
-        held = HeldDofs(self.scene, self._active, parts.carried_nodes)
+        self.state.clamped = parts.clamped
+        held = HeldDofs(self.scene, self._supports, parts.carried_nodes)
         self._held, self._flexible = held, parts.flexible
         if self._rates is not None:
             self._rates.bind(parts.flexible)
+        self._inversion.bind(parts.flexible)
         return System(
-            self.scene, self._forces, self.state, parts.flexible, held, parts.carried_cells
+            self.scene,
+            self._forces,
+            self.state,
+            self._acting,
+            parts.flexible,
+            held,
+            parts.carried_cells,
         )
 
     def regroup(
@@ -226,7 +266,7 @@ class Integrator:
             if body.name not in apart
         ]
         self._system.destroy()
-        self._system = self._bind(named_parts(scene, self._forces, state, self._active, found))
+        self._system = self._bind(named_parts(scene, self._forces, state, self._supports, found))
         new = {body.number: body for body, _ in found}
         after = self.measure()
         linear = after.linear_momentum - before.linear_momentum
@@ -246,23 +286,28 @@ class Integrator:
             angular_momentum_error=float(np.linalg.norm(angular)),
         )
 
-    def _follow_supports(self, dt: float) -> None:
-        """Change the partition where a support begins or ends; meet jumps of prescribed motion."""
-        t, before = self.state.t, self._active
-        now = acting(self.scene, t, self._resolution)
+    def _follow_effects(self, dt: float) -> None:
+        """Bind anew where an effect begins or ends; meet jumps of prescribed motion."""
+        t, before = self.state.t, self._acting
+        now = self.scene.acting(t, self._resolution)
+        known = {id(effect) for effect in before}
         jumping = tuple(
             s
-            for s in now
-            if s not in before or any(abs(t - b) <= self._resolution for b in s.breakpoints)
+            for s in supports_of(now)
+            if id(s) not in known or any(abs(t - b) <= self._resolution for b in s.breakpoints)
         )
         # A body that a support takes over must count as the body here: interface nodes of the
         # flexible side have velocities of their own.
         measures = self.measure() if jumping else None
-        if now != before:
+        self._acting = now
+        if not self._system.follow(now):
             self.state.rebuild()
             self._system.destroy()
-            self._active = now
-            parts = named_parts(self.scene, self._forces, self.state, now)
+            # A support may take named bodies over, and others do not outlast its begin and end.
+            same = supports_of(now) == supports_of(before)
+            pairs = zip(self.state.bodies, self.state.motions, strict=True)
+            found = list(pairs) if same else []
+            parts = named_parts(self.scene, self._forces, self.state, self._supports, found)
             self._system = self._bind(parts)
         if measures is not None:
             self._impact = self._begin(jumping, dt, measures) or self._impact

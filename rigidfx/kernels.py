@@ -77,9 +77,12 @@ class Kernel:
     """A compiled form without cells.
 
     Args:
-        form: UFL form; its cell integrals carry the subdomain ids that `bind` refers to.
+        form: UFL form; its integrals carry the subdomain ids that `bind` refers to.
         arguments: Function spaces of its arguments.
         mesh: Mesh of its coefficients. Compilation is collective on the mesh's communicator.
+
+    Attributes:
+        form: The form with its derivatives applied: what has been compiled.
     """
 
     def __init__(self, form: ufl.Form, arguments: list[Any], mesh: Any) -> None:
@@ -87,24 +90,40 @@ class Kernel:
         # DOLFINx binds coefficients by their place in the form given, FFCx numbers those that are
         # left once derivatives are applied: without this, a tangent that has lost the coefficient
         # u₀ (the trapezoidal rule's) would read u₀ in place of u₁.
-        form = expand_derivatives(form)
+        self.form = form = expand_derivatives(form)
         self._compiled = _compile(mesh.comm, form)
         self._arguments = arguments
         self._mesh = mesh
         self._coefficients = {w: w for w in form.coefficients()}
         self._constants = {c: c for c in form.constants()}
 
-    def bind(self, cells: Mapping[int, npt.NDArray[np.int32]]) -> fem.Form:
-        """The form over the given owned cells.
+    @property
+    def ids(self) -> set[int]:
+        """Subdomain ids of its cell integrals."""
+        parts = (i for i in self.form.integrals() if i.integral_type() == "cell")
+        return {int(n) for i in parts for n in np.atleast_1d(i.subdomain_id())}
+
+    def bind(
+        self,
+        cells: Mapping[int, npt.NDArray[np.int32]],
+        facets: Mapping[int, npt.NDArray[np.int32]] | None = None,
+    ) -> fem.Form:
+        """The form over the given owned cells and boundary facets.
 
         Args:
             cells: Subdomain id → sorted local indices of owned cells.
+            facets: Subdomain id → owned cells and local numbers of boundary facets, shape (n, 2).
         """
+        domains: dict[Any, list[tuple[int, Any]]] = {fem.IntegralType.cell: sorted(cells.items())}
+        if facets:
+            domains[fem.IntegralType.exterior_facet] = [
+                (i, pairs.reshape(-1)) for i, pairs in sorted(facets.items())
+            ]
         return fem.create_form(
             self._compiled,
             self._arguments,
             self._mesh,
-            {fem.IntegralType.cell: sorted(cells.items())},
+            domains,
             self._coefficients,
             self._constants,
         )

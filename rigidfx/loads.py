@@ -12,7 +12,6 @@ import numpy.typing as npt
 import ufl
 from petsc4py import PETSc
 
-from rigidfx import _compat
 from rigidfx import effects as fx
 from rigidfx.body import Increment, RigidBody
 from rigidfx.errors import SceneError, together
@@ -30,10 +29,12 @@ class WeightedLoad:
     Attributes:
         load: The effect.
         weights: Weight of each node: area [m²], volume [m³], mass [kg] or share [1].
+        arms: Σ w and Σ w V over each body's nodes, shape (bodies, 4).
     """
 
     load: fx.DeadLoad
     weights: Array
+    arms: Array
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,11 @@ class Resultants:
 
 
 class NodalLoads:
-    """Sum of dead loads on a scene: on free nodes one by one, on bodies by their resultants."""
+    """Sum of dead loads on a scene: on free nodes one by one, on bodies by their resultants.
+
+    Attributes:
+        loads: The loads that act, with their nodal weights.
+    """
 
     def __init__(
         self,
@@ -77,17 +82,32 @@ class NodalLoads:
         """
         self._comm = scene.comm
         n = scene.owned_nodes
-        self._loads, on_bodies = [], []
-        self._torques = [[t for t in torques if t.body == b.name] for b in bodies]
+        self._every: list[WeightedLoad] = []
+        self._bodies, self._torques = bodies, torques
         for load in loads:
             weights = _weights(scene, load)[:n].copy()
             sums = [np.r_[weights[b.nodes].sum(), weights[b.nodes] @ b.offsets] for b in bodies]
             for b in bodies:
                 weights[b.nodes] = 0.0
-            self._loads.append(WeightedLoad(load, weights[nodes]))
-            on_bodies.append(np.asarray(scene.sum(np.reshape(sums, (-1, 4)))))
-        # Σ w and Σ w V of each body and load, shape (bodies, 4, loads)
-        self._arms = np.reshape(on_bodies, (len(loads), len(bodies), 4)).transpose(1, 2, 0)
+            arms = np.asarray(scene.sum(np.reshape(sums, (-1, 4))))
+            if isinstance(load, fx.Gravity) and load.where is None:
+                for k, b in enumerate(bodies):
+                    if b.given:  # it weighs what it is told to
+                        arms[k] = b.mass, 0.0, 0.0, 0.0
+            self._every.append(WeightedLoad(load, weights[nodes], arms))
+        self.select((*loads, *torques))
+
+    def select(self, acting: Sequence[fx.Windowed]) -> None:
+        """From now on let those act that are among the given effects; the others cost nothing."""
+        here = {id(effect) for effect in acting}
+        self.loads = [item for item in self._every if id(item.load) in here]
+        torques = [t for t in self._torques if id(t) in here]
+        self._on_bodies = [[t for t in torques if t.body == b.name] for b in self._bodies]
+        self._twisted = any(self._on_bodies)
+        # shape (bodies, 4, loads)
+        arms = [item.arms for item in self.loads]
+        shape = len(arms), len(self._bodies), 4
+        self._arms = np.reshape(arms, shape).transpose(1, 2, 0)
 
     def evaluate(self, t: float, out: PETSc.Vec) -> tuple[Resultants, ...]:
         """Nodal forces and loads on each body at time t. Collective.
@@ -101,15 +121,41 @@ class NodalLoads:
         """
         forces = out.array.reshape(-1, 3)
         forces[:] = 0.0
-        q = together(self._comm, "A load", lambda: self._q(t)) if self._loads else []
-        for value, item in zip(q, self._loads, strict=True):
+        q: list[Array] = []
+        twists: list[Array] = [np.zeros((2, 3)) for _ in self._bodies]
+        if self.loads or self._twisted:
+            q, twists = together(self._comm, "A load", lambda: (self._q(t), self._twists(t)))
+        for value, item in zip(q, self.loads, strict=True):
             if value.any():
                 forces += item.weights[:, None] * value
         values = np.reshape(q, (-1, 3))
-        return tuple(
-            _on_body(arms @ values, torques, t)
-            for arms, torques in zip(self._arms, self._torques, strict=True)
-        )
+        out_of = []
+        for arms, (force, torque) in zip(self._arms, twists, strict=True):
+            moments = arms @ values
+            moments[0] += force
+            out_of.append(Resultants(moments, torque))
+        return tuple(out_of)
+
+    def _twists(self, t: float) -> list[Array]:
+        """Force and torque on each body as such at time t, shape (2, 3).
+
+        Raises:
+            SceneError: On this rank, if one is not finite.
+        """
+        out: list[Array] = []
+        for loads in self._on_bodies:
+            twist: Array = np.zeros((2, 3))
+            for load in loads:
+                with np.errstate(invalid="ignore"):  # what is not finite is met below
+                    own = np.stack([load.force_at(t), load.torque_at(t)])
+                if not np.isfinite(own).all():
+                    raise SceneError(
+                        f"Resultant on '{load.body}': at t = {t:g} s force and torque are "
+                        f"{own[0]} N and {own[1]} N m; check its time function."
+                    )
+                twist += own
+            out.append(twist)
+        return out
 
     def _q(self, t: float) -> list[Array]:
         """Force vector of each load at time t, shape (3,); what a user's function does is checked.
@@ -118,7 +164,7 @@ class NodalLoads:
             SceneError: On this rank, if one fails or is not three finite numbers.
         """
         out = []
-        for load in (item.load for item in self._loads):
+        for load in (item.load for item in self.loads):
             name = f"{type(load).__name__} on '{getattr(load, 'where', None) or 'all cells'}'"
             try:
                 q = load.intensity(t)
@@ -136,39 +182,17 @@ class NodalLoads:
         return out
 
 
-def _on_body(moments: Array, torques: Sequence[fx.Resultant], t: float) -> Resultants:
-    """Add what acts on a body as such to the moments of the loads on its nodes."""
-    twist = np.zeros(3)
-    for resultant in torques:
-        moments[0] += resultant.force_at(t)
-        twist += resultant.torque_at(t)
-    return Resultants(moments, twist)
-
-
 def _weights(scene: Scene, load: fx.DeadLoad) -> Array:
     degree = {"quadrature_degree": 2 * scene.order + 2}
     where: Any = getattr(load, "where", None)
     measure = partial(ufl.Measure, domain=scene.mesh, metadata=degree)
     if isinstance(load, fx.NodalForce):
-        nodes = scene.nodes(where, "NodalForce")
-        weights = np.zeros(scene.nodal_mass.size)
-        weights[nodes] = 1.0
-        return weights / scene.sum(weights[: scene.owned_nodes].sum())
+        return scene.shares(where, "NodalForce")
     if isinstance(load, fx.Traction):
-        facets = scene.domain.find(where, (2,), "Traction").entities
-        pairs = _compat.integration_facets(scene.mesh, facets)
-        inner = scene.domain.count(scene.domain.find(where, (2,), "Traction")) - scene.sum(
-            len(pairs) // 2
-        )
-        if inner > 0:
-            raise SceneError(
-                f"Traction on '{where}': {int(inner)} of its facets lie inside the mesh; a dead "
-                "traction needs boundary facets."
-            )
+        pairs = scene.boundary(where, "Traction").reshape(-1)
         return scene.nodal_weights(1.0, measure("ds", subdomain_data=[(1, pairs)])(1))
     density = scene.density() if isinstance(load, fx.Gravity) else 1.0
-    if where is None:
-        return scene.nodal_weights(density, measure("dx"))
-    cells = scene.domain.find(where, (3,), type(load).__name__).entities
-    owned = cells[cells < scene.mesh.topology.index_map(3).size_local]
-    return scene.nodal_weights(density, measure("dx", subdomain_data=[(1, owned)])(1))
+    owned = scene.owned_cells(where, type(load).__name__)
+    weights = scene.nodal_weights(density, measure("dx", subdomain_data=[(1, owned)])(1))
+    heavy = isinstance(load, fx.Gravity) and where is None
+    return weights + scene.point_masses if heavy else weights

@@ -1,4 +1,4 @@
-"""The two mass operators: diagonal, and consistent.
+"""The two mass operators: diagonal, and consistent. Point masses are diagonal in both.
 
 Both act on PETSc vectors over some of the nodes and add themselves to a condensed tangent. A run
 uses one of them throughout: mixing them breaks the conservation of angular momentum.
@@ -15,6 +15,7 @@ from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 
 from rigidfx.condensation import CondensedMatrix
+from rigidfx.effects import PointMass
 from rigidfx.internal import Cells
 from rigidfx.kernels import Kernel
 from rigidfx.prolongation import Prolongation
@@ -66,11 +67,8 @@ class LumpedMass:
         """Add factor · M at the free dofs. Collective."""
         if self._reduced is None:
             self._reduced = prolongation.unknowns()
-        bodies = np.zeros((len(prolongation.partition.bodies), 6))
-        prolongation.collapse(self._diagonal.array_r, bodies, self._reduced)
-        self._reduced.scale(factor)
         tangent.matrix.assemble()
-        tangent.matrix.setDiagonal(self._reduced, PETSc.InsertMode.ADD_VALUES)
+        _add_diagonal(tangent.matrix, factor, self._diagonal, prolongation, self._reduced)
 
     def matrix(self) -> PETSc.Mat:
         """M as a new AIJ matrix; the caller destroys it."""
@@ -86,11 +84,30 @@ class LumpedMass:
                 vector.destroy()
 
 
+def _add_diagonal(
+    A: PETSc.Mat,
+    factor: float,
+    diagonal: PETSc.Vec,
+    prolongation: Prolongation,
+    reduced: PETSc.Vec,
+) -> None:
+    """Add a multiple of the free dofs' diagonal to an assembled reduced matrix. Collective."""
+    bodies = np.zeros((len(prolongation.partition.bodies), 6))
+    prolongation.collapse(diagonal.array_r, bodies, reduced)
+    reduced.scale(factor)
+    A.setDiagonal(reduced, PETSc.InsertMode.ADD_VALUES)
+
+
 class ConsistentMass:
-    """M = ∫ ρ0 Nᵢ Nⱼ dV over the given cells."""
+    """M = ∫ ρ0 Nᵢ Nⱼ dV over the given cells, and point masses."""
 
     def __init__(
-        self, scene: Scene, rows: Rows, cells: Cells, carried: Cells | None = None
+        self,
+        scene: Scene,
+        rows: Rows,
+        cells: Cells,
+        carried: Cells | None = None,
+        points: npt.NDArray[np.float64] | None = None,
     ) -> None:
         """Assemble the matrix once. Collective.
 
@@ -99,6 +116,7 @@ class ConsistentMass:
             rows: Those of the nodes of the cells.
             cells: Flexible cells: what is added to tangents.
             carried: Further cells whose dofs are all held: they count in products with vectors.
+            points: Point mass of each of the nodes [kg]; none if None.
         """
         v, w = ufl.TrialFunction(scene.space), ufl.TestFunction(scene.space)
         dx = ufl.Measure(
@@ -112,6 +130,12 @@ class ConsistentMass:
         bound = self._kernel.bind(counted)
         self._matrix = rows.matrix()
         fem_petsc.assemble_matrix(self._matrix, bound)
+        self._points: PETSc.Vec | None = None
+        if points is not None and scene.named(PointMass):
+            self._points = rows.vector()
+            self._points.array[:] = np.repeat(points, 3)
+            # A node of no counted cell has no entry in the pattern yet.
+            rows.add_diagonal(self._matrix, self._points.array_r)
         self._matrix.assemble()
         self._condensed: CondensedMatrix | None = None
 
@@ -127,6 +151,10 @@ class ConsistentMass:
             self._condensed = CondensedMatrix(prolongation, *forms)
             self._condensed.assemble()
             self._condensed.matrix.assemble()
+            if self._points is not None:
+                reduced = prolongation.unknowns()
+                _add_diagonal(self._condensed.matrix, 1.0, self._points, prolongation, reduced)
+                reduced.destroy()
         tangent.add(self._condensed, factor)
 
     def matrix(self) -> PETSc.Mat:
@@ -136,6 +164,8 @@ class ConsistentMass:
     def destroy(self) -> None:
         """Free the matrices. Collective."""
         self._matrix.destroy()
+        if self._points is not None:
+            self._points.destroy()
         if self._condensed is not None:
             self._condensed.destroy()
 
@@ -144,7 +174,7 @@ def mass_operator(
     scene: Scene,
     rows: Rows,
     cells: Cells,
-    masses: npt.NDArray[np.float64],
+    own: npt.NDArray[np.bool_],
     carried: Cells | None = None,
 ) -> Mass:
     """The mass operator that a scene asks for.
@@ -153,9 +183,10 @@ def mass_operator(
         scene: The problem.
         rows: Those of the nodes it acts on.
         cells: Owned cells by subdomain id whose mass counts, if it is consistent.
-        masses: Mass of each node [kg], if it is lumped.
+        own: For each of the nodes, whether lumped and point masses count here.
         carried: Owned cells that a support moves; their mass counts too.
     """
     if scene.mass == "lumped":
-        return LumpedMass(rows, masses)
-    return ConsistentMass(scene, rows, cells, carried)
+        return LumpedMass(rows, np.where(own, scene.nodal_mass[rows.nodes], 0.0))
+    points = np.where(own, scene.point_masses[rows.nodes], 0.0)
+    return ConsistentMass(scene, rows, cells, carried, points)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
+from rigidfx.ground import GroundedBody, GroundForces
 from rigidfx.internal import InternalForces
 from rigidfx.mass import Mass
 from rigidfx.partition import Partition
@@ -28,6 +30,7 @@ class Measures:
         kinetic: ½ v·M v [J].
         strain: ∫ W dV of the flexible cells [J].
         stored: Energy that bodies keep for their release [J].
+        springs: Potential energy of springs to ground [J].
         linear_momentum: L = Σ (M v)ᵢ, shape (3,) [kg m/s].
         angular_momentum: J = Σ xᵢ × (M v)ᵢ about the origin, shape (3,) [kg m²/s].
         momentum_scale: Σ |(M v)ᵢ| [kg m/s], what L is to be compared with; a body counts with
@@ -37,23 +40,30 @@ class Measures:
     kinetic: float
     strain: float
     stored: float
+    springs: float
     linear_momentum: Array
     angular_momentum: Array
     momentum_scale: float
 
     @property
     def energy(self) -> float:
-        """H = kinetic + strain + stored [J]."""
-        return self.kinetic + self.strain + self.stored
+        """H = kinetic + strain + stored + springs [J]."""
+        return self.kinetic + self.strain + self.stored + self.springs
 
 
 class Monitor:
     """Measures states of a scene."""
 
     def __init__(
-        self, scene: Scene, forces: InternalForces, mass: Mass, partition: Partition
+        self,
+        scene: Scene,
+        forces: InternalForces,
+        mass: Mass,
+        partition: Partition,
+        ground: Sequence[GroundForces],
     ) -> None:
         """Bind the stored energy to the flexible cells. Collective."""
+        self._ground = ground
         self._scene, self._mass, self._rows = scene, mass, partition.rows
         self._energy = forces.bind_energy(partition.flexible)
         self._v, self._p = self._rows.vector(), self._rows.vector()
@@ -65,12 +75,13 @@ class Monitor:
         self._mass.mult(self._v, self._p)
         p = self._p.array_r.reshape(-1, 3)
         x = self._rows.X + state.u.x.array[dofs].reshape(-1, 3)
-        local = np.empty(9)
+        local = np.empty(10)
         local[0] = 0.5 * float(self._v.array_r @ self._p.array_r)
         local[1] = fem.assemble_scalar(self._energy)
         local[2:5] = p.sum(axis=0)
         local[5:8] = axial(x.T @ p)
         local[8] = np.sqrt((p * p).sum(axis=1)).sum()
+        local[9] = sum(item.energy(state.u.x.array[dofs]) for item in self._ground)
         total = np.asarray(self._scene.sum(local))
         for body, motion in zip(state.bodies, state.motions, strict=True):
             momentum, spin = body.mass * motion.velocity, motion.angular_momentum(body)
@@ -78,10 +89,13 @@ class Monitor:
             total[2:5] += momentum
             total[5:8] += skew(motion.r) @ momentum + spin
             total[8] += np.linalg.norm(momentum) + np.linalg.norm(spin) / body.length
+        for item in self._ground:
+            total[9] += sum(map(GroundedBody.energy, item.bodies, state.motions))
         return Measures(
             kinetic=float(total[0]),
             strain=float(total[1]),
             stored=state.stored,
+            springs=float(total[9]),
             linear_momentum=total[2:5],
             angular_momentum=total[5:8],
             momentum_scale=float(total[8]),

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 
 from rigidfx.domain import Domain
 from rigidfx.effects import Rigid
@@ -64,6 +65,7 @@ def write_bodies(path: str | Path, scene: Scene, report: Report) -> None:
         "units": "SI; inertia about the centre, in space; interface nodes in the reference shape",
         "t": report.t,
         "cells": int(scene.mesh.topology.index_map(3).size_global),
+        "box": _box(scene.domain).tolist(),
         "bodies": bodies,
     }
     problem = None
@@ -90,6 +92,7 @@ def read_bodies(path: str | Path, domain: Domain) -> tuple[Domain, tuple[Rigid, 
     Raises:
         SceneError: On every rank, if the file cannot be read or is of another mesh.
     """
+    total, box = int(domain.mesh.topology.index_map(3).size_global), _box(domain)
 
     def read() -> list[dict[str, Any]]:
         try:
@@ -98,13 +101,15 @@ def read_bodies(path: str | Path, domain: Domain) -> tuple[Domain, tuple[Rigid, 
             raise SceneError(f"read_bodies: '{path}' cannot be read as JSON: {error}") from error
         if not isinstance(content, dict) or content.get("format") != FORMAT:
             raise SceneError(f"read_bodies: '{path}' is no file of write_bodies.")
-        total = int(domain.mesh.topology.index_map(3).size_global)
-        if content["cells"] != total:
+        try:
+            return _checked(content, total, box)
+        except ValueError as error:
+            raise SceneError(f"read_bodies: '{path}': {error}") from error
+        except (KeyError, TypeError) as error:
             raise SceneError(
-                f"read_bodies: '{path}' belongs to a mesh of {content['cells']} cells, this one "
-                f"has {total}."
-            )
-        return list(content["bodies"])
+                f"read_bodies: '{path}' is damaged: what write_bodies leaves there is missing or "
+                f"of another kind ({type(error).__name__}: {error})."
+            ) from error
 
     bodies = together(domain.comm, "read_bodies", read)
     numbers = np.asarray(domain.mesh.topology.original_cell_index)
@@ -114,6 +119,48 @@ def read_bodies(path: str | Path, domain: Domain) -> tuple[Domain, tuple[Rigid, 
         domain = domain.with_cell_set(body["name"], cells.astype(np.int32))
         effects.append(Rigid(body["name"]))
     return domain, tuple(effects)
+
+
+def _box(domain: Domain) -> npt.NDArray[np.float64]:
+    """Least and greatest coordinates of the mesh, shape (2, 3) [m]. Collective."""
+    x = domain.mesh.geometry.x
+    ends = np.array([x.min(axis=0, initial=np.inf), -x.max(axis=0, initial=-np.inf)])
+    domain.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MIN)
+    lower, upper = ends
+    return np.array([lower, -upper])
+
+
+def _checked(
+    content: dict[str, Any], total: int, box: npt.NDArray[np.float64]
+) -> list[dict[str, Any]]:
+    """The bodies of a file, if they are of this mesh.
+
+    Args:
+        content: What the file holds.
+        total: Number of cells of the mesh.
+        box: Its least and greatest coordinates, shape (2, 3) [m].
+
+    Raises:
+        ValueError: If something does not fit; the message says what.
+    """
+    if content["cells"] != total:
+        raise ValueError(f"it belongs to a mesh of {content['cells']} cells, this has {total}.")
+    theirs = np.asarray(content["box"], dtype=np.float64)
+    if theirs.shape != (2, 3) or np.abs(theirs - box).max() > 1e-9 * np.ptp(box, axis=0).max():
+        raise ValueError(f"it belongs to a mesh in {theirs.tolist()}, this is in {box.tolist()}.")
+    names: list[Any] = []
+    cells: list[int] = []
+    for body in content["bodies"]:
+        name, own = body["name"], body["cells"]
+        if not isinstance(name, str) or name in names:
+            raise ValueError(f"the name {name!r} of a body is no text, or that of two.")
+        if not own or not all(isinstance(n, int) and 0 <= n < total for n in own):
+            raise ValueError(f"body '{name}' has no cells, or cells that the mesh has not.")
+        names.append(name)
+        cells += own
+    if len(set(cells)) < len(cells):
+        raise ValueError("a cell is in two bodies.")
+    return list(content["bodies"])
 
 
 def _touching_flexible(scene: Scene, body_numbers: npt.NDArray[np.int32]) -> npt.NDArray[np.bool_]:

@@ -10,13 +10,14 @@ from __future__ import annotations
 import numpy as np
 from petsc4py import PETSc
 
-__all__ = ["MAX_ITERATIONS", "RELATIVE_TOLERANCE", "StoppingTest", "reason_name"]
+__all__ = ["MAX_ITERATIONS", "RELATIVE_TOLERANCE", "StoppingTest", "judged", "reason_name"]
 
 RELATIVE_TOLERANCE = 1e-12
 ROUNDING = 2.0  # safety on the estimated rounding level
 STALL = 0.2  # Newton has met rounding where it reduces the residual by less than this ...
 MARGIN = 100.0  # ... and the residual is within this factor of the estimate
 MAX_ITERATIONS = 25
+NOT_FINITE = -4  # DIVERGED_FNORM_NAN, or DIVERGED_FUNCTION_NANORINF, as its name is in PETSc 3.25
 DIVERGENCE = 1e6  # growth of the residual at which Newton gives up
 
 
@@ -77,6 +78,17 @@ class StoppingTest:
             return norm <= MARGIN * self._rounding
         truncation = last * (last / earlier[-1]) ** 2 if earlier else last
         return norm <= self._rounding and truncation <= self.rtol * self.history[0]
+
+
+def judged(reason: int) -> int:
+    """SNES's reason, or that the residual is not finite where it has not stopped by the test above.
+
+    Where the residual is not finite, PETSc 3.25 takes the step for a vanishing one and calls that
+    convergence (CONVERGED_SNORM_RELATIVE), at the first guess.
+    """
+    Reason = PETSc.SNES.ConvergedReason
+    own = reason in (int(Reason.CONVERGED_FNORM_ABS), int(Reason.CONVERGED_FNORM_RELATIVE))
+    return reason if own or reason < 0 else NOT_FINITE
 
 
 def reason_name(reason: int) -> str:

@@ -1,8 +1,8 @@
 """ParaView series: point and cell data of the whole body, the same files from any number of ranks.
 
 A series is a .pvd that lists one .vtu per time. Rank 0 writes the whole body: cells in the order of
-the mesh file, each node once, no ghosts. The .pvd is replaced after each time and names finished
-files only, so it can be opened while a run goes on and after one that was killed.
+the mesh file, each node once, no ghosts. The .pvd is whole after each time and names finished files
+only, so it can be opened while a run goes on and after one that was killed.
 
 DOLFINx's own writers do less: VTKFile puts numbers in plain text, shows ghost cells and completes
 the .pvd at the end only; VTXWriter of DOLFINx 0.9 cannot join point and cell data.
@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Mapping
+from errno import ENOSPC
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
@@ -24,6 +25,8 @@ __all__ = ["Body", "Series"]
 
 Array = npt.NDArray[Any]
 
+HEAD = b'<VTKFile type="Collection" version="0.1">\n<Collection>\n'
+END = b"</Collection>\n</VTKFile>\n"
 VTK_NAMES = {"f": "Float", "i": "Int", "u": "UInt"}
 
 
@@ -91,7 +94,7 @@ class Series:
     """Writes a .pvd and its .vtu files; used on rank 0 only.
 
     Attributes:
-        path: The .pvd, replaced after each time.
+        path: The .pvd, whole after each time.
     """
 
     def __init__(self, path: Path, body: Body) -> None:
@@ -106,7 +109,7 @@ class Series:
         """
         self.path = path
         self._files = path.with_suffix("")
-        self._entries: list[str] = []
+        self._count, self._end = 0, 0  # times, and where the .pvd's next one goes
         self._body = {
             "points": _pack(body.points.astype("<f8")),
             "connectivity": _pack(body.cells.astype("<i4")),
@@ -116,7 +119,8 @@ class Series:
         self._size = len(body.points), len(body.cells)
         self._files.mkdir(exist_ok=True)
         path.unlink(missing_ok=True)
-        for stale in self._files.glob(f"{path.stem}_[0-9]*.vtu"):
+        # Among them may be a .vtu.part that a kill has left.
+        for stale in self._files.glob(f"{path.stem}_[0-9]*.vtu*"):
             stale.unlink()
 
     def write(self, t: float, points: Mapping[str, Array], cells: Mapping[str, Array]) -> None:
@@ -125,26 +129,37 @@ class Series:
         Args:
             t: Time [s].
             points: Name → values on the nodes, shape (nodes,) or (nodes, 3).
-            cells: Name → values on the cells, shape (cells,) or (cells, 3).
+            cells: Name → values on the cells, shape (cells,), (cells, 3) or (cells, 3, 3).
 
         Raises:
             OSError: If a file cannot be written.
         """
-        file = self._files / f"{self.path.stem}_{len(self._entries):06d}.vtu"
+        file = self._files / f"{self.path.stem}_{self._count:06d}.vtu"
         _replace(file, self._vtu(points, cells))
         name = quoteattr(f"{self._files.name}/{file.name}")
-        self._entries.append(f'<DataSet timestep="{t!r}" part="0" file={name}/>')
-        text = "\n".join(
-            (
-                '<VTKFile type="Collection" version="0.1">',
-                "<Collection>",
-                *self._entries,
-                "</Collection>",
-                "</VTKFile>",
-                "",
-            )
-        )
-        _replace(self.path, text.encode())
+        self._list(f'<DataSet timestep="{t!r}" part="0" file={name}/>\n'.encode())
+        self._count += 1
+
+    def _list(self, entry: bytes) -> None:
+        """Put an entry before the end of the .pvd, by one call of the system: wholly or not at all.
+
+        To replace the file would do as well, but file systems wait for the disk then.
+        """
+        if self._count == 0:
+            _replace(self.path, HEAD + entry + END)
+            self._end = len(HEAD + entry)
+            return
+        with self.path.open("r+b", buffering=0) as file:
+            file.seek(self._end)
+            try:
+                if file.write(entry + END) < len(entry + END):
+                    raise OSError(ENOSPC, "No space left on device", str(self.path))
+            except OSError:
+                file.seek(self._end)
+                file.write(END)
+                file.truncate()
+                raise
+        self._end += len(entry)
 
     def _vtu(self, points: Mapping[str, Array], cells: Mapping[str, Array]) -> bytes:
         blocks: list[bytes] = []
@@ -160,7 +175,8 @@ class Series:
         def data(name: str, values: Array) -> str:
             values = values.astype(values.dtype.newbyteorder("<"))
             kind = f"{VTK_NAMES[values.dtype.kind]}{8 * values.dtype.itemsize}"
-            return array(name, kind, int(np.prod(values.shape[1:])), _pack(values))
+            level = 0 if kind.startswith("Float") else 1
+            return array(name, kind, int(np.prod(values.shape[1:])), _pack(values, level))
 
         own = self._body
         # From version 2.1 on, VTK numbers the edges of second-order hexahedra as DOLFINx does.
@@ -191,10 +207,14 @@ class Series:
         return ("\n".join(lines) + "\n_").encode() + b"".join(blocks) + end
 
 
-def _pack(values: Array) -> bytes:
-    """One compressed block with the header VTK expects: 1 block, its size, no rest, packed size."""
+def _pack(values: Array, level: int = 1) -> bytes:
+    """One compressed block with the header VTK expects: 1 block, its size, no rest, packed size.
+
+    Level 0 only wraps: digits of results hardly compress, and most of the time to write would go
+    into trying.
+    """
     raw = np.ascontiguousarray(values).tobytes()
-    packed = zlib.compress(raw, 1)
+    packed = zlib.compress(raw, level)
     return np.array([1, len(raw), 0, len(packed)], "<u8").tobytes() + packed
 
 

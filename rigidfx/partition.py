@@ -39,8 +39,8 @@ class Partition:
         massive: For each owned node, whether its inertia is its own and not a body's.
         rows: Those of the active nodes, owned ones outside bodies or attached.
         masses: Lumped mass of each active node that is its own [kg].
-        reached: Local dofs, ghosts included, of flexible cells of any rank: what forms over these
-            read and write.
+        reached: Local dofs, ghosts included, of flexible and carried cells of any rank: what forms
+            over these read and write.
     """
 
     space: Any
@@ -62,6 +62,7 @@ def partition(
     flexible: Cells,
     bodies: tuple[RigidBody, ...],
     held: npt.NDArray[np.bool_],
+    carried: Cells | None = None,
 ) -> Partition:
     """Divide the dofs of a scene. Collective.
 
@@ -70,9 +71,11 @@ def partition(
         flexible: Flexible owned cells by subdomain id.
         bodies: Rigid bodies; no two share a node.
         held: For each owned dof, whether a support prescribes it.
+        carried: Owned cells by subdomain id that a support moves; none if None.
     """
     n = scene.owned_nodes
     touched = nodes_of(scene, flexible)
+    reached = touched if carried is None else touched | nodes_of(scene, carried)
     massive = np.ones(n, dtype=bool)
     for body in bodies:
         massive[body.nodes] = False
@@ -90,7 +93,7 @@ def partition(
         massive=massive,
         rows=Rows(scene.space, active),
         masses=np.where(massive, scene.nodal_mass[:n], 0.0)[active],
-        reached=np.flatnonzero(np.repeat(touched, 3)),
+        reached=np.flatnonzero(np.repeat(reached, 3)),
     )
 
 

@@ -10,15 +10,15 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from rigidfx.body import NOTHING, BodyMotion, RigidBody
-from rigidfx.effects import Rigid, Support
+from rigidfx.effects import Resultant, Rigid, Support
 from rigidfx.errors import SceneError, agree
 from rigidfx.freezing import Selection, freeze
 from rigidfx.internal import Cells, InternalForces
 from rigidfx.scene import Scene
 from rigidfx.state import State
-from rigidfx.supports import dofs_of
+from rigidfx.supports import dofs_of, supports_of
 
-__all__ = ["Parts", "named_parts"]
+__all__ = ["Parts", "check_clamps", "named_parts"]
 
 Nodes = npt.NDArray[np.int32]
 
@@ -34,6 +34,7 @@ class Parts:
         carried_cells: Owned cells that move with a support, by subdomain id; None if there are
             none.
         carried_nodes: Owned nodes that move with a support, by the support's number.
+        clamped: Owned cells of each named part that moves with a support, by the part's number.
     """
 
     flexible: Cells
@@ -41,6 +42,34 @@ class Parts:
     motions: tuple[BodyMotion, ...]
     carried_cells: Cells | None
     carried_nodes: Mapping[int, Nodes]
+    clamped: Mapping[int, Nodes]
+
+
+def check_clamps(scene: Scene, resolution: float) -> None:
+    """Look ahead: will supports hold named bodies in a way that is refused? Collective.
+
+    Args:
+        scene: The problem.
+        resolution: Times closer than this are the same [s].
+
+    Raises:
+        SceneError: If a support, at any time, holds a body other than by clamping it whole, or
+            clamps one that a resultant acts on then.
+    """
+    held = [*scene.named(Support), *scene.named(Resultant)]
+    times = sorted({0.0, *(t for e in held for t in e.breakpoints if t > 0)})
+    for effect in scene.named(Rigid) if scene.named(Support) else ():
+        _, nodes = _cells_and_nodes(scene, effect)
+        for t in times:
+            acting = scene.acting(t, resolution)
+            clamp = _clamp(scene, supports_of(acting), effect.name, nodes)
+            loads = [e for e in acting if isinstance(e, Resultant) and e.body == effect.name]
+            if clamp is not None and loads:
+                raise SceneError(
+                    f"Resultant: at t = {t:g} s a support clamps the body '{effect.name}', so that "
+                    "it is no body of its own. Name a NodalForce on its cells, which the support "
+                    "then bears, or separate the two in time."
+                )
 
 
 def named_parts(
@@ -69,6 +98,7 @@ def named_parts(
     motions: list[BodyMotion] = []
     held_by_found = {name for body, _ in found for name in body.named}
     carried: dict[int, Nodes] = {}
+    clamped: dict[int, Nodes] = {}
     taken = np.zeros(scene.owned_nodes, dtype=np.int32)
     known = {b.name: (b, m) for b, m in zip(state.bodies, state.motions, strict=True)}
     for number, effect in enumerate(scene.named(Rigid), start=1):
@@ -85,6 +115,7 @@ def named_parts(
         rigid.append(cells)
         support = _clamp(scene, active, name, nodes)
         if support is not None:
+            clamped[number] = cells
             carried[support] = np.union1d(carried.get(support, nodes), nodes).astype(np.int32)
         elif name in held_by_found:
             continue
@@ -99,7 +130,7 @@ def named_parts(
         bodies.append(body)
         motions.append(motion)
     if not rigid:
-        return Parts(forces.cells(), (), (), None, {})
+        return Parts(forces.cells(), (), (), None, {}, {})
     every = np.arange(owned, dtype=np.int32)
     flexible = np.setdiff1d(every, np.concatenate(rigid))
     with_bodies = np.concatenate([np.empty(0, np.int32), *(b.cells for b in bodies)])
@@ -111,6 +142,7 @@ def named_parts(
         tuple(motions),
         forces.cells(moved) if some else None,
         carried,
+        clamped,
     )
 
 

@@ -1,220 +1,183 @@
-"""Pictures of numbers against time: the history of a run, curves of several runs.
+"""The standard pictures of a run, from its folder, in one call; and what draws any others.
 
-Every function here is called on all ranks; rank 0 draws, and what goes wrong there is raised on
-all. matplotlib is imported where it is used, not with the package.
+    from rigidfx.plot import pictures
+    pictures("out/bar")
+
+    python3 -m rigidfx.plot out/bar
+
+They are made from what the recorder has left, so also while a run goes on and after one that was
+stopped. `Curve`, `curves` and `histories` draw numbers of any runs.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
-from rigidfx.errors import OutputError, agree
+from rigidfx.effects.base import numbers
+from rigidfx.errors import OutputError, SceneError, number
+from rigidfx.figures import Curve, curves, figure_of, histories, on_first_rank, save
 from rigidfx.output import read_history
+from rigidfx.photographs import OF_CELLS, Photograph, film, pyvista, sheet, surface_of
 
-__all__ = ["Curve", "curves", "figure_of", "histories", "on_first_rank", "save"]
-
-Array = npt.NDArray[np.float64]
-
-STYLE = {
-    "font.size": 12,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.titlelocation": "left",
-    "grid.color": "0.9",
-    "legend.frameon": False,
-    "lines.linewidth": 1.3,
-}
-BLUE, ORANGE, GREEN, DARK, GREY = "#0072b2", "#d55e00", "#009e73", "#222222", "#999999"
-COLOURS = (BLUE, ORANGE, GREEN, "#cc79a7", "#56b4e9", "#e69f00")
-DPI = 150
+__all__ = ["Curve", "curves", "figure_of", "histories", "on_first_rank", "pictures", "save"]
 
 
-def histories(
-    history: str | Path | Mapping[str, Array],
-    path: str | Path,
+def pictures(
+    folder: str | Path,
     *,
+    shapes: int = 8,
+    frames: int = 100,
+    view: Sequence[float] = (1.0, -0.6, 0.5),
+    up: Sequence[float] = (0.0, 0.0, 1.0),
     free_since: float | None = None,
     title: str = "",
     comm: MPI.Intracomm = MPI.COMM_WORLD,
-) -> None:
-    """Draw energies and momenta against time. Collective.
+) -> list[Path]:
+    """Draw the standard pictures of a run into its folder. Collective.
+
+    These are histories.png, energies and momenta against time; unknowns.png, their number and that
+    of bodies, if it changed; shapes.png, the deformed body at several times, rigid parts dark, or
+    coloured by displacement where nothing was rigid; stress.png, the same shapes coloured by von
+    Mises stress, if the run has recorded it; and film.gif, all of the motion.
 
     Args:
-        history: A history.csv, or its columns by name.
-        path: Picture to write.
-        free_since: Time [s] from which on energy and momenta should be constant; if given, a
-            further panel shows how far they are.
+        folder: What a `Recorder` has written.
+        shapes: How many times are shown in a picture at most.
+        frames: How many times the film shows at most; 0 for no film.
+        view: Direction from the body to the camera.
+        up: Direction that points upwards in the pictures.
+        free_since: See `histories`.
         title: Heading.
         comm: Ranks that call this.
 
-    Raises:
-        OutputError: If the picture cannot be drawn or written.
-    """
-
-    def draw() -> None:
-        h = history if isinstance(history, Mapping) else read_history(history)
-        t = h["t"]
-        rows = 3 if free_since is None else 4
-        figure, axes = figure_of(rows, 1, (9.0, 2.4 * rows + 0.6), title, sharex=True)
-        energy, linear, angular = axes[:3, 0]
-        energy.plot(t, h["energy"], color=DARK, label="total $H$")
-        energy.plot(t, h["kinetic"], color=BLUE, label="kinetic")
-        energy.plot(t, h["strain"], color=ORANGE, label="strain")
-        energy.set_ylabel("energy (J)")
-        linear.plot(t, h["momentum_scale"], color=GREY, label=r"$\Sigma\, m|v|$")
-        _components(linear, t, h, "L")
-        linear.set_ylabel("linear momentum\n(kg m/s)")
-        _components(angular, t, h, "J")
-        angular.set_ylabel("angular momentum\n(kg m²/s)")
-        if free_since is not None:
-            _drifts(axes[3, 0], h, free_since)
-        axes[-1, 0].set_xlabel("time (s)")
-        axes[-1, 0].set_xlim(t[0], t[-1])
-        for ax in axes[:, 0]:
-            ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
-        save(figure, path)
-
-    on_first_rank(comm, draw, f"histories: '{path}'")
-
-
-def _components(ax: Any, t: Array, h: Mapping[str, Array], name: str) -> None:
-    for axis, colour in zip("xyz", COLOURS, strict=False):
-        ax.plot(t, h[f"{name}_{axis}"], color=colour, label=f"${name}_{axis}$")
-
-
-def _drifts(ax: Any, h: Mapping[str, Array], free_since: float) -> None:
-    """Relative deviations from the values at a time; none is shown below the rounding unit."""
-    free = h["t"] >= free_since * (1 - 1e-9)
-    t, H = h["t"][free], h["energy"][free]
-    J = np.stack([h[f"J_{axis}"][free] for axis in "xyz"], axis=1)
-    L = np.stack([h[f"L_{axis}"][free] for axis in "xyz"], axis=1)
-    drifts = {
-        "$|H - H_0|\\,/\\,H_0$": (np.abs(H - H[0]) / abs(H[0]), DARK),
-        "$|J - J_0|\\,/\\,|J_0|$": (
-            np.linalg.norm(J - J[0], axis=1) / np.linalg.norm(J[0]),
-            GREEN,
-        ),
-        "$|L - L_0|\\,/\\,\\Sigma\\, m|v|$": (
-            np.linalg.norm(L - L[0], axis=1) / h["momentum_scale"][free],
-            BLUE,
-        ),
-    }
-    rounding = float(np.finfo(np.float64).eps) / 2
-    for label, (values, colour) in drifts.items():
-        ax.semilogy(t, np.maximum(values, rounding), color=colour, label=label, linewidth=1.0)
-    ax.set_ylabel(f"relative change\nsince {free_since:g} s")
-
-
-@dataclass(frozen=True)
-class Curve:
-    """A curve of a panel.
-
-    Attributes:
-        label: Name in the legend of the first panel; it has the same colour in all of them.
-        x: Abscissae.
-        y: Ordinates.
-        broken: Whether the run behind it broke down at its end; marked by a cross.
-    """
-
-    label: str
-    x: Sequence[float] | Array
-    y: Sequence[float] | Array
-    broken: bool = False
-
-
-def curves(
-    panels: Mapping[str, Sequence[Curve]],
-    path: str | Path,
-    *,
-    xlabel: str,
-    ylabel: str | Sequence[str],
-    title: str = "",
-    comm: MPI.Intracomm = MPI.COMM_WORLD,
-) -> None:
-    """Draw curves in one panel below the other. Collective.
-
-    Args:
-        panels: Heading of each panel → its curves.
-        path: Picture to write.
-        xlabel: Quantity and unit of the abscissa.
-        ylabel: Quantity and unit of the ordinate, one for all panels or one for each.
-        title: Heading of the figure.
-        comm: Ranks that call this.
+    Returns:
+        The files written, on all ranks.
 
     Raises:
-        OutputError: If the picture cannot be drawn or written.
+        SceneError: If shapes, frames, view or up cannot be used.
+        OutputError: If the files of the run are not there, or a picture cannot be drawn or written.
     """
+    _check(shapes, frames, view, up)
+    place = Path(folder)
+    made: list[Path] = []
 
     def draw() -> None:
-        figure, axes = figure_of(len(panels), 1, (9.0, 3.1 * len(panels) + 0.5), title, sharex=True)
-        colours: dict[str, str] = {}
-        legends: set[str] = set()
-        ylabels = [ylabel] * len(panels) if isinstance(ylabel, str) else ylabel
-        rows = zip(axes[:, 0], panels.items(), ylabels, strict=True)
-        for ax, (heading, group), label in rows:
-            for curve in group:
-                colour = colours.setdefault(curve.label, COLOURS[len(colours) % len(COLOURS)])
-                ax.plot(curve.x, curve.y, color=colour, label=curve.label)
-                if curve.broken:
-                    end = (curve.x[-1], curve.y[-1])
-                    ax.plot(*end, "X", color=colour, markersize=10, zorder=5)
-                    ax.annotate(
-                        f"{end[0]:.4g}",
-                        end,
-                        xytext=(9, 2),
-                        textcoords="offset points",
-                        color=colour,
-                    )
-            ax.set_title(heading)
-            ax.set_ylabel(label)
-            if group[0].label not in legends:
-                ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
-            legends |= {curve.label for curve in group}
-        axes[-1, 0].set_xlabel(xlabel)
-        save(figure, path)
+        history, series = place / "history.csv", place / "fields.pvd"
+        for file in (history, series):
+            if not file.exists():
+                raise OutputError(f"there is no {file}; a Recorder writes it")
+        alone = MPI.COMM_SELF
+        made.append(place / "histories.png")
+        histories(history, made[-1], free_since=free_since, title=title, comm=alone)
+        h = read_history(history)
+        if np.ptp(h["unknowns"]) > 0:
+            made.append(place / "unknowns.png")
+            curves(
+                {
+                    "Unknowns": [Curve("unknowns", h["t"], h["unknowns"])],
+                    "Rigid bodies": [Curve("bodies", h["t"], h["bodies"])],
+                },
+                made[-1],
+                xlabel="time (s)",
+                ylabel="number",
+                title=title,
+                comm=alone,
+            )
+        run = _Run(series)
+        first = "rigid" if run.was_rigid() else "displacement"
+        wanted = {"shapes": first} | ({"stress": "von_mises"} if run.has("von_mises") else {})
+        for name, field in wanted.items():
+            made.append(place / f"{name}.png")
+            photographs = run.photographs(field, int(shapes))
+            sheet(
+                made[-1],
+                photographs,
+                field,
+                columns=4,
+                view=view,
+                up=up,
+                title=title,
+                edges=run.edges,
+            )
+        if frames > 0:
+            made.append(place / "film.gif")
+            photographs = run.photographs(first, int(frames))
+            film(made[-1], photographs, first, view=view, up=up, title=title, edges=run.edges)
 
-    on_first_rank(comm, draw, f"curves: '{path}'")
-
-
-def figure_of(
-    rows: int, columns: int, size: tuple[float, float], title: str, sharex: bool = False
-) -> tuple[Any, Any]:
-    """A figure that needs no screen, and its axes, shape (rows, columns)."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=size, layout="constrained")
-    axes = figure.subplots(rows, columns, sharex=sharex, squeeze=False)
-    if title:
-        figure.suptitle(title, fontsize=14)
-    return figure, axes
-
-
-def save(figure: Any, path: str | Path) -> None:
-    """Write a figure, and make the folder for it."""
-    Path(path).parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=DPI)
+    on_first_rank(comm, draw, f"pictures of '{folder}'")
+    return list(comm.bcast(made))
 
 
-def on_first_rank(comm: MPI.Intracomm, draw: Callable[[], None], what: str) -> None:
-    """Call `draw` on rank 0 and raise on all ranks what goes wrong there."""
-    problem = None
-    if comm.rank == 0:
-        try:
-            from matplotlib import rc_context
+def _check(shapes: int, frames: int, view: Sequence[float], up: Sequence[float]) -> None:
+    for name, count, least in (("shapes", shapes, 1), ("frames", frames, 0)):
+        value = number("pictures", name, count)
+        if value < least or not value.is_integer():
+            raise SceneError(f"pictures: {name} must be an integer ≥ {least}, got {count!r}.")
+    for name, direction in (("view", view), ("up", up)):
+        array = numbers(direction)
+        if array.shape != (3,) or not np.isfinite(array).all() or not array.any():
+            raise SceneError(
+                f"pictures: {name} must be three finite numbers, not all zero, got {direction!r}."
+            )
+    if not np.cross(numbers(view), numbers(up)).any():
+        raise SceneError(f"pictures: view and up are parallel: {view!r} and {up!r}.")
 
-            with rc_context(STYLE):
-                draw()
-        except ImportError as error:
-            problem = f"{what}: {error}. Pictures need matplotlib, those of shapes pyvista as well."
-        except Exception as error:
-            problem = f"{what} could not be drawn: {type(error).__name__}: {error}"
-    agree(comm, problem, OutputError)
+
+class _Run:
+    """The fields of a run, read back."""
+
+    def __init__(self, series: Path) -> None:
+        """Open the series."""
+        self._reader = pyvista().PVDReader(series)
+        self._times = list(self._reader.time_values)
+        self._first = self._grid(0)
+        self.edges = self._first.get_cell(0).n_points in (4, 8)  # of first order
+
+    def _grid(self, k: int) -> Any:
+        self._reader.set_active_time_point(k)
+        return self._reader.read()[0]
+
+    def has(self, name: str) -> bool:
+        """Whether cells have a field."""
+        return name in self._first.cell_data
+
+    def was_rigid(self) -> bool:
+        """Whether any cell is rigid at any time."""
+        every = range(len(self._times))
+        return self.has("rigid") and any(self._grid(k).cell_data["rigid"].any() for k in every)
+
+    def photographs(self, field: str, most: int) -> list[Photograph]:
+        """The deformed surface at so many times at most, spread evenly."""
+        chosen = np.linspace(0, len(self._times) - 1, min(most, len(self._times)))
+        out = []
+        for k in np.unique(chosen.round().astype(int)):
+            grid = self._grid(int(k))
+            data = grid.cell_data if field in OF_CELLS else grid.point_data
+            values, u = np.array(data[field]), np.array(grid.point_data["displacement"])
+            if values.ndim > 1:
+                values = np.linalg.norm(values, axis=1)
+            out.append(Photograph(self._times[int(k)], surface_of(grid, u, field, values)))
+        return out
+
+
+def _main() -> None:
+    parser = argparse.ArgumentParser(
+        prog="python3 -m rigidfx.plot", description="Standard pictures of a run, in its folder."
+    )
+    parser.add_argument("folder", type=Path, help="what a Recorder has written")
+    for name, default in (("view", (1.0, -0.6, 0.5)), ("up", (0.0, 0.0, 1.0))):
+        text = f"{name} of the camera ({' '.join(f'{x:g}' for x in default)})"
+        parser.add_argument(f"--{name}", type=float, nargs=3, default=default, help=text)
+    parser.add_argument("--frames", type=int, default=100, help="of the film at most (100)")
+    options = parser.parse_args()
+    pictures(options.folder, frames=options.frames, view=options.view, up=options.up)
+
+
+if __name__ == "__main__":
+    _main()

@@ -2,9 +2,12 @@
 
 At a large rotation per step the tangents of the motion lead far away from it and Newton pays for
 that with iterations. The mean rigid motion of what is left flexible and of the bodies, c and ω from
-their momenta, is therefore continued exactly as the step would continue it, by the Cayley vector
-Δt ω. What moves relative to it goes on along a straight line if it is slow, and hardly at all if it
-vibrates faster than the step can see: both are offered, and the smaller residual decides.
+their momenta, is therefore continued exactly as the step would continue it if all were one free
+rigid body: by the Cayley vector θ that keeps the angular momentum, R₁ J (2θ/Δt - ω) = J ω. Δt ω is
+that only where ω is a principal axis; a stiff body that is turned by a wrong angle, even a little,
+is strained by its square. What moves relative to it goes on along a straight line if it is slow,
+and hardly at all if it vibrates faster than the step can see: both are offered, and the smaller
+residual decides.
 """
 
 from __future__ import annotations
@@ -15,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.partition import Partition
-from rigidfx.rotation import IDENTITY, axial, cayley, skew
+from rigidfx.rotation import IDENTITY, axial, cayley, cayley_tangent, skew
 from rigidfx.scene import Scene
 from rigidfx.state import State
 
@@ -24,6 +27,7 @@ __all__ = ["Guess", "predict"]
 Array = npt.NDArray[np.float64]
 
 SMALL = 0.02  # rotation per step [rad] below which the tangent is as good a guess
+TRIES, ENOUGH = 20, 1e-10  # iterations for the rotation of a free body, and where they end
 
 
 @dataclass(frozen=True)
@@ -54,12 +58,12 @@ def predict(scene: Scene, state: State, partition: Partition, dt: float) -> tupl
     v = state.v.x.array[rows.dofs].reshape(-1, 3)
     whole = Guess(dt * v.reshape(-1), _six(state, dt, *own))
     x = rows.X + state.u.x.array[rows.dofs].reshape(-1, 3)
-    c, velocity, omega = _mean_motion(scene, state, partition.masses, x, v)
-    theta = dt * omega
+    c, velocity, omega, inertia = _mean_motion(scene, state, partition.masses, x, v)
+    if 2 * np.arctan(dt * np.linalg.norm(omega) / 2) < SMALL:
+        return (whole,)
+    theta = free_rotation(inertia, omega, dt)
     size = np.linalg.norm(theta)
     angle = 2 * np.arctan(size / 2)
-    if angle < SMALL:
-        return (whole,)
     turn, half = cayley(theta) - IDENTITY, cayley(2 * np.tan(angle / 4) / size * theta)
 
     def carried(x: Array, v: Array, share: float) -> Array:
@@ -70,9 +74,29 @@ def predict(scene: Scene, state: State, partition: Partition, dt: float) -> tupl
     for share in (1.0, 0.0):
         increment = carried(x, v, share).reshape(-1)
         centres = [carried(m.r, m.velocity, share) for m in state.motions]
-        spins = [omega + share * (m.angular_velocity - omega) for m in state.motions]
+        spins = [theta / dt + share * (m.angular_velocity - omega) for m in state.motions]
         guesses.append(Guess(increment, _six(state, dt, centres, spins)))
     return tuple(guesses)
+
+
+def free_rotation(inertia: Array, omega: Array, dt: float) -> Array:
+    """Cayley vector θ of a free rigid body's step; Δt ω if none is found.
+
+    Args:
+        inertia: J about the centre of mass, shape (3, 3) [kg m²].
+        omega: Angular velocity ω at the begin of the step, shape (3,) [rad/s].
+        dt: Δt [s].
+    """
+    theta, spin = dt * omega, inertia @ omega
+    for _ in range(TRIES):
+        R = cayley(theta)
+        now = R @ inertia @ (2 / dt * theta - omega)
+        slope = 2 / dt * R @ inertia - skew(now) @ cayley_tangent(theta)
+        change = np.linalg.lstsq(slope, spin - now, rcond=1e-9)[0]
+        theta = theta + change
+        if np.linalg.norm(change) <= ENOUGH * np.linalg.norm(theta):
+            return np.asarray(theta)
+    return dt * omega
 
 
 def _six(state: State, dt: float, translations: list[Array], spins: list[Array]) -> Array:
@@ -85,8 +109,8 @@ def _six(state: State, dt: float, translations: list[Array], spins: list[Array])
 
 def _mean_motion(
     scene: Scene, state: State, mass: Array, x: Array, v: Array
-) -> tuple[Array, Array, Array]:
-    """Centre, its velocity and ω of nodes and bodies together, by their momenta. Collective."""
+) -> tuple[Array, Array, Array, Array]:
+    """Centre, its velocity, ω and J of nodes and bodies together, by their momenta. Collective."""
     first = np.asarray(scene.sum(np.concatenate([[mass.sum()], mass @ x, mass @ v])))
     for body, motion in zip(state.bodies, state.motions, strict=True):
         first += body.mass * np.concatenate([[1.0], motion.r, motion.velocity])
@@ -101,5 +125,5 @@ def _mean_motion(
         second[:3] += hat @ (body.mass * motion.velocity) + motion.angular_momentum(body)
         J = motion.R @ body.inertia @ motion.R.T - body.mass * hat @ hat
         second[3:] += J.reshape(-1)
-    omega = np.linalg.lstsq(second[3:].reshape(3, 3), second[:3], rcond=1e-9)[0]
-    return c, velocity, omega
+    whole = second[3:].reshape(3, 3)
+    return c, velocity, np.linalg.lstsq(whole, second[:3], rcond=1e-9)[0], whole

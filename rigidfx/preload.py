@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from rigidfx.effects import Preload, Rigid
+from rigidfx.effects import Preload, Rigid, Spring
 from rigidfx.equilibrium import Equilibrium
 from rigidfx.errors import SceneError, StepError
+from rigidfx.ground import Springs
 from rigidfx.internal import InternalForces
 from rigidfx.loads import NodalLoads
 from rigidfx.partition import partition
@@ -31,14 +32,16 @@ def apply_preload(scene: Scene, forces: InternalForces, state: State, held: Held
             raise SceneError("Preload: statics with parts that are Rigid is not supported.")
         if not rigidly_held(scene, held):
             raise SceneError(
-                "Preload: the supports that act at the start leave a rigid motion free, so there "
-                "is no static equilibrium. Add supports or drop the preload."
+                "Preload: the supports that act at the start, and springs, leave a rigid motion "
+                "free, so there is no static equilibrium. Add supports or drop the preload."
             )
         cells = forces.cells()
         part = partition(scene, cells, (), held.mask)
         loads = NodalLoads(scene, preload.loads, part.rows.nodes)
         prolongation = Prolongation(part, scene.comm)
-        statics = Equilibrium(scene, forces, forces.bind_static(cells), None, prolongation)
+        own = np.ones(part.rows.nodes.size, dtype=bool)
+        springs = [Springs(scene, s, part.rows, own, state, True) for s in scene.named(Spring)]
+        statics = Equilibrium(scene, forces, forces.bind_static(cells), None, prolongation, springs)
         full, share = (part.rows.vector() for _ in range(2))
         rest = Guess(np.zeros(part.rows.dofs.size), np.empty((0, 6)))
         loads.evaluate(0.0, full)

@@ -237,8 +237,17 @@ class Present:
         inside = np.concatenate([none, *(b.cells for b in state.bodies)])
         counted = np.setdiff1d(every, given)
         rows = Rows(scene.space, np.arange(scene.owned_nodes, dtype=np.int32))
-        self._all = ConsistentMass(scene, rows, forces.cells(counted))
-        flexible = ConsistentMass(scene, rows, forces.cells(np.setdiff1d(every, inside)))
+        # A point mass moves with the body that holds its node.
+        points = scene.point_masses[: scene.owned_nodes]
+        counting, outside_bodies = points.copy(), points.copy()
+        for body in state.bodies:
+            outside_bodies[body.nodes] = 0.0
+            if body.given:
+                counting[body.nodes] = 0.0
+        self._all = ConsistentMass(scene, rows, forces.cells(counted), points=counting)
+        flexible = ConsistentMass(
+            scene, rows, forces.cells(np.setdiff1d(every, inside)), points=outside_bodies
+        )
         self.mass = self._all.matrix()
         n = 3 * scene.owned_nodes
         outside = state.v.x.array[:n].copy()

@@ -75,14 +75,18 @@ class Report:
         strain: Strain energy of the flexible cells [J].
         stored: Energy that bodies keep for their release: their strain energy, and the kinetic
             energy of what they vibrated when they were frozen [J].
+        springs: Potential energy of springs to ground [J].
         linear_momentum: L, shape (3,) [kg m/s].
         angular_momentum: J about the origin, shape (3,) [kg m²/s].
         momentum_scale: Σ |(M v)ᵢ| [kg m/s], what L is to be compared with; a body counts with
             |m ṙ| + |π|/ℓ.
         work_of_loads: Work of the loads in this step [J].
         work_of_supports: Work of the reactions in this step [J].
+        dissipated: Energy that damping took in this step [J], by the name of its kind, such as
+            "KelvinVoigt" (a spring's dashpot counts as "Spring").
         reactions: Force of each support on the structure at the step's midpoint, by the name of
             its set, shape (3,) [N].
+        reaction_moments: Its moment about the origin, likewise [N m].
         impact: What the begin of a support, or a jump of its velocity, did at the step's start; at
             t = 0 in the report of the initial state.
         bodies: The rigid bodies.
@@ -110,12 +114,15 @@ class Report:
     kinetic: float
     strain: float
     stored: float
+    springs: float
     linear_momentum: Array
     angular_momentum: Array
     momentum_scale: float
     work_of_loads: float
     work_of_supports: float
+    dissipated: Mapping[str, float]
     reactions: Mapping[str, Array]
+    reaction_moments: Mapping[str, Array]
     impact: Impact | None
     bodies: tuple[BodyReport, ...]
     events: tuple[Event, ...]
@@ -127,8 +134,8 @@ class Report:
 
     @property
     def energy(self) -> float:
-        """H = kinetic + strain + stored [J]."""
-        return self.kinetic + self.strain + self.stored
+        """H = kinetic + strain + stored + springs [J]."""
+        return self.kinetic + self.strain + self.stored + self.springs
 
 
 def report_of(
@@ -161,12 +168,15 @@ def report_of(
         kinetic=measures.kinetic,
         strain=measures.strain,
         stored=measures.stored,
+        springs=measures.springs,
         linear_momentum=measures.linear_momentum,
         angular_momentum=measures.angular_momentum,
         momentum_scale=measures.momentum_scale,
         work_of_loads=result.work_of_loads if result else 0.0,
         work_of_supports=result.work_of_supports if result else 0.0,
+        dissipated=result.dissipated if result else {},
         reactions=result.reactions if result else {},
+        reaction_moments=result.reaction_moments if result else {},
         impact=result.impact if result else integrator.take_impact(),
         bodies=_body_reports(state),
         events=(),
@@ -191,6 +201,7 @@ def amended(
         kinetic=now.kinetic,
         strain=now.strain,
         stored=now.stored,
+        springs=now.springs,
         linear_momentum=now.linear_momentum,
         angular_momentum=now.angular_momentum,
         momentum_scale=now.momentum_scale,

@@ -54,6 +54,17 @@ class Rows:
         numbers = self.first + np.arange(self.dofs.size)
         return mapped_matrix(self._space, self.dofs, numbers, self.dofs.size, kind, 3)
 
+    def add_diagonal(self, A: PETSc.Mat, values: npt.NDArray[np.float64]) -> None:
+        """Add to the diagonal of a matrix of these rows that is not assembled yet.
+
+        Args:
+            A: Its pattern grows where it has to.
+            values: One per row of this rank.
+        """
+        numbers = (self.first + np.arange(self.dofs.size)).astype(Int)
+        offsets = np.arange(numbers.size + 1, dtype=Int)
+        A.setValuesIJV(offsets, numbers, values, PETSc.InsertMode.ADD_VALUES, numbers)
+
     def positions(self, nodes: npt.NDArray[np.int32]) -> npt.NDArray[np.int64]:
         """Places of some of the nodes among them."""
         return np.searchsorted(self.nodes, nodes)

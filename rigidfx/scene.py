@@ -6,6 +6,7 @@ ranks alike.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from itertools import combinations
@@ -23,8 +24,9 @@ from mpi4py import MPI
 from rigidfx import _compat
 from rigidfx import effects as fx
 from rigidfx.assignment import assign
+from rigidfx.description import effects_table, in_words, phases
 from rigidfx.domain import Domain
-from rigidfx.errors import SceneError, agree, together
+from rigidfx.errors import RigidfxWarning, SceneError, agree, together
 from rigidfx.forms import EnergyMomentum, Scheme
 from rigidfx.materials import Material
 
@@ -35,6 +37,7 @@ Nodes = npt.NDArray[np.int32]
 
 # Points per cell of the one quadrature rule that W, H and the residual share, by polynomial degree.
 STIFFNESS_DEGREE = {1: 2, 2: 4}
+NEARLY_INCOMPRESSIBLE = 0.49  # ν above which first-order cells are warned of
 
 
 class Scene:
@@ -48,7 +51,9 @@ class Scene:
         mass: "lumped" (diagonal, default) or "consistent".
         scheme: Time integration scheme.
         space: Vector-valued function space of displacement and velocity.
-        nodal_mass: ∫ ρ0 Nᵢ dV [kg] per local node, ghosts included, shape (nodes,).
+        nodal_mass: ∫ ρ0 Nᵢ dV and point masses [kg] per local node, ghosts included, shape
+            (nodes,).
+        point_masses: The point masses in it [kg].
         supports: Pairs of a support and its local nodes, ghosts included.
         probes: Named points [m] whose histories are recorded.
     """
@@ -101,7 +106,9 @@ class Scene:
         self._check_discretisation()
         self._check_effects()
         self.materials = assign(domain, material)
+        self._warn_of_locking()
         self.space = fem.functionspace(domain.mesh, ("Lagrange", order, (3,)))
+        self.point_masses = self._point_masses()
         self.nodal_mass = self._nodal_mass()
         self.supports = self._supports()
         self._check_names()
@@ -137,12 +144,52 @@ class Scene:
         """Sorted instants at which steps must end [s]."""
         return tuple(sorted({t for e in self.named(fx.Windowed) for t in e.breakpoints}))
 
+    def acting(self, t: float, resolution: float) -> tuple[fx.Windowed, ...]:
+        """The effects with a time window that act in a step that begins at t.
+
+        Args:
+            t: Time [s].
+            resolution: Times closer than this are the same [s].
+        """
+        now = t + resolution
+        return tuple(e for e in self.named(fx.Windowed) if e.since <= now < e.until)
+
     def nodes(self, name: str, wanted_by: str, dims: Sequence[int] = (2, 3, 1, 0)) -> Nodes:
         """Local nodes in the closure of a named set, ghosts included. Collective."""
         found = self.domain.find(name, dims, wanted_by)
         self.mesh.topology.create_connectivity(found.dim, 3)
         dofs = fem.locate_dofs_topological(self.space, found.dim, found.entities, remote=True)
         return np.sort(dofs).astype(np.int32)
+
+    def shares(self, name: str, wanted_by: str) -> Array:
+        """Equal parts of 1 for the nodes of a named set, per local node with ghosts. Collective."""
+        parts = np.zeros(self.space.tabulate_dof_coordinates().shape[0])
+        parts[self.nodes(name, wanted_by)] = 1.0
+        return parts / self.sum(parts[: self.owned_nodes].sum())
+
+    def boundary(self, name: str, wanted_by: str) -> Nodes:
+        """Owned cell and local number of each facet of a named set, shape (n, 2). Collective.
+
+        Raises:
+            SceneError: If the set is unknown, or has facets that lie inside the mesh.
+        """
+        found = self.domain.find(name, (2,), wanted_by)
+        pairs = _compat.integration_facets(self.mesh, found.entities).reshape(-1, 2)
+        inner = self.domain.count(found) - self.sum(len(pairs))
+        if inner > 0:
+            raise SceneError(
+                f"{wanted_by} on '{name}': {int(inner)} of its facets lie inside the mesh; it "
+                "needs boundary facets."
+            )
+        return pairs
+
+    def owned_cells(self, name: str | None, wanted_by: str) -> Nodes:
+        """Owned cells of a named set, sorted; all if it has no name. Collective."""
+        owned = self.mesh.topology.index_map(3).size_local
+        if name is None:
+            return np.arange(owned, dtype=np.int32)
+        cells = self.domain.find(name, (3,), wanted_by).entities
+        return np.sort(cells[cells < owned])
 
     def sum(self, values: npt.ArrayLike) -> Any:
         """Sum of a number or an array over all ranks. Collective."""
@@ -179,15 +226,48 @@ class Scene:
         f.x.scatter_forward()
         return f
 
+    def describe(self) -> str:
+        """Print, on rank 0, what there is in the scene and when it acts. Collective.
+
+        An effect that is not listed adds no term to the equations; one whose time window is closed
+        has none any more.
+
+        Returns:
+            The text, on all ranks.
+        """
+        cells = self.mesh.topology.index_map(3).size_global
+        nodes = self.space.dofmap.index_map.size_global
+        kind = "tetrahedra" if self._simplex else "hexahedra"
+        lines = [
+            f"Scene of {cells} {kind} of order {self.order}, {nodes} nodes; {self.mass} mass; "
+            f"{type(self.scheme).__name__}",
+            "Materials",
+            *(
+                f"  {in_words(material)}; {int(self.sum(own.size))} cells"
+                for material, own in self.materials
+            ),
+            "Effects" if self.effects else "Effects: none",
+            *(f"  {line}" for line in effects_table(self.effects)),
+        ]
+        if self.named(fx.Windowed) or self.named(fx.Spring):
+            lines += ["Acting", *(f"  {line}" for line in phases(self.effects))]
+        text = "\n".join(lines)
+        if self.comm.rank == 0:
+            print(text, flush=True)  # noqa: T201 - it is what this is for
+        return text
+
+    @property
+    def _simplex(self) -> bool:
+        return bool(self.mesh.topology.cell_type == dmesh.CellType.tetrahedron)
+
     # Checks -------------------------------------------------------------------------------------
 
     def _check_discretisation(self) -> None:
-        simplex = self.mesh.topology.cell_type == dmesh.CellType.tetrahedron
-        if self.order not in STIFFNESS_DEGREE:
+        if not isinstance(self.order, (int, np.integer)) or self.order not in STIFFNESS_DEGREE:
             raise SceneError(f"Scene: order must be 1 or 2, got {self.order!r}.")
         if self.mass not in ("lumped", "consistent"):
             raise SceneError(f"Scene: mass must be 'lumped' or 'consistent', got {self.mass!r}.")
-        if simplex and self.order == 2 and self.mass == "lumped":
+        if self._simplex and self.order == 2 and self.mass == "lumped":
             raise SceneError(
                 "Scene: second-order tetrahedra have negative lumped masses at their vertices. "
                 "Take mass='consistent', or order=1, or hexahedra."
@@ -204,8 +284,11 @@ class Scene:
         known = (
             fx.DeadLoad,
             fx.Support,
+            fx.Pressure,
+            fx.Damping,
+            fx.PointMass,
+            fx.Spring,
             fx.InitialVelocity,
-            fx.NumericalDamping,
             fx.Preload,
             fx.Rigid,
             fx.Resultant,
@@ -239,10 +322,27 @@ class Scene:
             if _overlap(a, b):
                 raise SceneError("Scene: two NumericalDamping effects overlap in time.")
 
+    def _point_masses(self) -> Array:
+        total = np.zeros(self.space.tabulate_dof_coordinates().shape[0])
+        for point in self.named(fx.PointMass):
+            total += point.mass * self.shares(point.where, "PointMass")
+        return total
+
+    def _warn_of_locking(self) -> None:
+        nu = max((getattr(m, "nu", 0.0) for m, _ in self.materials), default=0.0)
+        if self.order == 1 and nu > NEARLY_INCOMPRESSIBLE and self.comm.rank == 0:
+            warnings.warn(
+                f"Scene: first-order cells lock at ν = {nu:g}: they keep their volume at the price "
+                "of hardly bending at all. Take order=2, or a smaller ν.",
+                RigidfxWarning,
+                stacklevel=3,
+            )
+
     def _nodal_mass(self) -> Array:
         # Two degrees above the integrand of an affine cell, for cells that are not.
         measure = ufl.dx(domain=self.mesh, metadata={"quadrature_degree": 2 * self.order + 2})
-        mass = self.nodal_weights(self.density(), measure)
+        mass = self.nodal_weights(self.density(), measure) + self.point_masses
+        self._check_sums(mass)
         if self.mass == "lumped":
             worst = mass.min(initial=np.inf)
             agree(
@@ -253,6 +353,19 @@ class Scene:
                 "cells?). Take mass='consistent'.",
             )
         return mass
+
+    def _check_sums(self, mass: Array) -> None:
+        """Refuse nodal masses that overflow in sums or in moments of inertia. Collective."""
+        n = self.owned_nodes
+        with np.errstate(over="ignore", invalid="ignore"):
+            arms = (self.space.tabulate_dof_coordinates()[:n] ** 2).sum(axis=1)
+            m, J = self.sum([mass[:n].sum(), mass[:n] @ arms])
+        if not (np.isfinite(m) and np.isfinite(J)):
+            raise SceneError(
+                f"Scene: the masses of the nodes add up to {m:.3g} kg, with a moment of inertia "
+                f"of {J:.3g} kg m² about the origin: too large for the arithmetic. Check the "
+                "densities, the PointMass effects and the units."
+            )
 
     def _supports(self) -> tuple[tuple[fx.Support, Nodes], ...]:
         supports = tuple((s, self.nodes(s.where, type(s).__name__)) for s in self.named(fx.Support))
@@ -286,6 +399,22 @@ class Scene:
         together(self.comm, f"{owner}: its function of time", check)
 
     def _check_names(self) -> None:
+        for pressure in self.named(fx.Pressure):
+            self.boundary(pressure.where, "Pressure")
+            together(
+                self.comm,
+                f"Pressure on '{pressure.where}': its value or time function",
+                partial(pressure.intensity, max(0.0, pressure.since)),
+            )
+        for spring in self.named(fx.Spring):
+            self.nodes(spring.where, "Spring")
+        for viscous in self.named(fx.KelvinVoigt):
+            self.owned_cells(viscous.where, "KelvinVoigt")
+        for resultant in self.named(fx.Resultant):
+            start = max(0.0, resultant.since)
+            owner = f"Resultant on '{resultant.body}'"
+            self._ask(owner, start, partial(resultant.force_at, start))
+            self._ask(owner, start, partial(resultant.torque_at, start))
         loads = [*self.named(fx.DeadLoad), *(q for p in self.named(fx.Preload) for q in p.loads)]
         for load in loads:
             where = getattr(load, "where", None)

@@ -5,37 +5,35 @@ pyvista and matplotlib are imported where they are used, not with the package.
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
 
 from rigidfx.errors import SceneError
+from rigidfx.figures import on_first_rank
 from rigidfx.paraview import Body
-from rigidfx.plot import figure_of, on_first_rank, save
+from rigidfx.photographs import Photograph, pyvista, sheet, surface_of
 from rigidfx.report import Report
 from rigidfx.scene import Scene
+from rigidfx.stress import CauchyStress, von_mises
 
 __all__ = ["Shapes"]
 
 Array = npt.NDArray[np.float64]
 
-
-LIGHT, DARK = "#e8e4da", "#33475b"  # flexible and rigid parts, as in the paper's Fig. 6
-
-Colour = Literal["displacement", "velocity", "rigid"]
+Colour = Literal["displacement", "velocity", "rigid", "von_mises"]
 
 
 @dataclass(frozen=True)
 class _Shape:
-    """A body at one time; values belong to points, or to cells where these are rigid or not."""
+    """A body at one time, and the values that colour its points or its cells."""
 
     t: float
-    points: Array
+    displacement: Array
     values: Array
 
 
@@ -61,8 +59,8 @@ class Shapes:
         Args:
             scene: The problem that is run.
             times: Times [s]; of each, the first step that ends at or after it is taken.
-            colour: The field whose magnitude colours the body, or "rigid" for rigid (dark) and
-                flexible (light) cells.
+            colour: The field whose magnitude colours the body, "von_mises" for that stress, or
+                "rigid" for rigid (dark) and flexible (light) cells.
 
         Raises:
             SceneError: If there are no times, or the colour is not one of these.
@@ -77,6 +75,7 @@ class Shapes:
         self._colour = colour
         self._comm = scene.comm
         self._body = Body(scene.space)
+        self._stress = CauchyStress(scene) if colour == "von_mises" else None
         self._shapes: list[_Shape] = []
 
     def add(self, report: Report) -> None:
@@ -96,10 +95,12 @@ class Shapes:
         u = self._body.on_nodes(state.u)
         if self._colour == "rigid":
             values = (self._body.on_cells(state.body_numbers()) > 0).astype(np.float64)
+        elif self._stress is not None:
+            values = self._body.on_cells(von_mises(self._stress.measure(state.u)))
         else:
             field = u if self._colour == "displacement" else self._body.on_nodes(state.v)
             values = np.linalg.norm(field, axis=1)
-        self._shapes.append(_Shape(report.t, self._body.points + u, values))
+        self._shapes.append(_Shape(report.t, u, values))
 
     def draw(
         self,
@@ -124,88 +125,22 @@ class Shapes:
         """
 
         def draw() -> None:
-            shapes = self._shapes
-            flags = self._colour == "rigid"
-            top = 1.0 if flags else max(max(float(s.values.max()) for s in shapes), 1e-300)
-            images = _photographs(self._body, shapes, top, view, up, flags)
-            wide = min(columns, len(images))
-            rows = -(-len(images) // wide)
-            figure, axes = figure_of(rows, wide, (2.8 * wide + 1.2, 2.9 * rows + 0.4), title)
-            for ax in axes.flat:
-                ax.axis("off")
-            for ax, shape, image in zip(axes.flat, shapes, images, strict=False):
-                ax.imshow(image, interpolation="lanczos")
-                ax.set_title(f"$t$ = {shape.t:.4g} s", loc="center", fontsize=12)
-            if flags:
-                _legend(figure)
-            else:
-                _colour_bar(figure, axes, top, self._colour)
-            save(figure, path)
+            body = self._body
+            table = np.insert(body.cells, 0, body.cells.shape[1], axis=1)
+            types = np.full(len(body.cells), body.vtk_type, np.uint8)
+            grid = pyvista().UnstructuredGrid(table.reshape(-1), types, body.points)
+            sheet(
+                path,
+                [
+                    Photograph(s.t, surface_of(grid, s.displacement, self._colour, s.values))
+                    for s in self._shapes
+                ],
+                self._colour,
+                columns=columns,
+                view=view,
+                up=up,
+                title=title,
+                edges=body.cells.shape[1] in (4, 8),
+            )
 
         on_first_rank(self._comm, draw, f"Shapes: '{path}'")
-
-
-def _photographs(
-    body: Body,
-    shapes: Sequence[_Shape],
-    top: float,
-    view: Sequence[float],
-    up: Sequence[float],
-    of_cells: bool,
-) -> list[Any]:
-    """Pictures of the shapes as arrays; colours from 0 to `top`."""
-    if not os.environ.get("DISPLAY"):
-        os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
-    import pyvista as pv
-
-    every = np.concatenate([shape.points for shape in shapes])
-    middle = (every.min(axis=0) + every.max(axis=0)) / 2
-    radius = float(np.linalg.norm(every - middle, axis=1).max())
-    towards = np.asarray(view, float) / np.linalg.norm(view)
-    table = np.insert(body.cells, 0, body.cells.shape[1], axis=1)
-    types = np.full(len(body.cells), body.vtk_type, np.uint8)
-    images = []
-    for shape in shapes:
-        grid = pv.UnstructuredGrid(table.reshape(-1), types, shape.points)
-        data = grid.cell_data if of_cells else grid.point_data
-        data["colour"] = shape.values
-        surface = grid.extract_surface(nonlinear_subdivision=2)
-        plotter = pv.Plotter(off_screen=True, window_size=(700, 700))
-        plotter.set_background("white")
-        plotter.add_mesh(
-            surface,
-            scalars="colour",
-            cmap=[LIGHT, DARK] if of_cells else "viridis",
-            clim=(0.0, top),
-            show_scalar_bar=False,
-            show_edges=body.cells.shape[1] in (4, 8),
-            edge_color="#30303060",
-            ambient=0.35,
-        )
-        plotter.enable_parallel_projection()
-        plotter.camera.focal_point = middle
-        plotter.camera.position = middle + 4 * radius * towards
-        plotter.camera.up = up
-        plotter.camera.parallel_scale = 1.02 * radius
-        plotter.reset_camera_clipping_range()
-        plotter.enable_anti_aliasing("ssaa")
-        images.append(plotter.screenshot(return_img=True))
-        plotter.close()
-    return images
-
-
-def _legend(figure: Any) -> None:
-    from matplotlib.patches import Patch
-
-    patches = [Patch(facecolor=DARK, label="rigid"), Patch(facecolor=LIGHT, label="flexible")]
-    figure.legend(handles=patches, loc="outside right center")
-
-
-def _colour_bar(figure: Any, axes: Any, top: float, colour: str) -> None:
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-
-    label = {"displacement": "displacement $|u|$ (m)", "velocity": "velocity $|v|$ (m/s)"}[colour]
-    scale = ScalarMappable(Normalize(0.0, top), "viridis")
-    bar = figure.colorbar(scale, ax=axes, shrink=0.7, aspect=30, pad=0.02, label=label)
-    bar.outline.set_visible(False)

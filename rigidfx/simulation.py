@@ -53,6 +53,7 @@ def simulate(
         SceneError: Before the first report, if dt or t_end cannot be used or the initial state is
             in conflict; later, if a load takes a value that is not finite.
         StepError: If a step does not converge, even after cutting.
+        InversionError: If a step turns flexible cells inside out, even after cutting.
     """
     if not isinstance(scene, Scene):
         raise SceneError(f"simulate: scene must be a Scene, got {scene!r}.")

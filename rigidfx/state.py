@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,6 +37,7 @@ class State:
         v: Velocity [m/s].
         bodies: Rigid bodies.
         motions: Their motions, in the same order.
+        clamped: Owned cells of each named part that a support moves, by the part's number.
         carried: For each body, which of its nodes have its velocity: all of them with a lumped
             mass, else those that no flexible cell touches.
 
@@ -49,6 +51,7 @@ class State:
         self.v = fem.Function(scene.space, name="velocity")
         self.bodies: tuple[RigidBody, ...] = ()
         self.motions: tuple[BodyMotion, ...] = ()
+        self.clamped: Mapping[int, npt.NDArray[np.int32]] = {}
         self.carried: tuple[npt.NDArray[np.int32], ...] = ()
         self.X = scene.space.tabulate_dof_coordinates()
 
@@ -79,10 +82,12 @@ class State:
         return sum(body.frozen.energy for body in self.bodies)
 
     def body_numbers(self) -> npt.NDArray[np.int32]:
-        """For each owned cell the number of the body it is in, 0 for flexible cells."""
+        """For each owned cell the number of the body or clamped part it is in, else 0."""
         numbers = np.zeros(self.u.function_space.mesh.topology.index_map(3).size_local, np.int32)
         for body in self.bodies:
             numbers[body.cells] = body.number
+        for number, cells in self.clamped.items():
+            numbers[cells] = number
         return numbers
 
     def rebuild(self) -> None:

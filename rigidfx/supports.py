@@ -7,7 +7,7 @@ metric of the mass, on what the support allows; the energy and the impulse of th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +15,7 @@ import numpy.typing as npt
 from petsc4py import PETSc
 
 from rigidfx.body import mass_block
-from rigidfx.effects import PrescribedMotion, Support
+from rigidfx.effects import PrescribedMotion, Spring, Support, Windowed
 from rigidfx.errors import SceneError, together
 from rigidfx.linear import conjugate_gradients
 from rigidfx.mass import Mass
@@ -24,7 +24,7 @@ from rigidfx.prolongation import Prolongation
 from rigidfx.scene import Scene
 from rigidfx.state import State
 
-__all__ = ["HeldDofs", "Impact", "acting", "impose_velocity", "rigidly_held"]
+__all__ = ["HeldDofs", "Impact", "impose_velocity", "rigidly_held", "supports_of"]
 
 Array = npt.NDArray[np.float64]
 
@@ -123,23 +123,29 @@ class HeldDofs:
             return self._spread([question(s) for s in self.active])
         return self._spread(together(self._scene.comm, "A support", answers))
 
-    def reactions(self, forces: Array) -> Mapping[str, Array]:
-        """Force that each support exerts on the structure, shape (3,) [N]. Collective.
+    def reactions(self, forces: Array, x: Array) -> tuple[Mapping[str, Array], Mapping[str, Array]]:
+        """Force that each support exerts on the structure, and its moment. Collective.
 
         Args:
             forces: Out-of-balance forces of the held dofs [N].
+            x: Positions of their nodes at the midpoint, shape (dofs, 3) [m].
+
+        Returns:
+            By the name of the support's set, shapes (3,) [N] and, about the origin, (3,) [N m].
         """
+        vectors = np.zeros((forces.size, 3))
+        vectors[np.arange(forces.size), self._axis] = forces
+        both = np.hstack([vectors, np.cross(x, vectors)])
+        sums = [both[self._owner == k].sum(axis=0) for k in range(len(self.active))]
         out: dict[str, Array] = {}
-        for k, support in enumerate(self.active):
-            mine = self._owner == k
-            total = np.bincount(self._axis[mine], weights=forces[mine], minlength=3)
-            out[support.where] = out.get(support.where, 0.0) + np.asarray(self._scene.sum(total))
-        return out
+        for support, total in zip(self.active, np.asarray(self._scene.sum(sums)), strict=True):
+            out[support.where] = out.get(support.where, 0.0) + total
+        return {k: v[:3] for k, v in out.items()}, {k: v[3:] for k, v in out.items()}
 
 
-def acting(scene: Scene, t: float, resolution: float) -> tuple[Support, ...]:
-    """The supports that act in a step that begins at t [s], known to a resolution [s]."""
-    return tuple(s for s, _ in scene.supports if s.since <= t + resolution < s.until)
+def supports_of(acting: Sequence[Windowed]) -> tuple[Support, ...]:
+    """The supports among the effects that act."""
+    return tuple(effect for effect in acting if isinstance(effect, Support))
 
 
 def dofs_of(scene: Scene, support: Support) -> npt.NDArray[np.int64]:
@@ -219,24 +225,26 @@ def _solve(
 
 
 def rigidly_held(scene: Scene, held: HeldDofs) -> bool:
-    """Whether the held dofs exclude every small rigid motion. Collective."""
+    """Whether held dofs and springs exclude every small rigid motion. Collective."""
     n = scene.owned_nodes
     X = scene.space.tabulate_dof_coordinates()[:n] - scene.centre_of_mass
     size = scene.comm.allreduce(float(np.abs(X).max(initial=0.0)))
     x, y, z = (X / size).T
     zero, one = np.zeros(n), np.ones(n)
-    modes = np.stack(
-        [
-            np.stack(mode, axis=1).reshape(-1)[held.mask]
-            for mode in (
-                (one, zero, zero),
-                (zero, one, zero),
-                (zero, zero, one),
-                (zero, -z, y),
-                (z, zero, -x),
-                (-y, x, zero),
-            )
-        ]
+    motions = (
+        (one, zero, zero),
+        (zero, one, zero),
+        (zero, zero, one),
+        (zero, -z, y),
+        (z, zero, -x),
+        (-y, x, zero),
     )
-    gram = np.asarray(scene.sum(modes @ modes.T))
+    modes = np.stack([np.stack(motion, axis=1).reshape(-1) for motion in motions])
+    gram = modes[:, held.mask] @ modes[:, held.mask].T
+    for spring in scene.named(Spring):
+        w = scene.shares(spring.where, "Spring")[:n]
+        nodal = modes.reshape(6, n, 3)
+        size = max(float(np.linalg.norm(spring.K)), 1e-300)
+        gram += np.einsum("ain,i,nm,bim->ab", nodal, (w > 0).astype(float), spring.K / size, nodal)
+    gram = np.asarray(scene.sum(gram))
     return int(np.linalg.matrix_rank(gram, tol=1e-10 * max(float(np.trace(gram)), 1e-300))) == 6

@@ -21,6 +21,7 @@ from rigidfx.changes import Changes
 from rigidfx.criterion import Release, StrainRate
 from rigidfx.decision import assign_bodies, qualify
 from rigidfx.errors import RigidfxWarning, SceneError, together
+from rigidfx.hysteresis import Hysteresis
 from rigidfx.integrator import Integrator, StepResult
 from rigidfx.ledger import Event
 from rigidfx.observation import Record, Window
@@ -36,6 +37,7 @@ Bools = npt.NDArray[np.bool_]
 
 MARGIN = 1.25  # an automatic window in longest periods
 FEWEST = 8  # steps of an automatic window
+PLANNED = "planned"  # reason of a release at a given time
 
 
 class Switching:
@@ -84,6 +86,7 @@ class Switching:
         self._next_number = len(rigid) + 1
         self._changes = Changes(scene, criterion.load_change, timeline)
         self._record = Record(scene)
+        self._hysteresis = Hysteresis(self._graph.owned, criterion.patience)
         self._warned: set[str] = set()
         self._begin(0.0)
         self.closeness = np.nan
@@ -139,7 +142,7 @@ class Switching:
                 changed = True
                 events += self._release(asked, cells)
         if changed:
-            self._begin(state.t)
+            self._begin_anew(state.t)
         elif self._window_ends():
             self._check_tolerance(result)
             events += self._freeze()
@@ -147,7 +150,12 @@ class Switching:
 
     def _restart(self) -> None:
         self._record.restart()
-        self._begin(self._integrator.state.t)
+        self._begin_anew(self._integrator.state.t)
+
+    def _begin_anew(self, t: float) -> None:
+        """Begin a new window at t [s] and forget those before it."""
+        self._hysteresis.restart()
+        self._begin(t)
 
     def _window_ends(self) -> bool:
         """Whether the window has its length. Collective."""
@@ -195,6 +203,7 @@ class Switching:
         integrator, graph = self._integrator, self._graph
         flexible = integrator.flexible
         able, self.closeness = qualify(self._window.worst, self._tol, flexible, graph.comm)
+        able = self._hysteresis.lasting(able, integrator.state.t - self._window.begin)
         existing = self._numbers()
         barred = self._never | (~flexible & (existing == NONE)) | self._chained()
         self._begin(integrator.state.t)
@@ -212,7 +221,7 @@ class Switching:
         state, comm = self._integrator.state, self._scene.comm
         reason, names = "", None
         if any(abs(t - state.t) <= self._resolution for t in release.times):
-            reason = "planned"
+            reason = PLANNED
         elif release.when is not None:
             condition = release.when
             answer = together(comm, "Release: its condition", lambda: _answer(condition, report))
@@ -275,7 +284,16 @@ class Switching:
         parts, self._next_number = assign_bodies(
             regions, self._numbers(), sizes, self._always, self._next_number, self._scene.comm
         )
-        return self._integrator.regroup(parts, self._alone, kind, reason)
+        event = self._integrator.regroup(parts, self._alone, kind, reason)
+        rigid, t = self._numbers() != NONE, self._integrator.state.t
+        hasty = self._hysteresis.switched(rigid, t, counts=reason != PLANNED)
+        if self._scene.comm.allreduce(hasty, op=MPI.LOR):
+            self._warn(
+                "bodies are released again and again, sooner than they were observed: their cells "
+                "have to qualify for longer and longer now (patience). Take a longer window, a "
+                "larger load_change, or look at the conditions of Release."
+            )
+        return event
 
     def _numbers(self) -> npt.NDArray[np.int64]:
         """For each owned cell the number of the body it is in and may leave or grow, or NONE."""

@@ -6,14 +6,18 @@ nothing else.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from operator import is_not
 
 import numpy as np
 import numpy.typing as npt
+from dolfinx import fem
 
 from rigidfx import effects as fx
+from rigidfx.body import BodyTerm
 from rigidfx.equilibrium import Equilibrium, Solution
+from rigidfx.ground import Drag, GroundForces, Springs
 from rigidfx.internal import Cells, InternalForces
 from rigidfx.loads import NodalLoads
 from rigidfx.mass import mass_operator
@@ -37,18 +41,23 @@ class Work:
     Attributes:
         loads: Work of the loads [J].
         supports: Work of the reactions [J].
+        dissipated: Energy taken by each kind of damping [J].
         reactions: Force of each support on the structure, by the name of its set, shape (3,) [N].
+        reaction_moments: Its moment about the origin, at the midpoint, shape (3,) [N m].
     """
 
     loads: float
     supports: float
+    dissipated: Mapping[str, float]
     reactions: Mapping[str, Array]
+    reaction_moments: Mapping[str, Array]
 
 
 class System:
     """The equations of motion of one partition.
 
     Attributes:
+        acting: The effects with a time window that act.
         partition: Division of cells and dofs.
         mass: Mass operator of the flexible cells.
         monitor: Measures states.
@@ -60,23 +69,25 @@ class System:
         scene: Scene,
         forces: InternalForces,
         state: State,
+        acting: Sequence[fx.Windowed],
         flexible: Cells,
         held: HeldDofs,
         carried: Cells | None = None,
     ) -> None:
-        """Bind everything to a partition. Collective.
+        """Bind everything to a partition and to the effects that act. Collective.
 
         Args:
             scene: The problem.
             forces: Compiled internal forces.
             state: State with its bodies.
+            acting: The effects with a time window that act from now on.
             flexible: Flexible owned cells by subdomain id.
             held: Dofs held by supports.
             carried: Owned cells by subdomain id that move with a support: not flexible, all their
                 dofs held, their mass counted.
         """
-        self._scene, self._forces, self._held = scene, forces, held
-        part = self.partition = partition(scene, flexible, state.bodies, held.mask)
+        self._scene, self._forces, self._held, self.acting = scene, forces, held, tuple(acting)
+        part = self.partition = partition(scene, flexible, state.bodies, held.mask, carried)
         rows = part.rows
         state.carried = tuple(
             np.arange(body.nodes.size, dtype=np.int32)
@@ -84,23 +95,57 @@ class System:
             else np.flatnonzero(~np.isin(body.nodes, rows.nodes)).astype(np.int32)
             for body in state.bodies
         )
-        self.mass = mass_operator(scene, rows, flexible, part.masses, carried)
+        own = part.massive[rows.nodes]
+        self.mass = mass_operator(scene, rows, flexible, own, carried)
         loads, resultants = scene.named(fx.DeadLoad), scene.named(fx.Resultant)
         self._loads = NodalLoads(scene, loads, rows.nodes, state.bodies, resultants)
-        self.monitor = Monitor(scene, forces, self.mass, part)
+        self._loads.select(acting)
+        forces.select(acting)
+        drag = [e.alpha for e in acting if isinstance(e, fx.MassDamping)]
+        springs = scene.named(fx.Spring)
+        if state.bodies and (springs or scene.named(fx.Pressure)):
+            state.rebuild()
+        self._ground: list[GroundForces] = [
+            *(Springs(scene, spring, rows, own, state) for spring in springs),
+            *(Drag(alpha, self.mass, rows, state) for alpha in drag),
+        ]
+        self._pressed = forces.pressures.on_bodies(state.bodies, state.motions)
+        terms: list[list[BodyTerm]] = [
+            [*(item.bodies[k] for item in self._ground), *pressed]
+            for k, pressed in enumerate(self._pressed)
+        ]
+        self.monitor = Monitor(scene, forces, self.mass, part, self._ground)
+        pressed = [*flexible.values(), *(carried or {}).values()]
+        self._against_pressure = forces.pressures.bind_work(pressed)
+        self._lost = forces.bind_dissipation(flexible)
         self.equilibrium = Equilibrium(
             scene,
             forces,
-            forces.bind(flexible, part.core, part.rim),
+            forces.bind(flexible, part.core, part.rim, carried),
             self.mass,
             Prolongation(part, scene.comm),
+            self._ground,
+            terms,
         )
         self._f_ext, self._v0 = rows.vector(), rows.vector()
+
+    def follow(self, acting: Sequence[fx.Windowed]) -> bool:
+        """Let loads begin and end; False if other effects do, which takes a new system.
+
+        Args:
+            acting: The effects with a time window that act from now on.
+        """
+        now, before = _others(acting), _others(self.acting)
+        if len(now) != len(before) or any(map(is_not, now, before)):
+            return False
+        self.acting = tuple(acting)
+        self._loads.select(acting)
+        return True
 
     def solve(self, state: State, dt: float) -> Solution:
         """Find the increment of a step of length dt [s]; the state is not changed. Collective."""
         middle = state.t + dt / 2
-        self._forces.set_time(middle)
+        self._forces.set_time(middle, dt)
         self._resultants = self._loads.evaluate(middle, self._f_ext)
         self._v0.array[:] = state.v.x.array[self.partition.rows.dofs]
         return self.equilibrium.solve(
@@ -117,20 +162,34 @@ class System:
         """Take the found increment over into the state, which then is at time t. Collective."""
         prolongation, dofs = self.equilibrium.prolongation, self.partition.rows.dofs
         d, forces = self.equilibrium.d.array_r, self.equilibrium.forces_out_of_balance.array_r
-        reactions = forces[prolongation.held]
-        work = self._f_ext.dot(self.equilibrium.d)
-        supports = float(self._scene.sum(reactions @ d[prolongation.held]))
+        increments, held = prolongation.increments, prolongation.held
+        x = self.partition.rows.X + (state.u.x.array[dofs] + 0.5 * d).reshape(-1, 3)
+        reactions, moments = self._held.reactions(forces[held], x[held // 3])
+        local = [
+            self._f_ext.array_r @ d,
+            forces[held] @ d[held],
+            -sum(map(fem.assemble_scalar, self._against_pressure)),
+            *map(fem.assemble_scalar, self._lost.values()),
+            *(item.dissipated(self.equilibrium.d, dt) for item in self._ground),
+        ]
+        dead, supports, pressed, *lost = map(float, self._scene.sum(local))
+        work = dead + pressed
+        dissipated = dict.fromkeys((*self._lost, *(item.kind for item in self._ground)), 0.0)
+        for kind, energy in zip((*self._lost, *(i.kind for i in self._ground)), lost, strict=True):
+            dissipated[kind] += energy
+        for k, increment in enumerate(increments):
+            work += self._resultants[k].work(increment)
+            work += sum(load.work(increment) for load in self._pressed[k])
+            for item in self._ground:
+                dissipated[item.kind] += item.bodies[k].dissipated(increment)
         state.u.x.array[dofs] += d
         state.v.x.array[dofs] = 2 / dt * d - self._v0.array_r
-        increments = prolongation.increments
-        for increment, load in zip(increments, self._resultants, strict=True):
-            work += load.work(increment)
         state.motions = tuple(increment.end() for increment in increments)
         self._attach(state)
         state.u.x.scatter_forward()
         state.v.x.scatter_forward()
         state.t = t
-        return Work(work, supports, self._held.reactions(reactions))
+        return Work(work, supports, dissipated, reactions, moments)
 
     def _attach(self, state: State) -> None:
         """Put attached nodes exactly where their bodies are: increments would add up rounding."""
@@ -146,5 +205,12 @@ class System:
         self.equilibrium.destroy()
         self.mass.destroy()
         self.monitor.destroy()
+        for item in self._ground:
+            item.destroy()
         self._f_ext.destroy()
         self._v0.destroy()
+
+
+def _others(acting: Sequence[fx.Windowed]) -> list[fx.Windowed]:
+    """The effects that are more than a vector of forces."""
+    return [e for e in acting if not isinstance(e, fx.DeadLoad | fx.Resultant)]

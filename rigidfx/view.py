@@ -1,12 +1,12 @@
-"""Shows a run in ParaView: its deformed shape, rigid cells dark and flexible ones light.
+"""Shows a run in ParaView: its deformed shape, rigid cells dark and flexible ones light; stresses.
 
 A recorder leaves a copy of this file beside fields.pvd; only ParaView's own Python can run it.
 
-    pvbatch view.py                      the last state, as view.png
-    pvbatch view.py --times 0 4.5 9      these times, as view.0000.png, view.0001.png, ...
-    pvbatch view.py --all                every time; a film of it:
-                                         ffmpeg -i view.%04d.png -pix_fmt yuv420p view.mp4
-    pvbatch view.py --help               colours, size, direction of the view, ...
+    pvbatch view.py                      the last state, as view_rigid.png and view_von_mises.png
+    pvbatch view.py --times 0 4.5 9      these times, as view_rigid.0000.png, ...
+    pvbatch view.py --film               every time, and films of them: view_rigid.avi, ...
+    pvbatch view.py --colour velocity    coloured by another field
+    pvbatch view.py --help               all colours, size, direction of the view, ...
 
 Without a display: xvfb-run -a pvbatch view.py. In ParaView's window: Tools, Python Shell, Run
 Script, or as a macro, or paraview --script=view.py. It can be run while the simulation goes on.
@@ -17,6 +17,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +26,19 @@ __all__ = ["MADE_IN", "main", "write"]
 MADE_IN = ""  # the folder that a copy was made for; some versions do not tell a script its place
 
 LIGHT, DARK, EDGES = (0.91, 0.89, 0.85), (0.2, 0.28, 0.36), (0.3, 0.3, 0.3)
-ON_CELLS = ("rigid", "body", "strain_rate", "material")
+ON_CELLS = ("rigid", "von_mises", "body", "strain_rate", "material")
 ON_POINTS = ("displacement", "velocity")
-UNITS = {"strain_rate": " (1/s)", "displacement": " (m)", "velocity": " (m/s)"}
+TITLES = {
+    "rigid": "cells",
+    "von_mises": "von Mises stress (Pa)",
+    "strain_rate": "strain rate (1/s)",
+    "displacement": "displacement (m)",
+    "velocity": "velocity (m/s)",
+}
+FILMS = (  # what can encode a film, in VTK's modules; a ParaView may lack each of them
+    ("vtkIOFFMPEG", "vtkFFMPEGWriter", ".avi"),
+    ("vtkIOOggTheora", "vtkOggTheoraWriter", ".ogv"),
+)
 
 
 def main(folder: Path, arguments: Sequence[str] | None, interactive: bool) -> None:
@@ -49,28 +60,37 @@ def main(folder: Path, arguments: Sequence[str] | None, interactive: bool) -> No
     reader.UpdatePipeline()
     times = list(reader.TimestepValues) or [0.0]
     view = pv.GetActiveViewOrCreate("RenderView")
-    body = _draw(pv, view, reader, options)
+    body, shown = _draw(pv, view, reader, options)
     scene = pv.GetAnimationScene()
     scene.UpdateAnimationUsingDataTimeSteps()
-    if options.all:
+    if options.film:
         wanted = times
     elif options.times:
         wanted = [min(times, key=lambda have: abs(have - t)) for t in options.times]
     else:
         wanted = times[-1:]
     size = _diagonal(reader)
+    out = options.out or folder
     if not interactive:
+        out.mkdir(parents=True, exist_ok=True)
         view.ViewSize = list(options.size)  # letters are scaled with a picture that is larger
-    for k, t in enumerate(wanted):
-        scene.AnimationTime = t
-        view.ViewTime = t
-        body.UpdatePipeline(t)
-        _aim(view, body, size, options)
-        pv.Render(view)
-        if not interactive:
-            number = f".{k:04d}" if len(wanted) > 1 else ""
-            path = (options.out or folder) / f"view{number}.png"
-            pv.SaveScreenshot(str(path), view, ImageResolution=list(options.size))
+    colours = _colours(reader, options)
+    for colour in colours[:1] if interactive else colours:
+        bar = _colour(pv, view, shown, colour)
+        pictures = []
+        for k, t in enumerate(wanted):
+            scene.AnimationTime = t
+            view.ViewTime = t
+            body.UpdatePipeline(t)
+            _aim(view, body, size, options)
+            pv.Render(view)
+            if not interactive:
+                number = f".{k:04d}" if len(wanted) > 1 else ""
+                pictures.append(out / f"view_{colour}{number}.png")
+                pv.SaveScreenshot(str(pictures[-1]), view, ImageResolution=list(options.size))
+        if options.film and not interactive:
+            _film(out / f"view_{colour}", pictures, options.rate)
+        bar.Visibility = int(interactive)
 
 
 def write(folder: Path) -> None:
@@ -89,18 +109,21 @@ def write(folder: Path) -> None:
 
 def _options(arguments: Sequence[str] | None) -> Any:
     parser = argparse.ArgumentParser(
-        description="Pictures of a run: deformed, rigid cells dark and flexible ones light."
+        description="Pictures of a run: deformed; rigid cells dark, flexible ones light; stresses."
     )
     which = parser.add_mutually_exclusive_group()
-    which.add_argument("--all", action="store_true", help="a picture of every time")
+    which.add_argument("--film", action="store_true", help="pictures of every time, and a film")
     which.add_argument(
         "--times", type=float, nargs="+", metavar="T", help="pictures of the nearest times [s]"
     )
     parser.add_argument(
         "--colour",
+        nargs="+",
         choices=(*ON_CELLS, *ON_POINTS),
-        help="field that colours the cells (rigid, if there may be bodies, or displacement)",
+        help="fields that colour the cells, for a picture each (rigid, if there may be bodies, or "
+        "displacement; and von_mises)",
     )
+    parser.add_argument("--rate", type=int, default=12, help="pictures per second of a film (12)")
     parser.add_argument("--scale", type=float, default=1.0, help="factor of displacements (1)")
     parser.add_argument(
         "--view",
@@ -118,8 +141,8 @@ def _options(arguments: Sequence[str] | None) -> Any:
     return parser.parse_args(arguments)
 
 
-def _draw(pv: Any, view: Any, reader: Any, options: Any) -> Any:
-    """The deformed body, its colours, and the time; returns the body."""
+def _draw(pv: Any, view: Any, reader: Any, options: Any) -> tuple[Any, Any]:
+    """The deformed body and the time; returns the body and how it is shown."""
     body = pv.WarpByVector(Input=reader)
     body.Vectors = ["POINTS", "displacement"]
     body.ScaleFactor = options.scale
@@ -129,23 +152,6 @@ def _draw(pv: Any, view: Any, reader: Any, options: Any) -> Any:
     shown.Representation = "Surface" if options.no_edges else "Surface With Edges"
     shown.EdgeColor = list(EDGES)
     shown.Ambient, shown.Diffuse, shown.Specular = 0.45, 0.6, 0.0  # near the colours of the legend
-    present = [array.Name for array in reader.CellData]
-    colour = options.colour or ("rigid" if "rigid" in present else "displacement")
-    if colour not in (*present, *ON_POINTS):
-        raise SystemExit(f"This run has no field '{colour}': there are no rigid bodies in it.")
-    pv.ColorBy(shown, ("CELLS" if colour in ON_CELLS else "POINTS", colour))
-    table = pv.GetColorTransferFunction(colour)
-    if colour == "rigid":
-        table.InterpretValuesAsCategories = 1
-        table.Annotations = ["0", "flexible", "1", "rigid"]
-        table.IndexedColors = [*LIGHT, *DARK]
-    else:
-        shown.RescaleTransferFunctionToDataRangeOverTime()
-    shown.SetScalarBarVisibility(view, True)
-    bar = pv.GetScalarBar(table, view)
-    bar.Title = "cells" if colour == "rigid" else colour.replace("_", " ") + UNITS.get(colour, "")
-    bar.ComponentTitle = ""
-    bar.TitleColor = bar.LabelColor = [0.0, 0.0, 0.0]
     clock = pv.AnnotateTimeFilter(Input=reader)
     clock.Format = "t = {time:.4g} s"
     text = pv.Show(clock, view)
@@ -153,7 +159,65 @@ def _draw(pv: Any, view: Any, reader: Any, options: Any) -> Any:
     view.UseColorPaletteForBackground = 0
     view.Background = [1.0, 1.0, 1.0]
     pv.SetActiveSource(body)
-    return body
+    return body, shown
+
+
+def _colours(reader: Any, options: Any) -> list[str]:
+    """The fields asked for, all there, or those that are shown by default."""
+    present = [*(array.Name for array in reader.CellData), *ON_POINTS]
+    if not options.colour:
+        first = "rigid" if "rigid" in present else "displacement"
+        return [first, *(c for c in ("von_mises",) if c in present)]
+    for colour in options.colour:
+        if colour not in present:
+            raise SystemExit(f"This run has no field '{colour}'; it has {', '.join(present)}.")
+    return list(options.colour)
+
+
+def _colour(pv: Any, view: Any, shown: Any, colour: str) -> Any:
+    """Colour by a field, alike at all times; returns the scale."""
+    pv.ColorBy(shown, ("CELLS" if colour in ON_CELLS else "POINTS", colour))
+    table = pv.GetColorTransferFunction(colour)
+    if colour == "rigid":
+        table.InterpretValuesAsCategories = 1
+        table.Annotations = ["0", "flexible", "1", "rigid"]
+        table.IndexedColors = [*LIGHT, *DARK]
+    else:
+        table.ApplyPreset("Viridis (matplotlib)", True)
+        shown.RescaleTransferFunctionToDataRangeOverTime()
+    shown.SetScalarBarVisibility(view, True)
+    bar = pv.GetScalarBar(table, view)
+    bar.Title = TITLES.get(colour, colour)
+    bar.ComponentTitle = ""
+    bar.TitleColor = bar.LabelColor = [0.0, 0.0, 0.0]
+    return bar
+
+
+def _film(path: Path, pictures: Sequence[Path], rate: int) -> None:
+    """Join pictures to a film, if this ParaView can."""
+    for module, name, suffix in FILMS:
+        try:
+            writer = getattr(import_module(f"vtkmodules.{module}"), name)()
+        except (ImportError, AttributeError):
+            continue
+        from vtkmodules.vtkIOImage import vtkPNGReader
+
+        picture = vtkPNGReader()
+        writer.SetInputConnection(picture.GetOutputPort())
+        writer.SetFileName(str(path.with_suffix(suffix)))
+        writer.SetRate(rate)
+        for k, file in enumerate(pictures):
+            picture.SetFileName(str(file))
+            picture.Update()
+            if k == 0:
+                writer.Start()
+            writer.Write()
+        writer.End()
+        return
+    sys.stderr.write(
+        "This ParaView cannot encode films. ffmpeg can join the pictures: "
+        f"ffmpeg -i {path}.%04d.png -pix_fmt yuv420p {path}.mp4\n"
+    )
 
 
 def _diagonal(source: Any) -> float:

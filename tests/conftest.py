@@ -1,4 +1,4 @@
-"""What every test gets: the meshes' folder on the path, PETSc objects freed after it."""
+"""What every test gets: folders of meshes and demos on the path, PETSc objects freed after it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import pytest
 from mpi4py import MPI
 
 ROOT = Path(__file__).resolve().parent.parent
-sys.path += [str(ROOT), str(ROOT / "meshes")]
+sys.path += [str(ROOT), str(ROOT / "meshes"), str(ROOT / "demos")]
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # DOLFINx warns about packages it could use and does not find

@@ -37,7 +37,8 @@ def run(script: str | Path, ranks: int, timeout: float, *arguments: str) -> Any:
     mine = ("OMPI_COMM", "OMPI_UNIVERSE", "OMPI_APP", "OMPI_NUM", "OMPI_FIRST", "OMPI_FILE",
             "PMIX_", "PMI_", "PRTE_", "HYDRA_")  # fmt: skip
     kept = {k: v for k, v in os.environ.items() if not k.startswith(mine)}
-    path = [os.environ.get("PYTHONPATH", ""), str(ROOT), str(ROOT / "meshes")]
+    folders = [ROOT, *(ROOT / name for name in ("meshes", "tests", "demos"))]
+    path = [os.environ.get("PYTHONPATH", ""), *map(str, folders)]
     kept["PYTHONPATH"] = os.pathsep.join(p for p in path if p)
     with tempfile.TemporaryDirectory() as folder:
         result = Path(folder, "result.json")

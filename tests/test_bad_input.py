@@ -163,6 +163,17 @@ CASES = {
         SceneError,
         "at t = 0.25 s three finite",
     ),
+    "factor of a resultant that is not finite": (
+        lambda: _run(rf.Rigid(), rf.Resultant(force=(1, 0, 0), time=lambda t: np.nan)),
+        SceneError,
+        "three finite",
+    ),
+    "order that is a list": (lambda: _run(order=[1]), SceneError, "order must be"),
+    "masses that overflow": (
+        lambda: _run(rf.PointMass("x1", 1e308)),
+        SceneError,
+        "masses of the nodes add up to",
+    ),
     "initial velocity that is not finite on one rank": (
         lambda: _run(rf.InitialVelocity(function=_velocity_on_one_rank)),
         SceneError,

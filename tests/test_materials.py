@@ -183,7 +183,7 @@ class Assembled:
 
     def at(self, u0, u1):
         self.u0.x.array[:], self.forces.u1.x.array[:] = u0, u1
-        self.forces.set_time(0.0)
+        self.forces.set_time(0.0, 1.0)
         return self
 
     @property

@@ -1,10 +1,17 @@
-"""Bodies written to a file, and a run that begins with them."""
+"""Bodies written to a file, and a run that begins with them.
+
+Run as a script under mpirun, this file writes the bodies it finds to a path, begins a run with them
+and reports their cells and what the run ends with.
+"""
 
 from __future__ import annotations
 
 import json
+import sys
+from pathlib import Path
 
 import numpy as np
+import parallel
 import pytest
 from mpi4py import MPI
 
@@ -13,7 +20,7 @@ import rigidfx as rf
 COMM = MPI.COMM_WORLD
 MATERIAL = rf.StVenantKirchhoff(E=300.0, nu=0.3, rho=2.0)
 
-pytestmark = pytest.mark.skipif(COMM.size > 1, reason="serial; the frame's demo runs on 2 ranks")
+pytestmark = pytest.mark.skipif(COMM.size > 1, reason="starts its own mpirun")
 
 
 def bar():
@@ -67,5 +74,56 @@ def test_other_files_and_other_meshes_are_refused(tmp_path):
     with pytest.raises(rf.SceneError, match="write_bodies"):
         rf.read_bodies(path, bar())
     found(path)
-    with pytest.raises(rf.SceneError, match="8 cells, this one has 4"):
+    with pytest.raises(rf.SceneError, match="8 cells, this has 4"):
         rf.read_bodies(path, rf.box((0, 0, 0), (4, 1, 1), (4, 1, 1)))
+    with pytest.raises(rf.SceneError, match="a mesh in"):
+        rf.read_bodies(path, rf.box((0, 0, 0), (8, 2, 1), (8, 1, 1)))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda c: c.pop("cells"), "damaged"),
+        (lambda c: c.update(bodies=None), "damaged"),
+        (lambda c: c.update(bodies=["x"]), "damaged"),
+        (lambda c: c["bodies"][0].pop("name"), "damaged"),
+        (lambda c: c["bodies"][0].update(name=3), "name 3"),
+        (lambda c: c["bodies"][0]["cells"].append(999), "cells that the mesh has not"),
+        (lambda c: c["bodies"][0].update(cells=[]), "no cells"),
+        (lambda c: c["bodies"].append(c["bodies"][0]), "that of two"),
+        (lambda c: c["bodies"].append({**c["bodies"][0], "name": "b"}), "in two bodies"),
+    ],
+)
+def test_damaged_files_are_refused(tmp_path, spoil, message):
+    """By what is wrong in them, on all ranks alike."""
+    path = tmp_path / "bodies.json"
+    found(path)
+    content = json.loads(path.read_text())
+    spoil(content)
+    path.write_text(json.dumps(content))
+    with pytest.raises(rf.SceneError, match=message):
+        rf.read_bodies(path, bar())
+
+
+def read_again(path):
+    """Cells of the body that a file names, and the energy at the end of a run begun with it."""
+    found(path)
+    domain, rigid = rf.read_bodies(path, bar())
+    reports = list(rf.simulate(scene(domain, *rigid), 0.1, 1.0))
+    content = json.loads(path.read_text())
+    return {"cells": content["bodies"][0]["cells"], "energy": reports[-1].energy}
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_ranks_write_and_read_the_same_file(tmp_path, ranks):
+    alone = read_again(tmp_path / "alone.json")
+    together = parallel.run(__file__, ranks, 300.0, str(tmp_path / "together.json"))
+    assert together["cells"] == alone["cells"]
+    assert together["energy"] == pytest.approx(alone["energy"], rel=1e-9)
+
+
+if __name__ == "__main__":
+    result = read_again(Path(sys.argv[1]))
+    if COMM.rank == 0:
+        parallel.report(result)

@@ -4,21 +4,26 @@ from __future__ import annotations
 
 import ast
 import csv
+import resource
 import shutil
+import signal
 import subprocess
 import sys
 import warnings
 import xml.etree.ElementTree as ET
 from pathlib import Path
+from time import monotonic, sleep
 
 import numpy as np
 import pytest
 from mpi4py import MPI
 from parallel import report as tell
 from parallel import run as mpirun
+from scipy.spatial.transform import Rotation
 
 import rigidfx as rf
 from rigidfx.paraview import Body, Series
+from rigidfx.stress import CauchyStress, von_mises
 
 vtk_xml = pytest.importorskip("vtkmodules.vtkIOXML")
 from vtkmodules.util.numpy_support import vtk_to_numpy  # noqa: E402
@@ -58,6 +63,7 @@ def record(folder, cell="hexahedron", order=1, **when):
     scene = make_scene(cell, order)
     body = Body(scene.space)
     reports, fields = [], []
+    when = {"every": 1} | when
     with rf.Recorder(scene, folder, **when) as recorder:
         for report in rf.simulate(scene, 0.1, 0.5, progress=False):
             recorder.write(report)
@@ -137,8 +143,10 @@ def test_history_has_full_precision_and_a_column_for_everything(tmp_path):
     assert len(rows) == len(reports)
     for row, r in zip(rows, reports, strict=True):
         for name in ("step", "t", "dt", "iterations", "cuts", "unknowns", "kinetic", "strain",
-                     "energy", "work_of_loads", "work_of_supports", "momentum_scale"):  # fmt: skip
+                     "springs", "energy", "work_of_loads", "work_of_supports",
+                     "momentum_scale"):  # fmt: skip
             assert float(row[name]) == getattr(r, name)
+        assert float(row["dissipated"]) == sum(r.dissipated.values())
         vectors = {"L": r.linear_momentum, "J": r.angular_momentum, "u_tip": r.probes["tip"]}
         for where in ("z0", "x0"):
             vectors[f"reaction_{where}"] = r.reactions.get(where, np.zeros(3))
@@ -173,12 +181,31 @@ def test_fields_at_the_output_interval_and_in_the_end(tmp_path, when, times):
 
 def test_files_are_readable_while_the_run_goes_on(tmp_path):
     scene = make_scene()
-    recorder = rf.Recorder(scene, tmp_path)
+    recorder = rf.Recorder(scene, tmp_path, every=1)
     for k, report in enumerate(rf.simulate(scene, 0.1, 0.2, progress=False), start=1):
         recorder.write(report)
         assert len(read_series(recorder.series)) == k
         assert rf.read_history(recorder.history)["t"].size == k
     recorder.close()
+
+
+def test_series_stays_whole_when_there_is_no_space_left(tmp_path):
+    body = Body(rf.Scene(rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1)), MATERIAL).space)
+    series = Series(tmp_path / "fields.pvd", body)
+    for k in range(120):
+        series.write(float(k), {}, {})
+    before = series.path.read_bytes()
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (len(before) + 10, hard))
+    try:
+        with pytest.raises(OSError, match=r"space|large"):
+            series.write(120.0, {}, {})
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert (tmp_path / "fields" / "fields_000120.vtu").exists()  # it was the .pvd that failed
+    assert series.path.read_bytes() == before
+    series.write(120.0, {}, {})
+    assert list(read_series(series.path)) == [float(k) for k in range(121)]
 
 
 def test_second_run_takes_the_place_of_the_first(tmp_path):
@@ -222,7 +249,7 @@ def test_folder_without_permission(tmp_path):
 
 
 def test_package_is_imported_without_graphics():
-    code = "import sys, rigidfx, rigidfx.plot, rigidfx.shapes; print(*sys.modules)"
+    code = "import sys, rigidfx.plot, rigidfx.shapes; print(*sys.modules)"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     known = {"matplotlib", "paraview", "pyvista", "vtkmodules", "meshio"}
     assert not known & set(out.stdout.split())
@@ -231,16 +258,17 @@ def test_package_is_imported_without_graphics():
 # Bodies ----------------------------------------------------------------------------------------
 
 
-def record_switches(folder):
+def record_switches(folder, t_end=0.5):
     """A spinning bar whose ends become rigid and are released; the numbers of each step."""
     domain = rf.box((0, 0, 0), (6, 1, 1), (6, 1, 1))
     domain = domain.with_cells("middle", lambda x: np.abs(x[0] - 3) < 1 + 1e-9)
     spin = rf.InitialVelocity(angular=(0.2, 0.1, 0.5))
     scene = rf.Scene(domain, MATERIAL, [spin])
-    criterion = rf.StrainRate(1e9, 0.2, never="middle", release=rf.Release(at=0.4))
+    release = rf.Release(at=0.4) if t_end < 1.0 else ()
+    criterion = rf.StrainRate(1e9, 0.2, never="middle", release=release)
     body, reports, rates = Body(scene.space), [], []
-    with rf.Recorder(scene, folder) as recorder:
-        for report in rf.simulate(scene, 0.1, 0.5, rigidify=criterion, progress=False):
+    with rf.Recorder(scene, folder, every=1) as recorder:
+        for report in rf.simulate(scene, 0.1, t_end, rigidify=criterion, progress=False):
             recorder.write(report)
             reports.append(report)
             rates.append(body.on_cells(report.strain_rate))
@@ -276,6 +304,115 @@ def test_series_shows_bodies_and_strain_rates(tmp_path):
         np.testing.assert_array_equal(cell_data(grid, "strain_rate") > 0, ~still & (t > 0))
 
 
+def test_series_holds_stresses(tmp_path):
+    """Nine components, which ParaView takes for a tensor, and von Mises' of them."""
+    scene = make_scene()
+    body, measure, stresses = Body(scene.space), CauchyStress(scene), []
+    with rf.Recorder(scene, tmp_path / "with", every=1) as recorder:
+        for report in rf.simulate(scene, 0.1, 0.3, progress=False):
+            recorder.write(report)
+            stresses.append(body.on_cells(measure.measure(report.state.u)))
+    for grid, stress in zip(read_series(recorder.series).values(), stresses, strict=True):
+        assert grid.GetCellData().GetArray("stress").GetNumberOfComponents() == 9
+        np.testing.assert_array_equal(cell_data(grid, "stress").reshape(-1, 3, 3), stress)
+        np.testing.assert_array_equal(cell_data(grid, "von_mises"), von_mises(stress))
+    assert von_mises(stresses[-1]).max() > 100.0
+    without, *_ = record(tmp_path / "without", stress=False)
+    for grid in read_series(without.series).values():
+        assert grid.GetCellData().GetNumberOfArrays() == 1
+
+
+def read_table(path):
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_bodies_have_a_row_at_each_time_of_the_fields(tmp_path):
+    recorder, reports, _ = record_switches(tmp_path)
+    rows = read_table(recorder.bodies)
+    pairs = [(r.t, b) for r in reports for b in r.bodies]
+    assert len(rows) == len(pairs) == 4
+    for row, (t, body) in zip(rows, pairs, strict=True):
+        assert float(row["t"]) == t
+        assert row["name"] == body.name
+        for name in ("number", "cells", "mass", "kinetic", "stored"):
+            assert float(row[name]) == getattr(body, name)
+        for name in ("centre", "velocity", "angular_velocity"):
+            vector = [float(row[f"{name}_{axis}"]) for axis in "xyz"]
+            np.testing.assert_array_equal(vector, getattr(body, name))
+        turn = Rotation.from_rotvec([float(row[f"rotation_{axis}"]) for axis in "xyz"])
+        np.testing.assert_allclose(turn.as_matrix(), body.orientation, atol=1e-14)
+
+
+def test_bodies_are_written_with_the_fields_only(tmp_path):
+    domain = rf.box((0, 0, 0), (2, 1, 1), (2, 1, 1)).with_cells("hub", lambda x: x[0] < 1 + 1e-9)
+    spin = rf.InitialVelocity(angular=(0.2, 0.1, 0.5))
+    scene = rf.Scene(domain, MATERIAL, [spin, rf.Rigid("hub")])
+    with rf.Recorder(scene, tmp_path, every=3) as recorder:
+        for report in rf.simulate(scene, 0.1, 0.5, progress=False):
+            recorder.write(report)
+    times = [float(row["t"]) for row in read_table(recorder.bodies)]
+    assert times == list(read_series(recorder.series)) == pytest.approx([0.0, 0.3, 0.5])
+
+
+def wait_for(condition, process, seconds=60.0):
+    """Wait until a condition holds while a process runs."""
+    end = monotonic() + seconds
+    while not condition():
+        assert process.poll() is None, process.communicate()
+        assert monotonic() < end, "nothing happens"
+        sleep(0.005)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("how", "times"), [("KILL", 3), ("KILL", 8), ("KILL", 11), ("INT", 5)])
+def test_files_of_a_run_that_was_stopped(tmp_path, how, times):
+    """Up to the last written time all is there, wherever it was stopped."""
+    command = [sys.executable, __file__, str(tmp_path), "endless"]
+    pvd = tmp_path / "fields.pvd"
+    with subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        # A shell's background job ignores SIGINT, and so would this process.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    ) as process:
+        try:
+            wait_for(lambda: pvd.exists() and pvd.read_text().count("DataSet") >= times, process)
+            process.send_signal(getattr(signal, f"SIG{how}"))
+            _, err = process.communicate(timeout=60)
+        finally:
+            process.kill()
+    assert process.returncode != 0
+    assert how == "KILL" or b"KeyboardInterrupt" in err
+    grids = read_series(pvd)
+    assert len(grids) >= times
+    assert all(cell_data(grid, "stress").shape == (6, 9) for grid in grids.values())
+    h = rf.read_history(tmp_path / "history.csv")
+    np.testing.assert_allclose(np.diff(h["t"]), 0.1, rtol=1e-9)
+    assert h["t"][-1] >= max(grids)
+    rows = read_table(tmp_path / "bodies.csv")
+    numbers = {float(row["t"]): 0 for row in rows}
+    for row in rows:
+        assert None not in row.values()
+        numbers[float(row["t"])] += 1
+    for t in sorted(grids)[:-1]:  # bodies follow the fields
+        assert numbers.get(t, 0) == cell_data(grids[t], "body").max()
+    assert len(read_table(tmp_path / "events.csv")) == 2
+    pyvista = pytest.importorskip("pyvista")
+    reader = pyvista.PVDReader(pvd)
+    assert list(reader.time_values) == sorted(grids)
+    reader.set_active_time_value(max(grids))
+    assert reader.read()[0].n_cells == 6
+
+
+def test_history_may_end_within_a_row(tmp_path):
+    recorder, reports, _ = record(tmp_path)
+    text = recorder.history.read_bytes()
+    recorder.history.write_bytes(text[:-30])
+    assert rf.read_history(recorder.history)["t"].size == len(reports) - 1
+
+
 def test_events_have_a_row_for_each_body(tmp_path):
     recorder, reports, _ = record_switches(tmp_path)
     with recorder.events.open(newline="") as file:
@@ -301,8 +438,12 @@ def test_events_have_a_row_for_each_body(tmp_path):
 def test_runs_without_bodies_say_nothing_about_them(tmp_path):
     recorder, *_ = record(tmp_path)
     assert not recorder.events.exists()
+    assert not recorder.bodies.exists()
     for grid in read_series(recorder.series).values():
-        assert grid.GetCellData().GetNumberOfArrays() == 1
+        assert {grid.GetCellData().GetArrayName(k) for k in range(3)} == {
+            *("material", "stress", "von_mises")
+        }
+        assert grid.GetCellData().GetNumberOfArrays() == 3
 
 
 def test_script_for_paraview_is_beside_the_fields(tmp_path):
@@ -331,8 +472,10 @@ def test_pvbatch_draws_what_is_rigid(tmp_path):
 
     dark = []
     for k in range(2):
-        red, blue = imread(recorder.folder / f"view.{k:04d}.png")[..., (0, 2)].transpose(2, 0, 1)
+        image = imread(recorder.folder / f"view_rigid.{k:04d}.png")
+        red, blue = image[..., (0, 2)].transpose(2, 0, 1)
         dark.append(int(np.count_nonzero(blue > red + 0.05)))
+        assert (recorder.folder / f"view_von_mises.{k:04d}.png").stat().st_size > 0
     assert dark[1] > 4 * dark[0]  # the key shows both colours in any case
 
 
@@ -351,6 +494,9 @@ def test_files_of_several_ranks_are_those_of_one(tmp_path, cell, order):
         for name in ("displacement", "velocity"):
             a, b = point_data(one, name), point_data(two, name)
             np.testing.assert_allclose(b, a, atol=1e-9 * np.abs(a).max())
+        for name in ("stress", "von_mises"):
+            a, b = cell_data(one, name), cell_data(two, name)
+            np.testing.assert_allclose(b, a, atol=1e-8 * max(np.abs(a).max(), 1.0))
         np.testing.assert_array_equal(cell_data(one, "material"), cell_data(two, "material"))
     h1, h2 = rf.read_history(alone.history), rf.read_history(tmp_path / "2" / "history.csv")
     assert list(h1) == list(h2)
@@ -389,7 +535,9 @@ def test_all_ranks_learn_that_nothing_can_be_written(tmp_path):
 
 if __name__ == "__main__":
     try:
-        if sys.argv[2:] == ["switches"]:
+        if sys.argv[2:] == ["endless"]:
+            record_switches(sys.argv[1], t_end=1e4)
+        elif sys.argv[2:] == ["switches"]:
             with warnings.catch_warnings():
                 warnings.simplefilter("error")
                 record_switches(sys.argv[1])

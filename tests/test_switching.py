@@ -441,7 +441,7 @@ def first_differences(factor, t_end, dt, window, fraction):
 def test_smooth_load_releases_when_it_has_changed_enough(factor, fraction):
     """Seen before the step, so that this is computed with the flexible cells already."""
     scene = bar(SPIN, rf.Gravity((0, 0, -0.1), time=factor))
-    reports = run(scene, rf.StrainRate(ANY, 0.2, load_change=fraction), t_end=2.0)
+    reports = run(scene, rf.StrainRate(ANY, 0.2, load_change=fraction, patience=1), t_end=2.0)
     freezes, releases = first_differences(factor, 2.0, DT, 0.2, fraction)
     print(releases)
     assert times(reports, "freeze") == freezes

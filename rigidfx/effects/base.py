@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from math import inf, isfinite
 from typing import Any
 
@@ -19,6 +19,8 @@ __all__ = [
     "TimeFunction",
     "Vector",
     "Windowed",
+    "check_factor",
+    "numbers",
     "vector",
 ]
 
@@ -26,6 +28,21 @@ Vector = tuple[float, float, float]
 WHOLE = "all cells"  # what goes by this name is not a set of cells but the whole domain
 
 TimeFunction = Callable[[float], float]
+
+
+def numbers(value: Any) -> npt.NDArray[np.float64]:
+    """What was given as an array; without elements if it is not real numbers, or is ragged.
+
+    Args:
+        value: What was given.
+    """
+    try:
+        array = np.asarray(value)
+        if array.dtype.kind in "biufO":  # neither text nor complex numbers, which NumPy would cast
+            return array.astype(np.float64)
+    except (TypeError, ValueError):
+        pass
+    return np.empty(0)
 
 
 def vector(owner: object, name: str, value: Any) -> npt.NDArray[np.float64]:
@@ -39,15 +56,26 @@ def vector(owner: object, name: str, value: Any) -> npt.NDArray[np.float64]:
     Raises:
         SceneError: If it is anything else.
     """
-    try:
-        array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        array = np.empty(0)
+    array = numbers(value)
     if array.shape != (3,) or not np.isfinite(array).all():
         raise SceneError(
             f"{type(owner).__name__}: {name} must be three finite numbers, got {value!r}."
         )
     return array
+
+
+def check_factor(owner: object, time: Any) -> None:
+    """Check a factor in time.
+
+    Args:
+        owner: Whose factor it is, for the message.
+        time: What was given.
+
+    Raises:
+        SceneError: If it is neither a function nor None.
+    """
+    if time is not None and not callable(time):
+        raise SceneError(f"{type(owner).__name__}: time must be a function of t, got {time!r}.")
 
 
 @dataclass(frozen=True)
@@ -70,9 +98,11 @@ class Table:
         Raises:
             SceneError: If lengths differ, times do not increase or a number is not finite.
         """
-        times, values = np.asarray(self.times, float), np.asarray(self.values, float)
+        times, values = numbers(self.times), numbers(self.values)
         if times.ndim != 1 or times.shape != values.shape or times.size == 0:
-            raise SceneError("Table: times and values must be lists of the same length ≥ 1.")
+            raise SceneError(
+                "Table: times and values must be lists of numbers, of the same length ≥ 1."
+            )
         if not (np.isfinite(times).all() and np.isfinite(values).all()):
             raise SceneError("Table: times and values must be finite.")
         if np.any(np.diff(times) <= 0):
@@ -88,8 +118,22 @@ class Table:
         return tuple(float(t) for t in self.times)
 
 
+@dataclass(frozen=True)
 class Effect:
     """Anything a scene may name."""
+
+    def __post_init__(self) -> None:
+        """Check where it acts, if it acts somewhere.
+
+        Raises:
+            SceneError: If that is no name of a set; None will do where it is the default.
+        """
+        for place in (f for f in fields(self) if f.name == "where"):
+            where = getattr(self, "where", None)
+            if not isinstance(where, str) and (where is not None or place.default is not None):
+                raise SceneError(
+                    f"{type(self).__name__}: where must be the name of a set, got {where!r}."
+                )
 
 
 @dataclass(frozen=True)
@@ -110,6 +154,7 @@ class Windowed(Effect):
         Raises:
             SceneError: If it is empty or its ends are not numbers.
         """
+        super().__post_init__()
         owner = type(self).__name__
         since, until = (
             number(owner, name, getattr(self, name), infinite=True) for name in ("since", "until")

@@ -12,8 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx.effects.base import WHOLE, TimeFunction, Vector, Windowed, vector
-from rigidfx.errors import SceneError
+from rigidfx.effects.base import WHOLE, TimeFunction, Vector, Windowed, check_factor, vector
 
 __all__ = ["BodyForce", "DeadLoad", "Gravity", "NodalForce", "Resultant", "Traction"]
 
@@ -51,10 +50,7 @@ class DeadLoad(Windowed):
         value = getattr(self, "value", None)
         if not callable(value):
             vector(self, "value", value)
-        if self.time is not None and not callable(self.time):
-            raise SceneError(
-                f"{type(self).__name__}: time must be a function of t, got {self.time!r}."
-            )
+        check_factor(self, self.time)
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
@@ -133,7 +129,7 @@ class Resultant(Windowed):
     time: TimeFunction | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        """Check window and vectors.
+        """Check window, vectors and time function.
 
         Raises:
             SceneError: If one of them cannot be used.
@@ -141,6 +137,7 @@ class Resultant(Windowed):
         super().__post_init__()
         vector(self, "force", self.force)
         vector(self, "torque", self.torque)
+        check_factor(self, self.time)
 
     @property
     def body(self) -> str:

@@ -1,18 +1,18 @@
-"""How a scene starts, what damps it, and which parts are rigid from the beginning."""
+"""How a scene starts, and which parts are rigid from the beginning."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx.effects.base import WHOLE, Effect, Vector, Windowed, vector
+from rigidfx.effects.base import WHOLE, Effect, Vector, numbers, vector
 from rigidfx.effects.loads import DeadLoad
 from rigidfx.errors import SceneError, number
 
-__all__ = ["InitialVelocity", "NumericalDamping", "Preload", "Rigid"]
+__all__ = ["InitialVelocity", "Preload", "Rigid"]
 
 
 @dataclass(frozen=True)
@@ -38,33 +38,13 @@ class InitialVelocity(Effect):
         Raises:
             SceneError: If one is not three finite numbers, or `function` is not callable.
         """
+        super().__post_init__()
         vector(self, "linear", self.linear)
         vector(self, "angular", self.angular)
         if self.centre is not None:
             vector(self, "centre", self.centre)
         if self.function is not None and not callable(self.function):
             raise SceneError("InitialVelocity: function must be callable.")
-
-
-@dataclass(frozen=True)
-class NumericalDamping(Windowed):
-    """High-frequency dissipation of Armero and Petöcz, equation (22).
-
-    Attributes:
-        xi: ξ ≥ 0, dimensionless; the scheme is of first order in Δt where ξ > 0.
-    """
-
-    xi: float
-
-    def __post_init__(self) -> None:
-        """Check ξ.
-
-        Raises:
-            SceneError: If ξ is negative, above ½ or not finite.
-        """
-        super().__post_init__()
-        if not 0 <= number("NumericalDamping", "xi", self.xi) <= 0.5:
-            raise SceneError(f"NumericalDamping: xi must lie in [0, 1/2], got {self.xi!r}.")
 
 
 @dataclass(frozen=True)
@@ -88,12 +68,18 @@ class Preload(Effect):
         Raises:
             SceneError: If there are none, one is not a dead load, or increments < 1.
         """
-        loads = (self.loads,) if isinstance(self.loads, DeadLoad) else tuple(self.loads)
+        super().__post_init__()
+        given = (self.loads,) if isinstance(self.loads, DeadLoad) else self.loads
+        loads = tuple(given) if isinstance(given, Iterable) else ()
+        if not loads or not all(isinstance(load, DeadLoad) for load in loads):
+            raise SceneError(f"Preload: loads must be one or more dead loads, got {given!r}.")
         object.__setattr__(self, "loads", loads)
-        if not self.loads or not all(isinstance(load, DeadLoad) for load in self.loads):
-            raise SceneError("Preload: loads must be one or more dead loads.")
-        if int(self.increments) != self.increments or self.increments < 1:
-            raise SceneError(f"Preload: increments must be an integer ≥ 1, got {self.increments}.")
+        increments = number("Preload", "increments", self.increments)
+        if increments < 1 or not increments.is_integer():
+            raise SceneError(
+                f"Preload: increments must be an integer ≥ 1, got {self.increments!r}."
+            )
+        object.__setattr__(self, "increments", int(increments))
 
 
 @dataclass(frozen=True)
@@ -132,13 +118,16 @@ class Rigid(Effect):
             SceneError: If the mass is not positive or the inertia not symmetric positive definite
                 with principal moments that a body can have.
         """
+        super().__post_init__()
         if self.mass is not None and not number("Rigid", "mass", self.mass) > 0:
             raise SceneError(f"Rigid: mass must be a finite number > 0, got {self.mass!r}.")
         if self.inertia is None:
             return
-        J = np.asarray(self.inertia, dtype=np.float64)
+        J = numbers(self.inertia)
         if J.shape != (3, 3) or not np.isfinite(J).all() or not np.allclose(J, J.T, rtol=1e-12):
-            raise SceneError(f"Rigid: inertia must be a symmetric 3×3 matrix, got {self.inertia}.")
+            raise SceneError(
+                f"Rigid: inertia must be a symmetric 3×3 matrix, got {self.inertia!r}."
+            )
         a, b, c = np.linalg.eigvalsh(J)
         if a <= 0 or c > (a + b) * (1 + 1e-9):
             raise SceneError(

@@ -30,11 +30,11 @@ class Support(Windowed):
         """Check window and components.
 
         Raises:
-            SceneError: If components is empty or names anything but x, y, z once each.
+            SceneError: If components is no text, empty, or names anything but x, y, z once each.
         """
         super().__post_init__()
         c = self.components
-        if not c or set(c) - set("xyz") or len(set(c)) != len(c):
+        if not isinstance(c, str) or not c or set(c) - set("xyz") or len(set(c)) != len(c):
             raise SceneError(
                 f"{type(self).__name__} on '{self.where}': components must be some of 'xyz', "
                 f"each once, got {c!r}."

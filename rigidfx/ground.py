@@ -1,0 +1,271 @@
+"""Linear forces between nodes and the ground: springs, dashpots, drag proportional to mass.
+
+A force on node i is fᵢ = wᵢ (K u½ + C Δu/Δt), seen as a resistance: K takes ½ wᵢ u·K u as potential
+energy, exactly so over a step, and C takes wᵢ Δu·C Δu/Δt. On free nodes these are 3×3 blocks. On a
+rigid body, whose nodes move by Δu = a·D with the arms a = [1, V] and one matrix D of shape (4, 3),
+all of them need the sums S = Σ w a aᵀ and Q = Σ w a uᵀ only: a step loops over no node of a body.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Protocol
+
+import numpy as np
+import numpy.typing as npt
+from petsc4py import PETSc
+
+from rigidfx.body import BodyMotion, Increment, RigidBody
+from rigidfx.condensation import CondensedMatrix
+from rigidfx.effects import MassDamping, Spring
+from rigidfx.mass import Mass
+from rigidfx.prolongation import Prolongation
+from rigidfx.rotation import IDENTITY, skew
+from rigidfx.rows import Rows
+from rigidfx.scene import Scene
+from rigidfx.state import State
+
+__all__ = ["Drag", "GroundForces", "GroundedBody", "Springs"]
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class GroundedBody:
+    """Forces of the ground on one body.
+
+    Attributes:
+        arms: S = Σ w a aᵀ over its nodes, shape (4, 4).
+        pose: Rows r and Rᵀ of a reference pose, shape (4, 3) [m, 1].
+        displaced: Q = Σ w a uᵀ there, shape (4, 3).
+        potential: Σ ½ w u·K u there [J].
+        K: Shape (3, 3).
+        C: Shape (3, 3).
+    """
+
+    arms: Array
+    pose: Array
+    displaced: Array
+    potential: float
+    K: Array
+    C: Array
+
+    def moments(self, increment: Increment) -> Array:
+        """Σ f and Σ V fᵀ of a step, as `Increment.resultant` takes them, shape (4, 3)."""
+        D = increment.affine(increment.dr, increment.theta)
+        moved = _pose(increment.start) - self.pose + 0.5 * D
+        return np.asarray(
+            (self.arms @ moved + self.displaced) @ self.K + self.arms @ D @ self.C / increment.dt
+        )
+
+    def tangent(self, increment: Increment) -> Array:
+        """Derivative of their resultant as far as the forces change, shape (6, 6) [N/m]."""
+        G = np.empty((6, 6))
+        change = self.arms, 0.5 * self.K + self.C / increment.dt
+        for j, axis in enumerate(IDENTITY):
+            dD = np.zeros((4, 3))
+            dD[0] = axis
+            G[:, j] = increment.resultant(change[0] @ dD @ change[1])
+            dD[0] = 0.0
+            dD[1:] = (skew(increment.T @ axis / increment.body.length) @ increment.R1).T
+            G[:, 3 + j] = increment.resultant(change[0] @ dD @ change[1])
+        return G
+
+    def energy(self, motion: BodyMotion) -> float:
+        """Potential energy [J]."""
+        U = _pose(motion) - self.pose
+        return self.potential + float(np.vdot(U, (0.5 * self.arms @ U + self.displaced) @ self.K))
+
+    def dissipated(self, increment: Increment) -> float:
+        """Energy taken in a step [J]."""
+        D = increment.affine(increment.dr, increment.theta)
+        return float(np.vdot(D, self.arms @ D @ self.C)) / increment.dt
+
+
+def _pose(motion: BodyMotion) -> Array:
+    return np.vstack([motion.r, motion.R.T])
+
+
+class GroundForces(Protocol):
+    """One effect of this kind, bound to a partition.
+
+    Attributes:
+        kind: Name of the effect's class.
+        bodies: What it does to each body.
+        rounding: Size of a force that the machine precision is to be multiplied with [N].
+    """
+
+    kind: ClassVar[str]
+
+    @property
+    def bodies(self) -> Sequence[GroundedBody]:
+        """See above."""
+        ...
+
+    @property
+    def rounding(self) -> float:
+        """See above."""
+        ...
+
+    def add_forces(self, d: PETSc.Vec, dt: float, f: PETSc.Vec) -> None:
+        """Add the resistance of the active nodes that are no body's to f, for increments d."""
+        ...
+
+    def add_to(self, tangent: CondensedMatrix, dt: float, prolongation: Prolongation) -> None:
+        """Add its derivative to an assembled tangent that is not finished yet. Collective."""
+        ...
+
+    def energy(self, u: Array) -> float:
+        """Potential energy of these nodes of this rank at displacements of the rows [J]."""
+        ...
+
+    def dissipated(self, d: PETSc.Vec, dt: float) -> float:
+        """Energy that these nodes of this rank lose in a step [J]."""
+        ...
+
+    def destroy(self) -> None:
+        """Free the PETSc objects. Collective."""
+        ...
+
+
+class Springs:
+    """A `Spring` effect."""
+
+    kind: ClassVar[str] = Spring.__name__
+
+    def __init__(
+        self,
+        scene: Scene,
+        spring: Spring,
+        rows: Rows,
+        own: npt.NDArray[np.bool_],
+        state: State,
+        static: bool = False,
+    ) -> None:
+        """Find its nodes. Collective.
+
+        Args:
+            scene: The problem.
+            spring: The effect.
+            rows: Those of the active nodes.
+            own: For each of them, whether it is no body's.
+            state: State whose displacements are up to date at all nodes of bodies.
+            static: Whether forces are those at the end of a step, without dashpots.
+        """
+        n = scene.owned_nodes
+        weights = scene.shares(spring.where, "Spring")[:n]
+        self._at = np.flatnonzero(own & (weights[rows.nodes] > 0))
+        self._nodes, self._weights = rows.nodes[self._at], weights[rows.nodes[self._at]]
+        self._dofs = rows.dofs.reshape(-1, 3)[self._at]
+        self._u0 = state.u.x.array
+        self._share = 1.0 if static else 0.5
+        self._K, self._C = spring.K, np.zeros((3, 3)) if static else spring.C
+        u = self._u0[: 3 * n].reshape(-1, 3)
+        sums = np.zeros((len(state.bodies), 29))
+        for row, body in zip(sums, state.bodies, strict=True):
+            w, moved = weights[body.nodes], u[body.nodes]
+            arms = np.c_[np.ones(body.nodes.size), body.offsets]
+            row[:16] = ((w[:, None] * arms).T @ arms).reshape(-1)
+            row[16:28] = ((w[:, None] * arms).T @ moved).reshape(-1)
+            row[28] = 0.5 * np.vdot(w[:, None] * moved, moved @ self._K)
+        self.bodies = [
+            GroundedBody(
+                row[:16].reshape(4, 4),
+                _pose(motion),
+                row[16:28].reshape(4, 3),
+                float(row[28]),
+                self._K,
+                self._C,
+            )
+            for row, motion in zip(np.asarray(scene.sum(sums)), state.motions, strict=True)
+        ]
+        x = np.abs(scene.space.tabulate_dof_coordinates()[:n] + u).max(initial=0.0)
+        self.rounding = float(np.linalg.norm(self._K)) * scene.comm.allreduce(float(x))
+
+    def add_forces(self, d: PETSc.Vec, dt: float, f: PETSc.Vec) -> None:
+        """See `GroundForces`."""
+        step = d.array_r.reshape(-1, 3)[self._at]
+        force = (self._u0[self._dofs] + self._share * step) @ self._K + step @ self._C / dt
+        f.array.reshape(-1, 3)[self._at] += self._weights[:, None] * force
+
+    def add_to(self, tangent: CondensedMatrix, dt: float, prolongation: Prolongation) -> None:
+        """See `GroundForces`."""
+        block = self._share * self._K + self._C / dt
+        tangent.add_nodal(self._nodes, self._weights[:, None, None] * block)
+
+    def energy(self, u: Array) -> float:
+        """See `GroundForces`."""
+        moved = u.reshape(-1, 3)[self._at]
+        return 0.5 * float(np.vdot(self._weights[:, None] * moved, moved @ self._K))
+
+    def dissipated(self, d: PETSc.Vec, dt: float) -> float:
+        """See `GroundForces`."""
+        step = d.array_r.reshape(-1, 3)[self._at]
+        return float(np.vdot(self._weights[:, None] * step, step @ self._C)) / dt
+
+    def destroy(self) -> None:
+        """Nothing to free."""
+
+
+class Drag:
+    """`MassDamping`: the weights are the mass operator, C is α times the identity.
+
+    A body has -α m Δr/Δt and -α I_av θ/Δt, I_av = tr(B) I - B with B = R_av (Σ m V Vᵀ) R_avᵀ.
+    """
+
+    kind: ClassVar[str] = MassDamping.__name__
+
+    def __init__(self, alpha: float, mass: Mass, rows: Rows, state: State) -> None:
+        """Take the mass over.
+
+        Args:
+            alpha: α, summed over the effects that act [1/s].
+            mass: Mass operator of the flexible cells.
+            rows: Those of the active nodes.
+            state: State with its bodies.
+        """
+        self._alpha, self._mass = alpha, mass
+        self.rounding = 0.0  # below that of inertia
+        self._image = rows.vector()
+        self.bodies = [
+            GroundedBody(
+                _euler(body),
+                _pose(motion),
+                np.zeros((4, 3)),
+                0.0,
+                np.zeros((3, 3)),
+                alpha * np.eye(3),
+            )
+            for body, motion in zip(state.bodies, state.motions, strict=True)
+        ]
+
+    def add_forces(self, d: PETSc.Vec, dt: float, f: PETSc.Vec) -> None:
+        """See `GroundForces`."""
+        self._mass.mult(d, self._image)
+        f.axpy(self._alpha / dt, self._image)
+
+    def add_to(self, tangent: CondensedMatrix, dt: float, prolongation: Prolongation) -> None:
+        """See `GroundForces`."""
+        self._mass.add_to(tangent, self._alpha / dt, prolongation)
+
+    def energy(self, u: Array) -> float:
+        """None."""
+        return 0.0
+
+    def dissipated(self, d: PETSc.Vec, dt: float) -> float:
+        """See `GroundForces`."""
+        self._mass.mult(d, self._image)
+        return self._alpha / dt * float(d.array_r @ self._image.array_r)
+
+    def destroy(self) -> None:
+        """Free the work vector. Collective."""
+        self._image.destroy()
+
+
+def _euler(body: RigidBody) -> Array:
+    """Σ m a aᵀ of a body about its centre of mass, shape (4, 4) [kg, kg m²]."""
+    out = np.zeros((4, 4))
+    out[0, 0] = body.mass
+    out[1:, 1:] = 0.5 * np.trace(body.inertia) * IDENTITY - body.inertia
+    return out

@@ -1,0 +1,103 @@
+"""Cauchy stress of every cell, for files and pictures.
+
+A cell's stress is the mean over its deformed volume v,
+
+    σ = (1/v) ∫ σ dv = ∫ F S Fᵀ dV0 / ∫ J dV0,    S = 2 ∂W/∂C,  J = det F,
+
+by the quadrature rule of the internal forces: a homogeneous stress is given exactly, a linear one
+by its value at the centre, which is where first-order cells are at their best. Nothing is smoothed
+between cells, so what jumps there tells how good the mesh is. A cell that alone makes up the
+thickness of something bent shows no stress of bending.
+
+Cells of rigid bodies are no exception. Their nodes follow the body, F = R F_frozen, so they keep
+the stress they were frozen with, turned with the body: σ = R σ_frozen Rᵀ.
+
+It is the elastic stress at an instant, of the stored energy W. Neither the stress of damping is in
+it, nor is it the mean over a step that the energy-momentum method balances forces with.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem
+
+from rigidfx.forms import deformation_gradient, second_piola_kirchhoff
+from rigidfx.kernels import Kernel
+from rigidfx.materials import Energy
+from rigidfx.scene import Scene
+
+__all__ = ["CauchyStress", "von_mises"]
+
+Array = npt.NDArray[np.float64]
+
+SYMMETRIC = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))  # components that are computed
+PLACES = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])  # where each of all nine is among them
+
+
+class CauchyStress:
+    """Measures the stress of all cells. Compiled once, when it is made."""
+
+    def __init__(self, scene: Scene) -> None:
+        """Compile the form. Collective.
+
+        Args:
+            scene: The problem.
+        """
+        self._u = fem.Function(scene.space)
+        groups = _groups(scene)
+        # Six components of J σ and J itself, together in one vector.
+        space = fem.functionspace(scene.mesh, ("DG", 0, (len(SYMMETRIC) + 1,)))
+        dx = ufl.Measure(
+            "dx", domain=scene.mesh, metadata={"quadrature_degree": scene.quadrature_degree}
+        )
+        F = deformation_gradient(self._u)
+        form = ufl.Form([])
+        for i, (energy, pairs) in enumerate(groups.items(), start=1):
+            names = pairs[0][0].parameters
+            p = {n: scene.cellwise([(m.parameters[n], cells) for m, cells in pairs]) for n in names}
+            tau = F * second_piola_kirchhoff(energy, F.T * F, p) * F.T
+            values = ufl.as_vector([*(tau[ij] for ij in SYMMETRIC), ufl.det(F)])
+            form += ufl.inner(values, ufl.TestFunction(space)) * dx(i)
+        cells = {
+            i: np.sort(np.concatenate([cells for _, cells in pairs]))
+            for i, pairs in enumerate(groups.values(), start=1)
+        }
+        self._form = Kernel(form, [space], scene.mesh).bind(cells)
+        self._integrals = np.zeros_like(fem.Function(space).x.array)
+        owned = scene.mesh.topology.index_map(3).size_local
+        self._rows = space.dofmap.list[:owned, 0]
+
+    def measure(self, u: fem.Function) -> Array:
+        """Cauchy stress of each owned cell, shape (cells, 3, 3) [Pa].
+
+        Args:
+            u: Displacement, of the nodes inside bodies as well: see `State.rebuild`.
+        """
+        self._u.x.array[:] = u.x.array
+        self._integrals[:] = 0.0
+        fem.assemble_vector(self._integrals, self._form)
+        values = self._integrals.reshape(-1, len(SYMMETRIC) + 1)[self._rows]
+        return np.asarray((values[:, :-1] / values[:, -1:])[:, PLACES])
+
+
+def von_mises(stress: Array) -> Array:
+    """Von Mises' equivalent stress √(3/2 s:s), s the deviator, shape (cells,) [Pa].
+
+    Args:
+        stress: Cauchy stress, shape (cells, 3, 3) [Pa].
+    """
+    pressure = np.trace(stress, axis1=1, axis2=2) / 3
+    deviator = stress - pressure[:, None, None] * np.eye(3)
+    return np.asarray(np.sqrt(1.5 * np.einsum("cij,cij->c", deviator, deviator)))
+
+
+def _groups(scene: Scene) -> dict[Energy, list[tuple[Any, npt.NDArray[np.int32]]]]:
+    """Pairs of a material and its owned cells, by the energy that the materials share."""
+    groups: dict[Energy, list[tuple[Any, npt.NDArray[np.int32]]]] = {}
+    for material, cells in scene.materials:
+        groups.setdefault(material.energy, []).append((material, cells))
+    return groups

@@ -1,0 +1,77 @@
+"""Random scenes: a clear error before the first step, or a run that keeps its balances.
+
+RIGIDFX_FUZZ names how many scenes are tried; on two ranks it is a fifth of them. Run as a script
+under mpirun, this file tries the drafts of a JSON file.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import warnings
+from collections import Counter
+from pathlib import Path
+
+import parallel
+import pytest
+from drafts import BALANCED, ERROR, drafts, outcome
+from hypothesis import given, settings
+from mpi4py import MPI
+
+import rigidfx as rf
+
+EXAMPLES = int(os.environ.get("RIGIDFX_FUZZ", "40"))
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its ranks itself"),
+    pytest.mark.filterwarnings("ignore::rigidfx.RigidfxWarning"),
+]
+
+
+def test_random_scenes():
+    """On one rank; a failing scene is shown as small as hypothesis can make it."""
+    seen = Counter()
+
+    @settings(max_examples=EXAMPLES)
+    @given(drafts)
+    def tried(draft):
+        found = outcome(draft)
+        seen[found] += 1
+        assert found in (ERROR, BALANCED), f"{found}\n{draft}"
+
+    tried()
+    print(dict(seen))
+    assert seen[BALANCED] >= 0.3 * EXAMPLES  # else the scenes try nothing
+    assert seen[ERROR] > 0
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("ranks", [2])
+def test_random_scenes_on_several_ranks(tmp_path, ranks):
+    """No rank waits for ever, and what becomes of a scene does not depend on the ranks."""
+    collected = []
+
+    @settings(max_examples=max(EXAMPLES // 5, 1))
+    @given(drafts)
+    def collect(draft):
+        collected.append(draft)
+
+    collect()
+    file = tmp_path / "drafts.json"
+    file.write_text(json.dumps(collected))
+    found = parallel.run(__file__, ranks, 60 + 20 * len(collected), str(file))
+    print(dict(Counter(found)))
+    wrong = [(f, d) for f, d in zip(found, collected, strict=True) if f not in (ERROR, BALANCED)]
+    assert not wrong
+    assert len(found) == len(collected)
+
+
+if __name__ == "__main__":
+    warnings.simplefilter("ignore", rf.RigidfxWarning)
+    results = [outcome(draft) for draft in json.loads(Path(sys.argv[1]).read_text())]
+    every = MPI.COMM_WORLD.gather(results)
+    if MPI.COMM_WORLD.rank == 0:
+        same = all(other == results for other in every)
+        parallel.report(results if same else ["ranks differ"])

@@ -1,0 +1,100 @@
+"""Cells that were released too soon, again and again, wait longer and longer: a pure rule."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rigidfx.criterion import StrainRate
+from rigidfx.errors import SceneError
+from rigidfx.hysteresis import Hysteresis
+
+WINDOW = 1.0  # s
+YES, NO = np.array([True]), np.array([False])
+
+
+def freezes(growth, windows, life):
+    """Times of freezes of a cell that always qualifies and is released after so long."""
+    rule, t, begin, times, until = Hysteresis(1, growth), 0.0, 0.0, [], np.inf
+    rigid = NO
+    while t < windows * WINDOW:
+        t += 0.25
+        if t >= until:
+            rigid, until, begin = NO, np.inf, t
+            rule.switched(rigid, t, counts=True)
+            rule.restart()
+        elif t >= begin + WINDOW and not rigid[0]:
+            lasting = rule.lasting(YES, t - begin)
+            begin = t
+            if lasting[0]:
+                rigid, until = YES, t + life
+                rule.switched(rigid, t, counts=True)
+                times.append(t)
+    return times
+
+
+def test_alternating_switches_become_rare():
+    assert len(freezes(1.0, 1000, 0.25)) == 800
+    times = freezes(2.0, 1000, 0.25)
+    assert len(times) <= np.log2(1000) + 2
+    gaps = np.diff(times)
+    assert gaps[0] == WINDOW + 0.25  # the first hasty release is forgiven
+    assert gaps[1:] == pytest.approx(WINDOW * 2.0 ** np.arange(1, len(gaps)) + 0.25)
+
+
+def test_cell_that_stays_rigid_for_long_never_waits():
+    times = freezes(2.0, 100, 1.5)
+    assert np.diff(times) == pytest.approx(2.5)
+
+
+def test_long_life_is_rewarded():
+    rule = Hysteresis(1, 3.0)
+    for t in (1.0, 2.0, 3.0):
+        rule.lasting(YES, WINDOW)
+        rule.switched(YES, t, counts=True)
+        rule.switched(NO, t + 0.1, counts=True)
+    assert rule.needed() == [9.0]
+    for _ in range(9):
+        able = rule.lasting(YES, WINDOW)
+    assert able[0]
+    rule.switched(YES, 20.0, counts=True)
+    rule.switched(NO, 40.0, counts=True)
+    assert rule.needed() == [1.0]
+
+
+def test_planned_releases_do_not_count():
+    rule = Hysteresis(1, 2.0)
+    for t in range(5):
+        rule.lasting(YES, WINDOW)
+        rule.switched(YES, t, counts=True)
+        assert not rule.switched(NO, t + 0.1, counts=False)
+    assert rule.needed() == [1.0]
+
+
+def test_window_that_fails_begins_the_count_anew():
+    rule = Hysteresis(1, 2.0)
+    rule.hasty[:] = 3  # four windows
+    answers = [rule.lasting(able, WINDOW)[0] for able in [YES, YES, NO, YES, YES, YES, YES]]
+    assert answers == [False] * 6 + [True]
+
+
+@given(st.lists(st.tuples(st.booleans(), st.booleans()), max_size=30))
+def test_cells_do_not_disturb_each_other(story):
+    """Two cells together do what each does alone."""
+    both, alone = Hysteresis(2, 2.0), [Hysteresis(1, 2.0) for _ in range(2)]
+    for t, rigid in enumerate(np.array(story, dtype=bool).reshape(-1, 2)):
+        together = both.lasting(~rigid, WINDOW)
+        apart = [rule.lasting(~rigid[[k]], WINDOW)[0] for k, rule in enumerate(alone)]
+        assert together.tolist() == apart
+        both.switched(rigid, float(t), counts=True)
+        for k, rule in enumerate(alone):
+            rule.switched(rigid[[k]], float(t), counts=True)
+    assert both.needed().tolist() == [rule.needed()[0] for rule in alone]
+
+
+@pytest.mark.parametrize("patience", [0.5, np.nan, np.inf, "long"])
+def test_patience_below_one_is_refused(patience):
+    with pytest.raises(SceneError, match="patience must be"):
+        StrainRate(1.0, 1.0, patience=patience)

@@ -1,0 +1,454 @@
+"""Effects: balances alone and together, closed forms, and what a scene that has none pays."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from balances import follow
+from dolfinx import fem
+from histories import column, drift, show
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from parallel import run as run_on
+
+import rigidfx as rf
+from rigidfx.body import Increment
+from rigidfx.integrator import Integrator
+from rigidfx.internal import InternalForces
+from rigidfx.rotation import cayley
+
+BALANCE = 1e-11  # relative; Newton stops at 1e-12
+SPIN = rf.InitialVelocity(linear=(0.3, 0.0, 0.1), angular=(0.4, 0.9, -0.3))
+
+PUSH = rf.Resultant("middle", force=(3.0, 0.0, 9.0), torque=(1.0, 5.0, 2.0), until=0.6)
+
+# One of each, strong enough to bend the bar by some per cent.
+EFFECTS = {
+    "Pressure": rf.Pressure("top", 4.0, time=rf.Table((0.0, 0.4), (0.0, 1.0))),
+    "KelvinVoigt": rf.KelvinVoigt(5.0, until=0.65),
+    "KelvinVoigt of some": rf.KelvinVoigt(8.0, "end"),
+    "MassDamping": rf.MassDamping(0.4, since=0.25),
+    "NumericalDamping": rf.NumericalDamping(0.1, until=0.55),
+    "PointMass": rf.PointMass("tip", 3.0),
+    "Spring": rf.Spring("foot", (40.0, 5.0, 20.0), damping=2.0),
+    "Gravity": rf.Gravity((0.0, -2.0, -9.81)),
+    "Traction": rf.Traction("top", (1.0, 2.0, 0.0), until=0.35),
+    "Fixed": rf.Fixed("foot", since=0.45),
+    "PrescribedMotion": rf.PrescribedMotion(
+        "tip", "yz", displacement=lambda t: (0.0, 0.02 * np.sin(3 * t), 0.01 * t), since=0.2
+    ),
+}
+
+
+def bar(*effects, cells=(4, 1, 1), E=2e3, cell="hexahedron", **options):
+    """A bar of 4 m × 1 m × 1 m, ρ = 2 kg/m³, with named ends and a part that may be rigid."""
+    domain = rf.box((0, 0, 0), (4, 1, 1), cells, cell)
+    domain = (
+        domain.with_cells("middle", lambda x: (x[0] >= 1 - 1e-9) & (x[0] <= 3 + 1e-9))
+        .with_cells("end", lambda x: x[0] >= 3 - 1e-9)
+        .with_cells("root", lambda x: x[0] <= 1 + 1e-9)
+        .with_facets("top", lambda x: np.isclose(x[2], 1))
+        .with_facets("foot", lambda x: np.isclose(x[0], 0))
+        .with_facets("tip", lambda x: np.isclose(x[0], 4))
+    )
+    domain = domain.with_facets("skin", lambda x: np.full(x.shape[1], True))
+    material = options.pop("material", rf.StVenantKirchhoff(rho=2.0, E=E, nu=0.3))
+    return rf.Scene(domain, material, effects, **options)
+
+
+# Balances --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rigid", [False, True])
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+@pytest.mark.parametrize("name", EFFECTS)
+def test_balances_of_each_effect(name, mass, rigid):
+    """Energy, momenta, work and dissipation, by forces that the test computes itself."""
+    parts = [rf.Rigid("middle")] if rigid else []
+    books, _ = follow(bar(EFFECTS[name], SPIN, *parts, mass=mass), 0.1, 1.0)
+    show(**dict(vars(books).items()))
+    assert books.worst <= BALANCE
+    assert books.iterations <= 6
+
+
+@settings(max_examples=40)
+@given(
+    names=st.sets(st.sampled_from(sorted(EFFECTS)), min_size=2, max_size=6),
+    rigid=st.booleans(),
+    mass=st.sampled_from(["lumped", "consistent"]),
+    cell=st.sampled_from(["hexahedron", "tetrahedron"]),
+)
+def test_balances_of_combinations(names, rigid, mass, cell):
+    """The same for effects together, in any combination."""
+    effects = [EFFECTS[name] for name in sorted(names)]
+    parts = [rf.Rigid("middle"), PUSH] if rigid else []
+    books, _ = follow(bar(*effects, SPIN, *parts, mass=mass, cell=cell), 0.1, 1.0)
+    show(**dict(vars(books).items()))
+    assert books.worst <= BALANCE
+
+
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+def test_balances_of_a_clamped_part(mass):
+    """A rigid part that follows a moving support: the support bears what acts on it."""
+    path = rf.PrescribedMotion("foot", displacement=lambda t: (0.0, 0.05 * np.sin(3 * t), 0.0))
+    names = ("Pressure", "KelvinVoigt", "MassDamping", "PointMass", "Spring", "Gravity")
+    parts = rf.Rigid("root"), rf.Rigid("end"), rf.Spring("top", 30.0), rf.PointMass("top", 1.0)
+    scene = bar(*(EFFECTS[n] for n in names), path, *parts, mass=mass, cells=(8, 1, 1))
+    books, _ = follow(scene, 0.1, 1.0)
+    show(**dict(vars(books).items()))
+    assert books.worst <= BALANCE
+
+
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+def test_balances_through_switches(mass):
+    """Parts freeze and are released under pressure, springs, point masses and damping."""
+    # A pressure that hardly changes, and a load that comes at 1.2 s and releases.
+    names = ("KelvinVoigt", "PointMass", "Spring", "MassDamping")
+    hit = rf.Traction("tip", (0.0, 30.0, 0.0), since=1.2, until=1.4)
+    scene = bar(rf.Pressure("top", 4.0), *(EFFECTS[n] for n in names), SPIN, hit, mass=mass)
+    criterion = rf.StrainRate(0.5, 0.3)
+    books, reports = follow(scene, 0.1, 2.0, rigidify=criterion)
+    kinds = [event.kind for r in reports for event in r.events]
+    show(**dict(vars(books).items()))
+    assert "freeze" in kinds
+    assert "release" in kinds
+    assert books.energy <= BALANCE
+    assert books.linear <= BALANCE
+    assert books.angular <= BALANCE
+
+
+def test_pressure_on_a_closed_surface_moves_nothing():
+    """L and J stay, whatever is rigid; the bar is squeezed."""
+    for parts in ([], [rf.Rigid("middle")], [rf.Rigid()]):
+        scene = bar(rf.Pressure("skin", 60.0), SPIN, *parts)
+        reports = list(rf.simulate(scene, 0.1, 1.0))
+        assert drift(column(reports, "angular_momentum")) <= 1e-12
+        assert drift(column(reports, "linear_momentum")) <= 1e-12
+        assert parts or reports[-1].strain > 1e-3
+
+
+# Closed forms ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+@pytest.mark.parametrize("parts", [(), (rf.Rigid("middle"),), (rf.Rigid(),)])
+def test_drag_of_a_translation(parts, mass):
+    """v falls by (1 - αΔt/2)/(1 + αΔt/2) per step, flexible or rigid."""
+    alpha, dt = 0.7, 0.2
+    scene = bar(rf.MassDamping(alpha), rf.InitialVelocity((1.0, 2.0, 3.0)), *parts, mass=mass)
+    L = column(list(rf.simulate(scene, dt, 2.0)), "linear_momentum")
+    factor = (1 - alpha * dt / 2) / (1 + alpha * dt / 2)
+    assert np.allclose(L, L[0] * factor ** np.arange(11)[:, None], rtol=1e-12)
+
+
+@pytest.mark.parametrize("parts", [(rf.Rigid("middle"),), (rf.Rigid(),)])
+def test_a_mass_on_a_spring(parts):
+    """A body, with a point mass, swings on springs at tan(ωΔt/2) = ω₀Δt/2, ω₀² = k/m."""
+    dt, k = 0.05, 40.0
+    spring, point = rf.Spring("skin", k), rf.PointMass("tip", 4.0)
+    scene = bar(spring, point, rf.InitialVelocity((0.0, 0.0, 0.1)), *parts, E=2e9)
+    assert scene.nodal_mass[: scene.owned_nodes].sum() == pytest.approx(12.0, rel=1e-12)
+    # All nodes on the skin carry the same part of k, but not of the mass: let it only translate.
+    reports = list(rf.simulate(bar(spring, *parts, rf.InitialVelocity((0, 0, 0.1)), E=2e9), dt, 4))
+    L = column(reports, "linear_momentum")[:, 2]
+    omega = 2 / dt * np.arctan(np.sqrt(k / 8.0) * dt / 2)
+    t = column(reports, "t")
+    assert np.allclose(L, 0.8 * np.cos(omega * t), atol=2e-4 * 0.8)
+    assert drift(column(reports, "energy")) <= 1e-11
+
+
+def test_weight_of_a_point_mass():
+    """Gravity everywhere pulls at it; gravity on named cells does not."""
+    for gravity, weight in ((rf.Gravity(), 12.0), (rf.Gravity(where="end"), 2.0)):
+        scene = bar(gravity, rf.PointMass("tip", 4.0))
+        (_, last) = list(rf.simulate(scene, 0.1, 0.1))
+        assert last.linear_momentum[2] == pytest.approx(-9.81 * 0.1 * weight, rel=1e-12)
+
+
+def test_viscous_damping_ratio():
+    """Axial vibration of a bar (ν = 0) decays by ζ = η ω/(2 E) per radian."""
+    E, eta = 2e3, 4.0
+    shape = rf.InitialVelocity(function=lambda x: 1e-4 * np.sin(np.pi * x / 8) * [[1], [0], [0]])
+    material = rf.StVenantKirchhoff(rho=2.0, E=E, nu=0.0)
+    scene = bar(
+        rf.Fixed("foot"),
+        rf.KelvinVoigt(eta),
+        shape,
+        cells=(16, 1, 1),
+        material=material,
+        probes={"tip": (4.0, 0.5, 0.5)},
+    )
+    reports = list(rf.simulate(scene, 0.005, 2.0))
+    x, t = np.array([r.probes["tip"][0] for r in reports]), column(reports, "t")
+    omega = np.pi / 8 * np.sqrt(E / 2.0)
+    decay = eta * omega**2 / (2 * E)
+    basis = np.exp(-decay * t) * np.array([np.cos(omega * t), np.sin(omega * t)])
+    rest = x - basis.T @ np.linalg.lstsq(basis.T, x, rcond=None)[0]
+    assert np.abs(rest).max() <= 0.01 * np.abs(x).max()
+
+
+def test_static_preload_on_springs():
+    """Springs alone hold a preload: the sag is the weight over the stiffness."""
+    k = 500.0
+    preload = rf.Preload([rf.Gravity()])
+    scene = bar(preload, rf.Gravity(), rf.Spring("skin", k), E=2e7, probes={"a": (2, 0.5, 0.5)})
+    reports = list(rf.simulate(scene, 0.1, 1.0))
+    sag = column([reports[0]], "probes")[0]["a"][2]
+    assert sag == pytest.approx(-9.81 * 8.0 / k, rel=1e-2)
+    moved = np.ptp([r.probes["a"][2] for r in reports])
+    assert moved <= 1e-9 * abs(sag)  # it rests
+
+
+def test_rotating_the_scene_rotates_the_solution():
+    """Mesh, vectors and tensors turned: the motion is turned with them, to rounding."""
+    R = cayley(np.array([0.3, -0.7, 0.5]))
+
+    def motion(Q):
+        domain = bar().domain
+        domain.mesh.geometry.x[:] = domain.mesh.geometry.x @ Q.T
+        K = Q @ np.diag((40.0, 5.0, 20.0)) @ Q.T
+        turned = [
+            rf.InitialVelocity(
+                linear=tuple(Q @ (0.3, 0, 0.1)), angular=tuple(Q @ (0.4, 0.9, -0.3))
+            ),
+            rf.Pressure("top", 4.0),
+            rf.KelvinVoigt(5.0),
+            rf.MassDamping(0.4),
+            rf.Spring("foot", K.tolist()),
+            rf.PointMass("tip", 3.0),
+            rf.Gravity(tuple(Q @ (0, -2, -9.81))),
+            rf.Rigid("middle"),
+        ]
+        scene = rf.Scene(domain, rf.StVenantKirchhoff(rho=2.0, E=2e3, nu=0.3), turned)
+        *_, last = rf.simulate(scene, 0.1, 1.0)
+        last.state.rebuild()
+        return last.state.u.x.array.reshape(-1, 3).copy()
+
+    straight, turned = motion(np.eye(3)), motion(R)
+    assert np.abs(turned - straight @ R.T).max() <= 1e-11 * np.abs(straight).max()
+
+
+def test_tangents_of_bodies():
+    """What pressure, springs and drag add to a body's tangent is the derivative of its residual."""
+    scene = bar(
+        *(EFFECTS[n] for n in ("Spring", "MassDamping")),
+        rf.Pressure("top", 4.0),
+        rf.MassDamping(0.3),
+        rf.Rigid(),
+        SPIN,
+    )
+    with Integrator(scene, 0.1) as integrator:
+        integrator.step(0.1)
+        system, state = integrator._system, integrator.state
+        system._forces.set_time(0.15, 0.1)
+        (body,), (motion,) = state.bodies, state.motions
+        (terms,) = system.equilibrium._terms
+        assert len(terms) == 3
+        y = np.array([0.02, -0.01, 0.03, 0.4, -0.2, 0.3])
+
+        def residual(y, term):
+            increment = Increment(body, motion, y[:3], y[3:] / body.length, 0.1)
+            return increment.resultant(term.moments(increment)), increment
+
+        for term in terms:
+            _, increment = residual(y, term)
+            G = term.tangent(increment)
+            couples = increment.couples(term.moments(increment)) @ increment.T
+            G[3:, 3:] += couples / body.length**2
+            h = 1e-5
+            numeric = np.stack(
+                [
+                    (residual(y + h * e, term)[0] - residual(y - h * e, term)[0]) / (2 * h)
+                    for e in np.eye(6)
+                ],
+                axis=1,
+            )
+            assert np.abs(G - numeric).max() <= 1e-8 * np.abs(numeric).max()
+
+
+def test_given_mass_is_weighed():
+    """A body falls with g, whatever mass it is given; and so does one with a point mass."""
+    for body in (rf.Rigid(mass=30.0), rf.Rigid(mass=30.0, inertia=np.eye(3).tolist())):
+        scene = bar(body, rf.Gravity((0.0, 0.0, -10.0)), rf.PointMass("tip", 4.0))
+        *_, last = rf.simulate(scene, 0.1, 1.0)
+        assert last.bodies[0].velocity[2] == pytest.approx(-10.0, rel=1e-12)
+
+
+def test_clamped_parts_are_shown_and_bear_no_resultant():
+    """A part that a support carries is rigid in the fields; a force on it as a body is refused."""
+    scene = bar(rf.Fixed("foot"), rf.Rigid("root"), rf.Gravity())
+    *_, last = rf.simulate(scene, 0.1, 0.2)
+    assert np.count_nonzero(last.state.body_numbers()) == 1
+    held = rf.Fixed("foot", since=0.3, until=0.6)
+    late = bar(held, rf.Rigid("root"), rf.Resultant("root", force=(1, 0, 0)))
+    with pytest.raises(rf.SceneError, match=r"t = 0\.3 s a support clamps"):
+        rf.simulate(late, 0.1, 1.0)
+    apart = bar(held, rf.Rigid("root"), rf.Resultant("root", force=(1, 0, 0), until=0.2))
+    assert list(rf.simulate(apart, 0.1, 0.7))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_resultant_that_fails_later(value):
+    """A factor that is no number at some time ends the run with an error that names it."""
+    push = rf.Resultant("middle", (1, 0, 0), time=lambda t: 1.0 if t < 0.3 else value)
+    with pytest.raises(rf.SceneError, match="Resultant on 'middle'"):
+        list(rf.simulate(bar(rf.Rigid("middle"), push), 0.1, 1.0))
+
+
+# Only what a scene calls for -------------------------------------------------------------------
+
+
+def terms_of(scene, t=0.0):
+    """Integrals, coefficients and constants of the compiled residual at a time."""
+    forces = InternalForces(scene, fem.Function(scene.space))
+    forces.select(scene.acting(t, 1e-12))
+    form = forces.residual_form
+    kinds = sorted(i.integral_type() for i in form.integrals())
+    return kinds, len(form.coefficients()), len(form.constants())
+
+
+# What each adds to the bare scene's form: kinds of integrals, constants.
+ADDED = {
+    "Pressure": (["exterior_facet"], 1),
+    "KelvinVoigt": ([], 2),
+    "KelvinVoigt of some": (["cell"], 4),  # a second kernel, with material constants of its own
+    "MassDamping": ([], 0),
+    "NumericalDamping": ([], 1),
+    "PointMass": ([], 0),
+    "Spring": ([], 0),
+    "Gravity": ([], 0),
+    "Traction": ([], 0),
+    "Fixed": ([], 0),
+    "PrescribedMotion": ([], 0),
+}
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_an_effect_adds_its_own_terms_only(name):
+    """Integrals, coefficients and constants of the form, while it acts and when it does not."""
+    kinds, coefficients, constants = terms_of(bar())
+    more, of_constants = ADDED[name]
+    effect = EFFECTS[name]
+    inside, outside = max(getattr(effect, "since", 0.0), 0.0), getattr(effect, "until", np.inf)
+    scene = bar(effect)
+    assert terms_of(scene, inside) == (
+        sorted([*kinds, *more]),
+        coefficients,
+        constants + of_constants,
+    )
+    if np.isfinite(outside):
+        assert terms_of(scene, outside + 0.1) == (kinds, coefficients, constants)
+
+
+def test_a_closed_window_leaves_nothing_behind():
+    """From the end of its window on, a run goes on as one that never had the effect."""
+    names = ("KelvinVoigt", "NumericalDamping", "Traction")
+    scene = bar(*(EFFECTS[n] for n in names), rf.Pressure("top", 4.0, until=0.3), SPIN)
+    with Integrator(scene, 0.1) as integrator:
+        for k in range(1, 9):
+            integrator.step(round(0.1 * k, 12))
+        system = integrator._system
+        assert system.acting == ()
+        assert not system._lost
+        assert not system._ground
+        assert not system._against_pressure
+        assert not system._loads.loads
+        kinds = [i.integral_type() for i in integrator._forces.residual_form.integrals()]
+        assert kinds == ["cell"]
+
+
+def test_describe(capsys):
+    """All effects with where and when, and the spans of time they act in."""
+    scene = bar(*EFFECTS.values(), SPIN, rf.Rigid("middle"))
+    text = scene.describe()
+    assert capsys.readouterr().out == text + "\n"
+    for effect in (*EFFECTS.values(), SPIN):
+        assert type(effect).__name__ in text
+    assert "from 0.25 s" in text
+    assert "until 0.65 s" in text
+    assert "0.45 … 0.55 s: " in text
+    lines = [line for line in text.splitlines() if line.strip().startswith("from 0.65 s on")]
+    assert lines
+    assert "KelvinVoigt 'end'" in lines[0]
+    assert "NumericalDamping" not in lines[0]
+
+
+def test_describe_shows_what_acts_by_default():
+    """The number behind a default, but none that changes nothing; springs, without a window."""
+    text = bar(rf.Gravity(), rf.Spring("foot", 40.0), rf.Rigid("middle")).describe()
+    assert "value (0, 0, -9.81)" in text
+    assert "stiffness 40" in text
+    for idle in ("damping", "mass None", "inertia", "time"):
+        assert idle not in text.split("Effects")[1]
+    assert text.endswith("from 0 s on: Gravity, Spring 'foot'")
+    assert "from 0 s on: Spring 'foot'" in bar(rf.Spring("foot", 40.0)).describe()
+
+
+# Bad input -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: rf.Pressure("top", np.nan), "finite"),
+        (lambda: rf.Pressure("top", "x"), "finite"),
+        (lambda: rf.Pressure("top", 1.0, time=3), "function of t"),
+        (lambda: rf.Pressure(["top"], 1.0), "name of a set"),
+        (lambda: rf.Pressure(None, 1.0), "name of a set"),
+        (lambda: rf.KelvinVoigt(1.0, 3), "name of a set"),
+        (lambda: rf.Spring(3, 1.0), "name of a set"),
+        (lambda: rf.PointMass(["tip"], 1.0), "name of a set"),
+        (lambda: rf.Rigid(5), "name of a set"),
+        (lambda: rf.Fixed("foot", 3), "components"),
+        (lambda: rf.Table(["a"], [1]), "numbers"),
+        (lambda: rf.Table([0, 1], [[1, 2], [3]]), "numbers"),
+        (lambda: rf.Preload(None), "dead loads"),
+        (lambda: rf.Preload([rf.Gravity()], "x"), "increments"),
+        (lambda: rf.Preload([rf.Gravity()], np.nan), "increments"),
+        (lambda: rf.Preload([rf.Gravity()], 1.5), "increments"),
+        (lambda: rf.Rigid("middle", inertia="a"), "inertia"),
+        (lambda: rf.Resultant("middle", (1, 0, 0), time=3), "function of t"),
+        (lambda: rf.KelvinVoigt(-1.0), "> 0"),
+        (lambda: rf.KelvinVoigt(1.0, since=2, until=1), "since < until"),
+        (lambda: rf.MassDamping(0.0), "> 0"),
+        (lambda: rf.PointMass("tip", -1.0), "> 0"),
+        (lambda: rf.Spring("tip", -1.0), "eigenvalue"),
+        (lambda: rf.Spring("tip", (1.0, 2.0)), "three"),
+        (lambda: rf.Spring("tip", [[1, 2, 0], [0, 1, 0], [0, 0, 1]]), "symmetric"),
+        (lambda: rf.Spring("tip", "stiff"), "number"),
+        (lambda: bar(rf.Pressure("nowhere", 1.0)), "nowhere"),
+        (lambda: bar(rf.Pressure("middle", 1.0)), "facets"),
+        (lambda: bar(rf.KelvinVoigt(1.0, "top")), "cells"),
+        (lambda: bar(rf.Spring("nowhere", 1.0)), "nowhere"),
+        (lambda: bar(rf.PointMass("nowhere", 1.0)), "nowhere"),
+        (lambda: bar(rf.Pressure("top", lambda t: 1 / t)), "ZeroDivisionError"),
+        (lambda: bar(rf.Pressure("top", lambda t: np.nan)), "nan"),
+    ],
+)
+def test_bad_input(make, message):
+    """An error that names what is wrong."""
+    with pytest.raises(rf.SceneError, match=message):
+        make()
+
+
+def test_pressure_that_fails_later():
+    """A value that is no number at some time ends the run with an error that names it."""
+    scene = bar(rf.Pressure("top", lambda t: 1.0 if t < 0.5 else float("nan")))
+    with pytest.raises(rf.SceneError, match="Pressure on 'top'"):
+        list(rf.simulate(scene, 0.1, 1.0))
+
+
+# Several ranks ---------------------------------------------------------------------------------
+
+SCRIPT = Path(__file__).parent / "effects_on_ranks.py"
+
+
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+def test_the_same_on_1_2_3_ranks(mass):
+    """Histories of a scene with every effect, with and without a rigid part."""
+    found = [np.array(run_on(SCRIPT, ranks, 300, mass)) for ranks in (1, 2, 3)]
+    scale = np.abs(found[0]).max(axis=0)
+    for other in found[1:]:
+        assert (np.abs(other - found[0]).max(axis=0) <= 1e-9 * scale).all()

@@ -1,0 +1,696 @@
+"""Geometry that is meshed when it is read: scripts of gmsh, CAD; and what all readers refuse.
+
+Run as a script under mpirun, this file runs an adaptive scene on a script's mesh, and reads what
+cannot be read.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import parallel
+import pytest
+from mpi4py import MPI
+
+import rigidfx as rf
+from rigidfx.errors import RigidfxError, SceneError
+
+gmsh = pytest.importorskip("gmsh")
+
+BRACKET = Path(__file__).resolve().parent.parent / "meshes" / "bracket.geo"
+alone = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="writes files")
+
+
+def volume(domain, cells=None):
+    """Of a domain of straight or curved cells, by the mass of a scene with density 1 [m³]."""
+    order = 2 if len(domain.mesh.geometry.dofmap[0]) > 8 else 1
+    material = rf.StVenantKirchhoff(E=1.0, nu=0.3, rho=1.0)
+    if cells is not None:
+        rest = rf.StVenantKirchhoff(E=1.0, nu=0.3, rho=1e-12)
+        others = [name for name, dim in domain.sets if dim == 3 and name != cells]
+        material = {cells: material} | dict.fromkeys(others, rest)
+    scene = rf.Scene(domain, material, order=order, mass="consistent")
+    return scene.sum(scene.nodal_mass[: scene.owned_nodes].sum())
+
+
+def counts(domain):
+    """Number of entities of each name."""
+    return {name: domain.count(entities) for (name, _), entities in domain.sets.items()}
+
+
+def build(path, model, **options):
+    """Write what a function of gmsh's model makes."""
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        for name, value in options.items():
+            gmsh.option.setNumber(f"Mesh.{name}", value)
+        model(gmsh.model)
+        gmsh.write(str(path))
+    finally:
+        gmsh.finalize()
+    return path
+
+
+# Mesh files -------------------------------------------------------------------------------------
+
+
+def two_boxes(model):
+    """Groups that overlap, in both dimensions."""
+    one, two = model.occ.addBox(0, 0, 0, 1, 1, 1), model.occ.addBox(1, 0, 0, 1, 1, 1)
+    model.occ.fragment([(3, one)], [(3, two)])
+    model.occ.synchronize()
+    bottom = [tag for _, tag in model.getEntitiesInBoundingBox(-1, -1, -1, 3, 3, 1e-3, dim=2)]
+    model.addPhysicalGroup(3, [one, two], name="all")
+    model.addPhysicalGroup(3, [two], name="right")
+    model.addPhysicalGroup(2, bottom, name="bottom")
+    model.addPhysicalGroup(2, bottom[:1], name="part of it")
+    model.mesh.generate(3)
+
+
+@alone
+@pytest.mark.parametrize("order", [1, 2])
+def test_both_versions_of_the_format(tmp_path, order):
+    """Version 2.2 holds the cells of two groups twice; the domain does not."""
+    found = {}
+    for version in (2.2, 4.1):
+        options = {"MshFileVersion": version, "MeshSizeMax": 0.5, "ElementOrder": order}
+        domain = rf.read_msh(build(tmp_path / f"{version}.msh", two_boxes, **options))
+        found[version] = counts(domain)
+        assert volume(domain) == pytest.approx(2.0, rel=1e-12)
+    assert found[2.2] == found[4.1]
+    assert found[4.1]["all"] > found[4.1]["right"] > 0
+    assert found[4.1]["bottom"] > found[4.1]["part of it"] > 0
+
+
+@alone
+def test_a_name_of_two_groups(tmp_path):
+    """It could mean either, so it is refused, with the names there are."""
+    path = build(tmp_path / "two.msh", two_boxes, MshFileVersion=4.1)
+    path.write_text(path.read_text().replace('"part of it"', '"bottom"'))
+    with pytest.raises(SceneError, match=r"'bottom' to several groups of facets, numbers \d, \d"):
+        rf.read_msh(path)
+
+
+@alone
+def test_a_name_of_nothing(tmp_path):
+    """A group whose cells are not in the file, and a name that is not there: see what there is."""
+    path = build(tmp_path / "gaps.msh", two_boxes, MshFileVersion=2.2)
+    lines = path.read_text().splitlines(keepends=True)
+    start = lines.index("$Elements\n")
+    faces = [k for k in range(start + 2, len(lines)) if lines[k].split()[1:2] == ["2"]]
+    kept = [line for k, line in enumerate(lines) if k not in faces]
+    kept[start + 1] = f"{int(lines[start + 1]) - len(faces)}\n"
+    path.write_text("".join(kept))
+    domain = rf.read_msh(path)
+    steel = rf.StVenantKirchhoff(E=1.0, nu=0.3, rho=1.0)
+    with pytest.raises(SceneError, match=r"'bottom'.*'all' \(cells\)"):
+        rf.Scene(domain, steel, [rf.Fixed("bottom")])
+    with pytest.raises(SceneError, match=r"named 'top'.*'all' \(cells\)"):
+        rf.Scene(domain, steel, [rf.Fixed("top")])
+
+
+@alone
+@pytest.mark.parametrize("version", [2.2, 4.1])
+def test_names_of_the_header(tmp_path, version):
+    """One without elements stands for nothing, whatever its kind; one twice is refused."""
+    options = {"MshFileVersion": version, "MeshSizeMax": 1.0}
+    path = build(tmp_path / "two.msh", two_boxes, **options)
+    text = path.read_text()
+    more = '$PhysicalNames\n7\n0 70 "tip"\n2 4000 "ghost"\n3 71 "core"\n'
+    domain = rf.read_msh(write(tmp_path / "more.msh", text.replace("$PhysicalNames\n4\n", more)))
+    assert {name: n for name, n in counts(domain).items() if not n} == {
+        "tip": 0,
+        "ghost": 0,
+        "core": 0,
+    }
+    steel = rf.StVenantKirchhoff(E=1.0, nu=0.3, rho=1.0)
+    with pytest.raises(SceneError, match=r"the name 'ghost' stands for no facets at all"):
+        rf.Scene(domain, steel, [rf.Fixed("ghost")])
+    with pytest.raises(SceneError, match=r"the name 'tip' stands for no vertices at all"):
+        rf.Scene(domain, steel, [rf.Fixed("tip")])
+    again = write(tmp_path / "again.msh", text.replace('"part of it"', '"bottom"'))
+    with pytest.raises(SceneError, match=r"'bottom' to several groups of facets, numbers \d, \d"):
+        rf.read_msh(again)
+
+
+def half_named(model):
+    """Of two boxes one is in a group; the other only has a name for a face of its own."""
+    two_boxes(model)
+    model.mesh.clear()
+    tags = {model.getPhysicalName(3, tag): tag for _, tag in model.getPhysicalGroups(3)}
+    model.removePhysicalGroups([(3, tags["all"])])
+    model.mesh.generate(3)
+
+
+@alone
+@pytest.mark.parametrize("version", [2.2, 4.1])
+@pytest.mark.parametrize("order", [1, 2])
+def test_facets_that_bound_no_cell(tmp_path, version, order):
+    """They end DOLFINx, so that their names are told before."""
+    options = {"MshFileVersion": version, "MeshSizeMax": 1.0, "ElementOrder": order}
+    path = build(tmp_path / "half.msh", half_named, **options)
+    with pytest.raises(
+        SceneError, match=r"facets 'bottom' \((\d+) of \d+\).* bound no volume cell"
+    ):
+        rf.read_msh(path)
+
+
+def test_facets_that_bound_no_cell_of_a_function():
+    """Half of a group is enough; of hexahedra, too; the face between is one of the mesh."""
+
+    def model(gmsh, apart):
+        geometry, model = gmsh.model.occ, gmsh.model
+        geometry.addBox(0, 0, 0, 1, 1, 1)
+        geometry.addRectangle(0, 3, 0, 1, 1, tag=50)
+        geometry.synchronize()
+        for _, tag in model.getEntities(1):
+            model.mesh.setTransfiniteCurve(tag, 3)
+        for _, tag in model.getEntities(2):
+            model.mesh.setTransfiniteSurface(tag)
+            model.mesh.setRecombine(2, tag)
+        model.mesh.setTransfiniteVolume(1)
+        model.addPhysicalGroup(3, [1], name="v")
+        model.addPhysicalGroup(2, [1], name="good")
+        model.addPhysicalGroup(2, [2, 50] if apart else [2], name="helper")
+        model.mesh.generate(3)
+
+    assert counts(rf.from_gmsh(lambda gmsh: model(gmsh, False))) == {"v": 8, "good": 4, "helper": 4}
+    with pytest.raises(SceneError, match=r"of the facets 'helper' \(4 of 8\) bound no"):
+        rf.from_gmsh(lambda gmsh: model(gmsh, True))
+
+
+@alone
+def test_numbers_of_nodes_with_gaps(tmp_path):
+    """Other programs number nodes as they like."""
+    path = build(tmp_path / "two.msh", two_boxes, MshFileVersion=2.2)
+    text = path.read_text()
+    head, nodes, tail = re.split(r"\$Nodes\n|\$EndNodes\n", text)
+    rows = [row.split() for row in nodes.splitlines()[1:]]
+    shifted = "\n".join(" ".join([str(7 * int(n) + 3), *x]) for n, *x in rows)
+    before, elements, after = re.split(r"\$Elements\n|\$EndElements\n", tail)
+    cells = []
+    for row in elements.splitlines()[1:]:
+        n = [int(k) for k in row.split()]
+        cells.append(" ".join(map(str, [*n[: 3 + n[2]], *(7 * k + 3 for k in n[3 + n[2] :])])))
+    path.write_text(
+        f"{head}$Nodes\n{len(rows)}\n{shifted}\n$EndNodes\n{before}"
+        f"$Elements\n{len(cells)}\n" + "\n".join(cells) + f"\n$EndElements\n{after}"
+    )
+    domain = rf.read_msh(path)
+    assert volume(domain) == pytest.approx(2.0, rel=1e-12)
+
+
+@alone
+def test_units_of_a_mesh_file(tmp_path):
+    """A mesh in millimetres."""
+    path = build(tmp_path / "two.msh", two_boxes)
+    assert volume(rf.read_msh(path, scale=1e-3)) == pytest.approx(2e-9, rel=1e-12)
+    for scale in (0, -1.0, "mm", np.inf):
+        with pytest.raises(SceneError, match="scale must be"):
+            rf.read_msh(path, scale=scale)
+
+
+@alone
+def test_second_order_hexahedra(tmp_path):
+    """27 nodes, curved: a quarter of a pipe has its volume; first-order displacement is refused."""
+
+    def pipe(model):
+        inner, outer = 1.0, 1.4
+        x = [(inner, 0), (outer, 0)]
+        p, q = (model.occ.addPoint(*at, 0) for at in x)
+        line = model.occ.addLine(p, q)
+        model.occ.revolve([(1, line)], 0, 0, 0, 0, 0, 1, np.pi / 2, [6], recombine=True)
+        face = model.occ.getEntities(2)
+        model.occ.extrude(face, 0, 0, 0.5, [2], recombine=True)
+        model.occ.synchronize()
+        for _, curve in model.getEntities(1):
+            model.mesh.setTransfiniteCurve(curve, 7 if model.getType(1, curve) == "Circle" else 3)
+        model.addPhysicalGroup(3, [tag for _, tag in model.getEntities(3)], name="pipe")
+        model.mesh.generate(3)
+        model.mesh.setOrder(2)
+
+    domain = rf.read_msh(build(tmp_path / "pipe.msh", pipe))
+    assert len(domain.mesh.geometry.dofmap[0]) == 27
+    assert volume(domain) == pytest.approx(np.pi / 4 * (1.4**2 - 1) * 0.5, rel=1e-4)
+    with pytest.raises(SceneError, match="geometry order 2"):
+        rf.Scene(domain, rf.StVenantKirchhoff(E=1.0, nu=0.3, rho=1.0))
+
+
+@alone
+def test_cells_that_are_not_known(tmp_path):
+    """20-node hexahedra, and facets that are none of the cells'."""
+    script = """SetFactory("OpenCASCADE");
+        Mesh.SecondOrderIncomplete = 1; Mesh.ElementOrder = 2;
+        Box(1) = {0, 0, 0, 1, 1, 1};
+        Transfinite Curve "*" = 3; Transfinite Surface "*"; Recombine Surface "*";
+        Transfinite Volume "*";
+        Physical Volume("v") = {1};\n"""
+    with pytest.raises(SceneError, match="Hexahedron 20"):
+        rf.read_geo(write(tmp_path / "serendipity.geo", script))
+    script = """SetFactory("OpenCASCADE");
+        Box(1) = {0, 0, 0, 1, 1, 1};
+        Rectangle(20) = {2, 0, 0, 1, 1};
+        Transfinite Surface {20}; Recombine Surface {20};
+        Physical Volume("v") = {1};
+        Physical Surface("elsewhere") = {20};\n"""
+    with pytest.raises(SceneError, match=r"'elsewhere' are of these kinds: Quadrilateral 4"):
+        rf.read_geo(write(tmp_path / "quads.geo", script))
+
+
+# Scripts ----------------------------------------------------------------------------------------
+
+
+def write(path, text):
+    """A file with a text."""
+    path.write_text(text)
+    return path
+
+
+def bracket_volume(length):
+    """Of meshes/bracket.geo with its other parameters as they are [m³]."""
+    back, arm, width, height, fillet, hole, block = 0.02, 0.006, 0.06, 0.1, 0.012, 0.012, 0.04
+    section = back * height + length * arm + (1 - np.pi / 4) * fillet**2 + block**2
+    return section * width - np.pi * hole**2 * arm
+
+
+def test_script_and_its_parameters():
+    """The bracket, shorter and longer; its names; a size; curved cells."""
+    for length in (0.2, 0.3):
+        domain = rf.read_geo(BRACKET, {"length": length})
+        x = domain.mesh.geometry.x[:, 0].max(initial=-np.inf)
+        assert domain.comm.allreduce(x, op=MPI.MAX) == pytest.approx(length)
+        assert volume(domain) == pytest.approx(bracket_volume(length), rel=0.01)
+    assert set(counts(domain)) == {"bracket", "wall", "end", "hole"}
+    assert all(counts(domain).values())
+    coarse = rf.read_geo(BRACKET, size=0.02, scale=2.0)  # [m], of a body that is twice as large
+    fine = rf.read_geo(BRACKET, size=0.01)
+    assert counts(coarse) == counts(fine)
+    assert counts(fine)["bracket"] > counts(rf.read_geo(BRACKET, size=0.02))["bracket"]
+    assert volume(coarse) == pytest.approx(8 * bracket_volume(0.2), rel=0.02)
+    curved = rf.read_geo(BRACKET, order=2)
+    assert volume(curved) == pytest.approx(bracket_volume(0.2), rel=1e-4)
+
+
+def test_curved_cells_become_rigid_and_flexible_again():
+    """A turning bracket of curved cells keeps energy and momentum at a freeze and a release."""
+    # of this size fillet and hole would turn cells inside out, if gmsh did not mend them
+    domain = rf.read_geo(BRACKET, size=0.03, order=2)
+    spin = rf.InitialVelocity(angular=(1.0, 30.0, 5.0))
+    scene = rf.Scene(
+        domain,
+        rf.StVenantKirchhoff(E=2e9, nu=0.3, rho=7850.0),
+        [spin],
+        order=2,
+        mass="consistent",
+    )
+    criterion = rf.StrainRate(6.0, 6e-4, release=rf.Release(at=1e-3), until=1e-3)
+    reports = list(rf.simulate(scene, 2e-4, 1.2e-3, rigidify=criterion))
+    freeze, release = (event for report in reports for event in report.events)
+    assert (freeze.kind, release.kind) == ("freeze", "release")
+    assert freeze.unknowns_after < freeze.unknowns_before
+    energies = [report.energy for report in reports]
+    assert energies == pytest.approx([energies[0]] * len(energies), rel=1e-10)
+    momenta = np.array([report.angular_momentum for report in reports])
+    assert np.abs(momenta - momenta[0]).max() <= 1e-11 * np.linalg.norm(momenta[0])
+
+
+@alone
+def test_parameters_that_are_texts_and_those_of_included_scripts(tmp_path):
+    """A script's constants are those of all its files; comments define none."""
+    write(
+        tmp_path / "inner.geo",
+        """SetFactory("OpenCASCADE");
+        DefineConstant[ L = {1, Choices {1, 2}, Name "P/L"}, who = "box" /* x = 1 */ ];
+        Box(1) = {0, 0, 0, L, 1, 1};
+        Physical Volume(Str(who)) = {1};\n""",
+    )
+    outer = write(tmp_path / "outer.geo", '// DefineConstant[ no = 1 ];\nInclude "inner.geo";\n')
+    domain = rf.read_geo(outer, {"L": 2.0, "who": "beam"}, size=1.0)
+    assert list(counts(domain)) == ["beam"]
+    assert volume(domain) == pytest.approx(2.0)
+    assert volume(rf.read_geo(outer, size=1.0)) == pytest.approx(1.0)  # nothing is left behind
+    with pytest.raises(SceneError, match=r"no parameter 'no'.*DefineConstant: L, who\."):
+        rf.read_geo(outer, {"no": 1})
+    with pytest.raises(SceneError, match=r"'who' .* must be a text, got 1"):
+        rf.read_geo(outer, {"who": 1})
+    with pytest.raises(SceneError, match=r"'L' .* must be a number, got 'a'"):
+        rf.read_geo(outer, {"L": "a"})
+
+
+BAD_SCRIPTS = {
+    "syntax": ("Point(1) = {0, 0, 0\nfoo\n", "syntax error"),
+    "unknown variable": ("Point(1) = {0, 0, x};\n", "Unknown variable 'x'"),
+    "no volume": (
+        'SetFactory("OpenCASCADE");\nRectangle(1) = {0, 0, 0, 1, 1};\n'
+        'Physical Surface("face") = {1};\n',
+        r"no physical group of volume cells.*'face' \(facets\)",
+    ),
+    "no names": ('SetFactory("OpenCASCADE");\nBox(1) = {0, 0, 0, 1, 1, 1};\n', "there: none"),
+    "a name twice": (
+        'SetFactory("OpenCASCADE");\nBox(1) = {0, 0, 0, 1, 1, 1};\nPhysical Volume("v") = {1};\n'
+        'Physical Surface("s") = {1};\nPhysical Surface("s") = {2};\n',
+        "already exists",
+    ),
+    "open volume": (
+        "Point(1) = {0, 0, 0};\nPoint(2) = {1, 0, 0};\nPoint(3) = {0, 1, 0};\n"
+        "Point(4) = {0, 0, 1};\nLine(1) = {1, 2};\nLine(2) = {2, 3};\nLine(3) = {3, 1};\n"
+        "Line(4) = {1, 4};\nLine(5) = {2, 4};\nCurve Loop(1) = {1, 2, 3};\n"
+        "Plane Surface(1) = {1};\nCurve Loop(2) = {1, 5, -4};\nPlane Surface(2) = {2};\n"
+        'Surface Loop(1) = {1, 2};\nVolume(1) = {1};\nPhysical Volume("v") = {1};\n',
+        "volume",
+    ),
+}
+
+
+@alone
+@pytest.mark.parametrize("case", BAD_SCRIPTS)
+def test_scripts_that_fail(tmp_path, case):
+    """gmsh's own message; the next script is not disturbed, and no session is left open."""
+    text, match = BAD_SCRIPTS[case]
+    with pytest.raises(SceneError, match=match):
+        rf.read_geo(write(tmp_path / "bad.geo", text))
+    assert not gmsh.isInitialized()
+    good = 'SetFactory("OpenCASCADE");\nBox(1) = {0, 0, 0, 1, 1, 1};\nPhysical Volume("v") = {1};\n'
+    assert volume(rf.read_geo(write(tmp_path / "good.geo", good), size=1.0)) == pytest.approx(1.0)
+
+
+@alone
+def test_groups_of_scripts_without_elements(tmp_path):
+    """They are names that stand for nothing."""
+    script = 'SetFactory("OpenCASCADE");\nBox(1) = {0, 0, 0, 1, 1, 1};\n'
+    script += 'Physical Volume("v") = {1};\nPhysical Surface("right") = {};\n'
+    script += 'Physical Curve("rim") = {};\n'
+    domain = rf.read_geo(write(tmp_path / "empty.geo", script), size=1.0)
+    assert counts(domain)["right"] == counts(domain)["rim"] == 0
+    for name, kind in (("right", "facets"), ("rim", "vertices")):
+        with pytest.raises(SceneError, match=f"'{name}' stands for no {kind} at all"):
+            rf.Scene(domain, rf.StVenantKirchhoff(E=1.0, nu=0.3, rho=1.0), [rf.Fixed(name)])
+
+
+def test_what_is_read_by_which_function():
+    """A geometry is no mesh; a missing file is named."""
+    with pytest.raises(SceneError, match="Take read_geo"):
+        rf.read_msh(BRACKET)
+    with pytest.raises(SceneError, match="Take read_cad"):
+        rf.read_msh("part.STEP")
+    with pytest.raises(SceneError, match="There is no geometry file 'nothing"):
+        rf.read_geo("nothing.geo")
+    with pytest.raises(SceneError, match="There is no CAD file 'nothing"):
+        rf.read_cad("nothing.step")
+    with pytest.raises(SceneError, match="order must be 1 or 2"):
+        rf.read_geo(BRACKET, order=3)
+    with pytest.raises(SceneError, match="size must be > 0"):
+        rf.read_geo(BRACKET, size=0)
+    with pytest.raises(SceneError, match="parameters must be a dict"):
+        rf.read_geo(BRACKET, 3)
+    for wrong in (3, ["end"], {3: [1]}, "end"):
+        for called in ("volumes", "surfaces"):
+            with pytest.raises(SceneError, match=f"{called} must be a dict of names to numbers"):
+                rf.read_cad("part.step", **{called: wrong})
+
+
+def test_a_session_of_the_users_is_kept():
+    """Whoever uses gmsh himself finds his model and his options as he left them."""
+    first = MPI.COMM_WORLD.rank == 0
+    if first:
+        gmsh.initialize(interruptible=False)
+        gmsh.option.setNumber("Mesh.MeshSizeMax", 7.0)
+        gmsh.model.add("mine")
+        gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
+        gmsh.model.occ.synchronize()
+    try:
+        rf.read_geo(BRACKET, size=0.05)
+        if first:
+            assert gmsh.model.getCurrent() == "mine"
+            assert gmsh.model.getEntities(3) == [(3, 1)]
+            assert gmsh.option.getNumber("Mesh.MeshSizeMax") == 7.0
+            assert "rigidfx" not in gmsh.model.list()
+    finally:
+        if first:
+            gmsh.finalize()
+
+
+# CAD --------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def cad(tmp_path_factory):
+    """A drilled plate of 100 × 50 × 20 and a smaller block that touches it, as STEP and BREP."""
+    folder = tmp_path_factory.mktemp("cad")
+
+    def model(model):
+        plate = model.occ.addBox(0, 0, 0, 100, 50, 20)
+        drill = model.occ.addCylinder(50, 25, -1, 0, 0, 22, 8)
+        model.occ.cut([(3, plate)], [(3, drill)])
+        model.occ.addBox(100, 10, 0, 30, 20, 20)
+        model.occ.synchronize()
+        gmsh.write(str(folder / "two.brep"))
+
+    build(folder / "two.step", model)
+    text = (folder / "two.step").read_text()
+    (folder / "labelled.step").write_text(
+        text.replace("Open CASCADE STEP translator", "part").replace("part 7.8 1", "part")
+    )
+    inches = text.replace("SI_UNIT(.MILLI.,.METRE.)", "SI_UNIT(.CENTI.,.METRE.)")
+    (folder / "cm.step").write_text(inches)
+    return folder
+
+
+PLATE = (100 * 50 - np.pi * 8**2) * 20e-9  # m³
+BLOCK = 30 * 20 * 20e-9  # m³
+
+
+@alone
+def test_cad_is_listed(cad):
+    """Numbers, kinds, places, areas, outward normals; as a table, too."""
+    found = rf.list_cad(cad / "two.step")
+    assert [v.measure for v in found.volumes] == pytest.approx([PLATE, BLOCK], rel=1e-9)
+    (hole,) = [s for s in found.surfaces if s.kind == "Cylinder"]
+    assert hole.radius == pytest.approx(0.008)
+    assert hole.centre == pytest.approx([0.05, 0.025, 0.01])
+    assert np.isnan(hole.normal).all()
+    for s in found.surfaces:
+        if s.kind == "Plane" and s.centre[0] < 0.09:
+            outward = s.centre - [0.05, 0.025, 0.01]
+            assert s.normal @ outward > 0.9 * np.linalg.norm(outward)
+    text = str(found)
+    assert "Volumes:" in text
+    assert "Cylinder at (0.05, 0.025, 0.01) m" in text
+    assert "radius 0.008 m" in text
+    assert len(text.splitlines()) == 2 + len(found.volumes) + len(found.surfaces)
+    separate = rf.list_cad(cad / "two.step", glue=False)
+    assert len(separate.surfaces) == 6 + 7  # glued, the block's face divides the plate's in three
+    assert len(found.surfaces) == len(separate.surfaces) + 1
+
+
+@alone
+def test_names_of_cad(cad):
+    """By number, by a condition, by a box, several at once; volumes that touch are one body."""
+    domain = rf.read_cad(
+        cad / "two.step",
+        volumes={"plate": 1, "block": lambda v: v.measure < 2e-5, "both": [1, 2]},
+        surfaces={
+            "hole": lambda s: s.radius > 0,
+            "ends": [
+                lambda s: s.normal[0] > 0.99 and s.centre[0] > 0.12,
+                lambda s: s.upper[0] < 1e-6,
+            ],
+            "block's": lambda s: s.volumes == (2,),
+            "seat": lambda s: s.volumes == (1, 2),
+            "upper": lambda s: s.within((0, 0, 0.019), (1, 1, 1)),
+        },
+        size=0.012,
+    )
+    assert volume(domain) == pytest.approx(PLATE + BLOCK, rel=5e-3)
+    n = counts(domain)
+    assert n["plate"] + n["block"] == n["both"] == domain.mesh.topology.index_map(3).size_global
+    for name, area in (
+        ("ends", 0.0014),
+        ("hole", 2 * np.pi * 0.008 * 0.02),
+        ("block's", 0.0028),
+        ("upper", 0.0056 - np.pi * 0.008**2),
+    ):
+        push = rf.Traction(name, (1e6, 0, 0))
+        scene = rf.Scene(domain, rf.StVenantKirchhoff(E=2e11, nu=0.3, rho=7850.0), [push])
+        *_, last = rf.simulate(scene, 1e-6, 1e-6)
+        # facets between the parts are none of the surface
+        assert last.linear_momentum[0] == pytest.approx(area, rel=0.05)
+    assert n["seat"] > 0
+    separate = rf.read_cad(cad / "two.step", size=0.012, glue=False)
+    joined = domain.mesh.topology.index_map(0).size_global
+    assert separate.mesh.topology.index_map(0).size_global > joined
+
+
+@alone
+def test_units_of_cad(cad):
+    """STEP says its unit; BREP does not, and a file may be wrong."""
+    both = PLATE + BLOCK
+    assert volume(rf.read_cad(cad / "cm.step", size=0.2)) == pytest.approx(1e3 * both, rel=0.03)
+    brep = rf.read_cad(cad / "two.brep", scale=1e-3, size=0.02)
+    assert volume(brep) == pytest.approx(both, rel=0.03)
+    with pytest.raises(SceneError, match=r"larger than all of .*Is the unit right"):
+        rf.read_cad(cad / "two.step", size=20.0)
+    curved = rf.read_cad(cad / "two.step", order=2, per_circle=16)
+    assert volume(curved) == pytest.approx(both, rel=1e-5)
+
+
+@alone
+def test_labels_of_cad_are_names(cad):
+    """What a CAD program called a part it is called here."""
+    labels = [v.label for v in rf.list_cad(cad / "labelled.step").volumes]
+    assert all(label.startswith("part") for label in labels)
+    domain = rf.read_cad(cad / "labelled.step", volumes={"first": labels[0], "second": 2})
+    assert {"first", "second", *labels} <= set(counts(domain))
+
+
+@alone
+def test_names_of_cad_that_are_refused(cad):
+    """What picks nothing is answered with what there is; so is a volume without a name."""
+    step = cad / "two.step"
+    for options, match in (
+        ({"volumes": {"plate": 1}}, r"no name stands for volume 2(.|\n)*Volumes:\n +1  Volume"),
+        ({"surfaces": {"a": 77}}, r"'a': there are no surfaces 77(.|\n)*Surfaces:\n(.|\n)*Plane"),
+        ({"surfaces": {"a": lambda s: s.radius > 1}}, "'a': there are no surfaces with its cond"),
+        ({"surfaces": {"a": "seat"}}, "there are no surfaces 'seat'"),
+        ({"surfaces": {"a": []}}, "'a' picks nothing"),
+        ({"surfaces": {"a": 1.5}}, "must be a number, a label, a function"),
+        ({"surfaces": {"a": lambda s: s.colour}}, "AttributeError"),
+        ({"per_circle": -1}, "per_circle must be"),
+    ):
+        with pytest.raises(SceneError, match=match):
+            rf.read_cad(step, **options)
+        assert not gmsh.isInitialized()
+    ends = {"ends": lambda s: abs(s.normal[0]) > 0.99}  # of both
+    part = rf.read_cad(step, volumes={"plate": 1}, surfaces=ends, leave_out=2, size=0.02)
+    assert volume(part) == pytest.approx(PLATE, rel=0.03)
+    assert counts(part)["ends"] > 0
+    far = {"far": lambda s: s.volumes == (2,)}
+    with pytest.raises(SceneError, match=r"'far' picks only surfaces that bound no volume which"):
+        rf.read_cad(step, surfaces=far, leave_out=2)
+
+
+@alone
+def test_cad_files_that_cannot_be_read(tmp_path):
+    """No volume; no CAD; cut short."""
+    face = build(tmp_path / "face.brep", lambda model: model.occ.addRectangle(0, 0, 0, 1, 1))
+    for path, match in (
+        (face, "holds no volume"),
+        (write(tmp_path / "text.step", "This is no part.\n"), "text.step"),
+        (write(tmp_path / "text.brep", "This is no part.\n"), "text.brep"),
+        (write(tmp_path / "part.xyz", "This is no part.\n"), "part.xyz"),
+    ):
+        with pytest.raises(SceneError, match=match):
+            rf.list_cad(path)
+        with pytest.raises(SceneError, match=match):
+            rf.read_cad(path)
+
+
+# On several ranks -------------------------------------------------------------------------------
+
+
+def adaptive():
+    """A bracket that is hit and swings: unknowns, bodies and energies, step by step."""
+    domain = rf.read_geo(BRACKET, size=0.02)
+    scene = rf.Scene(
+        domain,
+        rf.StVenantKirchhoff(E=2e11, nu=0.3, rho=7850.0),
+        [
+            rf.Fixed("wall"),
+            rf.Traction("end", (0, 0, -3e5), until=1e-3),
+            rf.NumericalDamping(0.05),
+        ],
+        probes={"end": (0.2, 0.03, -0.003)},
+    )
+    criterion = rf.StrainRate(0.1, 4e-3, min_cells=5, since=1e-3)
+    rows = []
+    for r in rf.simulate(scene, 5e-4, 1.4e-2, rigidify=criterion):
+        rows.append(
+            {
+                "unknowns": r.unknowns,
+                "bodies": [[b.number, b.cells] for b in r.bodies],
+                "energy": [r.kinetic, r.strain, r.stored],
+                "end": r.probes["end"].tolist(),
+            }
+        )
+    sizes = {name: domain.count(entities) for (name, _), entities in domain.sets.items()}
+    return {"rows": rows, "sizes": sizes}
+
+
+LOOSE = """SetFactory("OpenCASCADE");
+Box(1) = {0, 0, 0, 2, 1, 1};
+Rectangle(50) = {0, 3, 0, 1, 1};
+Physical Volume("v") = {1};
+Physical Surface("helper") = {50};
+"""
+
+
+def refusals(folder):
+    """What every rank is told of geometry that cannot be read."""
+
+    def wrong(_):
+        raise ValueError("so it is")
+
+    (folder / "bad.geo").write_text(BAD_SCRIPTS["syntax"][0])
+    (folder / "open.geo").write_text(BAD_SCRIPTS["open volume"][0])
+    (folder / "bad.step").write_text("This is no part.\n")
+    (folder / "loose.geo").write_text(LOOSE)
+    answers = []
+    for attempt in (
+        lambda: rf.read_msh(folder / "nothing.msh"),
+        lambda: rf.read_geo(folder / "bad.geo"),
+        lambda: rf.read_geo(folder / "open.geo"),
+        lambda: rf.read_geo(folder / "loose.geo"),
+        lambda: rf.read_geo(BRACKET, {"no": 1}),
+        lambda: rf.read_cad(folder / "bad.step"),
+        lambda: rf.list_cad(folder / "bad.step"),
+        lambda: rf.from_gmsh(wrong),
+    ):
+        try:
+            attempt()
+        except RigidfxError as error:
+            answers.append(f"{type(error).__name__}: {error}")
+        else:
+            answers.append("nothing")
+    return MPI.COMM_WORLD.gather(answers)
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """What this file as a script found, by the number of ranks."""
+    return {
+        n: parallel.run(__file__, n, 240, str(tmp_path_factory.mktemp(f"on{n}"))) for n in (1, 2, 3)
+    }
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_regions_on_several_ranks(runs, ranks):
+    """The same bodies at the same times, tags and histories."""
+    one, several = runs[1]["adaptive"], runs[ranks]["adaptive"]
+    assert one["sizes"] == several["sizes"]
+    for key in ("unknowns", "bodies"):
+        assert [row[key] for row in one["rows"]] == [row[key] for row in several["rows"]]
+    for key in ("energy", "end"):
+        a, b = (np.array([row[key] for row in run["rows"]]) for run in (one, several))
+        assert np.abs(a - b).max() <= 1e-9 * np.abs(a).max()
+    assert one["rows"][-1]["unknowns"] < one["rows"][0]["unknowns"]
+
+
+@pytest.mark.parallel
+def test_refusals_on_several_ranks(runs):
+    """Every rank hears of it, in the same words; none hangs."""
+    for n in (1, 2, 3):
+        answers = runs[n]["refusals"]
+        assert len(answers) == n
+        assert all(own == answers[0] for own in answers)
+        assert all(answer.startswith("SceneError: ") for answer in answers[0])
+
+
+if __name__ == "__main__":
+    found = {"adaptive": adaptive(), "refusals": refusals(Path(sys.argv[1]))}
+    if MPI.COMM_WORLD.rank == 0:
+        parallel.report(found)

@@ -1,0 +1,126 @@
+"""The standard pictures of a run, in one call, from what its recorder has left."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from parallel import report as tell
+from parallel import run as mpirun
+
+import rigidfx as rf
+from rigidfx.plot import pictures
+from rigidfx.shapes import Shapes
+
+pytest.importorskip("pyvista")
+pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its ranks itself")
+
+MATERIAL = rf.StVenantKirchhoff(E=1e4, nu=0.3, rho=10.0)
+
+
+def run(folder, rigid=False, stress=True, order=1):
+    """Five steps of a turning bar, a third of which becomes rigid."""
+    bar = rf.box((0, 0, 0), (3, 1, 1), (3, 1, 1))
+    bar = bar.with_cells("soft", lambda x: x[0] > 1 - 1e-9)
+    scene = rf.Scene(bar, MATERIAL, [rf.InitialVelocity(angular=(0.2, 1.0, 0.1))], order=order)
+    criterion = rf.StrainRate(1e9, 0.2, never="soft") if rigid else None
+    shapes = Shapes(scene, [0.1, 0.5], colour="von_mises")
+    with rf.Recorder(scene, folder, every=1, stress=stress) as recorder:
+        for report in rf.simulate(scene, 0.1, 0.5, rigidify=criterion, progress=False):
+            recorder.write(report)
+            shapes.add(report)
+    return shapes
+
+
+def pixels(path):
+    """RGB of a picture, as floats."""
+    from matplotlib.image import imread
+
+    return imread(path)[..., :3]
+
+
+def dark(image):
+    """How many pixels have the colour of rigid cells, or its shades."""
+    return int(np.count_nonzero((image[..., 2] > image[..., 0] + 0.05) & (image[..., 2] < 0.5)))
+
+
+def frames(path):
+    """Number of pictures in a GIF."""
+    from PIL import Image
+
+    with Image.open(path) as film:
+        return film.n_frames
+
+
+def test_pictures_of_a_run_with_bodies(tmp_path):
+    run(tmp_path, rigid=True)
+    made = pictures(tmp_path, shapes=3, frames=4)
+    names = ["histories.png", "unknowns.png", "shapes.png", "stress.png", "film.gif"]
+    assert made == [tmp_path / name for name in names]
+    shapes = pixels(tmp_path / "shapes.png")
+    thirds = np.array_split(shapes[:, : int(0.85 * shapes.shape[1])], 3, axis=1)
+    darkness = [dark(third) for third in thirds]  # t = 0, 0.2 and 0.5 s: flexible, rigid, rigid
+    assert darkness[0] == 0
+    assert min(darkness[1:]) > 1000
+    stress = pixels(tmp_path / "stress.png")
+    assert np.ptp(stress, axis=2).max() > 0.5  # coloured
+    assert frames(tmp_path / "film.gif") == 4
+
+
+def test_pictures_of_a_flexible_run_of_second_order(tmp_path):
+    shapes = run(tmp_path, stress=False, order=2)
+    made = pictures(tmp_path, frames=0)
+    assert [path.name for path in made] == ["histories.png", "shapes.png"]
+    shapes.draw(tmp_path / "von_mises.png")
+    assert np.ptp(pixels(tmp_path / "von_mises.png"), axis=2).max() > 0.5
+
+
+def test_command_line(tmp_path):
+    run(tmp_path)
+    command = [sys.executable, "-m", "rigidfx.plot", str(tmp_path), "--frames", "2"]
+    subprocess.run([*command, "--view", "0", "-1", "0.2"], check=True, timeout=120)
+    assert frames(tmp_path / "film.gif") == 2
+
+
+def test_folder_without_a_run(tmp_path):
+    with pytest.raises(rf.OutputError, match=r"history\.csv"):
+        pictures(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        *(("view", (0, 0, 0)), ("view", (1, 0)), ("view", (0, 0, 2)), ("up", (0, 0, np.nan))),
+        *(("frames", -1), ("frames", 1.5), ("shapes", 0), ("shapes", "8")),
+    ],
+)
+def test_bad_arguments(tmp_path, name, value):
+    """Refused before a file is looked for."""
+    with pytest.raises(rf.SceneError, match=f"pictures: {name}"):
+        pictures(tmp_path, **{name: value})
+
+
+@pytest.mark.parallel
+def test_pictures_on_two_ranks(tmp_path):
+    """Files are known on both ranks, and so is that there are none."""
+    answers = mpirun(__file__, 2, 120, str(tmp_path / "run"))
+    assert answers[0] == answers[1]
+    assert [Path(path).name for path in answers[0][0]] == [
+        *("histories.png", "shapes.png", "stress.png")
+    ]
+    assert "history.csv" in answers[0][1]
+
+
+if __name__ == "__main__":
+    run(sys.argv[1])
+    made = [str(path) for path in pictures(sys.argv[1], frames=0)]
+    try:
+        pictures(Path(sys.argv[1]) / "nothing")
+    except rf.OutputError as error:
+        answers = MPI.COMM_WORLD.gather((made, str(error)))
+        if answers is not None:
+            tell(answers)
