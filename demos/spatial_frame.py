@@ -38,6 +38,8 @@ parser.add_argument("--tol", type=float, nargs="+", help="tolerances besides 0 [
 parser.add_argument("--short", action="store_true", help="one tolerance, and a short spectrum")
 parser.add_argument("--out", type=Path, default=ROOT / "out" / "spatial_frame", help="folder")
 options = parser.parse_args()
+if not all(0 < tol < float("inf") for tol in options.tol or ()):
+    parser.error("--tol takes finite numbers > 0; the flexible run is there anyway")
 comm = MPI.COMM_WORLD
 
 

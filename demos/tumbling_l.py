@@ -140,9 +140,7 @@ J = np.array([r.angular_momentum for r in free])  # kg m²/s
 steps = [r for r in reports if r.step > 0]
 summary = {
     "energy_drift": float(np.abs(H / H[0] - 1).max()),
-    "angular_momentum_drift": float(
-        np.linalg.norm(J - J[0], axis=1).max() / np.linalg.norm(J[0])
-    ),
+    "angular_momentum_drift": float(np.linalg.norm(J - J[0], axis=1).max() / np.linalg.norm(J[0])),
     "linear_momentum_relative": max(
         float(np.linalg.norm(r.linear_momentum)) / r.momentum_scale for r in steps
     ),
@@ -173,9 +171,7 @@ unit_cells = tumbling_l()
 
 def run(scheme: rf.EnergyMomentum | rf.Midpoint | rf.Trapezoidal, dt: float) -> dict:
     """One run of the comparison: times, energies, and how it ended."""
-    pushed = rf.Scene(
-        unit_cells, MATERIALS["svk"], push(4.0), mass="consistent", scheme=scheme
-    )
+    pushed = rf.Scene(unit_cells, MATERIALS["svk"], push(4.0), mass="consistent", scheme=scheme)
     t, energies, failure = [], [], None
     try:
         with closing(rf.simulate(pushed, dt, t_end, progress=True)) as steps:

@@ -46,8 +46,8 @@ from mpi4py import MPI
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import rigidfx
+from rigidfx.figures import figure_of, on_first_rank, save
 from rigidfx.integrator import Integrator
-from rigidfx.plot import figure_of, on_first_rank, save
 from rigidfx.rotation import skew
 
 E, NU, RHO = 1e4, 0.3, 10.0  # Pa, 1, kg/m³; of the soft half

@@ -1,0 +1,279 @@
+"""Rigid bodies: where and when they may form, and what must not disturb them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from mpi4py import MPI
+from scipy.special import ellipk
+
+import rigidfx as rf
+
+from .case import ANY, History, Run, between, case, near, release_at
+
+SVK = rf.StVenantKirchhoff
+SOFT = SVK(E=300.0, nu=0.3, rho=1.0)
+SPIN = rf.InitialVelocity(linear=(0.3, 0.2, -0.1), angular=(0.3, 0.2, 0.5))
+
+
+@case("rigid bodies", "frozen and released in the middle of the flip about the unstable axis")
+def intermediate_axis_flip(short: bool) -> Iterator[Run]:
+    """H, L and J to Newton's tolerance; the period is that of a free top, 4 K(k²)/τ, within 1 %."""
+    a, b, c = 4.0, 2.0, 1.0  # m
+    omega = np.array([0.05, 1.0, 0.0])  # rad/s
+    # Lumped masses at the corners of cells of 1 m × 1 m × 0.5 m: moments of the body of them.
+    second = [float(np.mean((np.arange(n + 1) * h - e / 2) ** 2 * _ends(n)))
+              for n, h, e in ((4, 1.0, a), (2, 1.0, b), (2, 0.5, c))]  # fmt: skip
+    J = np.array([second[1] + second[2], second[0] + second[2], second[0] + second[1]])
+    period = _free_top_period(J, omega)
+    scene = rf.Scene(
+        rf.box((-a / 2, -b / 2, -c / 2), (a / 2, b / 2, c / 2), (4, 2, 2)),
+        SVK(E=2e8, nu=0.3, rho=1000.0),
+        [rf.InitialVelocity(angular=tuple(omega))],
+        probes={"pole": (0.0, b / 2, 0.0), "middle": (0.0, 0.0, 0.0)},
+    )
+    t_end = period * (1.1 if short else 5.1)
+
+    def flips(history: History) -> str:
+        """The axis b turns over; ω₂ in the body changes sign where J·axis does."""
+        above = np.array([0.0, b / 2, 0.0])
+        axis = above + history.probe("pole") - history.probe("middle")
+        along = axis @ np.array(history.J[0])
+        t = np.array(history.t)
+        at = np.flatnonzero(along[1:] * along[:-1] < 0)
+        crossed = t[at] + (t[at + 1] - t[at]) * along[at] / (along[at] - along[at + 1])
+        if len(crossed) < 2:
+            return f"it flipped {len(crossed)} times in {t[-1]:.4g} s"
+        mean = 2 * float(np.mean(np.diff(crossed)))
+        return near("the period", mean, period, 0.01)
+
+    yield Run("flexible", scene, 0.1, t_end, check=flips)
+    flip = 0.3 * period
+    adaptive = rf.StrainRate(ANY, 1.0, release=release_at(flip), since=flip - 5, until=flip + 5)
+    yield Run("adaptive", scene, 0.1, t_end, adaptive, check=flips)
+
+
+def _ends(n: int) -> np.ndarray:
+    """Weights of n + 1 equidistant masses, of which those at the ends are halved; mean 1."""
+    weights = np.ones(n + 1)
+    weights[[0, -1]] = 0.5
+    return weights * (n + 1) / n
+
+
+def _free_top_period(J: np.ndarray, omega: np.ndarray) -> float:
+    """Period of a free top that starts near its intermediate axis [s]."""
+    k = np.argsort(J)
+    J1, J2, J3 = J[k]
+    w1, w2, w3 = omega[k]
+    h, m = J1 * w1**2 + J2 * w2**2 + J3 * w3**2, (J1 * w1) ** 2 + (J2 * w2) ** 2 + (J3 * w3) ** 2
+    if m > h * J2:  # turns about the axis of the largest moment
+        J1, J3 = J3, J1
+    k2 = (J2 - J3) * (m - h * J1) / ((J1 - J2) * (h * J3 - m))
+    rate = np.sqrt(abs((J1 - J2) * (m - h * J3)) / (J1 * J2 * J3))
+    k2 = abs(k2) if abs(k2) < 1 else 1 / abs(k2)
+    return float(4 * ellipk(k2) / rate)
+
+
+def _bar(*effects: rf.Effect, cells=(6, 2, 2), **options) -> rf.Scene:
+    """A bar of 6 m × 2 m × 2 m in unit cells, and names for some of them."""
+    domain = rf.box((0, 0, 0), (6, 2, 2), cells)
+    domain = domain.with_cells("cell", lambda x: x.max(axis=0) <= 1 + 1e-9)
+    for name, corner in {"first": (0, 0, 0), "second": (0, 1, 1)}.items():
+        low = np.array(corner)[:, None]
+        domain = domain.with_cells(
+            name, lambda x, low=low: ((x >= low - 1e-9) & (x <= low + 1 + 1e-9)).all(axis=0)
+        )
+    domain = domain.with_cells("left", between(0, 2)).with_cells("right", between(3, 6))
+    return rf.Scene(domain, SOFT, list(effects) or [SPIN], **options)
+
+
+def _together(domain: rf.Domain, name: str, parts: list[str]) -> rf.Domain:
+    cells = [domain.find(part, (3,), "hard cases").entities for part in parts]
+    return domain.with_cell_set(name, np.concatenate(cells))
+
+
+@case("rigid bodies", "bodies of one cell, and of two that touch at an edge only")
+def smallest_bodies(short: bool) -> Iterator[Run]:
+    """H, L and J to Newton's tolerance. What would be two bodies with a hinge is none at all."""
+    t_end = 5.0 if short else 50.0
+    one = rf.StrainRate(0.0, 0.5, tolerances={"cell": ANY}, release=release_at(2.0))
+
+    def is_found(history: History) -> str:
+        return "" if max(history.cells) == 1 else f"{max(history.cells)} rigid cells"
+
+    yield Run("one cell, adaptive", _bar(), 0.1, t_end, one, check=is_found)
+    yield Run("one cell, named", _bar(SPIN, rf.Rigid("cell")), 0.1, t_end)
+    hinged = rf.StrainRate(0.0, 0.5, tolerances={"first": ANY, "second": ANY})
+
+    def is_refused(history: History) -> str:
+        return "" if max(history.cells) == 0 else f"{max(history.cells)} rigid cells"
+
+    yield Run("two cells at an edge, adaptive", _bar(), 0.1, t_end, hinged, check=is_refused)
+    domain = _together(_bar().domain, "both", ["first", "second"])
+    scene = rf.Scene(domain, SOFT, [SPIN, rf.Rigid("both")])
+    yield Run("two cells at an edge, named as one", scene, 0.1, t_end)
+    scene = _bar(SPIN, rf.Rigid("first"), rf.Rigid("second"))
+    yield Run("two cells at an edge, named as two", scene, 0.1, t_end,
+              fails=rf.SceneError, says=("hinge",))  # fmt: skip
+
+
+@case("rigid bodies", "a body whose nodes lie on a line but for 5e-6 of its length")
+def nodes_on_a_line(short: bool) -> Iterator[Run]:
+    """Its inertia about that line is rounding: such a body is refused, or not formed."""
+    thin = 5e-6
+    scene = lambda *rigid: rf.Scene(  # noqa: E731
+        rf.box((0, 0, 0), (1, thin, thin), (1, 1, 1)),
+        SVK(E=1e6, nu=0.3, rho=1000.0),
+        [rf.InitialVelocity(linear=(0.1, 0.2, 0.3)), *rigid],
+    )
+    yield Run("named", scene(rf.Rigid()), 0.1, 1.0, fails=rf.SceneError, says=("on a line",))
+
+    def stays_flexible(history: History) -> str:
+        return "" if max(history.cells) == 0 else "it has become a body"
+
+    yield Run("adaptive", scene(), 0.1, 1.0, rf.StrainRate(ANY, 0.2), energy=1e-9,
+              check=stays_flexible)  # fmt: skip
+
+
+@case("rigid bodies", "every second cell qualifies, as on a checkerboard")
+def checkerboard(short: bool) -> Iterator[Run]:
+    """All would be hinged to each other: no body forms, and H, L and J are those of flexibility."""
+    n = 4 if short else 6
+    domain = rf.box((0, 0, 0), (n, n, 2), (n, n, 2))
+    middle = _middles(domain)
+    black = np.flatnonzero(np.floor(middle).sum(axis=1) % 2 == 0)
+    domain = domain.with_cell_set("black", black)
+    scene = rf.Scene(domain, SOFT, [SPIN])
+
+    def none_forms(history: History) -> str:
+        return "" if max(history.cells) == 0 else f"{max(history.bodies)} bodies"
+
+    criterion = rf.StrainRate(0.0, 0.5, tolerances={"black": ANY})
+    yield Run("adaptive", scene, 0.1, 3.0 if short else 30.0, criterion, check=none_forms)
+
+
+def _middles(domain: rf.Domain) -> np.ndarray:
+    """Middles of all local cells, ghosts included, shape (cells, 3) [m]."""
+    from dolfinx.mesh import compute_midpoints
+
+    cells = domain.mesh.topology.index_map(3)
+    return compute_midpoints(
+        domain.mesh, 3, np.arange(cells.size_local + cells.num_ghosts, dtype=np.int32)
+    )
+
+
+def _ring(n: int) -> rf.Domain:
+    """A ring of n cells, square in section."""
+    angle = 2 * np.pi * np.arange(n) / n
+    sections = [np.stack([r * np.cos(angle), r * np.sin(angle), np.full(n, z)], axis=1)
+                for z in (0.0, 1.0) for r in (3.0, 4.0)]  # fmt: skip
+    points = np.concatenate(sections)
+    i, j = np.arange(n), (np.arange(n) + 1) % n
+    # x of a cell runs outwards, y along the ring, z up
+    corners = [i + (2 * z + r) * n if s == 0 else j + (2 * z + r) * n
+               for z in (0, 1) for s in (0, 1) for r in (0, 1)]  # fmt: skip
+    connected = np.stack(corners, axis=1)
+    if MPI.COMM_WORLD.rank:
+        points, connected = points[:0], connected[:0]
+    return rf.from_arrays(points, connected)
+
+
+@case("rigid bodies", "a closed ring of bodies with one flexible cell between each two")
+def ring_of_bodies(short: bool) -> Iterator[Run]:
+    """H, L and J to Newton's tolerance: a closed chain constrains nothing twice."""
+    n = 12
+    domain = _ring(n)
+    middle = _middles(domain)
+    sector = np.floor(np.mod(np.arctan2(middle[:, 1], middle[:, 0]), 2 * np.pi) / (2 * np.pi / n))
+    names = [f"link {k}" for k in range(n // 3)]
+    for k, name in enumerate(names):
+        domain = domain.with_cell_set(name, np.flatnonzero(np.isin(sector, (3 * k, 3 * k + 1))))
+    t_end = 5.0 if short else 50.0
+    scene = rf.Scene(domain, SOFT, [SPIN, *map(rf.Rigid, names)])
+    yield Run("named", scene, 0.1, t_end)
+    scene = rf.Scene(domain, SOFT, [SPIN])
+    criterion = rf.StrainRate(0.0, 0.5, tolerances=dict.fromkeys(names, ANY),
+                              release=release_at(2.0))  # fmt: skip
+
+    def all_form(history: History) -> str:
+        return "" if max(history.bodies) == n // 3 else f"{max(history.bodies)} bodies"
+
+    yield Run("adaptive", scene, 0.1, t_end, criterion, check=all_form)
+
+
+@case("rigid bodies", "one layer of flexible cells between two big bodies: no free node at all")
+def layer_between_two_bodies(short: bool) -> Iterator[Run]:
+    """H, L and J to Newton's tolerance: 12 unknowns carry the strain of the layer."""
+    t_end = 5.0 if short else 50.0
+    scene = _bar(SPIN, rf.Rigid("left"), rf.Rigid("right"), cells=(6, 2, 2))
+    yield Run("named", scene, 0.1, t_end)
+    criterion = rf.StrainRate(0.0, 0.5, tolerances={"left": ANY, "right": ANY},
+                              release=release_at(2.0))  # fmt: skip
+    yield Run("adaptive", _bar(), 0.1, t_end, criterion)
+
+
+@case("rigid bodies", "a condition that releases what has just become rigid, each time")
+def chatter(short: bool) -> Iterator[Run]:
+    """Of n windows some log₂ n end in a freeze: cells wait longer each time; a warning says so."""
+    n = 60 if short else 1000
+    release = rf.Release(when=lambda report: bool(report.bodies))
+    kick = rf.InitialVelocity(function=lambda x: 0.1 * np.sin([7 * x[0], 5 * x[1], x[2]]))
+
+    def ends(history: History) -> str:
+        freezes = history.kinds().count("freeze")
+        most = np.log2(n / 2) + 2
+        return "" if 0 < freezes <= most else f"{freezes} freezes in {n} steps"
+
+    criterion = rf.StrainRate(ANY, 0.2, release=release)
+    yield Run("adaptive", _bar(SPIN, kick), 0.1, 0.1 * n, criterion, check=ends,
+              warns="again and again")  # fmt: skip
+
+
+@case("rigid bodies", "all is rigid while gravity changes all the time")
+def all_rigid_under_changing_gravity(short: bool) -> Iterator[Run]:
+    """The centre falls as ∫∫ g by the rule of the step: to rounding; H less the work likewise."""
+    dt, n = 0.05, (100 if short else 2000)
+    weight = rf.Gravity((0.0, 0.0, -9.81), time=lambda t: np.cos(2 * t))
+    scene = _bar(SPIN, weight)
+
+    def falls(history: History) -> str:
+        assert history.last is not None
+        (body,) = history.last.bodies
+        t = dt * (np.arange(len(history.iterations)) + 0.5)
+        impulse = body.mass * -9.81 * dt * float(np.cos(2 * t).sum())
+        found = history.last.linear_momentum[2] - history.L[0][2]
+        error = abs(found - impulse) / (body.mass * 9.81)
+        return "" if error <= 1e-11 else f"L_z is off by {error:.1e} of m g · 1 s"
+
+    stay = rf.StrainRate(ANY, 4 * dt, load_change=np.inf)
+    yield Run("adaptive", scene, dt, n * dt, stay, momentum=None, check=falls)
+    scene = _bar(SPIN, weight, rf.Rigid())
+    yield Run("named", scene, dt, n * dt, momentum=None, check=falls)
+
+
+@case("rigid bodies", "a load that arrives on a part that is frozen")
+def load_on_a_frozen_part(short: bool) -> Iterator[Run]:
+    """It is released before the step: from rest, all is what it is without bodies, to 1e-9."""
+    t_end = 3.0 if short else 10.0
+    blow = rf.Traction("x1", (0.0, 3.0, 1.0), since=1.0)
+
+    def scene() -> rf.Scene:
+        return _bar(blow, probes={"tip": (6.0, 2.0, 2.0)})
+
+    reference: list[np.ndarray] = []
+
+    def remember(history: History) -> str:
+        reference.append(history.probe("tip"))
+        return ""
+
+    def is_the_same(history: History) -> str:
+        if min(history.unknowns) != 6:
+            return "nothing was frozen"
+        u = history.probe("tip")
+        error = float(np.abs(u - reference[0]).max() / np.abs(reference[0]).max())
+        return "" if error <= 1e-9 else f"the tip is off by {error:.1e}"
+
+    yield Run("flexible", scene(), 0.1, t_end, momentum=None, check=remember)
+    criterion = rf.StrainRate(1e-6, 0.5, until=2.0)
+    yield Run("adaptive", scene(), 0.1, t_end, criterion, momentum=None, check=is_the_same)

@@ -1,0 +1,305 @@
+"""What a hard case is, how it is run, and what makes it stable.
+
+A case is a function that yields runs, with a docstring that says which bounds the theory gives. A
+run is stable if it ends without an error or a step that had to be cut, energy and momenta keep
+their balances within its bounds, no step takes more Newton iterations than it may, and the answer
+is close to a reference where there is one. A run that is to fail is stable if it fails with the
+error it should.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+import rigidfx as rf
+
+EPS = float(np.finfo(np.float64).eps)
+NEWTON = 1e-12  # what a step may lose, relative: where Newton's iteration ends
+ANY = 1e9  # 1/s; as a tolerance of the strain rate: every cell qualifies
+
+
+class History:
+    """Numbers of a run, step by step, without its fields."""
+
+    def __init__(self) -> None:
+        """Nothing has happened yet."""
+        self.t: list[float] = []
+        self.energy: list[float] = []
+        self.sizes: list[float] = []
+        self.supplied: list[float] = []  # work of loads and supports, and impacts, up to t [J]
+        self.L: list[np.ndarray] = []
+        self.J: list[np.ndarray] = []
+        self.momentum_scale: list[float] = []
+        self.iterations: list[int] = []
+        self.linear_iterations: list[int] = []
+        self.unknowns: list[int] = []
+        self.cells: list[int] = []  # cells in bodies
+        self.bodies: list[int] = []
+        self.probes: dict[str, list[np.ndarray]] = {}
+        self.events: list = []
+        self.warnings: list[str] = []
+        self.cuts, self.error = 0, None
+        self.last: rf.Report | None = None
+
+    def add(self, r: rf.Report) -> None:
+        """Take a report over."""
+        work = r.work_of_loads + r.work_of_supports
+        work += r.impact.energy if r.impact and r.step else 0.0
+        self.t.append(r.t)
+        self.energy.append(r.energy)
+        self.supplied.append((self.supplied[-1] if self.supplied else 0.0) + work)
+        self.sizes.append(max(r.kinetic + r.strain + r.stored, abs(work)))
+        self.L.append(r.linear_momentum)
+        self.J.append(r.angular_momentum)
+        self.momentum_scale.append(r.momentum_scale)
+        self.unknowns.append(r.unknowns)
+        self.bodies.append(len(r.bodies))
+        self.cells.append(sum(body.cells for body in r.bodies))
+        self.events += r.events
+        for name, u in r.probes.items():
+            self.probes.setdefault(name, []).append(u)
+        if r.step:
+            self.iterations.append(r.iterations)
+            self.linear_iterations.append(r.linear_iterations)
+        self.cuts += r.cuts
+        self.last = r
+
+    def probe(self, name: str) -> np.ndarray:
+        """Displacements of a probe, shape (steps + 1, 3) [m]."""
+        return np.array(self.probes[name])
+
+    def kinds(self) -> list[str]:
+        """Kinds of all events."""
+        return [event.kind for event in self.events]
+
+    def energy_drift(self, damped: bool) -> float:
+        """How far the balance of energy is off, relative to the largest energy.
+
+        Args:
+            damped: Whether energy may be lost, so that only gains in a step count.
+        """
+        balance = np.array(self.energy) - np.array(self.supplied)
+        off = np.diff(balance, prepend=balance[0]) if damped else np.abs(balance - balance[0])
+        scale = max(self.sizes)
+        return float(off.max() / scale) if scale > 0 else 0.0
+
+    def momentum_drift(self) -> float:
+        """Largest change of L relative to Σ m|v|, and of J relative to its own size."""
+        L, J = np.array(self.L), np.array(self.J)
+        out = 0.0
+        for values, scale in ((L, max(self.momentum_scale)), (J, np.linalg.norm(J, axis=1).max())):
+            if scale > 0:
+                out = max(out, float(np.linalg.norm(values - values[0], axis=1).max() / scale))
+        return out
+
+
+Check = Callable[[History], str]  # "" if all is well, else what is not
+
+
+@dataclass(frozen=True)
+class Run:
+    """One way to run a case.
+
+    Attributes:
+        way: "flexible", "adaptive", or what else distinguishes it.
+        scene: The problem, or what makes it, where that is to fail or to warn.
+        dt: Δt [s].
+        t_end: End [s].
+        rigidify: As of `simulate`.
+        energy: Bound of the energy's drift, relative.
+        momentum: Bound of the momenta's drift, relative; None where loads or supports act.
+        iterations: Most Newton iterations of a step.
+        cuts: How often steps may be cut, where step control is the remedy.
+        damped: Whether the theory lets energy be lost.
+        check: Compares the answer with a reference.
+        fails: Error that has to end the run.
+        says: What its message has to contain.
+        warns: What a warning of the run has to contain.
+        known: What is known to go wrong: this is in its verdict.
+        why: Why it does, and what helps.
+    """
+
+    way: str
+    scene: rf.Scene | Callable[[], rf.Scene]
+    dt: float
+    t_end: float
+    rigidify: rf.StrainRate | None = None
+    energy: float = 1e-10
+    momentum: float | None = 1e-10
+    iterations: int = 8
+    cuts: int = 0
+    damped: bool = False
+    check: Check | None = None
+    fails: type[Exception] | None = None
+    says: tuple[str, ...] = ()
+    warns: str = ""
+    known: str = ""
+    why: str = ""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A hard case.
+
+    Attributes:
+        name: Its name.
+        group: What kind of difficulty it is.
+        hard: What makes it hard.
+        bound: Which bounds the theory gives.
+        runs: Yields its runs; takes whether they are to be short.
+    """
+
+    name: str
+    group: str
+    hard: str
+    bound: str
+    runs: Callable[[bool], Iterator[Run]]
+
+
+@dataclass(frozen=True)
+class Result:
+    """A row of the table; numbers are the same on all ranks.
+
+    Attributes:
+        momentum_drift: None where loads or supports act.
+        known: Whether it is known to be unstable.
+        verdict: "stable", or why not.
+    """
+
+    case: str
+    group: str
+    hard: str
+    way: str
+    steps: int
+    newton_mean: float
+    newton_worst: int
+    energy_drift: float
+    momentum_drift: float | None
+    stable: bool
+    known: bool
+    cuts: int
+    verdict: str
+    warnings: list[str] = field(default_factory=list)
+
+
+CASES: list[Case] = []
+
+
+def case(group: str, hard: str) -> Callable[[Callable], Callable]:
+    """Enter a function into the list of cases; its docstring states the bounds."""
+
+    def enter(runs: Callable[[bool], Iterator[Run]]) -> Callable[[bool], Iterator[Run]]:
+        name = runs.__name__.replace("_", " ")
+        CASES.append(Case(name, group, hard, " ".join((runs.__doc__ or "").split()), runs))
+        return runs
+
+    return enter
+
+
+def follow(run: Run, folder: Path | None = None) -> History:
+    """Carry a run out, to its end or its error. Collective.
+
+    Args:
+        run: What to run.
+        folder: Where to record it, if anywhere.
+    """
+    history = History()
+    with warnings.catch_warnings(record=True) as shown:
+        warnings.simplefilter("always", rf.RigidfxWarning)
+        try:
+            scene = run.scene if isinstance(run.scene, rf.Scene) else run.scene()
+            with ExitStack() as stack:
+                recorder = (
+                    stack.enter_context(rf.Recorder(scene, folder, every=1)) if folder else None
+                )
+                steps = rf.simulate(scene, run.dt, run.t_end, rigidify=run.rigidify)
+                for report in stack.enter_context(closing(steps)):
+                    history.add(report)
+                    if recorder:
+                        recorder.write(report)
+        except rf.RigidfxError as error:
+            history.error = error
+    mine = [str(w.message) for w in shown if issubclass(w.category, rf.RigidfxWarning)]
+    history.warnings = MPI.COMM_WORLD.bcast(mine)
+    return history
+
+
+def judge(case: Case, run: Run, history: History) -> Result:
+    """What has become of a run."""
+    problems = []
+    if run.fails is None and history.error is not None:
+        problems.append(f"{type(history.error).__name__}: {history.error}")
+    elif run.fails is not None:
+        message = str(history.error)
+        if not isinstance(history.error, run.fails):
+            problems.append(f"ended with {history.error!r}, not with {run.fails.__name__}")
+        problems += [f"its message lacks {text!r}: {message}" for text in run.says
+                     if text not in message]  # fmt: skip
+    energy = history.energy_drift(run.damped) if history.t else 0.0
+    momentum = history.momentum_drift() if history.t and run.momentum is not None else None
+    worst = max(history.iterations, default=0)
+    if not energy <= run.energy:
+        problems.append(f"energy is off by {energy:.1e} > {run.energy:.0e}")
+    if momentum is not None and run.momentum is not None and not momentum <= run.momentum:
+        problems.append(f"momenta are off by {momentum:.1e} > {run.momentum:.0e}")
+    if worst > run.iterations:
+        problems.append(f"a step took {worst} > {run.iterations} Newton iterations")
+    if history.cuts > run.cuts and run.fails is None:
+        problems.append(f"steps were cut {history.cuts} times")
+    if run.warns and not any(run.warns in text for text in history.warnings):
+        problems.append(f"no warning says {run.warns!r}")
+    if run.check is not None and history.t and not problems:
+        found = run.check(history)
+        problems += [found] if found else []
+    if run.known and run.known in "; ".join(problems):
+        problems = [f"{problem} (known: {run.why})" for problem in problems]
+    return Result(
+        case=case.name,
+        group=case.group,
+        hard=case.hard,
+        way=run.way,
+        steps=len(history.iterations),
+        newton_mean=float(np.mean(history.iterations)) if history.iterations else 0.0,
+        newton_worst=worst,
+        energy_drift=energy,
+        momentum_drift=momentum,
+        stable=not problems,
+        known=bool(run.known),
+        cuts=history.cuts,
+        verdict="; ".join(problems) or "stable",
+        warnings=history.warnings,
+    )
+
+
+def carry_out(case: Case, short: bool) -> Iterator[Result]:
+    """Run a case in all its ways. Collective."""
+    # What a run is compared with may be known only once the one before has been judged.
+    for run in case.runs(short):
+        yield judge(case, run, follow(run))
+
+
+# What several cases share ----------------------------------------------------------------------
+
+
+def near(name: str, value: float, reference: float, tolerance: float) -> str:
+    """Whether a value is close to a reference; "" if so."""
+    error = abs(value / reference - 1)
+    return "" if error <= tolerance else f"{name} is {value:.6g}, not {reference:.6g}"
+
+
+def between(low: float, high: float, axis: int = 0) -> Callable[[np.ndarray], np.ndarray]:
+    """A marker of a slice across an axis."""
+    slack = 1e-9 * max(abs(low), abs(high))
+    return lambda x: (x[axis] >= low - slack) & (x[axis] <= high + slack)
+
+
+def release_at(*times: float) -> rf.Release:
+    """A planned release."""
+    return rf.Release(at=times)

@@ -1,0 +1,180 @@
+"""Time: long runs, large rotations, steps that see nothing of what vibrates, sudden loads."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from mpi4py import MPI
+
+import rigidfx as rf
+
+from .case import ANY, NEWTON, History, Run, case, release_at
+
+SVK = rf.StVenantKirchhoff
+
+
+def _spin(angle: float, dt: float) -> float:
+    """Angular velocity that turns a body by an angle per step: ω Δt = 2 tan(angle/2)."""
+    return 2 * np.tan(angle / 2) / dt
+
+
+@case("time", "free spin: many steps, many revolutions, nothing that damps")
+def free_spin(short: bool) -> Iterator[Run]:
+    """n steps of 0.1 revolutions lose at most n times what ends Newton's iteration, 1e-12.
+
+    1e5 steps, 1e4 revolutions; a tenth of a hundredth of it in the short version.
+    """
+    steps, dt = (300 if short else 100_000), 0.1
+    omega = _spin(0.2 * np.pi, dt)
+    scene = rf.Scene(
+        rf.box((-1, -0.5, -0.25), (1, 0.5, 0.25), (2, 1, 1)),
+        SVK(E=2e7, nu=0.3, rho=10.0),
+        [rf.InitialVelocity(angular=(0.0, 0.0, omega))],
+    )
+    bounds = {"energy": max(steps * NEWTON, 1e-11), "momentum": max(steps * NEWTON, 1e-11)}
+    yield Run("flexible", scene, dt, steps * dt, **bounds)
+    adaptive = rf.StrainRate(ANY, 10 * dt)
+    yield Run("adaptive", scene, dt, steps * dt, adaptive, **bounds)
+
+
+@case("time", "turns by 2.5 rad per step: u½ is not even half the size of the body")
+def large_rotation_per_step(short: bool) -> Iterator[Run]:
+    """H, L and J to Newton's tolerance, whatever the angle below π.
+
+    About a principal axis no step is cut. Where the axis wanders, nodes that advance one by one
+    leave the rigid motion within a step; Newton follows after a cut, to some 1.2 rad per step.
+    """
+    dt = 0.1
+    t_end = 3.0 if short else 30.0
+    bounds = {"energy": 1e-9, "momentum": 1e-9}
+    skew = np.array([0.1, 0.2, 1.0]) / np.linalg.norm([0.1, 0.2, 1.0])
+    for about, axis in (("principal axis", (0.0, 0.0, 1.0)), ("skew axis", skew)):
+        spin = rf.InitialVelocity(angular=tuple(_spin(2.5, dt) * np.asarray(axis)))
+        cut = {"iterations": 25, "cuts": round(2 * t_end / dt)} if about == "skew axis" else {}
+        domain = rf.box((0, 0, 0), (4, 1, 1), (4, 1, 1))
+        domain = domain.with_cells("left", lambda x: x[0] <= 2 + 1e-9)
+        free = rf.Scene(domain, SVK(E=1e9, nu=0.3, rho=1.0), [spin])
+        yield Run(f"{about}, flexible", free, dt, t_end, **bounds, **cut)
+        adaptive = rf.StrainRate(ANY, 5 * dt, release=release_at(20 * dt))
+        yield Run(f"{about}, adaptive", free, dt, t_end, adaptive, **bounds, **cut)
+        half = rf.Scene(domain, SVK(E=1e9, nu=0.3, rho=1.0), [spin, rf.Rigid("left")])
+        yield Run(f"{about}, half rigid", half, dt, t_end, **bounds, **cut)
+
+
+@case("time", "Δt is more than a hundred times the period of the highest mode")
+def steps_far_above_the_highest_period(short: bool) -> Iterator[Run]:
+    """H, L and J to Newton's tolerance and to rounding in the strains of a stiff body."""
+    E, rho, h = 2.1e11, 7850.0, 0.1  # Pa, kg/m³, m
+    dt = 100 * np.pi * h / np.sqrt(E / rho)  # s; no mode of such cells is slower than π h/c
+    scene = rf.Scene(
+        rf.box((0, 0, 0), (10 * h, 2 * h, 2 * h), (10, 2, 2)),
+        SVK(E=E, nu=0.3, rho=rho),
+        [rf.InitialVelocity(angular=(1.0, 2.0, 10.0))],
+    )
+    t_end = dt * (100 if short else 2000)
+    yield Run("flexible", scene, dt, t_end)
+    yield Run("adaptive", scene, dt, t_end, rf.StrainRate(ANY, 20 * dt))
+
+
+@case("time", "a blow that lasts one step and strains the struck end by a tenth")
+def shock_within_one_step(short: bool) -> Iterator[Run]:
+    """H less the work of the load, to Newton's tolerance; a step end is set at the blow's ends."""
+    E, rho = 1e6, 1000.0
+    dt = 0.02  # s; the wave runs through a third of a cell
+    blow = rf.Traction("x0", (0.2 * E, 0.05 * E, 0.0), since=0.05, until=0.05 + dt)
+    scene = rf.Scene(
+        rf.box((0, 0, 0), (4, 1, 1), (4, 1, 1) if short else (16, 4, 4)),
+        rf.NeoHooke(E=E, nu=0.3, rho=rho),
+        [blow],
+    )
+    t_end = 1.0 if short else 5.0
+    yield Run("flexible", scene, dt, t_end, momentum=None)
+    adaptive = rf.StrainRate(ANY, 0.04, release=release_at(0.5))
+    yield Run("adaptive", scene, dt, t_end, adaptive, momentum=None)
+
+
+@case("time", "a load that points the other way in every step")
+def load_that_reverses_every_step(short: bool) -> Iterator[Run]:
+    """H less the work of the load; bodies that each step would release must not come and go.
+
+    A body is found once per window at most, and the windows grow: of n windows some log₂ n end in
+    a freeze.
+    """
+    dt, n = 0.05, (80 if short else 1000)
+
+    def sign(t: float) -> float:
+        return 1.0 if int(np.floor(t / dt + 1e-6)) % 2 == 0 else -1.0
+
+    scene = rf.Scene(
+        rf.box((0, 0, 0), (4, 1, 1), (4, 1, 1)),
+        SVK(E=1e5, nu=0.3, rho=100.0),
+        [rf.Fixed("x0"), rf.Traction("x1", (0.0, 0.0, 50.0), time=sign)],
+    )
+
+    def calms_down(history: History) -> str:
+        freezes = history.kinds().count("freeze")
+        most = np.log2(n / 2) + 2
+        return "" if 0 < freezes <= most else f"{freezes} freezes in {n} steps"
+
+    yield Run("flexible", scene, dt, n * dt, momentum=None)
+    yield Run("adaptive", scene, dt, n * dt, rf.StrainRate(ANY, 2 * dt), momentum=None,
+              check=calms_down, warns="again and again")  # fmt: skip
+
+
+def _arch(cells: int, rise: float) -> rf.Domain:
+    """A shallow arch of 10 m span, 1 m wide and 0.2 m thick; its ends are named."""
+    s = np.linspace(-1.0, 1.0, cells + 1)
+    middle = np.stack([5 * s, rise * (1 - s**2)], axis=1)
+    slope = -2 * rise * s / 5
+    normal = np.stack([-slope, np.ones_like(s)], axis=1)
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    rows = [middle + side * normal for side in (-0.1, 0.1)]
+    points = np.array([(row[i, 0], y, row[i, 1]) for i in range(cells + 1)
+                       for row in rows for y in (0.0, 1.0)])  # fmt: skip
+    first = 4 * np.arange(cells)[:, None]
+    connected = first + np.array([0, 4, 1, 5, 2, 6, 3, 7])
+    if MPI.COMM_WORLD.rank:
+        points, connected = points[:0], connected[:0]
+    domain = rf.from_arrays(points, connected)
+    ends = {"left": normal[0], "right": normal[-1]}
+    for (name, n), foot in zip(ends.items(), (middle[0], middle[-1]), strict=True):
+        along = np.array([n[1], -n[0]])
+        domain = domain.with_facets(
+            name,
+            lambda x, foot=foot, along=along: (
+                np.abs((x[0] - foot[0]) * along[0] + (x[2] - foot[1]) * along[1]) < 1e-9
+            ),
+        )
+    return domain.with_vertices("crown", lambda x: np.abs(x[0]) < 1e-9)
+
+
+@case("time", "an arch that snaps through: its stiffness is indefinite on the way")
+def snap_through(short: bool) -> Iterator[Run]:
+    """H less the work of the load; the arch ends up on the other side."""
+    rise, load = 1.0, 5e5  # m, N
+
+    def snaps(history: History) -> str:
+        low = history.probe("crown")[:, 2].min()
+        return "" if low < -1.5 * rise else f"the crown came down by {-low:.3g} m only"
+
+    def scene(*effects: rf.Effect) -> rf.Scene:
+        return rf.Scene(
+            _arch(8 if short else 16, rise),
+            SVK(E=2e8, nu=0.3, rho=2000.0),
+            [
+                rf.Fixed("left"),
+                rf.Fixed("right"),
+                rf.NodalForce("crown", (0.0, 0.0, -load), time=rf.Table((0.0, 0.5), (0.0, 1.0))),
+                *effects,
+            ],
+            order=2,
+            probes={"crown": (0.0, 0.5, rise + 0.1)},
+        )
+
+    t_end = 1.5 if short else 5.0
+    options = {"momentum": None, "iterations": 12, "check": snaps}
+    yield Run("flexible", scene(), 0.02, t_end, **options)
+    damped = scene(rf.NumericalDamping(0.3))
+    calm = rf.StrainRate(0.05, 0.1)
+    yield Run("adaptive, damped", damped, 0.02, t_end, calm, damped=True, **options)
