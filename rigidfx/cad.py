@@ -16,9 +16,9 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.domain import KINDS, Domain
-from rigidfx.errors import SceneError, number, together
+from rigidfx.errors import SceneError, number, positive, together
 from rigidfx.geo import check_order, mesh_model
-from rigidfx.msh import domain_of, find_file, gmsh_session, positive
+from rigidfx.msh import domain_of, find_file, gmsh_session
 
 __all__ = ["Cad", "CadEntity", "Which", "list_cad", "read_cad"]
 

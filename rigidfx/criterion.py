@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from rigidfx.errors import SceneError, number
+from rigidfx.errors import SceneError, number, positive
 
 __all__ = ["Release", "StrainRate"]
 
@@ -120,8 +120,7 @@ class StrainRate:
                 raise SceneError(
                     f"StrainRate: window must be a time in s or 'auto', got {self.window!r}."
                 )
-            if not number(owner, "window", self.window) > 0:
-                raise SceneError(f"StrainRate: window must be > 0, got {self.window!r}.")
+            positive(owner, "window", self.window)
         if self.measure not in ("rms", "printed"):
             raise SceneError(
                 f"StrainRate: measure must be 'rms' or 'printed', got {self.measure!r}."
@@ -146,8 +145,7 @@ class StrainRate:
         listed = isinstance(self.release, (Release, Sequence))
         if not listed or not all(isinstance(release, Release) for release in self.releases):
             raise SceneError(f"StrainRate: release must be Release records, got {self.release!r}.")
-        if not number(owner, "load_change", self.load_change, infinite=True) > 0:
-            raise SceneError(f"StrainRate: load_change must be > 0, got {self.load_change!r}.")
+        positive(owner, "load_change", self.load_change, infinite=True)
         if not number(owner, "patience", self.patience) >= 1:
             raise SceneError(f"StrainRate: patience must be ≥ 1, got {self.patience!r}.")
         since = number(owner, "since", self.since)

@@ -25,6 +25,7 @@ __all__ = [
     "StepError",
     "agree",
     "number",
+    "positive",
     "together",
 ]
 
@@ -113,3 +114,22 @@ def number(owner: str, name: str, value: Any, *, infinite: bool = False) -> floa
         if isfinite(result) or (infinite and not isnan(result)):
             return result
     raise SceneError(f"{owner}: {name} must be a finite number, got {value!r}.")
+
+
+def positive(owner: str, name: str, value: Any, *, infinite: bool = False) -> float:
+    """A user's number above zero as a float.
+
+    Args:
+        owner: Whose number it is, for the message.
+        name: Name of the number.
+        value: What was given.
+        infinite: Whether infinity will do.
+
+    Raises:
+        SceneError: If it is no number, not above zero, or not finite where it has to be.
+    """
+    result = number(owner, name, value, infinite=infinite)
+    if result > 0:
+        return result
+    kind = "number" if infinite else "finite number"
+    raise SceneError(f"{owner}: {name} must be a {kind} > 0, got {value!r}.")

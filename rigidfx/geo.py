@@ -13,8 +13,8 @@ from typing import Any
 from mpi4py import MPI
 
 from rigidfx.domain import Domain
-from rigidfx.errors import SceneError, number
-from rigidfx.msh import domain_of, find_file, positive
+from rigidfx.errors import SceneError, number, positive
+from rigidfx.msh import domain_of, find_file
 
 __all__ = ["check_order", "mesh_model", "read_geo"]
 

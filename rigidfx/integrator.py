@@ -102,6 +102,7 @@ class Integrator:
         kind = LumpedExchange if scene.mass == "lumped" else ConsistentExchange
         self._exchange: Exchange = kind(scene, self._forces)
         self._acting = scene.acting(0.0, self._resolution)
+        self._pending = self._breakpoints_after(0.0)
         apply_preload(scene, self._forces, self.state, HeldDofs(scene, self._supports))
         self.state.v.x.array[:] = velocity.reshape(-1)
         self._system = self._bind(named_parts(scene, self._forces, self.state, self._supports))
@@ -113,6 +114,11 @@ class Integrator:
     @property
     def _supports(self) -> tuple[fx.Support, ...]:
         return supports_of(self._acting)
+
+    def _breakpoints_after(self, t: float) -> tuple[float, ...]:
+        """Breakpoints of the effects later than t [s], and infinity, sorted."""
+        later = (b for b in self.scene.breakpoints if b > t + self._resolution)
+        return (*later, np.inf)
 
     @property
     def unknowns(self) -> int:
@@ -289,6 +295,9 @@ class Integrator:
     def _follow_effects(self, dt: float) -> None:
         """Bind anew where an effect begins or ends; meet jumps of prescribed motion."""
         t, before = self.state.t, self._acting
+        if t < self._pending[0] - self._resolution:
+            return
+        self._pending = self._breakpoints_after(t)
         now = self.scene.acting(t, self._resolution)
         known = {id(effect) for effect in before}
         jumping = tuple(

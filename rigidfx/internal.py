@@ -1,9 +1,8 @@
 """The forces of a scene's cells: compiled once, bound to the cells that are flexible.
 
-Cells of materials that share an energy function, and are damped alike, share a kernel. A parameter
-that has one value within such a group is a constant of the kernel, one that varies is a cell-wise
-coefficient. Damping and pressure are terms of the forms only while their time windows are open: for
-each combination that the run will see there is one *variant* of the forms, compiled at the start.
+Cells of materials that share an energy function, and are damped alike, share a kernel. Damping and
+pressure are terms of the forms only while their time windows are open: for each combination that
+the run will see there is one *variant* of the forms, compiled at the start.
 """
 
 from __future__ import annotations
@@ -25,33 +24,14 @@ from rigidfx.forms import (
     static_virtual_work,
     stored_energy,
 )
+from rigidfx.groups import Group, group_cells
 from rigidfx.kernels import Kernel
-from rigidfx.materials import Energy
 from rigidfx.pressures import Pressures
 from rigidfx.scene import Scene
 
 __all__ = ["BoundForces", "InternalForces"]
 
 Cells = Mapping[int, npt.NDArray[np.int32]]
-
-
-@dataclass(frozen=True)
-class Group:
-    """Cells whose materials share an energy function and that are damped alike.
-
-    Attributes:
-        energy: The common stored energy.
-        quadratic: Whether it is quadratic in the strain.
-        dampers: Numbers of the Kelvin-Voigt effects on them.
-        cells: Owned cells, sorted.
-        parameters: UFL constants or piecewise constant functions by name.
-    """
-
-    energy: Energy
-    quadratic: bool
-    dampers: tuple[int, ...]
-    cells: npt.NDArray[np.int32]
-    parameters: dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -106,7 +86,7 @@ class InternalForces:
         self._scene = scene
         self.u0, self.u1 = u0, fem.Function(scene.space)
         self._dampers: tuple[KelvinVoigt, ...] = scene.named(KelvinVoigt)
-        self._groups = _groups(scene, self._dampers)
+        self._groups = group_cells(scene, self._dampers)
         # A constant of no form, as long as no term reads it.
         self._xi, self._rate = (fem.Constant(scene.mesh, value) for value in (0.0, 1.0))
         self._eta = [fem.Constant(scene.mesh, float(d.eta)) for d in self._dampers]
@@ -258,36 +238,3 @@ class InternalForces:
         self._xi.value = sum(d.xi for d in self._scene.named(NumericalDamping) if d.active(t))
         self._rate.value = 1 / dt
         self.pressures.set_time(t)
-
-
-def _groups(scene: Scene, dampers: Sequence[KelvinVoigt]) -> list[Group]:
-    owned = scene.owned_cells(None, "")
-    covered = np.zeros((owned.size, len(dampers)), dtype=bool)
-    for k, damper in enumerate(dampers):
-        covered[scene.owned_cells(damper.where, "KelvinVoigt"), k] = True
-    members: dict[tuple[Energy, bool, tuple[int, ...]], list[Any]] = {}
-    for material, cells in scene.materials:
-        for numbers in _combinations(scene, covered[cells]):
-            own = cells[(covered[cells] == np.isin(np.arange(len(dampers)), numbers)).all(axis=1)]
-            key = material.energy, material.quadratic, numbers
-            members.setdefault(key, []).append((material, own))
-    groups = []
-    for (energy, quadratic, numbers), pairs in members.items():
-        parameters: dict[str, Any] = {}
-        for name in pairs[0][0].parameters:
-            values = [(m.parameters[name], cells) for m, cells in pairs]
-            same = len({value for value, _ in values}) == 1
-            parameters[name] = (
-                fem.Constant(scene.mesh, float(values[0][0])) if same else scene.cellwise(values)
-            )
-        cells = np.sort(np.concatenate([cells for _, cells in pairs]))
-        groups.append(Group(energy, quadratic, numbers, cells, parameters))
-    return groups
-
-
-def _combinations(scene: Scene, covered: npt.NDArray[np.bool_]) -> list[tuple[int, ...]]:
-    """Which dampers act together on any cell of any rank, the same list on all. Collective."""
-    if covered.shape[1] == 0:
-        return [()]
-    mine = {tuple(int(k) for k in np.flatnonzero(row)) for row in np.unique(covered, axis=0)}
-    return sorted(set().union(*scene.comm.allgather(mine)))

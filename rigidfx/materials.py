@@ -17,24 +17,16 @@ from typing import Any, ClassVar
 
 import ufl
 
-from rigidfx.errors import SceneError, number
+from rigidfx.errors import SceneError, number, positive
 
 __all__ = ["Hyperelastic", "Material", "MooneyRivlin", "NeoHooke", "StVenantKirchhoff"]
 
 Energy = Callable[..., Any]
 
 
-def _positive(owner: object, **values: float) -> None:
-    for name, value in values.items():
-        if not number(type(owner).__name__, name, value) > 0:
-            raise SceneError(
-                f"{type(owner).__name__}: {name} must be a finite number > 0, got {value!r}."
-            )
-
-
 def _lame(owner: object, E: float, nu: float) -> dict[str, float]:
     """Lamé parameters [Pa] from Young's modulus and Poisson's ratio, both checked."""
-    _positive(owner, E=E)
+    positive(type(owner).__name__, "E", E)
     if not -1 < number(type(owner).__name__, "nu", nu) < 0.5:
         raise SceneError(
             f"{type(owner).__name__}: Poisson's ratio nu must lie inside (-1, 1/2), got {nu!r}; "
@@ -62,7 +54,7 @@ class Material:
         Raises:
             SceneError: If ρ0 is not a finite number above zero.
         """
-        _positive(self, rho=self.rho)
+        positive(type(self).__name__, "rho", self.rho)
 
     @property
     def parameters(self) -> Mapping[str, float]:
@@ -185,7 +177,8 @@ class MooneyRivlin(Material):
         """
         super().__post_init__()
         c10, c01 = (number("MooneyRivlin", name, getattr(self, name)) for name in ("c10", "c01"))
-        _positive(self, kappa=self.kappa, **{"c10 + c01": c10 + c01})
+        positive("MooneyRivlin", "kappa", self.kappa)
+        positive("MooneyRivlin", "c10 + c01", c10 + c01)
         if min(c10, c01) < 0:
             raise SceneError("MooneyRivlin: c10 and c01 must not be negative.")
 

@@ -20,9 +20,9 @@ from scipy.spatial import cKDTree
 
 from rigidfx import _compat
 from rigidfx.domain import KINDS, Domain, EntitySet
-from rigidfx.errors import SceneError, number, together
+from rigidfx.errors import SceneError, positive, together
 
-__all__ = ["domain_of", "find_file", "from_gmsh", "gmsh_session", "positive", "read_msh"]
+__all__ = ["domain_of", "find_file", "from_gmsh", "gmsh_session", "read_msh"]
 
 # gmsh's numbers of the cells that DOLFINx and rigidfx know, and of their facets.
 KNOWN = {4: "tetrahedra", 5: "hexahedra", 11: "second-order tetrahedra", 12: "27-node hexahedra"}
@@ -149,17 +149,6 @@ def find_file(path: str | Path, kind: str) -> None:
     """
     if not Path(path).is_file():
         raise SceneError(f"There is no {kind} file '{path}' (looked in {Path.cwd()}).")
-
-
-def positive(owner: str, name: str, value: Any) -> float:
-    """A user's number above zero as a float.
-
-    Raises:
-        SceneError: If it is none.
-    """
-    if not number(owner, name, value) > 0:
-        raise SceneError(f"{owner}: {name} must be > 0, got {value!r}.")
-    return float(value)
 
 
 def domain_of(

@@ -55,7 +55,7 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from rigidfx.effects import Rigid
-from rigidfx.errors import OutputError, SceneError, StepError, agree, number
+from rigidfx.errors import OutputError, SceneError, StepError, agree, positive
 from rigidfx.paraview import Body, Series
 from rigidfx.report import BodyReport, Report
 from rigidfx.scene import Scene
@@ -121,8 +121,8 @@ class Recorder:
         """
         if not isinstance(every, int) or every < 1:
             raise SceneError(f"Recorder: every must be a whole number ≥ 1, got {every!r}.")
-        if interval is not None and not number("Recorder", "interval", interval) > 0:
-            raise SceneError(f"Recorder: interval must be a finite number > 0, got {interval!r}.")
+        if interval is not None:
+            positive("Recorder", "interval", interval)
         self.folder = Path(folder)
         self._comm = scene.comm
         self._every, self._interval = every, interval

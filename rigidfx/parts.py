@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem
 
 from rigidfx.body import NOTHING, BodyMotion, RigidBody
 from rigidfx.effects import Resultant, Rigid, Support
@@ -57,7 +56,7 @@ def check_clamps(scene: Scene, resolution: float) -> None:
             clamps one that a resultant acts on then.
     """
     held = [*scene.named(Support), *scene.named(Resultant)]
-    times = sorted({0.0, *(t for e in held for t in e.breakpoints if t > 0)})
+    times = sorted({0.0, *(t for e in held for t in e.ends if t > 0)})
     for effect in scene.named(Rigid) if scene.named(Support) else ():
         _, nodes = _cells_and_nodes(scene, effect)
         for t in times:
@@ -173,14 +172,11 @@ def _freeze_named(
 
 def _cells_and_nodes(scene: Scene, effect: Rigid) -> tuple[npt.NDArray[np.int32], Nodes]:
     """Owned cells and owned nodes of a body, sorted. Collective."""
-    owned = scene.mesh.topology.index_map(3).size_local
+    cells = scene.owned_cells(effect.where, "Rigid")
     if effect.where is None:
-        return np.arange(owned, dtype=np.int32), np.arange(scene.owned_nodes, dtype=np.int32)
-    found = scene.domain.find(effect.where, (3,), "Rigid")
-    scene.mesh.topology.create_connectivity(3, 3)
-    nodes = fem.locate_dofs_topological(scene.space, 3, found.entities, remote=True)
-    nodes = np.sort(nodes[nodes < scene.owned_nodes]).astype(np.int32)
-    return found.entities[found.entities < owned], nodes
+        return cells, np.arange(scene.owned_nodes, dtype=np.int32)
+    nodes = scene.nodes(effect.where, "Rigid", (3,))
+    return cells, nodes[nodes < scene.owned_nodes]
 
 
 def _clamp(scene: Scene, active: tuple[Support, ...], name: str, nodes: Nodes) -> int | None:

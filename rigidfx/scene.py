@@ -24,6 +24,7 @@ from mpi4py import MPI
 from rigidfx import _compat
 from rigidfx import effects as fx
 from rigidfx.assignment import assign
+from rigidfx.conflicts import check_together, overlap
 from rigidfx.description import effects_table, in_words, phases
 from rigidfx.domain import Domain
 from rigidfx.errors import RigidfxWarning, SceneError, agree, together
@@ -104,7 +105,7 @@ class Scene:
             )
         self.probes = MappingProxyType(_points(probes or {}))
         self._check_discretisation()
-        self._check_effects()
+        check_together(self.effects, self.scheme)
         self.materials = assign(domain, material)
         self._warn_of_locking()
         self.space = fem.functionspace(domain.mesh, ("Lagrange", order, (3,)))
@@ -280,48 +281,6 @@ class Scene:
                 "strain them."
             )
 
-    def _check_effects(self) -> None:
-        known = (
-            fx.DeadLoad,
-            fx.Support,
-            fx.Pressure,
-            fx.Damping,
-            fx.PointMass,
-            fx.Spring,
-            fx.InitialVelocity,
-            fx.Preload,
-            fx.Rigid,
-            fx.Resultant,
-        )
-        for effect in self.effects:
-            if not isinstance(effect, known):
-                raise SceneError(f"Scene: {effect!r} is not an effect. See rigidfx.effects.")
-        if len(self.named(fx.Preload)) > 1:
-            raise SceneError("Scene: only one Preload makes sense; give it all static loads.")
-        damping = self.named(fx.NumericalDamping)
-        if damping and not self.scheme.damps:
-            raise SceneError(
-                f"Scene: numerical damping (22) goes with EnergyMomentum, not with "
-                f"{type(self.scheme).__name__}."
-            )
-        bodies = [r.where for r in self.named(fx.Rigid)]
-        if len(set(bodies)) != len(bodies) or (None in bodies and len(bodies) > 1):
-            raise SceneError("Scene: a cell can be in one Rigid body only.")
-        for resultant in self.named(fx.Resultant):
-            if resultant.where not in bodies:
-                raise SceneError(
-                    f"Resultant: '{resultant.where}' is not the name of a Rigid body; there are "
-                    f"{bodies or 'none'}."
-                )
-        if bodies and not self.scheme.couples:
-            raise SceneError(
-                f"Scene: {type(self.scheme).__name__} does not couple to rigid bodies; take "
-                "EnergyMomentum or Midpoint."
-            )
-        for a, b in combinations(damping, 2):
-            if _overlap(a, b):
-                raise SceneError("Scene: two NumericalDamping effects overlap in time.")
-
     def _point_masses(self) -> Array:
         total = np.zeros(self.space.tabulate_dof_coordinates().shape[0])
         for point in self.named(fx.PointMass):
@@ -372,7 +331,7 @@ class Scene:
         for (a, nodes_a), (b, nodes_b) in combinations(supports, 2):
             shared = np.intersect1d(nodes_a, nodes_b).size
             axes = set(a.axes) & set(b.axes)
-            clash = bool(axes) and _overlap(a, b) and not a.same_motion(b)
+            clash = bool(axes) and overlap(a, b) and not a.same_motion(b)
             if clash and self.sum(shared) > 0:
                 raise SceneError(
                     f"Scene: {type(a).__name__} on '{a.where}' and {type(b).__name__} on "
@@ -427,10 +386,6 @@ class Scene:
                 start,
                 partial(load.intensity, start),
             )
-
-
-def _overlap(a: fx.Windowed, b: fx.Windowed) -> bool:
-    return max(a.since, b.since) < min(a.until, b.until)
 
 
 def _points(probes: Mapping[str, Sequence[float]]) -> dict[str, Array]:

@@ -18,16 +18,14 @@ it, nor is it the mean over a step that the energy-momentum method balances forc
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
 from rigidfx.forms import deformation_gradient, second_piola_kirchhoff
+from rigidfx.groups import group_cells
 from rigidfx.kernels import Kernel
-from rigidfx.materials import Energy
 from rigidfx.scene import Scene
 
 __all__ = ["CauchyStress", "von_mises"]
@@ -48,7 +46,7 @@ class CauchyStress:
             scene: The problem.
         """
         self._u = fem.Function(scene.space)
-        groups = _groups(scene)
+        groups = dict(enumerate(group_cells(scene), start=1))
         # Six components of J σ and J itself, together in one vector.
         space = fem.functionspace(scene.mesh, ("DG", 0, (len(SYMMETRIC) + 1,)))
         dx = ufl.Measure(
@@ -56,16 +54,11 @@ class CauchyStress:
         )
         F = deformation_gradient(self._u)
         form = ufl.Form([])
-        for i, (energy, pairs) in enumerate(groups.items(), start=1):
-            names = pairs[0][0].parameters
-            p = {n: scene.cellwise([(m.parameters[n], cells) for m, cells in pairs]) for n in names}
-            tau = F * second_piola_kirchhoff(energy, F.T * F, p) * F.T
+        for i, group in groups.items():
+            tau = F * second_piola_kirchhoff(group.energy, F.T * F, group.parameters) * F.T
             values = ufl.as_vector([*(tau[ij] for ij in SYMMETRIC), ufl.det(F)])
             form += ufl.inner(values, ufl.TestFunction(space)) * dx(i)
-        cells = {
-            i: np.sort(np.concatenate([cells for _, cells in pairs]))
-            for i, pairs in enumerate(groups.values(), start=1)
-        }
+        cells = {i: group.cells for i, group in groups.items()}
         self._form = Kernel(form, [space], scene.mesh).bind(cells)
         self._integrals = np.zeros_like(fem.Function(space).x.array)
         owned = scene.mesh.topology.index_map(3).size_local
@@ -93,11 +86,3 @@ def von_mises(stress: Array) -> Array:
     pressure = np.trace(stress, axis1=1, axis2=2) / 3
     deviator = stress - pressure[:, None, None] * np.eye(3)
     return np.asarray(np.sqrt(1.5 * np.einsum("cij,cij->c", deviator, deviator)))
-
-
-def _groups(scene: Scene) -> dict[Energy, list[tuple[Any, npt.NDArray[np.int32]]]]:
-    """Pairs of a material and its owned cells, by the energy that the materials share."""
-    groups: dict[Energy, list[tuple[Any, npt.NDArray[np.int32]]]] = {}
-    for material, cells in scene.materials:
-        groups.setdefault(material.energy, []).append((material, cells))
-    return groups

@@ -68,20 +68,20 @@ class Switching:
         self._graph = CellGraph(scene)
         special = np.full(self._graph.owned, np.inf)
         for name, tol in criterion.tolerances.items():
-            cells = self._cells(name, "StrainRate (tolerances)")
+            cells = scene.owned_cells(name, "StrainRate (tolerances)")
             special[cells] = np.minimum(special[cells], tol)
         self._tol = np.where(np.isfinite(special), special, criterion.tol)
         self._never = np.zeros(self._graph.owned, dtype=bool)
         for name in criterion.never:
-            self._never[self._cells(name, "StrainRate (never)")] = True
+            self._never[scene.owned_cells(name, "StrainRate (never)")] = True
         for release in criterion.releases:
             if release.where is not None:
-                self._cells(release.where, "Release")
+                scene.owned_cells(release.where, "Release")
         loaded = {r.body for r in scene.named(fx.Resultant)}
         rigid = scene.named(fx.Rigid)
         self._alone = {r.name for r in rigid if r.given or r.name in loaded}
         self._always = {
-            r.name: self._cells(r.where, "Rigid") for r in rigid if r.name not in self._alone
+            r.name: scene.owned_cells(r.where, "Rigid") for r in rigid if r.name not in self._alone
         }
         self._next_number = len(rigid) + 1
         self._changes = Changes(scene, criterion.load_change, timeline)
@@ -90,13 +90,6 @@ class Switching:
         self._warned: set[str] = set()
         self._begin(0.0)
         self.closeness = np.nan
-
-    def _cells(self, name: str | None, wanted_by: str) -> npt.NDArray[np.int32]:
-        """Owned cells of a set; all if it has no name."""
-        if name is None:
-            return np.arange(self._graph.owned, dtype=np.int32)
-        found = self._scene.domain.find(name, (3,), wanted_by).entities
-        return np.asarray(found[found < self._graph.owned])
 
     def _begin(self, t: float) -> None:
         """Begin a new window at t [s], or when observation does."""
@@ -233,7 +226,7 @@ class Switching:
             return reason, cells
         if release.where is not None:
             cells = np.zeros_like(cells)
-            cells[self._cells(release.where, "Release")] = True
+            cells[self._scene.owned_cells(release.where, "Release")] = True
         if names is not None:
             known = {body.name: body for body in state.bodies}
             unknown = [name for name in names if name not in known]

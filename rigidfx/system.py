@@ -163,8 +163,10 @@ class System:
         prolongation, dofs = self.equilibrium.prolongation, self.partition.rows.dofs
         d, forces = self.equilibrium.d.array_r, self.equilibrium.forces_out_of_balance.array_r
         increments, held = prolongation.increments, prolongation.held
-        x = self.partition.rows.X + (state.u.x.array[dofs] + 0.5 * d).reshape(-1, 3)
-        reactions, moments = self._held.reactions(forces[held], x[held // 3])
+        at, rows = held // 3, self.partition.rows
+        u = state.u.x.array.reshape(-1, 3)[rows.nodes[at]]
+        x = rows.X[at] + u + 0.5 * d.reshape(-1, 3)[at]
+        reactions, moments = self._held.reactions(forces[held], x)
         local = [
             self._f_ext.array_r @ d,
             forces[held] @ d[held],
@@ -174,8 +176,9 @@ class System:
         ]
         dead, supports, pressed, *lost = map(float, self._scene.sum(local))
         work = dead + pressed
-        dissipated = dict.fromkeys((*self._lost, *(item.kind for item in self._ground)), 0.0)
-        for kind, energy in zip((*self._lost, *(i.kind for i in self._ground)), lost, strict=True):
+        kinds = [*self._lost, *(item.kind for item in self._ground)]
+        dissipated = dict.fromkeys(kinds, 0.0)
+        for kind, energy in zip(kinds, lost, strict=True):
             dissipated[kind] += energy
         for k, increment in enumerate(increments):
             work += self._resultants[k].work(increment)

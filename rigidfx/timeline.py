@@ -6,7 +6,7 @@ from bisect import bisect_right
 from collections.abc import Iterable, Mapping
 from math import floor
 
-from rigidfx.errors import SceneError, number
+from rigidfx.errors import SceneError, number, positive
 
 __all__ = ["Timeline"]
 
@@ -40,9 +40,7 @@ class Timeline:
                 "simulate: dt must be a finite number > 0, or a dict of times to such numbers "
                 f"that begins with the time 0; got {dt!r}."
             )
-        self.t_end = number("simulate", "t_end", t_end)
-        if not self.t_end > 0:
-            raise SceneError(f"simulate: t_end must be a finite number > 0, got {t_end!r}.")
+        self.t_end = positive("simulate", "t_end", t_end)
         self._times, self._steps = [t for t, _ in pairs], [own for _, own in pairs]
         self.dt = self._steps[0]
         self.resolution = 1e-9 * min(self._steps)

@@ -403,7 +403,7 @@ def test_what_is_read_by_which_function():
         rf.read_cad("nothing.step")
     with pytest.raises(SceneError, match="order must be 1 or 2"):
         rf.read_geo(BRACKET, order=3)
-    with pytest.raises(SceneError, match="size must be > 0"):
+    with pytest.raises(SceneError, match="size must be a finite number > 0"):
         rf.read_geo(BRACKET, size=0)
     with pytest.raises(SceneError, match="parameters must be a dict"):
         rf.read_geo(BRACKET, 3)

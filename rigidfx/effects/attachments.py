@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.effects.base import Effect, numbers
-from rigidfx.errors import SceneError, number
+from rigidfx.errors import SceneError, positive
 
 __all__ = ["PointMass", "Spring"]
 
@@ -38,8 +38,7 @@ class PointMass(Effect):
             SceneError: If it is not a finite number > 0.
         """
         super().__post_init__()
-        if not number("PointMass", "mass", self.mass) > 0:
-            raise SceneError(f"PointMass: mass must be a finite number > 0, got {self.mass!r}.")
+        positive("PointMass", "mass", self.mass)
 
 
 @dataclass(frozen=True)

@@ -170,6 +170,13 @@ class Windowed(Effect):
         return self.since <= t <= self.until
 
     @property
-    def breakpoints(self) -> tuple[float, ...]:
-        """Instants at which a step must end [s]."""
+    def ends(self) -> tuple[float, ...]:
+        """Where the window begins and ends, as far as it does [s]."""
         return tuple(t for t in (self.since, self.until) if isfinite(t))
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Instants at which a step must end [s]: ends of the window, kinks of functions in it."""
+        functions = (getattr(self, own.name) for own in fields(self))
+        kinks = (t for f in functions for t in getattr(f, "breakpoints", ()))
+        return (*self.ends, *(t for t in kinks if self.since < t < self.until))

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from rigidfx.effects.base import Windowed
-from rigidfx.errors import SceneError, number
+from rigidfx.errors import SceneError, number, positive
 
 __all__ = ["Damping", "KelvinVoigt", "MassDamping", "NumericalDamping"]
 
@@ -60,8 +60,7 @@ class KelvinVoigt(Damping):
             SceneError: If η is not a finite number > 0.
         """
         super().__post_init__()
-        if not number("KelvinVoigt", "eta", self.eta) > 0:
-            raise SceneError(f"KelvinVoigt: eta must be a finite number > 0, got {self.eta!r}.")
+        positive("KelvinVoigt", "eta", self.eta)
 
 
 @dataclass(frozen=True)
@@ -84,5 +83,4 @@ class MassDamping(Damping):
             SceneError: If α is not a finite number > 0.
         """
         super().__post_init__()
-        if not number("MassDamping", "alpha", self.alpha) > 0:
-            raise SceneError(f"MassDamping: alpha must be a finite number > 0, got {self.alpha!r}.")
+        positive("MassDamping", "alpha", self.alpha)

@@ -59,9 +59,3 @@ class Pressure(Windowed):
                 "and time function."
             )
         return pressure
-
-    @property
-    def breakpoints(self) -> tuple[float, ...]:
-        """Ends of the window and declared breakpoints of the time function [s]."""
-        kinks = [*getattr(self.time, "breakpoints", ()), *getattr(self.value, "breakpoints", ())]
-        return (*super().breakpoints, *(t for t in kinks if self.since < t < self.until))

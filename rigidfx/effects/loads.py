@@ -52,13 +52,6 @@ class DeadLoad(Windowed):
             vector(self, "value", value)
         check_factor(self, self.time)
 
-    @property
-    def breakpoints(self) -> tuple[float, ...]:
-        """Ends of the window and declared breakpoints of the time function [s]."""
-        value = getattr(self, "value", None)
-        kinks = [*getattr(self.time, "breakpoints", ()), *getattr(value, "breakpoints", ())]
-        return (*super().breakpoints, *(t for t in kinks if self.since < t < self.until))
-
 
 @dataclass(frozen=True)
 class Traction(DeadLoad):
@@ -154,9 +147,3 @@ class Resultant(Windowed):
     def torque_at(self, t: float) -> npt.NDArray[np.float64]:
         """Torque at t, shape (3,) [N m]."""
         return self._factor(t) * np.asarray(self.torque, dtype=np.float64)
-
-    @property
-    def breakpoints(self) -> tuple[float, ...]:
-        """Ends of the window and declared breakpoints of the time function [s]."""
-        kinks = getattr(self.time, "breakpoints", ())
-        return (*super().breakpoints, *(t for t in kinks if self.since < t < self.until))

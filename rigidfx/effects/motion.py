@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from rigidfx.effects.base import WHOLE, Effect, Vector, numbers, vector
 from rigidfx.effects.loads import DeadLoad
-from rigidfx.errors import SceneError, number
+from rigidfx.errors import SceneError, number, positive
 
 __all__ = ["InitialVelocity", "Preload", "Rigid"]
 
@@ -119,8 +119,8 @@ class Rigid(Effect):
                 with principal moments that a body can have.
         """
         super().__post_init__()
-        if self.mass is not None and not number("Rigid", "mass", self.mass) > 0:
-            raise SceneError(f"Rigid: mass must be a finite number > 0, got {self.mass!r}.")
+        if self.mass is not None:
+            positive("Rigid", "mass", self.mass)
         if self.inertia is None:
             return
         J = numbers(self.inertia)

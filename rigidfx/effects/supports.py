@@ -109,12 +109,6 @@ class PrescribedMotion(Support):
                     f"got {f!r}."
                 )
 
-    @property
-    def breakpoints(self) -> tuple[float, ...]:
-        """Ends of the window and declared kinks of the motion [s]."""
-        kinks = getattr(self.displacement, "breakpoints", ())
-        return (*super().breakpoints, *(t for t in kinks if self.since < t < self.until))
-
     def displacement_at(self, t: float) -> npt.NDArray[np.float64]:
         """The given path at t."""
         return np.asarray(self.displacement(t), dtype=np.float64)
