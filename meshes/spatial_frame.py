@@ -1,7 +1,7 @@
 """A plate on four columns, half of it: the frame of Göttlicher & Schweizerhof (2005), section 7.2.
 
 The paper's figure with the dimensions is not in its text; they are chosen here. The plate is
-6 × 6 × 1 m, of which y < 3 m is meshed; the columns are 0.25 × 0.25 × 3 m.
+6 × 6 × 1.5 m, of which y < 3 m is meshed; the columns are 0.25 × 0.25 × 3 m.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 from rigidfx import Domain, from_gmsh
 
-HEIGHT, THICKNESS = 3.0, 1.0  # m; of the columns and of the plate
+HEIGHT, THICKNESS = 3.0, 1.5  # m; of the columns and of the plate
 # Lines along each axis [m], and the number of cells between them.
 LINES = {
     0: ((0.0, 0.6, 0.85, 5.15, 5.4, 6.0), (2, 2, 18, 2, 2)),
