@@ -15,6 +15,7 @@ from dataclasses import replace
 from time import perf_counter
 from typing import Any
 
+from rigidfx.balance import EnergyBalance
 from rigidfx.criterion import StrainRate
 from rigidfx.errors import SceneError
 from rigidfx.integrator import Integrator
@@ -86,8 +87,10 @@ def _reports(
     progress: bool | None,
 ) -> Iterator[Report]:
     with integrator, _progress_bar(scene, timeline.t_end, progress) as bar:
-        step, state = 0, integrator.state
-        yield report_of(0, integrator, probes, None, integrator.measure())
+        step, state, balance = 0, integrator.state, EnergyBalance(scene)
+        report = report_of(0, integrator, probes, None, integrator.measure())
+        balance.follow(report)
+        yield report
         while not timeline.over(state.t):
             target = timeline.next(state.t)
             start = perf_counter()
@@ -98,6 +101,7 @@ def _reports(
             if switching is not None:
                 now = switching.after(result, report)
                 report = amended(report, integrator, [*events, *now], switching.closeness)
+            balance.follow(report)
             bar.update(result.dt)
             yield replace(report, wall=perf_counter() - start)
 

@@ -64,6 +64,7 @@ LAYERS = [
     "integrator",
     "report",
     "switching",
+    "balance",
     "simulation",
     "multibody",
     "paraview",

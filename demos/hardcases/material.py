@@ -32,6 +32,7 @@ def stiff_and_heavy_beside_soft_and_light(short: bool) -> Iterator[Run]:
         if rho < 1 and not short:
             options["known"] = "off by"
             options["why"] = "rounding in the stiff half; make it a Rigid body, see the next case"
+            options["warns"] = "balance of energy"
         scene = _two_halves(short, stiff, soft, spin)
         yield Run(f"{way}, flexible", scene, 0.1, t_end, **options)
         adaptive = rf.StrainRate(0.0, 0.5, tolerances={"stiff": ANY}, release=release_at(1.5))
