@@ -241,17 +241,15 @@ class Increment:
         B = self.R1 @ moments[1:]  # Σ v₁ fᵀ, and f̂ v̂ = v fᵀ - (f·v) I
         return np.asarray(0.5 * B - 0.5 * B.trace() * IDENTITY)
 
-    def test_rows(self, offsets: Array) -> Array:
-        """-v̂_av/ℓ per node, shape (n, 3, 3): rows of L, equations (5), (13)."""
-        return self._rows(offsets, skew(self.R_av.T))
+    @property
+    def test_axes(self) -> Array:
+        """Cⱼ with -v̂_av/ℓ = Σ Vⱼ Cⱼ, rows of L, equations (5), (13); shape (3, 3, 3)."""
+        return np.asarray(skew(self.R_av.T) / -self.body.length)
 
-    def trial_rows(self, offsets: Array) -> Array:
-        """-v̂₁ T/ℓ per node, shape (n, 3, 3): rows of P."""
-        return self._rows(offsets, skew(self.R1.T) @ self.T)
-
-    def _rows(self, offsets: Array, spins: Array) -> Array:
-        """-Σ Vⱼ Bⱼ/ℓ per node from the matrices Bⱼ of the body's axes, shape (3, 3, 3)."""
-        return (offsets @ (spins / -self.body.length).reshape(3, 9)).reshape(-1, 3, 3)
+    @property
+    def trial_axes(self) -> Array:
+        """Bⱼ with -v̂₁ T/ℓ = Σ Vⱼ Bⱼ, rows of P; shape (3, 3, 3)."""
+        return np.asarray(skew(self.R1.T) @ (self.T / -self.body.length), dtype=np.float64)
 
 
 class BodyTerm(Protocol):

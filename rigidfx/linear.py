@@ -73,6 +73,9 @@ def configure(ksp: PETSc.KSP, direct: bool, unknowns: int) -> None:
         pc.setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
     else:
         ksp.setType(PETSc.KSP.Type.GMRES)
+        # On this side the residual that ends the iteration is that of the system itself. The
+        # preconditioned one vanishes at once where the incomplete factors are all but singular.
+        ksp.setPCSide(PETSc.PC.Side.RIGHT)
         limit = krylov_limit(unknowns)
         ksp.setGMRESRestart(min(limit, 100))
         ksp.setTolerances(rtol=KRYLOV_RTOL, atol=0.0, max_it=limit)

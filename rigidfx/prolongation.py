@@ -8,8 +8,8 @@ displacement lies exactly in the range of L,
 so the residual is restricted by Lᵀ, equations (5) and (13); the derivative of d is P, with rows
 [I, -v̂₁ T/ℓ]. A supported dof has no column and its increment is prescribed in d_s; a node inside a
 body has no row at all. So no rows of ones, no penalties and no empty rows ever reach the solver.
-Vectors pass L and Lᵀ by the bodies' small matrices, see `body`; P and L - P are PETSc matrices, of
-which `condensation` makes the reduced tangent.
+Vectors pass L and Lᵀ by the bodies' small matrices, see `body`, and so do tangents, see `rim`. As a
+PETSc matrix P condenses what is needed once per partition, by MatPtAP.
 """
 
 from __future__ import annotations
@@ -42,8 +42,9 @@ class Prolongation:
         nodal: Whether free dofs come in whole nodes, three at a time.
         increments: Trial increments of the bodies, set by `expand`; equal on all ranks.
         touched: Whether flexible cells touch any body.
+        first_column: Number of this rank's first unknown.
+        body_columns: Number of the first unknown of each body.
         P: Trial side, rows as above; unit rows at free dofs only without bodies.
-        D: L - P, in the rows of attached nodes only.
     """
 
     def __init__(self, partition: Partition, comm: MPI.Intracomm) -> None:
@@ -67,8 +68,8 @@ class Prolongation:
         by_node = free.reshape(-1, 3)
         broken = int(np.count_nonzero(by_node.any(axis=1) & ~by_node.all(axis=1)))
         self.nodal = comm.allreduce(broken) == 0
-        self._first_column = comm.exscan(self._columns) or 0
-        self._body_columns = self._locate_bodies()
+        self.first_column = comm.exscan(self._columns) or 0
+        self.body_columns = self._locate_bodies()
         pairs = list(zip(bodies, partition.attached, strict=True))
         self._nodes = [rows.positions(body.nodes[at]) for body, at in pairs]
         self._arms = [np.c_[np.ones(at.size), body.offsets[at]] for body, at in pairs]
@@ -76,13 +77,12 @@ class Prolongation:
         self._attached = np.concatenate([np.empty(0, np.int64), *dofs])
         self.touched = comm.allreduce(self._attached.size) > 0
         sizes = [own.size for own in dofs]
-        self._translations = np.repeat(np.asarray(self._body_columns, dtype=np.int64), sizes)
+        self._translations = np.repeat(np.asarray(self.body_columns, dtype=np.int64), sizes)
         turned = self._translations[:, None] + np.arange(3, 6)
         self._rotations = turned.reshape(-1).astype(Int)
         self._offsets = np.arange(0, self._rotations.size + 1, 3, dtype=Int)
         self._row_numbers = (rows.first + self._attached).astype(Int)
-        self.P = self._create(selection=True)
-        self.D = self._create(selection=False)
+        self.P = self._create()
 
     # Patterns -----------------------------------------------------------------------------------
 
@@ -90,31 +90,22 @@ class Prolongation:
         """First global column of each body; bodies come last among their owner's columns."""
         first = np.zeros(len(self._owners), dtype=np.int64)
         for place, k in enumerate(self._mine):
-            first[k] = self._first_column + self.free.size + 6 * place
+            first[k] = self.first_column + self.free.size + 6 * place
         total = self.comm.allreduce(first, op=MPI.SUM) if len(first) else first
         return [int(c) for c in total]
 
-    def _create(self, selection: bool) -> PETSc.Mat:
-        """A matrix of the pattern of P, or of L - P only. Collective.
-
-        Args:
-            selection: Whether it has the constant unit entries.
-        """
-        rows = [self.free] if selection else []
-        columns = [self._first_column + np.arange(self.free.size)] if selection else []
-        values = [np.ones(self.free.size)] if selection else []
-        if selection:
-            rows.append(self._attached)
-            columns.append(self._translations + self._attached % 3)
-            values.append(np.ones(self._attached.size))
-        rows.append(np.repeat(self._attached, 3))
-        columns.append(self._rotations)
-        values.append(np.zeros(self._rotations.size))
-        row, column = np.concatenate(rows), np.concatenate(columns)
+    def _create(self) -> PETSc.Mat:
+        """A matrix of the pattern of P, with its constant unit entries. Collective."""
+        moved = self._translations + self._attached % 3
+        own = self.first_column + np.arange(self.free.size)
+        row = np.concatenate([self.free, self._attached, np.repeat(self._attached, 3)])
+        column = np.concatenate([own, moved, self._rotations])
+        values = np.ones(column.size)
+        values[own.size + moved.size :] = 0.0
         order = np.lexsort((column, row))
         height = self.partition.rows.dofs.size
         offsets = np.r_[0, np.cumsum(np.bincount(row, minlength=height))].astype(Int)
-        entries = column[order].astype(Int), np.concatenate(values)[order]
+        entries = column[order].astype(Int), values[order]
         A = PETSc.Mat().createAIJ(
             [(height, None), (self._columns, None)],
             csr=(offsets, *entries),
@@ -122,11 +113,6 @@ class Prolongation:
         )
         A.assemble()
         return A
-
-    def _fill(self, A: PETSc.Mat, rows: Array) -> None:
-        """Set the rotation columns of all attached nodes, shape (nodes, 3, 3). Collective."""
-        A.setValuesIJV(self._offsets, self._rotations, rows.reshape(-1), rowmap=self._row_numbers)
-        A.assemble()
 
     # Vectors ------------------------------------------------------------------------------------
 
@@ -185,17 +171,26 @@ class Prolongation:
             )
         )
 
+    def axes(self) -> tuple[Array, Array]:
+        """Cⱼ of L and Bⱼ of P as they are now, of each body, shape (bodies, 3, 3, 3)."""
+        count = len(self.partition.bodies)
+        if not self.increments:  # not rotated yet: only patterns are asked for
+            return np.zeros((count, 3, 3, 3)), np.zeros((count, 3, 3, 3))
+        sides = [(increment.test_axes, increment.trial_axes) for increment in self.increments]
+        test, trial = zip(*sides, strict=True)
+        return np.stack(test), np.stack(trial)
+
     def rotate_trial(self) -> None:
-        """Set P and L - P where L is, if it has been rotated. Collective."""
+        """Set P where L is, if it has been rotated. Collective."""
         if not self.touched or not self.increments:
             return
         rows = [
-            (increment.test_rows(arms[:, 1:]), increment.trial_rows(arms[:, 1:]))
-            for increment, arms in zip(self.increments, self._arms, strict=True)
+            arms[:, 1:] @ axes.reshape(3, 9)
+            for axes, arms in zip(self.axes()[1], self._arms, strict=True)
         ]
-        test, trial = (np.concatenate(side) for side in zip(*rows, strict=True))
-        self._fill(self.P, trial)
-        self._fill(self.D, test - trial)
+        values = np.concatenate(rows).reshape(-1)
+        self.P.setValuesIJV(self._offsets, self._rotations, values, rowmap=self._row_numbers)
+        self.P.assemble()
 
     def bodies_part(self, y: PETSc.Vec) -> Array:
         """The six unknowns of each body, shape (bodies, 6), on all ranks. Collective."""
@@ -250,7 +245,7 @@ class Prolongation:
         """A reduced matrix without entries; see `rows.mapped_matrix`. Collective."""
         kind, block = (PETSc.Mat.Type.BAIJ, 3) if self.nodal else (PETSc.Mat.Type.AIJ, 1)
         dofs = self.partition.rows.dofs[self.free]
-        numbers = self._first_column + np.arange(self.free.size)
+        numbers = self.first_column + np.arange(self.free.size)
         return mapped_matrix(self.partition.space, dofs, numbers, self._columns, kind, block)
 
     def condense(self, K: PETSc.Mat) -> PETSc.Mat:
@@ -269,14 +264,13 @@ class Prolongation:
             blocks: Shape (bodies, 6, 6), equal on all ranks.
         """
         for k in self._mine:
-            index = (self._body_columns[k] + np.arange(6)).astype(Int)
+            index = (self.body_columns[k] + np.arange(6)).astype(Int)
             C.setValues(index, index, blocks[k], addv=PETSc.InsertMode.ADD_VALUES)
         C.assemble()
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
         self.P.destroy()
-        self.D.destroy()
 
 
 def _owners(partition: Partition, comm: MPI.Intracomm) -> list[int]:

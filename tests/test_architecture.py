@@ -44,6 +44,7 @@ LAYERS = [
     "rows",
     "partition",
     "prolongation",
+    "rim",
     "condensation",
     "mass",
     "inertia",

@@ -157,7 +157,15 @@ def condensation_errors(scene, seed):
             reduced[thin] = gathered(condensed.matrix)
             condensed.destroy()
         prolongation.rotate_trial()
-        P_own, D_own = (gathered(A) for A in (prolongation.P, prolongation.D))
+        P_own = gathered(prolongation.P)
+        # L is known by what it does to vectors.
+        y, d = prolongation.unknowns(), part.rows.vector()
+        y.array[:] = rng.standard_normal(y.array.size)
+        held = np.zeros(prolongation.held.size)
+        prolongation.apply(y, prolongation.bodies_part(y), held, d)
+        y_all, d_all = (comm.gather(v.array_r.copy()) for v in (y, d))
+        y.destroy()
+        d.destroy()
         row0 = comm.exscan(part.held.size) or 0
         rows = comm.gather(row0 + part.rows.dofs)
         if comm.rank == 0:
@@ -167,7 +175,8 @@ def condensation_errors(scene, seed):
                 name = "LKP" if thin else "PKP"
                 errors[name] = float(np.abs(reduced[thin] - wanted).max() / scale)
             rows = np.concatenate(rows)
-            errors["L"] = float(np.abs(P_own + D_own - L[rows]).max())
+            moved = L[rows] @ np.concatenate(y_all)
+            errors["L"] = float(np.abs(np.concatenate(d_all) - moved).max(initial=0.0))
             errors["P"] = float(np.abs(P_own - P[rows]).max())
             others = np.delete(P, rows, axis=0)
             errors["elsewhere"] = float(np.abs(others).max(initial=0.0))
@@ -230,7 +239,7 @@ def tangent_error(scene, seed, size, dt=0.3, thin=None):
         system = integrator._system
         eq = system.equilibrium
         if thin is not None:
-            eq._tangent._thin = thin
+            eq._tangent._rim._thin = thin
         system.solve(integrator.state, dt)
         prolongation = eq.prolongation
         free = prolongation.free.size

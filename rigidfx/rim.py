@@ -1,0 +1,243 @@
+"""The cells at the rim of bodies: their matrix, once the nodes of a body move with it.
+
+Lᵀ K P needs sums over the attached nodes of a body only where K meets L or P. There both are linear
+in the arms x = [1, V] of a node, which never change: the rows of P are [I, Σⱼ Vⱼ Bⱼ], those of L
+are [I, Σⱼ Vⱼ Cⱼ], with a few matrices Bⱼ, Cⱼ that turn with the body. So
+
+    Σ_a K_fa P_a = [M₀, Σⱼ Mⱼ Bⱼ],    Mⱼ = Σ_a x_aj K_fa,
+
+and likewise from the left: the *moments* M of the entries of K are one product with a constant
+sparse matrix, the rest is as small as the number of nodes beside bodies. MatPtAP with (L - P)ᵀKP
+gives the same in four times the time, since it has to be told in every iteration that rows of P
+are alike.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem, la
+from petsc4py import PETSc
+from scipy.sparse import csr_array
+
+from rigidfx.prolongation import Prolongation
+
+__all__ = ["Rim"]
+
+Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Nodes:
+    """What becomes of the columns of K, ghosts included.
+
+    Attributes:
+        numbers: Unknown of each of a node's dofs, -1 if it is none, shape (nodes, 3).
+        body: Body that moves the node, -1 if none.
+        arms: [1, V] of nodes that a body moves, shape (nodes, 4) [1, m].
+    """
+
+    numbers: Ints
+    body: Ints
+    arms: Array
+
+    @property
+    def counts(self) -> npt.NDArray[np.bool_]:
+        """Whether a node has to do with any unknown."""
+        return (self.body >= 0) | (self.numbers >= 0).any(axis=1)
+
+
+class Rim:
+    """A bilinear form over the cells that touch bodies, condensed into a reduced matrix."""
+
+    def __init__(self, prolongation: Prolongation, form: fem.Form, thin: bool = True) -> None:
+        """Find the pattern. Collective.
+
+        Args:
+            prolongation: Map between unknowns and dofs.
+            form: The form over flexible cells that touch a body.
+            thin: Whether the test side is L and not P.
+        """
+        self._prolongation, self._form, self._thin = prolongation, form, thin
+        self._K = fem.create_matrix(form)
+        owned = self._K.index_map(0).size_local
+        count = int(self._K.indptr[owned])
+        row = np.repeat(np.arange(owned), np.diff(self._K.indptr[: owned + 1]))
+        column = self._K.indices[:count].astype(np.int64)
+        self._blocks = self._K.data[: 9 * count].reshape(-1, 9)
+        self._sum_up(_nodes(prolongation, self._K.index_map(1)), row, column)
+
+    def _sum_up(self, nodes: Nodes, row: Ints, column: Ints) -> None:
+        """Find which blocks of K make up which moments, and where those go in the matrix."""
+        counts = nodes.counts[row] & nodes.counts[column]
+        by_row, by_column = nodes.body[row] >= 0, nodes.body[column] >= 0
+        ff, fb, bf, bb = (
+            np.flatnonzero(counts & (by_row == left) & (by_column == right))
+            for left, right in ((0, 0), (0, 1), (1, 0), (1, 1))
+        )
+        # Pairs of a body and a row, or a column, sorted by bodies. The nodes of bodies have moments
+        # about columns first; those about rows as well are sums of these.
+        outer, at_outer = _pairs(nodes.body[column[fb]], row[fb])
+        below, at_below = _pairs(nodes.body[row[bf]], column[bf])
+        inner, at_inner = _pairs(nodes.body[column[bb]], row[bb])
+        own, at_own = _pairs(inner[0], nodes.body[inner[1]])
+        self._moments = _stacked(
+            (at_outer, fb, nodes.arms[column[fb]], outer[0].size),
+            (at_below, bf, nodes.arms[row[bf]], below[0].size),
+            (at_inner, bb, nodes.arms[column[bb]], inner[0].size),
+            width=row.size,
+        )
+        every = np.arange(inner[0].size)
+        self._double = _stacked(
+            (at_own, every, nodes.arms[inner[1]], own[0].size), width=every.size
+        )
+        self._ends = np.cumsum([4 * pairs[0].size for pairs in (outer, below)])
+        self._outer, self._below = _spans(outer[0]), _spans(below[0])
+        self._own = [(int(left), int(right)) for right, left in zip(*own, strict=True)]
+        # What goes into the matrix, block by block: K where no body is, rows of free nodes at a
+        # body, the two rows of a body at free nodes, the blocks of bodies.
+        self._ff = ff
+        sizes = np.cumsum([ff.size, 2 * outer[0].size, 2 * below[0].size, 4 * own[0].size])
+        self._out = np.empty((sizes[-1], 3, 3))
+        self._parts = np.split(self._out, sizes[:-1])
+        number, six = nodes.numbers, _six(self._prolongation)
+        self._locate(
+            np.concatenate([
+                number[row[ff]],
+                np.repeat(number[outer[1]], 2, axis=0),
+                six[below[0]].swapaxes(0, 1).reshape(-1, 3),
+                np.repeat(six[own[1]], 2, axis=1).reshape(-1, 3),
+            ]),
+            np.concatenate([
+                number[column[ff]],
+                six[outer[0]].reshape(-1, 3),
+                np.tile(number[below[1]], (2, 1)),
+                np.tile(six[own[0]], (1, 2, 1)).reshape(-1, 3),
+            ]),
+        )  # fmt: skip
+
+    def _locate(self, row: Ints, column: Ints) -> None:
+        """Where the 3×3 blocks go, by the unknowns of their rows and columns, -1 for none."""
+        if self._prolongation.nodal:
+            row, column = row[:, 0] // 3, column[:, 0] // 3
+        else:
+            row, column = np.repeat(row.reshape(-1), 3), np.repeat(column, 3, axis=0).reshape(-1)
+        begins = np.flatnonzero(np.diff(row, prepend=-2))  # PETSc is told of a row once in a run
+        self._row_numbers = row[begins].astype(PETSc.IntType)
+        self._offsets = np.r_[begins, row.size].astype(PETSc.IntType)
+        self._columns = column.astype(PETSc.IntType)
+
+    def assemble(self) -> None:
+        """Assemble K anew. Collective."""
+        self._K.set_value(0.0)
+        fem.assemble_matrix(self._K, self._form)
+        self._K.scatter_reverse()
+
+    def add(self, other: Rim, factor: float) -> None:
+        """Add a multiple of another K of the same cells."""
+        self._K.data[:] += factor * other._K.data
+
+    def insert_into(self, matrix: PETSc.Mat) -> None:
+        """Add Lᵀ K P to a reduced matrix that is not assembled yet. Collective."""
+        self._condense()
+        nodal = self._prolongation.nodal
+        add = matrix.setValuesBlockedIJV if nodal else matrix.setValuesIJV
+        add(
+            self._offsets,
+            self._columns,
+            self._out.reshape(-1),
+            addv=PETSc.InsertMode.ADD_VALUES,
+            rowmap=self._row_numbers,
+        )
+
+    def _condense(self) -> None:
+        """Set the blocks of Lᵀ K P."""
+        test, trial = self._prolongation.axes()
+        if not self._thin:
+            test = trial
+        plain, outer, below, own = self._parts
+        np.take(self._blocks, self._ff, axis=0, out=plain.reshape(-1, 9), mode="clip")
+        sums = self._moments @ self._blocks
+        begin, end = self._ends
+        moments = sums[:begin].reshape(-1, 4, 3, 3)
+        outer = outer.reshape(-1, 2, 3, 3)
+        outer[:, 0] = moments[:, 0]
+        for k, span in self._outer:
+            outer[span, 1] = _from_columns(moments[span], trial[k])
+        moments = sums[begin:end].reshape(-1, 4, 3, 3)
+        below = below.reshape(2, -1, 3, 3)
+        below[0] = moments[:, 0]
+        for k, span in self._below:
+            below[1, span] = _from_rows(moments[span], test[k])
+        double = (self._double @ sums[end:].reshape(-1, 36)).reshape(-1, 4, 4, 3, 3)
+        own = own.reshape(-1, 2, 2, 3, 3)
+        for block, each, (left, right) in zip(own, double, self._own, strict=True):
+            sides = np.stack([each[:, 0], _from_columns(each, trial[right])])
+            block[0], block[1] = sides[:, 0], _from_rows(sides, test[left])
+
+
+def _from_columns(moments: Array, axes: Array) -> Array:
+    """Σⱼ Mⱼ Bⱼ from moments of shape (n, 4, 3, 3)."""
+    flat = moments[:, 1:].swapaxes(1, 2).reshape(-1, 9)
+    return np.asarray(flat @ axes.reshape(9, 3)).reshape(-1, 3, 3)
+
+
+def _from_rows(moments: Array, axes: Array) -> Array:
+    """Σⱼ Cⱼᵀ Mⱼ from moments of shape (n, 4, 3, 3)."""
+    flat = moments[:, 1:].reshape(-1, 9, 3).swapaxes(0, 1).reshape(9, -1)
+    return np.asarray(axes.reshape(9, 3).T @ flat).reshape(3, -1, 3).swapaxes(0, 1)
+
+
+def _pairs(bodies: Ints, nodes: Ints) -> tuple[tuple[Ints, Ints], Ints]:
+    """Pairs of a body and a node, each once and sorted, and which of them the given ones are."""
+    count = int(nodes.max(initial=0)) + 1
+    keys, places = np.unique(bodies * count + nodes, return_inverse=True)
+    return (keys // count, keys % count), places.reshape(-1)
+
+
+def _spans(bodies: Ints) -> list[tuple[int, slice]]:
+    """Where each body is in a sorted list of bodies."""
+    each, begins = np.unique(bodies, return_index=True)
+    ends = np.append(begins, bodies.size)[1:]
+    return [(int(k), slice(i, j)) for k, i, j in zip(each, begins, ends, strict=True)]
+
+
+def _stacked(*sums: tuple[Ints, Ints, Array, int], width: int) -> csr_array:
+    """A matrix that takes weighted sums, four of each.
+
+    Args:
+        sums: Which sum a term goes to, which term it is, its four weights; the number of sums.
+        width: Number of all terms.
+    """
+    rows, columns, weights, begin = [], [], [], 0
+    for place, term, weight, count in sums:
+        rows.append((begin + 4 * place[:, None] + np.arange(4)).reshape(-1))
+        columns.append(np.repeat(term, 4))
+        weights.append(weight.reshape(-1))
+        begin += 4 * count
+    where = np.concatenate(rows), np.concatenate(columns)
+    return csr_array((np.concatenate(weights), where), shape=(begin, width))
+
+
+def _six(prolongation: Prolongation) -> Ints:
+    """The unknowns of bodies, those of translation and of rotation, shape (bodies, 2, 3)."""
+    first = np.asarray(prolongation.body_columns, dtype=np.int64)
+    return first[:, None, None] + np.arange(6).reshape(2, 3)
+
+
+def _nodes(prolongation: Prolongation, columns: object) -> Nodes:
+    """What becomes of the columns of a matrix, which may have more ghosts than the mesh."""
+    info = la.vector(columns, 7)
+    part, own = prolongation.partition, info.array.reshape(-1, 7)
+    own[:, :4] = -1.0
+    dofs = part.rows.dofs[prolongation.free]
+    own[dofs // 3, dofs % 3] = prolongation.first_column + np.arange(dofs.size)
+    for k, (body, at) in enumerate(zip(part.bodies, part.attached, strict=True)):
+        own[body.nodes[at], 3] = k
+        own[body.nodes[at], 4:] = body.offsets[at]
+    info.scatter_forward()
+    arms = np.c_[np.ones(own.shape[0]), own[:, 4:]]
+    return Nodes(own[:, :3].astype(np.int64), own[:, 3].astype(np.int64), arms)
