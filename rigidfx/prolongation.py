@@ -171,14 +171,13 @@ class Prolongation:
             )
         )
 
-    def axes(self) -> tuple[Array, Array]:
-        """Cⱼ of L and Bⱼ of P as they are now, of each body, shape (bodies, 3, 3, 3)."""
-        count = len(self.partition.bodies)
+    def axes(self) -> tuple[list[Array], list[Array]]:
+        """Cⱼ of L and Bⱼ of P as they are now, for each body, shape (3, 3, 3)."""
         if not self.increments:  # not rotated yet: only patterns are asked for
-            return np.zeros((count, 3, 3, 3)), np.zeros((count, 3, 3, 3))
-        sides = [(increment.test_axes, increment.trial_axes) for increment in self.increments]
-        test, trial = zip(*sides, strict=True)
-        return np.stack(test), np.stack(trial)
+            none: list[Array] = [np.zeros((3, 3, 3)) for _ in self.partition.bodies]
+            return none, none
+        test = [increment.test_axes for increment in self.increments]
+        return test, [increment.trial_axes for increment in self.increments]
 
     def rotate_trial(self) -> None:
         """Set P where L is, if it has been rotated. Collective."""

@@ -78,29 +78,29 @@ class Rim:
             np.flatnonzero(counts & (by_row == left) & (by_column == right))
             for left, right in ((0, 0), (0, 1), (1, 0), (1, 1))
         )
-        # Pairs of a body and a row, or a column, sorted by bodies. The nodes of bodies have moments
-        # about columns first; those about rows as well are sums of these.
+        # Pairs of a body and a row, or a column, sorted by bodies; within bodies, of two bodies and
+        # a row. There moments are first about columns; those about rows too are sums of these.
+        bodies = len(self._prolongation.body_columns)
         outer, at_outer = _pairs(nodes.body[column[fb]], row[fb])
         below, at_below = _pairs(nodes.body[row[bf]], column[bf])
-        inner, at_inner = _pairs(nodes.body[column[bb]], row[bb])
-        own, at_own = _pairs(inner[0], nodes.body[inner[1]])
+        inner, at_inner = _pairs(nodes.body[row[bb]] * bodies + nodes.body[column[bb]], row[bb])
         self._moments = _stacked(
             (at_outer, fb, nodes.arms[column[fb]], outer[0].size),
             (at_below, bf, nodes.arms[row[bf]], below[0].size),
             (at_inner, bb, nodes.arms[column[bb]], inner[0].size),
             width=row.size,
         )
-        every = np.arange(inner[0].size)
-        self._double = _stacked(
-            (at_own, every, nodes.arms[inner[1]], own[0].size), width=every.size
-        )
         self._ends = np.cumsum([4 * pairs[0].size for pairs in (outer, below)])
         self._outer, self._below = _spans(outer[0]), _spans(below[0])
-        self._own = [(int(left), int(right)) for right, left in zip(*own, strict=True)]
+        self._inner = [
+            (*divmod(pair, bodies), span, nodes.arms[inner[1][span]].T.copy())
+            for pair, span in _spans(inner[0])
+        ]
+        own = np.array([pair[:2] for pair in self._inner], dtype=np.int64).reshape(-1, 2)
         # What goes into the matrix, block by block: K where no body is, rows of free nodes at a
         # body, the two rows of a body at free nodes, the blocks of bodies.
         self._ff = ff
-        sizes = np.cumsum([ff.size, 2 * outer[0].size, 2 * below[0].size, 4 * own[0].size])
+        sizes = np.cumsum([ff.size, 2 * outer[0].size, 2 * below[0].size, 4 * len(own)])
         self._out = np.empty((sizes[-1], 3, 3))
         self._parts = np.split(self._out, sizes[:-1])
         number, six = nodes.numbers, _six(self._prolongation)
@@ -109,13 +109,13 @@ class Rim:
                 number[row[ff]],
                 np.repeat(number[outer[1]], 2, axis=0),
                 six[below[0]].swapaxes(0, 1).reshape(-1, 3),
-                np.repeat(six[own[1]], 2, axis=1).reshape(-1, 3),
+                np.repeat(six[own[:, 0]], 2, axis=1).reshape(-1, 3),
             ]),
             np.concatenate([
                 number[column[ff]],
                 six[outer[0]].reshape(-1, 3),
                 np.tile(number[below[1]], (2, 1)),
-                np.tile(six[own[0]], (1, 2, 1)).reshape(-1, 3),
+                np.tile(six[own[:, 1]], (1, 2, 1)).reshape(-1, 3),
             ]),
         )  # fmt: skip
 
@@ -172,10 +172,12 @@ class Rim:
         below[0] = moments[:, 0]
         for k, span in self._below:
             below[1, span] = _from_rows(moments[span], test[k])
-        double = (self._double @ sums[end:].reshape(-1, 36)).reshape(-1, 4, 4, 3, 3)
-        own = own.reshape(-1, 2, 2, 3, 3)
-        for block, each, (left, right) in zip(own, double, self._own, strict=True):
-            sides = np.stack([each[:, 0], _from_columns(each, trial[right])])
+        moments = sums[end:].reshape(-1, 36)
+        sides = np.empty((2, 4, 3, 3))
+        for block, pair in zip(own.reshape(-1, 2, 2, 3, 3), self._inner, strict=True):
+            left, right, span, arms = pair
+            double = (arms @ moments[span]).reshape(4, 4, 3, 3)
+            sides[0], sides[1] = double[:, 0], _from_columns(double, trial[right])
             block[0], block[1] = sides[:, 0], _from_rows(sides, test[left])
 
 
