@@ -274,7 +274,7 @@ def test_is_refused(name):
 @pytest.mark.parallel
 def test_is_refused_on_two_ranks():
     """The same cases on two ranks: the same message on both, and no rank waits for the other."""
-    ranks = parallel.run(__file__, 2, timeout=240)
+    ranks = parallel.run(__file__, 2, timeout=600)
     assert len(ranks) == 2
     for name, (_, error, message) in CASES.items():
         first, second = (rank.get(name, ["not reached", ""]) for rank in ranks)

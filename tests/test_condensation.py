@@ -326,7 +326,7 @@ def test_without_the_thin_term_the_tangent_is_another():
 @pytest.fixture(scope="module")
 def on_ranks():
     """Errors of all seeds by the number of ranks."""
-    return {n: parallel.run(__file__, n, timeout=240) for n in (2, 3)}
+    return {n: parallel.run(__file__, n, timeout=600) for n in (2, 3)}
 
 
 @pytest.mark.parallel

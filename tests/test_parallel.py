@@ -96,7 +96,7 @@ def _largest(rows, key):
 @pytest.fixture(scope="module")
 def histories():
     """Histories of all scenes by the number of ranks."""
-    return {n: parallel.run(__file__, n, timeout=240) for n in (1, 2, 3)}
+    return {n: parallel.run(__file__, n, timeout=600) for n in (1, 2, 3)}
 
 
 @pytest.mark.parallel

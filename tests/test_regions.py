@@ -266,7 +266,7 @@ def test_cases_have_what_the_rules_are_about(cell):
 @pytest.fixture(scope="module")
 def on_ranks():
     """What this file as a script reports, by the number of ranks."""
-    return {n: parallel.run(__file__, n, timeout=120) for n in (2, 3)}
+    return {n: parallel.run(__file__, n, timeout=600) for n in (2, 3)}
 
 
 def _script():

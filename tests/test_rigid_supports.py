@@ -121,7 +121,7 @@ def test_refused(name):
 @pytest.fixture(scope="module")
 def on_two_ranks():
     """What the script below reports."""
-    return parallel.run(__file__, 2, timeout=120)
+    return parallel.run(__file__, 2, timeout=600)
 
 
 @pytest.mark.parallel

@@ -845,7 +845,7 @@ def _history(scene, criterion, dt, t_end):
 @pytest.fixture(scope="module")
 def on_ranks():
     """What this file as a script reports, by the number of ranks."""
-    return {n: parallel.run(__file__, n, timeout=300) for n in (1, 2, 3)}
+    return {n: parallel.run(__file__, n, timeout=600) for n in (1, 2, 3)}
 
 
 @pytest.mark.parallel
