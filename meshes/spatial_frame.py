@@ -1,7 +1,7 @@
 """A plate on four columns, half of it: the frame of Göttlicher & Schweizerhof (2005), section 7.2.
 
 The paper's figure with the dimensions is not in its text; they are chosen here. The plate is
-6 × 6 × 1.5 m, of which y < 3 m is meshed; the columns are 0.25 × 0.25 × 3 m.
+6 × 6 m, of which y < 3 m is meshed; the columns are 0.25 × 0.25 × 3 m.
 """
 
 from __future__ import annotations
@@ -13,18 +13,23 @@ from mpi4py import MPI
 
 from rigidfx import Domain, from_gmsh
 
-HEIGHT, THICKNESS = 3.0, 1.5  # m; of the columns and of the plate
-# Lines along each axis [m], and the number of cells between them.
+HEIGHT = 3.0  # m; of the columns
+# Lines along each axis [m], and the number of cells between them; the plate is above the last.
 LINES = {
     0: ((0.0, 0.6, 0.85, 5.15, 5.4, 6.0), (2, 2, 18, 2, 2)),
     1: ((0.0, 0.6, 0.85, 3.0), (2, 2, 9)),
-    2: ((0.0, HEIGHT, HEIGHT + THICKNESS), (10, 3)),
+    2: ((0.0, HEIGHT), (10, 3)),
 }
 COLUMNS = (1, 1), (3, 1)  # intervals along x and y in which columns stand
 COLUMN_INTERVALS = {0: (1, 3), 1: (1,), 2: (0,)}  # those whose cells are cells of columns, too
 
 
-def spatial_frame(refine: int = 1, coarse: int = 1, comm: MPI.Comm = MPI.COMM_WORLD) -> Domain:
+def spatial_frame(
+    refine: int = 1,
+    coarse: int = 1,
+    thickness: float = 1.5,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+) -> Domain:
     """The frame. Collective.
 
     Cells are named "plate" and "columns"; facets "side", where the plate is pushed, "feet" and
@@ -33,15 +38,19 @@ def spatial_frame(refine: int = 1, coarse: int = 1, comm: MPI.Comm = MPI.COMM_WO
     Args:
         refine: How often each interval is divided more finely than at first.
         coarse: How many of these cells are one in the plate, where no column stands above or below.
+        thickness: Of the plate [m].
         comm: Communicator of the mesh.
     """
-    return from_gmsh(lambda gmsh: _build(gmsh, refine, coarse), comm)
+    return from_gmsh(lambda gmsh: _build(gmsh, refine, coarse, thickness), comm)
 
 
-def _build(gmsh: Any, refine: int, coarse: int) -> None:
+def _build(gmsh: Any, refine: int, coarse: int, thickness: float) -> None:
     """Boxes between the lines, glued, each cut into bricks."""
     occ, model = gmsh.model.occ, gmsh.model
-    x, y, z = (LINES[axis][0] for axis in range(3))
+    top = HEIGHT + thickness
+    lines_of = {axis: lines for axis, (lines, _) in LINES.items()}
+    lines_of[2] = (*lines_of[2], top)
+    x, y, z = lines_of.values()
     for i in range(len(x) - 1):
         for j in range(len(y) - 1):
             layers = (0, 1) if (i, j) in COLUMNS else (1,)
@@ -54,7 +63,7 @@ def _build(gmsh: Any, refine: int, coarse: int) -> None:
     for _, curve in model.getEntities(1):
         bounds = np.reshape(model.getBoundingBox(1, curve), (2, 3))
         axis = int(np.argmax(bounds[1] - bounds[0]))
-        lines, cells = LINES[axis]
+        lines, cells = lines_of[axis], LINES[axis][1]
         interval = int(np.argmin(np.abs(np.asarray(lines) - bounds[0, axis])))
         of_column = interval in COLUMN_INTERVALS[axis]
         count = cells[interval] if of_column else max(1, cells[interval] // coarse)
@@ -69,7 +78,7 @@ def _build(gmsh: Any, refine: int, coarse: int) -> None:
         low, high = np.asarray(lower) - 1e-6, np.asarray(upper) + 1e-6
         return [tag for _, tag in model.getEntitiesInBoundingBox(*low, *high, dim)]
 
-    top, far, middle = HEIGHT + THICKNESS, x[-1], y[-1]
+    far, middle = x[-1], y[-1]
     for dim, name, lower, upper in (
         (3, "plate", (0, 0, HEIGHT), (far, middle, top)),
         (3, "columns", (0, 0, 0), (far, middle, HEIGHT)),
