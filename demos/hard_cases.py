@@ -61,8 +61,8 @@ leave("summary.json", "[]\n")  # before hours are spent for a folder that cannot
 
 # ## The table
 #
-# *Energy* is the largest error of its balance (work of loads and supports counted) relative to the
-# largest energy; with numerical damping only gains count. *Momentum* is the largest change of L
+# *Energy* is the largest error of its balance (work of loads and supports and what damping takes
+# counted) relative to the largest energy. *Momentum* is the largest change of L
 # relative to Σ m|v|, or of J relative to its size, where nothing acts from outside.
 
 # +
@@ -132,6 +132,11 @@ on_first_rank(comm, draw, f"hard_cases: '{options.out / 'hard_cases.png'}'")
 # Everything is stable, but for what is known not to be: first-order cells lock where they cannot
 # change their volume, and a scene says so when it is made.
 
+if ways:
+    body, flexible, penalty = ways
+    assert body["krylov"] is not None
+    assert body["newton_mean"] <= min(4, flexible["newton_mean"])
+    assert 1e4 * body["condition"] < flexible["condition"] < penalty["condition"]
 for r in results:
     assert r.stable or r.known, f"{r.case}, {r.way}: {r.verdict}"
 assert any(r.stable for r in results)

@@ -36,7 +36,8 @@ class Frozen:
         nodes: Owned nodes on this rank whose velocity the freeze changed.
         velocities: Rᵀ (v - v_rigid) at these nodes, shape (nodes, 3) [m/s]; equation (40).
         strain: Strain energy of its cells [J].
-        vibration: Kinetic energy that the freeze took out of the motion [J].
+        vibration: Kinetic energy that the freeze took out of the motion; beside a support that
+            moves it may be less than zero, with a consistent mass [J].
     """
 
     nodes: npt.NDArray[np.int32]

@@ -131,7 +131,7 @@ class Equilibrium:
         self._terms = [()] * len(prolongation.partition.bodies) if terms is None else terms
         self._rows = prolongation.partition.rows
         self._reached = prolongation.partition.reached
-        self._cell_size = _mean_cell_size(scene)
+        self._cell_size = scene.mean_cell_size
         self._b = fem.Function(scene.space)
         self._tangent = CondensedMatrix(prolongation, bound.core, bound.rim, thin)
         self.d, self.forces_out_of_balance, self._work, self._inertia = (
@@ -370,11 +370,3 @@ class Equilibrium:
         own = self.d, self.forces_out_of_balance, self._work, self._inertia
         for item in (self._tangent, self._y, self._r, *own):
             item.destroy()
-
-
-def _mean_cell_size(scene: Scene) -> float:
-    """Cube root of the mean volume of a cell [m]. Collective."""
-    own = scene.nodal_mass - scene.point_masses
-    mass = scene.sum(own[: scene.owned_nodes].sum())
-    mean_density = scene.sum(sum(m.rho * cells.size for m, cells in scene.materials))
-    return float(np.cbrt(mass / mean_density))

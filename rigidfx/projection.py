@@ -171,7 +171,7 @@ class ConsistentExchange:
         mode = possible.plus(-1.0, Field(rigid.nodal, rigid.bodies[staying]))
         wanted = present.energy + sum(body.frozen.vibration for body, _ in gone)
         missing = wanted - 0.5 * after.product(merged, merged)
-        if missing > ROUNDING * wanted:
+        if abs(missing) > ROUNDING * abs(wanted):
             scale = _scale(after.product(mode, mode), after.product(merged, mode), missing)
         else:
             scale = 1.0
@@ -196,7 +196,9 @@ class ConsistentExchange:
             most = self._scene.comm.allreduce(float(size.max(initial=0.0)), op=MPI.MAX)
             nodes = np.flatnonzero(size > NEGLIGIBLE * most).astype(np.int32)
             energy = present.energy - 0.5 * fields.product(new, new)
-            frozen = Frozen(nodes, lost[nodes], body.frozen.strain, max(energy, 0.0))
+            # Beside a support that moves, what is taken out is not orthogonal to its motion: the
+            # energy may be less than zero, and is kept as it is.
+            frozen = Frozen(nodes, lost[nodes], body.frozen.strain, energy)
             state.bodies = (*state.bodies[:-1], replace(body, frozen=frozen))
             fields.destroy()
         present.destroy()
@@ -302,7 +304,16 @@ def _momenta(bodies: Sequence[RigidBody], motions: Sequence[BodyMotion]) -> Arra
 
 
 def _scale(square: float, mixed: float, missing: float) -> float:
-    """The positive s with ½ s² square + s mixed = missing; 0 if there is nothing to scale."""
-    if not (square > 0.0 and missing > 0.0):
+    """The s > 0 nearest to 1 with ½ s² square + s mixed = missing; 0 if there is none.
+
+    Args:
+        square: mode·M mode ≥ 0 [J].
+        mixed: What mode and the other motion have in common, zero but beside moving supports [J].
+        missing: Energy that is to be given back [J].
+    """
+    discriminant = mixed**2 + 2 * square * missing
+    if not (square > 0.0 and discriminant >= 0.0):
         return 0.0
-    return (np.sqrt(mixed**2 + 2 * square * missing) - mixed) / square
+    root = np.sqrt(discriminant)
+    found = [float(s) for s in ((root - mixed) / square, (-root - mixed) / square) if s > 0.0]
+    return min(found, key=lambda s: abs(s - 1.0), default=0.0)

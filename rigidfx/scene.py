@@ -205,6 +205,13 @@ class Scene:
         m, X = self.nodal_mass[:n], self.space.tabulate_dof_coordinates()[:n]
         return np.asarray(self.sum(m @ X)) / self.sum(m.sum())
 
+    @property
+    def mean_cell_size(self) -> float:
+        """Cube root of the mean volume of a cell [m]. Collective."""
+        own = self.nodal_mass - self.point_masses
+        mass = self.sum(own[: self.owned_nodes].sum())
+        return float(np.cbrt(mass / self.sum(sum(m.rho * c.size for m, c in self.materials))))
+
     def nodal_weights(self, density: Any, measure: ufl.Measure) -> Array:
         """∫ density Nᵢ over a measure, per local node with ghosts, shape (nodes,). Collective."""
         test = ufl.TestFunction(self.space)

@@ -34,6 +34,22 @@ def test_a_loose_newton_is_found_out(petsc_options):
     assert abs(reports[-1].energy / expected - 1) > 1e-4
 
 
+@pytest.mark.parametrize("material", [rf.StVenantKirchhoff, rf.NeoHooke])
+@pytest.mark.parametrize("load", [1.0, 1e4])
+def test_rounding_at_small_strains_is_no_loss(material, load):
+    """A beam of steel, from rest, with parts that freeze before anything happens."""
+    scene = rf.Scene(
+        rf.box((0, 0, 0), (1, 0.1, 0.1), (10, 1, 1)),
+        material(E=2.1e11, nu=0.3, rho=7850.0),
+        [rf.Fixed("x0"), rf.NodalForce("x1", (0.0, 0.0, load), since=0.05)],
+    )
+    with warnings.catch_warnings(record=True) as shown:
+        warnings.simplefilter("always")  # another one says that the window is short
+        reports = list(rf.simulate(scene, 0.01, 0.2, rigidify=rf.StrainRate(1e-3, 0.02)))
+    assert [e.kind for r in reports for e in r.events][:2] == ["freeze", "release"]
+    assert not [w for w in shown if "balance" in str(w.message)]
+
+
 @pytest.mark.parametrize("scheme", [None, rf.Midpoint()])
 def test_sound_runs_and_schemes_that_promise_nothing_are_silent(scheme):
     with warnings.catch_warnings():

@@ -535,6 +535,23 @@ def test_a_body_that_has_kept_nothing_grows(mass):
     assert events == 2
 
 
+@MASSES
+@pytest.mark.parametrize("window", [0.05, 0.1])
+def test_energy_beside_a_support_that_moves(mass, window):
+    """What a consistent mass couples to the support's motion is neither lost nor made."""
+    block = rf.box((0, 0, 0), (4, 1, 1), (4, 1, 1)).with_cells("b", lambda x: x[0] >= 0.99)
+    moved = rf.PrescribedMotion("x0", displacement=lambda t: (0.0, 0.0, t))
+    scene = rf.Scene(block, rf.StVenantKirchhoff(E=1e3, nu=0.3, rho=100.0), [moved], mass=mass)
+    release = rf.Release(at=(0.35, 0.65))
+    criterion = rf.StrainRate(0.0, window, tolerances={"b": ANY}, release=release)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", rf.RigidfxWarning)  # the window is short
+        reports = list(rf.simulate(scene, 0.05, 1.0, rigidify=criterion))
+    assert [e.kind for r in reports for e in r.events] == ["freeze", "release"] * 2 + ["freeze"]
+    supplied = sum(r.work_of_supports for r in reports[1:])
+    assert abs(reports[-1].energy - reports[0].energy - supplied) <= 1e-11 * reports[-1].energy
+
+
 @short_windows
 def test_set_in_two_pieces_that_is_rigid_always():
     """It is one body, also when what was found between the pieces is released."""

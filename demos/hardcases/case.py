@@ -33,7 +33,7 @@ class History:
         self.t: list[float] = []
         self.energy: list[float] = []
         self.sizes: list[float] = []
-        self.supplied: list[float] = []  # work of loads and supports, and impacts, up to t [J]
+        self.supplied: list[float] = []  # work less dissipation, and impacts, up to t [J]
         self.L: list[np.ndarray] = []
         self.J: list[np.ndarray] = []
         self.momentum_scale: list[float] = []
@@ -50,7 +50,7 @@ class History:
 
     def add(self, r: rf.Report) -> None:
         """Take a report over."""
-        work = r.work_of_loads + r.work_of_supports
+        work = r.work_of_loads + r.work_of_supports - sum(r.dissipated.values())
         work += r.impact.energy if r.impact and r.step else 0.0
         self.t.append(r.t)
         self.energy.append(r.energy)
@@ -79,14 +79,10 @@ class History:
         """Kinds of all events."""
         return [event.kind for event in self.events]
 
-    def energy_drift(self, damped: bool) -> float:
-        """How far the balance of energy is off, relative to the largest energy.
-
-        Args:
-            damped: Whether energy may be lost, so that only gains in a step count.
-        """
+    def energy_drift(self) -> float:
+        """How far the balance of energy is off, relative to the largest energy."""
         balance = np.array(self.energy) - np.array(self.supplied)
-        off = np.diff(balance, prepend=balance[0]) if damped else np.abs(balance - balance[0])
+        off = np.abs(balance - balance[0])
         scale = max(self.sizes)
         return float(off.max() / scale) if scale > 0 else 0.0
 
@@ -117,7 +113,7 @@ class Run:
         momentum: Bound of the momenta's drift, relative; None where loads or supports act.
         iterations: Most Newton iterations of a step.
         cuts: How often steps may be cut, where step control is the remedy.
-        damped: Whether the theory lets energy be lost.
+        freezes: Whether something has to become rigid, where there is a criterion.
         check: Compares the answer with a reference.
         fails: Error that has to end the run.
         says: What its message has to contain.
@@ -135,7 +131,7 @@ class Run:
     momentum: float | None = 1e-10
     iterations: int = 8
     cuts: int = 0
-    damped: bool = False
+    freezes: bool = True
     check: Check | None = None
     fails: type[Exception] | None = None
     says: tuple[str, ...] = ()
@@ -242,7 +238,7 @@ def judge(case: Case, run: Run, history: History) -> Result:
             problems.append(f"ended with {history.error!r}, not with {run.fails.__name__}")
         problems += [f"its message lacks {text!r}: {message}" for text in run.says
                      if text not in message]  # fmt: skip
-    energy = history.energy_drift(run.damped) if history.t else 0.0
+    energy = history.energy_drift() if history.t else 0.0
     momentum = history.momentum_drift() if history.t and run.momentum is not None else None
     worst = max(history.iterations, default=0)
     if not energy <= run.energy:
@@ -253,6 +249,11 @@ def judge(case: Case, run: Run, history: History) -> Result:
         problems.append(f"a step took {worst} > {run.iterations} Newton iterations")
     if history.cuts > run.cuts and run.fails is None:
         problems.append(f"steps were cut {history.cuts} times")
+    if run.rigidify is not None and (max(history.cells, default=0) > 0) != run.freezes:
+        problems.append("nothing has become rigid" if run.freezes else "there are bodies")
+    lost = [text for text in history.warnings if "balance of energy" in text]
+    if lost and not run.warns:
+        problems.append(lost[0])
     if run.warns and not any(run.warns in text for text in history.warnings):
         problems.append(f"no warning says {run.warns!r}")
     if run.check is not None and history.t and not problems:

@@ -186,4 +186,4 @@ def snap_through(short: bool) -> Iterator[Run]:
         return snaps(history) or ("" if rigid else f"only {history.cells[-1]} cells are rigid")
 
     options["check"] = freezes
-    yield Run("adaptive, damped", damped, 0.02, 5.0, calm, damped=True, **options)
+    yield Run("adaptive, damped", damped, 0.02, 5.0, calm, **options)

@@ -216,10 +216,11 @@ def outcome(draft: Draft) -> str:
                 if r.step:
                     work = r.work_of_loads + r.work_of_supports
                     work += r.impact.energy if r.impact else 0.0
+                    work -= sum(r.dissipated.values())
                     lost = sum(event.energy_lost for event in r.events)
                     gain = r.energy + lost - before - work
                     scale = max(scale, r.kinetic + r.strain + r.stored, abs(work))
-                    off = max(off, gain if draft["xi"] else abs(gain), abs(lost))
+                    off = max(off, abs(gain), abs(lost))
                 before = r.energy
                 scale = max(scale, r.energy)
     except rf.SceneError as error:
