@@ -274,10 +274,12 @@ class Integrator:
         self._system.destroy()
         self._system = self._bind(named_parts(scene, self._forces, state, self._supports, found))
         new = {body.number: body for body, _ in found}
+        changes = _changes(old, new)
+        if not changes:  # what was to freeze could not be a body
+            return None
         after = self.measure()
         linear = after.linear_momentum - before.linear_momentum
         angular = after.angular_momentum - before.angular_momentum
-        changes = _changes(old, new)
         return Event(
             t=state.t,
             kind=kind,

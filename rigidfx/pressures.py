@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -95,16 +96,10 @@ class Pressures:
         Raises:
             SceneError: On every rank, if one is not a finite number on any.
         """
-        if not self._acting:
-            return
-
-        def values() -> list[float]:
-            return [self._named[j].intensity(t) for j in self._acting]
-
-        for j, value in zip(
-            self._acting, together(self._scene.comm, "A pressure", values), strict=True
-        ):
-            self._values[j].value = value
+        for j in self._acting:
+            own = self._named[j]
+            owner = f"Pressure on '{own.where}' at t = {t:g} s: its value or time function"
+            self._values[j].value = together(self._scene.comm, owner, partial(own.intensity, t))
 
     def on_bodies(
         self, bodies: Sequence[RigidBody], motions: Sequence[BodyMotion]
