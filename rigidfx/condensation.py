@@ -43,7 +43,8 @@ class CondensedMatrix:
             thin: Whether the test side is L and not P; without it Newton converges linearly.
         """
         self._prolongation, self._core = prolongation, core
-        self._has_core = any(cells.size for cells in prolongation.partition.core.values())
+        own = sum(cells.size for cells in prolongation.partition.core.values())
+        self._has_core = prolongation.comm.allreduce(own) > 0  # to assemble nothing is collective
         self.matrix = prolongation.empty_matrix()
         self._insert_core()
         self._rim = Rim(prolongation, rim, thin) if prolongation.touched else None
