@@ -86,16 +86,18 @@ def test_block_with_cantilever(refine):
         domain.find(name, (0,), "test")
 
 
-@pytest.mark.parametrize(("refine", "coarse"), [(1, 1), (1, 3), (2, 3)])
-def test_spatial_frame(refine, coarse):
+@pytest.mark.parametrize(
+    ("refine", "coarse", "thickness"), [(1, 1, 1.5), (1, 3, 1.0), (2, 3, 1.5)]
+)
+def test_spatial_frame(refine, coarse, thickness):
     """The columns keep their cells where the plate is coarse, and the frame its volume."""
     pytest.importorskip("gmsh")
-    domain = spatial_frame(refine, coarse)
+    domain = spatial_frame(refine, coarse, thickness)
     columns = domain.find("columns", (3,), "test").entities
     owned = domain.mesh.topology.index_map(3).size_local
     count = domain.comm.allreduce(int((columns < owned).sum()))
     assert count == 2 * 2 * 2 * 10 * refine**3
-    volume = 6 * 3 * 1 + 2 * 0.25 * 0.25 * 3
+    volume = 6 * 3 * thickness + 2 * 0.25 * 0.25 * 3
     assert _mass(domain) == pytest.approx(2.0 * volume, rel=1e3 * EPS)
 
 
