@@ -9,8 +9,8 @@ are [I, Σⱼ Vⱼ Cⱼ], with a few matrices Bⱼ, Cⱼ that turn with the body
 and likewise from the left: the *moments* M of the entries of K are one product with a constant
 sparse matrix, the rest is as small as the number of nodes beside bodies. MatPtAP and (L - P)ᵀKP
 give the same, but have to be told in every iteration that rows of P are alike: where nearly all
-flexible cells are at a rim (369 unknowns), a step took 1.95 times that of the flexible cells alone,
-with moments it takes 1.49 times that (`demos/benchmarks/condensation.py --rigid 0.99`).
+flexible cells are at a rim (369 unknowns), a step took 1.8 times that of the flexible cells alone,
+with moments it takes 1.5 times that (`demos/benchmarks/condensation.py --rigid 0.99`).
 """
 
 from __future__ import annotations
