@@ -21,18 +21,17 @@ def stiff_and_heavy_beside_soft_and_light(short: bool) -> Iterator[Run]:
     """H, L and J to Newton's tolerance, n 1e-12, and to rounding in the stiff half.
 
     u in double precision leaves forces of ε E₁/(ρ₂ v²) relative to those of the soft half, where
-    that carries the motion: 1e-5 a step. A mesh that needs a Krylov solver shows it.
+    that carries the motion: 1e-5 at worst, of which a step keeps the part that does work, 1e-10.
+    Krylov iterations have to end by the residual of the system itself: by the preconditioned one
+    momenta were off by 1e-2 in 200 steps.
     """
     soft = rf.StVenantKirchhoff(E=1e4, nu=0.3, rho=1.0)
     spin = rf.InitialVelocity(angular=(0.2, 0.3, 1.0))
     for way, rho in (("heavy is stiff", 1e6), ("heavy is soft", 1e-6)):
         stiff = rf.StVenantKirchhoff(E=1e12, nu=0.3, rho=rho)
         t_end = 2.0 if short else 20.0
-        options = {"energy": t_end / 0.1 * 1e-12 + 1e-9, "momentum": t_end / 0.1 * 1e-12 + 1e-9}
-        if rho < 1 and not short:
-            options["known"] = "off by"
-            options["why"] = "rounding in the stiff half; make it a Rigid body, see the next case"
-            options["warns"] = "balance of energy"
+        bound = t_end / 0.1 * (1e-10 if rho < 1 else 1e-12) + 1e-9
+        options = {"energy": bound, "momentum": bound}
         scene = _two_halves(short, stiff, soft, spin)
         yield Run(f"{way}, flexible", scene, 0.1, t_end, **options)
         adaptive = rf.StrainRate(0.0, 0.5, tolerances={"stiff": ANY}, release=release_at(1.5))
