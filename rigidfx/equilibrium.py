@@ -364,9 +364,8 @@ class Equilibrium:
         return max(self.prolongation.comm.allgather(best), key=lambda item: item[0])[1]
 
     def destroy(self) -> None:
-        """Free all PETSc objects, the prolongation's among them. Collective."""
+        """Free all PETSc objects. Collective."""
         self._snes.destroy()
-        self.prolongation.destroy()
         own = self.d, self.forces_out_of_balance, self._work, self._inertia
         for item in (self._tangent, self._y, self._r, *own):
             item.destroy()

@@ -129,7 +129,7 @@ class RigidFields:
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
-        for item in (self._y, self._r, self._reduced, self._full, self._image, self._prolongation):
+        for item in (self._y, self._r, self._reduced, self._full, self._image):
             item.destroy()
 
 

@@ -32,7 +32,7 @@ Int = PETSc.IntType
 
 
 class Prolongation:
-    """L and P of one partition; `destroy` frees the PETSc objects.
+    """L and P of one partition.
 
     Attributes:
         partition: What it is made for.
@@ -44,11 +44,10 @@ class Prolongation:
         touched: Whether flexible cells touch any body.
         first_column: Number of this rank's first unknown.
         body_columns: Number of the first unknown of each body.
-        P: Trial side, rows as above; unit rows at free dofs only without bodies.
     """
 
     def __init__(self, partition: Partition, comm: MPI.Intracomm) -> None:
-        """Build the patterns. Collective.
+        """Number the unknowns. Collective.
 
         Args:
             partition: Division of the dofs.
@@ -73,18 +72,7 @@ class Prolongation:
         pairs = list(zip(bodies, partition.attached, strict=True))
         self._nodes = [rows.positions(body.nodes[at]) for body, at in pairs]
         self._arms = [np.c_[np.ones(at.size), body.offsets[at]] for body, at in pairs]
-        dofs = [(3 * own[:, None] + np.arange(3)).reshape(-1) for own in self._nodes]
-        self._attached = np.concatenate([np.empty(0, np.int64), *dofs])
-        self.touched = comm.allreduce(self._attached.size) > 0
-        sizes = [own.size for own in dofs]
-        self._translations = np.repeat(np.asarray(self.body_columns, dtype=np.int64), sizes)
-        turned = self._translations[:, None] + np.arange(3, 6)
-        self._rotations = turned.reshape(-1).astype(Int)
-        self._offsets = np.arange(0, self._rotations.size + 1, 3, dtype=Int)
-        self._row_numbers = (rows.first + self._attached).astype(Int)
-        self.P = self._create()
-
-    # Patterns -----------------------------------------------------------------------------------
+        self.touched = comm.allreduce(sum(own.size for own in self._nodes)) > 0
 
     def _locate_bodies(self) -> list[int]:
         """First global column of each body; bodies come last among their owner's columns."""
@@ -93,26 +81,6 @@ class Prolongation:
             first[k] = self.first_column + self.free.size + 6 * place
         total = self.comm.allreduce(first, op=MPI.SUM) if len(first) else first
         return [int(c) for c in total]
-
-    def _create(self) -> PETSc.Mat:
-        """A matrix of the pattern of P, with its constant unit entries. Collective."""
-        moved = self._translations + self._attached % 3
-        own = self.first_column + np.arange(self.free.size)
-        row = np.concatenate([self.free, self._attached, np.repeat(self._attached, 3)])
-        column = np.concatenate([own, moved, self._rotations])
-        values = np.ones(column.size)
-        values[own.size + moved.size :] = 0.0
-        order = np.lexsort((column, row))
-        height = self.partition.rows.dofs.size
-        offsets = np.r_[0, np.cumsum(np.bincount(row, minlength=height))].astype(Int)
-        entries = column[order].astype(Int), values[order]
-        A = PETSc.Mat().createAIJ(
-            [(height, None), (self._columns, None)],
-            csr=(offsets, *entries),
-            comm=self.comm,
-        )
-        A.assemble()
-        return A
 
     # Vectors ------------------------------------------------------------------------------------
 
@@ -179,18 +147,6 @@ class Prolongation:
         test = [increment.test_axes for increment in self.increments]
         return test, [increment.trial_axes for increment in self.increments]
 
-    def rotate_trial(self) -> None:
-        """Set P where L is, if it has been rotated. Collective."""
-        if not self.touched or not self.increments:
-            return
-        rows = [
-            arms[:, 1:] @ axes.reshape(3, 9)
-            for axes, arms in zip(self.axes()[1], self._arms, strict=True)
-        ]
-        values = np.concatenate(rows).reshape(-1)
-        self.P.setValuesIJV(self._offsets, self._rotations, values, rowmap=self._row_numbers)
-        self.P.assemble()
-
     def bodies_part(self, y: PETSc.Vec) -> Array:
         """The six unknowns of each body, shape (bodies, 6), on all ranks. Collective."""
         values = np.zeros((len(self.partition.bodies), 6))
@@ -247,10 +203,34 @@ class Prolongation:
         numbers = self.first_column + np.arange(self.free.size)
         return mapped_matrix(self.partition.space, dofs, numbers, self._columns, kind, block)
 
+    def trial(self) -> PETSc.Mat:
+        """P where L is, as a new matrix, which the caller destroys. Collective."""
+        height = self.partition.rows.dofs.size
+        own = self.first_column + np.arange(self.free.size)
+        entries = [(self.free, own, np.ones(own.size))]
+        for nodes, arms, axes, first in zip(
+            self._nodes, self._arms, self.axes()[1], self.body_columns, strict=True
+        ):
+            dofs = (3 * nodes[:, None] + np.arange(3)).reshape(-1)
+            turned = (arms[:, 1:] @ axes.reshape(3, 9)).reshape(-1)
+            entries.append((dofs, first + dofs % 3, np.ones(dofs.size)))
+            entries.append((np.repeat(dofs, 3), first + 3 + np.arange(turned.size) % 3, turned))
+        row, column, values = map(np.concatenate, zip(*entries, strict=True))
+        order = np.lexsort((column, row))
+        offsets = np.r_[0, np.cumsum(np.bincount(row, minlength=height))].astype(Int)
+        P = PETSc.Mat().createAIJ(
+            [(height, None), (self._columns, None)],
+            csr=(offsets, column[order].astype(Int), values[order]),
+            comm=self.comm,
+        )
+        P.assemble()
+        return P
+
     def condense(self, K: PETSc.Mat) -> PETSc.Mat:
         """Pᵀ K P of a matrix of all rows, as a new one, which the caller destroys. Collective."""
-        self.rotate_trial()
-        out = K.PtAP(self.P)
+        P = self.trial()
+        out = K.PtAP(P)
+        P.destroy()
         # A body that no flexible cell touches has no entries yet.
         out.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
         return out
@@ -266,10 +246,6 @@ class Prolongation:
             index = (self.body_columns[k] + np.arange(6)).astype(Int)
             C.setValues(index, index, blocks[k], addv=PETSc.InsertMode.ADD_VALUES)
         C.assemble()
-
-    def destroy(self) -> None:
-        """Free the PETSc objects. Collective."""
-        self.P.destroy()
 
 
 def _owners(partition: Partition, comm: MPI.Intracomm) -> list[int]:

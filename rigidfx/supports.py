@@ -204,7 +204,6 @@ def impose_velocity(
         state.v.x.scatter_forward()
         rhs.destroy()
         dy.destroy()
-        prolongation.destroy()
     dv.destroy()
     p.destroy()
     return changed

@@ -156,8 +156,9 @@ def condensation_errors(scene, seed):
                 condensed.finish()
             reduced[thin] = gathered(condensed.matrix)
             condensed.destroy()
-        prolongation.rotate_trial()
-        P_own = gathered(prolongation.P)
+        trial = prolongation.trial()
+        P_own = gathered(trial)
+        trial.destroy()
         # L is known by what it does to vectors.
         y, d = prolongation.unknowns(), part.rows.vector()
         y.array[:] = rng.standard_normal(y.array.size)
