@@ -21,7 +21,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx.rotation import IDENTITY, axial, cayley, cayley_tangent, orthonormalized, skew
+from rigidfx.rotation import IDENTITY, axial, cayley_tangent, orthonormalized, skew
 
 __all__ = ["BodyMotion", "BodyTerm", "Frozen", "Increment", "RigidBody", "at_rest", "mass_block"]
 
@@ -115,7 +115,7 @@ class BodyMotion:
 
     def angular_momentum(self, body: RigidBody) -> Array:
         """π = R J W about the centre of mass [kg m²/s]."""
-        return np.asarray(self.R @ body.inertia @ self.spin)
+        return np.asarray(self.R @ (body.inertia @ self.spin))
 
     def kinetic(self, body: RigidBody) -> float:
         """½ m ṙ·ṙ + ½ W·J W [J]."""
@@ -163,19 +163,24 @@ class Increment:
     dt: float
 
     @cached_property
+    def T(self) -> Array:
+        """Spin of R1 per unit dθ."""
+        return cayley_tangent(self.theta)
+
+    @cached_property
+    def turn(self) -> Array:
+        """R1 - R0 = θ̂ T R0 = θ̂ R_av, as cay(θ) = I + θ̂ T."""
+        return np.asarray(skew(self.theta) @ (self.T @ self.start.R))
+
+    @cached_property
     def R1(self) -> Array:
         """Rotation at the end of the step."""
-        return cayley(self.theta) @ self.start.R
+        return self.start.R + self.turn
 
     @cached_property
     def R_av(self) -> Array:
         """½ (R0 + R1), equation (4)."""
-        return 0.5 * (self.start.R + self.R1)
-
-    @cached_property
-    def T(self) -> Array:
-        """Spin of R1 per unit dθ."""
-        return cayley_tangent(self.theta)
+        return self.start.R + 0.5 * self.turn
 
     @cached_property
     def spin1(self) -> Array:
@@ -196,9 +201,10 @@ class Increment:
     def inertia_force(self) -> Array:
         """M (ṙ1 - ṙ0)/Δt and (π1 - π0)/(ℓ Δt), shape (6,) [N]."""
         body, s = self.body, self.start
-        force = body.mass * 2 / self.dt * (self.dr / self.dt - s.velocity)
-        moment = (self.pi1 - s.angular_momentum(body)) / self.dt
-        return np.concatenate([force, moment / body.length])
+        out = np.empty(6)
+        out[:3] = body.mass * 2 / self.dt * (self.dr / self.dt - s.velocity)
+        out[3:] = (self.pi1 - s.angular_momentum(body)) / (self.dt * body.length)
+        return out
 
     def tangent(self, couples: Array) -> Array:
         """Derivative of the body's residual rows that P does not carry, shape (6, 6) [N/m].
@@ -224,6 +230,13 @@ class Increment:
         out = np.empty((4, 3))
         out[0] = dr
         out[1:] = (skew(theta) @ self.R_av).T
+        return out
+
+    @property
+    def displacement(self) -> Array:
+        """The matrix of the displacement in this step, shape (4, 3) [m, 1]."""
+        out = np.empty((4, 3))
+        out[0], out[1:] = self.dr, self.turn.T
         return out
 
     def resultant(self, moments: Array) -> Array:

@@ -209,7 +209,7 @@ class Equilibrium:
             self._snes.setUseEW(False)
             reason, remark = self._iterate(guesses), " (solved tightly)"
             self._snes.setUseEW(True)
-        self._expand(self._y)
+        self._return_to(self._y)
         converged = reason > 0
         ksp = self._snes.getKSP()
         return Solution(
@@ -239,10 +239,20 @@ class Equilibrium:
 
     def _expand(self, y: PETSc.Vec) -> None:
         """Set d and the forms' u₁ from the unknowns."""
+        self._last = y.array_r.copy()
         self.prolongation.expand(y, self._motions, self._dt, self._prescribed, self.d)
         u1, dofs = self._forces.u1.x, self._rows.dofs
         u1.array[dofs] = self._forces.u0.x.array[dofs] + self.d.array_r
         u1.scatter_forward()
+
+    def _return_to(self, y: PETSc.Vec) -> None:
+        """Set d and u₁ from the unknowns, unless the last residual was that of these. Collective.
+
+        A line search of the user's may end elsewhere.
+        """
+        same = np.array_equal(self._last, y.array_r)
+        if not self.prolongation.comm.allreduce(same, op=MPI.LAND):
+            self._expand(y)
 
     def residual(self, y: PETSc.Vec, r: PETSc.Vec) -> None:
         """R at the unknowns y. Collective.

@@ -53,7 +53,7 @@ class GroundedBody:
 
     def moments(self, increment: Increment) -> Array:
         """Σ f and Σ V fᵀ of a step, as `Increment.resultant` takes them, shape (4, 3)."""
-        D = increment.affine(increment.dr, increment.theta)
+        D = increment.displacement
         moved = _pose(increment.start) - self.pose + 0.5 * D
         return np.asarray(
             (self.arms @ moved + self.displaced) @ self.K + self.arms @ D @ self.C / increment.dt
@@ -79,7 +79,7 @@ class GroundedBody:
 
     def dissipated(self, increment: Increment) -> float:
         """Energy taken in a step [J]."""
-        D = increment.affine(increment.dr, increment.theta)
+        D = increment.displacement
         return float(np.vdot(D, self.arms @ D @ self.C)) / increment.dt
 
 

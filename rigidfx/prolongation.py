@@ -8,8 +8,14 @@ displacement lies exactly in the range of L,
 so the residual is restricted by Lᵀ, equations (5) and (13); the derivative of d is P, with rows
 [I, -v̂₁ T/ℓ]. A supported dof has no column and its increment is prescribed in d_s; a node inside a
 body has no row at all. So no rows of ones, no penalties and no empty rows ever reach the solver.
-Vectors pass L and Lᵀ by the bodies' small matrices, see `body`, and so do tangents, see `rim`. As a
-PETSc matrix P condenses what is needed once per partition, by MatPtAP.
+
+A body's nodes move by their arms [1, V], which never change, times a matrix of four rows, which is
+all that turns; see `body`. So vectors pass L and Lᵀ by one constant sparse matrix,
+
+    d = A [y of the free dofs, increments of the held ones, 12 numbers of each body],
+
+and by Aᵀ, and tangents do much the same, see `rim`. As a PETSc matrix P condenses what is needed
+once per partition, by MatPtAP.
 """
 
 from __future__ import annotations
@@ -20,6 +26,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
+from scipy.sparse import csr_array
 
 from rigidfx.body import BodyMotion, Increment
 from rigidfx.partition import Partition
@@ -60,7 +67,7 @@ class Prolongation:
         self.held = np.flatnonzero(partition.held[rows.dofs])
         bodies = partition.bodies
         self._owners = _owners(partition, comm)
-        self._mine = [k for k, rank in enumerate(self._owners) if rank == comm.rank]
+        self._mine = np.flatnonzero(np.equal(self._owners, comm.rank))
         self._columns = self.free.size + 6 * len(self._mine)
         self.size = int(comm.allreduce(self._columns))
         self.increments: tuple[Increment, ...] = ()
@@ -73,6 +80,23 @@ class Prolongation:
         self._nodes = [rows.positions(body.nodes[at]) for body, at in pairs]
         self._arms = [np.c_[np.ones(at.size), body.offsets[at]] for body, at in pairs]
         self.touched = comm.allreduce(sum(own.size for own in self._nodes)) > 0
+        single = self.free.size + self.held.size
+        self._A = self._constant_part(single)
+        self._A_bodies = self._A[:, single:].T.tocsr()
+        self._z = np.zeros(self._A.shape[1])
+        self._z_bodies = self._z[single:].reshape(-1, 4, 3)
+
+    def _constant_part(self, single: int) -> csr_array:
+        """A of the module's text, the dofs of which take one column each."""
+        dofs = np.concatenate([self.free, self.held])
+        entries = [(dofs, np.arange(single), np.ones(single))]
+        for k, (nodes, arms) in enumerate(zip(self._nodes, self._arms, strict=True)):
+            row, axis, arm = (i.reshape(-1) for i in np.indices((nodes.size, 3, 4)))
+            columns = single + 12 * k + 3 * arm + axis
+            entries.append((3 * nodes[row] + axis, columns, arms[row, arm]))
+        row, column, values = map(np.concatenate, zip(*entries, strict=True))
+        shape = self.partition.rows.dofs.size, single + 12 * len(self._nodes)
+        return csr_array((values, (row, column)), shape=shape)
 
     def _locate_bodies(self) -> list[int]:
         """First global column of each body; bodies come last among their owner's columns."""
@@ -108,9 +132,8 @@ class Prolongation:
             prescribed: Increments of the held dofs [m], in their order.
             d: Increments of the active nodes, overwritten.
         """
-        six = self.bodies_part(y)
-        self.rotate(six, motions, dt)
-        self.apply(y, six, prescribed, d)
+        self.rotate(self.bodies_part(y), motions, dt)
+        self._multiply(y, prescribed, [each.displacement for each in self.increments], d)
 
     def apply(self, y: PETSc.Vec, six: Array, prescribed: Array, d: PETSc.Vec) -> None:
         """D = L y + d_s with L as it is.
@@ -121,14 +144,20 @@ class Prolongation:
             prescribed: Increments of the held dofs [m], in their order.
             d: Increments of the active nodes, overwritten.
         """
-        values = d.array
-        values[self.free] = y.array_r[: self.free.size]
-        values[self.held] = prescribed
-        nodal = values.reshape(-1, 3)
-        for increment, (dr, turn), own, arms in zip(
-            self.increments, six.reshape(-1, 2, 3), self._nodes, self._arms, strict=True
-        ):
-            nodal[own] = arms @ increment.affine(dr, turn / increment.body.length)
+        moved = [
+            increment.affine(dr, turn / increment.body.length)
+            for increment, (dr, turn) in zip(self.increments, six.reshape(-1, 2, 3), strict=True)
+        ]
+        self._multiply(y, prescribed, moved, d)
+
+    def _multiply(self, y: PETSc.Vec, prescribed: Array, moved: list[Array], d: PETSc.Vec) -> None:
+        """D = A z, with the matrices of the bodies' displacements."""
+        free = self.free.size
+        self._z[:free] = y.array_r[:free]
+        self._z[free : free + self.held.size] = prescribed
+        for k, each in enumerate(moved):
+            self._z_bodies[k] = each
+        d.array[:] = self._A @ self._z
 
     def rotate(self, six: Array, motions: Sequence[BodyMotion], dt: float) -> None:
         """Set the bodies' increments, and so L, to their unknowns, shape (bodies, 6)."""
@@ -167,19 +196,16 @@ class Prolongation:
             bodies: Shape (bodies, 6), equal on all ranks.
             y: Unknowns, overwritten.
         """
-        y.array[: self.free.size] = d[self.free]
-        y.array[self.free.size :] = bodies[self._mine].reshape(-1)
+        values = y.array
+        values[: self.free.size] = d[self.free]
+        values[self.free.size :] = bodies[self._mine].reshape(-1)
 
     def moments(self, f: PETSc.Vec) -> Array:
         """Σ f and Σ V fᵀ over each body's attached nodes, shape (bodies, 4, 3). Collective.
 
         The bodies' `resultant` of them is what Lᵀ f has in their rows.
         """
-        nodal = f.array_r.reshape(-1, 3)
-        out = np.empty((len(self._nodes), 4, 3))
-        for k, (own, arms) in enumerate(zip(self._nodes, self._arms, strict=True)):
-            out[k] = arms.T @ nodal[own]
-        return self._sum(out)
+        return self._sum((self._A_bodies @ f.array_r).reshape(-1, 4, 3))
 
     def restrict(self, f: PETSc.Vec, bodies: Array, r: PETSc.Vec) -> None:
         """R = Lᵀ f plus the bodies' own six numbers each. Collective.

@@ -49,7 +49,7 @@ def axial(B: Array) -> Array:
     Returns:
         Shape (3,).
     """
-    return UNIT_SPINS @ B.T.reshape(-1)
+    return -(UNIT_SPINS @ B.reshape(-1))
 
 
 def cayley(theta: npt.ArrayLike) -> Array:
