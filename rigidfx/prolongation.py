@@ -35,7 +35,9 @@ from rigidfx.rows import mapped_matrix
 __all__ = ["Prolongation"]
 
 Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
 Int = PETSc.IntType
+Entries = tuple[Ints, Ints, Array]  # rows, columns and values
 
 
 class Prolongation:
@@ -65,7 +67,6 @@ class Prolongation:
         free = partition.free[rows.dofs]
         self.free = np.flatnonzero(free)
         self.held = np.flatnonzero(partition.held[rows.dofs])
-        bodies = partition.bodies
         self._owners = _owners(partition, comm)
         self._mine = np.flatnonzero(np.equal(self._owners, comm.rank))
         self._columns = self.free.size + 6 * len(self._mine)
@@ -76,10 +77,7 @@ class Prolongation:
         self.nodal = comm.allreduce(broken) == 0
         self.first_column = comm.exscan(self._columns) or 0
         self.body_columns = self._locate_bodies()
-        pairs = list(zip(bodies, partition.attached, strict=True))
-        self._nodes = [rows.positions(body.nodes[at]) for body, at in pairs]
-        self._arms = [np.c_[np.ones(at.size), body.offsets[at]] for body, at in pairs]
-        self.touched = comm.allreduce(sum(own.size for own in self._nodes)) > 0
+        self.touched = comm.allreduce(sum(map(len, partition.attached))) > 0
         single = self.free.size + self.held.size
         self._A = self._constant_part(single)
         self._A_bodies = self._A[:, single:].T.tocsr()
@@ -87,16 +85,16 @@ class Prolongation:
         self._z_bodies = self._z[single:].reshape(-1, 4, 3)
 
     def _constant_part(self, single: int) -> csr_array:
-        """A of the module's text, the dofs of which take one column each."""
+        """A of the module's text; so many of its columns are of one dof each."""
+        rows, bodies = self.partition.rows, self.partition.bodies
         dofs = np.concatenate([self.free, self.held])
-        entries = [(dofs, np.arange(single), np.ones(single))]
-        for k, (nodes, arms) in enumerate(zip(self._nodes, self._arms, strict=True)):
-            row, axis, arm = (i.reshape(-1) for i in np.indices((nodes.size, 3, 4)))
+        entries: list[Entries] = [(dofs, np.arange(single), np.ones(single))]
+        for k, (body, at) in enumerate(zip(bodies, self.partition.attached, strict=True)):
+            nodes, arms = rows.positions(body.nodes[at]), np.c_[np.ones(at.size), body.offsets[at]]
+            row, axis, arm = (i.reshape(-1) for i in np.indices((at.size, 3, 4)))
             columns = single + 12 * k + 3 * arm + axis
             entries.append((3 * nodes[row] + axis, columns, arms[row, arm]))
-        row, column, values = map(np.concatenate, zip(*entries, strict=True))
-        shape = self.partition.rows.dofs.size, single + 12 * len(self._nodes)
-        return csr_array((values, (row, column)), shape=shape)
+        return _sparse(entries, (rows.dofs.size, single + 12 * len(bodies)))
 
     def _locate_bodies(self) -> list[int]:
         """First global column of each body; bodies come last among their owner's columns."""
@@ -231,26 +229,21 @@ class Prolongation:
 
     def trial(self) -> PETSc.Mat:
         """P where L is, as a new matrix, which the caller destroys. Collective."""
-        height = self.partition.rows.dofs.size
-        own = self.first_column + np.arange(self.free.size)
-        entries = [(self.free, own, np.ones(own.size))]
-        for nodes, arms, axes, first in zip(
-            self._nodes, self._arms, self.axes()[1], self.body_columns, strict=True
-        ):
-            dofs = (3 * nodes[:, None] + np.arange(3)).reshape(-1)
-            turned = (arms[:, 1:] @ axes.reshape(3, 9)).reshape(-1)
-            entries.append((dofs, first + dofs % 3, np.ones(dofs.size)))
-            entries.append((np.repeat(dofs, 3), first + 3 + np.arange(turned.size) % 3, turned))
-        row, column, values = map(np.concatenate, zip(*entries, strict=True))
-        order = np.lexsort((column, row))
-        offsets = np.r_[0, np.cumsum(np.bincount(row, minlength=height))].astype(Int)
-        P = PETSc.Mat().createAIJ(
-            [(height, None), (self._columns, None)],
-            csr=(offsets, column[order].astype(Int), values[order]),
+        free, single = np.arange(self.free.size), self.free.size + self.held.size
+        entries: list[Entries] = [(free, self.first_column + free, np.ones(free.size))]
+        for k, (axes, first) in enumerate(zip(self.axes()[1], self.body_columns, strict=True)):
+            at, i, j = single + 12 * k, np.arange(3), np.arange(9)
+            entries.append((at + i, first + i, np.ones(3)))
+            entries.append((at + 3 + j.repeat(3), first + 3 + np.tile(i, 9), axes.reshape(-1)))
+        P = self._A @ _sparse(entries, (self._A.shape[1], self.size))
+        P.sort_indices()
+        out = PETSc.Mat().createAIJ(
+            [(P.shape[0], None), (self._columns, None)],
+            csr=(P.indptr.astype(Int), P.indices.astype(Int), P.data),
             comm=self.comm,
         )
-        P.assemble()
-        return P
+        out.assemble()
+        return out
 
     def condense(self, K: PETSc.Mat) -> PETSc.Mat:
         """Pᵀ K P of a matrix of all rows, as a new one, which the caller destroys. Collective."""
@@ -272,6 +265,12 @@ class Prolongation:
             index = (self.body_columns[k] + np.arange(6)).astype(Int)
             C.setValues(index, index, blocks[k], addv=PETSc.InsertMode.ADD_VALUES)
         C.assemble()
+
+
+def _sparse(entries: Sequence[Entries], shape: tuple[int, int]) -> csr_array:
+    """A matrix of the given entries."""
+    row, column, values = map(np.concatenate, zip(*entries, strict=True))
+    return csr_array((values, (row, column)), shape=shape)
 
 
 def _owners(partition: Partition, comm: MPI.Intracomm) -> list[int]:
