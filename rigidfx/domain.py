@@ -84,6 +84,15 @@ class Domain:
         object.__setattr__(self, "mesh", mesh)
         object.__setattr__(self, "sets", MappingProxyType({(s.name, s.dim): s for s in sets}))
 
+    def __del__(self) -> None:
+        """Let the mesh go where no exception is under way.
+
+        `Scene(box(...), material, [Rigid(3)])` drops the box while its error is on the way, and
+        mpi4py, as the mesh's communicator goes, would take that error for its own and keep a lock
+        (4.0): the process would never end. In a finalizer Python sets exceptions aside.
+        """
+        vars(self).pop("mesh", None)
+
     @property
     def comm(self) -> MPI.Intracomm:
         """Communicator of the mesh."""

@@ -246,13 +246,13 @@ class Equilibrium:
         u1.scatter_forward()
 
     def _return_to(self, y: PETSc.Vec) -> None:
-        """Set d and u₁ from the unknowns, unless the last residual was that of these. Collective.
+        """Have d, u₁ and forces belong to these unknowns, as a rule the last ones. Collective.
 
-        A line search of the user's may end elsewhere.
+        A solver of the user's, chosen by PETSc's options, may have looked elsewhere last.
         """
         same = np.array_equal(self._last, y.array_r)
         if not self.prolongation.comm.allreduce(same, op=MPI.LAND):
-            self._expand(y)
+            self.residual(y, self._r)
 
     def residual(self, y: PETSc.Vec, r: PETSc.Vec) -> None:
         """R at the unknowns y. Collective.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -90,10 +89,10 @@ class NodalLoads:
             for b in bodies:
                 weights[b.nodes] = 0.0
             arms = np.asarray(scene.sum(np.reshape(sums, (-1, 4))))
-            if isinstance(load, fx.Gravity) and load.where is None:
+            if isinstance(load, fx.Gravity):
                 for k, b in enumerate(bodies):
-                    if b.given:  # it weighs what it is told to
-                        arms[k] = b.mass, 0.0, 0.0, 0.0
+                    if b.given:
+                        arms[k] = _weight(scene, load, b)
             self._every.append(WeightedLoad(load, weights[nodes], arms))
         self.select((*loads, *torques))
 
@@ -182,17 +181,41 @@ class NodalLoads:
         return out
 
 
-def _weights(scene: Scene, load: fx.DeadLoad) -> Array:
+def _weight(scene: Scene, load: fx.Gravity, body: RigidBody) -> Array:
+    """Σ w and Σ w V of a body that weighs what it is told to, shape (4,) [kg, kg m]. Collective.
+
+    Of its own mass as much counts as of that of its cells, all of it at its centre. It stands for
+    all lumped mass on its nodes; of a consistent one what flexible cells have there comes on top.
+    """
+    where, own = scene.owned_cells(load.where, "Gravity"), body.cells
+    beside = np.setdiff1d(where, own) if scene.mass == "consistent" else own[:0]
+    parts = own, np.intersect1d(where, own), beside
+    sums = []
+    for cells in parts:
+        w = scene.nodal_weights(scene.density(), _measure(scene, "dx", cells))[: scene.owned_nodes]
+        sums.append(np.r_[w[body.nodes].sum(), w[body.nodes] @ body.offsets])
+    whole, acting, others = np.asarray(scene.sum(np.stack(sums)))
+    share = acting[0] / whole[0]
+    arms = (acting - share * whole) / whole[0]
+    arms[0] = share
+    return np.asarray(body.mass * arms + others)
+
+
+def _measure(scene: Scene, kind: str, where: Any) -> ufl.Measure:
+    """The measure of loads over owned cells (dx), or owned cells and facets in them (ds)."""
     degree = {"quadrature_degree": 2 * scene.order + 2}
+    return ufl.Measure(kind, domain=scene.mesh, metadata=degree, subdomain_data=[(1, where)])(1)
+
+
+def _weights(scene: Scene, load: fx.DeadLoad) -> Array:
     where: Any = getattr(load, "where", None)
-    measure = partial(ufl.Measure, domain=scene.mesh, metadata=degree)
     if isinstance(load, fx.NodalForce):
         return scene.shares(where, "NodalForce")
     if isinstance(load, fx.Traction):
         pairs = scene.boundary(where, "Traction").reshape(-1)
-        return scene.nodal_weights(1.0, measure("ds", subdomain_data=[(1, pairs)])(1))
+        return scene.nodal_weights(1.0, _measure(scene, "ds", pairs))
     density = scene.density() if isinstance(load, fx.Gravity) else 1.0
     owned = scene.owned_cells(where, type(load).__name__)
-    weights = scene.nodal_weights(density, measure("dx", subdomain_data=[(1, owned)])(1))
+    weights = scene.nodal_weights(density, _measure(scene, "dx", owned))
     heavy = isinstance(load, fx.Gravity) and where is None
     return weights + scene.point_masses if heavy else weights

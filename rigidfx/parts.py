@@ -53,7 +53,7 @@ def check_clamps(scene: Scene, resolution: float) -> None:
 
     Raises:
         SceneError: If a support, at any time, holds a body other than by clamping it whole, or
-            clamps one that a resultant acts on then.
+            clamps one whose mass is given, or that a resultant acts on then.
     """
     held = [*scene.named(Support), *scene.named(Resultant)]
     times = sorted({0.0, *(t for e in held for t in e.ends if t > 0)})
@@ -62,6 +62,12 @@ def check_clamps(scene: Scene, resolution: float) -> None:
         for t in times:
             acting = scene.acting(t, resolution)
             clamp = _clamp(scene, supports_of(acting), effect.name, nodes)
+            if clamp is not None and effect.given:
+                raise SceneError(
+                    f"Rigid '{effect.name}': its mass or inertia is given, and at t = {t:g} s a "
+                    "support clamps it, which would bear what its cells weigh. Leave mass and "
+                    "inertia out, or a layer of flexible cells between body and support."
+                )
             loads = [e for e in acting if isinstance(e, Resultant) and e.body == effect.name]
             if clamp is not None and loads:
                 raise SceneError(

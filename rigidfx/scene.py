@@ -1,7 +1,7 @@
 """The whole problem, immutable and validated: mesh, materials, effects, discretisation.
 
-Every user error that can be known before the first step is raised when a scene is made, on all
-ranks alike.
+What can be known to be wrong without a run is raised when a scene is made, the rest before the
+first step, as it takes bodies and supports together in time; on all ranks alike.
 """
 
 from __future__ import annotations

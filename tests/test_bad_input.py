@@ -5,6 +5,7 @@ Run as a script under mpirun, this file goes through all cases on each rank.
 
 from __future__ import annotations
 
+import subprocess
 import sys
 from pathlib import Path
 
@@ -281,6 +282,19 @@ def test_is_refused_on_two_ranks():
         assert first[0] == error.__name__, (name, first)
         assert message in first[1]
         assert first == second, name
+
+
+def test_error_while_a_mesh_is_dropped():
+    """A process ends where an error meets a mesh that has no name; mpi4py 4.0 kept a lock."""
+    code = (
+        "import rigidfx as rf\n"
+        "material = rf.StVenantKirchhoff(E=1.0, nu=0.3, rho=1.0)\n"
+        "rf.Scene(rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1)), material, [rf.Rigid(3)])\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 1
+    assert "SceneError: Rigid: where must be the name of a set, got 3." in done.stderr
+    assert "SystemError" not in done.stderr
 
 
 def _script():

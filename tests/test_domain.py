@@ -86,9 +86,7 @@ def test_block_with_cantilever(refine):
         domain.find(name, (0,), "test")
 
 
-@pytest.mark.parametrize(
-    ("refine", "coarse", "thickness"), [(1, 1, 1.5), (1, 3, 1.0), (2, 3, 1.5)]
-)
+@pytest.mark.parametrize(("refine", "coarse", "thickness"), [(1, 1, 1.5), (1, 3, 1.0), (2, 3, 1.5)])
 def test_spatial_frame(refine, coarse, thickness):
     """The columns keep their cells where the plate is coarse, and the frame its volume."""
     pytest.importorskip("gmsh")

@@ -114,6 +114,52 @@ def test_tumbling_bar(mass, cell, speed):
     assert all(quadratic(r.residuals, floor) for r in reports[1:]), text
 
 
+@MASSES
+def test_thrown_bar(mass):
+    """A bar that flies away while it turns: L is no longer zero, J is of the distance."""
+    thrown = rf.InitialVelocity(linear=(3.0, -2.0, 1.0), angular=(0.1, 0.2, 0.6))
+    reports = list(rf.simulate(bar(thrown, mass=mass), DT, 30.0))
+    L, J = (column(reports, name) for name in ("linear_momentum", "angular_momentum"))
+    away = np.linalg.norm(reports[-1].bodies[0].centre)
+    H = drift(column(reports, "energy"))
+    found = {
+        "L": np.abs(L - L[0]).max() / np.linalg.norm(L[0]),
+        "J": np.abs(J - J[0]).max() / (away * np.linalg.norm(L[0])),
+    }
+    show(**found, H=H, away=away)
+    assert away > 100
+    assert max(H, *found.values()) <= DRIFT
+
+
+@pytest.mark.parametrize("where", [None, "every"])
+@MASSES
+def test_free_fall_with_a_given_mass(mass, where):
+    """All falls alike, whatever the body is told to weigh: nothing is strained."""
+    domain = rf.box((0, 0, 0), (4, 1, 1), (4, 1, 1)).with_cells("every", lambda x: x[0] > -1)
+    domain = domain.with_cells("stiff", lambda x: x[0] <= 2 + 1e-9)
+    material = rf.StVenantKirchhoff(rho=10.0, E=1e6, nu=0.3)
+    effects = rf.Rigid("stiff", mass=500.0), rf.Gravity((0, 0, -2.0), where=where)
+    reports = list(rf.simulate(rf.Scene(domain, material, effects, mass=mass), 0.05, 0.5))
+    last = reports[-1]
+    # The flexible cells beside it have 5 kg on its nodes: of a consistent mass these stay there.
+    total = 500.0 + (15.0 if mass == "lumped" else 20.0)
+    assert last.bodies[0].velocity == pytest.approx([0, 0, -1.0], abs=1e-12)
+    assert last.linear_momentum == pytest.approx([0, 0, -total], abs=1e-9)
+    assert last.strain <= 1e-20 * last.kinetic
+
+
+@MASSES
+def test_gravity_on_a_part_of_a_given_mass(mass):
+    """Half of the body's cells weigh half of what it is told to, at their own place."""
+    domain = rf.box((0, 0, 0), (4, 1, 1), (4, 1, 1)).with_cells("end", lambda x: x[0] <= 2 + 1e-9)
+    material = rf.StVenantKirchhoff(rho=10.0, E=1e6, nu=0.3)
+    effects = rf.Rigid(None, mass=500.0), rf.Gravity((0, 0, -2.0), where="end")
+    *_, last = rf.simulate(rf.Scene(domain, material, effects, mass=mass), 0.01, 0.01)
+    assert last.linear_momentum == pytest.approx([0, 0, -500.0 * 0.01], rel=1e-12)
+    spin = last.angular_momentum - np.cross(last.bodies[0].centre, last.linear_momentum)
+    assert spin == pytest.approx([0, -500.0 * 0.01 * 1.0, 0], rel=1e-4, abs=1e-9)  # lever 1 m
+
+
 @pytest.mark.parametrize("speed", SPEEDS)
 def test_thin_correction(speed, monkeypatch):
     """Without (L - P)ᵀ K P in the tangent Newton ends at the same motion, but linearly."""

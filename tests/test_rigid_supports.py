@@ -67,6 +67,12 @@ def _two_motions():
     return start(rf.Scene(d, MATERIAL, [rf.Rigid("left"), rf.Fixed("edge"), held]))
 
 
+def clamped(given, support):
+    """A body of given mass or inertia that a support clamps, whenever that may be."""
+    others = rf.Rigid("left", **given), support
+    return start(rf.Scene(domain(), MATERIAL, others))
+
+
 REFUSED = {
     # name: (what is made, what its message says)
     "one component": (lambda: start(bar(rf.Fixed("x0", "x"))), "kinematic chain"),
@@ -103,6 +109,14 @@ REFUSED = {
     "infinite inertia": (lambda: rf.Rigid("left", inertia=np.diag([1, 1, np.inf])), "3×3"),
     "resultant of two numbers": (lambda: rf.Resultant("left", force=(1.0, 2.0)), "force"),
     "torque nan": (lambda: rf.Resultant("left", torque=(np.nan, 0, 0)), "torque"),
+    "given mass, clamped": (
+        lambda: clamped({"mass": 9.0}, rf.Fixed("x0", since=3.0)),
+        "'left': its mass or inertia is given, and at t = 3 s a support clamps it",
+    ),
+    "given inertia, clamped": (
+        lambda: clamped({"inertia": np.eye(3)}, rf.PrescribedMotion("x0", displacement=path)),
+        "its mass or inertia is given, and at t = 0 s",
+    ),
     "a scheme that does not couple": (lambda: bar(scheme=rf.Trapezoidal()), "does not couple"),
 }
 
