@@ -24,7 +24,15 @@ MPI_VARIABLES = ("OMPI_COMM", "OMPI_UNIVERSE", "OMPI_APP", "OMPI_NUM", "OMPI_FIR
                  "PMIX_", "PMI_", "PRTE_", "HYDRA_")  # fmt: skip
 
 SUMMARY = {
-    "accuracy_vs_time": {"choices", "base_error", "pareto_front", "runs", "wall_s", "ranks"},
+    "accuracy_vs_time": {
+        "choices",
+        "reference_error",
+        "base_error",
+        "pareto_front",
+        "runs",
+        "wall_s",
+        "ranks",
+    },
     "tumbling_l": {
         "energy_drift",
         "angular_momentum_drift",
@@ -81,6 +89,16 @@ BENCHMARK_SUMMARY = {
         "unknowns_reduced",
     },
 }
+PER_TOLERANCE = {
+    "first_rigid_time",
+    "unknowns_start",
+    "unknowns_end",
+    "bodies_end",
+    "energy_error",
+    "time_ratio_window",
+    "first_frequency_shift",
+    "amplitude_ratio",
+}
 FILES = {
     "accuracy_vs_time": ["accuracy_vs_time.csv", "accuracy_vs_time.json", "accuracy_vs_time.png"],
     "tumbling_l": ["history.csv", "fields.pvd", "histories.png", "shapes.png", "comparison.png"],
@@ -93,7 +111,12 @@ FILES = {
         "evolution.png",
         "shapes.png",
     ],
-    "spatial_frame": ["bodies.json", "energy_unknowns.png", "spectrum.png"],
+    "spatial_frame": [
+        "bodies.json",
+        "energy_unknowns.png",
+        "spectrum.png",
+        "evolution_2.4s_tol_5e-05.png",
+    ],
     "robot_arm": ["events.csv", "fields.pvd", "motion.png", "rigid_parts.png"],
     "custom_geometry": ["events.csv", "fields.pvd", "energy_unknowns.png", "rigid_parts.png"],
 }
@@ -136,6 +159,10 @@ def test_demo(tmp_path, demo, ranks):
         assert all({"case", "stable"} <= set(entry) for entry in summary)
         summary = {}
     assert SUMMARY.get(demo.stem, set()) <= set(summary)
+    if demo.stem == "spatial_frame":
+        flexible, adaptive = summary["tolerances"]
+        assert set(flexible) >= PER_TOLERANCE
+        assert all(isinstance(adaptive[key], int | float) for key in PER_TOLERANCE)
     for name in FILES.get(demo.stem, []):
         assert (tmp_path / "out" / name).stat().st_size > 0
     pictures = list((tmp_path / "out").glob("*.png"))

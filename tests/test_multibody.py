@@ -78,6 +78,8 @@ def test_other_files_and_other_meshes_are_refused(tmp_path):
         rf.read_bodies(path, rf.box((0, 0, 0), (4, 1, 1), (4, 1, 1)))
     with pytest.raises(rf.SceneError, match="a mesh in"):
         rf.read_bodies(path, rf.box((0, 0, 0), (8, 2, 1), (8, 1, 1)))
+    with pytest.raises(rf.SceneError, match="another mesh: the cells of 'part 1'"):
+        rf.read_bodies(path, rf.box((0, 0, 0), (8, 1, 1), (2, 2, 2)))
 
 
 @pytest.mark.parametrize(
@@ -92,6 +94,11 @@ def test_other_files_and_other_meshes_are_refused(tmp_path):
         (lambda c: c["bodies"][0].update(cells=[]), "no cells"),
         (lambda c: c["bodies"].append(c["bodies"][0]), "that of two"),
         (lambda c: c["bodies"].append({**c["bodies"][0], "name": "b"}), "in two bodies"),
+        (lambda c: c["bodies"][0].update(name=""), "name ''"),
+        (lambda c: c["bodies"][0].update(place=[1.0]), "place of body 'part 1'"),
+        (lambda c: c["bodies"][0].update(mass=float("nan")), "mass of body"),
+        (lambda c: c["bodies"][0].update(given=2), "given of body"),
+        (lambda c: c.update(box=[[float("nan")] * 3] * 2), "a mesh in"),
     ],
 )
 def test_damaged_files_are_refused(tmp_path, spoil, message):
@@ -103,6 +110,58 @@ def test_damaged_files_are_refused(tmp_path, spoil, message):
     path.write_text(json.dumps(content))
     with pytest.raises(rf.SceneError, match=message):
         rf.read_bodies(path, bar())
+
+
+def test_interface_nodes_can_be_placed(tmp_path):
+    """In the reference shape, and where the body has taken them."""
+    thrown = rf.InitialVelocity(linear=(0.5, 0.0, 0.0), angular=(0.2, 0.5, 1.0))
+    problem = scene(bar(), rf.Rigid("end"), thrown)
+    *_, last = rf.simulate(problem, 0.1, 1.0)
+    rf.write_bodies(tmp_path / "bodies.json", problem, last)
+    (body,) = json.loads((tmp_path / "bodies.json").read_text())["bodies"]
+    nodes, offsets = (np.array(body[f"interface_{of}"]) for of in ("nodes", "offsets"))
+    now = body["centre"] + offsets @ np.transpose(body["orientation"])
+    X, u = last.state.X, last.state.u.x.array.reshape(-1, 3)
+    for reference, position in zip(nodes, now, strict=True):
+        k = np.argmin(np.linalg.norm(X - reference, axis=1))
+        assert np.allclose(X[k] + u[k], position, atol=1e-12)
+    assert np.linalg.norm(now - nodes, axis=1).min() > 0.3
+
+
+def test_given_masses_come_back(tmp_path):
+    """Though the body has turned: the inertia is that of its own frame."""
+    inertia = np.diag([3.0, 4.0, 5.0])
+    turning = rf.InitialVelocity(angular=(0.0, 0.0, 1.0))
+    problem = scene(bar(), rf.Rigid("end", mass=99.0, inertia=inertia), turning)
+    *_, last = rf.simulate(problem, 0.1, 0.7)
+    rf.write_bodies(tmp_path / "bodies.json", problem, last)
+    _, (rigid,) = rf.read_bodies(tmp_path / "bodies.json", bar())
+    assert rigid.mass == 99.0
+    assert np.allclose(rigid.inertia, inertia, atol=1e-12)
+
+
+def test_names_stand_for_what_they_stood_for(tmp_path):
+    """A part may be found again, and a set of the user's stays what it is."""
+    found(tmp_path / "bodies.json")
+    content = json.loads((tmp_path / "bodies.json").read_text())
+    content["bodies"][0]["name"] = "end"
+    (tmp_path / "grown.json").write_text(json.dumps(content))
+    domain, (grown,) = rf.read_bodies(tmp_path / "grown.json", bar())
+    assert grown.where == "end found"
+    assert domain.sets["end", 3].entities.size == 2
+    domain, (part,) = rf.read_bodies(tmp_path / "bodies.json", bar())
+    assert part.where == "body 1"
+    problem = scene(domain, part)
+    *_, last = rf.simulate(problem, 0.1, 0.1)
+    rf.write_bodies(tmp_path / "again.json", problem, last)
+    assert rf.read_bodies(tmp_path / "again.json", bar())[1][0].where == "body 1"
+
+
+def test_only_the_last_report_can_be_written(tmp_path):
+    problem = scene(bar(), rf.Rigid("end"))
+    first, *_ = rf.simulate(problem, 0.1, 0.3)
+    with pytest.raises(rf.SceneError, match="the run has gone on"):
+        rf.write_bodies(tmp_path / "bodies.json", problem, first)
 
 
 def read_again(path):
