@@ -12,7 +12,8 @@
 # A run that is finished is a file in out/accuracy_vs_time/runs, named by its settings; a further
 # call of the demo skips it, unless the structure has changed since; delete these files after other
 # changes, of rigidfx itself say. When all are there, the demo leaves `accuracy_vs_time.png` and,
-# with all numbers, `accuracy_vs_time.csv`, `accuracy_vs_time.json` and `summary.json`.
+# with all numbers, `accuracy_vs_time.csv`, `accuracy_vs_time.json` and `summary.json`; `plan.json`
+# is there from the start.
 
 # +
 import argparse
@@ -441,7 +442,6 @@ def run(structure: Structure, setting: Setting) -> dict[str, list[float]]:
     return history
 
 
-write(options.out / "summary.json", "{}\n")  # now, not after a quarter of an hour, if it fails
 planned = [
     (s, label, setting)
     for s in STRUCTURES
@@ -452,6 +452,8 @@ planned = [
         **s.combined,
     }.items()
 ]
+plan = [{"structure": s.name, "label": label, **asdict(setting)} for s, label, setting in planned]
+write(options.out / "plan.json", json.dumps(plan, indent=1) + "\n")  # if it fails, then now
 histories: dict[str, dict[str, dict[str, list[float]]]] = {s.name: {} for s in STRUCTURES}
 for k, (s, label, setting) in enumerate(planned):
     say(f"[{k + 1}/{len(planned)}] {s.name}: {label}")
