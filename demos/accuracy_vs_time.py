@@ -155,7 +155,6 @@ class Structure:
     reference: Setting
     turned: Mapping[str, Setting]  # label → one knob of the base turned
     combined: Mapping[str, Setting]  # label → several
-    meshes: tuple[str, str] | None  # labels of flexible runs on a mesh and on a finer one
 
     @property
     def fingerprint(self) -> str:
@@ -273,17 +272,13 @@ def turned(base: Setting, tols: list[float], windows: list[float]) -> dict[str, 
 
 
 def combined(base: Setting, sharp: float, blunt: float) -> dict[str, Setting]:
-    """Settings that turn several knobs: coarse ones and fine ones.
+    """Settings that turn several knobs: coarse ones and a fine one.
 
     What Δt and Newton save is not to be credited to rigid parts: each is there without them too.
     """
     if options.short:
         return {}
     times = f"tolerance × {sharp / base.tol:g}" if sharp else "all flexible"
-    half = replace(base, refine=2, tol=0.0, newton=1e-3)
-    fine = {"mesh / 2, flexible, Newton 0.001": half}
-    if not sharp:  # where Δt decides
-        fine = {"mesh / 2, Δt / 2, flexible, Newton 0.001": replace(half, dt=base.dt / 2)}
     return {
         f"Δt × 2, tolerance × {blunt / base.tol:g}, Newton 0.001": replace(
             base, dt=2 * base.dt, tol=blunt, newton=1e-3
@@ -292,17 +287,7 @@ def combined(base: Setting, sharp: float, blunt: float) -> dict[str, Setting]:
         "flexible, Newton 0.001": replace(base, tol=0.0, newton=1e-3),
         "Δt × 2, flexible, Newton 0.001": replace(base, dt=2 * base.dt, tol=0.0, newton=1e-3),
         "Δt × 2, Newton 0.001": replace(base, dt=2 * base.dt, newton=1e-3),
-        **fine,
     }
-
-
-def meshes(sharp: float) -> tuple[str, str] | None:
-    """Two of these settings, flexible, that differ in nothing that matters but the mesh."""
-    if options.short:
-        return None
-    if sharp:
-        return "flexible, Newton 0.001", "mesh / 2, flexible, Newton 0.001"
-    return "Δt / 2, all flexible", "mesh / 2, Δt / 2, flexible, Newton 0.001"
 
 
 def structure(
@@ -335,7 +320,6 @@ def structure(
         reference=replace(base, tol=0.0, mass="consistent", **finest),
         turned=turned(base, tols, windows),
         combined=combined(base, sharp, max(tols)),
-        meshes=meshes(sharp),
     )
 
 
@@ -452,6 +436,7 @@ planned = [
         **s.combined,
     }.items()
 ]
+planned.sort(key=lambda entry: entry[2].refine * entry[2].order)  # what is quick comes first
 plan = [{"structure": s.name, "label": label, **asdict(setting)} for s, label, setting in planned]
 write(options.out / "plan.json", json.dumps(plan, indent=1) + "\n")  # if it fails, then now
 histories: dict[str, dict[str, dict[str, list[float]]]] = {s.name: {} for s in STRUCTURES}
@@ -586,15 +571,15 @@ def doubt(s: Structure) -> float | None:
     """Estimate of the reference's own error.
 
     All three have edges that bend inwards, where second-order cells are of an order little above
-    one: what halving the cells changed may be as much as what is left. The finer of the two runs
-    differs from the reference by its Δt, of second order, and by its lumped mass.
+    one: what halving the cells of the base changed may be as much as what is left. Then the base
+    with these cells differs from the reference by its Δt, of second order, and by what is rigid.
     """
-    if s.meshes is None:
+    if options.short:
         return None
     own = histories[s.name]
-    coarse, fine = (own[label] for label in s.meshes)
-    steps = (s.combined[s.meshes[1]].dt / s.reference.dt) ** 2
-    mesh, time = differences(s, coarse, fine), differences(s, fine, own["reference"])
+    steps = (s.base.dt / s.reference.dt) ** 2
+    mesh = differences(s, own["base"], own["mesh / 2"])
+    time = differences(s, own["mesh / 2"], own["reference"])
     return mesh["error"] + time["error"] / (steps - 1)
 
 
