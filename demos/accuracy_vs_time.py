@@ -568,6 +568,7 @@ def choice(name: str, target: float) -> dict[str, str | float] | None:
         **{key: good[0][key] for key in ("label", "wall_s", "unknowns_integral", "error")},
         "time_to_base": wall / base["wall_s"],
         "time_to_flexible_base": wall / flexible["wall_s"],
+        "below_reference_error": good[0]["error"] < (doubts[name] or 0.0),
     }
 
 
