@@ -43,6 +43,7 @@ from meshes.spatial_frame import spatial_frame
 from meshes.tumbling_l import tumbling_l
 from rigidfx.errors import OutputError, agree
 from rigidfx.figures import DPI, figure_of, on_first_rank, save
+from rigidfx.files import write_text
 
 ROOT = Path(__file__).resolve().parents[1]
 parser = argparse.ArgumentParser(description="What accuracy costs in time.")
@@ -56,19 +57,6 @@ def say(text: str) -> None:
     """Print on rank 0."""
     if comm.rank == 0:
         print(text, flush=True)
-
-
-def write(path: Path, text: str) -> None:
-    """Write a file on rank 0, whole or not at all, and raise on all ranks what goes wrong."""
-    problem = None
-    if comm.rank == 0:
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.with_suffix(".part").write_text(text, encoding="utf-8")
-            path.with_suffix(".part").replace(path)
-        except OSError as error:
-            problem = f"accuracy_vs_time: cannot write '{path}' ({error})."
-    agree(comm, problem, OutputError)
 
 
 # -
@@ -384,10 +372,11 @@ def known(path: Path, fingerprint: str, t_end: float) -> dict[str, list[float]] 
     if comm.rank == 0 and path.exists():
         try:
             content = json.loads(path.read_text(encoding="utf-8"))
-            found = content["history"] if content["fingerprint"] == fingerprint else None
-            columns = np.array([found[name] for name in COLUMNS]) if found else np.zeros((1, 1))
-            if not np.isfinite(columns).all() or (found and abs(found["t"][-1] - t_end) > 1e-6):
-                raise ValueError("a run that does not go to its end")
+            if content["fingerprint"] == fingerprint:
+                found = content["history"]
+                t, *others = np.array([found[name] for name in COLUMNS])
+                if not np.isfinite(others).all() or abs(t[-1] - t_end) > 1e-6:
+                    raise ValueError("a run that does not go to its end")
         except (OSError, ValueError, KeyError, TypeError) as error:
             problem = f"accuracy_vs_time: '{path}' is damaged ({error!r}); delete it."
     agree(comm, problem, OutputError)
@@ -426,7 +415,7 @@ def run(structure: Structure, setting: Setting) -> dict[str, list[float]]:
     # All ranks take over the wall times of rank 0.
     history = comm.bcast(dict(zip(COLUMNS, map(list, zip(*rows, strict=True)), strict=True)))
     content = {"settings": what, "fingerprint": structure.fingerprint, "history": history}
-    write(path, json.dumps(content))
+    write_text(comm, path, json.dumps(content))
     return history
 
 
@@ -442,7 +431,8 @@ planned = [
 ]
 planned.sort(key=lambda entry: entry[2].refine * entry[2].order)  # what is quick comes first
 plan = [{"structure": s.name, "label": label, **asdict(setting)} for s, label, setting in planned]
-write(options.out / "plan.json", json.dumps(plan, indent=1) + "\n")  # if it fails, then now
+# If it cannot be written, then now:
+write_text(comm, options.out / "plan.json", json.dumps(plan, indent=1) + "\n")
 histories: dict[str, dict[str, dict[str, list[float]]]] = {s.name: {} for s in STRUCTURES}
 for k, (s, label, setting) in enumerate(planned):
     say(f"[{k + 1}/{len(planned)}] {s.name}: {label}")
@@ -556,6 +546,26 @@ compared = {
 fronts = {name: front(rows) for name, rows in compared.items()}
 
 
+def doubt(s: Structure) -> float | None:
+    """Estimate of the reference's own error.
+
+    All three have edges that bend inwards, where second-order cells are far from their order (of
+    an L in plane strain the first frequency converged with order 1.1): what halving the cells of
+    the base changed may be as much as what is left. Then the base with these cells differs from the
+    reference by its Δt, of second order, and by what is rigid.
+    """
+    own = histories[s.name]
+    if "mesh / 2" not in own:
+        return None
+    steps = (s.base.dt / s.reference.dt) ** 2
+    mesh = differences(s, own["base"], own["mesh / 2"])
+    time = differences(s, own["mesh / 2"], own["reference"])
+    return mesh["error"] + time["error"] / (steps - 1)
+
+
+doubts = {s.name: doubt(s) for s in STRUCTURES}
+
+
 def choice(name: str, target: float) -> dict[str, str | float] | None:
     """The fastest run with an error up to a target, and its time relative to the base's."""
     base = next(r for r in compared[name] if r["label"] == "base")
@@ -572,23 +582,6 @@ def choice(name: str, target: float) -> dict[str, str | float] | None:
     }
 
 
-def doubt(s: Structure) -> float | None:
-    """Estimate of the reference's own error.
-
-    All three have edges that bend inwards, where second-order cells are of an order little above
-    one: what halving the cells of the base changed may be as much as what is left. Then the base
-    with these cells differs from the reference by its Δt, of second order, and by what is rigid.
-    """
-    own = histories[s.name]
-    if "mesh / 2" not in own:
-        return None
-    steps = (s.base.dt / s.reference.dt) ** 2
-    mesh = differences(s, own["base"], own["mesh / 2"])
-    time = differences(s, own["mesh / 2"], own["reference"])
-    return mesh["error"] + time["error"] / (steps - 1)
-
-
-doubts = {s.name: doubt(s) for s in STRUCTURES}
 summary = {
     "choices": {
         name: {f"{100 * target:g} %": choice(name, target) for target in (0.1, 0.01, 0.001)}
@@ -605,16 +598,17 @@ text = io.StringIO()
 rows_of_csv = csv.DictWriter(text, table[0], lineterminator="\n")
 rows_of_csv.writeheader()
 rows_of_csv.writerows(table)
-write(options.out / "accuracy_vs_time.csv", text.getvalue())
-write(options.out / "accuracy_vs_time.json", json.dumps(table, indent=2) + "\n")
-write(options.out / "summary.json", json.dumps(summary, indent=2, ensure_ascii=False) + "\n")
+write_text(comm, options.out / "accuracy_vs_time.csv", text.getvalue())
+write_text(comm, options.out / "accuracy_vs_time.json", json.dumps(table, indent=2) + "\n")
+told = json.dumps(summary, indent=2, ensure_ascii=False)
+write_text(comm, options.out / "summary.json", told + "\n")
 for r in table:
     say(
         f"{r['structure']:17} {r['label']:24} {r['wall_s']:7.2f} s {r['unknowns_integral']:9.0f} "
         + " ".join(f"{name} {100 * r[name]:7.3f} %" for name in ("energy", "amplitude", "phase"))
         + f" frequency {100 * r['frequency']:6.3f} % change {100 * r['change_from_base']:.2g} %"
     )
-say(json.dumps(summary, indent=2, ensure_ascii=False))
+say(told)
 # -
 
 # ## The picture

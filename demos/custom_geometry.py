@@ -33,6 +33,7 @@ from mpi4py import MPI
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # where rigidfx and meshes are
 
 import rigidfx as rf
+from rigidfx.files import write_text
 from rigidfx.plot import Curve, curves
 from rigidfx.shapes import Shapes
 
@@ -364,8 +365,7 @@ summary = {
     "order": order,
     "ranks": comm.size,
 }
-if comm.rank == 0:
-    (options.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
+write_text(comm, options.out / "summary.json", json.dumps(summary, indent=2) + "\n")
 say(json.dumps(summary, indent=2))
 compared = {"all flexible": flexible} if flexible else {}
 curves(

@@ -30,6 +30,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # where rigidfx an
 
 import rigidfx as rf
 from meshes.block_with_cantilever import block_with_cantilever
+from rigidfx.files import write_text
 from rigidfx.plot import Curve, curves
 from rigidfx.shapes import Shapes
 
@@ -205,8 +206,7 @@ summary = {
     "dt": dt,
     "ranks": comm.size,
 }
-if comm.rank == 0:
-    (options.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
+write_text(comm, options.out / "summary.json", json.dumps(summary, indent=2) + "\n")
 say(json.dumps(summary, indent=2))
 # -
 

@@ -29,6 +29,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # where rigidfx is
 from hardcases import CASES, Result, carry_out
 from hardcases.stiffness import compare
 
+from rigidfx.files import write_text
 from rigidfx.plot import figure_of, on_first_rank, save
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -46,17 +47,8 @@ def say(text: str) -> None:
         print(text, flush=True)
 
 
-def leave(name: str, text: str) -> None:
-    """Write a file on rank 0; all ranks raise what goes wrong."""
-
-    def write() -> None:
-        options.out.mkdir(parents=True, exist_ok=True)
-        (options.out / name).write_text(text, encoding="utf-8")
-
-    on_first_rank(comm, write, f"hard_cases: '{options.out / name}'")
-
-
-leave("summary.json", "[]\n")  # before hours are spent for a folder that cannot be written
+# Before hours are spent for a folder that cannot be written:
+write_text(comm, options.out / "summary.json", "[]\n")
 # -
 
 # ## The table
@@ -99,7 +91,8 @@ for entry in ways:
     krylov = entry["krylov"] or "fails"
     say(f"{entry['way']:24}{entry['condition']:12.1e}{krylov:>8}{newton:>8}")
 
-leave("summary.json", json.dumps([*map(asdict, results), *ways], indent=2) + "\n")
+summary = [*map(asdict, results), *ways]
+write_text(comm, options.out / "summary.json", json.dumps(summary, indent=2) + "\n")
 
 
 def draw() -> None:

@@ -29,7 +29,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # where rigidfx an
 
 import rigidfx as rf
 from meshes.spatial_frame import spatial_frame
-from rigidfx.figures import on_first_rank
+from rigidfx.files import write_text
 from rigidfx.plot import Curve, curves
 from rigidfx.shapes import Shapes
 
@@ -299,8 +299,7 @@ summary = {
     },
     "ranks": comm.size,
 }
-text = json.dumps(summary, indent=2) + "\n"
-on_first_rank(comm, lambda: (options.out / "summary.json").write_text(text), "summary.json")
+write_text(comm, options.out / "summary.json", json.dumps(summary, indent=2) + "\n")
 say(json.dumps(summary, indent=2))
 
 curves(

@@ -28,6 +28,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # where rigidfx an
 
 import rigidfx as rf
 from meshes.tumbling_l import tumbling_l
+from rigidfx.files import write_text
 from rigidfx.plot import Curve, curves, histories
 from rigidfx.shapes import Shapes
 
@@ -237,8 +238,7 @@ curves(
     ylabel="energy / energy at 5 s",
     title="Four times the load: crosses mark where a scheme breaks down",
 )
-if comm.rank == 0:
-    (options.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
+write_text(comm, options.out / "summary.json", json.dumps(summary, indent=2) + "\n")
 say(json.dumps(summary, indent=2))
 
 # ## What has to hold

@@ -139,6 +139,7 @@ class Equilibrium:
         )
         self._moments: Array = np.zeros((len(prolongation.partition.bodies), 4, 3))
         self._y = prolongation.unknowns()
+        self._last: Array = np.empty(0)  # unknowns that d and u₁ belong to
         self._r = self._y.duplicate()
         self._dt = 0.0
         self._v0: PETSc.Vec = None

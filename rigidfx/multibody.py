@@ -20,7 +20,8 @@ from mpi4py import MPI
 
 from rigidfx.domain import Domain
 from rigidfx.effects import Rigid
-from rigidfx.errors import OutputError, SceneError, agree, together
+from rigidfx.errors import SceneError, together
+from rigidfx.files import write_text
 from rigidfx.partition import nodes_of
 from rigidfx.report import Report
 from rigidfx.scene import Scene
@@ -86,14 +87,7 @@ def write_bodies(path: str | Path, scene: Scene, report: Report) -> None:
         "box": _box(scene.domain).tolist(),
         "bodies": bodies,
     }
-    problem = None
-    if comm.rank == 0:
-        try:
-            Path(path).parent.mkdir(parents=True, exist_ok=True)
-            Path(path).write_text(_json(content), encoding="utf-8")
-        except OSError as error:
-            problem = f"write_bodies: cannot write '{path}': {error.strerror or error}."
-    agree(comm, problem, OutputError)
+    write_text(comm, path, _json(content))
 
 
 def read_bodies(path: str | Path, domain: Domain) -> tuple[Domain, tuple[Rigid, ...]]:

@@ -10,6 +10,7 @@ import rigidfx
 # Data flow one way, from top to bottom. A new module takes its place here.
 LAYERS = [
     "errors",
+    "files",
     "_compat",
     "rotation",
     "materials",

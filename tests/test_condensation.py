@@ -321,6 +321,22 @@ def test_without_the_thin_term_the_tangent_is_another():
     assert tangent_error(scene, seed=1, size=0.5, thin=False) > 1e-3
 
 
+def test_a_solve_ends_at_its_solution():
+    """Wherever a solver has looked last: displacements and forces are those of the unknowns."""
+    with Integrator(scene_with(ONE, "hexahedron", *PUSHES), 0.3) as integrator:
+        system = integrator._system
+        eq = system.equilibrium
+        system.solve(integrator.state, 0.3)
+        wanted = eq.d.array_r.copy(), eq.forces_out_of_balance.array_r.copy()
+        elsewhere = _vector(eq.prolongation, 1.1 * eq._y.array_r)
+        eq.residual(elsewhere, eq._r)
+        elsewhere.destroy()
+        assert np.abs(eq.d.array_r - wanted[0]).max() > 1e-3
+        eq._return_to(eq._y)
+        assert np.array_equal(eq.d.array_r, wanted[0])
+        assert np.array_equal(eq.forces_out_of_balance.array_r, wanted[1])
+
+
 # On several ranks ------------------------------------------------------------------------------
 
 

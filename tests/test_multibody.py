@@ -164,6 +164,15 @@ def test_only_the_last_report_can_be_written(tmp_path):
         rf.write_bodies(tmp_path / "bodies.json", problem, first)
 
 
+def test_a_file_that_cannot_be_written(tmp_path):
+    problem = scene(bar(), rf.Rigid("end"))
+    *_, last = rf.simulate(problem, 0.1, 0.1)
+    (tmp_path / "file").write_text("kept")
+    with pytest.raises(rf.OutputError, match="'.*bodies.json' cannot be written"):
+        rf.write_bodies(tmp_path / "file" / "bodies.json", problem, last)
+    assert (tmp_path / "file").read_text() == "kept"
+
+
 def read_again(path):
     """Cells of the body that a file names, and the energy at the end of a run begun with it."""
     found(path)
