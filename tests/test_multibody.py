@@ -168,7 +168,7 @@ def test_a_file_that_cannot_be_written(tmp_path):
     problem = scene(bar(), rf.Rigid("end"))
     *_, last = rf.simulate(problem, 0.1, 0.1)
     (tmp_path / "file").write_text("kept")
-    with pytest.raises(rf.OutputError, match="'.*bodies.json' cannot be written"):
+    with pytest.raises(rf.OutputError, match=r"'.*bodies.json' cannot be written"):
         rf.write_bodies(tmp_path / "file" / "bodies.json", problem, last)
     assert (tmp_path / "file").read_text() == "kept"
 
