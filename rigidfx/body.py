@@ -21,9 +21,18 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx.rotation import IDENTITY, axial, cayley_tangent, orthonormalized, skew
+from rigidfx.rotation import IDENTITY, UNIT_SPINS, cayley_tangent, orthonormalized, skew
 
-__all__ = ["BodyMotion", "BodyTerm", "Frozen", "Increment", "RigidBody", "at_rest", "mass_block"]
+__all__ = [
+    "TRANSLATIONS",
+    "BodyMotion",
+    "BodyTerm",
+    "Frozen",
+    "Increment",
+    "RigidBody",
+    "at_rest",
+    "mass_block",
+]
 
 Array = npt.NDArray[np.float64]
 
@@ -51,6 +60,8 @@ class Frozen:
         return self.strain + self.vibration
 
 
+# How the first of twelve numbers depend on a translation, see `Increment.L`.
+TRANSLATIONS = np.eye(12, 6) * (np.arange(6) < 3)
 NOTHING = Frozen(np.empty(0, np.int32), np.empty((0, 3)), 0.0, 0.0)
 
 
@@ -90,6 +101,11 @@ class RigidBody:
     def length(self) -> float:
         """ℓ = sqrt(tr J/(2 m)), the radius of gyration that scales rotations [m]."""
         return float(np.sqrt(np.trace(self.inertia) / (2 * self.mass)))
+
+    @cached_property
+    def arms_of_turns(self) -> Array:
+        """-v̂/ℓ is v times this, row by row; shape (3, 9) [1/m]."""
+        return np.asarray(UNIT_SPINS / -self.length)
 
 
 @dataclass(frozen=True)
@@ -213,24 +229,18 @@ class Increment:
             couples: Σ ½ f̂ᵢ v̂₁,ᵢ over forces on the body's nodes, shape (3, 3) [N m]: how the
                 moments Σ v_av × f change with R1.
         """
-        body, s, T = self.body, self.start, self.T
-        rotation = couples @ T
-        rotation += (2 / self.dt * self.R1 @ body.inertia @ s.R.T - skew(self.pi1) @ T) / self.dt
+        body, dt = self.body, self.dt
+        rotation = (couples - skew(self.pi1) / dt) @ self.T
+        rotation += 2 / dt**2 * self.R1 @ body.inertia @ self.start.R.T
         G = np.zeros((6, 6))
-        G[:3, :3] = 2 * body.mass / self.dt**2 * IDENTITY
+        G[:3, :3] = 2 * body.mass / dt**2 * IDENTITY
         G[3:, 3:] = rotation / body.length**2
         return G
 
     # Nodes of the body. With arms [1, V], shape (n, 4), everything that happens to them goes
     # through one small matrix, shape (4, 3): displacements are arms @ matrix, forces f enter as
-    # their moments armsᵀ f, with F = Σ f in the first row and A = Σ V fᵀ below.
-
-    def affine(self, dr: Array, theta: Array) -> Array:
-        """The matrix of the displacement Δr + θ × v_av, shape (4, 3) [m, 1]."""
-        out = np.empty((4, 3))
-        out[0] = dr
-        out[1:] = (skew(theta) @ self.R_av).T
-        return out
+    # their moments armsᵀ f, with F = Σ f in the first row and A = Σ V fᵀ below. L and P say how
+    # its twelve numbers, row by row, depend on the body's six unknowns.
 
     @property
     def displacement(self) -> Array:
@@ -239,31 +249,32 @@ class Increment:
         out[0], out[1:] = self.dr, self.turn.T
         return out
 
+    @cached_property
+    def L(self) -> Array:
+        """Of the displacement Δr + θ × v_av, equations (5) and (13); shape (12, 6) [1, 1/m]."""
+        out = TRANSLATIONS.copy()
+        out[3:, 3:] = (self.R_av.T @ self.body.arms_of_turns).reshape(9, 3)
+        return out
+
+    @cached_property
+    def P(self) -> Array:
+        """Derivative of `displacement`, that is δr + T δθ × v₁; shape (12, 6) [1, 1/m]."""
+        out = TRANSLATIONS.copy()
+        out[3:, 3:] = (self.R1.T @ self.body.arms_of_turns).reshape(9, 3) @ self.T
+        return out
+
     def resultant(self, moments: Array) -> Array:
-        """Σ f and Σ v_av × f/ℓ of forces with these moments, shape (6,) [N].
+        """Lᵀ: Σ f and Σ v_av × f/ℓ of forces with these moments, shape (6,) [N].
 
         Args:
             moments: Shape (4, 3) [N, N m].
         """
-        out = np.empty(6)
-        out[:3] = moments[0]
-        out[3:] = axial(self.R_av @ moments[1:]) / self.body.length
-        return out
+        return np.asarray(moments.reshape(12) @ self.L)
 
     def couples(self, moments: Array) -> Array:
         """Σ ½ f̂ᵢ v̂₁,ᵢ of forces with these moments, shape (3, 3) [N m]: see `tangent`."""
-        B = self.R1 @ moments[1:]  # Σ v₁ fᵀ, and f̂ v̂ = v fᵀ - (f·v) I
-        return np.asarray(0.5 * B - 0.5 * B.trace() * IDENTITY)
-
-    @property
-    def test_axes(self) -> Array:
-        """Cⱼ with -v̂_av/ℓ = Σ Vⱼ Cⱼ, rows of L, equations (5), (13); shape (3, 3, 3)."""
-        return np.asarray(skew(self.R_av.T) / -self.body.length)
-
-    @property
-    def trial_axes(self) -> Array:
-        """Bⱼ with -v̂₁ T/ℓ = Σ Vⱼ Bⱼ, rows of P; shape (3, 3, 3)."""
-        return np.asarray(skew(self.R1.T) @ (self.T / -self.body.length), dtype=np.float64)
+        B = 0.5 * self.R1 @ moments[1:]  # ½ Σ v₁ fᵀ, and f̂ v̂ = v fᵀ - (f·v) I
+        return np.asarray(B - B.trace() * IDENTITY)
 
 
 class BodyTerm(Protocol):

@@ -21,7 +21,7 @@ from rigidfx.condensation import CondensedMatrix
 from rigidfx.effects import MassDamping, Spring
 from rigidfx.mass import Mass
 from rigidfx.prolongation import Prolongation
-from rigidfx.rotation import IDENTITY, skew
+from rigidfx.rotation import IDENTITY
 from rigidfx.rows import Rows
 from rigidfx.scene import Scene
 from rigidfx.state import State
@@ -61,16 +61,8 @@ class GroundedBody:
 
     def tangent(self, increment: Increment) -> Array:
         """Derivative of their resultant as far as the forces change, shape (6, 6) [N/m]."""
-        G = np.empty((6, 6))
-        change = self.arms, 0.5 * self.K + self.C / increment.dt
-        for j, axis in enumerate(IDENTITY):
-            dD = np.zeros((4, 3))
-            dD[0] = axis
-            G[:, j] = increment.resultant(change[0] @ dD @ change[1])
-            dD[0] = 0.0
-            dD[1:] = (skew(increment.T @ axis / increment.body.length) @ increment.R1).T
-            G[:, 3 + j] = increment.resultant(change[0] @ dD @ change[1])
-        return G
+        stiffness = np.kron(self.arms, (0.5 * self.K + self.C / increment.dt).T)
+        return np.asarray(increment.L.T @ stiffness @ increment.P)
 
     def energy(self, motion: BodyMotion) -> float:
         """Potential energy [J]."""

@@ -28,7 +28,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_array
 
-from rigidfx.body import BodyMotion, Increment
+from rigidfx.body import TRANSLATIONS, BodyMotion, Increment
 from rigidfx.partition import Partition
 from rigidfx.rows import mapped_matrix
 
@@ -143,12 +143,14 @@ class Prolongation:
             d: Increments of the active nodes, overwritten.
         """
         moved = [
-            increment.affine(dr, turn / increment.body.length)
-            for increment, (dr, turn) in zip(self.increments, six.reshape(-1, 2, 3), strict=True)
+            (increment.L @ own).reshape(4, 3)
+            for increment, own in zip(self.increments, six, strict=True)
         ]
         self._multiply(y, prescribed, moved, d)
 
-    def _multiply(self, y: PETSc.Vec, prescribed: Array, moved: list[Array], d: PETSc.Vec) -> None:
+    def _multiply(
+        self, y: PETSc.Vec, prescribed: Array, moved: Sequence[Array], d: PETSc.Vec
+    ) -> None:
         """D = A z, with the matrices of the bodies' displacements."""
         free = self.free.size
         self._z[:free] = y.array_r[:free]
@@ -166,13 +168,12 @@ class Prolongation:
             )
         )
 
-    def axes(self) -> tuple[list[Array], list[Array]]:
-        """Cⱼ of L and Bⱼ of P as they are now, for each body, shape (3, 3, 3)."""
+    def turned(self) -> tuple[list[Array], list[Array]]:
+        """What turns of L and of P as it is now, for each body, shape (12, 6): see `Increment`."""
         if not self.increments:  # not rotated yet: only patterns are asked for
-            none: list[Array] = [np.zeros((3, 3, 3)) for _ in self.partition.bodies]
+            none: list[Array] = [np.zeros((12, 6)) for _ in self.partition.bodies]
             return none, none
-        test = [increment.test_axes for increment in self.increments]
-        return test, [increment.trial_axes for increment in self.increments]
+        return [each.L for each in self.increments], [each.P for each in self.increments]
 
     def bodies_part(self, y: PETSc.Vec) -> Array:
         """The six unknowns of each body, shape (bodies, 6), on all ranks. Collective."""
@@ -231,10 +232,11 @@ class Prolongation:
         """P where L is, as a new matrix, which the caller destroys. Collective."""
         free, single = np.arange(self.free.size), self.free.size + self.held.size
         entries: list[Entries] = [(free, self.first_column + free, np.ones(free.size))]
-        for k, (axes, first) in enumerate(zip(self.axes()[1], self.body_columns, strict=True)):
-            at, i, j = single + 12 * k, np.arange(3), np.arange(9)
-            entries.append((at + i, first + i, np.ones(3)))
-            entries.append((at + 3 + j.repeat(3), first + 3 + np.tile(i, 9), axes.reshape(-1)))
+        pattern = TRANSLATIONS.copy()
+        pattern[3:, 3:] = 1.0
+        row, column = np.nonzero(pattern)
+        for k, (turned, first) in enumerate(zip(self.turned()[1], self.body_columns, strict=True)):
+            entries.append((single + 12 * k + row, first + column, turned[row, column]))
         P = self._A @ _sparse(entries, (self._A.shape[1], self.size))
         P.sort_indices()
         out = PETSc.Mat().createAIJ(

@@ -1,10 +1,10 @@
 """The cells at the rim of bodies: their matrix, once the nodes of a body move with it.
 
 Lᵀ K P needs sums over the attached nodes of a body only where K meets L or P. There both are linear
-in the arms x = [1, V] of a node, which never change: the rows of P are [I, Σⱼ Vⱼ Bⱼ], those of L
-are [I, Σⱼ Vⱼ Cⱼ], with a few matrices Bⱼ, Cⱼ that turn with the body. So
+in the arms x = [1, V] of a node, which never change: the rows of P are Σⱼ xⱼ Pⱼ with four matrices
+of shape (3, 6) that turn with the body, see `Increment.P`. So
 
-    Σ_a K_fa P_a = [M₀, Σⱼ Mⱼ Bⱼ],    Mⱼ = Σ_a x_aj K_fa,
+    Σ_a K_fa P_a = Σⱼ Mⱼ Pⱼ,    Mⱼ = Σ_a x_aj K_fa,
 
 and likewise from the left: the *moments* M of the entries of K are one product with a constant
 sparse matrix, the rest is as small as the number of nodes beside bodies. MatPtAP and (L - P)ᵀKP
@@ -24,6 +24,7 @@ from petsc4py import PETSc
 from scipy.sparse import csr_array
 
 from rigidfx.prolongation import Prolongation
+from rigidfx.rotation import IDENTITY
 
 __all__ = ["Rim"]
 
@@ -109,13 +110,13 @@ class Rim:
             np.concatenate([
                 number[row[ff]],
                 np.repeat(number[outer[1]], 2, axis=0),
-                six[below[0]].swapaxes(0, 1).reshape(-1, 3),
+                six[below[0]].reshape(-1, 3),
                 np.repeat(six[own[:, 0]], 2, axis=1).reshape(-1, 3),
             ]),
             np.concatenate([
                 number[column[ff]],
                 six[outer[0]].reshape(-1, 3),
-                np.tile(number[below[1]], (2, 1)),
+                np.repeat(number[below[1]], 2, axis=0),
                 np.tile(six[own[:, 1]], (1, 2, 1)).reshape(-1, 3),
             ]),
         )  # fmt: skip
@@ -156,42 +157,35 @@ class Rim:
 
     def _condense(self) -> None:
         """Set the blocks of Lᵀ K P."""
-        test, trial = self._prolongation.axes()
+        test, trial = self._prolongation.turned()
         if not self._thin:
             test = trial
         plain, outer, below, own = self._parts
         np.take(self._blocks, self._ff, axis=0, out=plain.reshape(-1, 9), mode="clip")
         sums = self._moments @ self._blocks
-        begin, end = self._ends
-        moments = sums[:begin].reshape(-1, 4, 3, 3)
-        outer = outer.reshape(-1, 2, 3, 3)
-        outer[:, 0] = moments[:, 0]
+        moments, outer = sums[: self._ends[0]].reshape(-1, 36), outer.reshape(-1, 18)
         for k, span in self._outer:
-            outer[span, 1] = _from_columns(moments[span], trial[k])
-        moments = sums[begin:end].reshape(-1, 4, 3, 3)
-        below = below.reshape(2, -1, 3, 3)
-        below[0] = moments[:, 0]
+            np.matmul(moments[span], _from_right(trial[k]), out=outer[span])
+        moments, below = sums[slice(*self._ends)].reshape(-1, 36), below.reshape(-1, 18)
         for k, span in self._below:
-            below[1, span] = _from_rows(moments[span], test[k])
-        moments = sums[end:].reshape(-1, 36)
-        sides = np.empty((2, 4, 3, 3))
-        for block, pair in zip(own.reshape(-1, 2, 2, 3, 3), self._inner, strict=True):
-            left, right, span, arms = pair
-            double = (arms @ moments[span]).reshape(4, 4, 3, 3)
-            sides[0], sides[1] = double[:, 0], _from_columns(double, trial[right])
-            block[0], block[1] = sides[:, 0], _from_rows(sides, test[left])
+            np.matmul(moments[span], _from_left(test[k]), out=below[span])
+        moments, own = sums[self._ends[1] :].reshape(-1, 36), own.reshape(-1, 2, 2, 3, 3)
+        for block, (left, right, span, arms) in zip(own, self._inner, strict=True):
+            double = (arms @ moments[span]).reshape(4, 4, 3, 3).swapaxes(1, 2).reshape(12, 12)
+            six = test[left].T @ double @ trial[right]
+            block[:] = six.reshape(2, 3, 2, 3).swapaxes(1, 2)
 
 
-def _from_columns(moments: Array, axes: Array) -> Array:
-    """Σⱼ Mⱼ Bⱼ from moments of shape (n, 4, 3, 3)."""
-    flat = moments[:, 1:].swapaxes(1, 2).reshape(-1, 9)
-    return np.asarray(flat @ axes.reshape(9, 3)).reshape(-1, 3, 3)
+def _from_right(P: Array) -> Array:
+    """Makes the two 3×3 blocks of Σⱼ Mⱼ Pⱼ from the four Mⱼ, all row by row; shape (36, 18)."""
+    wide = P.reshape(4, 1, 3, 2, 1, 3) * IDENTITY.reshape(1, 3, 1, 1, 3, 1)
+    return wide.reshape(36, 18)
 
 
-def _from_rows(moments: Array, axes: Array) -> Array:
-    """Σⱼ Cⱼᵀ Mⱼ from moments of shape (n, 4, 3, 3)."""
-    flat = moments[:, 1:].reshape(-1, 9, 3).swapaxes(0, 1).reshape(9, -1)
-    return np.asarray(axes.reshape(9, 3).T @ flat).reshape(3, -1, 3).swapaxes(0, 1)
+def _from_left(L: Array) -> Array:
+    """Makes the two 3×3 blocks of Σⱼ Lⱼᵀ Mⱼ from the four Mⱼ, all row by row; shape (36, 18)."""
+    wide = L.reshape(4, 3, 1, 2, 3, 1) * IDENTITY.reshape(1, 1, 3, 1, 1, 3)
+    return wide.reshape(36, 18)
 
 
 def _pairs(bodies: Ints, nodes: Ints) -> tuple[tuple[Ints, Ints], Ints]:
