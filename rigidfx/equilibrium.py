@@ -37,6 +37,7 @@ from rigidfx.newton import (
 )
 from rigidfx.prediction import Guess
 from rigidfx.prolongation import Prolongation
+from rigidfx.rounding import Rounding
 from rigidfx.scene import Scene
 
 __all__ = ["Equilibrium", "Solution"]
@@ -131,7 +132,6 @@ class Equilibrium:
         self._terms = [()] * len(prolongation.partition.bodies) if terms is None else terms
         self._rows = prolongation.partition.rows
         self._reached = prolongation.partition.reached
-        self._cell_size = scene.mean_cell_size
         self._b = fem.Function(scene.space)
         self._tangent = CondensedMatrix(prolongation, bound.core, bound.rim, thin)
         self.d, self.forces_out_of_balance, self._work, self._inertia = (
@@ -149,7 +149,7 @@ class Equilibrium:
         self._prescribed: Array = np.empty(0)
         self._krylov = mass is not None and not prefers_direct(prolongation.size)
         self._fallbacks = 0
-        self._stiffness = self._reference_stiffness()
+        self._rounding = Rounding(scene, forces, self._tangent, mass, prolongation, ground)
         self._snes = self._create_snes(scene)
         rtol, _, _, max_it = self._snes.getTolerances()
         self.stop = StoppingTest(rtol, max_it)
@@ -226,7 +226,9 @@ class Equilibrium:
         self.stop.restart()
         norms = [self._norm_at(guess) for guess in guesses] if len(guesses) > 1 else [0.0]
         self._start_at(guesses[int(np.argmin(np.nan_to_num(norms, nan=np.inf)))])
-        self._estimate_rounding()
+        self.stop.expect_rounding(
+            self._rounding.in_residual(self._dt, self._v0, self._f_ext, self._motions)
+        )
         self._snes.solve(None, self._y)
         return judged(int(self._snes.getConvergedReason()))
 
@@ -312,57 +314,10 @@ class Equilibrium:
             block += term.tangent(increment)
         return block
 
-    def _reference_stiffness(self) -> Array:
-        """Diagonal of the tangent without deformation, per unknown of this rank [N/m]. Collective.
-
-        Not that of the current state: near the collapse of a cell that one grows without bound, and
-        any residual would pass for rounding.
-        """
-        functions = (self._forces.u0.x.array, self._forces.u1.x.array)
-        current = [array.copy() for array in functions]
-        for array in functions:
-            array[:] = 0.0
-        self._tangent.assemble()
-        self._tangent.finish()
-        for array, values in zip(functions, current, strict=True):
-            array[:] = values
-        diagonal = self._tangent.matrix.getDiagonal()
-        out = diagonal.array_r.copy()
-        diagonal.destroy()
-        return out
-
     @property
     def strain_error(self) -> float:
-        """Strain that the residual of the last solve and rounding may leave in a cell. Collective.
-
-        The residual moves a node by no more than it would against the mean stiffness of a node;
-        without flexible cells it strains nothing.
-        """
-        comm = self.prolongation.comm
-        sums = np.array([self._stiffness.sum(), self._stiffness.size])
-        total = comm.allreduce(sums, op=MPI.SUM)
-        moved = self.stop.history[-1] / total[0] * np.sqrt(total[1]) if total[0] > 0 else 0.0
-        eps = float(np.finfo(np.float64).eps)
-        return float(moved / self._cell_size + eps * self._forces.strain_noise)
-
-    def _estimate_rounding(self) -> None:
-        """Size of R that rounding in u₁ and in the strains leaves [N]. Collective."""
-        u1 = np.abs(self._forces.u1.x.array[self._rows.dofs[self.prolongation.free]])
-        strain = self._forces.strain_noise * self._cell_size
-        stiffness = self._y.duplicate()
-        stiffness.array[:] = self._stiffness
-        stiffness.array[: u1.size] *= u1 + strain
-        stiffness.array[u1.size :] *= strain
-        noise = stiffness.norm() + self._f_ext.norm()
-        stiffness.destroy()
-        if self._mass is not None:
-            self._mass.mult(self._v0, self._inertia)
-            noise += 2 / self._dt * self._inertia.norm()
-        for body, motion in zip(self.prolongation.partition.bodies, self._motions, strict=True):
-            spin = np.linalg.norm(motion.angular_momentum(body)) / body.length
-            noise += 2 / self._dt * float(body.mass * np.linalg.norm(motion.velocity) + spin)
-        noise += sum(item.rounding for item in self._ground)
-        self.stop.expect_rounding(noise)
+        """Strain that the last solve and rounding may leave in a cell. Collective."""
+        return self._rounding.in_strain(self.stop.history[-1])
 
     def _worst_place(self) -> Array:
         """Reference position of the node with the largest residual. Collective."""
@@ -378,5 +333,5 @@ class Equilibrium:
         """Free all PETSc objects. Collective."""
         self._snes.destroy()
         own = self.d, self.forces_out_of_balance, self._work, self._inertia
-        for item in (self._tangent, self._y, self._r, *own):
+        for item in (self._tangent, self._rounding, self._y, self._r, *own):
             item.destroy()

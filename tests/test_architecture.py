@@ -60,6 +60,7 @@ LAYERS = [
     "prediction",
     "loads",
     "parts",
+    "rounding",
     "equilibrium",
     "preload",
     "system",
