@@ -21,9 +21,10 @@ from dolfinx import fem, la
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from rigidfx.body import BodyMotion, BodyTerm, Increment
+from rigidfx.body import BodyMotion
 from rigidfx.condensation import CondensedMatrix
 from rigidfx.ground import GroundForces
+from rigidfx.increments import BodyTerm
 from rigidfx.internal import BoundForces, InternalForces
 from rigidfx.linear import PREFIX, configure, default_options, prefers_direct
 from rigidfx.loads import Resultants
@@ -111,7 +112,7 @@ class Equilibrium:
         mass: Mass | None,
         prolongation: Prolongation,
         ground: Sequence[GroundForces] = (),
-        terms: Sequence[Sequence[BodyTerm]] | None = None,
+        terms: Sequence[BodyTerm] = (),
         thin: bool = True,
     ) -> None:
         """Create matrices, vectors and the SNES. Collective.
@@ -123,13 +124,13 @@ class Equilibrium:
             mass: Mass operator, or None for statics.
             prolongation: Map between unknowns and dofs.
             ground: Springs and drag of the nodes.
-            terms: What depends on the motion of each body; nothing if None.
+            terms: Forces on the bodies that depend on their motion.
             thin: Whether the tangent is consistent with L; see `CondensedMatrix`.
         """
         self.prolongation = prolongation
         self._forces, self._bound, self._mass = forces, bound, mass
         self._ground = ground
-        self._terms = [()] * len(prolongation.partition.bodies) if terms is None else terms
+        self._terms = terms
         self._rows = prolongation.partition.rows
         self._reached = prolongation.partition.reached
         self._b = fem.Function(scene.space)
@@ -137,7 +138,7 @@ class Equilibrium:
         self.d, self.forces_out_of_balance, self._work, self._inertia = (
             self._rows.vector() for _ in range(4)
         )
-        self._moments: Array = np.zeros((len(prolongation.partition.bodies), 4, 3))
+        self._moments: Array = np.empty((0, 4, 3))
         self._y = prolongation.unknowns()
         self._last: Array = np.empty(0)  # unknowns that d and u₁ belong to
         self._r = self._y.duplicate()
@@ -145,7 +146,8 @@ class Equilibrium:
         self._v0: PETSc.Vec = None
         self._f_ext: PETSc.Vec = None
         self._motions: Sequence[BodyMotion] = ()
-        self._resultants: Sequence[Resultants] = ()
+        self._resultants: Resultants | None = None
+        self._start = prolongation.increments.start
         self._prescribed: Array = np.empty(0)
         self._krylov = mass is not None and not prefers_direct(prolongation.size)
         self._fallbacks = 0
@@ -180,7 +182,7 @@ class Equilibrium:
         prescribed: Array,
         guesses: Sequence[Guess],
         motions: Sequence[BodyMotion] = (),
-        resultants: Sequence[Resultants] = (),
+        resultants: Resultants | None = None,
     ) -> Solution:
         """Find the increment of one step. Collective.
 
@@ -191,9 +193,10 @@ class Equilibrium:
             prescribed: Increments of the held dofs [m].
             guesses: First guesses; the one with the smallest residual is taken.
             motions: Motions of the bodies at the begin of the step.
-            resultants: Loads on the bodies at the midpoint.
+            resultants: Loads on the bodies at the midpoint; none if there are no bodies.
         """
         self._motions, self._resultants = motions, resultants
+        self._start = self.prolongation.start(motions, dt)
         self._dt, self._v0, self._f_ext, self._prescribed = dt, v0, f_ext, prescribed
         krylov = self._krylov and self._fallbacks < MAX_FALLBACKS
         reason, remark = self._iterate(guesses), ""
@@ -243,7 +246,7 @@ class Equilibrium:
     def _expand(self, y: PETSc.Vec) -> None:
         """Set d and the forms' u₁ from the unknowns."""
         self._last = y.array_r.copy()
-        self.prolongation.expand(y, self._motions, self._dt, self._prescribed, self.d)
+        self.prolongation.expand(y, self._start, self._prescribed, self.d)
         u1, dofs = self._forces.u1.x, self._rows.dofs
         u1.array[dofs] = self._forces.u0.x.array[dofs] + self.d.array_r
         u1.scatter_forward()
@@ -284,15 +287,14 @@ class Equilibrium:
 
     def _body_forces(self) -> Array:
         """Residual of the bodies, shape (bodies, 6) [N]. Collective."""
-        increments = self.prolongation.increments
-        self._moments = self.prolongation.moments(self.forces_out_of_balance)
-        out = np.empty((len(increments), 6))
-        for k, (increment, load) in enumerate(zip(increments, self._resultants, strict=True)):
-            self._moments[k] -= load.moments
-            for term in self._terms[k]:
-                self._moments[k] += term.moments(increment)
-            out[k] = increment.inertia_force() + increment.resultant(self._moments[k])
-            out[k, 3:] -= load.torque / increment.body.length
+        increments, loads = self.prolongation.increments, self._resultants
+        if loads is None or not len(increments):
+            return np.empty((0, 6))
+        self._moments = self.prolongation.moments(self.forces_out_of_balance) - loads.moments
+        for term in self._terms:
+            self._moments += term.moments(increments)
+        out = increments.inertia_force() + increments.resultant(self._moments)
+        out[:, 3:] -= loads.torques / self._start.of.length[:, None]
         return out
 
     def tangent(self) -> None:
@@ -304,15 +306,15 @@ class Equilibrium:
         for item in self._ground:
             item.add_to(K, self._dt, self.prolongation)
         K.finish()
-        blocks = [self._block(k, each) for k, each in enumerate(self.prolongation.increments)]
-        self.prolongation.add_blocks(K.matrix, np.reshape(blocks, (-1, 6, 6)))
+        self.prolongation.add_blocks(K.matrix, self._blocks())
 
-    def _block(self, k: int, increment: Increment) -> Array:
-        """Derivative of a body's rows that the condensed tangent does not hold, shape (6, 6)."""
-        block = increment.tangent(increment.couples(self._moments[k]))
-        for term in self._terms[k]:
-            block += term.tangent(increment)
-        return block
+    def _blocks(self) -> Array:
+        """Derivative of the bodies' rows that the condensed tangent does not hold."""
+        increments = self.prolongation.increments
+        blocks = increments.tangent(increments.couples(self._moments))
+        for term in self._terms:
+            blocks += term.tangent(increments)
+        return blocks
 
     @property
     def strain_error(self) -> float:

@@ -16,9 +16,10 @@ import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
-from rigidfx.body import BodyMotion, Increment, RigidBody
+from rigidfx.body import BodyMotion, RigidBody, poses
 from rigidfx.condensation import CondensedMatrix
 from rigidfx.effects import MassDamping, Spring
+from rigidfx.increments import Increments
 from rigidfx.mass import Mass
 from rigidfx.prolongation import Prolongation
 from rigidfx.rotation import IDENTITY
@@ -26,20 +27,20 @@ from rigidfx.rows import Rows
 from rigidfx.scene import Scene
 from rigidfx.state import State
 
-__all__ = ["Drag", "GroundForces", "GroundedBody", "Springs"]
+__all__ = ["Drag", "GroundForces", "GroundedBodies", "Springs"]
 
 Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class GroundedBody:
-    """Forces of the ground on one body.
+class GroundedBodies:
+    """Forces of the ground on the rigid bodies.
 
     Attributes:
-        arms: S = Σ w a aᵀ over its nodes, shape (4, 4).
-        pose: Rows r and Rᵀ of a reference pose, shape (4, 3) [m, 1].
-        displaced: Q = Σ w a uᵀ there, shape (4, 3).
-        potential: Σ ½ w u·K u there [J].
+        arms: S = Σ w a aᵀ over the nodes of each, shape (bodies, 4, 4).
+        pose: Rows r and Rᵀ of reference poses, shape (bodies, 4, 3) [m, 1].
+        displaced: Q = Σ w a uᵀ there, shape (bodies, 4, 3).
+        potential: Σ ½ w u·K u there, over all bodies [J].
         K: Shape (3, 3).
         C: Shape (3, 3).
     """
@@ -51,32 +52,30 @@ class GroundedBody:
     K: Array
     C: Array
 
-    def moments(self, increment: Increment) -> Array:
-        """Σ f and Σ V fᵀ of a step, as `Increment.resultant` takes them, shape (4, 3)."""
-        D = increment.displacement
-        moved = _pose(increment.start) - self.pose + 0.5 * D
+    def moments(self, increments: Increments) -> Array:
+        """See `rigidfx.increments.BodyTerm`."""
+        D, start = increments.displacement, increments.start
+        moved = start.pose - self.pose + 0.5 * D
+        stiff = (self.arms @ moved + self.displaced) @ self.K
+        return np.asarray(stiff + self.arms @ D @ self.C / start.dt)
+
+    def tangent(self, increments: Increments) -> Array:
+        """See `rigidfx.increments.BodyTerm`."""
+        K = 0.5 * self.K + self.C / increments.start.dt
+        on_numbers = self.arms[:, :, None, :, None] * K.T[:, None]
         return np.asarray(
-            (self.arms @ moved + self.displaced) @ self.K + self.arms @ D @ self.C / increment.dt
+            increments.L.swapaxes(1, 2) @ on_numbers.reshape(-1, 12, 12) @ increments.P
         )
 
-    def tangent(self, increment: Increment) -> Array:
-        """Derivative of their resultant as far as the forces change, shape (6, 6) [N/m]."""
-        stiffness = np.kron(self.arms, (0.5 * self.K + self.C / increment.dt).T)
-        return np.asarray(increment.L.T @ stiffness @ increment.P)
-
-    def energy(self, motion: BodyMotion) -> float:
+    def energy(self, motions: Sequence[BodyMotion]) -> float:
         """Potential energy [J]."""
-        U = _pose(motion) - self.pose
+        U = poses(motions) - self.pose
         return self.potential + float(np.vdot(U, (0.5 * self.arms @ U + self.displaced) @ self.K))
 
-    def dissipated(self, increment: Increment) -> float:
+    def dissipated(self, increments: Increments) -> float:
         """Energy taken in a step [J]."""
-        D = increment.displacement
-        return float(np.vdot(D, self.arms @ D @ self.C)) / increment.dt
-
-
-def _pose(motion: BodyMotion) -> Array:
-    return np.vstack([motion.r, motion.R.T])
+        D = increments.displacement
+        return float(np.vdot(D, self.arms @ D @ self.C)) / increments.start.dt
 
 
 class GroundForces(Protocol):
@@ -84,14 +83,14 @@ class GroundForces(Protocol):
 
     Attributes:
         kind: Name of the effect's class.
-        bodies: What it does to each body.
+        bodies: What it does to the bodies.
         rounding: Size of a force that the machine precision is to be multiplied with [N].
     """
 
     kind: ClassVar[str]
 
     @property
-    def bodies(self) -> Sequence[GroundedBody]:
+    def bodies(self) -> GroundedBodies:
         """See above."""
         ...
 
@@ -161,17 +160,15 @@ class Springs:
             row[:16] = ((w[:, None] * arms).T @ arms).reshape(-1)
             row[16:28] = ((w[:, None] * arms).T @ moved).reshape(-1)
             row[28] = 0.5 * np.vdot(w[:, None] * moved, moved @ self._K)
-        self.bodies = [
-            GroundedBody(
-                row[:16].reshape(4, 4),
-                _pose(motion),
-                row[16:28].reshape(4, 3),
-                float(row[28]),
-                self._K,
-                self._C,
-            )
-            for row, motion in zip(np.asarray(scene.sum(sums)), state.motions, strict=True)
-        ]
+        total = np.asarray(scene.sum(sums))
+        self.bodies = GroundedBodies(
+            total[:, :16].reshape(-1, 4, 4),
+            poses(state.motions),
+            total[:, 16:28].reshape(-1, 4, 3),
+            float(total[:, 28].sum()),
+            self._K,
+            self._C,
+        )
         x = np.abs(scene.space.tabulate_dof_coordinates()[:n] + u).max(initial=0.0)
         self.rounding = float(np.linalg.norm(self._K)) * scene.comm.allreduce(float(x))
 
@@ -220,17 +217,14 @@ class Drag:
         self._alpha, self._mass = alpha, mass
         self.rounding = 0.0  # below that of inertia
         self._image = rows.vector()
-        self.bodies = [
-            GroundedBody(
-                _euler(body),
-                _pose(motion),
-                np.zeros((4, 3)),
-                0.0,
-                np.zeros((3, 3)),
-                alpha * np.eye(3),
-            )
-            for body, motion in zip(state.bodies, state.motions, strict=True)
-        ]
+        self.bodies = GroundedBodies(
+            np.reshape([_euler(body) for body in state.bodies], (-1, 4, 4)),
+            poses(state.motions),
+            np.zeros((len(state.bodies), 4, 3)),
+            0.0,
+            np.zeros((3, 3)),
+            alpha * np.eye(3),
+        )
 
     def add_forces(self, d: PETSc.Vec, dt: float, f: PETSc.Vec) -> None:
         """See `GroundForces`."""

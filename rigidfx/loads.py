@@ -12,8 +12,9 @@ import ufl
 from petsc4py import PETSc
 
 from rigidfx import effects as fx
-from rigidfx.body import Increment, RigidBody
+from rigidfx.body import RigidBody
 from rigidfx.errors import SceneError, together
+from rigidfx.increments import Increments
 from rigidfx.scene import Scene
 
 __all__ = ["NodalLoads", "Resultants"]
@@ -38,21 +39,21 @@ class WeightedLoad:
 
 @dataclass(frozen=True)
 class Resultants:
-    """Dead loads on one body at one time.
+    """Dead loads on the rigid bodies at one time.
 
     Attributes:
-        moments: Σ f and Σ V fᵀ over the body's nodes, V in the body's frame, shape (4, 3) [N, N m].
-        torque: Torques in space that act on the body as such [N m].
+        moments: Σ f and Σ V fᵀ over the nodes of each, V in its frame, shape (bodies, 4, 3)
+            [N, N m].
+        torques: Torques in space that act on the bodies as such, shape (bodies, 3) [N m].
     """
 
     moments: Array
-    torque: Array
+    torques: Array
 
-    def work(self, increment: Increment) -> float:
+    def work(self, increments: Increments) -> float:
         """Work in a step [J]."""
-        f = increment.resultant(self.moments)
-        turning = f[3:] * increment.body.length + self.torque
-        return float(f[:3] @ increment.dr + turning @ increment.theta)
+        forces = increments.resultant(self.moments)
+        return increments.work(forces) + float(np.vdot(self.torques, increments.theta))
 
 
 class NodalLoads:
@@ -108,8 +109,8 @@ class NodalLoads:
         shape = len(arms), len(self._bodies), 4
         self._arms = np.reshape(arms, shape).transpose(1, 2, 0)
 
-    def evaluate(self, t: float, out: PETSc.Vec) -> tuple[Resultants, ...]:
-        """Nodal forces and loads on each body at time t. Collective.
+    def evaluate(self, t: float, out: PETSc.Vec) -> Resultants:
+        """Nodal forces and loads on the bodies at time t. Collective.
 
         Args:
             t: Time [s], the midpoint of a step.
@@ -121,29 +122,24 @@ class NodalLoads:
         forces = out.array.reshape(-1, 3)
         forces[:] = 0.0
         q: list[Array] = []
-        twists: list[Array] = [np.zeros((2, 3)) for _ in self._bodies]
+        twists: Array = np.zeros((len(self._bodies), 2, 3))
         if self.loads or self._twisted:
             q, twists = together(self._comm, "A load", lambda: (self._q(t), self._twists(t)))
         for value, item in zip(q, self.loads, strict=True):
             if value.any():
                 forces += item.weights[:, None] * value
-        values = np.reshape(q, (-1, 3))
-        out_of = []
-        for arms, (force, torque) in zip(self._arms, twists, strict=True):
-            moments = arms @ values
-            moments[0] += force
-            out_of.append(Resultants(moments, torque))
-        return tuple(out_of)
+        moments = self._arms @ np.reshape(q, (-1, 3))
+        moments[:, 0] += twists[:, 0]
+        return Resultants(moments, twists[:, 1])
 
-    def _twists(self, t: float) -> list[Array]:
-        """Force and torque on each body as such at time t, shape (2, 3).
+    def _twists(self, t: float) -> Array:
+        """Force and torque on each body as such at time t, shape (bodies, 2, 3).
 
         Raises:
             SceneError: On this rank, if one is not finite.
         """
-        out: list[Array] = []
-        for loads in self._on_bodies:
-            twist: Array = np.zeros((2, 3))
+        out: Array = np.zeros((len(self._bodies), 2, 3))
+        for k, loads in enumerate(self._on_bodies):
             for load in loads:
                 with np.errstate(invalid="ignore"):  # what is not finite is met below
                     own = np.stack([load.force_at(t), load.torque_at(t)])
@@ -152,8 +148,7 @@ class NodalLoads:
                         f"Resultant on '{load.body}': at t = {t:g} s force and torque are "
                         f"{own[0]} N and {own[1]} N m; check its time function."
                     )
-                twist += own
-            out.append(twist)
+                out[k] += own
         return out
 
     def _q(self, t: float) -> list[Array]:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from rigidfx.ground import GroundedBody, GroundForces
+from rigidfx.ground import GroundForces
 from rigidfx.internal import InternalForces
 from rigidfx.mass import Mass
 from rigidfx.partition import Partition
@@ -90,7 +90,7 @@ class Monitor:
             total[5:8] += skew(motion.r) @ momentum + spin
             total[8] += np.linalg.norm(momentum) + np.linalg.norm(spin) / body.length
         for item in self._ground:
-            total[9] += sum(map(GroundedBody.energy, item.bodies, state.motions))
+            total[9] += item.bodies.energy(state.motions)
         return Measures(
             kinetic=float(total[0]),
             strain=float(total[1]),

@@ -17,15 +17,16 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem, la
 
-from rigidfx.body import BodyMotion, Increment, RigidBody
+from rigidfx.body import BodyMotion, RigidBody
 from rigidfx.effects import Pressure, Windowed
 from rigidfx.errors import together
 from rigidfx.forms import deformation_gradient
+from rigidfx.increments import Increments
 from rigidfx.kernels import Kernel
 from rigidfx.rotation import IDENTITY
 from rigidfx.scene import Scene
 
-__all__ = ["Pressures", "TurnedLoad"]
+__all__ = ["Pressures", "TurnedLoads"]
 
 Array = npt.NDArray[np.float64]
 Pairs = npt.NDArray[np.int32]
@@ -103,19 +104,19 @@ class Pressures:
 
     def on_bodies(
         self, bodies: Sequence[RigidBody], motions: Sequence[BodyMotion]
-    ) -> list[list[TurnedLoad]]:
-        """What the acting pressures do to each body. Collective.
+    ) -> list[TurnedLoads]:
+        """What each of the acting pressures does to the bodies. Collective.
 
         The displacement u₀ must be up to date inside the bodies.
         """
         if not self._acting:
-            return [[] for _ in bodies]
+            return []
         scene = self._scene
         if self._surface is None:
             F, w = deformation_gradient(self._u0), ufl.TestFunction(scene.space)
             n = ufl.det(F) * ufl.inv(F).T * ufl.FacetNormal(scene.mesh)
             self._surface = Kernel(ufl.inner(n, w) * self._ds(1), [scene.space], scene.mesh)
-        out = np.zeros((len(bodies), len(self._acting), 4, 3))
+        out = np.zeros((len(self._acting), len(bodies), 4, 3))
         force = fem.Function(scene.space)
         for k, (body, motion) in enumerate(zip(bodies, motions, strict=True)):
             for place, j in enumerate(self._acting):
@@ -125,47 +126,46 @@ class Pressures:
                 force.x.scatter_reverse(la.InsertMode.add)
                 nodal = force.x.array.reshape(-1, 3)[body.nodes] @ motion.R
                 arms = np.c_[np.ones(body.nodes.size), body.offsets]
-                out[k, place] = arms.T @ nodal
+                out[place, k] = arms.T @ nodal
         every = np.asarray(scene.sum(out))
         return [
-            [TurnedLoad(own, self._values[j]) for own, j in zip(of_body, self._acting, strict=True)]
-            for of_body in every
+            TurnedLoads(own, self._values[j]) for own, j in zip(every, self._acting, strict=True)
         ]
 
 
 @dataclass(frozen=True)
-class TurnedLoad:
-    """A pressure on one body.
+class TurnedLoads:
+    """A pressure on the rigid bodies.
 
     Attributes:
-        arms: Σ f and Σ V fᵀ of the forces for p = 1, pushing outwards, in the body's frame, shape
-            (4, 3) [m², m³].
+        arms: Σ f and Σ V fᵀ of the forces for p = 1, pushing outwards, in the bodies' frames, shape
+            (bodies, 4, 3) [m², m³].
         pressure: p of the step [Pa].
     """
 
     arms: Array
     pressure: fem.Constant
 
-    def moments(self, increment: Increment) -> Array:
-        """See `rigidfx.body.BodyTerm`."""
-        turn = increment.T @ increment.start.R
-        return float(self.pressure.value) * np.asarray(self.arms @ turn.T)
+    def moments(self, increments: Increments) -> Array:
+        """See `rigidfx.increments.BodyTerm`."""
+        turn = increments.T @ increments.start.R
+        return float(self.pressure.value) * np.asarray(self.arms @ turn.swapaxes(1, 2))
 
-    def tangent(self, increment: Increment) -> Array:
-        """See `rigidfx.body.BodyTerm`.
+    def tangent(self, increments: Increments) -> Array:
+        """See `rigidfx.increments.BodyTerm`.
 
         d(T a) = (½ w × a - ½ (θ·w) T a)/(1 + ¼ |θ|²) in the direction w.
         """
-        theta, arms = increment.theta, self.arms @ increment.start.R.T
-        scale = 0.5 * float(self.pressure.value) / (1 + 0.25 * theta @ theta)
-        G = np.zeros((6, 6))
-        for j, w in enumerate(IDENTITY / increment.body.length):
-            change = np.cross(w, arms) - (theta @ w) * arms @ increment.T.T
-            G[:, 3 + j] = increment.resultant(scale * change)
+        theta, length = increments.theta, increments.start.of.length
+        scale = 0.5 * float(self.pressure.value) / (1 + 0.25 * (theta * theta).sum(axis=1)) / length
+        a = self.arms @ increments.start.R.swapaxes(1, 2)
+        turned = a @ increments.T.swapaxes(1, 2)
+        G = np.zeros((len(increments), 6, 6))
+        for j, w in enumerate(IDENTITY):
+            change = np.cross(w, a) - theta[:, j, None, None] * turned
+            G[:, :, 3 + j] = increments.resultant(scale[:, None, None] * change)
         return G
 
-    def work(self, increment: Increment) -> float:
+    def work(self, increments: Increments) -> float:
         """Work of the pressure in a step [J]."""
-        f = increment.resultant(-self.moments(increment))
-        turning = f[3:] * increment.body.length
-        return float(f[:3] @ increment.dr + turning @ increment.theta)
+        return -increments.work(increments.resultant(self.moments(increments)))

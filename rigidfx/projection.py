@@ -80,8 +80,7 @@ class RigidFields:
         self._prolongation = Prolongation(rigid_fields(scene, state.bodies, held), scene.comm)
         self._held = np.flatnonzero(held)
         self._y, self._r = self._prolongation.unknowns(), self._prolongation.unknowns()
-        # At θ = 0 the rows of L and P agree and map velocities, equation (25).
-        self._prolongation.rotate(np.zeros((len(state.bodies), 6)), state.motions, 1.0)
+        self._prolongation.pose(state.motions)
         self._reduced = self._prolongation.condense(mass)
         self._blocks = _blocks(state.bodies, state.motions)
         self._prolongation.add_blocks(self._reduced, self._blocks)

@@ -28,7 +28,8 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_array
 
-from rigidfx.body import TRANSLATIONS, BodyMotion, Increment
+from rigidfx.body import BodyMotion, at_rest
+from rigidfx.increments import TRANSLATIONS, Ensemble, Increments, Start
 from rigidfx.partition import Partition
 from rigidfx.rows import mapped_matrix
 
@@ -49,7 +50,7 @@ class Prolongation:
         held: Rows of this rank that are prescribed, sorted.
         size: Number of unknowns over all ranks.
         nodal: Whether free dofs come in whole nodes, three at a time.
-        increments: Trial increments of the bodies, set by `expand`; equal on all ranks.
+        increments: Trial step of the bodies, set by `rotate` and `expand`; equal on all ranks.
         touched: Whether flexible cells touch any body.
         first_column: Number of this rank's first unknown.
         body_columns: Number of the first unknown of each body.
@@ -71,7 +72,8 @@ class Prolongation:
         self._mine = np.flatnonzero(np.equal(self._owners, comm.rank))
         self._columns = self.free.size + 6 * len(self._mine)
         self.size = int(comm.allreduce(self._columns))
-        self.increments: tuple[Increment, ...] = ()
+        self._ensemble = Ensemble(partition.bodies)
+        self.pose([at_rest(body) for body in partition.bodies])
         by_node = free.reshape(-1, 3)
         broken = int(np.count_nonzero(by_node.any(axis=1) & ~by_node.all(axis=1)))
         self.nodal = comm.allreduce(broken) == 0
@@ -116,8 +118,7 @@ class Prolongation:
     def expand(
         self,
         y: PETSc.Vec,
-        motions: Sequence[BodyMotion],
-        dt: float,
+        start: Start,
         prescribed: Array,
         d: PETSc.Vec,
     ) -> None:
@@ -125,13 +126,12 @@ class Prolongation:
 
         Args:
             y: Unknowns.
-            motions: Motions of the bodies at the begin of the step.
-            dt: Δt [s].
+            start: The bodies at the begin of the step.
             prescribed: Increments of the held dofs [m], in their order.
             d: Increments of the active nodes, overwritten.
         """
-        self.rotate(self.bodies_part(y), motions, dt)
-        self._multiply(y, prescribed, [each.displacement for each in self.increments], d)
+        self.rotate(self.bodies_part(y), start)
+        self._multiply(y, prescribed, self.increments.displacement, d)
 
     def apply(self, y: PETSc.Vec, six: Array, prescribed: Array, d: PETSc.Vec) -> None:
         """D = L y + d_s with L as it is.
@@ -142,38 +142,28 @@ class Prolongation:
             prescribed: Increments of the held dofs [m], in their order.
             d: Increments of the active nodes, overwritten.
         """
-        moved = [
-            (increment.L @ own).reshape(4, 3)
-            for increment, own in zip(self.increments, six, strict=True)
-        ]
-        self._multiply(y, prescribed, moved, d)
+        moved = self.increments.L @ six[:, :, None]
+        self._multiply(y, prescribed, moved.reshape(-1, 4, 3), d)
 
-    def _multiply(
-        self, y: PETSc.Vec, prescribed: Array, moved: Sequence[Array], d: PETSc.Vec
-    ) -> None:
+    def _multiply(self, y: PETSc.Vec, prescribed: Array, moved: Array, d: PETSc.Vec) -> None:
         """D = A z, with the matrices of the bodies' displacements."""
         free = self.free.size
         self._z[:free] = y.array_r[:free]
         self._z[free : free + self.held.size] = prescribed
-        for k, each in enumerate(moved):
-            self._z_bodies[k] = each
+        self._z_bodies[:] = moved
         d.array[:] = self._A @ self._z
 
-    def rotate(self, six: Array, motions: Sequence[BodyMotion], dt: float) -> None:
-        """Set the bodies' increments, and so L, to their unknowns, shape (bodies, 6)."""
-        self.increments = tuple(
-            Increment(body, motion, dr, turn / body.length, dt)
-            for body, motion, (dr, turn) in zip(
-                self.partition.bodies, motions, six.reshape(-1, 2, 3), strict=True
-            )
-        )
+    def start(self, motions: Sequence[BodyMotion], dt: float) -> Start:
+        """The bodies, of these motions, at the begin of a step of length dt [s]."""
+        return Start(self._ensemble, motions, dt)
 
-    def turned(self) -> tuple[list[Array], list[Array]]:
-        """What turns of L and of P as it is now, for each body, shape (12, 6): see `Increment`."""
-        if not self.increments:  # not rotated yet: only patterns are asked for
-            none: list[Array] = [np.zeros((12, 6)) for _ in self.partition.bodies]
-            return none, none
-        return [each.L for each in self.increments], [each.P for each in self.increments]
+    def pose(self, motions: Sequence[BodyMotion]) -> None:
+        """Set L and P to those of θ = 0, where they agree and map velocities, equation (25)."""
+        self.rotate(np.zeros((len(motions), 6)), self.start(motions, 1.0))
+
+    def rotate(self, six: Array, start: Start) -> None:
+        """Set the bodies' increments, and so L, to their unknowns, shape (bodies, 6)."""
+        self.increments = Increments(start, six)
 
     def bodies_part(self, y: PETSc.Vec) -> Array:
         """The six unknowns of each body, shape (bodies, 6), on all ranks. Collective."""
@@ -214,10 +204,7 @@ class Prolongation:
             bodies: Shape (bodies, 6), equal on all ranks.
             r: Overwritten.
         """
-        six, moments = bodies.copy(), self.moments(f)
-        for k, increment in enumerate(self.increments):
-            six[k] += increment.resultant(moments[k])
-        self.collapse(f.array_r, six, r)
+        self.collapse(f.array_r, bodies + self.increments.resultant(self.moments(f)), r)
 
     # Matrices -----------------------------------------------------------------------------------
 
@@ -235,8 +222,9 @@ class Prolongation:
         pattern = TRANSLATIONS.copy()
         pattern[3:, 3:] = 1.0
         row, column = np.nonzero(pattern)
-        for k, (turned, first) in enumerate(zip(self.turned()[1], self.body_columns, strict=True)):
-            entries.append((single + 12 * k + row, first + column, turned[row, column]))
+        for k, first in enumerate(self.body_columns):
+            values = self.increments.P[k, row, column]
+            entries.append((single + 12 * k + row, first + column, values))
         P = self._A @ _sparse(entries, (self._A.shape[1], self.size))
         P.sort_indices()
         out = PETSc.Mat().createAIJ(
@@ -263,9 +251,14 @@ class Prolongation:
             C: Reduced tangent.
             blocks: Shape (bodies, 6, 6), equal on all ranks.
         """
-        for k in self._mine:
-            index = (self.body_columns[k] + np.arange(6)).astype(Int)
-            C.setValues(index, index, blocks[k], addv=PETSc.InsertMode.ADD_VALUES)
+        numbers = np.asarray(self.body_columns, Int)[self._mine][:, None] + np.arange(6, dtype=Int)
+        C.setValuesIJV(
+            np.arange(0, 6 * numbers.size + 1, 6, dtype=Int),
+            np.repeat(numbers, 6, axis=0).reshape(-1),
+            blocks[self._mine].reshape(-1),
+            addv=PETSc.InsertMode.ADD_VALUES,
+            rowmap=numbers.reshape(-1),
+        )
         C.assemble()
 
 

@@ -2,7 +2,7 @@
 
 Lᵀ K P needs sums over the attached nodes of a body only where K meets L or P. There both are linear
 in the arms x = [1, V] of a node, which never change: the rows of P are Σⱼ xⱼ Pⱼ with four matrices
-of shape (3, 6) that turn with the body, see `Increment.P`. So
+of shape (3, 6) that turn with the body, see `Increments.P`. So
 
     Σ_a K_fa P_a = Σⱼ Mⱼ Pⱼ,    Mⱼ = Σ_a x_aj K_fa,
 
@@ -94,11 +94,10 @@ class Rim:
         )
         self._ends = np.cumsum([4 * pairs[0].size for pairs in (outer, below)])
         self._outer, self._below = _spans(outer[0]), _spans(below[0])
-        self._inner = [
-            (*divmod(pair, bodies), span, nodes.arms[inner[1][span]].T.copy())
-            for pair, span in _spans(inner[0])
-        ]
-        own = np.array([pair[:2] for pair in self._inner], dtype=np.int64).reshape(-1, 2)
+        self._inner = [(span, nodes.arms[inner[1][span]].T.copy()) for _, span in _spans(inner[0])]
+        self._met = np.stack(np.divmod(np.unique(inner[0]), bodies))
+        self._double = np.empty((len(self._inner), 4, 36))
+        own = self._met.T
         # What goes into the matrix, block by block: K where no body is, rows of free nodes at a
         # body, the two rows of a body at free nodes, the blocks of bodies.
         self._ff = ff
@@ -157,35 +156,40 @@ class Rim:
 
     def _condense(self) -> None:
         """Set the blocks of Lᵀ K P."""
-        test, trial = self._prolongation.turned()
-        if not self._thin:
-            test = trial
+        trial = self._prolongation.increments.P
+        test = self._prolongation.increments.L if self._thin else trial
         plain, outer, below, own = self._parts
         np.take(self._blocks, self._ff, axis=0, out=plain.reshape(-1, 9), mode="clip")
         sums = self._moments @ self._blocks
-        moments, outer = sums[: self._ends[0]].reshape(-1, 36), outer.reshape(-1, 18)
-        for k, span in self._outer:
-            np.matmul(moments[span], _from_right(trial[k]), out=outer[span])
-        moments, below = sums[slice(*self._ends)].reshape(-1, 36), below.reshape(-1, 18)
-        for k, span in self._below:
-            np.matmul(moments[span], _from_left(test[k]), out=below[span])
-        moments, own = sums[self._ends[1] :].reshape(-1, 36), own.reshape(-1, 2, 2, 3, 3)
-        for block, (left, right, span, arms) in zip(own, self._inner, strict=True):
-            double = (arms @ moments[span]).reshape(4, 4, 3, 3).swapaxes(1, 2).reshape(12, 12)
-            six = test[left].T @ double @ trial[right]
-            block[:] = six.reshape(2, 3, 2, 3).swapaxes(1, 2)
+        begin, end = self._ends
+        self._turn(sums[:begin], self._outer, _from_right(trial), outer)
+        self._turn(sums[begin:end], self._below, _from_left(test), below)
+        moments = sums[end:].reshape(-1, 36)
+        for double, (span, arms) in zip(self._double, self._inner, strict=True):
+            np.matmul(arms, moments[span], out=double)
+        left, right = self._met
+        K = self._double.reshape(-1, 4, 4, 3, 3).swapaxes(2, 3).reshape(-1, 12, 12)
+        six = test[left].swapaxes(1, 2) @ K @ trial[right]
+        own.reshape(-1, 2, 2, 3, 3)[:] = six.reshape(-1, 2, 3, 2, 3).swapaxes(2, 3)
+
+    @staticmethod
+    def _turn(sums: Array, spans: list[tuple[int, slice]], maker: Array, out: Array) -> None:
+        """Two blocks from each four moments of a node beside a body."""
+        moments, two = sums.reshape(-1, 36), out.reshape(-1, 18)
+        for k, span in spans:
+            np.matmul(moments[span], maker[k], out=two[span])
 
 
 def _from_right(P: Array) -> Array:
-    """Makes the two 3×3 blocks of Σⱼ Mⱼ Pⱼ from the four Mⱼ, all row by row; shape (36, 18)."""
-    wide = P.reshape(4, 1, 3, 2, 1, 3) * IDENTITY.reshape(1, 3, 1, 1, 3, 1)
-    return wide.reshape(36, 18)
+    """Makes the two 3×3 blocks of Σⱼ Mⱼ Pⱼ from four Mⱼ, row by row; shape (bodies, 36, 18)."""
+    wide = P.reshape(-1, 4, 1, 3, 2, 1, 3) * IDENTITY.reshape(3, 1, 1, 3, 1)
+    return wide.reshape(-1, 36, 18)
 
 
 def _from_left(L: Array) -> Array:
-    """Makes the two 3×3 blocks of Σⱼ Lⱼᵀ Mⱼ from the four Mⱼ, all row by row; shape (36, 18)."""
-    wide = L.reshape(4, 3, 1, 2, 3, 1) * IDENTITY.reshape(1, 1, 3, 1, 1, 3)
-    return wide.reshape(36, 18)
+    """Makes the two 3×3 blocks of Σⱼ Lⱼᵀ Mⱼ from four Mⱼ, row by row; shape (bodies, 36, 18)."""
+    wide = L.reshape(-1, 4, 3, 1, 2, 3, 1) * IDENTITY.reshape(1, 3, 1, 1, 3)
+    return wide.reshape(-1, 36, 18)
 
 
 def _pairs(bodies: Ints, nodes: Ints) -> tuple[tuple[Ints, Ints], Ints]:

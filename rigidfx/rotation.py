@@ -69,14 +69,20 @@ def cayley_tangent(theta: npt.ArrayLike) -> Array:
     """T = (I + ½θ̂)/(1 + ¼θ·θ): spatial spin of the rotated frame per unit dθ.
 
     Args:
-        theta: Cayley vector θ, shape (3,).
+        theta: Cayley vectors θ, shape (..., 3).
 
     Returns:
-        Shape (3, 3).
+        Shape (..., 3, 3).
     """
-    return (IDENTITY + 0.5 * skew(theta)) / (1 + 0.25 * np.dot(theta, theta))
+    theta = np.asarray(theta)
+    square = (theta * theta).sum(axis=-1)[..., None, None]
+    return (IDENTITY + 0.5 * skew(theta)) / (1 + 0.25 * square)
 
 
 def orthonormalized(R: Array) -> Array:
-    """R after one Newton step of the polar decomposition: rounding does not pile up in products."""
-    return R @ (1.5 * IDENTITY - 0.5 * R.T @ R)
+    """R after one Newton step of the polar decomposition: rounding does not pile up in products.
+
+    Args:
+        R: Nearly rotations, shape (..., 3, 3).
+    """
+    return R @ (1.5 * IDENTITY - 0.5 * R.swapaxes(-1, -2) @ R)

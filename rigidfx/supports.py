@@ -183,10 +183,8 @@ def impose_velocity(
         mass.mult(dv, p)
         prolongation = Prolongation(partition, scene.comm)
         rhs, dy = prolongation.unknowns(), prolongation.unknowns()
-        # At θ = 0 the rows of L and P agree and map velocities, equation (25).
-        none = np.zeros((len(partition.bodies), 6))
-        prolongation.rotate(none, state.motions, 1.0)
-        prolongation.restrict(p, none, rhs)
+        prolongation.pose(state.motions)
+        prolongation.restrict(p, np.zeros((len(partition.bodies), 6)), rhs)
         rhs.scale(-1.0)
         if rhs.norm() > 0.0:
             _solve(prolongation, mass, state, rhs, dy)

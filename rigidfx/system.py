@@ -15,9 +15,9 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from rigidfx import effects as fx
-from rigidfx.body import BodyTerm
 from rigidfx.equilibrium import Equilibrium, Solution
 from rigidfx.ground import Drag, GroundForces, Springs
+from rigidfx.increments import BodyTerm
 from rigidfx.internal import Cells, InternalForces
 from rigidfx.loads import NodalLoads
 from rigidfx.mass import mass_operator
@@ -110,10 +110,7 @@ class System:
             *(Drag(alpha, self.mass, rows, state) for alpha in drag),
         ]
         self._pressed = forces.pressures.on_bodies(state.bodies, state.motions)
-        terms: list[list[BodyTerm]] = [
-            [*(item.bodies[k] for item in self._ground), *pressed]
-            for k, pressed in enumerate(self._pressed)
-        ]
+        terms: list[BodyTerm] = [*(item.bodies for item in self._ground), *self._pressed]
         self.monitor = Monitor(scene, forces, self.mass, part, self._ground)
         pressed = [*flexible.values(), *(carried or {}).values()]
         self._against_pressure = forces.pressures.bind_work(pressed)
@@ -180,14 +177,13 @@ class System:
         dissipated = dict.fromkeys(kinds, 0.0)
         for kind, energy in zip(kinds, lost, strict=True):
             dissipated[kind] += energy
-        for k, increment in enumerate(increments):
-            work += self._resultants[k].work(increment)
-            work += sum(load.work(increment) for load in self._pressed[k])
-            for item in self._ground:
-                dissipated[item.kind] += item.bodies[k].dissipated(increment)
+        work += self._resultants.work(increments)
+        work += sum(load.work(increments) for load in self._pressed)
+        for item in self._ground:
+            dissipated[item.kind] += item.bodies.dissipated(increments)
         state.u.x.array[dofs] += d
         state.v.x.array[dofs] = 2 / dt * d - self._v0.array_r
-        state.motions = tuple(increment.end() for increment in increments)
+        state.motions = increments.end()
         self._attach(state)
         state.u.x.scatter_forward()
         state.v.x.scatter_forward()

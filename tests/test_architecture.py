@@ -36,6 +36,7 @@ LAYERS = [
     "regions",
     "decision",
     "body",
+    "increments",
     "pressures",
     "groups",
     "internal",

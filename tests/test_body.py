@@ -14,7 +14,8 @@ from scipy.special import ellipk
 from tumbling_l import tumbling_l
 
 import rigidfx as rf
-from rigidfx.body import BodyMotion, Increment, RigidBody
+from rigidfx.body import BodyMotion, RigidBody
+from rigidfx.increments import Ensemble, Increments, Start
 from rigidfx.integrator import Integrator
 from rigidfx.rotation import skew
 
@@ -242,22 +243,27 @@ def top(inertia=INERTIA, mass=2.0):
     return RigidBody("top", nothing, nothing, np.empty((0, 3)), mass, inertia, np.zeros(3))
 
 
+def step_of(body, start, dr, theta, dt):
+    """A trial step of one body."""
+    return Increments(Start(Ensemble([body]), [start], dt), np.r_[dr, body.length * theta][None])
+
+
 def advance(body, start, dt, guess, most=30):
     """One step of the body alone by Newton; its motion, θ and the residuals."""
-    theta, sizes, zero = guess, [], np.zeros((3, 3))
+    theta, sizes, zero = guess, [], np.zeros((1, 3, 3))
     dr = dt * start.velocity
     while len(sizes) < most:
-        trial = Increment(body, start, dr, theta, dt)
-        R = trial.inertia_force()
+        trial = step_of(body, start, dr, theta, dt)
+        R = trial.inertia_force()[0]
         sizes.append(np.linalg.norm(R))
         if len(sizes) > 2 and sizes[-1] >= 0.1 * sizes[-2]:  # rounding
             break
-        step = np.linalg.solve(trial.tangent(zero), R)
+        step = np.linalg.solve(trial.tangent(zero)[0], R)
         dr, theta = dr - step[:3], theta - step[3:] / body.length
         if np.abs(step).max() <= EPS * body.length:
             break
-    trial = Increment(body, start, dr, theta, dt)
-    return trial.end(), theta, sizes
+    trial = step_of(body, start, dr, theta, dt)
+    return trial.end()[0], theta, sizes
 
 
 def spin(body, omega, dt, t_end):
@@ -427,14 +433,14 @@ def tangent_error(body, start, theta, forces, arms):
     dt, dr = 0.3, np.array([0.1, 0.2, -0.3])
 
     def residual(y):
-        trial = Increment(body, start, y[:3], y[3:] / body.length, dt)
-        moment = np.cross(arms @ trial.R_av.T, forces).sum(axis=0)
-        return trial.inertia_force() + np.r_[np.zeros(3), moment / body.length]
+        trial = step_of(body, start, y[:3], y[3:] / body.length, dt)
+        moment = np.cross(arms @ trial.R_av[0].T, forces).sum(axis=0)
+        return trial.inertia_force()[0] + np.r_[np.zeros(3), moment / body.length]
 
     y, h = np.r_[dr, body.length * theta], 2e-3
-    trial = Increment(body, start, dr, theta, dt)
-    couples = 0.5 * (skew(forces) @ skew(arms @ trial.R1.T)).sum(axis=0)
-    G = trial.tangent(couples)
+    trial = step_of(body, start, dr, theta, dt)
+    couples = 0.5 * (skew(forces) @ skew(arms @ trial.R1[0].T)).sum(axis=0)
+    G = trial.tangent(couples[None])[0]
     numeric = np.stack(
         [
             (8 * (residual(y + h * e) - residual(y - h * e))

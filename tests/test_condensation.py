@@ -134,7 +134,7 @@ def condensation_errors(scene, seed):
             [np.r_[rng.standard_normal(3), b.length * t]
              for b, t in zip(part.bodies, theta, strict=True)]
         ).reshape(-1, 6)  # fmt: skip
-        prolongation.rotate(six, motions, 0.1)
+        prolongation.rotate(six, prolongation.start(motions, 0.1))
         # Any state: the stiffness is evaluated in a field that depends on positions only, so that
         # it is the same on any number of ranks.
         X = scene.space.tabulate_dof_coordinates()

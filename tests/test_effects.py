@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from parallel import run as run_on
 
 import rigidfx as rf
-from rigidfx.body import Increment
+from rigidfx.increments import Ensemble, Increments, Start
 from rigidfx.integrator import Integrator
 from rigidfx.internal import InternalForces
 from rigidfx.rotation import cayley
@@ -244,19 +244,19 @@ def test_tangents_of_bodies():
         system, state = integrator._system, integrator.state
         system._forces.set_time(0.15, 0.1)
         (body,), (motion,) = state.bodies, state.motions
-        (terms,) = system.equilibrium._terms
+        terms = system.equilibrium._terms
         assert len(terms) == 3
         y = np.array([0.02, -0.01, 0.03, 0.4, -0.2, 0.3])
 
         def residual(y, term):
-            increment = Increment(body, motion, y[:3], y[3:] / body.length, 0.1)
-            return increment.resultant(term.moments(increment)), increment
+            increments = Increments(Start(Ensemble([body]), [motion], 0.1), y[None])
+            return increments.resultant(term.moments(increments))[0], increments
 
         for term in terms:
-            _, increment = residual(y, term)
-            G = term.tangent(increment)
-            couples = increment.couples(term.moments(increment)) @ increment.T
-            G[3:, 3:] += couples / body.length**2
+            _, increments = residual(y, term)
+            (G,) = term.tangent(increments)
+            couples = increments.couples(term.moments(increments)) @ increments.T
+            G[3:, 3:] += couples[0] / body.length**2
             h = 1e-5
             numeric = np.stack(
                 [

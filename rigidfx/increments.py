@@ -1,0 +1,247 @@
+"""A trial step of all rigid bodies at once: their own residual and tangent, and how nodes follow.
+
+The unknowns of a step are Δr and the Cayley vector θ of the rotation increment of each body,
+
+    R1 = cay(θ) R0,    ṙ1 = 2 Δr/Δt - ṙ0,    W1 = 2 R0ᵀθ/Δt - W0,    π = R J W,
+
+and the body's own part of the balance of momenta (12) reads m (ṙ1 - ṙ0)/Δt and (π1 - π0)/Δt. Then
+Δr·m(ṙ1 - ṙ0)/Δt and θ·(π1 - π0)/Δt are exactly the increments of the kinetic energy (Simo and Wong,
+IJNME 31 (1991) 19). In the vector of unknowns θ is multiplied by the length ℓ, ℓ² = tr J/(2 m), and
+moments are divided by it: all unknowns are lengths and all residuals forces.
+
+All arrays begin with an axis over the bodies: a step with many of them takes as many calls of NumPy
+as one with a single body.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.body import BodyMotion, RigidBody, poses
+from rigidfx.rotation import IDENTITY, UNIT_SPINS, cayley_tangent, orthonormalized, skew
+
+__all__ = ["TRANSLATIONS", "BodyTerm", "Ensemble", "Increments", "Start"]
+
+Array = npt.NDArray[np.float64]
+
+# How the first of a body's twelve numbers depend on its translation, see `Increments.L`.
+TRANSLATIONS = np.eye(12, 6) * (np.arange(6) < 3)
+
+
+class Ensemble:
+    """What does not change of the bodies of a partition.
+
+    Attributes:
+        mass: m, shape (bodies,) [kg].
+        inertia: J about the centres of mass, shape (bodies, 3, 3) [kg m²].
+        length: ℓ, shape (bodies,) [m].
+        spins: v times them is -v̂/ℓ, row by row; shape (bodies, 3, 9) [1/m].
+    """
+
+    def __init__(self, bodies: Sequence[RigidBody]) -> None:
+        """Stack the bodies' data."""
+        self.mass = np.array([body.mass for body in bodies], dtype=np.float64)
+        self.inertia = np.reshape([body.inertia for body in bodies], (-1, 3, 3))
+        self.length = np.array([body.length for body in bodies], dtype=np.float64)
+        self.spins = UNIT_SPINS / -self.length[:, None, None]
+
+    def __len__(self) -> int:
+        """Number of bodies."""
+        return self.mass.size
+
+
+class Start:
+    """The bodies at the begin of a step.
+
+    Attributes:
+        of: Their data.
+        dt: Δt [s].
+        pose: Rows r and R0ᵀ, shape (bodies, 4, 3) [m, 1].
+        R: R0, rotations since the freeze, shape (bodies, 3, 3).
+        velocity: ṙ0, shape (bodies, 3) [m/s].
+        spin: W0, angular velocities in the bodies' frames, shape (bodies, 3) [rad/s].
+    """
+
+    def __init__(self, ensemble: Ensemble, motions: Sequence[BodyMotion], dt: float) -> None:
+        """Stack the motions.
+
+        Args:
+            ensemble: Data of the bodies.
+            motions: Their motions.
+            dt: Δt [s].
+        """
+        self.of, self.dt = ensemble, dt
+        self.pose = poses(motions)
+        self.R = self.pose[:, 1:].swapaxes(1, 2)
+        self.velocity = np.reshape([m.velocity for m in motions], (-1, 3))
+        self.spin = np.reshape([m.spin for m in motions], (-1, 3))
+
+    @cached_property
+    def momentum(self) -> Array:
+        """π0, angular momenta about the centres of mass, shape (bodies, 3) [kg m²/s]."""
+        return _times(self.R, _times(self.of.inertia, self.spin))
+
+    @cached_property
+    def stiffness(self) -> tuple[Array, Array]:
+        """2 m I/Δt² [N/m] and 2 J R0ᵀ/Δt² [N m] of inertia, each of shape (bodies, 3, 3)."""
+        factor, turned = 2 / self.dt**2, self.of.inertia @ self.R.swapaxes(1, 2)
+        return factor * self.of.mass[:, None, None] * IDENTITY, factor * turned
+
+
+class Increments:
+    """A trial step.
+
+    Attributes:
+        start: The bodies at its begin.
+        six: Unknowns Δr and ℓθ, shape (bodies, 6) [m].
+        dr: Δr, shape (bodies, 3) [m].
+        theta: θ, shape (bodies, 3) [1].
+    """
+
+    def __init__(self, start: Start, six: Array) -> None:
+        """Take unknowns as they are, from then on not to be changed."""
+        self.start, self.six = start, six
+        self.dr, self.theta = six[:, :3], six[:, 3:] / start.of.length[:, None]
+
+    def __len__(self) -> int:
+        """Number of bodies."""
+        return len(self.six)
+
+    @cached_property
+    def T(self) -> Array:
+        """Spin of R1 per unit dθ, shape (bodies, 3, 3)."""
+        return cayley_tangent(self.theta)
+
+    @cached_property
+    def turn(self) -> Array:
+        """R1 - R0 = θ̂ T R0 = θ̂ R_av, as cay(θ) = I + θ̂ T; shape (bodies, 3, 3)."""
+        return skew(self.theta) @ (self.T @ self.start.R)
+
+    @cached_property
+    def R1(self) -> Array:
+        """Rotations at the end of the step, shape (bodies, 3, 3)."""
+        return self.start.R + self.turn
+
+    @cached_property
+    def R_av(self) -> Array:
+        """½ (R0 + R1), equation (4), shape (bodies, 3, 3)."""
+        return self.start.R + 0.5 * self.turn
+
+    @cached_property
+    def spin1(self) -> Array:
+        """W1, angular velocities at the end in the bodies' frames, shape (bodies, 3) [rad/s]."""
+        return _times_transposed(self.start.R, 2 / self.start.dt * self.theta) - self.start.spin
+
+    @cached_property
+    def pi1(self) -> Array:
+        """π1, angular momenta at the end about the centres, shape (bodies, 3) [kg m²/s]."""
+        return _times(self.R1, _times(self.start.of.inertia, self.spin1))
+
+    def end(self) -> tuple[BodyMotion, ...]:
+        """The motions at the end of the step."""
+        s = self.start
+        r, R = s.pose[:, 0] + self.dr, orthonormalized(self.R1)
+        velocity = 2 / s.dt * self.dr - s.velocity
+        return tuple(BodyMotion(r[k], R[k], velocity[k], self.spin1[k]) for k in range(len(self)))
+
+    def inertia_force(self) -> Array:
+        """M (ṙ1 - ṙ0)/Δt and (π1 - π0)/(ℓ Δt), shape (bodies, 6) [N]."""
+        s, of = self.start, self.start.of
+        out = np.empty((len(self), 6))
+        out[:, :3] = (2 / s.dt * of.mass)[:, None] * (self.dr / s.dt - s.velocity)
+        out[:, 3:] = (self.pi1 - s.momentum) / (s.dt * of.length)[:, None]
+        return out
+
+    def tangent(self, couples: Array) -> Array:
+        """Derivative of the bodies' residual rows that P does not carry, shape (bodies, 6, 6).
+
+        Args:
+            couples: Σ ½ f̂ᵢ v̂₁,ᵢ over forces on a body's nodes, shape (bodies, 3, 3) [N m]: how the
+                moments Σ v_av × f change with R1.
+
+        Returns:
+            In N/m.
+        """
+        s = self.start
+        mass, inertia = s.stiffness
+        rotation = (couples - skew(self.pi1) / s.dt) @ self.T + self.R1 @ inertia
+        G = np.zeros((len(self), 6, 6))
+        G[:, :3, :3] = mass
+        G[:, 3:, 3:] = rotation / (s.of.length**2)[:, None, None]
+        return G
+
+    # Nodes of a body. With arms [1, V], shape (n, 4), everything that happens to them goes through
+    # one small matrix, shape (4, 3): displacements are arms @ matrix, forces f enter as their
+    # moments armsᵀ f, with F = Σ f in the first row and A = Σ V fᵀ below. L and P say how its
+    # twelve numbers, row by row, depend on the body's six unknowns.
+
+    @cached_property
+    def displacement(self) -> Array:
+        """The matrices of the displacements in this step, shape (bodies, 4, 3) [m, 1]."""
+        out = np.empty((len(self), 4, 3))
+        out[:, 0], out[:, 1:] = self.dr, self.turn.swapaxes(1, 2)
+        return out
+
+    @cached_property
+    def L(self) -> Array:
+        """Of the displacements Δr + θ × v_av, eqs. (5) and (13); shape (bodies, 12, 6) [1, 1/m]."""
+        return self._followed(self._arms_of(self.R_av))
+
+    @cached_property
+    def P(self) -> Array:
+        """Derivative of `displacement`: δr + T δθ × v₁; shape (bodies, 12, 6) [1, 1/m]."""
+        return self._followed(self._arms_of(self.R1) @ self.T)
+
+    def _arms_of(self, R: Array) -> Array:
+        """-v̂/ℓ of the columns v of matrices R, shape (bodies, 9, 3) [1/m]."""
+        return (R.swapaxes(1, 2) @ self.start.of.spins).reshape(-1, 9, 3)
+
+    def _followed(self, rotations: Array) -> Array:
+        out = np.empty((len(self), 12, 6))
+        out[:] = TRANSLATIONS
+        out[:, 3:, 3:] = rotations
+        return out
+
+    def resultant(self, moments: Array) -> Array:
+        """Lᵀ: Σ f and Σ v_av × f/ℓ of forces with these moments, shape (bodies, 6) [N].
+
+        Args:
+            moments: Shape (bodies, 4, 3) [N, N m].
+        """
+        return (moments.reshape(-1, 1, 12) @ self.L)[:, 0]
+
+    def couples(self, moments: Array) -> Array:
+        """Σ ½ f̂ᵢ v̂₁,ᵢ of forces with these moments, shape (bodies, 3, 3) [N m]: see `tangent`."""
+        B = 0.5 * self.R1 @ moments[:, 1:]  # ½ Σ v₁ fᵀ, and f̂ v̂ = v fᵀ - (f·v) I
+        return B - B.trace(axis1=1, axis2=2)[:, None, None] * IDENTITY
+
+    def work(self, forces: Array) -> float:
+        """Work of forces and moments over ℓ, as `resultant` gives them, in the step [J]."""
+        return float(np.vdot(forces, self.six))
+
+
+class BodyTerm(Protocol):
+    """Forces on the nodes of bodies that depend on their motion; written as resistance."""
+
+    def moments(self, increments: Increments) -> Array:
+        """Σ f and Σ V fᵀ of a step, as `Increments.resultant` takes them, shape (bodies, 4, 3)."""
+        ...
+
+    def tangent(self, increments: Increments) -> Array:
+        """Derivative of their resultant as far as the forces change, shape (bodies, 6, 6) [N/m]."""
+        ...
+
+
+def _times(matrices: Array, vectors: Array) -> Array:
+    """Each matrix times its vector."""
+    return (matrices @ vectors[:, :, None])[:, :, 0]
+
+
+def _times_transposed(matrices: Array, vectors: Array) -> Array:
+    """Each matrix, transposed, times its vector."""
+    return (vectors[:, None] @ matrices)[:, 0]
