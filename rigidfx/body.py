@@ -6,14 +6,13 @@ to the centre of mass, and x_i = r + R Vᵢ from then on.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["BodyMotion", "Frozen", "RigidBody", "at_rest", "mass_block", "poses"]
+__all__ = ["BodyMotion", "Frozen", "RigidBody", "at_rest", "mass_block"]
 
 Array = npt.NDArray[np.float64]
 
@@ -119,11 +118,6 @@ class BodyMotion:
     def velocities(self, offsets: Array) -> Array:
         """ṙ + ω × R V for offsets of shape (n, 3) [m/s]; equation (2)."""
         return np.asarray(self.velocity + np.cross(self.angular_velocity, offsets @ self.R.T))
-
-
-def poses(motions: Sequence[BodyMotion]) -> Array:
-    """Rows r and Rᵀ of each body, shape (bodies, 4, 3) [m, 1]: its node is at [1, V] times them."""
-    return np.reshape([[motion.r, *motion.R.T] for motion in motions], (-1, 4, 3))
 
 
 def mass_block(body: RigidBody, motion: BodyMotion) -> Array:

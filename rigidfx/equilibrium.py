@@ -21,8 +21,8 @@ from dolfinx import fem, la
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from rigidfx.body import BodyMotion
 from rigidfx.condensation import CondensedMatrix
+from rigidfx.ensemble import Motions
 from rigidfx.ground import GroundForces
 from rigidfx.increments import BodyTerm
 from rigidfx.internal import BoundForces, InternalForces
@@ -145,7 +145,6 @@ class Equilibrium:
         self._dt = 0.0
         self._v0: PETSc.Vec = None
         self._f_ext: PETSc.Vec = None
-        self._motions: Sequence[BodyMotion] = ()
         self._resultants: Resultants | None = None
         self._start = prolongation.increments.start
         self._prescribed: Array = np.empty(0)
@@ -181,7 +180,7 @@ class Equilibrium:
         f_ext: PETSc.Vec,
         prescribed: Array,
         guesses: Sequence[Guess],
-        motions: Sequence[BodyMotion] = (),
+        start: Motions | None = None,
         resultants: Resultants | None = None,
     ) -> Solution:
         """Find the increment of one step. Collective.
@@ -192,11 +191,11 @@ class Equilibrium:
             f_ext: External forces at the active nodes at the midpoint [N].
             prescribed: Increments of the held dofs [m].
             guesses: First guesses; the one with the smallest residual is taken.
-            motions: Motions of the bodies at the begin of the step.
+            start: Motions of the bodies at the begin of the step; none if there are none.
             resultants: Loads on the bodies at the midpoint; none if there are no bodies.
         """
-        self._motions, self._resultants = motions, resultants
-        self._start = self.prolongation.start(motions, dt)
+        self._resultants = resultants
+        self._start = self.prolongation.increments.start if start is None else start
         self._dt, self._v0, self._f_ext, self._prescribed = dt, v0, f_ext, prescribed
         krylov = self._krylov and self._fallbacks < MAX_FALLBACKS
         reason, remark = self._iterate(guesses), ""
@@ -230,7 +229,7 @@ class Equilibrium:
         norms = [self._norm_at(guess) for guess in guesses] if len(guesses) > 1 else [0.0]
         self._start_at(guesses[int(np.argmin(np.nan_to_num(norms, nan=np.inf)))])
         self.stop.expect_rounding(
-            self._rounding.in_residual(self._dt, self._v0, self._f_ext, self._motions)
+            self._rounding.in_residual(self._dt, self._v0, self._f_ext, self._start)
         )
         self._snes.solve(None, self._y)
         return judged(int(self._snes.getConvergedReason()))
@@ -246,7 +245,7 @@ class Equilibrium:
     def _expand(self, y: PETSc.Vec) -> None:
         """Set d and the forms' u₁ from the unknowns."""
         self._last = y.array_r.copy()
-        self.prolongation.expand(y, self._start, self._prescribed, self.d)
+        self.prolongation.expand(y, self._start, self._dt, self._prescribed, self.d)
         u1, dofs = self._forces.u1.x, self._rows.dofs
         u1.array[dofs] = self._forces.u0.x.array[dofs] + self.d.array_r
         u1.scatter_forward()

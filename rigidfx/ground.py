@@ -8,7 +8,6 @@ all of them need the sums S = Σ w a aᵀ and Q = Σ w a uᵀ only: a step loops
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
@@ -16,9 +15,10 @@ import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
-from rigidfx.body import BodyMotion, RigidBody, poses
+from rigidfx.body import RigidBody
 from rigidfx.condensation import CondensedMatrix
 from rigidfx.effects import MassDamping, Spring
+from rigidfx.ensemble import Motions, poses
 from rigidfx.increments import Increments
 from rigidfx.mass import Mass
 from rigidfx.prolongation import Prolongation
@@ -54,28 +54,28 @@ class GroundedBodies:
 
     def moments(self, increments: Increments) -> Array:
         """See `rigidfx.increments.BodyTerm`."""
-        D, start = increments.displacement, increments.start
-        moved = start.pose - self.pose + 0.5 * D
+        D = increments.displacement
+        moved = increments.start.pose - self.pose + 0.5 * D
         stiff = (self.arms @ moved + self.displaced) @ self.K
-        return np.asarray(stiff + self.arms @ D @ self.C / start.dt)
+        return np.asarray(stiff + self.arms @ D @ self.C / increments.dt)
 
     def tangent(self, increments: Increments) -> Array:
         """See `rigidfx.increments.BodyTerm`."""
-        K = 0.5 * self.K + self.C / increments.start.dt
+        K = 0.5 * self.K + self.C / increments.dt
         on_numbers = self.arms[:, :, None, :, None] * K.T[:, None]
         return np.asarray(
             increments.L.swapaxes(1, 2) @ on_numbers.reshape(-1, 12, 12) @ increments.P
         )
 
-    def energy(self, motions: Sequence[BodyMotion]) -> float:
+    def energy(self, motions: Motions) -> float:
         """Potential energy [J]."""
-        U = poses(motions) - self.pose
+        U = motions.pose - self.pose
         return self.potential + float(np.vdot(U, (0.5 * self.arms @ U + self.displaced) @ self.K))
 
     def dissipated(self, increments: Increments) -> float:
         """Energy taken in a step [J]."""
         D = increments.displacement
-        return float(np.vdot(D, self.arms @ D @ self.C)) / increments.start.dt
+        return float(np.vdot(D, self.arms @ D @ self.C)) / increments.dt
 
 
 class GroundForces(Protocol):

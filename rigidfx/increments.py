@@ -9,23 +9,22 @@ and the body's own part of the balance of momenta (12) reads m (ṙ1 - ṙ0)/Δt
 IJNME 31 (1991) 19). In the vector of unknowns θ is multiplied by the length ℓ, ℓ² = tr J/(2 m), and
 moments are divided by it: all unknowns are lengths and all residuals forces.
 
-All arrays begin with an axis over the bodies: a step with many of them takes as many calls of NumPy
-as one with a single body.
+All arrays begin with an axis over the bodies.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx.body import BodyMotion, RigidBody, poses
-from rigidfx.rotation import IDENTITY, UNIT_SPINS, cayley_tangent, orthonormalized, skew
+from rigidfx.body import BodyMotion
+from rigidfx.ensemble import Motions, times
+from rigidfx.rotation import IDENTITY, cayley_tangent, orthonormalized, skew
 
-__all__ = ["TRANSLATIONS", "BodyTerm", "Ensemble", "Increments", "Start"]
+__all__ = ["TRANSLATIONS", "BodyTerm", "Increments"]
 
 Array = npt.NDArray[np.float64]
 
@@ -33,79 +32,20 @@ Array = npt.NDArray[np.float64]
 TRANSLATIONS = np.eye(12, 6) * (np.arange(6) < 3)
 
 
-class Ensemble:
-    """What does not change of the bodies of a partition.
-
-    Attributes:
-        mass: m, shape (bodies,) [kg].
-        inertia: J about the centres of mass, shape (bodies, 3, 3) [kg m²].
-        length: ℓ, shape (bodies,) [m].
-        spins: v times them is -v̂/ℓ, row by row; shape (bodies, 3, 9) [1/m].
-    """
-
-    def __init__(self, bodies: Sequence[RigidBody]) -> None:
-        """Stack the bodies' data."""
-        self.mass = np.array([body.mass for body in bodies], dtype=np.float64)
-        self.inertia = np.reshape([body.inertia for body in bodies], (-1, 3, 3))
-        self.length = np.array([body.length for body in bodies], dtype=np.float64)
-        self.spins = UNIT_SPINS / -self.length[:, None, None]
-
-    def __len__(self) -> int:
-        """Number of bodies."""
-        return self.mass.size
-
-
-class Start:
-    """The bodies at the begin of a step.
-
-    Attributes:
-        of: Their data.
-        dt: Δt [s].
-        pose: Rows r and R0ᵀ, shape (bodies, 4, 3) [m, 1].
-        R: R0, rotations since the freeze, shape (bodies, 3, 3).
-        velocity: ṙ0, shape (bodies, 3) [m/s].
-        spin: W0, angular velocities in the bodies' frames, shape (bodies, 3) [rad/s].
-    """
-
-    def __init__(self, ensemble: Ensemble, motions: Sequence[BodyMotion], dt: float) -> None:
-        """Stack the motions.
-
-        Args:
-            ensemble: Data of the bodies.
-            motions: Their motions.
-            dt: Δt [s].
-        """
-        self.of, self.dt = ensemble, dt
-        self.pose = poses(motions)
-        self.R = self.pose[:, 1:].swapaxes(1, 2)
-        self.velocity = np.reshape([m.velocity for m in motions], (-1, 3))
-        self.spin = np.reshape([m.spin for m in motions], (-1, 3))
-
-    @cached_property
-    def momentum(self) -> Array:
-        """π0, angular momenta about the centres of mass, shape (bodies, 3) [kg m²/s]."""
-        return _times(self.R, _times(self.of.inertia, self.spin))
-
-    @cached_property
-    def stiffness(self) -> tuple[Array, Array]:
-        """2 m I/Δt² [N/m] and 2 J R0ᵀ/Δt² [N m] of inertia, each of shape (bodies, 3, 3)."""
-        factor, turned = 2 / self.dt**2, self.of.inertia @ self.R.swapaxes(1, 2)
-        return factor * self.of.mass[:, None, None] * IDENTITY, factor * turned
-
-
 class Increments:
     """A trial step.
 
     Attributes:
-        start: The bodies at its begin.
+        start: Motions of the bodies at its begin.
+        dt: Δt [s].
         six: Unknowns Δr and ℓθ, shape (bodies, 6) [m].
         dr: Δr, shape (bodies, 3) [m].
         theta: θ, shape (bodies, 3) [1].
     """
 
-    def __init__(self, start: Start, six: Array) -> None:
+    def __init__(self, start: Motions, dt: float, six: Array) -> None:
         """Take unknowns as they are, from then on not to be changed."""
-        self.start, self.six = start, six
+        self.start, self.dt, self.six = start, dt, six
         self.dr, self.theta = six[:, :3], six[:, 3:] / start.of.length[:, None]
 
     def __len__(self) -> int:
@@ -135,26 +75,27 @@ class Increments:
     @cached_property
     def spin1(self) -> Array:
         """W1, angular velocities at the end in the bodies' frames, shape (bodies, 3) [rad/s]."""
-        return _times_transposed(self.start.R, 2 / self.start.dt * self.theta) - self.start.spin
+        turned = self.theta[:, None] @ self.start.R  # R0ᵀ θ
+        return 2 / self.dt * turned[:, 0] - self.start.spin
 
     @cached_property
     def pi1(self) -> Array:
         """π1, angular momenta at the end about the centres, shape (bodies, 3) [kg m²/s]."""
-        return _times(self.R1, _times(self.start.of.inertia, self.spin1))
+        return times(self.R1, times(self.start.of.inertia, self.spin1))
 
     def end(self) -> tuple[BodyMotion, ...]:
         """The motions at the end of the step."""
         s = self.start
-        r, R = s.pose[:, 0] + self.dr, orthonormalized(self.R1)
-        velocity = 2 / s.dt * self.dr - s.velocity
+        r, R = s.r + self.dr, orthonormalized(self.R1)
+        velocity = 2 / self.dt * self.dr - s.velocity
         return tuple(BodyMotion(r[k], R[k], velocity[k], self.spin1[k]) for k in range(len(self)))
 
     def inertia_force(self) -> Array:
         """M (ṙ1 - ṙ0)/Δt and (π1 - π0)/(ℓ Δt), shape (bodies, 6) [N]."""
-        s, of = self.start, self.start.of
+        s, of, dt = self.start, self.start.of, self.dt
         out = np.empty((len(self), 6))
-        out[:, :3] = (2 / s.dt * of.mass)[:, None] * (self.dr / s.dt - s.velocity)
-        out[:, 3:] = (self.pi1 - s.momentum) / (s.dt * of.length)[:, None]
+        out[:, :3] = (2 / dt * of.mass)[:, None] * (self.dr / dt - s.velocity)
+        out[:, 3:] = (self.pi1 - s.angular_momentum) / (dt * of.length)[:, None]
         return out
 
     def tangent(self, couples: Array) -> Array:
@@ -167,12 +108,12 @@ class Increments:
         Returns:
             In N/m.
         """
-        s = self.start
-        mass, inertia = s.stiffness
-        rotation = (couples - skew(self.pi1) / s.dt) @ self.T + self.R1 @ inertia
+        of, factor = self.start.of, 2 / self.dt**2
+        rotation = (couples - skew(self.pi1) / self.dt) @ self.T
+        rotation += factor * self.R1 @ self.start.turned_inertia
         G = np.zeros((len(self), 6, 6))
-        G[:, :3, :3] = mass
-        G[:, 3:, 3:] = rotation / (s.of.length**2)[:, None, None]
+        G[:, :3, :3] = (factor * of.mass)[:, None, None] * IDENTITY
+        G[:, 3:, 3:] = rotation / (of.length**2)[:, None, None]
         return G
 
     # Nodes of a body. With arms [1, V], shape (n, 4), everything that happens to them goes through
@@ -235,13 +176,3 @@ class BodyTerm(Protocol):
     def tangent(self, increments: Increments) -> Array:
         """Derivative of their resultant as far as the forces change, shape (bodies, 6, 6) [N/m]."""
         ...
-
-
-def _times(matrices: Array, vectors: Array) -> Array:
-    """Each matrix times its vector."""
-    return (matrices @ vectors[:, :, None])[:, :, 0]
-
-
-def _times_transposed(matrices: Array, vectors: Array) -> Array:
-    """Each matrix, transposed, times its vector."""
-    return (vectors[:, None] @ matrices)[:, 0]

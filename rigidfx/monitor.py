@@ -9,11 +9,12 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
+from rigidfx.ensemble import Motions
 from rigidfx.ground import GroundForces
 from rigidfx.internal import InternalForces
 from rigidfx.mass import Mass
 from rigidfx.partition import Partition
-from rigidfx.rotation import axial, skew
+from rigidfx.rotation import axial
 from rigidfx.scene import Scene
 from rigidfx.state import State
 
@@ -65,6 +66,7 @@ class Monitor:
         """Bind the stored energy to the flexible cells. Collective."""
         self._ground = ground
         self._scene, self._mass, self._rows = scene, mass, partition.rows
+        self._ensemble = partition.ensemble
         self._energy = forces.bind_energy(partition.flexible)
         self._v, self._p = self._rows.vector(), self._rows.vector()
 
@@ -83,14 +85,13 @@ class Monitor:
         local[8] = np.sqrt((p * p).sum(axis=1)).sum()
         local[9] = sum(item.energy(state.u.x.array[dofs]) for item in self._ground)
         total = np.asarray(self._scene.sum(local))
-        for body, motion in zip(state.bodies, state.motions, strict=True):
-            momentum, spin = body.mass * motion.velocity, motion.angular_momentum(body)
-            total[0] += motion.kinetic(body)
-            total[2:5] += momentum
-            total[5:8] += skew(motion.r) @ momentum + spin
-            total[8] += np.linalg.norm(momentum) + np.linalg.norm(spin) / body.length
+        bodies = Motions(self._ensemble, state.motions)
+        total[0] += bodies.kinetic
+        total[2:5] += bodies.momentum.sum(axis=0)
+        total[5:8] += axial(bodies.r.T @ bodies.momentum) + bodies.angular_momentum.sum(axis=0)
+        total[8] += bodies.momentum_scale
         for item in self._ground:
-            total[9] += item.bodies.energy(state.motions)
+            total[9] += item.bodies.energy(bodies)
         return Measures(
             kinetic=float(total[0]),
             strain=float(total[1]),

@@ -9,6 +9,7 @@ they have no rows, and cost nothing.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ import numpy.typing as npt
 from dolfinx import fem, la
 
 from rigidfx.body import RigidBody
+from rigidfx.ensemble import Ensemble
 from rigidfx.internal import Cells
 from rigidfx.rows import Rows
 from rigidfx.scene import Scene
@@ -55,6 +57,11 @@ class Partition:
     rows: Rows
     masses: npt.NDArray[np.float64]
     reached: npt.NDArray[np.int64]
+
+    @cached_property
+    def ensemble(self) -> Ensemble:
+        """The bodies' data as arrays."""
+        return Ensemble(self.bodies)
 
 
 def partition(

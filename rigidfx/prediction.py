@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.ensemble import Motions
 from rigidfx.partition import Partition
 from rigidfx.rotation import IDENTITY, axial, cayley, cayley_tangent, skew
 from rigidfx.scene import Scene
@@ -44,21 +45,24 @@ class Guess:
     bodies: Array
 
 
-def predict(scene: Scene, state: State, partition: Partition, dt: float) -> tuple[Guess, ...]:
+def predict(
+    scene: Scene, state: State, partition: Partition, start: Motions, dt: float
+) -> tuple[Guess, ...]:
     """First guesses, the most natural one first. Collective.
 
     Args:
         scene: The problem.
         state: State at the begin of the step.
         partition: Division of the dofs.
+        start: The state's motions of bodies.
         dt: Δt [s].
     """
     rows = partition.rows
-    own = [dt * m.velocity for m in state.motions], [m.angular_velocity for m in state.motions]
     v = state.v.x.array[rows.dofs].reshape(-1, 3)
-    whole = Guess(dt * v.reshape(-1), _six(state, dt, *own))
+    spinning = start.angular_velocity
+    whole = Guess(dt * v.reshape(-1), _six(start, dt * start.velocity, dt * spinning))
     x = rows.X + state.u.x.array[rows.dofs].reshape(-1, 3)
-    c, velocity, omega, inertia = _mean_motion(scene, state, partition.masses, x, v)
+    c, velocity, omega, inertia = _mean_motion(scene, start, partition.masses, x, v)
     if 2 * np.arctan(dt * np.linalg.norm(omega) / 2) < SMALL:
         return (whole,)
     theta = free_rotation(inertia, omega, dt)
@@ -73,9 +77,9 @@ def predict(scene: Scene, state: State, partition: Partition, dt: float) -> tupl
     guesses = []
     for share in (1.0, 0.0):
         increment = carried(x, v, share).reshape(-1)
-        centres = [carried(m.r, m.velocity, share) for m in state.motions]
-        spins = [theta / dt + share * (m.angular_velocity - omega) for m in state.motions]
-        guesses.append(Guess(increment, _six(state, dt, centres, spins)))
+        centres = carried(start.r, start.velocity, share)
+        turns = theta + dt * share * (spinning - omega)
+        guesses.append(Guess(increment, _six(start, centres, turns)))
     return tuple(guesses)
 
 
@@ -99,31 +103,28 @@ def free_rotation(inertia: Array, omega: Array, dt: float) -> Array:
     return dt * omega
 
 
-def _six(state: State, dt: float, translations: list[Array], spins: list[Array]) -> Array:
-    """Δr and ℓθ of the bodies from Δr and angular velocities, shape (bodies, 6) [m]."""
-    six = np.empty((len(state.bodies), 6))
-    for k, body in enumerate(state.bodies):
-        six[k, :3], six[k, 3:] = translations[k], body.length * dt * spins[k]
-    return six
+def _six(start: Motions, translations: Array, turns: Array) -> Array:
+    """Δr and ℓθ of the bodies from Δr and θ, shape (bodies, 6) [m]."""
+    return np.c_[translations, start.of.length[:, None] * turns]
 
 
 def _mean_motion(
-    scene: Scene, state: State, mass: Array, x: Array, v: Array
+    scene: Scene, start: Motions, mass: Array, x: Array, v: Array
 ) -> tuple[Array, Array, Array, Array]:
     """Centre, its velocity, ω and J of nodes and bodies together, by their momenta. Collective."""
     first = np.asarray(scene.sum(np.concatenate([[mass.sum()], mass @ x, mass @ v])))
-    for body, motion in zip(state.bodies, state.motions, strict=True):
-        first += body.mass * np.concatenate([[1.0], motion.r, motion.velocity])
+    of = start.of
+    first += np.r_[of.mass.sum(), of.mass @ start.r, start.momentum.sum(axis=0)]
     c, velocity = first[1:4] / first[0], first[4:] / first[0]
     y = x - c
     weighted = (mass[:, None] * y).T
     spread = weighted @ y
     inertia = np.trace(spread) * IDENTITY - spread
     second = np.asarray(scene.sum(np.concatenate([axial(weighted @ v), inertia.reshape(-1)])))
-    for body, motion in zip(state.bodies, state.motions, strict=True):
-        hat = skew(motion.r - c)
-        second[:3] += hat @ (body.mass * motion.velocity) + motion.angular_momentum(body)
-        J = motion.R @ body.inertia @ motion.R.T - body.mass * hat @ hat
-        second[3:] += J.reshape(-1)
+    arms = start.r - c
+    second[:3] += axial(arms.T @ start.momentum) + start.angular_momentum.sum(axis=0)
+    spread = (of.mass[:, None] * arms).T @ arms
+    turned = (start.R @ start.turned_inertia).sum(axis=0)
+    second[3:] += (turned + np.trace(spread) * IDENTITY - spread).reshape(-1)
     whole = second[3:].reshape(3, 3)
     return c, velocity, np.linalg.lstsq(whole, second[:3], rcond=1e-9)[0], whole

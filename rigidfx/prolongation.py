@@ -29,7 +29,8 @@ from petsc4py import PETSc
 from scipy.sparse import csr_array
 
 from rigidfx.body import BodyMotion, at_rest
-from rigidfx.increments import TRANSLATIONS, Ensemble, Increments, Start
+from rigidfx.ensemble import Motions
+from rigidfx.increments import TRANSLATIONS, Increments
 from rigidfx.partition import Partition
 from rigidfx.rows import mapped_matrix
 
@@ -72,7 +73,6 @@ class Prolongation:
         self._mine = np.flatnonzero(np.equal(self._owners, comm.rank))
         self._columns = self.free.size + 6 * len(self._mine)
         self.size = int(comm.allreduce(self._columns))
-        self._ensemble = Ensemble(partition.bodies)
         self.pose([at_rest(body) for body in partition.bodies])
         by_node = free.reshape(-1, 3)
         broken = int(np.count_nonzero(by_node.any(axis=1) & ~by_node.all(axis=1)))
@@ -118,7 +118,8 @@ class Prolongation:
     def expand(
         self,
         y: PETSc.Vec,
-        start: Start,
+        start: Motions,
+        dt: float,
         prescribed: Array,
         d: PETSc.Vec,
     ) -> None:
@@ -126,11 +127,12 @@ class Prolongation:
 
         Args:
             y: Unknowns.
-            start: The bodies at the begin of the step.
+            start: Motions of the bodies at the begin of the step.
+            dt: Δt [s].
             prescribed: Increments of the held dofs [m], in their order.
             d: Increments of the active nodes, overwritten.
         """
-        self.rotate(self.bodies_part(y), start)
+        self.rotate(self.bodies_part(y), start, dt)
         self._multiply(y, prescribed, self.increments.displacement, d)
 
     def apply(self, y: PETSc.Vec, six: Array, prescribed: Array, d: PETSc.Vec) -> None:
@@ -153,17 +155,14 @@ class Prolongation:
         self._z_bodies[:] = moved
         d.array[:] = self._A @ self._z
 
-    def start(self, motions: Sequence[BodyMotion], dt: float) -> Start:
-        """The bodies, of these motions, at the begin of a step of length dt [s]."""
-        return Start(self._ensemble, motions, dt)
-
     def pose(self, motions: Sequence[BodyMotion]) -> None:
         """Set L and P to those of θ = 0, where they agree and map velocities, equation (25)."""
-        self.rotate(np.zeros((len(motions), 6)), self.start(motions, 1.0))
+        start = Motions(self.partition.ensemble, motions)
+        self.rotate(np.zeros((len(motions), 6)), start, 1.0)
 
-    def rotate(self, six: Array, start: Start) -> None:
+    def rotate(self, six: Array, start: Motions, dt: float) -> None:
         """Set the bodies' increments, and so L, to their unknowns, shape (bodies, 6)."""
-        self.increments = Increments(start, six)
+        self.increments = Increments(start, dt, six)
 
     def bodies_part(self, y: PETSc.Vec) -> Array:
         """The six unknowns of each body, shape (bodies, 6), on all ranks. Collective."""

@@ -13,8 +13,8 @@ import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from rigidfx.body import BodyMotion
 from rigidfx.condensation import CondensedMatrix
+from rigidfx.ensemble import Motions
 from rigidfx.ground import GroundForces
 from rigidfx.internal import InternalForces
 from rigidfx.mass import Mass
@@ -50,9 +50,8 @@ class Rounding:
         """
         self._forces, self._mass, self._ground = forces, mass, ground
         self._cell_size = scene.mean_cell_size
-        self._comm, self._partition = prolongation.comm, prolongation.partition
-        self._dofs = self._partition.rows.dofs[prolongation.free]
-        self._momentum = self._partition.rows.vector()
+        self._comm, rows = prolongation.comm, prolongation.partition.rows
+        self._dofs, self._momentum = rows.dofs[prolongation.free], rows.vector()
         self._stiffness = _undeformed_diagonal(forces, tangent)  # per unknown of this rank [N/m]
 
     def in_residual(
@@ -60,7 +59,7 @@ class Rounding:
         dt: float,
         v0: PETSc.Vec | None,
         f_ext: PETSc.Vec,
-        motions: Sequence[BodyMotion],
+        start: Motions,
     ) -> float:
         """Size of what the residual at the present u₁ is the small difference of [N]. Collective.
 
@@ -68,7 +67,7 @@ class Rounding:
             dt: Δt [s]; of no meaning in statics.
             v0: Velocity of the active nodes at the begin of the step [m/s]; None in statics.
             f_ext: External forces at the active nodes at the midpoint [N].
-            motions: Motions of the bodies at the begin of the step.
+            start: Motions of the bodies at the begin of the step.
         """
         u1 = np.abs(self._forces.u1.x.array[self._dofs])
         strained = self._forces.strain_noise * self._cell_size
@@ -79,9 +78,7 @@ class Rounding:
         if self._mass is not None:
             self._mass.mult(v0, self._momentum)
             noise += 2 / dt * self._momentum.norm()
-        for body, motion in zip(self._partition.bodies, motions, strict=True):
-            spin = np.linalg.norm(motion.angular_momentum(body)) / body.length
-            noise += 2 / dt * float(body.mass * np.linalg.norm(motion.velocity) + spin)
+            noise += 2 / dt * start.momentum_scale
         return float(noise + sum(item.rounding for item in self._ground))
 
     def in_strain(self, residual: float) -> float:

@@ -36,6 +36,7 @@ LAYERS = [
     "regions",
     "decision",
     "body",
+    "ensemble",
     "increments",
     "pressures",
     "groups",

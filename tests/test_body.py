@@ -15,7 +15,8 @@ from tumbling_l import tumbling_l
 
 import rigidfx as rf
 from rigidfx.body import BodyMotion, RigidBody
-from rigidfx.increments import Ensemble, Increments, Start
+from rigidfx.ensemble import Ensemble, Motions
+from rigidfx.increments import Increments
 from rigidfx.integrator import Integrator
 from rigidfx.rotation import skew
 
@@ -245,7 +246,8 @@ def top(inertia=INERTIA, mass=2.0):
 
 def step_of(body, start, dr, theta, dt):
     """A trial step of one body."""
-    return Increments(Start(Ensemble([body]), [start], dt), np.r_[dr, body.length * theta][None])
+    start = Motions(Ensemble([body]), [start])
+    return Increments(start, dt, np.r_[dr, body.length * theta][None])
 
 
 def advance(body, start, dt, guess, most=30):

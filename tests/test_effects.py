@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from parallel import run as run_on
 
 import rigidfx as rf
-from rigidfx.increments import Ensemble, Increments, Start
+from rigidfx.ensemble import Ensemble, Motions
+from rigidfx.increments import Increments
 from rigidfx.integrator import Integrator
 from rigidfx.internal import InternalForces
 from rigidfx.rotation import cayley
@@ -249,7 +250,7 @@ def test_tangents_of_bodies():
         y = np.array([0.02, -0.01, 0.03, 0.4, -0.2, 0.3])
 
         def residual(y, term):
-            increments = Increments(Start(Ensemble([body]), [motion], 0.1), y[None])
+            increments = Increments(Motions(Ensemble([body]), [motion]), 0.1, y[None])
             return increments.resultant(term.moments(increments))[0], increments
 
         for term in terms:
