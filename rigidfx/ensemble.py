@@ -27,6 +27,7 @@ class Ensemble:
         mass: m, shape (bodies,) [kg].
         inertia: J about the centres of mass, shape (bodies, 3, 3) [kg m²].
         length: ℓ, shape (bodies,) [m].
+        square_length: ℓ², shape (bodies, 1, 1) [m²].
         spins: v times them is -v̂/ℓ, row by row; shape (bodies, 3, 9) [1/m].
     """
 
@@ -35,6 +36,7 @@ class Ensemble:
         self.mass = np.array([body.mass for body in bodies], dtype=np.float64)
         self.inertia = np.reshape([body.inertia for body in bodies], (-1, 3, 3))
         self.length = np.array([body.length for body in bodies], dtype=np.float64)
+        self.square_length = (self.length**2)[:, None, None]
         self.spins = UNIT_SPINS / -self.length[:, None, None]
 
 
@@ -61,6 +63,10 @@ class Motions:
         self.R = self.pose[:, 1:].swapaxes(1, 2)
         self.velocity = np.reshape([m.velocity for m in motions], (-1, 3))
         self.spin = np.reshape([m.spin for m in motions], (-1, 3))
+
+    def __len__(self) -> int:
+        """Number of bodies."""
+        return len(self.pose)
 
     @property
     def r(self) -> Array:

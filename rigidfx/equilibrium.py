@@ -24,7 +24,7 @@ from petsc4py import PETSc
 from rigidfx.condensation import CondensedMatrix
 from rigidfx.ensemble import Motions
 from rigidfx.ground import GroundForces
-from rigidfx.increments import BodyTerm
+from rigidfx.increments import BodyTerm, Step
 from rigidfx.internal import BoundForces, InternalForces
 from rigidfx.linear import PREFIX, configure, default_options, prefers_direct
 from rigidfx.loads import Resultants
@@ -146,7 +146,7 @@ class Equilibrium:
         self._v0: PETSc.Vec = None
         self._f_ext: PETSc.Vec = None
         self._resultants: Resultants | None = None
-        self._start = prolongation.increments.start
+        self._step = prolongation.increments.step
         self._prescribed: Array = np.empty(0)
         self._krylov = mass is not None and not prefers_direct(prolongation.size)
         self._fallbacks = 0
@@ -195,7 +195,7 @@ class Equilibrium:
             resultants: Loads on the bodies at the midpoint; none if there are no bodies.
         """
         self._resultants = resultants
-        self._start = self.prolongation.increments.start if start is None else start
+        self._step = self.prolongation.increments.step if start is None else Step(start, dt)
         self._dt, self._v0, self._f_ext, self._prescribed = dt, v0, f_ext, prescribed
         krylov = self._krylov and self._fallbacks < MAX_FALLBACKS
         reason, remark = self._iterate(guesses), ""
@@ -229,7 +229,7 @@ class Equilibrium:
         norms = [self._norm_at(guess) for guess in guesses] if len(guesses) > 1 else [0.0]
         self._start_at(guesses[int(np.argmin(np.nan_to_num(norms, nan=np.inf)))])
         self.stop.expect_rounding(
-            self._rounding.in_residual(self._dt, self._v0, self._f_ext, self._start)
+            self._rounding.in_residual(self._dt, self._v0, self._f_ext, self._step.start)
         )
         self._snes.solve(None, self._y)
         return judged(int(self._snes.getConvergedReason()))
@@ -245,7 +245,7 @@ class Equilibrium:
     def _expand(self, y: PETSc.Vec) -> None:
         """Set d and the forms' u₁ from the unknowns."""
         self._last = y.array_r.copy()
-        self.prolongation.expand(y, self._start, self._dt, self._prescribed, self.d)
+        self.prolongation.expand(y, self._step, self._prescribed, self.d)
         u1, dofs = self._forces.u1.x, self._rows.dofs
         u1.array[dofs] = self._forces.u0.x.array[dofs] + self.d.array_r
         u1.scatter_forward()
@@ -287,13 +287,13 @@ class Equilibrium:
     def _body_forces(self) -> Array:
         """Residual of the bodies, shape (bodies, 6) [N]. Collective."""
         increments, loads = self.prolongation.increments, self._resultants
-        if loads is None or not len(increments):
+        if loads is None or not self.prolongation.partition.bodies:
             return np.empty((0, 6))
         self._moments = self.prolongation.moments(self.forces_out_of_balance) - loads.moments
         for term in self._terms:
             self._moments += term.moments(increments)
         out = increments.inertia_force() + increments.resultant(self._moments)
-        out[:, 3:] -= loads.torques / self._start.of.length[:, None]
+        out[:, 3:] -= loads.torques / self._step.start.of.length[:, None]
         return out
 
     def tangent(self) -> None:
@@ -305,7 +305,8 @@ class Equilibrium:
         for item in self._ground:
             item.add_to(K, self._dt, self.prolongation)
         K.finish()
-        self.prolongation.add_blocks(K.matrix, self._blocks())
+        if self.prolongation.partition.bodies:
+            self.prolongation.add_blocks(K.matrix, self._blocks())
 
     def _blocks(self) -> Array:
         """Derivative of the bodies' rows that the condensed tangent does not hold."""

@@ -57,11 +57,11 @@ class GroundedBodies:
         D = increments.displacement
         moved = increments.start.pose - self.pose + 0.5 * D
         stiff = (self.arms @ moved + self.displaced) @ self.K
-        return np.asarray(stiff + self.arms @ D @ self.C / increments.dt)
+        return np.asarray(stiff + self.arms @ D @ self.C / increments.step.dt)
 
     def tangent(self, increments: Increments) -> Array:
         """See `rigidfx.increments.BodyTerm`."""
-        K = 0.5 * self.K + self.C / increments.dt
+        K = 0.5 * self.K + self.C / increments.step.dt
         on_numbers = self.arms[:, :, None, :, None] * K.T[:, None]
         return np.asarray(
             increments.L.swapaxes(1, 2) @ on_numbers.reshape(-1, 12, 12) @ increments.P
@@ -75,7 +75,7 @@ class GroundedBodies:
     def dissipated(self, increments: Increments) -> float:
         """Energy taken in a step [J]."""
         D = increments.displacement
-        return float(np.vdot(D, self.arms @ D @ self.C)) / increments.dt
+        return float(np.vdot(D, self.arms @ D @ self.C)) / increments.step.dt
 
 
 class GroundForces(Protocol):

@@ -24,7 +24,7 @@ from rigidfx.body import BodyMotion
 from rigidfx.ensemble import Motions, times
 from rigidfx.rotation import IDENTITY, cayley_tangent, orthonormalized, skew
 
-__all__ = ["TRANSLATIONS", "BodyTerm", "Increments"]
+__all__ = ["TRANSLATIONS", "BodyTerm", "Increments", "Step"]
 
 Array = npt.NDArray[np.float64]
 
@@ -32,25 +32,64 @@ Array = npt.NDArray[np.float64]
 TRANSLATIONS = np.eye(12, 6) * (np.arange(6) < 3)
 
 
-class Increments:
-    """A trial step.
+class Step:
+    """What does not change while a step is solved.
 
     Attributes:
         start: Motions of the bodies at its begin.
         dt: Δt [s].
+    """
+
+    def __init__(self, start: Motions, dt: float) -> None:
+        """Prepare what every trial needs.
+
+        Args:
+            start: Motions of the bodies at the begin of the step.
+            dt: Δt [s].
+        """
+        of = start.of
+        self.start, self.dt = start, dt
+        self.drift = dt * start.velocity
+        self.mass = (2 / dt**2 * of.mass)[:, None]  # per Δr - Δt ṙ0
+        self.turned = 2 / dt * start.R  # W1 + W0 per θ
+        self.per_moment = 1 / (dt * of.length)[:, None]
+
+    @cached_property
+    def inertia(self) -> Array:
+        """2 J R0ᵀ/Δt², shape (bodies, 3, 3) [N m]."""
+        return np.asarray(2 / self.dt**2 * self.start.of.inertia @ self.start.R.swapaxes(1, 2))
+
+    @cached_property
+    def block(self) -> Array:
+        """What in `Increments.tangent` is the same in all trials."""
+        out = np.zeros((len(self.start), 6, 6))
+        out[:, :3, :3] = self.mass[:, :, None] * IDENTITY
+        return out
+
+
+class Increments:
+    """A trial step.
+
+    Attributes:
+        step: The step.
         six: Unknowns Δr and ℓθ, shape (bodies, 6) [m].
         dr: Δr, shape (bodies, 3) [m].
         theta: θ, shape (bodies, 3) [1].
     """
 
-    def __init__(self, start: Motions, dt: float, six: Array) -> None:
+    def __init__(self, step: Step, six: Array) -> None:
         """Take unknowns as they are, from then on not to be changed."""
-        self.start, self.dt, self.six = start, dt, six
-        self.dr, self.theta = six[:, :3], six[:, 3:] / start.of.length[:, None]
+        self.step, self.six = step, six
+        self.dr, self.theta = six[:, :3], six[:, 3:] / step.start.of.length[:, None]
 
     def __len__(self) -> int:
         """Number of bodies."""
         return len(self.six)
+
+    @property
+    def start(self) -> Motions:
+        """Motions of the bodies at the begin of the step."""
+        return self.step.start
 
     @cached_property
     def T(self) -> Array:
@@ -75,8 +114,7 @@ class Increments:
     @cached_property
     def spin1(self) -> Array:
         """W1, angular velocities at the end in the bodies' frames, shape (bodies, 3) [rad/s]."""
-        turned = self.theta[:, None] @ self.start.R  # R0ᵀ θ
-        return 2 / self.dt * turned[:, 0] - self.start.spin
+        return (self.theta[:, None] @ self.step.turned)[:, 0] - self.start.spin
 
     @cached_property
     def pi1(self) -> Array:
@@ -85,17 +123,15 @@ class Increments:
 
     def end(self) -> tuple[BodyMotion, ...]:
         """The motions at the end of the step."""
-        s = self.start
-        r, R = s.r + self.dr, orthonormalized(self.R1)
-        velocity = 2 / self.dt * self.dr - s.velocity
+        r, R = self.start.r + self.dr, orthonormalized(self.R1)
+        velocity = 2 / self.step.dt * self.dr - self.start.velocity
         return tuple(BodyMotion(r[k], R[k], velocity[k], self.spin1[k]) for k in range(len(self)))
 
     def inertia_force(self) -> Array:
         """M (ṙ1 - ṙ0)/Δt and (π1 - π0)/(ℓ Δt), shape (bodies, 6) [N]."""
-        s, of, dt = self.start, self.start.of, self.dt
-        out = np.empty((len(self), 6))
-        out[:, :3] = (2 / dt * of.mass)[:, None] * (self.dr / dt - s.velocity)
-        out[:, 3:] = (self.pi1 - s.angular_momentum) / (dt * of.length)[:, None]
+        step, out = self.step, np.empty((len(self), 6))
+        np.multiply(step.mass, self.dr - step.drift, out=out[:, :3])
+        np.multiply(step.per_moment, self.pi1 - self.start.angular_momentum, out=out[:, 3:])
         return out
 
     def tangent(self, couples: Array) -> Array:
@@ -108,12 +144,10 @@ class Increments:
         Returns:
             In N/m.
         """
-        of, factor = self.start.of, 2 / self.dt**2
-        rotation = (couples - skew(self.pi1) / self.dt) @ self.T
-        rotation += factor * self.R1 @ self.start.turned_inertia
-        G = np.zeros((len(self), 6, 6))
-        G[:, :3, :3] = (factor * of.mass)[:, None, None] * IDENTITY
-        G[:, 3:, 3:] = rotation / (of.length**2)[:, None, None]
+        rotation = (couples - skew(self.pi1 / self.step.dt)) @ self.T
+        rotation += self.R1 @ self.step.inertia
+        G = self.step.block.copy()
+        G[:, 3:, 3:] = rotation / self.start.of.square_length
         return G
 
     # Nodes of a body. With arms [1, V], shape (n, 4), everything that happens to them goes through

@@ -86,12 +86,12 @@ class Monitor:
         local[9] = sum(item.energy(state.u.x.array[dofs]) for item in self._ground)
         total = np.asarray(self._scene.sum(local))
         bodies = Motions(self._ensemble, state.motions)
-        total[0] += bodies.kinetic
-        total[2:5] += bodies.momentum.sum(axis=0)
-        total[5:8] += axial(bodies.r.T @ bodies.momentum) + bodies.angular_momentum.sum(axis=0)
-        total[8] += bodies.momentum_scale
-        for item in self._ground:
-            total[9] += item.bodies.energy(bodies)
+        if len(bodies):
+            total[0] += bodies.kinetic
+            total[2:5] += bodies.momentum.sum(axis=0)
+            total[5:8] += axial(bodies.r.T @ bodies.momentum) + bodies.angular_momentum.sum(axis=0)
+            total[8] += bodies.momentum_scale
+            total[9] += sum(item.bodies.energy(bodies) for item in self._ground)
         return Measures(
             kinetic=float(total[0]),
             strain=float(total[1]),

@@ -112,19 +112,24 @@ def _mean_motion(
     scene: Scene, start: Motions, mass: Array, x: Array, v: Array
 ) -> tuple[Array, Array, Array, Array]:
     """Centre, its velocity, ω and J of nodes and bodies together, by their momenta. Collective."""
+    of, bodies = start.of, len(start) > 0
     first = np.asarray(scene.sum(np.concatenate([[mass.sum()], mass @ x, mass @ v])))
-    of = start.of
-    first += np.r_[of.mass.sum(), of.mass @ start.r, start.momentum.sum(axis=0)]
+    if bodies:
+        first += np.r_[of.mass.sum(), of.mass @ start.r, start.momentum.sum(axis=0)]
     c, velocity = first[1:4] / first[0], first[4:] / first[0]
     y = x - c
     weighted = (mass[:, None] * y).T
-    spread = weighted @ y
-    inertia = np.trace(spread) * IDENTITY - spread
+    inertia = _inertia(weighted @ y)
     second = np.asarray(scene.sum(np.concatenate([axial(weighted @ v), inertia.reshape(-1)])))
-    arms = start.r - c
-    second[:3] += axial(arms.T @ start.momentum) + start.angular_momentum.sum(axis=0)
-    spread = (of.mass[:, None] * arms).T @ arms
-    turned = (start.R @ start.turned_inertia).sum(axis=0)
-    second[3:] += (turned + np.trace(spread) * IDENTITY - spread).reshape(-1)
+    if bodies:
+        arms = start.r - c
+        second[:3] += axial(arms.T @ start.momentum) + start.angular_momentum.sum(axis=0)
+        turned = (start.R @ start.turned_inertia).sum(axis=0)
+        second[3:] += (turned + _inertia((of.mass[:, None] * arms).T @ arms)).reshape(-1)
     whole = second[3:].reshape(3, 3)
     return c, velocity, np.linalg.lstsq(whole, second[:3], rcond=1e-9)[0], whole
+
+
+def _inertia(spread: Array) -> Array:
+    """Σ m (y·y I - y yᵀ) from Σ m y yᵀ."""
+    return np.asarray(np.trace(spread) * IDENTITY - spread)

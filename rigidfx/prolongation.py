@@ -30,7 +30,7 @@ from scipy.sparse import csr_array
 
 from rigidfx.body import BodyMotion, at_rest
 from rigidfx.ensemble import Motions
-from rigidfx.increments import TRANSLATIONS, Increments
+from rigidfx.increments import TRANSLATIONS, Increments, Step
 from rigidfx.partition import Partition
 from rigidfx.rows import mapped_matrix
 
@@ -79,6 +79,7 @@ class Prolongation:
         self.nodal = comm.allreduce(broken) == 0
         self.first_column = comm.exscan(self._columns) or 0
         self.body_columns = self._locate_bodies()
+        self._six = np.add.outer(self.body_columns, np.arange(6)).astype(Int)
         self.touched = comm.allreduce(sum(map(len, partition.attached))) > 0
         single = self.free.size + self.held.size
         self._A = self._constant_part(single)
@@ -118,8 +119,7 @@ class Prolongation:
     def expand(
         self,
         y: PETSc.Vec,
-        start: Motions,
-        dt: float,
+        step: Step,
         prescribed: Array,
         d: PETSc.Vec,
     ) -> None:
@@ -127,13 +127,14 @@ class Prolongation:
 
         Args:
             y: Unknowns.
-            start: Motions of the bodies at the begin of the step.
-            dt: Δt [s].
+            step: The step of the bodies.
             prescribed: Increments of the held dofs [m], in their order.
             d: Increments of the active nodes, overwritten.
         """
-        self.rotate(self.bodies_part(y), start, dt)
-        self._multiply(y, prescribed, self.increments.displacement, d)
+        if self.partition.bodies:
+            self.rotate(self.bodies_part(y), step)
+            self._z_bodies[:] = self.increments.displacement
+        self._multiply(y, prescribed, d)
 
     def apply(self, y: PETSc.Vec, six: Array, prescribed: Array, d: PETSc.Vec) -> None:
         """D = L y + d_s with L as it is.
@@ -145,29 +146,32 @@ class Prolongation:
             d: Increments of the active nodes, overwritten.
         """
         moved = self.increments.L @ six[:, :, None]
-        self._multiply(y, prescribed, moved.reshape(-1, 4, 3), d)
+        self._z_bodies[:] = moved.reshape(-1, 4, 3)
+        self._multiply(y, prescribed, d)
 
-    def _multiply(self, y: PETSc.Vec, prescribed: Array, moved: Array, d: PETSc.Vec) -> None:
-        """D = A z, with the matrices of the bodies' displacements."""
+    def _multiply(self, y: PETSc.Vec, prescribed: Array, d: PETSc.Vec) -> None:
+        """D = A z, where z has the numbers of the bodies already."""
         free = self.free.size
         self._z[:free] = y.array_r[:free]
         self._z[free : free + self.held.size] = prescribed
-        self._z_bodies[:] = moved
         d.array[:] = self._A @ self._z
 
     def pose(self, motions: Sequence[BodyMotion]) -> None:
         """Set L and P to those of θ = 0, where they agree and map velocities, equation (25)."""
         start = Motions(self.partition.ensemble, motions)
-        self.rotate(np.zeros((len(motions), 6)), start, 1.0)
+        self.rotate(np.zeros((len(motions), 6)), Step(start, 1.0))
 
-    def rotate(self, six: Array, start: Motions, dt: float) -> None:
+    def rotate(self, six: Array, step: Step) -> None:
         """Set the bodies' increments, and so L, to their unknowns, shape (bodies, 6)."""
-        self.increments = Increments(start, dt, six)
+        self.increments = Increments(step, six)
 
     def bodies_part(self, y: PETSc.Vec) -> Array:
         """The six unknowns of each body, shape (bodies, 6), on all ranks. Collective."""
+        own = y.array_r[self.free.size :].reshape(-1, 6)
+        if self.comm.size == 1:
+            return own.copy()
         values = np.zeros((len(self.partition.bodies), 6))
-        values[self._mine] = y.array_r[self.free.size :].reshape(-1, 6)
+        values[self._mine] = own
         return self._sum(values)
 
     def _sum(self, values: Array) -> Array:
@@ -250,14 +254,9 @@ class Prolongation:
             C: Reduced tangent.
             blocks: Shape (bodies, 6, 6), equal on all ranks.
         """
-        numbers = np.asarray(self.body_columns, Int)[self._mine][:, None] + np.arange(6, dtype=Int)
-        C.setValuesIJV(
-            np.arange(0, 6 * numbers.size + 1, 6, dtype=Int),
-            np.repeat(numbers, 6, axis=0).reshape(-1),
-            blocks[self._mine].reshape(-1),
-            addv=PETSc.InsertMode.ADD_VALUES,
-            rowmap=numbers.reshape(-1),
-        )
+        for k in self._mine:
+            own = self._six[k]
+            C.setValues(own, own, blocks[k], addv=PETSc.InsertMode.ADD_VALUES)
         C.assemble()
 
 

@@ -24,7 +24,6 @@ from petsc4py import PETSc
 from scipy.sparse import csr_array
 
 from rigidfx.prolongation import Prolongation
-from rigidfx.rotation import IDENTITY
 
 __all__ = ["Rim"]
 
@@ -97,6 +96,7 @@ class Rim:
         self._inner = [(span, nodes.arms[inner[1][span]].T.copy()) for _, span in _spans(inner[0])]
         self._met = np.stack(np.divmod(np.unique(inner[0]), bodies))
         self._double = np.empty((len(self._inner), 4, 36))
+        self._right, self._left = (np.zeros((bodies, 36, 18)) for _ in range(2))
         own = self._met.T
         # What goes into the matrix, block by block: K where no body is, rows of free nodes at a
         # body, the two rows of a body at free nodes, the blocks of bodies.
@@ -162,14 +162,18 @@ class Rim:
         np.take(self._blocks, self._ff, axis=0, out=plain.reshape(-1, 9), mode="clip")
         sums = self._moments @ self._blocks
         begin, end = self._ends
-        self._turn(sums[:begin], self._outer, _from_right(trial), outer)
-        self._turn(sums[begin:end], self._below, _from_left(test), below)
+        # Each makes the two 3×3 blocks of Σⱼ Mⱼ Pⱼ, or of Σⱼ Lⱼᵀ Mⱼ, from four Mⱼ, row by row.
+        right = self._right.reshape(-1, 4, 3, 3, 2, 3, 3)
+        np.einsum("kjibsic->kijbsc", right)[:] = trial.reshape(-1, 1, 4, 3, 2, 3)
+        left = self._left.reshape(-1, 4, 3, 3, 2, 3, 3)
+        np.einsum("kjbcsic->kcjbsi", left)[:] = test.reshape(-1, 1, 4, 3, 2, 3)
+        self._turn(sums[:begin], self._outer, self._right, outer)
+        self._turn(sums[begin:end], self._below, self._left, below)
         moments = sums[end:].reshape(-1, 36)
         for double, (span, arms) in zip(self._double, self._inner, strict=True):
             np.matmul(arms, moments[span], out=double)
-        left, right = self._met
         K = self._double.reshape(-1, 4, 4, 3, 3).swapaxes(2, 3).reshape(-1, 12, 12)
-        six = test[left].swapaxes(1, 2) @ K @ trial[right]
+        six = test[self._met[0]].swapaxes(1, 2) @ K @ trial[self._met[1]]
         own.reshape(-1, 2, 2, 3, 3)[:] = six.reshape(-1, 2, 3, 2, 3).swapaxes(2, 3)
 
     @staticmethod
@@ -178,18 +182,6 @@ class Rim:
         moments, two = sums.reshape(-1, 36), out.reshape(-1, 18)
         for k, span in spans:
             np.matmul(moments[span], maker[k], out=two[span])
-
-
-def _from_right(P: Array) -> Array:
-    """Makes the two 3×3 blocks of Σⱼ Mⱼ Pⱼ from four Mⱼ, row by row; shape (bodies, 36, 18)."""
-    wide = P.reshape(-1, 4, 1, 3, 2, 1, 3) * IDENTITY.reshape(3, 1, 1, 3, 1)
-    return wide.reshape(-1, 36, 18)
-
-
-def _from_left(L: Array) -> Array:
-    """Makes the two 3×3 blocks of Σⱼ Lⱼᵀ Mⱼ from four Mⱼ, row by row; shape (bodies, 36, 18)."""
-    wide = L.reshape(-1, 4, 3, 1, 2, 3, 1) * IDENTITY.reshape(1, 3, 1, 1, 3)
-    return wide.reshape(-1, 36, 18)
 
 
 def _pairs(bodies: Ints, nodes: Ints) -> tuple[tuple[Ints, Ints], Ints]:

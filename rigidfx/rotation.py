@@ -37,7 +37,7 @@ def skew(a: npt.ArrayLike) -> Array:
         Shape (..., 3, 3).
     """
     a = np.asarray(a)
-    return (a @ UNIT_SPINS).reshape(*a.shape, 3)
+    return (a @ UNIT_SPINS).reshape((*a.shape, 3))
 
 
 def axial(B: Array) -> Array:
@@ -74,9 +74,9 @@ def cayley_tangent(theta: npt.ArrayLike) -> Array:
     Returns:
         Shape (..., 3, 3).
     """
-    theta = np.asarray(theta)
-    square = (theta * theta).sum(axis=-1)[..., None, None]
-    return (IDENTITY + 0.5 * skew(theta)) / (1 + 0.25 * square)
+    half = 0.5 * np.asarray(theta)
+    square = half[..., None, :] @ half[..., None]
+    return (IDENTITY + skew(half)) / (1 + square)
 
 
 def orthonormalized(R: Array) -> Array:

@@ -78,6 +78,7 @@ class Rounding:
         if self._mass is not None:
             self._mass.mult(v0, self._momentum)
             noise += 2 / dt * self._momentum.norm()
+        if len(start):
             noise += 2 / dt * start.momentum_scale
         return float(noise + sum(item.rounding for item in self._ground))
 

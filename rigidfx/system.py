@@ -179,10 +179,11 @@ class System:
         dissipated = dict.fromkeys(kinds, 0.0)
         for kind, energy in zip(kinds, lost, strict=True):
             dissipated[kind] += energy
-        work += self._resultants.work(increments)
-        work += sum(load.work(increments) for load in self._pressed)
-        for item in self._ground:
-            dissipated[item.kind] += item.bodies.dissipated(increments)
+        if state.bodies:
+            work += self._resultants.work(increments)
+            work += sum(load.work(increments) for load in self._pressed)
+            for item in self._ground:
+                dissipated[item.kind] += item.bodies.dissipated(increments)
         state.u.x.array[dofs] += d
         state.v.x.array[dofs] = 2 / dt * d - self._v0.array_r
         state.motions = increments.end()

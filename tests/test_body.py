@@ -16,7 +16,7 @@ from tumbling_l import tumbling_l
 import rigidfx as rf
 from rigidfx.body import BodyMotion, RigidBody
 from rigidfx.ensemble import Ensemble, Motions
-from rigidfx.increments import Increments
+from rigidfx.increments import Increments, Step
 from rigidfx.integrator import Integrator
 from rigidfx.rotation import skew
 
@@ -246,8 +246,8 @@ def top(inertia=INERTIA, mass=2.0):
 
 def step_of(body, start, dr, theta, dt):
     """A trial step of one body."""
-    start = Motions(Ensemble([body]), [start])
-    return Increments(start, dt, np.r_[dr, body.length * theta][None])
+    step = Step(Motions(Ensemble([body]), [start]), dt)
+    return Increments(step, np.r_[dr, body.length * theta][None])
 
 
 def advance(body, start, dt, guess, most=30):

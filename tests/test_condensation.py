@@ -23,6 +23,7 @@ import rigidfx as rf
 from rigidfx.body import BodyMotion
 from rigidfx.condensation import CondensedMatrix
 from rigidfx.ensemble import Motions
+from rigidfx.increments import Step
 from rigidfx.integrator import Integrator
 from rigidfx.rotation import skew
 
@@ -135,7 +136,7 @@ def condensation_errors(scene, seed):
             [np.r_[rng.standard_normal(3), b.length * t]
              for b, t in zip(part.bodies, theta, strict=True)]
         ).reshape(-1, 6)  # fmt: skip
-        prolongation.rotate(six, Motions(part.ensemble, motions), 0.1)
+        prolongation.rotate(six, Step(Motions(part.ensemble, motions), 0.1))
         # Any state: the stiffness is evaluated in a field that depends on positions only, so that
         # it is the same on any number of ranks.
         X = scene.space.tabulate_dof_coordinates()

@@ -15,7 +15,7 @@ from parallel import run as run_on
 
 import rigidfx as rf
 from rigidfx.ensemble import Ensemble, Motions
-from rigidfx.increments import Increments
+from rigidfx.increments import Increments, Step
 from rigidfx.integrator import Integrator
 from rigidfx.internal import InternalForces
 from rigidfx.rotation import cayley
@@ -250,7 +250,8 @@ def test_tangents_of_bodies():
         y = np.array([0.02, -0.01, 0.03, 0.4, -0.2, 0.3])
 
         def residual(y, term):
-            increments = Increments(Motions(Ensemble([body]), [motion]), 0.1, y[None])
+            step = Step(Motions(Ensemble([body]), [motion]), 0.1)
+            increments = Increments(step, y[None])
             return increments.resultant(term.moments(increments))[0], increments
 
         for term in terms:
