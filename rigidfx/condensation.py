@@ -86,11 +86,19 @@ class CondensedMatrix:
         columns = rows if self._prolongation.nodal else np.repeat(rows.reshape(-1, 3), 3, axis=0)
         add(offsets, columns.reshape(-1), blocks.reshape(-1), PETSc.InsertMode.ADD_VALUES, rows)
 
-    def finish(self) -> None:
-        """Condense the rim and complete the matrix. Collective."""
+    def finish(self, blocks: npt.NDArray[np.float64] | None = None) -> None:
+        """Condense the rim and complete the matrix. Collective.
+
+        Args:
+            blocks: What the bodies themselves add, shape (bodies, 6, 6), equal on all ranks;
+                nothing if None.
+        """
         if self._rim is not None:
             self._rim.insert_into(self.matrix)
-        self.matrix.assemble()
+        if blocks is None:
+            self.matrix.assemble()
+        else:
+            self._prolongation.add_blocks(self.matrix, blocks)
 
     def _insert_core(self) -> None:
         if not self._has_core:  # what calls cost counts where all flexible cells are at a rim

@@ -15,9 +15,13 @@ import numpy.typing as npt
 from rigidfx.body import BodyMotion, RigidBody
 from rigidfx.rotation import UNIT_SPINS
 
-__all__ = ["Ensemble", "Motions", "poses", "times"]
+__all__ = ["TRANSLATIONS", "Ensemble", "Motions", "poses", "times"]
 
 Array = npt.NDArray[np.float64]
+
+
+# How a body's twelve numbers depend on its translation, see `Increments.L`.
+TRANSLATIONS = np.eye(12, 6) * (np.arange(6) < 3)
 
 
 class Ensemble:
@@ -28,6 +32,7 @@ class Ensemble:
         inertia: J about the centres of mass, shape (bodies, 3, 3) [kg m²].
         length: ℓ, shape (bodies,) [m].
         square_length: ℓ², shape (bodies, 1, 1) [m²].
+        frames: The part of `Increments.L` that does not turn, shape (bodies, 12, 6).
         spins: v times them is -v̂/ℓ, row by row; shape (bodies, 3, 9) [1/m].
     """
 
@@ -38,6 +43,14 @@ class Ensemble:
         self.length = np.array([body.length for body in bodies], dtype=np.float64)
         self.square_length = (self.length**2)[:, None, None]
         self.spins = UNIT_SPINS / -self.length[:, None, None]
+        self.frames = np.tile(TRANSLATIONS, (self.mass.size, 1, 1))
+        self._last: tuple[tuple[BodyMotion, ...], Motions] | None = None
+
+    def moving(self, motions: tuple[BodyMotion, ...]) -> Motions:
+        """These motions as arrays; one step after another asks for the same."""
+        if self._last is None or self._last[0] is not motions:
+            self._last = motions, Motions(self, motions)
+        return self._last[1]
 
 
 class Motions:
@@ -99,7 +112,7 @@ class Motions:
         turning = np.vdot(self.spin, times(self.of.inertia, self.spin))
         return 0.5 * float(np.vdot(self.momentum, self.velocity) + turning)
 
-    @property
+    @cached_property
     def momentum_scale(self) -> float:
         """Σ |m ṙ| + |π|/ℓ [kg m/s]."""
         spins = np.linalg.norm(self.angular_momentum, axis=1) / self.of.length

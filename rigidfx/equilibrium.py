@@ -170,8 +170,12 @@ class Equilibrium:
             snes.setUseEW(True)
         with default_options(PREFIX, snes_linesearch_type="basic"):
             snes.setFromOptions()
-        configure(snes.getKSP(), not self._krylov, self.prolongation.size)
+        self._configure(snes.getKSP(), not self._krylov)
         return snes
+
+    def _configure(self, ksp: PETSc.KSP, direct: bool) -> None:
+        p = self.prolongation
+        configure(ksp, direct, p.size, len(p.partition.bodies) > 0)
 
     def solve(
         self,
@@ -202,10 +206,10 @@ class Equilibrium:
         if reason == PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE and krylov:
             # The Krylov solver gave up: repeat the step with a factorisation.
             self._fallbacks += 1
-            configure(self._snes.getKSP(), True, self.prolongation.size)
+            self._configure(self._snes.getKSP(), True)
             reason, remark = self._iterate(guesses), " (fall-back from Krylov)"
             if self._fallbacks < MAX_FALLBACKS:
-                configure(self._snes.getKSP(), False, self.prolongation.size)
+                self._configure(self._snes.getKSP(), False)
         elif reason < 0 and krylov and self._snes.getUseEW():
             # Newton may have failed on loosely solved systems, whose errors depend on the number
             # of ranks: before the step is cut, they are solved as if each were the last.
@@ -289,10 +293,12 @@ class Equilibrium:
         increments, loads = self.prolongation.increments, self._resultants
         if loads is None or not self.prolongation.partition.bodies:
             return np.empty((0, 6))
-        self._moments = self.prolongation.moments(self.forces_out_of_balance) - loads.moments
+        self._moments = self.prolongation.moments(self.forces_out_of_balance)
+        self._moments -= loads.moments
         for term in self._terms:
             self._moments += term.moments(increments)
-        out = increments.inertia_force() + increments.resultant(self._moments)
+        out = increments.inertia_force()
+        out += increments.resultant(self._moments)
         out[:, 3:] -= loads.torques / self._step.start.of.length[:, None]
         return out
 
@@ -304,9 +310,7 @@ class Equilibrium:
             self._mass.add_to(K, 2 / self._dt**2, self.prolongation)
         for item in self._ground:
             item.add_to(K, self._dt, self.prolongation)
-        K.finish()
-        if self.prolongation.partition.bodies:
-            self.prolongation.add_blocks(K.matrix, self._blocks())
+        K.finish(self._blocks() if self.prolongation.partition.bodies else None)
 
     def _blocks(self) -> Array:
         """Derivative of the bodies' rows that the condensed tangent does not hold."""

@@ -22,14 +22,15 @@ import numpy.typing as npt
 
 from rigidfx.body import BodyMotion
 from rigidfx.ensemble import Motions, times
-from rigidfx.rotation import IDENTITY, cayley_tangent, orthonormalized, skew
+from rigidfx.rotation import IDENTITY, orthonormalized, skew
 
-__all__ = ["TRANSLATIONS", "BodyTerm", "Increments", "Step"]
+__all__ = ["BodyTerm", "Increments", "Step"]
 
 Array = npt.NDArray[np.float64]
 
-# How the first of a body's twelve numbers depend on its translation, see `Increments.L`.
-TRANSLATIONS = np.eye(12, 6) * (np.arange(6) < 3)
+QUARTERS = np.full(3, 0.25)
+# ½ f̂ v̂ = ½ v fᵀ - ½ (f·v) I from v fᵀ, both row by row.
+HALF_COUPLES = 0.5 * np.eye(9) - 0.5 * np.outer(IDENTITY, IDENTITY)
 
 
 class Step:
@@ -51,7 +52,10 @@ class Step:
         self.start, self.dt = start, dt
         self.drift = dt * start.velocity
         self.mass = (2 / dt**2 * of.mass)[:, None]  # per Δr - Δt ṙ0
-        self.turned = 2 / dt * start.R  # W1 + W0 per θ
+        self.twice = 2 * start.R
+        # J W1 = θ·(2 R0 J/Δt) - J W0
+        self.spun = self.twice @ of.inertia / dt
+        self.own_momentum = times(of.inertia, start.spin)
         self.per_moment = 1 / (dt * of.length)[:, None]
 
     @cached_property
@@ -92,14 +96,20 @@ class Increments:
         return self.step.start
 
     @cached_property
+    def _half(self) -> Array:
+        """½θ̂."""
+        return skew(0.5 * self.theta)
+
+    @cached_property
     def T(self) -> Array:
-        """Spin of R1 per unit dθ, shape (bodies, 3, 3)."""
-        return cayley_tangent(self.theta)
+        """Spin of R1 per unit dθ, see `rotation.cayley_tangent`; shape (bodies, 3, 3)."""
+        square = np.dot(self.theta * self.theta, QUARTERS)
+        return (IDENTITY + self._half) / (1 + square)[:, None, None]
 
     @cached_property
     def turn(self) -> Array:
         """R1 - R0 = θ̂ T R0 = θ̂ R_av, as cay(θ) = I + θ̂ T; shape (bodies, 3, 3)."""
-        return skew(self.theta) @ (self.T @ self.start.R)
+        return self._half @ (self.T @ self.step.twice)
 
     @cached_property
     def R1(self) -> Array:
@@ -112,20 +122,18 @@ class Increments:
         return self.start.R + 0.5 * self.turn
 
     @cached_property
-    def spin1(self) -> Array:
-        """W1, angular velocities at the end in the bodies' frames, shape (bodies, 3) [rad/s]."""
-        return (self.theta[:, None] @ self.step.turned)[:, 0] - self.start.spin
-
-    @cached_property
     def pi1(self) -> Array:
         """π1, angular momenta at the end about the centres, shape (bodies, 3) [kg m²/s]."""
-        return times(self.R1, times(self.start.of.inertia, self.spin1))
+        own = (self.theta[:, None] @ self.step.spun)[:, 0] - self.step.own_momentum
+        return times(self.R1, own)
 
     def end(self) -> tuple[BodyMotion, ...]:
         """The motions at the end of the step."""
         r, R = self.start.r + self.dr, orthonormalized(self.R1)
-        velocity = 2 / self.step.dt * self.dr - self.start.velocity
-        return tuple(BodyMotion(r[k], R[k], velocity[k], self.spin1[k]) for k in range(len(self)))
+        rate = 2 / self.step.dt
+        velocity = rate * self.dr - self.start.velocity
+        spin = rate * (self.theta[:, None] @ self.start.R)[:, 0] - self.start.spin
+        return tuple(BodyMotion(r[k], R[k], velocity[k], spin[k]) for k in range(len(self)))
 
     def inertia_force(self) -> Array:
         """M (ṙ1 - ṙ0)/Δt and (π1 - π0)/(ℓ Δt), shape (bodies, 6) [N]."""
@@ -147,7 +155,7 @@ class Increments:
         rotation = (couples - skew(self.pi1 / self.step.dt)) @ self.T
         rotation += self.R1 @ self.step.inertia
         G = self.step.block.copy()
-        G[:, 3:, 3:] = rotation / self.start.of.square_length
+        np.divide(rotation, self.start.of.square_length, out=G[:, 3:, 3:])
         return G
 
     # Nodes of a body. With arms [1, V], shape (n, 4), everything that happens to them goes through
@@ -177,8 +185,7 @@ class Increments:
         return (R.swapaxes(1, 2) @ self.start.of.spins).reshape(-1, 9, 3)
 
     def _followed(self, rotations: Array) -> Array:
-        out = np.empty((len(self), 12, 6))
-        out[:] = TRANSLATIONS
+        out = self.start.of.frames.copy()
         out[:, 3:, 3:] = rotations
         return out
 
@@ -192,8 +199,8 @@ class Increments:
 
     def couples(self, moments: Array) -> Array:
         """Σ ½ f̂ᵢ v̂₁,ᵢ of forces with these moments, shape (bodies, 3, 3) [N m]: see `tangent`."""
-        B = 0.5 * self.R1 @ moments[:, 1:]  # ½ Σ v₁ fᵀ, and f̂ v̂ = v fᵀ - (f·v) I
-        return B - B.trace(axis1=1, axis2=2)[:, None, None] * IDENTITY
+        B = self.R1 @ moments[:, 1:]  # Σ v₁ fᵀ
+        return np.dot(B.reshape(-1, 9), HALF_COUPLES).reshape(-1, 3, 3)
 
     def work(self, forces: Array) -> float:
         """Work of forces and moments over ℓ, as `resultant` gives them, in the step [J]."""

@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from rigidfx.ensemble import Motions
 from rigidfx.ground import GroundForces
 from rigidfx.internal import InternalForces
 from rigidfx.mass import Mass
@@ -85,7 +84,7 @@ class Monitor:
         local[8] = np.sqrt((p * p).sum(axis=1)).sum()
         local[9] = sum(item.energy(state.u.x.array[dofs]) for item in self._ground)
         total = np.asarray(self._scene.sum(local))
-        bodies = Motions(self._ensemble, state.motions)
+        bodies = self._ensemble.moving(state.motions)
         if len(bodies):
             total[0] += bodies.kinetic
             total[2:5] += bodies.momentum.sum(axis=0)

@@ -105,7 +105,7 @@ def free_rotation(inertia: Array, omega: Array, dt: float) -> Array:
 
 def _six(start: Motions, translations: Array, turns: Array) -> Array:
     """Δr and ℓθ of the bodies from Δr and θ, shape (bodies, 6) [m]."""
-    return np.c_[translations, start.of.length[:, None] * turns]
+    return np.hstack([translations, start.of.length[:, None] * turns])
 
 
 def _mean_motion(
@@ -115,7 +115,9 @@ def _mean_motion(
     of, bodies = start.of, len(start) > 0
     first = np.asarray(scene.sum(np.concatenate([[mass.sum()], mass @ x, mass @ v])))
     if bodies:
-        first += np.r_[of.mass.sum(), of.mass @ start.r, start.momentum.sum(axis=0)]
+        first[0] += of.mass.sum()
+        first[1:4] += of.mass @ start.r
+        first[4:] += start.momentum.sum(axis=0)
     c, velocity = first[1:4] / first[0], first[4:] / first[0]
     y = x - c
     weighted = (mass[:, None] * y).T

@@ -29,8 +29,8 @@ from petsc4py import PETSc
 from scipy.sparse import csr_array
 
 from rigidfx.body import BodyMotion, at_rest
-from rigidfx.ensemble import Motions
-from rigidfx.increments import TRANSLATIONS, Increments, Step
+from rigidfx.ensemble import TRANSLATIONS, Motions
+from rigidfx.increments import Increments, Step
 from rigidfx.partition import Partition
 from rigidfx.rows import mapped_matrix
 
@@ -248,7 +248,7 @@ class Prolongation:
         return out
 
     def add_blocks(self, C: PETSc.Mat, blocks: Array) -> None:
-        """Add a 6×6 block per body to a reduced matrix. Collective.
+        """Add a 6×6 block per body to a reduced matrix and complete it. Collective.
 
         Args:
             C: Reduced tangent.

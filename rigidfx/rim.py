@@ -94,10 +94,15 @@ class Rim:
         self._ends = np.cumsum([4 * pairs[0].size for pairs in (outer, below)])
         self._outer, self._below = _spans(outer[0]), _spans(below[0])
         self._inner = [(span, nodes.arms[inner[1][span]].T.copy()) for _, span in _spans(inner[0])]
-        self._met = np.stack(np.divmod(np.unique(inner[0]), bodies))
+        met = np.stack(np.divmod(np.unique(inner[0]), bodies))
+        self._met = [_selection(one, bodies) for one in met]
         self._double = np.empty((len(self._inner), 4, 36))
+        # What makes the two 3×3 blocks of Σⱼ Mⱼ Pⱼ, or of Σⱼ Lⱼᵀ Mⱼ, from four Mⱼ, row by row;
+        # and where in it P and L are.
         self._right, self._left = (np.zeros((bodies, 36, 18)) for _ in range(2))
-        own = self._met.T
+        self._P = np.einsum("kjibsic->kijbsc", self._right.reshape(-1, 4, 3, 3, 2, 3, 3))
+        self._L = np.einsum("kjbcsic->kcjbsi", self._left.reshape(-1, 4, 3, 3, 2, 3, 3))
+        own = met.T
         # What goes into the matrix, block by block: K where no body is, rows of free nodes at a
         # body, the two rows of a body at free nodes, the blocks of bodies.
         self._ff = ff
@@ -135,7 +140,8 @@ class Rim:
         """Assemble K anew. Collective."""
         self._K.set_value(0.0)
         fem.assemble_matrix(self._K, self._form)
-        self._K.scatter_reverse()
+        if self._prolongation.comm.size > 1:
+            self._K.scatter_reverse()
 
     def add(self, other: Rim, factor: float) -> None:
         """Add a multiple of another K of the same cells."""
@@ -162,11 +168,8 @@ class Rim:
         np.take(self._blocks, self._ff, axis=0, out=plain.reshape(-1, 9), mode="clip")
         sums = self._moments @ self._blocks
         begin, end = self._ends
-        # Each makes the two 3×3 blocks of Σⱼ Mⱼ Pⱼ, or of Σⱼ Lⱼᵀ Mⱼ, from four Mⱼ, row by row.
-        right = self._right.reshape(-1, 4, 3, 3, 2, 3, 3)
-        np.einsum("kjibsic->kijbsc", right)[:] = trial.reshape(-1, 1, 4, 3, 2, 3)
-        left = self._left.reshape(-1, 4, 3, 3, 2, 3, 3)
-        np.einsum("kjbcsic->kcjbsi", left)[:] = test.reshape(-1, 1, 4, 3, 2, 3)
+        self._P[:] = trial.reshape(-1, 1, 4, 3, 2, 3)
+        self._L[:] = test.reshape(-1, 1, 4, 3, 2, 3)
         self._turn(sums[:begin], self._outer, self._right, outer)
         self._turn(sums[begin:end], self._below, self._left, below)
         moments = sums[end:].reshape(-1, 36)
@@ -189,6 +192,11 @@ def _pairs(bodies: Ints, nodes: Ints) -> tuple[tuple[Ints, Ints], Ints]:
     count = int(nodes.max(initial=0)) + 1
     keys, places = np.unique(bodies * count + nodes, return_inverse=True)
     return (keys // count, keys % count), places.reshape(-1)
+
+
+def _selection(bodies: Ints, count: int) -> Ints | slice:
+    """What takes these bodies out of so many: nothing is copied where they are all."""
+    return slice(None) if np.array_equal(bodies, np.arange(count)) else bodies
 
 
 def _spans(bodies: Ints) -> list[tuple[int, slice]]:

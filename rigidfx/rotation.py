@@ -37,7 +37,7 @@ def skew(a: npt.ArrayLike) -> Array:
         Shape (..., 3, 3).
     """
     a = np.asarray(a)
-    return (a @ UNIT_SPINS).reshape((*a.shape, 3))
+    return np.dot(a, UNIT_SPINS).reshape((*a.shape, 3))
 
 
 def axial(B: Array) -> Array:

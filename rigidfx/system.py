@@ -15,7 +15,6 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from rigidfx import effects as fx
-from rigidfx.ensemble import Motions
 from rigidfx.equilibrium import Equilibrium, Solution
 from rigidfx.ground import Drag, GroundForces, Springs
 from rigidfx.increments import BodyTerm
@@ -146,7 +145,7 @@ class System:
         self._forces.set_time(middle, dt)
         self._resultants = self._loads.evaluate(middle, self._f_ext)
         self._v0.array[:] = state.v.x.array[self.partition.rows.dofs]
-        start = Motions(self.partition.ensemble, state.motions)
+        start = self.partition.ensemble.moving(state.motions)
         return self.equilibrium.solve(
             dt,
             self._v0,
