@@ -22,13 +22,12 @@ import numpy.typing as npt
 
 from rigidfx.body import BodyMotion
 from rigidfx.ensemble import Motions, times
-from rigidfx.rotation import IDENTITY, orthonormalized, skew
+from rigidfx.rotation import IDENTITY, cayley_tangent, orthonormalized, skew
 
 __all__ = ["BodyTerm", "Increments", "Step"]
 
 Array = npt.NDArray[np.float64]
 
-QUARTERS = np.full(3, 0.25)
 # ½ f̂ v̂ = ½ v fᵀ - ½ (f·v) I from v fᵀ, both row by row.
 HALF_COUPLES = 0.5 * np.eye(9) - 0.5 * np.outer(IDENTITY, IDENTITY)
 
@@ -39,6 +38,12 @@ class Step:
     Attributes:
         start: Motions of the bodies at its begin.
         dt: Δt [s].
+        drift: Δt ṙ0, shape (bodies, 3) [m].
+        mass: 2 m/Δt², force per Δr - Δt ṙ0, shape (bodies, 1) [N/m].
+        twice: 2 R0, shape (bodies, 3, 3).
+        spun: 2 R0 J/Δt, so that J W1 = θ·spun - J W0, shape (bodies, 3, 3) [kg m²/s].
+        own_momentum: J W0, shape (bodies, 3) [kg m²/s].
+        per_moment: 1/(ℓ Δt), shape (bodies, 1) [1/(m s)].
     """
 
     def __init__(self, start: Motions, dt: float) -> None:
@@ -51,9 +56,8 @@ class Step:
         of = start.of
         self.start, self.dt = start, dt
         self.drift = dt * start.velocity
-        self.mass = (2 / dt**2 * of.mass)[:, None]  # per Δr - Δt ṙ0
+        self.mass = (2 / dt**2 * of.mass)[:, None]
         self.twice = 2 * start.R
-        # J W1 = θ·(2 R0 J/Δt) - J W0
         self.spun = self.twice @ of.inertia / dt
         self.own_momentum = times(of.inertia, start.spin)
         self.per_moment = 1 / (dt * of.length)[:, None]
@@ -61,7 +65,7 @@ class Step:
     @cached_property
     def inertia(self) -> Array:
         """2 J R0ᵀ/Δt², shape (bodies, 3, 3) [N m]."""
-        return np.asarray(2 / self.dt**2 * self.start.of.inertia @ self.start.R.swapaxes(1, 2))
+        return 2 / self.dt**2 * self.start.turned_inertia
 
     @cached_property
     def block(self) -> Array:
@@ -102,9 +106,8 @@ class Increments:
 
     @cached_property
     def T(self) -> Array:
-        """Spin of R1 per unit dθ, see `rotation.cayley_tangent`; shape (bodies, 3, 3)."""
-        square = np.dot(self.theta * self.theta, QUARTERS)
-        return (IDENTITY + self._half) / (1 + square)[:, None, None]
+        """Spin of R1 per unit dθ, shape (bodies, 3, 3)."""
+        return cayley_tangent(self.theta, self._half)
 
     @cached_property
     def turn(self) -> Array:
@@ -124,8 +127,8 @@ class Increments:
     @cached_property
     def pi1(self) -> Array:
         """π1, angular momenta at the end about the centres, shape (bodies, 3) [kg m²/s]."""
-        own = (self.theta[:, None] @ self.step.spun)[:, 0] - self.step.own_momentum
-        return times(self.R1, own)
+        turned = self.theta[:, None] @ self.step.spun
+        return times(self.R1, turned[:, 0] - self.step.own_momentum)
 
     def end(self) -> tuple[BodyMotion, ...]:
         """The motions at the end of the step."""

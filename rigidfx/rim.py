@@ -10,7 +10,7 @@ and likewise from the left: the *moments* M of the entries of K are one product 
 sparse matrix, the rest is as small as the number of nodes beside bodies. MatPtAP and (L - P)ᵀKP
 give the same, but have to be told in every iteration that rows of P are alike: where nearly all
 flexible cells are at a rim (369 unknowns), a step took 1.8 times that of the flexible cells alone,
-with moments it takes 1.4 times that (`demos/benchmarks/condensation.py --rigid 0.99`).
+with moments it takes 1.5 times that (`demos/benchmarks/condensation.py --rigid 0.99`).
 """
 
 from __future__ import annotations

@@ -16,6 +16,7 @@ Array = npt.NDArray[np.float64]
 
 
 IDENTITY = np.eye(3)
+QUARTERS = np.full(3, 0.25)
 # The skew matrices of the unit vectors, one per row.
 UNIT_SPINS = np.array(
     [
@@ -65,18 +66,18 @@ def cayley(theta: npt.ArrayLike) -> Array:
     return IDENTITY + (hat + 0.5 * hat @ hat) / (1 + 0.25 * np.dot(theta, theta))
 
 
-def cayley_tangent(theta: npt.ArrayLike) -> Array:
+def cayley_tangent(theta: Array, half: Array | None = None) -> Array:
     """T = (I + ½θ̂)/(1 + ¼θ·θ): spatial spin of the rotated frame per unit dθ.
 
     Args:
         theta: Cayley vectors θ, shape (..., 3).
+        half: ½θ̂, if it is known already, shape (..., 3, 3).
 
     Returns:
         Shape (..., 3, 3).
     """
-    half = 0.5 * np.asarray(theta)
-    square = half[..., None, :] @ half[..., None]
-    return (IDENTITY + skew(half)) / (1 + square)
+    half = skew(0.5 * theta) if half is None else half
+    return (IDENTITY + half) / (1 + np.dot(theta * theta, QUARTERS))[..., None, None]
 
 
 def orthonormalized(R: Array) -> Array:
