@@ -5,8 +5,8 @@ the origin loses no digits; with d = d(y) = u₁ - u₀ and v₁ = 2 d/Δt - v�
 
     f(d) = M (2 d/Δt - 2 v₀)/Δt + f_int(u₀, u₀ + d) - f_ext(t½),    R(y) = Lᵀ f + bodies' own,
 
-all in newtons; the prolongation d(y) carries supports and bodies, see `prolongation` and `body`.
-d and f have rows for the active nodes only.
+all in newtons; the prolongation d(y) carries supports and bodies, see `prolongation` and
+`increments`. d and f have rows for the active nodes only.
 """
 
 from __future__ import annotations

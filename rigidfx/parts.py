@@ -171,7 +171,8 @@ def _freeze_named(
         )
     if effect.given:
         mass = body.mass if effect.mass is None else effect.mass
-        inertia = body.inertia if effect.inertia is None else np.asarray(effect.inertia, float)
+        J = body.inertia if effect.inertia is None else np.asarray(effect.inertia, float)
+        inertia = 0.5 * (J + J.T)  # momenta are kept as far as it is symmetric
         body = replace(body, mass=float(mass), inertia=inertia, given=True, frozen=NOTHING)
     return body, motion
 

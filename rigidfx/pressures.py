@@ -109,7 +109,7 @@ class Pressures:
 
         The displacement u₀ must be up to date inside the bodies.
         """
-        if not self._acting:
+        if not self._acting or not bodies:
             return []
         scene = self._scene
         if self._surface is None:

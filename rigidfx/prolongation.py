@@ -10,7 +10,7 @@ so the residual is restricted by Lᵀ, equations (5) and (13); the derivative of
 body has no row at all. So no rows of ones, no penalties and no empty rows ever reach the solver.
 
 A body's nodes move by their arms [1, V], which never change, times a matrix of four rows, which is
-all that turns; see `body`. So vectors pass L and Lᵀ by one constant sparse matrix,
+all that turns; see `increments`. So vectors pass L and Lᵀ by one constant sparse matrix,
 
     d = A [y of the free dofs, increments of the held ones, 12 numbers of each body],
 

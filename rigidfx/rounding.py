@@ -53,6 +53,9 @@ class Rounding:
         self._comm, rows = prolongation.comm, prolongation.partition.rows
         self._dofs, self._momentum = rows.dofs[prolongation.free], rows.vector()
         self._stiffness = _undeformed_diagonal(forces, tangent)  # per unknown of this rank [N/m]
+        # Of bodies the translations tell: those of rotations grow with (V/ℓ)², where a heavy centre
+        # makes ℓ small without bound.
+        self._stiffness[self._dofs.size :].reshape(-1, 6)[:, 3:] = 0.0
 
     def in_residual(
         self,

@@ -104,6 +104,10 @@ REFUSED = {
         lambda: rf.Rigid("left", inertia=[[1, 0.1, 0], [0, 1, 0], [0, 0, 1]]),
         "symmetric",
     ),
+    "unsymmetric inertia of a grain": (
+        lambda: rf.Rigid("left", inertia=[[1e-9, 1e-10, 0], [0, 1e-9, 0], [0, 0, 1e-9]]),
+        "symmetric",
+    ),
     "indefinite inertia": (lambda: rf.Rigid("left", inertia=np.diag([1, 1, -1])), "positive"),
     "impossible inertia": (lambda: rf.Rigid("left", inertia=np.diag([1, 1, 3])), "sum of the"),
     "infinite inertia": (lambda: rf.Rigid("left", inertia=np.diag([1, 1, np.inf])), "3×3"),

@@ -62,24 +62,25 @@ def main() -> None:
             next(reports)
     times: dict[int, list[float]] = {bodies: [] for bodies in runs}
     newton: dict[int, list[int]] = {bodies: [] for bodies in runs}
-    unknowns: dict[int, int] = {}
+    last: dict[int, rigidfx.Report] = {}
     for _ in range(arguments.steps):
         for bodies, reports in runs.items():
             start = perf_counter()
             report = next(reports)
             times[bodies].append((perf_counter() - start) / report.iterations)
             newton[bodies].append(report.iterations)
-            unknowns[bodies] = report.unknowns
+            last[bodies] = report
     for reports in runs.values():
         reports.close()
 
     def row(bodies: int) -> dict[str, float | int]:
         ratio = median(a / b for a, b in zip(times[bodies], times[0], strict=True))
-        share = FLEXIBLE * bodies / arguments.along if bodies else 1.0
+        rigid = sum(body.cells for body in last[bodies].bodies)
+        share = 1 - rigid / (arguments.along * ACROSS**2)
         return {
             "bodies": bodies,
             "flexible_cells": share,
-            "unknowns": unknowns[bodies],
+            "unknowns": last[bodies].unknowns,
             "seconds_per_iteration": median(times[bodies]),
             "ratio_to_flexible": ratio,
             "ratio_to_cells": ratio / share,
