@@ -97,9 +97,14 @@ class Motions:
         return self.of.mass[:, None] * self.velocity
 
     @cached_property
+    def own_momentum(self) -> Array:
+        """J W in the bodies' frames, shape (bodies, 3) [kg m²/s]."""
+        return times(self.of.inertia, self.spin)
+
+    @cached_property
     def angular_momentum(self) -> Array:
         """π = R J W about the centres of mass, shape (bodies, 3) [kg m²/s]."""
-        return times(self.R, times(self.of.inertia, self.spin))
+        return times(self.R, self.own_momentum)
 
     @cached_property
     def turned_inertia(self) -> Array:
@@ -109,7 +114,7 @@ class Motions:
     @property
     def kinetic(self) -> float:
         """Σ ½ m ṙ·ṙ + ½ W·J W [J]."""
-        turning = np.vdot(self.spin, times(self.of.inertia, self.spin))
+        turning = np.vdot(self.own_momentum, self.spin)
         return 0.5 * float(np.vdot(self.momentum, self.velocity) + turning)
 
     @cached_property

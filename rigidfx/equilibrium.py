@@ -184,8 +184,8 @@ class Equilibrium:
         f_ext: PETSc.Vec,
         prescribed: Array,
         guesses: Sequence[Guess],
-        start: Motions | None = None,
-        resultants: Resultants | None = None,
+        start: Motions,
+        resultants: Resultants,
     ) -> Solution:
         """Find the increment of one step. Collective.
 
@@ -195,11 +195,12 @@ class Equilibrium:
             f_ext: External forces at the active nodes at the midpoint [N].
             prescribed: Increments of the held dofs [m].
             guesses: First guesses; the one with the smallest residual is taken.
-            start: Motions of the bodies at the begin of the step; none if there are none.
-            resultants: Loads on the bodies at the midpoint; none if there are no bodies.
+            start: Motions of the bodies at the begin of the step.
+            resultants: Loads on the bodies at the midpoint.
         """
-        self._resultants = resultants
-        self._step = self.prolongation.increments.step if start is None else Step(start, dt)
+        # Without bodies nothing of them is computed.
+        self._resultants = resultants if self.prolongation.partition.bodies else None
+        self._step = Step(start, dt)
         self._dt, self._v0, self._f_ext, self._prescribed = dt, v0, f_ext, prescribed
         krylov = self._krylov and self._fallbacks < MAX_FALLBACKS
         reason, remark = self._iterate(guesses), ""
@@ -291,7 +292,7 @@ class Equilibrium:
     def _body_forces(self) -> Array:
         """Residual of the bodies, shape (bodies, 6) [N]. Collective."""
         increments, loads = self.prolongation.increments, self._resultants
-        if loads is None or not self.prolongation.partition.bodies:
+        if loads is None:
             return np.empty((0, 6))
         self._moments = self.prolongation.moments(self.forces_out_of_balance)
         self._moments -= loads.moments

@@ -42,7 +42,6 @@ class Step:
         mass: 2 m/Δt², force per Δr - Δt ṙ0, shape (bodies, 1) [N/m].
         twice: 2 R0, shape (bodies, 3, 3).
         spun: 2 R0 J/Δt, so that J W1 = θ·spun - J W0, shape (bodies, 3, 3) [kg m²/s].
-        own_momentum: J W0, shape (bodies, 3) [kg m²/s].
         per_moment: 1/(ℓ Δt), shape (bodies, 1) [1/(m s)].
     """
 
@@ -59,7 +58,6 @@ class Step:
         self.mass = (2 / dt**2 * of.mass)[:, None]
         self.twice = 2 * start.R
         self.spun = self.twice @ of.inertia / dt
-        self.own_momentum = times(of.inertia, start.spin)
         self.per_moment = 1 / (dt * of.length)[:, None]
 
     @cached_property
@@ -128,7 +126,7 @@ class Increments:
     def pi1(self) -> Array:
         """π1, angular momenta at the end about the centres, shape (bodies, 3) [kg m²/s]."""
         turned = self.theta[:, None] @ self.step.spun
-        return times(self.R1, turned[:, 0] - self.step.own_momentum)
+        return times(self.R1, turned[:, 0] - self.start.own_momentum)
 
     def end(self) -> tuple[BodyMotion, ...]:
         """The motions at the end of the step."""

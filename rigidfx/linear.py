@@ -82,8 +82,9 @@ def configure(ksp: PETSc.KSP, direct: bool, unknowns: int, bodies: bool) -> None
         ksp.setTolerances(rtol=KRYLOV_RTOL, atol=0.0, max_it=limit)
         if ksp.comm.size == 1:
             pc.setType(PETSc.PC.Type.ILU)
-            # Dense rows are best left to the end: with a body, RCM takes up to a quarter more
-            # iterations than the mesh's own order, without one that takes up to 12 % more.
+            # Dense rows are best left to the end. With a body RCM takes between 2 % fewer and a
+            # quarter more iterations than the mesh's own order; without one that takes 2 to 12 %
+            # more.
             order = PETSc.Mat.OrderingType
             pc.setFactorOrdering(order.NATURAL if bodies else order.RCM)
         else:

@@ -44,12 +44,13 @@ def apply_preload(scene: Scene, forces: InternalForces, state: State, held: Held
         statics = Equilibrium(scene, forces, forces.bind_static(cells), None, prolongation, springs)
         full, share = (part.rows.vector() for _ in range(2))
         rest = Guess(np.zeros(part.rows.dofs.size), np.empty((0, 6)))
-        loads.evaluate(0.0, full)
+        on_bodies = loads.evaluate(0.0, full)
         for k in range(1, preload.increments + 1):
             full.copy(share)
             share.scale(k / preload.increments)
             nothing = np.zeros(prolongation.held.size)
-            solution = statics.solve(1.0, None, share, nothing, (rest,))
+            none = part.ensemble.moving(())
+            solution = statics.solve(1.0, None, share, nothing, (rest,), none, on_bodies)
             if not solution.converged:
                 raise StepError(
                     f"Preload: increment {k} of {preload.increments} did not converge "

@@ -16,6 +16,7 @@ __all__ = ["InitialVelocity", "Preload", "Rigid"]
 
 SYMMETRY = 1e-6  # of a given tensor, relative to its largest entry; the rest is averaged out
 
+
 @dataclass(frozen=True)
 class InitialVelocity(Effect):
     """Velocity at the start: a rigid motion, or any function of the reference position.
