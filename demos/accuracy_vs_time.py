@@ -41,9 +41,9 @@ import rigidfx as rf
 from meshes.block_with_cantilever import block_with_cantilever
 from meshes.spatial_frame import spatial_frame
 from meshes.tumbling_l import tumbling_l
-from rigidfx.errors import OutputError, agree
-from rigidfx.figures import DPI, figure_of, on_first_rank, save
-from rigidfx.files import write_text
+from rigidfx.base.errors import OutputError, agree
+from rigidfx.base.text_files import write_text
+from rigidfx.plot.curves import DPI, figure_of, on_first_rank, save
 
 ROOT = Path(__file__).resolve().parents[1]
 parser = argparse.ArgumentParser(description="What accuracy costs in time.")

@@ -33,9 +33,9 @@ from mpi4py import MPI
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # where rigidfx and meshes are
 
 import rigidfx as rf
-from rigidfx.files import write_text
-from rigidfx.plot import Curve, curves
-from rigidfx.shapes import Shapes
+from rigidfx.base.text_files import write_text
+from rigidfx.plot.pictures import Curve, curves
+from rigidfx.plot.shapes import Shapes
 
 ROOT = Path(__file__).resolve().parents[1]
 GEO = (".geo", ".geo_unrolled")
@@ -176,7 +176,7 @@ def pairs(option: str, suits: tuple[str, ...]) -> dict[str, str]:
         parser.error(f"--{option} is for {', '.join(suits)} only, not for '{path.name}'")
     found: dict[str, str] = {}
     for text in texts:
-        name, _, value = text.partition("=")
+        name, _, value = text.layout("=")
         if not (name and value):
             parser.error(f"--{option}: '{text}' should be NAME=VALUE")
         if name in found:
@@ -257,7 +257,7 @@ def effects() -> list:
     """What acts."""
     found: list = [rf.NumericalDamping(options.damping)] if options.damping else []
     for text in options.hold:
-        name, _, components = text.partition(":")
+        name, _, components = text.layout(":")
         found.append(rf.Fixed(name, components or "xyz"))
     for name, force in loads:
         traction = force / area(name)

@@ -30,9 +30,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # where rigidfx an
 
 import rigidfx as rf
 from meshes.block_with_cantilever import block_with_cantilever
-from rigidfx.files import write_text
-from rigidfx.plot import Curve, curves
-from rigidfx.shapes import Shapes
+from rigidfx.base.text_files import write_text
+from rigidfx.plot.pictures import Curve, curves
+from rigidfx.plot.shapes import Shapes
 
 ROOT = Path(__file__).resolve().parents[1]
 

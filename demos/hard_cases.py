@@ -29,8 +29,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # where rigidfx is
 from hardcases import CASES, Result, carry_out
 from hardcases.stiffness import compare
 
-from rigidfx.files import write_text
-from rigidfx.plot import figure_of, on_first_rank, save
+from rigidfx.base.text_files import write_text
+from rigidfx.plot.pictures import figure_of, on_first_rank, save
 
 ROOT = Path(__file__).resolve().parents[1]
 parser = argparse.ArgumentParser(description="Hard cases: what stays stable, and how well.")

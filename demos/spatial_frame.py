@@ -29,9 +29,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # where rigidfx an
 
 import rigidfx as rf
 from meshes.spatial_frame import spatial_frame
-from rigidfx.files import write_text
-from rigidfx.plot import Curve, curves
-from rigidfx.shapes import Shapes
+from rigidfx.base.text_files import write_text
+from rigidfx.plot.pictures import Curve, curves
+from rigidfx.plot.shapes import Shapes
 
 ROOT = Path(__file__).resolve().parents[1]
 parser = argparse.ArgumentParser(description="A frame under a shock: what the tolerance buys.")

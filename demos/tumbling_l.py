@@ -28,9 +28,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # where rigidfx an
 
 import rigidfx as rf
 from meshes.tumbling_l import tumbling_l
-from rigidfx.files import write_text
-from rigidfx.plot import Curve, curves, histories
-from rigidfx.shapes import Shapes
+from rigidfx.base.text_files import write_text
+from rigidfx.plot.pictures import Curve, curves, histories
+from rigidfx.plot.shapes import Shapes
 
 ROOT = Path(__file__).resolve().parents[1]
 MATERIALS = {  # E = 10⁴ Pa, ν = 0.3 at small strain, ρ0 = 10 kg/m³

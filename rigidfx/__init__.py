@@ -5,9 +5,19 @@ scene names a domain, materials and effects; `simulate` yields a report per step
 writes ParaView files and a CSV.
 """
 
-from rigidfx.cad import list_cad, read_cad
-from rigidfx.criterion import Release, StrainRate
-from rigidfx.domain import Domain, box, from_arrays
+from rigidfx.base.errors import (
+    InversionError,
+    OutputError,
+    RigidfxError,
+    RigidfxWarning,
+    SceneError,
+    StepError,
+)
+from rigidfx.decide.criterion import Release, StrainRate
+from rigidfx.domain.cad import list_cad, read_cad
+from rigidfx.domain.domain import Domain, box, from_arrays
+from rigidfx.domain.gmsh_model import from_gmsh, read_msh
+from rigidfx.domain.gmsh_script import read_geo
 from rigidfx.effects import (
     BodyForce,
     Fixed,
@@ -27,22 +37,18 @@ from rigidfx.effects import (
     Table,
     Traction,
 )
-from rigidfx.errors import (
-    InversionError,
-    OutputError,
-    RigidfxError,
-    RigidfxWarning,
-    SceneError,
-    StepError,
+from rigidfx.mechanics.materials import (
+    Hyperelastic,
+    Material,
+    MooneyRivlin,
+    NeoHooke,
+    StVenantKirchhoff,
 )
-from rigidfx.forms import EnergyMomentum, Midpoint, Trapezoidal
-from rigidfx.geo import read_geo
-from rigidfx.materials import Hyperelastic, Material, MooneyRivlin, NeoHooke, StVenantKirchhoff
-from rigidfx.msh import from_gmsh, read_msh
-from rigidfx.multibody import read_bodies, write_bodies
-from rigidfx.output import Recorder, read_history
-from rigidfx.report import Report
-from rigidfx.scene import Scene
+from rigidfx.mechanics.schemes import EnergyMomentum, Midpoint, Trapezoidal
+from rigidfx.output.bodies_file import read_bodies, write_bodies
+from rigidfx.output.recorder import Recorder, read_history
+from rigidfx.report.report import Report
+from rigidfx.scene.scene import Scene
 from rigidfx.simulation import simulate
 
 __all__ = [

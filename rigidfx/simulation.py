@@ -15,15 +15,15 @@ from dataclasses import replace
 from time import perf_counter
 from typing import Any
 
-from rigidfx.balance import EnergyBalance
-from rigidfx.criterion import StrainRate
-from rigidfx.errors import SceneError
-from rigidfx.integrator import Integrator
-from rigidfx.probes import Probes
-from rigidfx.report import Report, amended, report_of
-from rigidfx.scene import Scene
-from rigidfx.switching import Switching
-from rigidfx.timeline import Timeline
+from rigidfx.base.errors import SceneError
+from rigidfx.decide.criterion import StrainRate
+from rigidfx.report.energy_balance import EnergyBalance
+from rigidfx.report.probes import Probes
+from rigidfx.report.report import Report, amended, report_of
+from rigidfx.scene.scene import Scene
+from rigidfx.scene.timeline import Timeline
+from rigidfx.step.stepper import Integrator
+from rigidfx.switch.switching import Switching
 
 __all__ = ["simulate"]
 

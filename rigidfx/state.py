@@ -10,10 +10,10 @@ import numpy.typing as npt
 from dolfinx import fem
 from mpi4py import MPI
 
-from rigidfx.body import BodyMotion, RigidBody
+from rigidfx.base.errors import SceneError, agree, together
 from rigidfx.effects import InitialVelocity
-from rigidfx.errors import SceneError, agree, together
-from rigidfx.scene import Scene
+from rigidfx.mechanics.rigid_body import BodyMotion, RigidBody
+from rigidfx.scene.scene import Scene
 
 __all__ = ["Snapshot", "State", "initial_velocity"]
 

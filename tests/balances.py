@@ -9,7 +9,7 @@ import ufl
 from dolfinx import fem, la
 
 import rigidfx as rf
-from rigidfx import _compat
+from rigidfx.base import compat
 
 __all__ = ["Books", "follow"]
 
@@ -57,7 +57,7 @@ class Forces:
         self.pressures = []
         for effect in scene.named(rf.Pressure):
             facets = scene.domain.find(effect.where, (2,), "").entities
-            pairs = _compat.integration_facets(mesh, facets)
+            pairs = compat.integration_facets(mesh, facets)
             ds = ufl.Measure("ds", mesh, subdomain_data=[(1, pairs)])
             form = fem.form(ufl.inner(area, w) * ds(1, metadata={"quadrature_degree": 9}))
             self.pressures.append((effect, form))
@@ -84,7 +84,7 @@ class Forces:
             self.dead.append((effect, nodal))
         for effect in scene.named(rf.Traction):
             facets = scene.domain.find(effect.where, (2,), "").entities
-            pairs = _compat.integration_facets(mesh, facets)
+            pairs = compat.integration_facets(mesh, facets)
             ds = ufl.Measure("ds", mesh, subdomain_data=[(1, pairs)])
             f = fem.assemble_vector(fem.form(ufl.inner(ufl.as_vector(effect.value), w) * ds(1)))
             f.scatter_reverse(la.InsertMode.add)

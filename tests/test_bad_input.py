@@ -16,8 +16,8 @@ import pytest
 from mpi4py import MPI
 
 import rigidfx as rf
-from rigidfx.domain import Domain, EntitySet
-from rigidfx.errors import SceneError, StepError
+from rigidfx.base.errors import SceneError, StepError
+from rigidfx.domain.domain import Domain, EntitySet
 
 COMM = MPI.COMM_WORLD
 STEEL = rf.StVenantKirchhoff(rho=2.0, E=50.0, nu=0.3)

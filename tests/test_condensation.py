@@ -20,12 +20,12 @@ from scipy.sparse import csr_matrix
 from scipy.spatial.transform import Rotation
 
 import rigidfx as rf
-from rigidfx.body import BodyMotion
-from rigidfx.condensation import CondensedMatrix
-from rigidfx.ensemble import Motions
-from rigidfx.increments import Step
-from rigidfx.integrator import Integrator
-from rigidfx.rotation import skew
+from rigidfx.coupling.condensed_tangent import CondensedMatrix
+from rigidfx.mechanics.bodies import Motions
+from rigidfx.mechanics.body_step import Step
+from rigidfx.mechanics.rigid_body import BodyMotion
+from rigidfx.mechanics.rotation import skew
+from rigidfx.step.stepper import Integrator
 
 # Its residual is a polynomial of the displacement, which differences differentiate to rounding.
 MATERIAL = rf.StVenantKirchhoff(rho=2.0, E=50.0, nu=0.3)
@@ -86,14 +86,14 @@ def nodal_map(prolongation, motions, theta, comm):
     P is the derivative, by a complex step, of the displacement of nodes that move with Δr and θ; L
     has the averaged positions, equation (5).
     """
-    partition = prolongation.partition
+    layout = prolongation.layout
     free = prolongation.free
     columns = free.size + 6 * len(prolongation._mine)
     first = comm.exscan(columns) or 0
-    row0 = comm.exscan(partition.held.size) or 0
-    rows = comm.allreduce(partition.held.size)
+    row0 = comm.exscan(layout.prescribed.size) or 0
+    rows = comm.allreduce(layout.prescribed.size)
     L, P = np.zeros((2, rows, prolongation.size))
-    for k, dof in enumerate(partition.rows.dofs[free]):
+    for k, dof in enumerate(layout.rows.dofs[free]):
         L[row0 + dof, first + k] = P[row0 + dof, first + k] = 1.0
     start = np.zeros(len(motions), dtype=np.int64)
     for place, k in enumerate(prolongation._mine):
@@ -103,12 +103,12 @@ def nodal_map(prolongation, motions, theta, comm):
     def rotation(t):
         return np.linalg.solve(np.eye(3) - skew(t) / 2, np.eye(3) + skew(t) / 2)
 
-    for k, (body, motion) in enumerate(zip(partition.bodies, motions, strict=True)):
+    for k, (body, motion) in enumerate(zip(layout.bodies, motions, strict=True)):
         at = slice(start[k], start[k] + 3), slice(start[k] + 3, start[k] + 6)
         h = 1e-30
         dR = [rotation(theta[k] + 1j * h * e).imag / h @ motion.R for e in np.eye(3)]
         R_av = (motion.R + rotation(theta[k]) @ motion.R) / 2
-        for n in partition.attached[k]:
+        for n in layout.attached[k]:
             V, row = body.offsets[n], row0 + 3 * body.nodes[n] + np.arange(3)
             L[row, at[0]] = P[row, at[0]] = np.eye(3)
             L[row, at[1]] = -skew(R_av @ V) / body.length
@@ -124,10 +124,13 @@ def condensation_errors(scene, seed):
     with Integrator(scene, 0.1) as integrator:
         system, forces = integrator._system, integrator._forces
         prolongation = system.equilibrium.prolongation
-        part = system.partition
+        part = system.layout
         motions = tuple(
             BodyMotion(
-                m.r, Rotation.from_rotvec(rng.standard_normal(3)).as_matrix(), m.velocity, m.spin
+                m.r,
+                Rotation.from_rotvec(rng.standard_normal(3)).as_matrix(),
+                m.velocity,
+                m.angular_velocity_body,
             )
             for m in integrator.state.motions
         )
@@ -143,20 +146,20 @@ def condensation_errors(scene, seed):
         for f, a in ((forces.u0, 0.3), (forces.u1, 0.5)):
             f.x.array[:] = (0.1 * np.sin(a * X[:, [1, 2, 0]] + X)).reshape(-1)
         whole = forces.bind(part.flexible)
-        K = fem_petsc.assemble_matrix(whole.core)
+        K = fem_petsc.assemble_matrix(whole.interior)
         K.assemble()
         full = gathered(K)
         L, P = nodal_map(prolongation, motions, theta, comm)
         K.destroy()
-        bound = forces.bind(part.flexible, part.core, part.rim)
+        bound = forces.bind(part.flexible, part.interior, part.interface)
         reduced = {}
-        for thin in (True, False):
-            condensed = CondensedMatrix(prolongation, bound.core, bound.rim, thin)
+        for consistent in (True, False):
+            condensed = CondensedMatrix(prolongation, bound.interior, bound.interface, consistent)
             for _ in range(2):  # a second time reuses pattern and products
                 condensed.assemble()
                 condensed.matrix.assemble()
                 condensed.finish()
-            reduced[thin] = gathered(condensed.matrix)
+            reduced[consistent] = gathered(condensed.matrix)
             condensed.destroy()
         trial = prolongation.trial()
         P_own = gathered(trial)
@@ -164,19 +167,19 @@ def condensation_errors(scene, seed):
         # L is known by what it does to vectors.
         y, d = prolongation.unknowns(), part.rows.vector()
         y.array[:] = rng.standard_normal(y.array.size)
-        held = np.zeros(prolongation.held.size)
-        prolongation.apply(y, prolongation.bodies_part(y), held, d)
+        prescribed = np.zeros(prolongation.prescribed.size)
+        prolongation.apply(y, prolongation.bodies_part(y), prescribed, d)
         y_all, d_all = (comm.gather(v.array_r.copy()) for v in (y, d))
         y.destroy()
         d.destroy()
-        row0 = comm.exscan(part.held.size) or 0
+        row0 = comm.exscan(part.prescribed.size) or 0
         rows = comm.gather(row0 + part.rows.dofs)
         if comm.rank == 0:
             scale = np.abs(full.data).max(initial=0.0) or 1.0
-            for thin, left in ((True, L), (False, P)):
+            for consistent, left in ((True, L), (False, P)):
                 wanted = left.T @ (full @ P)
-                name = "LKP" if thin else "PKP"
-                errors[name] = float(np.abs(reduced[thin] - wanted).max() / scale)
+                name = "LKP" if consistent else "PKP"
+                errors[name] = float(np.abs(reduced[consistent] - wanted).max() / scale)
             rows = np.concatenate(rows)
             moved = L[rows] @ np.concatenate(y_all)
             errors["L"] = float(np.abs(np.concatenate(d_all) - moved).max(initial=0.0))
@@ -191,8 +194,8 @@ def condensation_errors(scene, seed):
 def _with_support(scene_boxes, cell, rng, mass):
     """The scene, held at x1 in one, all or no components where no body touches that face."""
     touching = any(high[0] == SIZE[0] for _, high in scene_boxes)
-    held = [] if touching else [[], [rf.Fixed("x1", "z")], [rf.Fixed("x1")]][rng.integers(3)]
-    return scene_with(scene_boxes, cell, *held, mass=mass)
+    prescribed = [] if touching else [[], [rf.Fixed("x1", "z")], [rf.Fixed("x1")]][rng.integers(3)]
+    return scene_with(scene_boxes, cell, *prescribed, mass=mass)
 
 
 @CELLS
@@ -225,7 +228,7 @@ def _vector(prolongation, values):
     return y
 
 
-def tangent_error(scene, seed, size, dt=0.3, thin=None):
+def tangent_error(scene, seed, size, dt=0.3, consistent=None):
     """Largest difference between tangent and central differences of R, relative to the tangent.
 
     Args:
@@ -233,7 +236,7 @@ def tangent_error(scene, seed, size, dt=0.3, thin=None):
         seed: Of the random iterate.
         size: |θ| of the bodies.
         dt: Δt.
-        thin: Replaces the setting of the equations if not None.
+        consistent: Replaces the setting of the equations if not None.
     """
     rng = np.random.default_rng(seed)
     with Integrator(scene, dt) as integrator:
@@ -241,14 +244,14 @@ def tangent_error(scene, seed, size, dt=0.3, thin=None):
             integrator.step(integrator.state.t + dt)
         system = integrator._system
         eq = system.equilibrium
-        if thin is not None:
-            eq._tangent._rim._thin = thin
+        if consistent is not None:
+            eq._tangent._interface._consistent = consistent
         system.solve(integrator.state, dt)
         prolongation = eq.prolongation
         free = prolongation.free.size
         y0 = eq._y.array_r.copy()
         y0[:free] += 0.05 * rng.standard_normal(free)
-        for k, body in enumerate(prolongation.partition.bodies):
+        for k, body in enumerate(prolongation.layout.bodies):
             theta = rng.standard_normal(3)
             theta *= size / np.linalg.norm(theta)
             at = free + 6 * k
@@ -320,7 +323,7 @@ def test_tangent_of_a_body_alone():
 def test_without_the_thin_term_the_tangent_is_another():
     """The measure of the tests above can fail."""
     scene = scene_with(ONE, "hexahedron", *PUSHES)
-    assert tangent_error(scene, seed=1, size=0.5, thin=False) > 1e-3
+    assert tangent_error(scene, seed=1, size=0.5, consistent=False) > 1e-3
 
 
 def test_a_solve_ends_at_its_solution():

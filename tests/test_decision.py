@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from rigidfx.decision import Part, assign_bodies, qualify
-from rigidfx.observation import CYCLES, EXCITED, longest_period
-from rigidfx.regions import Region
+from rigidfx.decide.clusters import Region
+from rigidfx.decide.decision import Part, assign_bodies, qualify
+from rigidfx.decide.window import CYCLES, EXCITED, longest_period
 
 SELF = MPI.COMM_SELF
 

@@ -12,8 +12,8 @@ from spatial_frame import spatial_frame
 from tumbling_l import tumbling_l
 
 import rigidfx as rf
-from rigidfx.domain import Domain, EntitySet
-from rigidfx.errors import SceneError
+from rigidfx.base.errors import SceneError
+from rigidfx.domain.domain import Domain, EntitySet
 
 CELLS = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 MATERIAL = rf.StVenantKirchhoff(rho=2.0, E=50.0, nu=0.3)

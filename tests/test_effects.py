@@ -14,11 +14,11 @@ from hypothesis import strategies as st
 from parallel import run as run_on
 
 import rigidfx as rf
-from rigidfx.ensemble import Ensemble, Motions
-from rigidfx.increments import Increments, Step
-from rigidfx.integrator import Integrator
-from rigidfx.internal import InternalForces
-from rigidfx.rotation import cayley
+from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.mechanics.bodies import Ensemble, Motions
+from rigidfx.mechanics.body_step import Increments, Step
+from rigidfx.mechanics.rotation import cayley
+from rigidfx.step.stepper import Integrator
 
 BALANCE = 1e-11  # relative; Newton stops at 1e-12
 SPIN = rf.InitialVelocity(linear=(0.3, 0.0, 0.1), angular=(0.4, 0.9, -0.3))

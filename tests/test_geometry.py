@@ -16,8 +16,8 @@ import pytest
 from mpi4py import MPI
 
 import rigidfx as rf
-from rigidfx._compat import cell_geometry_dofs
-from rigidfx.errors import RigidfxError, SceneError
+from rigidfx.base.compat import cell_geometry_dofs
+from rigidfx.base.errors import RigidfxError, SceneError
 
 gmsh = pytest.importorskip("gmsh")
 

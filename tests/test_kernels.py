@@ -7,7 +7,7 @@ import pytest
 from dolfinx import fem
 
 import rigidfx as rf
-from rigidfx.internal import InternalForces
+from rigidfx.flexible.internal_forces import InternalForces
 
 
 @pytest.mark.parametrize("scheme", [rf.EnergyMomentum(), rf.Midpoint(), rf.Trapezoidal()])
@@ -29,6 +29,6 @@ def test_tangent_is_the_derivative_of_the_residual(scheme):
     h = 1e-5
     quotient = (residual(x1 + h * direction) - residual(x1 - h * direction)) / (2 * h)
     residual(x1)
-    K = fem.assemble_matrix(bound.core).to_scipy()
+    K = fem.assemble_matrix(bound.interior).to_scipy()
     # The residual is cubic in u₁: the error of the quotient is of the order h².
     np.testing.assert_allclose(K @ direction, quotient, atol=1e-8 * np.abs(quotient).max())

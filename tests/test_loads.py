@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import rigidfx as rf
-from rigidfx.domain import Domain, EntitySet
-from rigidfx.errors import SceneError
+from rigidfx.base.errors import SceneError
+from rigidfx.domain.domain import Domain, EntitySet
 
 MATERIAL = rf.StVenantKirchhoff(rho=2.0, E=50.0, nu=0.3)
 STIFF = rf.StVenantKirchhoff(rho=2.0, E=5e3, nu=0.3)  # bears a force on one vertex

@@ -14,10 +14,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rigidfx as rf
-from rigidfx import forms
-from rigidfx.errors import SceneError
-from rigidfx.internal import InternalForces
-from rigidfx.kernels import jit_options
+from rigidfx.base.errors import SceneError
+from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.flexible.kernels import jit_options
+from rigidfx.mechanics import schemes as forms
 
 MATERIALS = {
     "StVenantKirchhoff": rf.StVenantKirchhoff(rho=10.0, E=2.0, nu=0.3),
@@ -193,7 +193,7 @@ class Assembled:
         return out
 
     def tangent_times(self, w):
-        K = fem_petsc.assemble_matrix(self.bound.core)
+        K = fem_petsc.assemble_matrix(self.bound.interior)
         K.assemble()
         x, y = K.createVecRight(), K.createVecLeft()
         x.array[:] = w

@@ -22,8 +22,8 @@ from parallel import run as mpirun
 from scipy.spatial.transform import Rotation
 
 import rigidfx as rf
-from rigidfx.paraview import Body, Series
-from rigidfx.stress import CauchyStress, von_mises
+from rigidfx.flexible.stress import CauchyStress, von_mises
+from rigidfx.output.paraview import Body, Series
 
 vtk_xml = pytest.importorskip("vtkmodules.vtkIOXML")
 from vtkmodules.util.numpy_support import vtk_to_numpy  # noqa: E402

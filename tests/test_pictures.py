@@ -13,8 +13,8 @@ from parallel import report as tell
 from parallel import run as mpirun
 
 import rigidfx as rf
-from rigidfx.plot import pictures
-from rigidfx.shapes import Shapes
+from rigidfx.plot.pictures import pictures
+from rigidfx.plot.shapes import Shapes
 
 pytest.importorskip("pyvista")
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its ranks itself")

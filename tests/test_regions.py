@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from mpi4py import MPI
 
 import rigidfx as rf
-from rigidfx.regions import NONE, CellGraph, find_regions
+from rigidfx.decide.clusters import NONE, CellGraph, find_regions
 
 COMM, SELF = MPI.COMM_WORLD, MPI.COMM_SELF
 BOXES = {"hexahedron": (5, 4, 3), "tetrahedron": (3, 3, 2)}  # cubes along x, y, z

@@ -12,7 +12,7 @@ import pytest
 from mpi4py import MPI
 
 import rigidfx as rf
-from rigidfx.integrator import Integrator
+from rigidfx.step.stepper import Integrator
 
 # The issue's bound; Newton's tolerance leaves some 1e-12 a step.
 TOLERANCE = 1e-9
@@ -139,7 +139,7 @@ def _history(scene, dt, t_end):
             "centre": [b.centre for b in r.bodies],
             "orientation": [b.orientation.reshape(-1) for b in r.bodies],
             "velocity": [b.velocity for b in r.bodies],
-            "spin": [b.spin for b in r.bodies],
+            "spin": [b.angular_momentum_about_centre for b in r.bodies],
             "energy": [[r.kinetic, r.strain, r.work_of_loads, r.work_of_supports]],
             "momentum": [r.linear_momentum, r.angular_momentum],
             "displacement": list(r.probes.values()),
@@ -159,7 +159,7 @@ def _history(scene, dt, t_end):
 def _ownership(scene):
     """For each rank: its cells, its flexible cells, and its cells and nodes of each body."""
     with Integrator(scene, 0.1) as integrator:
-        part = integrator._system.partition
+        part = integrator._system.layout
         mine = {
             "cells": int(scene.mesh.topology.index_map(3).size_local),
             "flexible": int(sum(c.size for c in part.flexible.values())),

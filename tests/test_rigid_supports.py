@@ -12,7 +12,7 @@ from histories import EPS, NEWTON
 from mpi4py import MPI
 
 import rigidfx as rf
-from rigidfx.errors import SceneError
+from rigidfx.base.errors import SceneError
 
 MATERIAL = rf.StVenantKirchhoff(rho=2.0, E=500.0, nu=0.3)
 MOVING = rf.InitialVelocity(linear=(0.3, 0.2, -0.1), angular=(0.1, 0.2, 0.3))

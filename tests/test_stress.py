@@ -10,7 +10,7 @@ from mpi4py import MPI
 from scipy.spatial.transform import Rotation
 
 import rigidfx as rf
-from rigidfx.stress import CauchyStress, von_mises
+from rigidfx.flexible.stress import CauchyStress, von_mises
 
 SVK = rf.StVenantKirchhoff(E=2e5, nu=0.3, rho=1000.0)
 NEO_HOOKE = rf.NeoHooke(E=1e5, nu=0.4, rho=900.0)
@@ -153,7 +153,7 @@ def test_nothing_is_compiled_unless_asked_for(tmp_path, monkeypatch):
     def fail(*_):
         raise AssertionError("a form of stresses is compiled")
 
-    monkeypatch.setattr("rigidfx.stress.Kernel", fail)
+    monkeypatch.setattr("rigidfx.flexible.stress.Kernel", fail)
     scene = rf.Scene(rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1)), SVK)
     folder = MPI.COMM_WORLD.bcast(str(tmp_path))
     with rf.Recorder(scene, folder, stress=False) as recorder:

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rigidfx as rf
-from rigidfx.errors import SceneError
+from rigidfx.base.errors import SceneError
 
 MATERIAL = rf.NeoHooke(rho=2.0, E=50.0, nu=0.3)
 MOVING = rf.InitialVelocity(linear=(0.3, 0.2, -0.1), angular=(0.1, 0.2, 0.3))

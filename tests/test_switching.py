@@ -18,12 +18,12 @@ from histories import EPS, show
 from mpi4py import MPI
 
 import rigidfx as rf
-from rigidfx.decision import assign_bodies
-from rigidfx.domain import Domain
-from rigidfx.errors import SceneError
-from rigidfx.integrator import Integrator
-from rigidfx.observation import CYCLES
-from rigidfx.regions import NONE, CellGraph, find_regions
+from rigidfx.base.errors import SceneError
+from rigidfx.decide.clusters import NONE, CellGraph, find_regions
+from rigidfx.decide.decision import assign_bodies
+from rigidfx.decide.window import CYCLES
+from rigidfx.domain.domain import Domain
+from rigidfx.step.stepper import Integrator
 
 COMM = MPI.COMM_WORLD
 ANY = 1e9  # 1/s; every cell qualifies

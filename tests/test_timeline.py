@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import rigidfx as rf
-from rigidfx.timeline import Timeline
+from rigidfx.scene.timeline import Timeline
 
 
 def ends(timeline):

@@ -46,9 +46,9 @@ from mpi4py import MPI
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import rigidfx
-from rigidfx.figures import figure_of, on_first_rank, save
-from rigidfx.integrator import Integrator
-from rigidfx.rotation import skew
+from rigidfx.mechanics.rotation import skew
+from rigidfx.plot.curves import figure_of, on_first_rank, save
+from rigidfx.step.stepper import Integrator
 
 E, NU, RHO = 1e4, 0.3, 10.0  # Pa, 1, kg/m³; of the soft half
 DT = 0.1  # s

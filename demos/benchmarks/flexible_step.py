@@ -35,7 +35,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import rigidfx
 from meshes.tumbling_l import tumbling_l
-from rigidfx.linear import PREFIX
+from rigidfx.step.linear_solver import PREFIX
 
 E, NU, RHO = 1e4, 0.3, 10.0  # Pa, 1, kg/m³
 DT = 0.1  # s
@@ -93,7 +93,7 @@ class PlainLoop:
         nodes = ufl.dx(domain=mesh, metadata={"quadrature_rule": "GLL", "quadrature_degree": 1})
         acceleration = 2 * (self.u1 - self.u0 - dt * self.v0) / dt**2
         facets = {name: problem.domain.find(name, (2,), "benchmark") for name in ("top", "side")}
-        from rigidfx._compat import integration_facets
+        from rigidfx.base.compat import integration_facets
 
         ds = ufl.Measure(
             "ds",

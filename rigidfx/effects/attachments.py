@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx.effects.base import Effect, numbers
-from rigidfx.errors import SceneError, positive
+from rigidfx.base.errors import SceneError
+from rigidfx.base.inputs import numbers, positive
+from rigidfx.effects.base import Effect
 
 __all__ = ["PointMass", "Spring"]
 

@@ -1,16 +1,15 @@
-"""What all effects share: time windows, time functions, checks of vectors."""
+"""What all effects share: time windows and functions of time."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields
 from math import inf, isfinite
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from rigidfx.errors import SceneError, number
+from rigidfx.base.errors import SceneError
+from rigidfx.base.inputs import number, numbers
 
 __all__ = [
     "WHOLE",
@@ -19,63 +18,12 @@ __all__ = [
     "TimeFunction",
     "Vector",
     "Windowed",
-    "check_factor",
-    "numbers",
-    "vector",
 ]
 
 Vector = tuple[float, float, float]
 WHOLE = "all cells"  # what goes by this name is not a set of cells but the whole domain
 
 TimeFunction = Callable[[float], float]
-
-
-def numbers(value: Any) -> npt.NDArray[np.float64]:
-    """What was given as an array; without elements if it is not real numbers, or is ragged.
-
-    Args:
-        value: What was given.
-    """
-    try:
-        array = np.asarray(value)
-        if array.dtype.kind in "biufO":  # neither text nor complex numbers, which NumPy would cast
-            return array.astype(np.float64)
-    except (TypeError, ValueError):
-        pass
-    return np.empty(0)
-
-
-def vector(owner: object, name: str, value: Any) -> npt.NDArray[np.float64]:
-    """Three finite numbers as an array, shape (3,).
-
-    Args:
-        owner: Whose value it is, for the message.
-        name: Name of the value.
-        value: What was given.
-
-    Raises:
-        SceneError: If it is anything else.
-    """
-    array = numbers(value)
-    if array.shape != (3,) or not np.isfinite(array).all():
-        raise SceneError(
-            f"{type(owner).__name__}: {name} must be three finite numbers, got {value!r}."
-        )
-    return array
-
-
-def check_factor(owner: object, time: Any) -> None:
-    """Check a factor in time.
-
-    Args:
-        owner: Whose factor it is, for the message.
-        time: What was given.
-
-    Raises:
-        SceneError: If it is neither a function nor None.
-    """
-    if time is not None and not callable(time):
-        raise SceneError(f"{type(owner).__name__}: time must be a function of t, got {time!r}.")
 
 
 @dataclass(frozen=True)
@@ -141,7 +89,7 @@ class Windowed(Effect):
     """An effect that acts in a time window.
 
     Attributes:
-        since: Begin of the window [s].
+        since: Start of the window [s].
         until: End of the window [s].
     """
 

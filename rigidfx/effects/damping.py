@@ -7,8 +7,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from rigidfx.base.errors import SceneError
+from rigidfx.base.inputs import number, positive
 from rigidfx.effects.base import Windowed
-from rigidfx.errors import SceneError, number, positive
 
 __all__ = ["Damping", "KelvinVoigt", "MassDamping", "NumericalDamping"]
 

@@ -6,8 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import isfinite
 
-from rigidfx.effects.base import TimeFunction, Windowed, check_factor
-from rigidfx.errors import SceneError, number
+from rigidfx.base.errors import SceneError
+from rigidfx.base.inputs import check_factor, number
+from rigidfx.effects.base import TimeFunction, Windowed
 
 __all__ = ["Pressure"]
 

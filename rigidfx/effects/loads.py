@@ -12,7 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx.effects.base import WHOLE, TimeFunction, Vector, Windowed, check_factor, vector
+from rigidfx.base.inputs import check_factor, vector
+from rigidfx.effects.base import WHOLE, TimeFunction, Vector, Windowed
 
 __all__ = ["BodyForce", "DeadLoad", "Gravity", "NodalForce", "Resultant", "Traction"]
 

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx.effects.base import WHOLE, Effect, Vector, numbers, vector
+from rigidfx.base.errors import SceneError
+from rigidfx.base.inputs import number, numbers, positive, vector
+from rigidfx.effects.base import WHOLE, Effect, Vector
 from rigidfx.effects.loads import DeadLoad
-from rigidfx.errors import SceneError, number, positive
 
 __all__ = ["InitialVelocity", "Preload", "Rigid"]
 

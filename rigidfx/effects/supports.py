@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.base.errors import SceneError
 from rigidfx.effects.base import Vector, Windowed
-from rigidfx.errors import SceneError
 
 __all__ = ["Fixed", "PrescribedMotion", "Support"]
 
@@ -82,7 +82,7 @@ class Fixed(Support):
 
 @dataclass(frozen=True)
 class PrescribedMotion(Support):
-    """Moves the nodes of a named set along a given path, from where they are at its begin.
+    """Moves the nodes of a named set along a given path, from where they are at its start.
 
     Attributes:
         displacement: Function t → three components of the displacement [m]; only its increments

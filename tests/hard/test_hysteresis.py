@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rigidfx.criterion import StrainRate
-from rigidfx.errors import SceneError
-from rigidfx.hysteresis import Hysteresis
+from rigidfx.base.errors import SceneError
+from rigidfx.decide.back_off import BackOff
+from rigidfx.decide.criterion import StrainRate
 
 WINDOW = 1.0  # s
 YES, NO = np.array([True]), np.array([False])
@@ -17,7 +17,7 @@ YES, NO = np.array([True]), np.array([False])
 
 def freezes(growth, windows, life):
     """Times of freezes of a cell that always qualifies and is released after so long."""
-    rule, t, begin, times, until = Hysteresis(1, growth), 0.0, 0.0, [], np.inf
+    rule, t, begin, times, until = BackOff(1, growth), 0.0, 0.0, [], np.inf
     rigid = NO
     while t < windows * WINDOW:
         t += 0.25
@@ -50,7 +50,7 @@ def test_cell_that_stays_rigid_for_long_never_waits():
 
 
 def test_long_life_is_rewarded():
-    rule = Hysteresis(1, 3.0)
+    rule = BackOff(1, 3.0)
     for t in (1.0, 2.0, 3.0):
         rule.lasting(YES, WINDOW)
         rule.switched(YES, t, counts=True)
@@ -65,7 +65,7 @@ def test_long_life_is_rewarded():
 
 
 def test_planned_releases_do_not_count():
-    rule = Hysteresis(1, 2.0)
+    rule = BackOff(1, 2.0)
     for t in range(5):
         rule.lasting(YES, WINDOW)
         rule.switched(YES, t, counts=True)
@@ -74,7 +74,7 @@ def test_planned_releases_do_not_count():
 
 
 def test_window_that_fails_begins_the_count_anew():
-    rule = Hysteresis(1, 2.0)
+    rule = BackOff(1, 2.0)
     rule.hasty[:] = 3  # four windows
     answers = [rule.lasting(able, WINDOW)[0] for able in [YES, YES, NO, YES, YES, YES, YES]]
     assert answers == [False] * 6 + [True]
@@ -83,7 +83,7 @@ def test_window_that_fails_begins_the_count_anew():
 @given(st.lists(st.tuples(st.booleans(), st.booleans()), max_size=30))
 def test_cells_do_not_disturb_each_other(story):
     """Two cells together do what each does alone."""
-    both, alone = Hysteresis(2, 2.0), [Hysteresis(1, 2.0) for _ in range(2)]
+    both, alone = BackOff(2, 2.0), [BackOff(1, 2.0) for _ in range(2)]
     for t, rigid in enumerate(np.array(story, dtype=bool).reshape(-1, 2)):
         together = both.lasting(~rigid, WINDOW)
         apart = [rule.lasting(~rigid[[k]], WINDOW)[0] for k, rule in enumerate(alone)]

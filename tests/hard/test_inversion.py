@@ -9,8 +9,8 @@ import pytest
 from mpi4py import MPI
 
 import rigidfx as rf
-from rigidfx.internal import InternalForces
-from rigidfx.inversion import Inversion
+from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.flexible.inversion import Inversion
 from rigidfx.state import State
 
 CELLS = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])

@@ -1,0 +1,1 @@
+"""Errors raised on all ranks alike, checked input, text files, versions of DOLFINx."""

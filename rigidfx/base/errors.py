@@ -1,0 +1,89 @@
+"""The errors rigidfx raises, and the one way to raise them on every rank at once.
+
+An error found on one rank only would leave the others waiting in their next collective call. What
+can be judged from global data is therefore raised directly; what is judged from a rank's own cells
+or files goes through `agree`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, TypeVar
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+__all__ = [
+    "InversionError",
+    "OutputError",
+    "RigidfxError",
+    "RigidfxWarning",
+    "SceneError",
+    "StepError",
+    "agree",
+    "together",
+]
+
+T = TypeVar("T")
+
+
+class RigidfxError(Exception):
+    """Base of all errors of this package."""
+
+
+class RigidfxWarning(UserWarning):
+    """A run goes on, but what it finds may not be what was wanted. Shown on rank 0."""
+
+
+class SceneError(RigidfxError, ValueError):
+    """The problem as described cannot be simulated: a name, a number or a combination is wrong."""
+
+
+class StepError(RigidfxError, RuntimeError):
+    """A time step or a static solution did not converge, even after cutting."""
+
+
+class InversionError(StepError):
+    """A flexible cell was turned inside out or torn apart, in however short a step."""
+
+
+class OutputError(RigidfxError, OSError):
+    """Results cannot be written where they should go."""
+
+
+def agree(comm: MPI.Intracomm, message: str | None, error: type[RigidfxError] = SceneError) -> None:
+    """Raise `error` on all ranks as soon as one rank has a message. Collective.
+
+    Args:
+        comm: Communicator of the mesh.
+        message: What is wrong on this rank, or None.
+        error: Class to raise; its text is the message of the lowest rank that has one.
+
+    Raises:
+        RigidfxError: Of class `error`, on every rank alike.
+    """
+    messages = [m for m in comm.allgather(message) if m is not None]
+    if messages:
+        raise error(messages[0])
+
+
+def together(comm: MPI.Intracomm, owner: str, function: Callable[[], T]) -> T:
+    """Call a user's function on all ranks; if it fails on one, all raise. Collective.
+
+    Args:
+        comm: Communicator of the mesh.
+        owner: Whose function it is, for the message.
+        function: Function to call.
+
+    Raises:
+        SceneError: On every rank, with the message of the lowest rank that failed.
+    """
+    problem, value = None, None
+    try:
+        value = function()
+    except RigidfxError as error:
+        problem = str(error)
+    except Exception as error:  # whatever a user's function may raise
+        problem = f"{owner} failed with {type(error).__name__}: {error}"
+    agree(comm, problem)
+    return value  # type: ignore[return-value]

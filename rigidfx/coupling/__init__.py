@@ -1,0 +1,1 @@
+"""Flexible dofs and rigid bodies in one system: dof layout, prolongation, condensation, mass."""

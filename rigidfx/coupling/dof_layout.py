@@ -1,0 +1,161 @@
+"""Who moves how: free dofs, dofs held by supports, nodes carried by rigid bodies.
+
+A partition is made once for a set of flexible cells, bodies and supports, and everything a step
+works on is sized by it. A node that belongs to a body and to a flexible cell is *attached*: the
+flexible cells pull at it, the body moves it. The other nodes of a body are of no concern to a step:
+they have no rows, and cost nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem, la
+
+from rigidfx.coupling.rows import Rows
+from rigidfx.flexible.internal_forces import Cells
+from rigidfx.mechanics.bodies import Ensemble
+from rigidfx.mechanics.rigid_body import RigidBody
+from rigidfx.scene.scene import Scene
+
+__all__ = ["DofLayout", "dof_layout", "nodes_of", "rigid_fields"]
+
+
+@dataclass(frozen=True)
+class DofLayout:
+    """A division of cells and dofs.
+
+    Attributes:
+        space: Function space of the displacement.
+        flexible: Flexible owned cells by subdomain id.
+        interior: Those of them that touch no body.
+        interface: Those that do.
+        bodies: Rigid bodies.
+        attached: For each body, which of its nodes are attached (positions in body.nodes).
+        prescribed: For each owned dof, whether a support prescribes it, shape (3 · owned nodes,).
+        free: For each owned dof, whether it is an unknown.
+        massive: For each owned node, whether its inertia is its own and not a body's.
+        rows: Those of the active nodes, owned ones outside bodies or attached.
+        masses: Lumped mass of each active node that is its own [kg].
+        reached: Local dofs, ghosts included, of flexible and carried cells of any rank: what forms
+            over these read and write.
+    """
+
+    space: Any
+    flexible: Cells
+    interior: Cells
+    interface: Cells
+    bodies: tuple[RigidBody, ...]
+    attached: tuple[npt.NDArray[np.int32], ...]
+    prescribed: npt.NDArray[np.bool_]
+    free: npt.NDArray[np.bool_]
+    massive: npt.NDArray[np.bool_]
+    rows: Rows
+    masses: npt.NDArray[np.float64]
+    reached: npt.NDArray[np.int64]
+
+    @cached_property
+    def ensemble(self) -> Ensemble:
+        """The bodies' data as arrays."""
+        return Ensemble(self.bodies)
+
+
+def dof_layout(
+    scene: Scene,
+    flexible: Cells,
+    bodies: tuple[RigidBody, ...],
+    prescribed: npt.NDArray[np.bool_],
+    carried: Cells | None = None,
+) -> DofLayout:
+    """Divide the dofs of a scene. Collective.
+
+    Args:
+        scene: The problem.
+        flexible: Flexible owned cells by subdomain id.
+        bodies: Rigid bodies; no two share a node.
+        prescribed: For each owned dof, whether a support prescribes it.
+        carried: Owned cells by subdomain id that a support moves; none if None.
+    """
+    n = scene.owned_nodes
+    touched = nodes_of(scene, flexible)
+    reached = touched if carried is None else touched | nodes_of(scene, carried)
+    massive = np.ones(n, dtype=bool)
+    for body in bodies:
+        massive[body.nodes] = False
+    interior, interface = _split(scene, flexible, np.flatnonzero(~massive))
+    active = np.flatnonzero(massive | touched[:n]).astype(np.int32)
+    return DofLayout(
+        space=scene.space,
+        flexible=flexible,
+        interior=interior,
+        interface=interface,
+        bodies=bodies,
+        attached=tuple(np.flatnonzero(touched[b.nodes]).astype(np.int32) for b in bodies),
+        prescribed=prescribed,
+        free=np.repeat(massive, 3) & ~prescribed,
+        massive=massive,
+        rows=Rows(scene.space, active),
+        masses=np.where(massive, scene.nodal_mass[:n], 0.0)[active],
+        reached=np.flatnonzero(np.repeat(reached, 3)),
+    )
+
+
+def rigid_fields(
+    scene: Scene, bodies: tuple[RigidBody, ...], prescribed: npt.NDArray[np.bool_]
+) -> DofLayout:
+    """A division in which all nodes of bodies are attached and no cell is flexible.
+
+    It serves fields over the whole mesh that are rigid in the bodies.
+
+    Args:
+        scene: The problem.
+        bodies: Rigid bodies; no two share a node.
+        prescribed: For each owned dof, whether a support prescribes it.
+    """
+    n = scene.owned_nodes
+    free = np.ones(n, dtype=bool)
+    for body in bodies:
+        free[body.nodes] = False
+    return DofLayout(
+        space=scene.space,
+        flexible={},
+        interior={},
+        interface={},
+        bodies=bodies,
+        attached=tuple(np.arange(body.nodes.size, dtype=np.int32) for body in bodies),
+        prescribed=prescribed,
+        free=np.repeat(free, 3) & ~prescribed,
+        massive=free,
+        rows=Rows(scene.space, np.arange(n, dtype=np.int32)),
+        masses=np.where(free, scene.nodal_mass[:n], 0.0),
+        reached=np.empty(0, np.int64),
+    )
+
+
+def nodes_of(scene: Scene, cells: Cells) -> npt.NDArray[np.bool_]:
+    """Which local nodes belong to the given cells of any rank. Collective."""
+    mark = fem.Function(scene.space)
+    for group in cells.values():
+        nodes = scene.space.dofmap.list[group].reshape(-1)
+        mark.x.array[3 * nodes] = 1.0
+    mark.x.scatter_reverse(la.InsertMode.add)
+    mark.x.scatter_forward()
+    return mark.x.array[::3] > 0
+
+
+def _split(scene: Scene, flexible: Cells, carried: npt.NDArray[np.int64]) -> tuple[Cells, Cells]:
+    """Flexible cells without and with nodes of bodies. Collective."""
+    mark = fem.Function(scene.space)
+    mark.x.array[3 * carried] = 1.0
+    mark.x.scatter_forward()
+    of_body = mark.x.array[::3] > 0
+    dofs = scene.space.dofmap.list
+    touching = {i: of_body[dofs[cells]].any(axis=1) for i, cells in flexible.items()}
+    return (
+        {i: cells[~touching[i]] for i, cells in flexible.items()},
+        {i: cells[touching[i]] for i, cells in flexible.items()},
+    )

@@ -1,0 +1,192 @@
+"""The two mass operators: diagonal, and consistent. Point masses are diagonal in both.
+
+Both act on PETSc vectors over some of the nodes and add themselves to a condensed tangent. A run
+uses one of them throughout: mixing them breaks the conservation of angular momentum.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx.fem import petsc as fem_petsc
+from petsc4py import PETSc
+
+from rigidfx.coupling.condensed_tangent import CondensedMatrix
+from rigidfx.coupling.prolongation import Prolongation
+from rigidfx.coupling.rows import Rows
+from rigidfx.effects import PointMass
+from rigidfx.flexible.internal_forces import Cells
+from rigidfx.flexible.kernels import Kernel
+from rigidfx.scene.scene import Scene
+
+__all__ = ["ConsistentMass", "LumpedMass", "Mass", "mass_operator"]
+
+
+class Mass(Protocol):
+    """What a mass operator does."""
+
+    def mult(self, v: PETSc.Vec, out: PETSc.Vec) -> None:
+        """Out = M v."""
+        ...
+
+    def add_to(self, tangent: CondensedMatrix, factor: float, prolongation: Prolongation) -> None:
+        """Add factor · M to an assembled tangent that is not finished yet. Collective."""
+        ...
+
+    def matrix(self) -> PETSc.Mat:
+        """M as a new AIJ matrix; the caller destroys it."""
+        ...
+
+    def destroy(self) -> None:
+        """Free the PETSc objects. Collective."""
+        ...
+
+
+class LumpedMass:
+    """Diagonal mass: one number per node, three times; none at nodes that bodies hold."""
+
+    def __init__(self, rows: Rows, masses: npt.NDArray[np.float64]) -> None:
+        """Take nodal masses.
+
+        Args:
+            rows: Those of the nodes that count here.
+            masses: Mass of each [kg].
+        """
+        self._diagonal = rows.vector()
+        self._diagonal.array[:] = np.repeat(masses, 3)
+        self._reduced: PETSc.Vec | None = None
+
+    def mult(self, v: PETSc.Vec, out: PETSc.Vec) -> None:
+        """Out = M v."""
+        out.pointwiseMult(self._diagonal, v)
+
+    def add_to(self, tangent: CondensedMatrix, factor: float, prolongation: Prolongation) -> None:
+        """Add factor · M at the free dofs. Collective."""
+        if self._reduced is None:
+            self._reduced = prolongation.unknowns()
+        tangent.matrix.assemble()
+        _add_diagonal(tangent.matrix, factor, self._diagonal, prolongation, self._reduced)
+
+    def matrix(self) -> PETSc.Mat:
+        """M as a new AIJ matrix; the caller destroys it."""
+        M = PETSc.Mat().createAIJ([self._diagonal.sizes] * 2, nnz=1, comm=self._diagonal.comm)
+        M.setDiagonal(self._diagonal)
+        M.assemble()
+        return M
+
+    def destroy(self) -> None:
+        """Free the diagonal. Collective."""
+        for vector in (self._diagonal, self._reduced):
+            if vector is not None:
+                vector.destroy()
+
+
+def _add_diagonal(
+    A: PETSc.Mat,
+    factor: float,
+    diagonal: PETSc.Vec,
+    prolongation: Prolongation,
+    reduced: PETSc.Vec,
+) -> None:
+    """Add a multiple of the free dofs' diagonal to an assembled reduced matrix. Collective."""
+    bodies = np.zeros((len(prolongation.layout.bodies), 6))
+    prolongation.collapse(diagonal.array_r, bodies, reduced)
+    reduced.scale(factor)
+    A.setDiagonal(reduced, PETSc.InsertMode.ADD_VALUES)
+
+
+class ConsistentMass:
+    """M = ∫ ρ0 Nᵢ Nⱼ dV over the given cells, and point masses."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        rows: Rows,
+        cells: Cells,
+        carried: Cells | None = None,
+        points: npt.NDArray[np.float64] | None = None,
+    ) -> None:
+        """Assemble the matrix once. Collective.
+
+        Args:
+            scene: The problem.
+            rows: Those of the nodes of the cells.
+            cells: Flexible cells: what is added to tangents.
+            carried: Further cells whose dofs are all held: they count in products with vectors.
+            points: Point mass of each of the nodes [kg]; none if None.
+        """
+        v, w = ufl.TrialFunction(scene.space), ufl.TestFunction(scene.space)
+        dx = ufl.Measure(
+            "dx", domain=scene.mesh, metadata={"quadrature_degree": 2 * scene.order + 2}
+        )
+        form = scene.density() * ufl.inner(v, w) * dx(tuple(cells))
+        self._kernel = Kernel(form, [scene.space] * 2, scene.mesh)
+        counted = cells
+        if carried is not None:
+            counted = {i: np.union1d(own, carried[i]) for i, own in cells.items()}
+        bound = self._kernel.bind(counted)
+        self._matrix = rows.matrix()
+        fem_petsc.assemble_matrix(self._matrix, bound)
+        self._points: PETSc.Vec | None = None
+        if points is not None and scene.named(PointMass):
+            self._points = rows.vector()
+            self._points.array[:] = np.repeat(points, 3)
+            # A node of no counted cell has no entry in the pattern yet.
+            rows.add_diagonal(self._matrix, self._points.array_r)
+        self._matrix.assemble()
+        self._condensed: CondensedMatrix | None = None
+
+    def mult(self, v: PETSc.Vec, out: PETSc.Vec) -> None:
+        """Out = M v."""
+        self._matrix.mult(v, out)
+
+    def add_to(self, tangent: CondensedMatrix, factor: float, prolongation: Prolongation) -> None:
+        """Add factor · M of the flexible cells. Collective."""
+        if self._condensed is None:
+            part = prolongation.layout
+            forms = self._kernel.bind(part.interior), self._kernel.bind(part.interface)
+            self._condensed = CondensedMatrix(prolongation, *forms)
+            self._condensed.assemble()
+            self._condensed.matrix.assemble()
+            if self._points is not None:
+                reduced = prolongation.unknowns()
+                _add_diagonal(self._condensed.matrix, 1.0, self._points, prolongation, reduced)
+                reduced.destroy()
+        tangent.add(self._condensed, factor)
+
+    def matrix(self) -> PETSc.Mat:
+        """A copy of M; the caller destroys it."""
+        return self._matrix.copy()
+
+    def destroy(self) -> None:
+        """Free the matrices. Collective."""
+        self._matrix.destroy()
+        if self._points is not None:
+            self._points.destroy()
+        if self._condensed is not None:
+            self._condensed.destroy()
+
+
+def mass_operator(
+    scene: Scene,
+    rows: Rows,
+    cells: Cells,
+    own: npt.NDArray[np.bool_],
+    carried: Cells | None = None,
+) -> Mass:
+    """The mass operator that a scene asks for.
+
+    Args:
+        scene: The problem.
+        rows: Those of the nodes it acts on.
+        cells: Owned cells by subdomain id whose mass counts, if it is consistent.
+        own: For each of the nodes, whether lumped and point masses count here.
+        carried: Owned cells that a support moves; their mass counts too.
+    """
+    if scene.mass == "lumped":
+        return LumpedMass(rows, np.where(own, scene.nodal_mass[rows.nodes], 0.0))
+    points = np.where(own, scene.point_masses[rows.nodes], 0.0)
+    return ConsistentMass(scene, rows, cells, carried, points)

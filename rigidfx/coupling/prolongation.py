@@ -1,0 +1,275 @@
+"""Between the increments of the active nodes and the unknowns of a step.
+
+The unknowns y are the increments of the free dofs and, for each rigid body, Δr and ℓθ. The step's
+displacement lies exactly in the range of L,
+
+    d = L y + d_s,    rows [I, -v̂_av/ℓ] at attached nodes, unit rows at free dofs,
+
+so the residual is restricted by Lᵀ, equations (5) and (13); the derivative of d is P, with rows
+[I, -v̂₁ T/ℓ]. A supported dof has no column and its increment is prescribed in d_s; a node inside a
+body has no row at all. So no rows of ones, no penalties and no empty rows ever reach the solver.
+
+A body's nodes move by their arms [1, V], which never change, times a matrix of four rows, which is
+all that turns; see `increments`. So vectors pass L and Lᵀ by one constant sparse matrix,
+
+    d = A [y of the free dofs, increments of the held ones, 12 numbers of each body],
+
+and by Aᵀ, and tangents do much the same, see `interface`. As a PETSc matrix P condenses what is needed
+once per layout, by MatPtAP.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+from petsc4py import PETSc
+from scipy.sparse import csr_array
+
+from rigidfx.coupling.dof_layout import DofLayout
+from rigidfx.coupling.rows import mapped_matrix
+from rigidfx.mechanics.bodies import TRANSLATIONS, Motions
+from rigidfx.mechanics.body_step import Increments, Step
+from rigidfx.mechanics.rigid_body import BodyMotion, at_rest
+
+__all__ = ["Prolongation"]
+
+Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+Int = PETSc.IntType
+Entries = tuple[Ints, Ints, Array]  # rows, columns and values
+
+
+class Prolongation:
+    """L and P of one layout.
+
+    Attributes:
+        partition: What it is made for.
+        free: Rows of this rank that are unknowns, sorted.
+        prescribed: Rows of this rank that are imposed, sorted.
+        size: Number of unknowns over all ranks.
+        nodal: Whether free dofs come in whole nodes, three at a time.
+        increments: Trial step of the bodies, set by `rotate` and `expand`; equal on all ranks.
+        touched: Whether flexible cells touch any body.
+        first_column: Number of this rank's first unknown.
+        body_columns: Number of the first unknown of each body.
+    """
+
+    def __init__(self, layout: DofLayout, comm: MPI.Intracomm) -> None:
+        """Number the unknowns. Collective.
+
+        Args:
+            layout: Division of the dofs.
+            comm: Communicator of the mesh.
+        """
+        self.layout, self.comm = layout, comm
+        rows = layout.rows
+        free = layout.free[rows.dofs]
+        self.free = np.flatnonzero(free)
+        self.prescribed = np.flatnonzero(layout.prescribed[rows.dofs])
+        self._owners = _owners(layout, comm)
+        self._mine = np.flatnonzero(np.equal(self._owners, comm.rank))
+        self._columns = self.free.size + 6 * len(self._mine)
+        self.size = int(comm.allreduce(self._columns))
+        self.pose([at_rest(body) for body in layout.bodies])
+        by_node = free.reshape(-1, 3)
+        broken = int(np.count_nonzero(by_node.any(axis=1) & ~by_node.all(axis=1)))
+        self.nodal = comm.allreduce(broken) == 0
+        self.first_column = comm.exscan(self._columns) or 0
+        self.body_columns = self._locate_bodies()
+        self._six = np.add.outer(self.body_columns, np.arange(6)).astype(Int)
+        self.touched = comm.allreduce(sum(map(len, layout.attached))) > 0
+        single = self.free.size + self.prescribed.size
+        self._A = self._constant_part(single)
+        self._A_bodies = self._A[:, single:].T.tocsr()
+        self._z = np.zeros(self._A.shape[1])
+        self._z_bodies = self._z[single:].reshape(-1, 4, 3)
+
+    def _constant_part(self, single: int) -> csr_array:
+        """A of the module's text; so many of its columns are of one dof each."""
+        rows, bodies = self.layout.rows, self.layout.bodies
+        dofs = np.concatenate([self.free, self.prescribed])
+        entries: list[Entries] = [(dofs, np.arange(single), np.ones(single))]
+        for k, (body, at) in enumerate(zip(bodies, self.layout.attached, strict=True)):
+            nodes, arms = rows.positions(body.nodes[at]), np.c_[np.ones(at.size), body.offsets[at]]
+            row, axis, arm = (i.reshape(-1) for i in np.indices((at.size, 3, 4)))
+            columns = single + 12 * k + 3 * arm + axis
+            entries.append((3 * nodes[row] + axis, columns, arms[row, arm]))
+        return _sparse(entries, (rows.dofs.size, single + 12 * len(bodies)))
+
+    def _locate_bodies(self) -> list[int]:
+        """First global column of each body; bodies come last among their owner's columns."""
+        first = np.zeros(len(self._owners), dtype=np.int64)
+        for place, k in enumerate(self._mine):
+            first[k] = self.first_column + self.free.size + 6 * place
+        total = self.comm.allreduce(first, op=MPI.SUM) if len(first) else first
+        return [int(c) for c in total]
+
+    # Vectors ------------------------------------------------------------------------------------
+
+    def unknowns(self) -> PETSc.Vec:
+        """A new vector of unknowns; the caller destroys it."""
+        y = PETSc.Vec().create(self.comm)
+        y.setSizes((self._columns, None))
+        y.setType(PETSc.Vec.Type.STANDARD)
+        return y
+
+    def expand(
+        self,
+        y: PETSc.Vec,
+        step: Step,
+        imposed: Array,
+        d: PETSc.Vec,
+    ) -> None:
+        """Evaluate d = L y + d_s, with L rotated to the unknowns. Collective.
+
+        Args:
+            y: Unknowns.
+            step: The step of the bodies.
+            imposed: Increments of the held dofs [m], in their order.
+            d: Increments of the active nodes, overwritten.
+        """
+        if self.layout.bodies:
+            self.rotate(self.bodies_part(y), step)
+            self._z_bodies[:] = self.increments.displacement
+        self._multiply(y, imposed, d)
+
+    def apply(self, y: PETSc.Vec, six: Array, imposed: Array, d: PETSc.Vec) -> None:
+        """Evaluate d = L y + d_s with L as it is.
+
+        Args:
+            y: Unknowns.
+            six: Those of the bodies, shape (bodies, 6), as `bodies_part` gives them.
+            imposed: Increments of the held dofs [m], in their order.
+            d: Increments of the active nodes, overwritten.
+        """
+        moved = self.increments.L @ six[:, :, None]
+        self._z_bodies[:] = moved.reshape(-1, 4, 3)
+        self._multiply(y, imposed, d)
+
+    def _multiply(self, y: PETSc.Vec, imposed: Array, d: PETSc.Vec) -> None:
+        """Set d = A z, where z has the numbers of the bodies already."""
+        free = self.free.size
+        self._z[:free] = y.array_r[:free]
+        self._z[free : free + self.prescribed.size] = imposed
+        d.array[:] = self._A @ self._z
+
+    def pose(self, motions: Sequence[BodyMotion]) -> None:
+        """Set L and P to those of θ = 0, where they agree and map velocities, equation (25)."""
+        start = Motions(self.layout.ensemble, motions)
+        self.rotate(np.zeros((len(motions), 6)), Step(start, 1.0))
+
+    def rotate(self, six: Array, step: Step) -> None:
+        """Set the bodies' increments, and so L, to their unknowns, shape (bodies, 6)."""
+        self.increments = Increments(step, six)
+
+    def bodies_part(self, y: PETSc.Vec) -> Array:
+        """The six unknowns of each body, shape (bodies, 6), on all ranks. Collective."""
+        own = y.array_r[self.free.size :].reshape(-1, 6)
+        if self.comm.size == 1:
+            return own.copy()
+        values = np.zeros((len(self.layout.bodies), 6))
+        values[self._mine] = own
+        return self._sum(values)
+
+    def _sum(self, values: Array) -> Array:
+        """Sum over ranks, in place. Collective."""
+        if self.comm.size > 1:
+            self.comm.Allreduce(MPI.IN_PLACE, values)
+        return values
+
+    def collapse(self, d: Array, bodies: Array, y: PETSc.Vec) -> None:
+        """Unknowns (or residuals) from those at the free dofs and six numbers per body.
+
+        Args:
+            d: One number per row; those that are not free count for nothing.
+            bodies: Shape (bodies, 6), equal on all ranks.
+            y: Unknowns, overwritten.
+        """
+        values = y.array
+        values[: self.free.size] = d[self.free]
+        values[self.free.size :] = bodies[self._mine].reshape(-1)
+
+    def moments(self, f: PETSc.Vec) -> Array:
+        """Σ f and Σ V fᵀ over each body's attached nodes, shape (bodies, 4, 3). Collective.
+
+        The bodies' `resultant` of them is what Lᵀ f has in their rows.
+        """
+        return self._sum((self._A_bodies @ f.array_r).reshape(-1, 4, 3))
+
+    def restrict(self, f: PETSc.Vec, bodies: Array, r: PETSc.Vec) -> None:
+        """Evaluate r = Lᵀ f plus the bodies' own six numbers each. Collective.
+
+        Args:
+            f: One number per row.
+            bodies: Shape (bodies, 6), equal on all ranks.
+            r: Overwritten.
+        """
+        self.collapse(f.array_r, bodies + self.increments.resultant(self.moments(f)), r)
+
+    # Matrices -----------------------------------------------------------------------------------
+
+    def empty_matrix(self) -> PETSc.Mat:
+        """A reduced matrix without entries; see `rows.mapped_matrix`. Collective."""
+        kind, block = (PETSc.Mat.Type.BAIJ, 3) if self.nodal else (PETSc.Mat.Type.AIJ, 1)
+        dofs = self.layout.rows.dofs[self.free]
+        numbers = self.first_column + np.arange(self.free.size)
+        return mapped_matrix(self.layout.space, dofs, numbers, self._columns, kind, block)
+
+    def trial(self) -> PETSc.Mat:
+        """P where L is, as a new matrix, which the caller destroys. Collective."""
+        free, single = np.arange(self.free.size), self.free.size + self.prescribed.size
+        entries: list[Entries] = [(free, self.first_column + free, np.ones(free.size))]
+        pattern = TRANSLATIONS.copy()
+        pattern[3:, 3:] = 1.0
+        row, column = np.nonzero(pattern)
+        for k, first in enumerate(self.body_columns):
+            values = self.increments.P[k, row, column]
+            entries.append((single + 12 * k + row, first + column, values))
+        P = self._A @ _sparse(entries, (self._A.shape[1], self.size))
+        P.sort_indices()
+        out = PETSc.Mat().createAIJ(
+            [(P.shape[0], None), (self._columns, None)],
+            csr=(P.indptr.astype(Int), P.indices.astype(Int), P.data),
+            comm=self.comm,
+        )
+        out.assemble()
+        return out
+
+    def condense(self, K: PETSc.Mat) -> PETSc.Mat:
+        """Pᵀ K P of a matrix of all rows, as a new one, which the caller destroys. Collective."""
+        P = self.trial()
+        out = K.PtAP(P)
+        P.destroy()
+        # A body that no flexible cell touches has no entries yet.
+        out.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+        return out
+
+    def add_blocks(self, C: PETSc.Mat, blocks: Array) -> None:
+        """Add a 6×6 block per body to a reduced matrix and complete it. Collective.
+
+        Args:
+            C: Reduced tangent.
+            blocks: Shape (bodies, 6, 6), equal on all ranks.
+        """
+        for k in self._mine:
+            own = self._six[k]
+            C.setValues(own, own, blocks[k], addv=PETSc.InsertMode.ADD_VALUES)
+        C.assemble()
+
+
+def _sparse(entries: Sequence[Entries], shape: tuple[int, int]) -> csr_array:
+    """A matrix of the given entries."""
+    row, column, values = map(np.concatenate, zip(*entries, strict=True))
+    return csr_array((values, (row, column)), shape=shape)
+
+
+def _owners(layout: DofLayout, comm: MPI.Intracomm) -> list[int]:
+    """Rank that owns the unknowns of each body: the first with most of its attached nodes."""
+    owners = []
+    for attached in layout.attached:
+        counts = comm.allgather(len(attached))
+        owners.append(counts.index(max(counts)))
+    return owners

@@ -1,0 +1,1 @@
+"""What is to become rigid or flexible: records and pure functions that change nothing."""

@@ -1,0 +1,84 @@
+"""What ends chatter: cells that were released too soon, again and again, have to wait longer.
+
+A load that goes on changing, or a condition of the user's, may release what has just become rigid;
+a window later it would become rigid again, and be released again. Nothing is gained by that, and
+each time the phase of a vibration is lost. A release is *hasty* if a cell was rigid for less time
+than it had been observed for. The first one in a row is forgiven. With the n-th a cell has to
+qualify in γⁿ⁻¹ windows, one after the other, before it may become rigid again: of alternating
+switches a time T sees some log T/log γ instead of T/T_red. A cell that was rigid for longer than it
+was observed for has done well, and one window will do again.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["BackOff"]
+
+Array = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
+
+
+class BackOff:
+    """Keeps, for each owned cell, how long it has qualified and how hastily it was released.
+
+    Attributes:
+        hasty: Number of hasty releases in a row.
+    """
+
+    def __init__(self, cells: int, growth: float) -> None:
+        """Nothing has been observed.
+
+        Args:
+            cells: Number of owned cells.
+            growth: γ ≥ 1; 1 lets cells never wait.
+        """
+        self._growth = growth
+        self.hasty = np.zeros(cells, dtype=np.int64)
+        self._windows = np.zeros(cells, dtype=np.int64)  # in which a cell has qualified in a row
+        self._observed = np.zeros(cells)  # their length [s]
+        self._rigid_since = np.full(cells, np.nan)
+
+    def needed(self) -> Array:
+        """Windows in a row in which each cell has to qualify."""
+        return self._growth ** np.maximum(self.hasty - 1, 0)
+
+    def restart(self) -> None:
+        """Something has changed: of flexible cells nothing has been observed."""
+        flexible = np.isnan(self._rigid_since)
+        self._windows[flexible], self._observed[flexible] = 0, 0.0
+
+    def lasting(self, able: Bools, length: float) -> Bools:
+        """Of the cells that have qualified in a window, those that have waited long enough.
+
+        Args:
+            able: Cells that have qualified.
+            length: Length of the window [s].
+        """
+        self._windows[able] += 1
+        self._observed[able] += length
+        flexible = np.isnan(self._rigid_since)
+        self._windows[~able & flexible], self._observed[~able & flexible] = 0, 0.0
+        return able & (self._windows >= self.needed() * (1 - 1e-9))
+
+    def switched(self, rigid: Bools, t: float, counts: bool) -> bool:
+        """Take notice of which cells are rigid after an event.
+
+        Args:
+            rigid: Cells in bodies.
+            t: Time [s].
+            counts: Whether a hasty release counts; one that was planned does not.
+
+        Returns:
+            Whether a cell has to wait longer from now on.
+        """
+        was = ~np.isnan(self._rigid_since)
+        released, frozen = was & ~rigid, rigid & ~was
+        soon = released & (t - self._rigid_since < self._observed * (1 - 1e-9))
+        if counts:
+            self.hasty[soon] += 1
+            self.hasty[released & ~soon] = 0
+        self._rigid_since[frozen], self._rigid_since[released] = t, np.nan
+        self._windows[released], self._observed[released] = 0, 0.0
+        return bool(counts and self._growth > 1 and (self.hasty[soon] > 1).any())

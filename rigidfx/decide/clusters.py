@@ -1,0 +1,252 @@
+"""From cells that may be rigid to bodies: components, hinges, least size, enclosed cells.
+
+The rules of bodies that never form a hinge or a chain:
+
+1. Bodies are the connected components, through facets, of the cells that may be rigid. Existing
+   bodies are kept whole: they can only grow or merge.
+2. No two bodies share a node, which would be a hinge: all new cells round such a node are taken
+   out at once, so that no order of cells matters, until none is left.
+3. Components of too few cells are no bodies, unless they hold an existing one.
+4. A cell all of whose nodes belong to one body cannot strain: it joins it.
+
+Components are named by the least of their cells' numbers in the mesh file, so that neither the
+partition of the mesh nor its local numbering can be seen in the result.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+from mpi4py import MPI
+from petsc4py import PETSc
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from rigidfx.base.errors import agree
+from rigidfx.scene.scene import Scene
+
+__all__ = ["NONE", "CellGraph", "Region", "find_regions"]
+
+Bools = npt.NDArray[np.bool_]
+Labels = npt.NDArray[np.int64]
+
+NONE = -1  # label of a cell, or a node, that belongs to no body
+
+
+@dataclass(frozen=True)
+class Region:
+    """Cells that are to be a rigid body.
+
+    Attributes:
+        cells: Owned cells on this rank, sorted.
+        nodes: Owned nodes on this rank, sorted; some may belong to cells of other ranks only.
+        label: Least number in the mesh file of its cells, but for those that joined it because
+            they are enclosed.
+        size: Number of its cells over all ranks.
+    """
+
+    cells: npt.NDArray[np.int32]
+    nodes: npt.NDArray[np.int32]
+    label: int
+    size: int
+
+
+class CellGraph:
+    """Cells as neighbours through facets and through nodes, over all ranks.
+
+    Attributes:
+        comm: Communicator of the mesh.
+        owned: Number of owned cells; they come first.
+        numbers: Number in the mesh file of each local cell, ghosts included.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        """Find the neighbours. Collective.
+
+        Args:
+            scene: The problem.
+
+        Raises:
+            SceneError: If the mesh is distributed without the cells across its ranks' facets.
+        """
+        topology = scene.mesh.topology
+        self.comm = scene.comm
+        self.owned = topology.index_map(3).size_local
+        self.numbers = np.asarray(topology.original_cell_index, dtype=np.int64)
+        self._nodes = scene.space.dofmap.list
+        self._owned_nodes = scene.owned_nodes
+        topology.create_entities(2)
+        topology.create_connectivity(2, 3)
+        facets = topology.connectivity(2, 3)
+        ends = facets.offsets
+        inner = np.flatnonzero(np.diff(ends) == 2)
+        self._pairs = np.stack([facets.array[ends[inner]], facets.array[ends[inner] + 1]])
+        between = topology.interprocess_facets if self.comm.size > 1 else ends[:0]
+        alone = np.setdiff1d(between() if callable(between) else between, inner).size
+        agree(
+            self.comm,
+            "Bodies are sought across ranks, and this mesh was distributed without ghost cells. "
+            "Create it with GhostMode.shared_facet."
+            if alone
+            else None,
+        )
+        self._cell_field = fem.Function(fem.functionspace(scene.mesh, ("DG", 0)))
+        self._cell_dofs = self._cell_field.function_space.dofmap.list[:, 0]
+        self._node_field = fem.Function(scene.space)
+
+    def with_ghosts(self, values: npt.NDArray[np.generic]) -> npt.NDArray[np.float64]:
+        """Values of owned cells as values of all local cells. Collective."""
+        x = self._cell_field.x
+        x.array[self._cell_dofs[: self.owned]] = values
+        x.scatter_forward()
+        return x.array[self._cell_dofs]
+
+    def largest_at_nodes(self, values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """At each local node the largest value among the cells, of any rank, round it. Collective.
+
+        Args:
+            values: Per owned cell.
+        """
+        x = self._node_field.x
+        x.array[:] = -np.inf
+        nodes = self._nodes[: self.owned]
+        np.maximum.at(x.array, 3 * nodes.reshape(-1), np.repeat(values, nodes.shape[1]))
+        x.petsc_vec.ghostUpdate(addv=PETSc.InsertMode.MAX, mode=PETSc.ScatterMode.REVERSE)
+        x.scatter_forward()
+        return x.array[::3].copy()
+
+    def nodes_with_ghosts(self, marks: Bools) -> Bools:
+        """Marks of owned nodes as marks of all local nodes. Collective."""
+        x = self._node_field.x
+        x.array[::3][: self._owned_nodes] = marks
+        x.scatter_forward()
+        return np.asarray(x.array[::3] > 0)
+
+    def touching(self, nodes: Bools) -> Bools:
+        """Owned cells that have a marked node.
+
+        Args:
+            nodes: Per local node.
+        """
+        return np.asarray(nodes[self._nodes[: self.owned]].any(axis=1))
+
+    def components(self, members: Bools, groups: Labels) -> Labels:
+        """Connected components of cells through facets. Collective.
+
+        Args:
+            members: Owned cells that take part.
+            groups: For each owned cell, the number ≥ 0 of a group that is connected in any case;
+                NONE for the others.
+
+        Returns:
+            For each owned cell the least number of a cell in its component, NONE without one.
+        """
+        inside = self.with_ghosts(members) > 0
+        a, b = self._pairs[:, inside[self._pairs].all(axis=0)]
+        n = len(inside)
+        _, part = connected_components(coo_array((np.ones(a.size), (a, b)), (n, n)), directed=False)
+        labels = np.where(inside, self.numbers, np.iinfo(np.int64).max)
+        grouped = np.flatnonzero(members & (groups >= 0))
+        count = self.comm.allreduce(int(groups.max(initial=NONE)) + 1, op=MPI.MAX)
+        while True:
+            least = np.full(n, np.iinfo(np.int64).max)
+            np.minimum.at(least, part, labels)
+            new = least[part]
+            if count:
+                first = np.full(count, np.iinfo(np.int64).max)
+                np.minimum.at(first, groups[grouped], new[grouped])
+                self.comm.Allreduce(MPI.IN_PLACE, first, op=MPI.MIN)
+                new[grouped] = np.minimum(new[grouped], first[groups[grouped]])
+            own = np.where(members, new[: self.owned], NONE)
+            spread = self.with_ghosts(own).astype(np.int64)
+            new = np.where(inside, spread, np.iinfo(np.int64).max)
+            changed = bool((new != labels).any())
+            labels = new
+            if not self.comm.allreduce(changed, op=MPI.LOR):
+                return own
+
+    def nodes_of(self, labels: Labels) -> tuple[Labels, Bools]:
+        """The body each local node belongs to, and whether it joins two. Collective.
+
+        Args:
+            labels: Per owned cell.
+        """
+        values = labels.astype(np.float64)
+        most = self.largest_at_nodes(np.where(labels >= 0, values, -np.inf))
+        least = -self.largest_at_nodes(np.where(labels >= 0, -values, -np.inf))
+        taken = np.isfinite(most)
+        body = np.where(taken, least, NONE).astype(np.int64)
+        return body, taken & (most != least)
+
+    def sizes(self, labels: Labels) -> dict[int, int]:
+        """Number of cells of each body, over all ranks, in the order of the labels. Collective."""
+        found, counts = np.unique(labels[labels >= 0], return_counts=True)
+        total: dict[int, int] = {}
+        for part in self.comm.allgather((found, counts)):
+            for label, count in zip(*part, strict=True):
+                total[int(label)] = total.get(int(label), 0) + int(count)
+        return dict(sorted(total.items()))
+
+    def enclosed(self, labels: Labels, body_of_node: Labels) -> Labels:
+        """For each owned cell outside bodies the one that has all its nodes, NONE without one."""
+        around = body_of_node[self._nodes[: self.owned]]
+        same = (around[:, 0] >= 0) & (around == around[:, :1]).all(axis=1)
+        return np.where(same & (labels < 0), around[:, 0], NONE)
+
+    def regions(self, labels: Labels) -> tuple[Region, ...]:
+        """The bodies as cells and nodes, ordered by label. Collective."""
+        body_of_node = self.nodes_of(labels)[0][: self._owned_nodes]
+        return tuple(
+            Region(
+                np.flatnonzero(labels == label).astype(np.int32),
+                np.flatnonzero(body_of_node == label).astype(np.int32),
+                label,
+                size,
+            )
+            for label, size in self.sizes(labels).items()
+        )
+
+
+def find_regions(
+    graph: CellGraph,
+    rigid: Bools,
+    existing: Labels,
+    barred: Bools,
+    min_cells: int = 1,
+) -> tuple[Region, ...]:
+    """Bodies by the rules above. Collective.
+
+    Args:
+        graph: Neighbours of the cells.
+        rigid: For each owned cell, whether it may be rigid.
+        existing: For each owned cell, the number ≥ 0 of the existing body it belongs to, or NONE.
+            No two of these share a node.
+        barred: For each owned cell, whether it has to stay flexible if it is in no existing body.
+        min_cells: Least number of cells of a new body.
+
+    Returns:
+        The bodies, ordered by their labels.
+    """
+    old = existing >= 0
+    new = rigid & ~barred & ~old
+    while True:
+        labels = graph.components(old | new, existing)
+        body_of_node, hinges = graph.nodes_of(labels)
+        loose = new & graph.touching(hinges)
+        if not graph.comm.allreduce(bool(loose.any()), op=MPI.LOR):
+            break
+        new &= ~loose
+    kept = set(np.concatenate(graph.comm.allgather(np.unique(labels[old]))).tolist())
+    small = [
+        label
+        for label, size in graph.sizes(labels).items()
+        if size < min_cells and label not in kept
+    ]
+    labels[np.isin(labels, small)] = NONE
+    body_of_node, _ = graph.nodes_of(labels)
+    joining = graph.enclosed(labels, body_of_node)
+    labels = np.where((joining >= 0) & ~barred, joining, labels)
+    return graph.regions(labels)

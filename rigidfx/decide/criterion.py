@@ -1,0 +1,166 @@
+"""When parts of a structure become rigid, and when they are released: what the user states."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from math import inf
+from types import MappingProxyType
+from typing import Any, Literal
+
+import numpy as np
+
+from rigidfx.base.errors import SceneError
+from rigidfx.base.inputs import number, positive
+
+__all__ = ["Release", "StrainRate"]
+
+
+@dataclass(frozen=True)
+class Release:
+    """Bodies become flexible again, at given times or on a condition.
+
+    A change of a load or of a support releases all bodies without being named here.
+
+    Attributes:
+        at: Times [s] at which steps end and bodies are released.
+        when: A function of the report of a step that says whether to release after it: True or
+            False, or the names of bodies.
+        where: Name of a set of cells that are released, out of whatever body they are in; what is
+            left of it stays rigid. All cells if None.
+    """
+
+    at: Sequence[float] | float = ()
+    when: Callable[[Any], bool | Iterable[str]] | None = None
+    where: str | None = None
+
+    def __post_init__(self) -> None:
+        """Check the record.
+
+        Raises:
+            SceneError: If there is neither a time nor a condition, or one cannot be used.
+        """
+        several = isinstance(self.at, Iterable) and not (
+            isinstance(self.at, (str, np.ndarray)) and np.ndim(self.at) == 0
+        )
+        times: Any = tuple(self.at) if several else (self.at,)  # type: ignore[arg-type]
+        for t in times:
+            if not number("Release", "at", t) > 0:
+                raise SceneError(f"Release: at must be later than the start, got {t!r}.")
+        object.__setattr__(self, "at", tuple(float(t) for t in times))
+        if self.where is not None and not isinstance(self.where, str):
+            raise SceneError(f"Release: where must be the name of a set, got {self.where!r}.")
+        if self.when is not None and not callable(self.when):
+            raise SceneError(f"Release: when must be a function of a report, got {self.when!r}.")
+        if not self.times and self.when is None:
+            raise SceneError("Release: name a time (at) or a condition (when).")
+
+    @property
+    def times(self) -> tuple[float, ...]:
+        """The times [s]."""
+        return self.at  # type: ignore[return-value]
+
+
+@dataclass(frozen=True)
+class StrainRate:
+    """Parts whose strain rate stays below a tolerance become rigid: equations (23), (24).
+
+    The run is observed window by window. A cell qualifies if its strain rate, a mean over the cell,
+    was at most `tol` in every step of a window; at the window's end connected cells that qualify
+    become rigid bodies. A change of a load or of a support releases them all, and a new window
+    begins.
+
+    Cells named by a `Rigid` effect are rigid always; bodies that are found may grow together with
+    them unless the effect gives their mass or inertia or a `Resultant` acts on them.
+
+    Attributes:
+        tol: Largest strain rate of a cell that counts as rigid [1/s]; with measure="printed"
+            [m^-1.5/s].
+        window: Length of a window T_red [s]; "auto" takes it from the longest period that is
+            seen in the motion and in the loads.
+        measure: "rms", sqrt(∫ ΔE:ΔE dV0 / V0)/Δt, which does not depend on the mesh, or
+            "printed", sqrt(∫ ΔE:ΔE dV0)/(Δt V0), the paper's (24), which grows as cells shrink.
+        tolerances: Tolerance of named sets of cells in place of `tol`; the least where they
+            overlap.
+        never: Names of sets of cells that stay flexible.
+        min_cells: Least number of cells of a new body.
+        release: Releases at given times or on the user's conditions.
+        load_change: A load, or the velocity of a support, that differs from what it was at the last
+            freeze by more than this fraction of its largest value so far has changed; infinity lets
+            only jumps, kinks and windows count.
+        patience: Factor γ ≥ 1 by which cells have to qualify in more windows, one after the other,
+            each time they are released sooner than they were observed, from the second time in a
+            row on; 1 lets them never wait. Planned releases (`Release(at=…)`) do not count.
+        since: Time [s] at which observation begins.
+        until: Time [s] from which on no more bodies are formed.
+    """
+
+    tol: float
+    window: float | Literal["auto"]
+    measure: Literal["rms", "printed"] = field(default="rms", kw_only=True)
+    tolerances: Mapping[str, float] = field(default_factory=dict, kw_only=True)
+    never: Sequence[str] = field(default=(), kw_only=True)
+    min_cells: int = field(default=1, kw_only=True)
+    release: Sequence[Release] | Release = field(default=(), kw_only=True)
+    load_change: float = field(default=0.1, kw_only=True)
+    patience: float = field(default=2.0, kw_only=True)
+    since: float = field(default=0.0, kw_only=True)
+    until: float = field(default=inf, kw_only=True)
+
+    def __post_init__(self) -> None:
+        """Check the record.
+
+        Raises:
+            SceneError: If a number or a name cannot be used.
+        """
+        owner = "StrainRate"
+        if not number(owner, "tol", self.tol) >= 0:
+            raise SceneError(f"StrainRate: tol must be ≥ 0, got {self.tol!r}.")
+        if not isinstance(self.window, str) or self.window != "auto":
+            if isinstance(self.window, str):
+                raise SceneError(
+                    f"StrainRate: window must be a time in s or 'auto', got {self.window!r}."
+                )
+            positive(owner, "window", self.window)
+        if self.measure not in ("rms", "printed"):
+            raise SceneError(
+                f"StrainRate: measure must be 'rms' or 'printed', got {self.measure!r}."
+            )
+        if not isinstance(self.tolerances, Mapping):
+            raise SceneError(
+                "StrainRate: tolerances must be a dict of cell-set names to numbers, got "
+                f"{self.tolerances!r}."
+            )
+        for name, tol in self.tolerances.items():
+            if not number(owner, f"the tolerance of '{name}'", tol) >= 0:
+                raise SceneError(f"StrainRate: the tolerance of '{name}' must be ≥ 0, got {tol!r}.")
+        object.__setattr__(self, "tolerances", MappingProxyType(dict(self.tolerances)))
+        if not isinstance(self.never, Iterable):
+            raise SceneError(f"StrainRate: never must be names of cell sets, got {self.never!r}.")
+        never = (self.never,) if isinstance(self.never, str) else tuple(self.never)
+        object.__setattr__(self, "never", never)
+        if not isinstance(self.min_cells, (int, np.integer)) or self.min_cells < 1:
+            raise SceneError(
+                f"StrainRate: min_cells must be a whole number ≥ 1, got {self.min_cells!r}."
+            )
+        listed = isinstance(self.release, (Release, Sequence))
+        if not listed or not all(isinstance(release, Release) for release in self.releases):
+            raise SceneError(f"StrainRate: release must be Release records, got {self.release!r}.")
+        positive(owner, "load_change", self.load_change, infinite=True)
+        if not number(owner, "patience", self.patience) >= 1:
+            raise SceneError(f"StrainRate: patience must be ≥ 1, got {self.patience!r}.")
+        since = number(owner, "since", self.since)
+        if not max(since, 0.0) < number(owner, "until", self.until, infinite=True):
+            raise SceneError(
+                f"StrainRate: needs since < until, got {self.since!r} … {self.until!r}."
+            )
+
+    @property
+    def releases(self) -> tuple[Release, ...]:
+        """The releases, one or several."""
+        return (self.release,) if isinstance(self.release, Release) else tuple(self.release)
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Times of planned releases [s], at which steps end."""
+        return tuple(sorted({t for release in self.releases for t in release.times}))

@@ -1,0 +1,1 @@
+"""Meshes with named parts: boxes, arrays, gmsh's files and scripts, CAD."""

@@ -1,0 +1,106 @@
+"""Are the cells of a mesh whole: no zero volume, none turned inside out?
+
+DOLFINx integrates with |det J|, so an inverted cell goes unnoticed and adds volume instead of
+taking it away. Two tests find it whatever the order of a cell's vertices: within a cell det J must
+keep one sign, and the cells on the two sides of a facet must lie on different sides.
+"""
+
+from __future__ import annotations
+
+import basix
+import dolfinx.mesh as dmesh
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.base.compat import cell_geometry_dofs, coordinate_map
+from rigidfx.base.errors import agree
+
+__all__ = ["check_cells"]
+
+FLAT = 1e-12  # det J below this part of (cell diameter)³ counts as zero volume
+CHUNK = 20_000  # cells looked at in one go, to bound the memory
+
+
+def _determinants(
+    mesh: dmesh.Mesh, cells: npt.NDArray[np.int32], points: npt.NDArray[np.float64]
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Det J at reference points, shape (cells, points), and each cell's diameter cubed."""
+    element = basix.create_element(
+        basix.ElementFamily.P,
+        basix.CellType[mesh.topology.cell_type.name],
+        coordinate_map(mesh).degree,
+        basix.LagrangeVariant.equispaced,
+    )
+    table = element.tabulate(1, points)[1:4, :, :, 0]
+    x = mesh.geometry.x[cell_geometry_dofs(mesh)[cells]]
+    J = np.einsum("jpn,cni->cpij", table, x, optimize=True)
+    extent = x.max(axis=1) - x.min(axis=1)
+    return np.linalg.det(J), np.linalg.norm(extent, axis=1) ** 3
+
+
+def _points(mesh: dmesh.Mesh) -> npt.NDArray[np.float64]:
+    """Corners of the reference cell and the points of a Gauss rule."""
+    cell = basix.CellType[mesh.topology.cell_type.name]
+    gauss, _ = basix.make_quadrature(cell, 2 * coordinate_map(mesh).degree)
+    return np.vstack([basix.geometry(cell), gauss])
+
+
+def _folded(mesh: dmesh.Mesh) -> npt.NDArray[np.int32]:
+    """One cell of each pair of neighbouring simplices that lie on the same side of their facet."""
+    topology = mesh.topology
+    topology.create_entities(2)
+    topology.create_connectivity(2, 3)
+    topology.create_connectivity(2, 0)
+    topology.create_connectivity(3, 0)
+    facet_cells = topology.connectivity(2, 3)
+    inner = np.flatnonzero(np.diff(facet_cells.offsets) == 2).astype(np.int32)
+    if inner.size == 0:
+        return inner
+    first = facet_cells.offsets[inner]
+    pairs = np.stack([facet_cells.array[first], facet_cells.array[first + 1]], axis=1)
+    vertices = dmesh.entities_to_geometry(mesh, 2, inner)
+    x = mesh.geometry.x
+    corner = x[vertices]
+    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    corners_of_cell = dmesh.entities_to_geometry(mesh, 3, pairs.reshape(-1))
+    centre = x[corners_of_cell].mean(axis=1).reshape(-1, 2, 3)
+    side = np.einsum("fci,fi->fc", centre - corner[:, :1], normal)
+    return pairs[side[:, 0] * side[:, 1] >= 0, 0]
+
+
+def check_cells(mesh: dmesh.Mesh) -> None:
+    """Refuse meshes with inverted or flat cells. Collective.
+
+    Args:
+        mesh: A 3D mesh of hexahedra or tetrahedra.
+
+    Raises:
+        SceneError: On all ranks, naming one offending cell by its place and input number.
+    """
+    finite = bool(np.isfinite(mesh.geometry.x).all())
+    agree(mesh.comm, None if finite else "The mesh has nodes whose coordinates are not finite.")
+    local = mesh.topology.index_map(3).size_local
+    points, sign = _points(mesh), np.empty(local)
+    broken = np.empty(local, dtype=bool)
+    for start in range(0, local, CHUNK):
+        cells = np.arange(start, min(start + CHUNK, local), dtype=np.int32)
+        det, size = _determinants(mesh, cells, points)
+        sign[cells] = np.sign(det[:, -1])
+        broken[cells] = (det * sign[cells, None]).min(axis=1) <= FLAT * size
+    if mesh.topology.cell_type == dmesh.CellType.tetrahedron:
+        # Any order of a tetrahedron's vertices is admissible, so its sign says nothing.
+        bad = np.union1d(np.flatnonzero(broken), _folded(mesh))
+    else:
+        # Hexahedra keep their order of vertices: those that differ from the rest are turned over.
+        usual = mesh.comm.allreduce(sign.sum())
+        bad = np.flatnonzero(broken | (sign * usual < 0))
+    problem = None
+    if bad.size:
+        x, y, z = mesh.geometry.x[cell_geometry_dofs(mesh)[bad[0]]].mean(axis=0)
+        number = mesh.topology.original_cell_index[bad[0]]
+        problem = (
+            f"The mesh has inverted or flat cells, the first around ({x:.6g}, {y:.6g}, {z:.6g}), "
+            f"number {number} of the input: det J changes its sign or vanishes there. Repair the "
+            "mesh."
+        )
+    agree(mesh.comm, problem)

@@ -1,0 +1,1 @@
+"""What flexible cells do: internal forces, strain rates, stresses, inversion."""

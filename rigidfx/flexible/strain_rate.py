@@ -1,0 +1,86 @@
+"""Strain rates of the flexible cells in a step: equation (24).
+
+Both measures come from ∫ ΔE:ΔE dV0 per cell, E the Green-Lagrange strain, by the quadrature rule of
+the internal forces. E does not see rigid motion, so neither do they.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem
+
+from rigidfx.flexible.internal_forces import Cells, InternalForces
+from rigidfx.flexible.kernels import Kernel
+from rigidfx.mechanics.schemes import right_cauchy_green
+from rigidfx.scene.scene import Scene
+
+__all__ = ["StrainRates"]
+
+Array = npt.NDArray[np.float64]
+
+
+class StrainRates:
+    """Measures strain rates of the cells it is bound to."""
+
+    def __init__(
+        self, scene: Scene, forces: InternalForces, measure: Literal["rms", "printed"]
+    ) -> None:
+        """Compile the form. Collective.
+
+        Args:
+            scene: The problem.
+            forces: Internal forces, whose u₀ and u₁ hold the ends of a step.
+            measure: See `rigidfx.decide.criterion.StrainRate`.
+        """
+        space = fem.functionspace(scene.mesh, ("DG", 0))
+        dx = ufl.Measure(
+            "dx", domain=scene.mesh, metadata={"quadrature_degree": scene.quadrature_degree}
+        )
+        dE = (right_cauchy_green(forces.u1) - right_cauchy_green(forces.u0)) / 2
+        form = ufl.inner(dE, dE) * ufl.TestFunction(space) * dx(tuple(forces.cells()))
+        self._kernel = Kernel(form, [space], scene.mesh)
+        self._square = fem.Function(space)
+        self._dofs = space.dofmap.list[:, 0]
+        self._power = 1 if measure == "rms" else 2
+        self._volume = _volumes(space)[self._dofs]
+        self.values = np.zeros(scene.mesh.topology.index_map(3).size_local)
+
+    def bind(self, flexible: Cells) -> None:
+        """Measure these cells from now on; all others have the strain rate zero.
+
+        Those that were measured in the last step keep the strain rate of it.
+
+        Args:
+            flexible: Owned cells by subdomain id.
+        """
+        self._form = self._kernel.bind(flexible)
+        self.cells = np.sort(np.concatenate([np.empty(0, np.int32), *flexible.values()]))
+        self._own = self._dofs[self.cells]
+        self._divisor = self._volume[self.cells] ** (self._power / 2)
+        others = np.ones(self.values.size, dtype=bool)
+        others[self.cells] = False
+        self.values[others] = 0.0
+
+    def measure(self, dt: float) -> Array:
+        """Strain rates of the bound cells in the step that u₀ and u₁ hold, in their order [1/s].
+
+        Args:
+            dt: Δt [s].
+        """
+        square = self._square.x.array
+        square[self._own] = 0.0
+        fem.assemble_vector(square, self._form)
+        rates = np.sqrt(square[self._own]) / (dt * self._divisor)
+        self.values[self.cells] = rates
+        return np.asarray(rates)
+
+
+def _volumes(space: fem.FunctionSpace) -> Array:
+    """V0 of each local cell [m³], by the number of its unknown in the space."""
+    volume = fem.Function(space)
+    fem.assemble_vector(volume.x.array, fem.form(ufl.TestFunction(space) * ufl.dx))
+    return volume.x.array.copy()

@@ -1,0 +1,88 @@
+"""Cauchy stress of every cell, for files and pictures.
+
+A cell's stress is the mean over its deformed volume v,
+
+    σ = (1/v) ∫ σ dv = ∫ F S Fᵀ dV0 / ∫ J dV0,    S = 2 ∂W/∂C,  J = det F,
+
+by the quadrature rule of the internal forces: a homogeneous stress is given exactly, a linear one
+by its value at the centre, which is where first-order cells are at their best. Nothing is smoothed
+between cells, so what jumps there tells how good the mesh is. A cell that alone makes up the
+thickness of something bent shows no stress of bending.
+
+Cells of rigid bodies are no exception. Their nodes follow the body, F = R F_frozen, so they keep
+the stress they were frozen with, turned with the body: σ = R σ_frozen Rᵀ.
+
+It is the elastic stress at an instant, of the stored energy W. Neither the stress of damping is in
+it, nor is it the mean over a step that the energy-momentum method balances forces with.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem
+
+from rigidfx.flexible.kernels import Kernel
+from rigidfx.flexible.material_classes import group_cells
+from rigidfx.mechanics.schemes import deformation_gradient, second_piola_kirchhoff
+from rigidfx.scene.scene import Scene
+
+__all__ = ["CauchyStress", "von_mises"]
+
+Array = npt.NDArray[np.float64]
+
+SYMMETRIC = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))  # components that are computed
+PLACES = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])  # where each of all nine is among them
+
+
+class CauchyStress:
+    """Measures the stress of all cells. Compiled once, when it is made."""
+
+    def __init__(self, scene: Scene) -> None:
+        """Compile the form. Collective.
+
+        Args:
+            scene: The problem.
+        """
+        self._u = fem.Function(scene.space)
+        groups = dict(enumerate(group_cells(scene), start=1))
+        # Six components of J σ and J itself, together in one vector.
+        space = fem.functionspace(scene.mesh, ("DG", 0, (len(SYMMETRIC) + 1,)))
+        dx = ufl.Measure(
+            "dx", domain=scene.mesh, metadata={"quadrature_degree": scene.quadrature_degree}
+        )
+        F = deformation_gradient(self._u)
+        form = ufl.Form([])
+        for i, group in groups.items():
+            tau = F * second_piola_kirchhoff(group.energy, F.T * F, group.parameters) * F.T
+            values = ufl.as_vector([*(tau[ij] for ij in SYMMETRIC), ufl.det(F)])
+            form += ufl.inner(values, ufl.TestFunction(space)) * dx(i)
+        cells = {i: group.cells for i, group in groups.items()}
+        self._form = Kernel(form, [space], scene.mesh).bind(cells)
+        self._integrals = np.zeros_like(fem.Function(space).x.array)
+        owned = scene.mesh.topology.index_map(3).size_local
+        self._rows = space.dofmap.list[:owned, 0]
+
+    def measure(self, u: fem.Function) -> Array:
+        """Cauchy stress of each owned cell, shape (cells, 3, 3) [Pa].
+
+        Args:
+            u: Displacement, of the nodes inside bodies as well: see `State.rebuild`.
+        """
+        self._u.x.array[:] = u.x.array
+        self._integrals[:] = 0.0
+        fem.assemble_vector(self._integrals, self._form)
+        values = self._integrals.reshape(-1, len(SYMMETRIC) + 1)[self._rows]
+        return np.asarray((values[:, :-1] / values[:, -1:])[:, PLACES])
+
+
+def von_mises(stress: Array) -> Array:
+    """Von Mises' equivalent stress √(3/2 s:s), s the deviator, shape (cells,) [Pa].
+
+    Args:
+        stress: Cauchy stress, shape (cells, 3, 3) [Pa].
+    """
+    pressure = np.trace(stress, axis1=1, axis2=2) / 3
+    deviator = stress - pressure[:, None, None] * np.eye(3)
+    return np.asarray(np.sqrt(1.5 * np.einsum("cij,cij->c", deviator, deviator)))

@@ -1,0 +1,1 @@
+"""Mechanics without a mesh and without PETSc: materials, schemes, rotations, rigid bodies."""

@@ -1,0 +1,220 @@
+"""A trial step of all rigid bodies at once: their own residual and tangent, and how nodes follow.
+
+The unknowns of a step are Δr and the Cayley vector θ of the rotation increment of each body,
+
+    R1 = cay(θ) R0,    ṙ1 = 2 Δr/Δt - ṙ0,    W1 = 2 R0ᵀθ/Δt - W0,    π = R J W,
+
+and the body's own part of the balance of momenta (12) reads m (ṙ1 - ṙ0)/Δt and (π1 - π0)/Δt. Then
+Δr·m(ṙ1 - ṙ0)/Δt and θ·(π1 - π0)/Δt are exactly the increments of the kinetic energy (Simo and Wong,
+IJNME 31 (1991) 19). In the vector of unknowns θ is multiplied by the length ℓ, ℓ² = tr J/(2 m), and
+moments are divided by it: all unknowns are lengths and all residuals forces.
+
+All arrays begin with an axis over the bodies.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.mechanics.bodies import Motions, times
+from rigidfx.mechanics.rigid_body import BodyMotion
+from rigidfx.mechanics.rotation import IDENTITY, cayley_tangent, orthonormalized, skew
+
+__all__ = ["BodyTerm", "Increments", "Step"]
+
+Array = npt.NDArray[np.float64]
+
+# ½ f̂ v̂ = ½ v fᵀ - ½ (f·v) I from v fᵀ, both row by row.
+HALF_COUPLES = 0.5 * np.eye(9) - 0.5 * np.outer(IDENTITY, IDENTITY)
+
+
+class Step:
+    """What does not change while a step is solved.
+
+    Attributes:
+        start: Motions of the bodies at its start.
+        dt: Δt [s].
+        drift: Δt ṙ0, shape (bodies, 3) [m].
+        mass: 2 m/Δt², force per Δr - Δt ṙ0, shape (bodies, 1) [N/m].
+        twice: 2 R0, shape (bodies, 3, 3).
+        spun: 2 R0 J/Δt, so that J W1 = θ·spun - J W0, shape (bodies, 3, 3) [kg m²/s].
+        per_moment: 1/(ℓ Δt), shape (bodies, 1) [1/(m s)].
+    """
+
+    def __init__(self, start: Motions, dt: float) -> None:
+        """Prepare what every trial needs.
+
+        Args:
+            start: Motions of the bodies at the start of the step.
+            dt: Δt [s].
+        """
+        of = start.of
+        self.start, self.dt = start, dt
+        self.drift = dt * start.velocity
+        self.mass = (2 / dt**2 * of.mass)[:, None]
+        self.twice = 2 * start.R
+        self.spun = self.twice @ of.inertia / dt
+        self.per_moment = 1 / (dt * of.length)[:, None]
+
+    @cached_property
+    def inertia(self) -> Array:
+        """2 J R0ᵀ/Δt², shape (bodies, 3, 3) [N m]."""
+        return 2 / self.dt**2 * self.start.rotated_inertia
+
+    @cached_property
+    def block(self) -> Array:
+        """What in `Increments.tangent` is the same in all trials."""
+        out = np.zeros((len(self.start), 6, 6))
+        out[:, :3, :3] = self.mass[:, :, None] * IDENTITY
+        return out
+
+
+class Increments:
+    """A trial step.
+
+    Attributes:
+        step: The step.
+        six: Unknowns Δr and ℓθ, shape (bodies, 6) [m].
+        dr: Δr, shape (bodies, 3) [m].
+        theta: θ, shape (bodies, 3) [1].
+    """
+
+    def __init__(self, step: Step, six: Array) -> None:
+        """Take unknowns as they are, from then on not to be changed."""
+        self.step, self.six = step, six
+        self.dr, self.theta = six[:, :3], six[:, 3:] / step.start.of.length[:, None]
+
+    def __len__(self) -> int:
+        """Number of bodies."""
+        return len(self.six)
+
+    @property
+    def start(self) -> Motions:
+        """Motions of the bodies at the start of the step."""
+        return self.step.start
+
+    @cached_property
+    def _half(self) -> Array:
+        """½θ̂."""
+        return skew(0.5 * self.theta)
+
+    @cached_property
+    def T(self) -> Array:
+        """Spin of R1 per unit dθ, shape (bodies, 3, 3)."""
+        return cayley_tangent(self.theta, self._half)
+
+    @cached_property
+    def turn(self) -> Array:
+        """R1 - R0 = θ̂ T R0 = θ̂ R_av, as cay(θ) = I + θ̂ T; shape (bodies, 3, 3)."""
+        return self._half @ (self.T @ self.step.twice)
+
+    @cached_property
+    def R1(self) -> Array:
+        """Rotations at the end of the step, shape (bodies, 3, 3)."""
+        return self.start.R + self.turn
+
+    @cached_property
+    def R_av(self) -> Array:
+        """½ (R0 + R1), equation (4), shape (bodies, 3, 3)."""
+        return self.start.R + 0.5 * self.turn
+
+    @cached_property
+    def pi1(self) -> Array:
+        """π1, angular momenta at the end about the centres, shape (bodies, 3) [kg m²/s]."""
+        turned = self.theta[:, None] @ self.step.spun
+        return times(self.R1, turned[:, 0] - self.start.own_momentum)
+
+    def end(self) -> tuple[BodyMotion, ...]:
+        """The motions at the end of the step."""
+        r, R = self.start.r + self.dr, orthonormalized(self.R1)
+        rate = 2 / self.step.dt
+        velocity = rate * self.dr - self.start.velocity
+        W = rate * (self.theta[:, None] @ self.start.R)[:, 0] - self.start.angular_velocity_body
+        return tuple(BodyMotion(r[k], R[k], velocity[k], W[k]) for k in range(len(self)))
+
+    def inertia_force(self) -> Array:
+        """M (ṙ1 - ṙ0)/Δt and (π1 - π0)/(ℓ Δt), shape (bodies, 6) [N]."""
+        step, out = self.step, np.empty((len(self), 6))
+        np.multiply(step.mass, self.dr - step.drift, out=out[:, :3])
+        np.multiply(step.per_moment, self.pi1 - self.start.angular_momentum, out=out[:, 3:])
+        return out
+
+    def tangent(self, couples: Array) -> Array:
+        """Derivative of the bodies' residual rows that P does not carry, shape (bodies, 6, 6).
+
+        Args:
+            couples: Σ ½ f̂ᵢ v̂₁,ᵢ over forces on a body's nodes, shape (bodies, 3, 3) [N m]: how the
+                moments Σ v_av × f change with R1.
+
+        Returns:
+            In N/m.
+        """
+        rotation = (couples - skew(self.pi1 / self.step.dt)) @ self.T
+        rotation += self.R1 @ self.step.inertia
+        G = self.step.block.copy()
+        np.divide(rotation, self.start.of.square_length, out=G[:, 3:, 3:])
+        return G
+
+    # Nodes of a body. With arms [1, V], shape (n, 4), everything that happens to them goes through
+    # one small matrix, shape (4, 3): displacements are arms @ matrix, forces f enter as their
+    # moments armsᵀ f, with F = Σ f in the first row and A = Σ V fᵀ below. L and P say how its
+    # twelve numbers, row by row, depend on the body's six unknowns.
+
+    @cached_property
+    def displacement(self) -> Array:
+        """The matrices of the displacements in this step, shape (bodies, 4, 3) [m, 1]."""
+        out = np.empty((len(self), 4, 3))
+        out[:, 0], out[:, 1:] = self.dr, self.turn.swapaxes(1, 2)
+        return out
+
+    @cached_property
+    def L(self) -> Array:
+        """Of the displacements Δr + θ × v_av, eqs. (5) and (13); shape (bodies, 12, 6) [1, 1/m]."""
+        return self._followed(self._arms_of(self.R_av))
+
+    @cached_property
+    def P(self) -> Array:
+        """Derivative of `displacement`: δr + T δθ × v₁; shape (bodies, 12, 6) [1, 1/m]."""
+        return self._followed(self._arms_of(self.R1) @ self.T)
+
+    def _arms_of(self, R: Array) -> Array:
+        """-v̂/ℓ of the columns v of matrices R, shape (bodies, 9, 3) [1/m]."""
+        return (R.swapaxes(1, 2) @ self.start.of.skews).reshape(-1, 9, 3)
+
+    def _followed(self, rotations: Array) -> Array:
+        out = self.start.of.frames.copy()
+        out[:, 3:, 3:] = rotations
+        return out
+
+    def resultant(self, moments: Array) -> Array:
+        """Lᵀ: Σ f and Σ v_av × f/ℓ of forces with these moments, shape (bodies, 6) [N].
+
+        Args:
+            moments: Shape (bodies, 4, 3) [N, N m].
+        """
+        return (moments.reshape(-1, 1, 12) @ self.L)[:, 0]
+
+    def couples(self, moments: Array) -> Array:
+        """Σ ½ f̂ᵢ v̂₁,ᵢ of forces with these moments, shape (bodies, 3, 3) [N m]: see `tangent`."""
+        B = self.R1 @ moments[:, 1:]  # Σ v₁ fᵀ
+        return np.dot(B.reshape(-1, 9), HALF_COUPLES).reshape(-1, 3, 3)
+
+    def work(self, forces: Array) -> float:
+        """Work of forces and moments over ℓ, as `resultant` gives them, in the step [J]."""
+        return float(np.vdot(forces, self.six))
+
+
+class BodyTerm(Protocol):
+    """Forces on the nodes of bodies that depend on their motion; written as resistance."""
+
+    def moments(self, increments: Increments) -> Array:
+        """Σ f and Σ V fᵀ of a step, as `Increments.resultant` takes them, shape (bodies, 4, 3)."""
+        ...
+
+    def tangent(self, increments: Increments) -> Array:
+        """Derivative of their resultant as far as the forces change, shape (bodies, 6, 6) [N/m]."""
+        ...

@@ -1,0 +1,134 @@
+"""One rigid body: its data and its motion.
+
+A body is frozen in the configuration of an instant: Vᵢ = xᵢ - x_s are its nodes' positions relative
+to the centre of mass, and x_i = r + R Vᵢ from then on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["BodyMotion", "Frozen", "RigidBody", "at_rest", "mass_block"]
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Frozen:
+    """What a body keeps for its release. The deformed shape is kept by its offsets.
+
+    Attributes:
+        nodes: Owned nodes on this rank whose velocity the freeze changed.
+        velocities: Rᵀ (v - v_rigid) at these nodes, shape (nodes, 3) [m/s]; equation (40).
+        strain: Strain energy of its cells [J].
+        vibration: Kinetic energy that the freeze took out of the motion; beside a support that
+            moves it may be less than zero, with a consistent mass [J].
+    """
+
+    nodes: npt.NDArray[np.int32]
+    velocities: Array
+    strain: float
+    vibration: float
+
+    @property
+    def energy(self) -> float:
+        """Energy that the body gives back [J]."""
+        return self.strain + self.vibration
+
+
+NOTHING = Frozen(np.empty(0, np.int32), np.empty((0, 3)), 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class RigidBody:
+    """What does not change while a body is rigid.
+
+    Attributes:
+        name: Its name in reports, that of a set of cells where a `Rigid` effect named it.
+        cells: Owned cells on this rank, sorted.
+        nodes: Owned nodes on this rank, sorted.
+        offsets: V of these nodes in the body's frame, shape (nodes, 3) [m].
+        mass: m [kg].
+        inertia: J about the centre of mass in the body's frame, shape (3, 3) [kg m²].
+        origin: Centre of mass at the freeze, shape (3,) [m].
+        number: Its number ≥ 1, which no other body of the run has had.
+        size: Number of its cells over all ranks.
+        named: Sets of cells in it that are rigid always.
+        given: Whether mass or inertia are given in place of those of its cells.
+        frozen: What it keeps for its release.
+    """
+
+    name: str
+    cells: npt.NDArray[np.int32]
+    nodes: npt.NDArray[np.int32]
+    offsets: Array
+    mass: float
+    inertia: Array
+    origin: Array
+    number: int = 1
+    size: int = 0
+    named: tuple[str, ...] = ()
+    given: bool = False
+    frozen: Frozen = NOTHING
+
+    @cached_property
+    def length(self) -> float:
+        """ℓ = sqrt(tr J/(2 m)), the radius of gyration that scales rotations [m]."""
+        return float(np.sqrt(np.trace(self.inertia) / (2 * self.mass)))
+
+
+@dataclass(frozen=True)
+class BodyMotion:
+    """Pose and velocity of a body.
+
+    Attributes:
+        r: Position of the centre of mass [m].
+        R: Rotation since the freeze.
+        velocity: ṙ [m/s].
+        angular_velocity_body: W, angular velocity in the body's frame [rad/s].
+    """
+
+    r: Array
+    R: Array
+    velocity: Array
+    angular_velocity_body: Array
+
+    @property
+    def angular_velocity(self) -> Array:
+        """ω = R W in space [rad/s]."""
+        return np.asarray(self.R @ self.angular_velocity_body)
+
+    def angular_momentum(self, body: RigidBody) -> Array:
+        """π = R J W about the centre of mass [kg m²/s]."""
+        return np.asarray(self.R @ (body.inertia @ self.angular_velocity_body))
+
+    def kinetic(self, body: RigidBody) -> float:
+        """½ m ṙ·ṙ + ½ W·J W [J]."""
+        translation = body.mass * self.velocity @ self.velocity
+        W = self.angular_velocity_body
+        return float(0.5 * (translation + W @ body.inertia @ W))
+
+    def positions(self, offsets: Array) -> Array:
+        """X = r + R V for offsets of shape (n, 3) [m]."""
+        return np.asarray(self.r + offsets @ self.R.T)
+
+    def velocities(self, offsets: Array) -> Array:
+        """ṙ + ω × R V for offsets of shape (n, 3) [m/s]; equation (2)."""
+        return np.asarray(self.velocity + np.cross(self.angular_velocity, offsets @ self.R.T))
+
+
+def mass_block(body: RigidBody, motion: BodyMotion) -> Array:
+    """Mass matrix of ṙ and ℓω in space, shape (6, 6) [kg]."""
+    block = np.zeros((6, 6))
+    block[:3, :3] = body.mass * np.eye(3)
+    block[3:, 3:] = motion.R @ body.inertia @ motion.R.T / body.length**2
+    return block
+
+
+def at_rest(body: RigidBody) -> BodyMotion:
+    """The motion of a body at the freeze, without velocity."""
+    return BodyMotion(body.origin.copy(), np.eye(3), np.zeros(3), np.zeros(3))

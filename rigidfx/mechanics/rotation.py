@@ -1,0 +1,89 @@
+"""Finite rotations in NumPy: skew matrices, the Cayley map and its tangent.
+
+The Cayley vector θ of a rotation by the angle φ about the unit vector e is θ = 2 tan(φ/2) e: any
+increment below π is finite, and no series or special case near φ = 0 is needed. J. C. Simo and
+K. K. Wong, IJNME 31 (1991) 19, doi:10.1002/nme.1620310103.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["axial", "cayley", "cayley_tangent", "orthonormalized", "skew"]
+
+Array = npt.NDArray[np.float64]
+
+
+IDENTITY = np.eye(3)
+QUARTERS = np.full(3, 0.25)
+# The skew matrices of the unit vectors, one per row.
+UNIT_SKEWS = np.array(
+    [
+        [0, 0, 0, 0, 0, -1, 0, 1, 0],
+        [0, 0, 1, 0, 0, 0, -1, 0, 0],
+        [0, -1, 0, 1, 0, 0, 0, 0, 0],
+    ],
+    dtype=np.float64,
+)
+
+
+def skew(a: npt.ArrayLike) -> Array:
+    """â with â b = a × b, equation (6).
+
+    Args:
+        a: Vectors, shape (..., 3).
+
+    Returns:
+        Shape (..., 3, 3).
+    """
+    a = np.asarray(a)
+    return np.dot(a, UNIT_SKEWS).reshape((*a.shape, 3))
+
+
+def axial(B: Array) -> Array:
+    """Σ aᵢ × bᵢ from B = Σ aᵢ bᵢᵀ: moments, at the cost of a small product.
+
+    Args:
+        B: Shape (3, 3).
+
+    Returns:
+        Shape (3,).
+    """
+    return -(UNIT_SKEWS @ B.reshape(-1))
+
+
+def cayley(theta: npt.ArrayLike) -> Array:
+    """Rotation (I - ½θ̂)⁻¹ (I + ½θ̂) = I + (θ̂ + ½θ̂²)/(1 + ¼θ·θ).
+
+    Args:
+        theta: Cayley vector θ, shape (3,).
+
+    Returns:
+        Shape (3, 3), orthonormal to rounding.
+    """
+    hat = skew(theta)
+    return IDENTITY + (hat + 0.5 * hat @ hat) / (1 + 0.25 * np.dot(theta, theta))
+
+
+def cayley_tangent(theta: Array, half: Array | None = None) -> Array:
+    """T = (I + ½θ̂)/(1 + ¼θ·θ): spatial spin of the rotated frame per unit dθ.
+
+    Args:
+        theta: Cayley vectors θ, shape (..., 3).
+        half: ½θ̂, if it is known already, shape (..., 3, 3).
+
+    Returns:
+        Shape (..., 3, 3).
+    """
+    half = skew(0.5 * theta) if half is None else half
+    return (IDENTITY + half) / (1 + np.dot(theta * theta, QUARTERS))[..., None, None]
+
+
+def orthonormalized(R: Array) -> Array:
+    """R after one Newton step of the polar decomposition: rounding does not pile up in products.
+
+    Args:
+        R: Nearly rotations, shape (..., 3, 3).
+    """
+    return R @ (1.5 * IDENTITY - 0.5 * R.swapaxes(-1, -2) @ R)

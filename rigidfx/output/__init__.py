@@ -1,0 +1,6 @@
+"""What a run leaves in its folder: tables, fields for ParaView, bodies."""
+
+from rigidfx.output.bodies_file import read_bodies, write_bodies
+from rigidfx.output.recorder import Recorder, read_history
+
+__all__ = ["Recorder", "read_bodies", "read_history", "write_bodies"]

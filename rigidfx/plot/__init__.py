@@ -1,0 +1,25 @@
+"""Pictures of runs.
+
+    from rigidfx.plot import pictures
+    pictures("out/bar")
+
+    python3 -m rigidfx.plot out/bar
+
+`pictures` makes the standard ones from what a `Recorder` has left; `Shapes` collects the deformed
+body while a run goes on; `Curve`, `curves` and `histories` draw numbers of any runs.
+"""
+
+from rigidfx.plot.curves import Curve, curves, figure_of, histories, on_first_rank, save
+from rigidfx.plot.pictures import pictures
+from rigidfx.plot.shapes import Shapes
+
+__all__ = [
+    "Curve",
+    "Shapes",
+    "curves",
+    "figure_of",
+    "histories",
+    "on_first_rank",
+    "pictures",
+    "save",
+]

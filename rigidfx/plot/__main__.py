@@ -1,0 +1,28 @@
+"""The standard pictures of a run: python3 -m rigidfx.plot FOLDER."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from rigidfx.plot.pictures import pictures
+
+__all__ = ["main"]
+
+
+def main() -> None:
+    """Draw what the command line asks for."""
+    parser = argparse.ArgumentParser(
+        prog="python3 -m rigidfx.plot", description="Standard pictures of a run, in its folder."
+    )
+    parser.add_argument("folder", type=Path, help="what a Recorder has written")
+    for name, default in (("view", (1.0, -0.6, 0.5)), ("up", (0.0, 0.0, 1.0))):
+        text = f"{name} of the camera ({' '.join(f'{x:g}' for x in default)})"
+        parser.add_argument(f"--{name}", type=float, nargs=3, default=default, help=text)
+    parser.add_argument("--frames", type=int, default=100, help="of the film at most (100)")
+    options = parser.parse_args()
+    pictures(options.folder, frames=options.frames, view=options.view, up=options.up)
+
+
+if __name__ == "_main__":
+    main()

@@ -1,0 +1,222 @@
+"""Pictures of numbers against time: the history of a run, curves of several runs.
+
+Every function here is called on all ranks; rank 0 draws, and what goes wrong there is raised on
+all. matplotlib is imported where it is used, not with the package.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from rigidfx.base.errors import OutputError, agree
+from rigidfx.output.recorder import read_history
+
+__all__ = ["Curve", "curves", "figure_of", "histories", "on_first_rank", "save"]
+
+Array = npt.NDArray[np.float64]
+
+STYLE = {
+    "font.size": 12,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.titlelocation": "left",
+    "grid.color": "0.9",
+    "legend.frameon": False,
+    "lines.linewidth": 1.3,
+}
+BLUE, ORANGE, GREEN, DARK, GREY = "#0072b2", "#d55e00", "#009e73", "#222222", "#999999"
+COLOURS = (BLUE, ORANGE, GREEN, "#cc79a7", "#56b4e9", "#e69f00")
+DPI = 150
+
+
+def histories(
+    history: str | Path | Mapping[str, Array],
+    path: str | Path,
+    *,
+    free_since: float | None = None,
+    title: str = "",
+    comm: MPI.Intracomm = MPI.COMM_WORLD,
+) -> None:
+    """Draw energies and momenta against time. Collective.
+
+    Args:
+        history: A history.csv, or its columns by name.
+        path: Picture to write.
+        free_since: Time [s] from which on energy and momenta should be constant; if given, a
+            further panel shows how far they are.
+        title: Heading.
+        comm: Ranks that call this.
+
+    Raises:
+        OutputError: If the picture cannot be drawn or written.
+    """
+
+    def draw() -> None:
+        h = history if isinstance(history, Mapping) else read_history(history)
+        t = h["t"]
+        rows = 3 if free_since is None else 4
+        figure, axes = figure_of(rows, 1, (9.0, 2.4 * rows + 0.6), title, sharex=True)
+        energy, linear, angular = axes[:3, 0]
+        energy.plot(t, h["energy"], color=DARK, label="total $H$")
+        energy.plot(t, h["kinetic"], color=BLUE, label="kinetic")
+        energy.plot(t, h["strain"], color=ORANGE, label="strain")
+        if h["stored"].any():
+            energy.plot(t, h["stored"], color=GREEN, label="stored in bodies")
+        energy.set_ylabel("energy (J)")
+        linear.plot(t, h["momentum_scale"], color=GREY, label=r"$\Sigma\, m|v|$")
+        _components(linear, t, h, "L")
+        linear.set_ylabel("linear momentum\n(kg m/s)")
+        _components(angular, t, h, "J")
+        angular.set_ylabel("angular momentum\n(kg m²/s)")
+        if free_since is not None:
+            _drifts(axes[3, 0], h, free_since)
+        axes[-1, 0].set_xlabel("time (s)")
+        axes[-1, 0].set_xlim(t[0], t[-1])
+        for ax in axes[:, 0]:
+            ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+        save(figure, path)
+
+    on_first_rank(comm, draw, f"histories: '{path}'")
+
+
+def _components(ax: Any, t: Array, h: Mapping[str, Array], name: str) -> None:
+    for axis, colour in zip("xyz", COLOURS, strict=False):
+        ax.plot(t, h[f"{name}_{axis}"], color=colour, label=f"${name}_{axis}$")
+
+
+def _drifts(ax: Any, h: Mapping[str, Array], free_since: float) -> None:
+    """Relative deviations from the values at a time; none is shown below the rounding unit."""
+    free = h["t"] >= free_since * (1 - 1e-9)
+    t, H = h["t"][free], h["energy"][free]
+    J = np.stack([h[f"J_{axis}"][free] for axis in "xyz"], axis=1)
+    L = np.stack([h[f"L_{axis}"][free] for axis in "xyz"], axis=1)
+    drifts = {
+        "$|H - H_0|\\,/\\,H_0$": (np.abs(H - H[0]) / abs(H[0]), DARK),
+        "$|J - J_0|\\,/\\,|J_0|$": (
+            np.linalg.norm(J - J[0], axis=1) / np.linalg.norm(J[0]),
+            GREEN,
+        ),
+        "$|L - L_0|\\,/\\,\\Sigma\\, m|v|$": (
+            np.linalg.norm(L - L[0], axis=1) / h["momentum_scale"][free],
+            BLUE,
+        ),
+    }
+    rounding = float(np.finfo(np.float64).eps) / 2
+    for label, (values, colour) in drifts.items():
+        ax.semilogy(t, np.maximum(values, rounding), color=colour, label=label, linewidth=1.0)
+    ax.set_ylabel(f"relative change\nsince {free_since:g} s")
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A curve of a panel.
+
+    Attributes:
+        label: Name in the legend of the first panel; it has the same colour in all of them.
+        x: Abscissae.
+        y: Ordinates.
+        broken: Whether the run behind it broke down at its end; marked by a cross.
+    """
+
+    label: str
+    x: Sequence[float] | Array
+    y: Sequence[float] | Array
+    broken: bool = False
+
+
+def curves(
+    panels: Mapping[str, Sequence[Curve]],
+    path: str | Path,
+    *,
+    xlabel: str,
+    ylabel: str | Sequence[str],
+    title: str = "",
+    comm: MPI.Intracomm = MPI.COMM_WORLD,
+) -> None:
+    """Draw curves in one panel below the other. Collective.
+
+    Args:
+        panels: Heading of each panel → its curves.
+        path: Picture to write.
+        xlabel: Quantity and unit of the abscissa.
+        ylabel: Quantity and unit of the ordinate, one for all panels or one for each.
+        title: Heading of the figure.
+        comm: Ranks that call this.
+
+    Raises:
+        OutputError: If the picture cannot be drawn or written.
+    """
+
+    def draw() -> None:
+        figure, axes = figure_of(len(panels), 1, (9.0, 3.1 * len(panels) + 0.5), title, sharex=True)
+        colours: dict[str, str] = {}
+        legends: set[str] = set()
+        ylabels = [ylabel] * len(panels) if isinstance(ylabel, str) else ylabel
+        rows = zip(axes[:, 0], panels.items(), ylabels, strict=True)
+        for ax, (heading, group), label in rows:
+            for curve in group:
+                colour = colours.setdefault(curve.label, COLOURS[len(colours) % len(COLOURS)])
+                ax.plot(curve.x, curve.y, color=colour, label=curve.label)
+                if curve.broken:
+                    end = (curve.x[-1], curve.y[-1])
+                    ax.plot(*end, "X", color=colour, markersize=10, zorder=5)
+                    ax.annotate(
+                        f"{end[0]:.4g}",
+                        end,
+                        xytext=(9, 2),
+                        textcoords="offset points",
+                        color=colour,
+                    )
+            ax.set_title(heading)
+            ax.set_ylabel(label)
+            if group[0].label not in legends:
+                ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+            legends |= {curve.label for curve in group}
+        axes[-1, 0].set_xlabel(xlabel)
+        save(figure, path)
+
+    on_first_rank(comm, draw, f"curves: '{path}'")
+
+
+def figure_of(
+    rows: int, columns: int, size: tuple[float, float], title: str, sharex: bool = False
+) -> tuple[Any, Any]:
+    """A figure that needs no screen, and its axes, shape (rows, columns)."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=size, layout="constrained")
+    axes = figure.subplots(rows, columns, sharex=sharex, squeeze=False)
+    if title:
+        figure.suptitle(title, fontsize=14)
+    return figure, axes
+
+
+def save(figure: Any, path: str | Path) -> None:
+    """Write a figure, and make the folder for it."""
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=DPI)
+
+
+def on_first_rank(comm: MPI.Intracomm, draw: Callable[[], None], what: str) -> None:
+    """Call `draw` on rank 0 and raise on all ranks what goes wrong there."""
+    problem = None
+    if comm.rank == 0:
+        try:
+            from matplotlib import rc_context
+
+            with rc_context(STYLE):
+                draw()
+        except ImportError as error:
+            problem = f"{what}: {error}. Pictures need matplotlib, those of shapes pyvista as well."
+        except Exception as error:
+            problem = f"{what} could not be drawn: {type(error).__name__}: {error}"
+    agree(comm, problem, OutputError)

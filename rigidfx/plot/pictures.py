@@ -1,0 +1,165 @@
+"""The standard pictures of a run, from its folder, in one call; and what draws any others.
+
+    from rigidfx.plot import pictures
+    pictures("out/bar")
+
+    python3 -m rigidfx.plot out/bar
+
+They are made from what the recorder has left, so also while a run goes on and after one that was
+stopped. `Curve`, `curves` and `histories` draw numbers of any runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from rigidfx.base.errors import OutputError, SceneError
+from rigidfx.base.inputs import number, numbers
+from rigidfx.output.recorder import read_history
+from rigidfx.plot.curves import Curve, curves, figure_of, histories, on_first_rank, save
+from rigidfx.plot.renders import OF_CELLS, Photograph, film, pyvista, sheet, surface_of
+
+__all__ = ["Curve", "curves", "figure_of", "histories", "on_first_rank", "pictures", "save"]
+
+
+def pictures(
+    folder: str | Path,
+    *,
+    shapes: int = 8,
+    frames: int = 100,
+    view: Sequence[float] = (1.0, -0.6, 0.5),
+    up: Sequence[float] = (0.0, 0.0, 1.0),
+    free_since: float | None = None,
+    title: str = "",
+    comm: MPI.Intracomm = MPI.COMM_WORLD,
+) -> list[Path]:
+    """Draw the standard pictures of a run into its folder. Collective.
+
+    These are histories.png, energies and momenta against time; unknowns.png, their number and that
+    of bodies, if it changed; shapes.png, the deformed body at several times, rigid parts dark, or
+    coloured by displacement where nothing was rigid; stress.png, the same shapes coloured by von
+    Mises stress, if the run has recorded it; and film.gif, all of the motion.
+
+    Args:
+        folder: What a `Recorder` has written.
+        shapes: How many times are shown in a picture at most.
+        frames: How many times the film shows at most; 0 for no film.
+        view: Direction from the body to the camera.
+        up: Direction that points upwards in the pictures.
+        free_since: See `histories`.
+        title: Heading.
+        comm: Ranks that call this.
+
+    Returns:
+        The files written, on all ranks.
+
+    Raises:
+        SceneError: If shapes, frames, view or up cannot be used.
+        OutputError: If the files of the run are not there, or a picture cannot be drawn or written.
+    """
+    _check(shapes, frames, view, up)
+    place = Path(folder)
+    made: list[Path] = []
+
+    def draw() -> None:
+        history, series = place / "history.csv", place / "fields.pvd"
+        for file in (history, series):
+            if not file.exists():
+                raise OutputError(f"there is no {file}; a Recorder writes it")
+        alone = MPI.COMM_SELF
+        made.append(place / "histories.png")
+        histories(history, made[-1], free_since=free_since, title=title, comm=alone)
+        h = read_history(history)
+        if np.ptp(h["unknowns"]) > 0:
+            made.append(place / "unknowns.png")
+            curves(
+                {
+                    "Unknowns": [Curve("unknowns", h["t"], h["unknowns"])],
+                    "Rigid bodies": [Curve("bodies", h["t"], h["bodies"])],
+                },
+                made[-1],
+                xlabel="time (s)",
+                ylabel="number",
+                title=title,
+                comm=alone,
+            )
+        run = _Run(series)
+        first = "rigid" if run.was_rigid() else "displacement"
+        wanted = {"shapes": first} | ({"stress": "von_mises"} if run.has("von_mises") else {})
+        for name, field in wanted.items():
+            made.append(place / f"{name}.png")
+            photographs = run.photographs(field, int(shapes))
+            sheet(
+                made[-1],
+                photographs,
+                field,
+                columns=4,
+                view=view,
+                up=up,
+                title=title,
+                edges=run.edges,
+            )
+        if frames > 0:
+            made.append(place / "film.gif")
+            photographs = run.photographs(first, int(frames))
+            film(made[-1], photographs, first, view=view, up=up, title=title, edges=run.edges)
+
+    on_first_rank(comm, draw, f"pictures of '{folder}'")
+    return list(comm.bcast(made))
+
+
+def _check(shapes: int, frames: int, view: Sequence[float], up: Sequence[float]) -> None:
+    for name, count, least in (("shapes", shapes, 1), ("frames", frames, 0)):
+        value = number("pictures", name, count)
+        if value < least or not value.is_integer():
+            raise SceneError(f"pictures: {name} must be an integer ≥ {least}, got {count!r}.")
+    for name, direction in (("view", view), ("up", up)):
+        array = numbers(direction)
+        if array.shape != (3,) or not np.isfinite(array).all() or not array.any():
+            raise SceneError(
+                f"pictures: {name} must be three finite numbers, not all zero, got {direction!r}."
+            )
+    if not np.cross(numbers(view), numbers(up)).any():
+        raise SceneError(f"pictures: view and up are parallel: {view!r} and {up!r}.")
+
+
+class _Run:
+    """The fields of a run, read back."""
+
+    def __init__(self, series: Path) -> None:
+        """Open the series."""
+        self._reader = pyvista().PVDReader(series)
+        self._times = list(self._reader.time_values)
+        self._first = self._grid(0)
+        self.edges = self._first.get_cell(0).n_points in (4, 8)  # of first order
+
+    def _grid(self, k: int) -> Any:
+        self._reader.set_active_time_point(k)
+        return self._reader.read()[0]
+
+    def has(self, name: str) -> bool:
+        """Whether cells have a field."""
+        return name in self._first.cell_data
+
+    def was_rigid(self) -> bool:
+        """Whether any cell is rigid at any time."""
+        every = range(len(self._times))
+        return self.has("rigid") and any(self._grid(k).cell_data["rigid"].any() for k in every)
+
+    def photographs(self, field: str, most: int) -> list[Photograph]:
+        """The deformed surface at so many times at most, spread evenly."""
+        chosen = np.linspace(0, len(self._times) - 1, min(most, len(self._times)))
+        out = []
+        for k in np.unique(chosen.round().astype(int)):
+            grid = self._grid(int(k))
+            data = grid.cell_data if field in OF_CELLS else grid.point_data
+            values, u = np.array(data[field]), np.array(grid.point_data["displacement"])
+            if values.ndim > 1:
+                values = np.linalg.norm(values, axis=1)
+            out.append(Photograph(self._times[int(k)], surface_of(grid, u, field, values)))
+        return out

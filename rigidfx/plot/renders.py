@@ -1,0 +1,228 @@
+"""Photographs of a deformed body by one camera: side by side on a sheet, or one after another.
+
+All photographs of a sheet or film show the same piece of space at the same scale, coloured by one
+field with the same range. pyvista draws without a screen; it and matplotlib are imported where they
+are used. Every function here is called on one rank only.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.plot.curves import figure_of, save
+
+__all__ = ["FIELDS", "OF_CELLS", "Photograph", "film", "pyvista", "sheet", "surface_of"]
+
+Array = npt.NDArray[np.float64]
+
+LIGHT, DARK = "#e8e4da", "#33475b"  # flexible and rigid parts, as in the paper's Fig. 6
+
+# What can colour a body, and what its scale is called; flags have a legend instead.
+FIELDS = {
+    "rigid": "",
+    "displacement": "displacement $|u|$ (m)",
+    "velocity": "velocity $|v|$ (m/s)",
+    "von_mises": "von Mises stress (Pa)",
+    "strain_rate": "strain rate (1/s)",
+}
+OF_CELLS = frozenset({"rigid", "von_mises", "strain_rate"})
+
+
+@dataclass(frozen=True)
+class Photograph:
+    """What is to be photographed.
+
+    Attributes:
+        t: Time [s].
+        surface: Deformed surface, from `surface_of`.
+    """
+
+    t: float
+    surface: Any
+
+
+def pyvista() -> Any:
+    """The module pyvista, told to draw without a screen where there is none."""
+    if not os.environ.get("DISPLAY"):
+        os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
+    import pyvista as pv
+
+    return pv
+
+
+def surface_of(grid: Any, displacement: Array, field: str, values: Array) -> Any:
+    """The deformed surface of a body.
+
+    Args:
+        grid: pyvista's UnstructuredGrid of the undeformed body; its data are replaced.
+        displacement: Shape (points, 3) [m].
+        field: What colours it, one of `FIELDS`.
+        values: Its values, one for each cell if it is among `OF_CELLS`, else for each point.
+    """
+    grid.clear_data()
+    grid.point_data["displacement"] = displacement
+    data = grid.cell_data if field in OF_CELLS else grid.point_data
+    data["colour"] = np.asarray(values, np.float32)
+    from vtkmodules.vtkFiltersGeometry import vtkDataSetSurfaceFilter
+
+    # Edges of second-order cells are curved: the displacement is interpolated as the points are.
+    skin = vtkDataSetSurfaceFilter()
+    skin.SetNonlinearSubdivisionLevel(2)
+    skin.SetInputData(grid)
+    skin.Update()
+    surface = pyvista().wrap(skin.GetOutput())
+    surface.points = np.asarray(surface.points + surface.point_data["displacement"], np.float32)
+    return surface
+
+
+def sheet(
+    path: str | Path,
+    photographs: Sequence[Photograph],
+    field: str,
+    *,
+    columns: int,
+    view: Sequence[float],
+    up: Sequence[float],
+    title: str,
+    edges: bool,
+) -> None:
+    """Draw photographs side by side.
+
+    Args:
+        path: Picture to write.
+        photographs: What is seen.
+        field: What colours it, one of `FIELDS`.
+        columns: Photographs in a row.
+        view: Direction from the body to the camera.
+        up: Direction that points upwards in the picture.
+        title: Heading.
+        edges: Whether edges of cells are drawn.
+    """
+    top = _top(photographs, field)
+    wide = min(columns, len(photographs))
+    rows = -(-len(photographs) // wide)
+    figure, axes = figure_of(rows, wide, (2.8 * wide + 1.2, 2.9 * rows + 0.4), title)
+    for ax in axes.flat:
+        ax.axis("off")
+    images = _images(photographs, field, top, view, up, edges, 700)
+    for ax, photograph, image in zip(axes.flat, photographs, images, strict=False):
+        ax.imshow(image, interpolation="lanczos")
+        ax.set_title(f"$t$ = {photograph.t:.4g} s", loc="center", fontsize=12)
+    _key(figure, axes, field, top)
+    save(figure, path)
+
+
+def film(
+    path: str | Path,
+    photographs: Sequence[Photograph],
+    field: str,
+    *,
+    view: Sequence[float],
+    up: Sequence[float],
+    title: str,
+    edges: bool,
+    rate: int = 12,
+) -> None:
+    """Draw photographs one after another, as an animated GIF that starts anew at its end.
+
+    Args:
+        path: File to write.
+        photographs: What is seen.
+        field: What colours it, one of `FIELDS`.
+        view: Direction from the body to the camera.
+        up: Direction that points upwards in the picture.
+        title: Heading.
+        edges: Whether edges of cells are drawn.
+        rate: Photographs per second.
+    """
+    from matplotlib.animation import PillowWriter
+
+    top = _top(photographs, field)
+    figure, axes = figure_of(1, 1, (6.4, 5.0), title)
+    ax = axes[0, 0]
+    ax.axis("off")
+    _key(figure, axes, field, top)
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    writer, canvas = PillowWriter(fps=rate), None
+    with writer.saving(figure, str(path), dpi=100):
+        images = _images(photographs, field, top, view, up, edges, 480)
+        for photograph, image in zip(photographs, images, strict=True):
+            if canvas is None:
+                canvas = ax.imshow(image, interpolation="lanczos")
+            canvas.set_data(image)
+            ax.set_title(f"$t$ = {photograph.t:.4g} s", loc="center", fontsize=12)
+            writer.grab_frame()
+
+
+def _top(photographs: Sequence[Photograph], field: str) -> float:
+    if field == "rigid":
+        return 1.0
+    return max(*(float(p.surface["colour"].max()) for p in photographs), 1e-300)
+
+
+def _images(
+    photographs: Sequence[Photograph],
+    field: str,
+    top: float,
+    view: Sequence[float],
+    up: Sequence[float],
+    edges: bool,
+    pixels: int,
+) -> Iterator[Any]:
+    """The photographs as arrays of square pictures; colours from 0 to `top`."""
+    pv = pyvista()
+    boxes = np.array([p.surface.bounds for p in photographs])
+    middle = (boxes[:, ::2].min(axis=0) + boxes[:, 1::2].max(axis=0)) / 2
+    radius = max(
+        float(np.linalg.norm(p.surface.points - middle, axis=1).max()) for p in photographs
+    )
+    towards = np.asarray(view, float) / np.linalg.norm(view)
+    for photograph in photographs:
+        plotter = pv.Plotter(off_screen=True, window_size=(pixels, pixels))
+        plotter.set_background("white")
+        plotter.add_mesh(
+            photograph.surface,
+            scalars="colour",
+            cmap=[LIGHT, DARK] if field == "rigid" else "viridis",
+            clim=(0.0, top),
+            show_scalar_bar=False,
+            show_edges=edges,
+            edge_color="#30303060",
+            ambient=0.35,
+            diffuse=0.6,  # a light face towards the camera is not to vanish before the white
+        )
+        if not edges:
+            plotter.add_mesh(photograph.surface.extract_feature_edges(30), color="#303030")
+        plotter.enable_parallel_projection()
+        plotter.camera.focal_point = middle
+        plotter.camera.position = middle + 4 * radius * towards
+        plotter.camera.up = up
+        plotter.camera.parallel_scale = 1.02 * radius
+        plotter.reset_camera_clipping_range()
+        plotter.enable_anti_aliasing("ssaa")
+        image = plotter.screenshot(return_img=True)
+        plotter.close()
+        yield image
+
+
+def _key(figure: Any, axes: Any, field: str, top: float) -> None:
+    """A legend of the flags, or a scale of the colours."""
+    if field == "rigid":
+        from matplotlib.patches import Patch
+
+        patches = [Patch(facecolor=DARK, label="rigid"), Patch(facecolor=LIGHT, label="flexible")]
+        figure.legend(handles=patches, loc="outside right center")
+        return
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    scale = ScalarMappable(Normalize(0.0, top), "viridis")
+    bar = figure.colorbar(scale, ax=axes, shrink=0.7, aspect=30, pad=0.02, label=FIELDS[field])
+    bar.outline.set_visible(False)

@@ -1,0 +1,146 @@
+"""Pictures of the deformed body at several times, by one camera.
+
+pyvista and matplotlib are imported where they are used, not with the package.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.base.errors import SceneError
+from rigidfx.flexible.stress import CauchyStress, von_mises
+from rigidfx.output.paraview import Body
+from rigidfx.plot.curves import on_first_rank
+from rigidfx.plot.renders import Photograph, pyvista, sheet, surface_of
+from rigidfx.report.report import Report
+from rigidfx.scene.scene import Scene
+
+__all__ = ["Shapes"]
+
+Array = npt.NDArray[np.float64]
+
+Colour = Literal["displacement", "velocity", "rigid", "von_mises"]
+
+
+@dataclass(frozen=True)
+class _Shape:
+    """A body at one time, and the values that colour its points or its cells."""
+
+    t: float
+    displacement: Array
+    values: Array
+
+
+class Shapes:
+    """Collects the deformed body at several times and draws it, always by the same camera.
+
+    Example:
+        >>> shapes = Shapes(scene, times=(0, 1, 2))   # doctest: +SKIP
+        >>> for report in simulate(scene, dt=0.01, t_end=2.0):
+        ...     shapes.add(report)
+        >>> shapes.draw("shapes.png")
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        times: Iterable[float],
+        *,
+        colour: Colour = "velocity",
+    ) -> None:
+        """Choose what is to be seen. Collective.
+
+        Args:
+            scene: The problem that is run.
+            times: Times [s]; of each, the first step that ends at or after it is taken.
+            colour: The field whose magnitude colours the body, "von_mises" for that stress, or
+                "rigid" for rigid (dark) and flexible (light) cells.
+
+        Raises:
+            SceneError: If there are no times, or the colour is not one of these.
+        """
+        self._times = sorted(times)
+        if not self._times:
+            raise SceneError("Shapes: times must name at least one time.")
+        if colour not in get_args(Colour):
+            raise SceneError(
+                f"Shapes: colour must be one of {', '.join(get_args(Colour))}, got {colour!r}."
+            )
+        self._colour = colour
+        self._comm = scene.comm
+        self._body = Body(scene.space)
+        self._stress = CauchyStress(scene) if colour == "von_mises" else None
+        self._shapes: list[_Shape] = []
+
+    def add(self, report: Report) -> None:
+        """Keep the shape if its time has come. Collective.
+
+        Args:
+            report: A step of the run.
+        """
+        due = 0
+        while due < len(self._times) and report.t >= self._times[due] * (1 - 1e-9):
+            due += 1
+        if not due:
+            return
+        del self._times[:due]
+        state = report.state
+        state.rebuild()
+        u = self._body.on_nodes(state.u)
+        if self._colour == "rigid":
+            values = (self._body.on_cells(state.body_numbers()) > 0).astype(np.float64)
+        elif self._stress is not None:
+            values = self._body.on_cells(von_mises(self._stress.measure(state.u)))
+        else:
+            field = u if self._colour == "displacement" else self._body.on_nodes(state.v)
+            values = np.linalg.norm(field, axis=1)
+        self._shapes.append(_Shape(report.t, u, values))
+
+    def draw(
+        self,
+        path: str | Path,
+        *,
+        columns: int = 4,
+        view: tuple[float, float, float] = (1.0, -0.6, 0.5),
+        up: tuple[float, float, float] = (0.0, 0.0, 1.0),
+        title: str = "",
+    ) -> None:
+        """Draw the shapes kept so far side by side. Collective.
+
+        Args:
+            path: Picture to write.
+            columns: Shapes in a row.
+            view: Direction from the body to the camera.
+            up: Direction that points upwards in the picture.
+            title: Heading.
+
+        Raises:
+            OutputError: If the picture cannot be drawn or written.
+        """
+
+        def draw() -> None:
+            body = self._body
+            table = np.insert(body.cells, 0, body.cells.shape[1], axis=1)
+            types = np.full(len(body.cells), body.vtk_type, np.uint8)
+            grid = pyvista().UnstructuredGrid(table.reshape(-1), types, body.points)
+            sheet(
+                path,
+                [
+                    Photograph(s.t, surface_of(grid, s.displacement, self._colour, s.values))
+                    for s in self._shapes
+                ],
+                self._colour,
+                columns=columns,
+                view=view,
+                up=up,
+                title=title,
+                edges=body.cells.shape[1] in (4, 8),
+            )
+
+        on_first_rank(self._comm, draw, f"Shapes: '{path}'")

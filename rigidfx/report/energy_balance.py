@@ -1,0 +1,77 @@
+"""Has a run kept its balance of energy?
+
+The energy-momentum method keeps it to Newton's tolerance whatever happens, so a run that has lost
+it has lost more than that: the rounding of parts that are stiff beyond measure, or a tolerance set
+so loose that what is left of the residual does work. Nothing else in a report would tell.
+"""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+
+from rigidfx.base.errors import RigidfxWarning
+from rigidfx.report.report import Report
+from rigidfx.scene.scene import Scene
+
+__all__ = ["EnergyBalance"]
+
+WORTH_A_WARNING = 1e-4  # of the largest energy; four orders above what Newton's tolerance leaves
+ROUNDING = 1e3 * float(np.finfo(np.float64).eps)  # of numbers near one that energies are made of
+
+
+class EnergyBalance:
+    """Follows the energy of a run and what is supplied to it; warns once, on rank 0."""
+
+    def __init__(self, scene: Scene) -> None:
+        """Begin before the first report.
+
+        Args:
+            scene: The problem; schemes that do not conserve energy are not followed.
+        """
+        self._expected = self._scale = 0.0
+        self._noise = _rounding(scene)
+        self._waits = scene.scheme.conserving and scene.comm.rank == 0
+
+    def follow(self, report: Report) -> None:
+        """Take the next report into account.
+
+        Args:
+            report: Of the initial state first, then of every step.
+        """
+        if not self._waits:
+            return
+        work = report.work_of_loads + report.work_of_supports
+        taken = sum(report.dissipated.values())
+        if report.step == 0:
+            self._expected = report.energy
+        else:
+            self._expected += work - taken + (report.impact.energy if report.impact else 0.0)
+        self._scale = max(self._scale, report.energy, abs(work), taken)
+        off = abs(report.energy - self._expected)
+        if off > WORTH_A_WARNING * self._scale + self._noise:
+            self._waits = False
+            warnings.warn(
+                f"At t = {report.t:.6g} s the balance of energy is off by {off / self._scale:.1e} "
+                "of the largest energy. Rounding in parts that are very stiff or very light for "
+                "their stiffness may be why: make these Rigid, or take less extreme numbers. If "
+                "-rigidfx_snes_rtol is set, make it smaller.",
+                RigidfxWarning,
+                stacklevel=2,
+            )
+
+
+def _rounding(scene: Scene) -> float:
+    """What rounding may leave in the strain energy of a scene whatever moves [J]. Collective.
+
+    An energy like neo-Hooke's, tr C - 3 - ln det C, is the small difference of numbers near one, so
+    that it is known to ε E V only; one that is quadratic in the strain, to ε² E V at least.
+    """
+    energies = [
+        max(map(abs, material.parameters.values()), default=0.0)
+        * cells.size
+        * (ROUNDING**2 if material.quadratic else ROUNDING)
+        for material, cells in scene.materials
+    ]
+    return float(scene.sum(sum(energies))) * scene.mean_cell_size**3

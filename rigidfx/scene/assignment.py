@@ -1,0 +1,78 @@
+"""Which material each cell has: exactly one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+
+from rigidfx.base.errors import SceneError
+from rigidfx.domain.domain import Domain
+from rigidfx.mechanics.materials import Material
+
+__all__ = ["assign"]
+
+Cells = npt.NDArray[np.int32]
+
+
+def assign(
+    domain: Domain, material: Material | Mapping[str, Material]
+) -> tuple[tuple[Material, Cells], ...]:
+    """Materials with their owned cells. Collective.
+
+    Args:
+        domain: Mesh and names.
+        material: One material, or one for each of the named sets that make up the mesh.
+
+    Raises:
+        SceneError: If a name or a material is none, a cell has no material or several, or a stored
+            energy cannot be formed.
+    """
+    owned = domain.mesh.topology.index_map(3).size_local
+    used = material.values() if isinstance(material, Mapping) else [material]
+    for item in used:
+        if isinstance(item, Material):
+            _check_energy(item)
+    if isinstance(material, Material):
+        return ((material, np.arange(owned, dtype=np.int32)),)
+    if not isinstance(material, Mapping) or not material:
+        raise SceneError(
+            f"Scene: material must be a Material or a dict of cell-set names to materials, "
+            f"got {material!r}."
+        )
+    times_used = np.zeros(owned, dtype=np.int32)
+    pairs = []
+    for name, m in material.items():
+        if not isinstance(m, Material):
+            raise SceneError(f"Scene: the material of '{name}' must be a Material, got {m!r}.")
+        entities = domain.find(name, (3,), "Scene (material)").entities
+        cells = entities[entities < owned]
+        times_used[cells] += 1
+        pairs.append((m, cells))
+    none, several = (
+        int(domain.comm.allreduce(int(np.count_nonzero(c))))
+        for c in (times_used == 0, times_used > 1)
+    )
+    if none or several:
+        raise SceneError(
+            f"Scene: every cell needs exactly one material; {none} cells have none and {several} "
+            f"have several. Known names: {domain.names}."
+        )
+    return tuple(pairs)
+
+
+def _check_energy(material: Material) -> None:
+    """See whether a stored energy is a scalar of C and the parameters that are given."""
+    owner = getattr(material, "label", type(material).__name__)
+    try:
+        W = material.energy(ufl.variable(ufl.Identity(3)), **material.parameters)
+        scalar = ufl.as_ufl(W).ufl_shape == ()
+    except Exception as error:  # whatever a user's function may raise
+        raise SceneError(
+            f"Scene: the stored energy of {owner} cannot be formed: {type(error).__name__}: "
+            f"{error}. It must be a function of C and of the parameters that are given."
+        ) from error
+    if not scalar:
+        raise SceneError(f"Scene: the stored energy of {owner} must be a scalar.")

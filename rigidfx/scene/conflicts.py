@@ -1,0 +1,74 @@
+"""Which effects contradict each other, or the scheme, whatever the mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+from typing import Any
+
+from rigidfx import effects as fx
+from rigidfx.base.errors import SceneError
+from rigidfx.mechanics.schemes import Scheme
+
+__all__ = ["check_together", "overlap"]
+
+
+def check_together(effects: Sequence[fx.Effect], scheme: Scheme) -> None:
+    """Check what can be judged without the mesh: which effects go together, and with the scheme.
+
+    Args:
+        effects: All effects of a scene.
+        scheme: Its time integration scheme.
+
+    Raises:
+        SceneError: If one is no effect, or some contradict each other or the scheme.
+    """
+
+    def named(kind: type[fx.Effect]) -> list[Any]:
+        return [e for e in effects if isinstance(e, kind)]
+
+    known = (
+        fx.DeadLoad,
+        fx.Support,
+        fx.Pressure,
+        fx.Damping,
+        fx.PointMass,
+        fx.Spring,
+        fx.InitialVelocity,
+        fx.Preload,
+        fx.Rigid,
+        fx.Resultant,
+    )
+    for effect in effects:
+        if not isinstance(effect, known):
+            raise SceneError(f"Scene: {effect!r} is not an effect. See rigidfx.effects.")
+    if len(named(fx.Preload)) > 1:
+        raise SceneError("Scene: only one Preload makes sense; give it all static loads.")
+    damping = named(fx.NumericalDamping)
+    if damping and not scheme.damps:
+        raise SceneError(
+            f"Scene: numerical damping (22) goes with EnergyMomentum, not with "
+            f"{type(scheme).__name__}."
+        )
+    bodies = [r.where for r in named(fx.Rigid)]
+    if len(set(bodies)) != len(bodies) or (None in bodies and len(bodies) > 1):
+        raise SceneError("Scene: a cell can be in one Rigid body only.")
+    for resultant in named(fx.Resultant):
+        if resultant.where not in bodies:
+            raise SceneError(
+                f"Resultant: '{resultant.where}' is not the name of a Rigid body; there are "
+                f"{bodies or 'none'}."
+            )
+    if bodies and not scheme.couples:
+        raise SceneError(
+            f"Scene: {type(scheme).__name__} does not couple to rigid bodies; take "
+            "EnergyMomentum or Midpoint."
+        )
+    for a, b in combinations(damping, 2):
+        if overlap(a, b):
+            raise SceneError("Scene: two NumericalDamping effects overlap in time.")
+
+
+def overlap(a: fx.Windowed, b: fx.Windowed) -> bool:
+    """Whether two time windows have more than an instant in common."""
+    return max(a.since, b.since) < min(a.until, b.until)

@@ -1,0 +1,64 @@
+"""Where steps end: on a grid of nominal steps, and on every breakpoint."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Iterable, Mapping
+from math import floor
+
+from rigidfx.base.errors import SceneError
+from rigidfx.base.inputs import number, positive
+
+__all__ = ["Timeline"]
+
+
+class Timeline:
+    """The ends of the steps of a run.
+
+    Attributes:
+        dt: Nominal Δt at the start [s].
+        t_end: End of the run [s].
+        resolution: Times closer than this are the same [s].
+    """
+
+    def __init__(self, dt: float | Mapping[float, float], t_end: float) -> None:
+        """Check the numbers.
+
+        Args:
+            dt: Nominal Δt [s], or one from each of several times on, the first of them 0.
+            t_end: End of the run [s].
+
+        Raises:
+            SceneError: If one cannot be used.
+        """
+        steps = dict(dt) if isinstance(dt, Mapping) else {0.0: dt}
+        pairs = sorted(
+            (number("simulate", "a time of dt", t), number("simulate", "dt", own))
+            for t, own in steps.items()
+        )
+        if not pairs or pairs[0][0] != 0 or not all(own > 0 for _, own in pairs):
+            raise SceneError(
+                "simulate: dt must be a finite number > 0, or a dict of times to such numbers "
+                f"that begins with the time 0; got {dt!r}."
+            )
+        self.t_end = positive("simulate", "t_end", t_end)
+        self._times, self._steps = [t for t, _ in pairs], [own for _, own in pairs]
+        self.dt = self._steps[0]
+        self.resolution = 1e-9 * min(self._steps)
+        self._stops: list[float] = [*self._times[1:], self.t_end]
+
+    def stop_at(self, times: Iterable[float]) -> None:
+        """Add breakpoints [s]."""
+        self._stops = sorted({*self._stops, *times})
+
+    def over(self, t: float) -> bool:
+        """Whether the run is over at t [s]."""
+        return t >= self.t_end - self.resolution
+
+    def next(self, t: float) -> float:
+        """End of the step that begins at t [s]."""
+        k = bisect_right(self._times, t + self.resolution) - 1
+        begin, dt = self._times[k], self._steps[k]
+        target = begin + (floor((t + self.resolution - begin) / dt) + 1) * dt
+        stop = self._stops[bisect_right(self._stops, t + self.resolution)]
+        return stop if stop <= target + self.resolution else target

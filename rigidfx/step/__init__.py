@@ -1,0 +1,1 @@
+"""One time step: state in, result out."""

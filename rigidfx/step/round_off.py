@@ -1,0 +1,121 @@
+"""What rounding leaves: in the residual of a step, and in the strains that its solution gives.
+
+Both are judged by the stiffness of the undeformed scene. Not by that of the current state: near the
+collapse of a cell that one grows without bound, and any residual would pass for rounding.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from rigidfx.coupling.condensed_tangent import CondensedMatrix
+from rigidfx.coupling.mass import Mass
+from rigidfx.coupling.prolongation import Prolongation
+from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.mechanics.bodies import Motions
+from rigidfx.scene.scene import Scene
+from rigidfx.step.springs_and_drag import GroundForces
+
+__all__ = ["Rounding"]
+
+Array = npt.NDArray[np.float64]
+
+
+class Rounding:
+    """Rounding in the equations of one partition; `destroy` frees its work vector."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        forces: InternalForces,
+        tangent: CondensedMatrix,
+        mass: Mass | None,
+        prolongation: Prolongation,
+        ground: Sequence[GroundForces] = (),
+    ) -> None:
+        """Find the stiffness without deformation. Collective.
+
+        Args:
+            scene: The problem.
+            forces: Owner of the coefficients that the forms read.
+            tangent: Matrix of the form; overwritten.
+            mass: Mass operator, or None for statics.
+            prolongation: Map between unknowns and dofs.
+            ground: Springs and drag of the nodes.
+        """
+        self._forces, self._mass, self._ground = forces, mass, ground
+        self._cell_size = scene.mean_cell_size
+        self._comm, rows = prolongation.comm, prolongation.layout.rows
+        self._dofs, self._momentum = rows.dofs[prolongation.free], rows.vector()
+        self._stiffness = _undeformed_diagonal(forces, tangent)  # per unknown of this rank [N/m]
+        # Of bodies the translations tell: those of rotations grow with (V/ℓ)², where a heavy centre
+        # makes ℓ small without bound.
+        self._stiffness[self._dofs.size :].reshape(-1, 6)[:, 3:] = 0.0
+
+    def in_residual(
+        self,
+        dt: float,
+        v0: PETSc.Vec | None,
+        f_ext: PETSc.Vec,
+        start: Motions,
+    ) -> float:
+        """Size of what the residual at the present u₁ is the small difference of [N]. Collective.
+
+        Args:
+            dt: Δt [s]; of no meaning in statics.
+            v0: Velocity of the active nodes at the start of the step [m/s]; None in statics.
+            f_ext: External forces at the active nodes at the midpoint [N].
+            start: Motions of the bodies at the start of the step.
+        """
+        u1 = np.abs(self._forces.u1.x.array[self._dofs])
+        strained = self._forces.strain_noise * self._cell_size
+        moved = np.full(self._stiffness.size, strained)
+        moved[: u1.size] += u1
+        elastic = self._stiffness * moved
+        noise = float(np.sqrt(self._comm.allreduce(elastic @ elastic))) + f_ext.norm()
+        if self._mass is not None:
+            self._mass.mult(v0, self._momentum)
+            noise += 2 / dt * self._momentum.norm()
+        if len(start):
+            noise += 2 / dt * start.momentum_scale
+        return float(noise + sum(item.rounding for item in self._ground))
+
+    def in_strain(self, residual: float) -> float:
+        """Strain that a residual and rounding may leave in a cell. Collective.
+
+        The residual moves a node by no more than it would against the mean stiffness of a node;
+        without flexible cells it strains nothing.
+
+        Args:
+            residual: ‖R‖ of a solution [N].
+        """
+        sums = np.array([self._stiffness.sum(), self._stiffness.size])
+        total = self._comm.allreduce(sums, op=MPI.SUM)
+        moved = residual / total[0] * np.sqrt(total[1]) if total[0] > 0 else 0.0
+        eps = float(np.finfo(np.float64).eps)
+        return float(moved / self._cell_size + eps * self._forces.strain_noise)
+
+    def destroy(self) -> None:
+        """Free the work vector. Collective."""
+        self._momentum.destroy()
+
+
+def _undeformed_diagonal(forces: InternalForces, tangent: CondensedMatrix) -> Array:
+    """Diagonal of the tangent without deformation. Collective."""
+    functions = (forces.u0.x.array, forces.u1.x.array)
+    current = [array.copy() for array in functions]
+    for array in functions:
+        array[:] = 0.0
+    tangent.assemble()
+    tangent.finish()
+    for array, values in zip(functions, current, strict=True):
+        array[:] = values
+    diagonal = tangent.matrix.getDiagonal()
+    out = diagonal.array_r.copy()
+    diagonal.destroy()
+    return np.asarray(out)

@@ -1,0 +1,247 @@
+"""Which dofs the supports hold at a time, how they move, and what happens where a support begins.
+
+A support that begins on a moving node, or a prescribed motion that jumps in velocity, is an
+impact: the update of the velocity would otherwise ring for ever. The velocity is projected, in the
+metric of the mass, on what the support allows; the energy and the impulse of that go to the ledger.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+from petsc4py import PETSc
+
+from rigidfx.base.errors import SceneError, together
+from rigidfx.coupling.dof_layout import DofLayout
+from rigidfx.coupling.mass import Mass
+from rigidfx.coupling.prolongation import Prolongation
+from rigidfx.effects import PrescribedMotion, Spring, Support, Windowed
+from rigidfx.mechanics.rigid_body import mass_block
+from rigidfx.scene.scene import Scene
+from rigidfx.state import State
+from rigidfx.step.linear_solver import conjugate_gradients
+
+__all__ = ["Impact", "PrescribedDofs", "excludes_rigid_motion", "impose_velocity", "supports_of"]
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Impact:
+    """Velocity taken over from a support at an instant.
+
+    Attributes:
+        t: Time [s].
+        supports: Names of the supports that caused it.
+        energy: Change of kinetic energy [J]; negative is lost.
+        impulse: Impulse exerted on the structure, shape (3,) [N s].
+        angular_impulse: Its moment about the origin, shape (3,) [N m s].
+    """
+
+    t: float
+    supports: tuple[str, ...]
+    energy: float
+    impulse: Array
+    angular_impulse: Array
+
+
+class PrescribedDofs:
+    """The dofs held by the supports that act at one time.
+
+    Attributes:
+        active: The supports.
+        mask: For each owned dof, whether it is prescribed, shape (3 · owned nodes,).
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        active: tuple[Support, ...],
+        carried: Mapping[int, npt.NDArray[np.int32]] | None = None,
+    ) -> None:
+        """Find the dofs of the supports that act.
+
+        Args:
+            scene: The problem.
+            active: Supports.
+            carried: Further owned nodes, of bodies that a support moves, by its number.
+        """
+        self._scene = scene
+        self.active = active
+        owner = np.full(3 * scene.owned_nodes, -1, dtype=np.int32)
+        for k, support in reversed(list(enumerate(self.active))):
+            owner[dofs_of(scene, support)] = k
+        for k, nodes in (carried or {}).items():
+            owner[(3 * nodes[:, None] + np.arange(3)).reshape(-1)] = k
+        self.mask = owner >= 0
+        self._owner = owner[self.mask]
+        self._axis = (np.flatnonzero(self.mask) % 3).astype(np.int32)
+
+    def _spread(self, per_support: list[Array]) -> Array:
+        if not per_support:
+            return np.zeros(self._owner.size)
+        return np.asarray(np.stack(per_support)[self._owner, self._axis])
+
+    def increments(self, t0: float, t1: float) -> Array:
+        """Prescribed increments of the held dofs from t0 to t1 [m]. Collective."""
+        return self._ask(lambda s: s.displacement_at(t1) - s.displacement_at(t0), t1)
+
+    def velocities(self, t: float, dt: float) -> Array:
+        """Prescribed velocities of the held dofs just after t [m/s]. Collective."""
+        return self._ask(lambda s: s.velocity_at(t, dt), t)
+
+    def _ask(self, question: Callable[[Support], Array], t: float) -> Array:
+        """A vector of each support, spread over its dofs; what a user's function does is checked.
+
+        Raises:
+            SceneError: On every rank, if one fails or is not three finite numbers. Collective.
+        """
+
+        def answers() -> list[Array]:
+            out = []
+            for support in self.active:
+                name = f"{type(support).__name__} on '{support.where}'"
+                try:
+                    value = question(support)
+                except Exception as error:  # whatever a user's function may raise
+                    raise SceneError(
+                        f"{name}: its path failed near t = {t:g} s with "
+                        f"{type(error).__name__}: {error}"
+                    ) from error
+                if np.shape(value) != (3,) or not np.isfinite(value).all():
+                    raise SceneError(
+                        f"{name}: near t = {t:g} s its path or velocity is not three finite "
+                        f"numbers but {value}."
+                    )
+                out.append(value)
+            return out
+
+        if not any(isinstance(s, PrescribedMotion) for s in self.active):
+            return self._spread([question(s) for s in self.active])
+        return self._spread(together(self._scene.comm, "A support", answers))
+
+    def reactions(self, forces: Array, x: Array) -> tuple[Mapping[str, Array], Mapping[str, Array]]:
+        """Force that each support exerts on the structure, and its moment. Collective.
+
+        Args:
+            forces: Out-of-balance forces of the held dofs [N].
+            x: Positions of their nodes at the midpoint, shape (dofs, 3) [m].
+
+        Returns:
+            By the name of the support's set, shapes (3,) [N] and, about the origin, (3,) [N m].
+        """
+        vectors = np.zeros((forces.size, 3))
+        vectors[np.arange(forces.size), self._axis] = forces
+        both = np.hstack([vectors, np.cross(x, vectors)])
+        sums = [both[self._owner == k].sum(axis=0) for k in range(len(self.active))]
+        out: dict[str, Array] = {}
+        for support, total in zip(self.active, np.asarray(self._scene.sum(sums)), strict=True):
+            out[support.where] = out.get(support.where, 0.0) + total
+        return {k: v[:3] for k, v in out.items()}, {k: v[3:] for k, v in out.items()}
+
+
+def supports_of(acting: Sequence[Windowed]) -> tuple[Support, ...]:
+    """The supports among the effects that act."""
+    return tuple(effect for effect in acting if isinstance(effect, Support))
+
+
+def dofs_of(scene: Scene, support: Support) -> npt.NDArray[np.int64]:
+    """Owned dofs that a support holds while it acts."""
+    nodes = next(nodes for s, nodes in scene.supports if s is support)
+    owned = nodes[nodes < scene.owned_nodes].astype(np.int64)
+    return (3 * owned[:, None] + np.asarray(support.axes)).reshape(-1)
+
+
+def impose_velocity(
+    scene: Scene, state: State, mass: Mass, layout: DofLayout, velocities: Array
+) -> bool:
+    """Give the held dofs their prescribed velocity by an impact without rebound. Collective.
+
+    The impulse acts on held dofs only, so the momentum of all others stays: with Δv_s given,
+    (Lᵀ M L + bodies) Δy = -Lᵀ M Δv_s. For a lumped mass no other velocity changes.
+
+    Args:
+        scene: The problem.
+        state: Its velocities are changed.
+        mass: Mass operator.
+        layout: Division of the dofs for the supports that act now.
+        velocities: Prescribed velocities of the held dofs [m/s].
+
+    Returns:
+        Whether any velocity changed.
+    """
+    rows = layout.rows
+    prescribed = np.flatnonzero(layout.prescribed[rows.dofs])
+    dv, p = rows.vector(), rows.vector()
+    dv.set(0.0)
+    dv.array[prescribed] = velocities - state.v.x.array[rows.dofs[prescribed]]
+    changed = dv.norm(PETSc.NormType.INFINITY) > 0.0
+    if changed:
+        mass.mult(dv, p)
+        prolongation = Prolongation(layout, scene.comm)
+        rhs, dy = prolongation.unknowns(), prolongation.unknowns()
+        prolongation.pose(state.motions)
+        prolongation.restrict(p, np.zeros((len(layout.bodies), 6)), rhs)
+        rhs.scale(-1.0)
+        if rhs.norm() > 0.0:
+            _solve(prolongation, mass, state, rhs, dy)
+            y = prolongation.bodies_part(dy)
+            prolongation.apply(dy, y, dv.array_r[prescribed], dv)
+            state.motions = tuple(
+                replace(
+                    m,
+                    velocity=m.velocity + y[k, :3],
+                    angular_velocity_body=m.angular_velocity_body + m.R.T @ y[k, 3:] / body.length,
+                )
+                for k, (m, body) in enumerate(zip(state.motions, state.bodies, strict=True))
+            )
+        state.v.x.array[rows.dofs] += dv.array_r
+        state.v.x.scatter_forward()
+        rhs.destroy()
+        dy.destroy()
+    dv.destroy()
+    p.destroy()
+    return changed
+
+
+def _solve(
+    prolongation: Prolongation, mass: Mass, state: State, rhs: PETSc.Vec, dy: PETSc.Vec
+) -> None:
+    """Solve (Lᵀ M L + bodies) Δy = rhs by conjugate gradients. Collective."""
+    M = mass.matrix()
+    reduced = prolongation.condense(M)
+    pairs = zip(state.bodies, state.motions, strict=True)
+    blocks = [mass_block(body, motion) for body, motion in pairs]
+    prolongation.add_blocks(reduced, np.reshape(blocks, (-1, 6, 6)))
+    conjugate_gradients(reduced, rhs, dy)
+    reduced.destroy()
+    M.destroy()
+
+
+def excludes_rigid_motion(scene: Scene, prescribed: PrescribedDofs) -> bool:
+    """Whether held dofs and springs exclude every small rigid motion. Collective."""
+    n = scene.owned_nodes
+    X = scene.space.tabulate_dof_coordinates()[:n] - scene.centre_of_mass
+    size = scene.comm.allreduce(float(np.abs(X).max(initial=0.0)))
+    x, y, z = (X / size).T
+    zero, one = np.zeros(n), np.ones(n)
+    motions = (
+        (one, zero, zero),
+        (zero, one, zero),
+        (zero, zero, one),
+        (zero, -z, y),
+        (z, zero, -x),
+        (-y, x, zero),
+    )
+    modes = np.stack([np.stack(motion, axis=1).reshape(-1) for motion in motions])
+    gram = modes[:, prescribed.mask] @ modes[:, prescribed.mask].T
+    for spring in scene.named(Spring):
+        w = scene.shares(spring.where, "Spring")[:n]
+        nodal = modes.reshape(6, n, 3)
+        size = max(float(np.linalg.norm(spring.K)), 1e-300)
+        gram += np.einsum("ain,i,nm,bim->ab", nodal, (w > 0).astype(float), spring.K / size, nodal)
+    gram = np.asarray(scene.sum(gram))
+    return int(np.linalg.matrix_rank(gram, tol=1e-10 * max(float(np.trace(gram)), 1e-300))) == 6

@@ -1,0 +1,1 @@
+"""Apply a decision: exchange momenta and energy between cells and bodies."""

@@ -1,0 +1,174 @@
+"""Freeze cells as a rigid body, and give everything back: equations (34)-(43).
+
+At the freeze a body takes over the momenta of its nodes, by one 6×6 system. Their difference
+velocities from its rigid motion (40) and its deformed shape are kept in its frame; so its strain
+energy is kept as well, and the kinetic energy is that of the rigid motion plus that of the
+difference, exactly, because the latter has no momenta. At the release the nodes get
+
+    v = ṙ + ω × R V + R ΔV                                                                  (41)
+
+and momenta and total energy are what they were, however the body moved in between (42), (43). Any
+change of a body (growth, merging, loss of some cells) is a release of all bodies concerned and a
+new freeze in the same instant; handing ΔV to some of the nodes only would break all three balances.
+
+This holds for a lumped mass; with a consistent one velocities inside a body and outside are coupled
+by the mass, see `projection`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Set
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.mechanics.rigid_body import BodyMotion, Frozen, RigidBody
+from rigidfx.scene.scene import Scene
+from rigidfx.state import State
+from rigidfx.switch.mass_properties import mass_properties
+
+__all__ = ["Exchange", "LumpedExchange", "Selection", "freeze", "take_out"]
+
+
+@dataclass(frozen=True)
+class Selection:
+    """What is to become a body.
+
+    Attributes:
+        cells: Owned cells, sorted.
+        nodes: All owned nodes of these cells, sorted.
+        name: Name of the body.
+        number: Its number.
+        named: Sets of cells in it that are rigid always.
+    """
+
+    cells: npt.NDArray[np.int32]
+    nodes: npt.NDArray[np.int32]
+    name: str
+    number: int
+    named: tuple[str, ...]
+
+
+class Exchange(Protocol):
+    """Moves energy and momenta between nodes and bodies; both ways change the state only."""
+
+    def release(self, state: State, numbers: Set[int], prescribed: npt.NDArray[np.bool_]) -> None:
+        """Make the bodies of these numbers flexible. Collective.
+
+        Args:
+            state: Loses these bodies.
+            numbers: Numbers of bodies.
+            prescribed: For each owned dof, whether a support prescribes it.
+        """
+        ...
+
+    def freeze(self, state: State, what: Selection, prescribed: npt.NDArray[np.bool_]) -> bool:
+        """Make a body of cells; False if their inertia is singular. Collective.
+
+        Args:
+            state: Gains the body. Displacement and velocity of its nodes are up to date.
+            what: Cells and nodes.
+            prescribed: For each owned dof, whether a support prescribes it.
+        """
+        ...
+
+
+def freeze(
+    scene: Scene, forces: InternalForces, state: State, what: Selection
+) -> tuple[RigidBody, BodyMotion, bool]:
+    """A rigid body of cells in their present shape, with the momenta of its own mass. Collective.
+
+    Args:
+        scene: The problem.
+        forces: Internal forces, which know the stored energy.
+        state: Displacement and velocity, up to date at the nodes.
+        what: Cells and nodes.
+
+    Returns:
+        The body, its motion, and whether its inertia is singular, so that it cannot be a body.
+    """
+    n = scene.owned_nodes
+    u, v = (f.x.array[: 3 * n].reshape(-1, 3) for f in (state.u, state.v))
+    x = state.X[:n] + u
+    cells = forces.cells(what.cells)
+    p = mass_properties(scene, cells, what.nodes, x, v)
+    motion = BodyMotion(p.centre.copy(), np.eye(3), p.velocity, p.angular_velocity)
+    offsets = x[what.nodes] - p.centre
+    strain = float(fem.assemble_scalar(forces.bind_energy(cells)))
+    strain, size = scene.sum([strain, what.cells.size])
+    turning = p.angular_velocity @ p.inertia @ p.angular_velocity
+    rigid = 0.5 * float(p.mass * p.velocity @ p.velocity + turning)
+    body = RigidBody(
+        name=what.name,
+        cells=what.cells,
+        nodes=what.nodes,
+        offsets=offsets,
+        mass=p.mass,
+        inertia=p.inertia,
+        origin=p.centre,
+        number=what.number,
+        size=int(size),
+        named=what.named,
+        frozen=Frozen(
+            what.nodes,
+            v[what.nodes] - motion.velocities(offsets),
+            float(strain),
+            max(p.kinetic - rigid, 0.0),
+        ),
+    )
+    return body, motion, p.singular
+
+
+def take_out(state: State, numbers: Set[int]) -> list[tuple[RigidBody, BodyMotion]]:
+    """Take bodies out of the state; their nodes get their displacement. Collective.
+
+    Args:
+        state: Loses these bodies.
+        numbers: Numbers of bodies.
+
+    Returns:
+        The bodies and their motions.
+    """
+    pairs = list(zip(state.bodies, state.motions, strict=True))
+    kept = [pair for pair in pairs if pair[0].number not in numbers]
+    gone = [pair for pair in pairs if pair[0].number in numbers]
+    state.bodies = tuple(body for body, _ in kept)
+    state.motions = tuple(motion for _, motion in kept)
+    u = state.u.x.array.reshape(-1, 3)
+    for body, motion in gone:
+        u[body.nodes] = motion.positions(body.offsets) - state.X[body.nodes]
+    state.u.x.scatter_forward()
+    return gone
+
+
+class LumpedExchange:
+    """The exchange where each node has its own mass: nodes outside a body are not concerned."""
+
+    def __init__(self, scene: Scene, forces: InternalForces) -> None:
+        """Take the problem over.
+
+        Args:
+            scene: The problem.
+            forces: Internal forces.
+        """
+        self._scene, self._forces = scene, forces
+
+    def release(self, state: State, numbers: Set[int], prescribed: npt.NDArray[np.bool_]) -> None:
+        """See `Exchange`."""
+        v = state.v.x.array.reshape(-1, 3)
+        for body, motion in take_out(state, numbers):
+            v[body.nodes] = motion.velocities(body.offsets)
+            v[body.frozen.nodes] += body.frozen.velocities @ motion.R.T
+        state.v.x.scatter_forward()
+
+    def freeze(self, state: State, what: Selection, prescribed: npt.NDArray[np.bool_]) -> bool:
+        """See `Exchange`."""
+        body, motion, singular = freeze(self._scene, self._forces, state, what)
+        if not singular:
+            state.bodies = (*state.bodies, body)
+            state.motions = (*state.motions, motion)
+        return not singular

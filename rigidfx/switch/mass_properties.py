@@ -1,0 +1,105 @@
+"""Rigid-body data from the mass matrix of the flexible cells.
+
+With P the rigid motions of the body's nodes about a point, M_tot = Pᵀ M P, equation (35), holds
+mass, centre and inertia tensor: of the lumped masses of the body's nodes, or of the consistent
+matrix of its cells, whichever the flexible cells use. Momenta are conserved only if both are the
+same.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.coupling.mass import Mass, mass_operator
+from rigidfx.coupling.rows import Rows
+from rigidfx.flexible.internal_forces import Cells
+from rigidfx.mechanics.rotation import skew
+from rigidfx.scene.scene import Scene
+
+__all__ = ["MassProperties", "mass_properties"]
+
+Array = npt.NDArray[np.float64]
+
+THIN = 1e-10  # least over largest principal moment below which a body counts as a line
+
+
+@dataclass(frozen=True)
+class MassProperties:
+    """Mass, inertia and momenta of some nodes, as those of a rigid body.
+
+    Attributes:
+        mass: m [kg].
+        centre: Centre of mass, shape (3,) [m].
+        inertia: J about it, shape (3, 3) [kg m²].
+        velocity: Velocity of the centre that gives the nodes' linear momentum [m/s].
+        angular_velocity: ω that gives their angular momentum [rad/s]; zero if singular.
+        kinetic: Kinetic energy of the nodes' velocities [J].
+        singular: Whether the nodes lie on a line, so that they are no body.
+    """
+
+    mass: float
+    centre: Array
+    inertia: Array
+    velocity: Array
+    angular_velocity: Array
+    kinetic: float
+    singular: bool
+
+
+def mass_properties(
+    scene: Scene, cells: Cells, nodes: npt.NDArray[np.int32], x: Array, v: Array
+) -> MassProperties:
+    """Rigid-body data of cells and nodes, equations (34)-(39). Collective.
+
+    Args:
+        scene: The problem.
+        cells: Owned cells by subdomain id; their mass counts if it is consistent.
+        nodes: Owned nodes, sorted; their mass counts if it is lumped, point masses always.
+        x: Position of all owned nodes, shape (nodes, 3) [m].
+        v: Velocity of all owned nodes, shape (nodes, 3) [m/s].
+    """
+    total = np.asarray(scene.sum(np.r_[x[nodes].sum(axis=0), nodes.size]))
+    reference = total[:3] / max(total[3], 1.0)
+    rows = Rows(scene.space, nodes)
+    operator = mass_operator(scene, rows, cells, np.ones(nodes.size, dtype=bool))
+    M_tot, momentum, kinetic = _project(scene, operator, rows, x[nodes] - reference, v[nodes])
+    operator.destroy()
+    m = np.trace(M_tot[:3, :3]) / 3  # (36)
+    if not m > 0:
+        zero = np.zeros(3)
+        return MassProperties(0.0, reference, np.zeros((3, 3)), zero, zero, 0.0, True)
+    # M_θu = m ĉ, c the centre of mass seen from the reference point (37)
+    hat = M_tot[3:, :3] / m
+    c = 0.5 * np.array([hat[2, 1] - hat[1, 2], hat[0, 2] - hat[2, 0], hat[1, 0] - hat[0, 1]])
+    J = M_tot[3:, 3:] + m * skew(c) @ skew(c)  # (38), Steiner
+    J = 0.5 * (J + J.T)
+    moments = np.linalg.eigvalsh(J)
+    singular = not moments[0] > THIN * moments[2]
+    angular_velocity = np.zeros(3)
+    if not singular:
+        angular_velocity = np.linalg.solve(J, momentum[3:] - np.cross(c, momentum[:3]))
+    velocity = momentum[:3] / m
+    return MassProperties(float(m), reference + c, J, velocity, angular_velocity, kinetic, singular)
+
+
+def _project(
+    scene: Scene, operator: Mass, rows: Rows, arms: Array, v: Array
+) -> tuple[Array, Array, float]:
+    """Pᵀ M P, shape (6, 6), Pᵀ M v, shape (6,), about the reference point, ½ v·M v. Collective."""
+    mode, image = rows.vector(), rows.vector()
+    P = np.zeros((6, *arms.shape))
+    P[:3] = np.eye(3)[:, None, :]
+    P[3:] = np.cross(np.eye(3)[:, None, :], arms)
+    columns = []
+    for motion in (*P, v):
+        mode.array[:] = motion.reshape(-1)
+        operator.mult(mode, image)
+        columns.append(P.reshape(6, -1) @ image.array_r)
+    kinetic = 0.5 * float(scene.sum(mode.array_r @ image.array_r))  # the last motion is v
+    mode.destroy()
+    image.destroy()
+    product = np.asarray(scene.sum(np.stack(columns, axis=1)))
+    return product[:, :6], product[:, 6], kinetic
