@@ -7,6 +7,7 @@ products of gathered ones on rank 0, and reports the largest relative errors.
 from __future__ import annotations
 
 import functools
+from dataclasses import replace
 
 import numpy as np
 import parallel
@@ -16,16 +17,16 @@ from histories import show
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mpi4py import MPI
+from runs import prepared, step
 from scipy.sparse import csr_matrix
 from scipy.spatial.transform import Rotation
 
 import rigidfx as rf
 from rigidfx.coupling.condensed_tangent import CondensedMatrix
-from rigidfx.mechanics.bodies import Motions
+from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Step
-from rigidfx.mechanics.rigid_body import BodyMotion
+from rigidfx.mechanics.rigid_body import Body
 from rigidfx.mechanics.rotation import skew
-from rigidfx.step.stepper import Integrator
 
 # Its residual is a polynomial of the displacement, which differences differentiate to rounding.
 MATERIAL = rf.StVenantKirchhoff(rho=2.0, E=50.0, nu=0.3)
@@ -80,7 +81,7 @@ def gathered(A):
     return csr_matrix((entries, columns, np.r_[0, np.cumsum(counts)]), shape=shape)
 
 
-def nodal_map(prolongation, motions, theta, comm):
+def nodal_map(prolongation, bodies, theta, comm):
     """Dense L and P of all owned dofs on rank 0, from the kinematics alone. Collective.
 
     P is the derivative, by a complex step, of the displacement of nodes that move with Δr and θ; L
@@ -95,7 +96,7 @@ def nodal_map(prolongation, motions, theta, comm):
     L, P = np.zeros((2, rows, prolongation.size))
     for k, dof in enumerate(layout.rows.dofs[free]):
         L[row0 + dof, first + k] = P[row0 + dof, first + k] = 1.0
-    start = np.zeros(len(motions), dtype=np.int64)
+    start = np.zeros(len(bodies), dtype=np.int64)
     for place, k in enumerate(prolongation._mine):
         start[k] = first + free.size + 6 * place
     start = comm.allreduce(start)
@@ -103,7 +104,8 @@ def nodal_map(prolongation, motions, theta, comm):
     def rotation(t):
         return np.linalg.solve(np.eye(3) - skew(t) / 2, np.eye(3) + skew(t) / 2)
 
-    for k, (body, motion) in enumerate(zip(layout.bodies, motions, strict=True)):
+    for k, each in enumerate(bodies):
+        body, motion = each.data, each.motion
         at = slice(start[k], start[k] + 3), slice(start[k] + 3, start[k] + 6)
         h = 1e-30
         dR = [rotation(theta[k] + 1j * h * e).imag / h @ motion.R for e in np.eye(3)]
@@ -121,25 +123,24 @@ def condensation_errors(scene, seed):
     rng = np.random.default_rng(seed)
     comm = scene.comm
     errors = {}
-    with Integrator(scene, 0.1) as integrator:
-        system, forces = integrator._system, integrator._forces
+    with prepared(scene) as run:
+        stepper = run.stepper
+        system, forces = stepper.system, stepper.forces
         prolongation = system.equilibrium.prolongation
         part = system.layout
-        motions = tuple(
-            BodyMotion(
-                m.r,
-                Rotation.from_rotvec(rng.standard_normal(3)).as_matrix(),
-                m.velocity,
-                m.angular_velocity_body,
+        bodies = Bodies.of_each(
+            Body(
+                body.data,
+                replace(body.motion, R=Rotation.from_rotvec(rng.standard_normal(3)).as_matrix()),
             )
-            for m in integrator.state.motions
+            for body in stepper.state.bodies
         )
-        theta = rng.uniform(-1, 1, size=(len(motions), 3))
+        theta = rng.uniform(-1, 1, size=(len(bodies), 3))
         six = np.array(
             [np.r_[rng.standard_normal(3), b.length * t]
              for b, t in zip(part.bodies, theta, strict=True)]
         ).reshape(-1, 6)  # fmt: skip
-        prolongation.rotate(six, Step(Motions(part.ensemble, motions), 0.1))
+        prolongation.rotate(six, Step(bodies, 0.1))
         # Any state: the stiffness is evaluated in a field that depends on positions only, so that
         # it is the same on any number of ranks.
         X = scene.space.tabulate_dof_coordinates()
@@ -149,7 +150,7 @@ def condensation_errors(scene, seed):
         K = fem_petsc.assemble_matrix(whole.interior)
         K.assemble()
         full = gathered(K)
-        L, P = nodal_map(prolongation, motions, theta, comm)
+        L, P = nodal_map(prolongation, bodies, theta, comm)
         K.destroy()
         bound = forces.bind(part.flexible, part.interior, part.interface)
         reduced = {}
@@ -239,14 +240,14 @@ def tangent_error(scene, seed, size, dt=0.3, consistent=None):
         consistent: Replaces the setting of the equations if not None.
     """
     rng = np.random.default_rng(seed)
-    with Integrator(scene, dt) as integrator:
+    with prepared(scene, dt) as run:
         for _ in range(2):  # into a state with strains, velocities and rotations
-            integrator.step(integrator.state.t + dt)
-        system = integrator._system
+            step(run, dt)
+        system = run.stepper.system
         eq = system.equilibrium
         if consistent is not None:
             eq._tangent._interface._consistent = consistent
-        system.solve(integrator.state, dt)
+        system.solve(run.stepper.state, dt)
         prolongation = eq.prolongation
         free = prolongation.free.size
         y0 = eq._y.array_r.copy()
@@ -328,10 +329,10 @@ def test_without_the_thin_term_the_tangent_is_another():
 
 def test_a_solve_ends_at_its_solution():
     """Wherever a solver has looked last: displacements and forces are those of the unknowns."""
-    with Integrator(scene_with(ONE, "hexahedron", *PUSHES), 0.3) as integrator:
-        system = integrator._system
+    with prepared(scene_with(ONE, "hexahedron", *PUSHES), 0.3) as run:
+        system = run.stepper.system
         eq = system.equilibrium
-        system.solve(integrator.state, 0.3)
+        system.solve(run.stepper.state, 0.3)
         wanted = eq.d.array_r.copy(), eq.forces_out_of_balance.array_r.copy()
         elsewhere = _vector(eq.prolongation, 1.1 * eq._y.array_r)
         eq.residual(elsewhere, eq._r)
@@ -373,8 +374,8 @@ def main():
         cell = ("hexahedron", "tetrahedron")[seed % 2]
         scene = _with_support(random_boxes(rng), cell, rng, "lumped")
         errors.append(condensation_errors(scene, seed))
-        with Integrator(scene, 0.1) as integrator:
-            for body in integrator.state.bodies:
+        with prepared(scene) as run:
+            for body in run.stepper.state.bodies.of.records:
                 holders = comm.allgather(body.nodes.size > 0)
                 spans += sum(holders) == comm.size
     if comm.rank == 0:

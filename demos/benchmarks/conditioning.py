@@ -48,7 +48,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 import rigidfx
 from rigidfx.mechanics.rotation import skew
 from rigidfx.plot.curves import figure_of, on_first_rank, save
-from rigidfx.step.stepper import Integrator
+from rigidfx.scene.timeline import Timeline
+from rigidfx.simulation import prepare
 
 E, NU, RHO = 1e4, 0.3, 10.0  # Pa, 1, kg/m³; of the soft half
 DT = 0.1  # s
@@ -73,13 +74,14 @@ def scene(ratio: float, rigid: bool, short: bool) -> rigidfx.Scene:
 
 def tangent(problem: rigidfx.Scene) -> tuple[np.ndarray, np.ndarray]:
     """Dense tangent of the last step at its end, and the nodes' positions there."""
-    with Integrator(problem, DT) as integrator:
+    run, _ = prepare(problem, Timeline(DT, STEPS * DT))
+    with run.stepper as stepper:
         for k in range(STEPS):
-            integrator.step((k + 1) * DT)
-        matrix = integrator._system.equilibrium._tangent.matrix.convert("aij")
+            stepper.advance((k + 1) * DT)
+        matrix = stepper.system.equilibrium.matrix.convert("aij")
         dense = np.array(matrix[:, :])
         matrix.destroy()
-        x = integrator.state.X + integrator.state.u.x.array.reshape(-1, 3)
+        x = stepper.state.X + stepper.state.u.x.array.reshape(-1, 3)
     return dense, x
 
 

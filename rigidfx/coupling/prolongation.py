@@ -30,9 +30,8 @@ from scipy.sparse import csr_array
 
 from rigidfx.coupling.dof_layout import DofLayout
 from rigidfx.coupling.rows import mapped_matrix
-from rigidfx.mechanics.bodies import TRANSLATIONS, Motions
+from rigidfx.mechanics.bodies import TRANSLATIONS, Bodies
 from rigidfx.mechanics.body_step import Increments, Step
-from rigidfx.mechanics.rigid_body import BodyMotion, at_rest
 
 __all__ = ["Prolongation"]
 
@@ -73,7 +72,7 @@ class Prolongation:
         self._mine = np.flatnonzero(np.equal(self._owners, comm.rank))
         self._columns = self.free.size + 6 * len(self._mine)
         self.size = int(comm.allreduce(self._columns))
-        self.pose([at_rest(body) for body in layout.bodies])
+        self.pose(layout.ensemble.at_rest)
         by_node = free.reshape(-1, 3)
         broken = int(np.count_nonzero(by_node.any(axis=1) & ~by_node.all(axis=1)))
         self.nodal = comm.allreduce(broken) == 0
@@ -156,10 +155,9 @@ class Prolongation:
         self._z[free : free + self.prescribed.size] = imposed
         d.array[:] = self._A @ self._z
 
-    def pose(self, motions: Sequence[BodyMotion]) -> None:
+    def pose(self, bodies: Bodies) -> None:
         """Set L and P to those of θ = 0, where they agree and map velocities, equation (25)."""
-        start = Motions(self.layout.ensemble, motions)
-        self.rotate(np.zeros((len(motions), 6)), Step(start, 1.0))
+        self.rotate(np.zeros((len(bodies), 6)), Step(bodies, 1.0))
 
     def rotate(self, six: Array, step: Step) -> None:
         """Set the bodies' increments, and so L, to their unknowns, shape (bodies, 6)."""

@@ -24,8 +24,8 @@ import ufl
 from dolfinx import fem
 
 from rigidfx.flexible.kernels import Kernel
-from rigidfx.flexible.material_classes import group_cells
-from rigidfx.mechanics.schemes import deformation_gradient, second_piola_kirchhoff
+from rigidfx.flexible.material_classes import material_classes
+from rigidfx.mechanics.schemes import second_piola_kirchhoff
 from rigidfx.scene.scene import Scene
 
 __all__ = ["CauchyStress", "von_mises"]
@@ -46,19 +46,18 @@ class CauchyStress:
             scene: The problem.
         """
         self._u = fem.Function(scene.space)
-        groups = dict(enumerate(group_cells(scene), start=1))
+        classes = dict(enumerate(material_classes(scene), start=1))
         # Six components of J σ and J itself, together in one vector.
         space = fem.functionspace(scene.mesh, ("DG", 0, (len(SYMMETRIC) + 1,)))
-        dx = ufl.Measure(
-            "dx", domain=scene.mesh, metadata={"quadrature_degree": scene.quadrature_degree}
-        )
-        F = deformation_gradient(self._u)
+        dx = scene.cell_measure
+        F = scene.element.deformation_gradient(self._u)
+        C = scene.element.right_cauchy_green(self._u)
         form = ufl.Form([])
-        for i, group in groups.items():
-            tau = F * second_piola_kirchhoff(group.energy, F.T * F, group.parameters) * F.T
+        for i, of in classes.items():
+            tau = F * second_piola_kirchhoff(of.law.energy, C, of.law.parameters) * F.T
             values = ufl.as_vector([*(tau[ij] for ij in SYMMETRIC), ufl.det(F)])
             form += ufl.inner(values, ufl.TestFunction(space)) * dx(i)
-        cells = {i: group.cells for i, group in groups.items()}
+        cells = {i: of.cells for i, of in classes.items()}
         self._form = Kernel(form, [space], scene.mesh).bind(cells)
         self._integrals = np.zeros_like(fem.Function(space).x.array)
         owned = scene.mesh.topology.index_map(3).size_local

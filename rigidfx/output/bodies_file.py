@@ -50,16 +50,17 @@ def write_bodies(path: str | Path, scene: Scene, report: Report) -> None:
         SceneError: If the run has gone on since.
         OutputError: On every rank, if the file cannot be written.
     """
-    state, comm = report.state, scene.comm
-    if state.t != report.t:
+    if not report.current:
         raise SceneError(
-            f"write_bodies: the report is of t = {report.t:g} s, and the run has gone on to "
-            f"{state.t:g} s. Write the bodies before the next step."
+            f"write_bodies: the report is of t = {report.t:g} s, and the run has gone on. "
+            "Write the bodies before the next step."
         )
+    state, comm = report.state, scene.comm
     numbers = np.asarray(scene.mesh.topology.original_cell_index)
     attached = _touching_flexible(scene, state.body_numbers())
     bodies = []
-    for body, motion in zip(state.bodies, state.motions, strict=True):
+    for each in state.bodies:
+        body, motion = each.data, each.motion
         at = attached[body.nodes]
         interface = _sorted(comm, np.c_[state.X[body.nodes[at]], body.offsets[at]])
         bodies.append(

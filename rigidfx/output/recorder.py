@@ -228,7 +228,7 @@ class Recorder:
         return True
 
     def _write_events(self, report: Report) -> None:
-        if report.strain_rate is not None:
+        if report.finds_bodies:
             rows = [
                 {name: getattr(event, name) for name in EVENT}
                 | {name: getattr(change, name) for name in CHANGE}
@@ -242,7 +242,7 @@ class Recorder:
             _append(self.bodies, _body_columns(), [_body_row(report.t, b) for b in report.bodies])
 
     def _may_have_bodies(self, report: Report) -> bool:
-        return self._may_be_rigid or report.strain_rate is not None
+        return self._may_be_rigid or report.finds_bodies
 
     def _cell_fields(self, report: Report) -> dict[str, npt.NDArray[Any]]:
         """Fields on the cells, whole on rank 0. Collective."""

@@ -44,7 +44,7 @@ def phases(effects: Sequence[Effect]) -> list[str]:
         acting = [
             _short(e)
             for e in effects
-            if isinstance(e, Spring) or (isinstance(e, Windowed) and e.since <= begin < e.until)
+            if isinstance(e, Spring) or (isinstance(e, Windowed) and e.acts(begin))
         ]
         span = f"from {begin:g} s on" if end == inf else f"{begin:g} … {end:g} s"
         lines.append(f"{span}: {', '.join(acting) or 'nothing'}")

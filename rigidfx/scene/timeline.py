@@ -51,6 +51,14 @@ class Timeline:
         """Add breakpoints [s]."""
         self._stops = sorted({*self._stops, *times})
 
+    def same(self, a: float, b: float) -> bool:
+        """Whether two times [s] are the same instant."""
+        return abs(a - b) <= self.resolution
+
+    def after(self, t: float) -> float:
+        """A time just after t [s], at which what begins at t acts."""
+        return t + self.resolution
+
     def over(self, t: float) -> bool:
         """Whether the run is over at t [s]."""
         return t >= self.t_end - self.resolution

@@ -6,8 +6,6 @@ collapse of a cell that one grows without bound, and any residual would pass for
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
@@ -17,9 +15,9 @@ from rigidfx.coupling.condensed_tangent import CondensedMatrix
 from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.flexible.internal_forces import InternalForces
-from rigidfx.mechanics.bodies import Motions
+from rigidfx.mechanics.bodies import Bodies
 from rigidfx.scene.scene import Scene
-from rigidfx.step.springs_and_drag import GroundForces
+from rigidfx.step.actions import Actions
 
 __all__ = ["Rounding"]
 
@@ -36,7 +34,7 @@ class Rounding:
         tangent: CondensedMatrix,
         mass: Mass | None,
         prolongation: Prolongation,
-        ground: Sequence[GroundForces] = (),
+        actions: Actions,
     ) -> None:
         """Find the stiffness without deformation. Collective.
 
@@ -46,9 +44,9 @@ class Rounding:
             tangent: Matrix of the form; overwritten.
             mass: Mass operator, or None for statics.
             prolongation: Map between unknowns and dofs.
-            ground: Springs and drag of the nodes.
+            actions: What acts on nodes and bodies.
         """
-        self._forces, self._mass, self._ground = forces, mass, ground
+        self._forces, self._mass, self._actions = forces, mass, actions
         self._cell_size = scene.mean_cell_size
         self._comm, rows = prolongation.comm, prolongation.layout.rows
         self._dofs, self._momentum = rows.dofs[prolongation.free], rows.vector()
@@ -62,7 +60,7 @@ class Rounding:
         dt: float,
         v0: PETSc.Vec | None,
         f_ext: PETSc.Vec,
-        start: Motions,
+        start: Bodies,
     ) -> float:
         """Size of what the residual at the present u₁ is the small difference of [N]. Collective.
 
@@ -70,7 +68,7 @@ class Rounding:
             dt: Δt [s]; of no meaning in statics.
             v0: Velocity of the active nodes at the start of the step [m/s]; None in statics.
             f_ext: External forces at the active nodes at the midpoint [N].
-            start: Motions of the bodies at the start of the step.
+            start: Bodies of the bodies at the start of the step.
         """
         u1 = np.abs(self._forces.u1.x.array[self._dofs])
         strained = self._forces.strain_noise * self._cell_size
@@ -83,7 +81,7 @@ class Rounding:
             noise += 2 / dt * self._momentum.norm()
         if len(start):
             noise += 2 / dt * start.momentum_scale
-        return float(noise + sum(item.rounding for item in self._ground))
+        return float(noise + self._actions.rounding)
 
     def in_strain(self, residual: float) -> float:
         """Strain that a residual and rounding may leave in a cell. Collective.
