@@ -93,7 +93,7 @@ def discrete_gradient(energy: Energy, p: dict[str, Any], C0: Any, C1: Any) -> An
 
 
 class Scheme(Protocol):
-    """What a time integration scheme provides.
+    """A time integration scheme: the virtual work of a step, and three flags.
 
     Attributes:
         conserving: Whether energy is conserved for ξ = 0 whatever the step.
