@@ -87,9 +87,9 @@ class Domain:
     def __del__(self) -> None:
         """Let the mesh go where no exception is under way.
 
-        `Scene(box(...), material, [Rigid(3)])` drops the box while its error is on the way, and
-        mpi4py, as the mesh's communicator goes, would take that error for its own and keep a lock
-        (4.0): the process would never end. In a finalizer Python sets exceptions aside.
+        `Scene(box(...), material, [Rigid(3)])` drops the box while its error is on the way. As the
+        mesh's communicator is freed, mpi4py 4.0 would take that error for its own and keep a lock:
+        the process would never end. In a finalizer Python sets exceptions aside.
         """
         vars(self).pop("mesh", None)
 
@@ -109,7 +109,7 @@ class Domain:
 
         Args:
             name: Physical name.
-            dims: Dimensions that will do; if the name has several, the first one here wins.
+            dims: Admissible dimensions; if the name has several, the first one here wins.
             wanted_by: Who asks, for the message.
 
         Raises:

@@ -1,7 +1,7 @@
 """Strain rates of the flexible cells in a step: equation (24).
 
 Both measures come from ∫ ΔE:ΔE dV0 per cell, E the Green-Lagrange strain, by the quadrature rule of
-the internal forces. E does not see rigid motion, so neither do they.
+the internal forces. Rigid motion changes neither E nor, therefore, either measure.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class StrainRates:
     def bind(self, flexible: Cells) -> None:
         """Measure these cells from now on; all others have the strain rate zero.
 
-        Those that were measured in the last step keep the strain rate of it.
+        Cells that were bound before keep the strain rate of the last step.
 
         Args:
             flexible: Owned cells by subdomain id.

@@ -6,14 +6,14 @@ A cell's stress is the mean over its deformed volume v,
 
 by the quadrature rule of the internal forces: a homogeneous stress is given exactly, a linear one
 by its value at the centre, which is where first-order cells are at their best. Nothing is smoothed
-between cells, so what jumps there tells how good the mesh is. A cell that alone makes up the
-thickness of something bent shows no stress of bending.
+between cells, so the jumps there tell how good the mesh is. A single cell across the thickness of a
+bent part shows no stress of bending.
 
 Cells of rigid bodies are no exception. Their nodes follow the body, F = R F_frozen, so they keep
-the stress they were frozen with, turned with the body: σ = R σ_frozen Rᵀ.
+the stress they were frozen with, rotated with the body: σ = R σ_frozen Rᵀ.
 
-It is the elastic stress at an instant, of the stored energy W. Neither the stress of damping is in
-it, nor is it the mean over a step that the energy-momentum method balances forces with.
+The stress is the elastic one at an instant, that of the stored energy W. It holds no stress of
+damping, and it is not the mean over a step by which the energy-momentum method balances forces.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ PLACES = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])  # where each of all nine i
 
 
 class CauchyStress:
-    """Measures the stress of all cells. Compiled once, when it is made."""
+    """Measures the stress of all cells. Its form is compiled once, at construction."""
 
     def __init__(self, scene: Scene) -> None:
         """Compile the form. Collective.
@@ -67,7 +67,7 @@ class CauchyStress:
         """Cauchy stress of each owned cell, shape (cells, 3, 3) [Pa].
 
         Args:
-            u: Displacement, of the nodes inside bodies as well: see `State.rebuild`.
+            u: Displacement, up to date inside bodies too: see `State.rebuild`.
         """
         self._u.x.array[:] = u.x.array
         self._integrals[:] = 0.0

@@ -99,7 +99,7 @@ class Law:
 
 
 class Scheme(Protocol):
-    """What a time integration scheme provides.
+    """A time integration scheme: the virtual work of a step, and three flags.
 
     Attributes:
         conserving: Whether energy is conserved for ξ = 0 whatever the step.

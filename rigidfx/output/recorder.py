@@ -1,4 +1,4 @@
-"""What a run leaves in its folder: a row per step in history.csv, and fields for ParaView.
+"""The files of a run: a row per step in history.csv, and fields for ParaView.
 
     folder/history.csv     one row per step, flushed at once, numbers in full precision
     folder/events.csv      one row per body that was frozen, changed or released; only if there may
@@ -85,7 +85,7 @@ BODY = ("centre", "velocity", "angular_velocity", "rotation")
 class Recorder:
     """Writes the reports of a run into a folder; a context manager.
 
-    Only rank 0 writes. What a former run has left in the folder under the same names is replaced.
+    Only rank 0 writes. Files of a former run under the same names are replaced.
 
     Example:
         >>> with Recorder(scene, "out/frame", interval=0.1) as recorder:   # doctest: +SKIP
@@ -110,8 +110,8 @@ class Recorder:
         Args:
             scene: The problem that is run.
             folder: Folder for the output; made if it does not exist.
-            every: Fields are written at every so many steps, so that output is a small part of
-                the run; history.csv has a row for each step in any case ...
+            every: Number of steps from one output of the fields to the next, so that output is a
+                small part of the run; history.csv has a row for each step in any case ...
             interval: ... or, if given, at the first step that ends at or after each multiple of
                 this time [s]. The last state is written in any case.
             stress: Whether stresses are among the fields. If not, none is computed or compiled.
@@ -210,7 +210,8 @@ class Recorder:
     ) -> None:
         """Write the fields of the last step, and close.
 
-        After a StepError too, which all ranks raise alike. Any other error may be one rank's own.
+        They are written after a StepError too, which all ranks raise alike; any other error may be
+        one rank's own.
         """
         try:
             together = error is None or isinstance(error, StepError)
