@@ -159,13 +159,13 @@ def _history(scene, dt, t_end):
 def _ownership(scene):
     """For each rank: its cells, its flexible cells, and its cells and nodes of each body."""
     with Integrator(scene, 0.1) as integrator:
-        part = integrator._system.layout
+        part = integrator.system.layout
         mine = {
             "cells": int(scene.mesh.topology.index_map(3).size_local),
             "flexible": int(sum(c.size for c in part.flexible.values())),
             "of bodies": [int(b.cells.size) for b in part.bodies],
             "attached": [int(at.size) for at in part.attached],
-            "unknowns of bodies": len(integrator._system.equilibrium.prolongation._mine),
+            "unknowns of bodies": int(integrator.system.equilibrium.prolongation.owned_bodies.size),
         }
         return scene.comm.gather(mine)
 

@@ -121,6 +121,11 @@ class Integrator:
         return (*later, np.inf)
 
     @property
+    def system(self) -> System:
+        """The equations of motion of the current layout."""
+        return self._system
+
+    @property
     def unknowns(self) -> int:
         """Number of unknowns of the current layout."""
         return self._system.equilibrium.prolongation.size
