@@ -133,7 +133,7 @@ def _kind(pattern: bsr_array, nodes: int, left: bool, right: bool) -> Kind:
     return Kind(left, right, row[first], column[first], places.reshape(shape))
 
 
-def _unknowns(kind: Kind, unknowns: tuple[Ints, Ints]) -> list[Ints]:
+def _unknowns(kind: Kind, unknowns: tuple[Ints, Ints]) -> tuple[Ints, ...]:
     """Unknowns of the rows and of the columns of each 3×3 block that `condensed` gives.
 
     Args:
@@ -141,4 +141,4 @@ def _unknowns(kind: Kind, unknowns: tuple[Ints, Ints]) -> list[Ints]:
         unknowns: Those of nodes, shape (nodes, 1, 3), and of bodies, shape (bodies, 2, 3).
     """
     row, column = unknowns[kind.left][kind.row], unknowns[kind.right][kind.column]
-    return np.broadcast_arrays(row[:, :, None], column[:, None])
+    return tuple(np.broadcast_arrays(row[:, :, None], column[:, None]))
