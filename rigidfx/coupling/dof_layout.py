@@ -1,6 +1,6 @@
-"""Who moves how: free dofs, dofs held by supports, nodes carried by rigid bodies.
+"""Who moves how: free dofs, dofs that supports prescribe, nodes that rigid bodies move.
 
-A partition is made once for a set of flexible cells, bodies and supports, and everything a step
+A layout is made once for a set of flexible cells, bodies and supports, and everything a step
 works on is sized by it. A node that belongs to a body and to a flexible cell is *attached*: the
 flexible cells pull at it, the body moves it. The other nodes of a body are of no concern to a step:
 they have no rows, and cost nothing.
@@ -147,10 +147,10 @@ def nodes_of(scene: Scene, cells: Cells) -> npt.NDArray[np.bool_]:
     return mark.x.array[::3] > 0
 
 
-def _split(scene: Scene, flexible: Cells, carried: npt.NDArray[np.int64]) -> tuple[Cells, Cells]:
-    """Flexible cells without and with nodes of bodies. Collective."""
+def _split(scene: Scene, flexible: Cells, moved: npt.NDArray[np.int64]) -> tuple[Cells, Cells]:
+    """Interior and interface cells: without and with nodes that bodies move. Collective."""
     mark = fem.Function(scene.space)
-    mark.x.array[3 * carried] = 1.0
+    mark.x.array[3 * moved] = 1.0
     mark.x.scatter_forward()
     of_body = mark.x.array[::3] > 0
     dofs = scene.space.dofmap.list

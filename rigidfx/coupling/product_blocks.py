@@ -2,22 +2,21 @@
 
 The product has rows and columns of nodes, three each, and of bodies, twelve each. Those of nodes
 are unknowns; those of bodies become their six unknowns by two matrices of shape (12, 6) for each
-body, L on the left, P on the right. So there are four kinds of blocks: a node's row in a node's
-column, which goes where it belongs as it is, a node's and a body's, a body's and a node's, and
-those of two bodies. Each kind is gathered by index and multiplied at once.
+body, L on the left, P on the right. So there are blocks of three kinds, a node's rows in a body's
+columns, a body's in a node's and a body's in a body's. Each kind is gathered by index and
+multiplied at once, however many bodies there are.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 from scipy.sparse import bsr_array, csr_array
 
-__all__ = ["ProductBlocks"]
+__all__ = ["BlockPlaces", "ProductBlocks"]
 
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -59,6 +58,35 @@ class Kind:
         return K.reshape(n, rows // 3, 3, columns // 3, 3).swapaxes(2, 3).reshape(-1)
 
 
+class BlockPlaces:
+    """Where 3×3 blocks go in a reduced matrix."""
+
+    def __init__(self, row: Ints, column: Ints, nodal: bool) -> None:
+        """Prepare what PETSc is told.
+
+        Args:
+            row: Unknowns of the rows of each block, shape (blocks, 3); values of those below zero
+                are dropped.
+            column: Those of its columns.
+            nodal: Whether free dofs come in whole nodes, so that the reduced matrix has blocks.
+        """
+        self._nodal = nodal
+        if nodal:
+            row, column = row[:, 0] // 3, column[:, 0] // 3
+        else:
+            row = np.repeat(row.reshape(-1), 3)
+            column = np.repeat(column, 3, axis=0).reshape(-1)
+        starts = np.flatnonzero(np.diff(row, prepend=-2))  # a row is told once in a run
+        self._rows = row[starts].astype(Int)
+        self._offsets = np.r_[starts, row.size].astype(Int)
+        self._columns = column.astype(Int)
+
+    def add(self, matrix: PETSc.Mat, values: Array) -> None:
+        """Add the blocks' values, nine each, to a matrix, which is to be assembled then."""
+        add = matrix.setValuesBlockedIJV if self._nodal else matrix.setValuesIJV
+        add(self._offsets, self._columns, values, PETSc.InsertMode.ADD_VALUES, self._rows)
+
+
 class ProductBlocks:
     """Where the values of a product go."""
 
@@ -69,39 +97,17 @@ class ProductBlocks:
             C: The product: its rows and columns are of the nodes, then of the bodies.
             of_nodes: Unknown of each of a node's dofs, -1 if it is none, shape (nodes, 3).
             of_bodies: The unknowns of each body, shape (bodies, 6).
-            nodal: Whether free dofs come in whole nodes, so that the reduced matrix has blocks.
+            nodal: As `BlockPlaces` takes it.
         """
         indptr, columns, values = C.getValuesCSR()
         places = csr_array((np.arange(values.size), columns, indptr), shape=C.size)
         pattern = places.tobsr((3, 3))
-        sides = product((False, True), repeat=2)
+        sides = (False, True), (True, False), (True, True)
         self._kinds = [_kind(pattern, len(of_nodes), left, right) for left, right in sides]
         unknowns = of_nodes[:, None], of_bodies.reshape(-1, 2, 3)
-        self._nodal = nodal
-        self._number(
-            *(
-                np.concatenate([side.reshape(-1, 3) for side in both])
-                for both in zip(*(_unknowns(kind, unknowns) for kind in self._kinds), strict=True)
-            )
-        )
-
-    def _number(self, row: Ints, column: Ints) -> None:
-        """Prepare what PETSc is told of rows and columns.
-
-        Args:
-            row: Unknowns of the rows of each 3×3 block, shape (blocks, 3); PETSc drops those below
-                zero.
-            column: Those of its columns.
-        """
-        if self._nodal:
-            row, column = row[:, 0] // 3, column[:, 0] // 3
-        else:
-            row = np.repeat(row.reshape(-1), 3)
-            column = np.repeat(column, 3, axis=0).reshape(-1)
-        starts = np.flatnonzero(np.diff(row, prepend=-2))  # a row is told once in a run
-        self._rows = row[starts].astype(Int)
-        self._offsets = np.r_[starts, row.size].astype(Int)
-        self._columns = column.astype(Int)
+        numbers = zip(*(_unknowns(kind, unknowns) for kind in self._kinds), strict=True)
+        row, column = (np.concatenate([n.reshape(-1, 3) for n in side]) for side in numbers)
+        self._places = BlockPlaces(row, column, nodal)
 
     def insert_into(self, matrix: PETSc.Mat, C: PETSc.Mat, L: Array, P: Array) -> None:
         """Add diag(1, L)ᵀ C diag(1, P) to a reduced matrix, which is to be assembled then.
@@ -113,9 +119,8 @@ class ProductBlocks:
             P: Shape (bodies, 12, 6).
         """
         values, LT = C.getValuesCSR()[2], L.swapaxes(1, 2)
-        out = np.concatenate([kind.condensed(values, LT, P) for kind in self._kinds])
-        add = matrix.setValuesBlockedIJV if self._nodal else matrix.setValuesIJV
-        add(self._offsets, self._columns, out, PETSc.InsertMode.ADD_VALUES, self._rows)
+        blocks = [kind.condensed(values, LT, P) for kind in self._kinds]
+        self._places.add(matrix, np.concatenate(blocks))
 
 
 def _kind(pattern: bsr_array, nodes: int, left: bool, right: bool) -> Kind:
