@@ -166,7 +166,7 @@ def _ownership(scene):
             "flexible": int(sum(c.size for c in part.flexible.values())),
             "of bodies": [int(b.cells.size) for b in part.bodies],
             "attached": [int(at.size) for at in part.attached],
-            "unknowns of bodies": len(system.equilibrium.prolongation._mine),
+            "unknowns of bodies": int(system.equilibrium.prolongation.owned_bodies.size),
         }
         return scene.comm.gather(mine)
 

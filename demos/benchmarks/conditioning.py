@@ -78,7 +78,7 @@ def tangent(problem: rigidfx.Scene) -> tuple[np.ndarray, np.ndarray]:
     with run.stepper as stepper:
         for k in range(STEPS):
             stepper.advance((k + 1) * DT)
-        matrix = stepper.system.equilibrium.matrix.convert("aij")
+        matrix = stepper.system.equilibrium.tangent_matrix.convert("aij")
         dense = np.array(matrix[:, :])
         matrix.destroy()
         x = stepper.state.X + stepper.state.u.x.array.reshape(-1, 3)

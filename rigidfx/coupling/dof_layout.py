@@ -1,6 +1,6 @@
-"""Who moves how: free dofs, dofs that supports prescribe, nodes that move with rigid bodies.
+"""Who moves how: free dofs, dofs that supports prescribe, nodes that rigid bodies move.
 
-A dof layout is made once for a set of flexible cells, bodies and supports, and everything a step
+A layout is made once for a set of flexible cells, bodies and supports, and everything a step
 works on is sized by it. A node that belongs to a body and to a flexible cell is *attached*: the
 flexible cells pull at it, the body moves it. The other nodes of a body are of no concern to a step:
 they have no rows, and cost nothing.
@@ -156,7 +156,7 @@ def nodes_of(scene: Scene, cells: Cells) -> npt.NDArray[np.bool_]:
 
 
 def _split(scene: Scene, flexible: Cells, of_bodies: npt.NDArray[np.int64]) -> tuple[Cells, Cells]:
-    """Flexible cells without and with nodes of bodies. Collective."""
+    """Interior and interface cells: without and with nodes that bodies move. Collective."""
     mark = fem.Function(scene.space)
     mark.x.array[3 * of_bodies] = 1.0
     mark.x.scatter_forward()

@@ -29,7 +29,7 @@ class Mass(Protocol):
     """What a mass operator does."""
 
     def mult(self, v: PETSc.Vec, out: PETSc.Vec) -> None:
-        """Out = M v."""
+        """Evaluate out = M v."""
         ...
 
     def add_to(self, tangent: CondensedMatrix, factor: float, prolongation: Prolongation) -> None:
@@ -60,7 +60,7 @@ class LumpedMass:
         self._reduced: PETSc.Vec | None = None
 
     def mult(self, v: PETSc.Vec, out: PETSc.Vec) -> None:
-        """Out = M v."""
+        """Evaluate out = M v."""
         out.pointwiseMult(self._diagonal, v)
 
     def add_to(self, tangent: CondensedMatrix, factor: float, prolongation: Prolongation) -> None:
@@ -115,7 +115,8 @@ class ConsistentMass:
             scene: The problem.
             rows: Those of the nodes of the cells.
             cells: Flexible cells: what is added to tangents.
-            driven: Further cells whose dofs are all held: they count in products with vectors.
+            driven: Further cells whose dofs are all prescribed: they count in products with
+                vectors.
             points: Point mass of each of the nodes [kg]; none if None.
         """
         v, w = ufl.TrialFunction(scene.space), ufl.TestFunction(scene.space)
@@ -140,7 +141,7 @@ class ConsistentMass:
         self._condensed: CondensedMatrix | None = None
 
     def mult(self, v: PETSc.Vec, out: PETSc.Vec) -> None:
-        """Out = M v."""
+        """Evaluate out = M v."""
         self._matrix.mult(v, out)
 
     def add_to(self, tangent: CondensedMatrix, factor: float, prolongation: Prolongation) -> None:

@@ -111,7 +111,6 @@ class Equilibrium:
         mass: Mass | None,
         prolongation: Prolongation,
         actions: Actions,
-        consistent: bool = True,
     ) -> None:
         """Create matrices, vectors and the SNES. Collective.
 
@@ -122,7 +121,6 @@ class Equilibrium:
             mass: Mass operator, or None for statics.
             prolongation: Map between unknowns and dofs.
             actions: What acts on nodes and bodies.
-            consistent: Whether the tangent is consistent with L; see `CondensedMatrix`.
         """
         self.prolongation = prolongation
         self._forces, self._bound, self._mass = forces, bound, mass
@@ -130,7 +128,7 @@ class Equilibrium:
         self._rows = prolongation.layout.rows
         self._reached = prolongation.layout.reached
         self._b = fem.Function(scene.space)
-        self._tangent = CondensedMatrix(prolongation, bound.interior, bound.interface, consistent)
+        self._tangent = CondensedMatrix(prolongation, bound.interior, bound.interface)
         self.d, self.forces_out_of_balance, self._work, self._inertia = (
             self._rows.vector() for _ in range(4)
         )
@@ -205,7 +203,7 @@ class Equilibrium:
             self._snes.setUseEW(False)
             reason, remark = self._iterate(guesses), " (solved tightly)"
             self._snes.setUseEW(True)
-        self._return_to(self._y)
+        self.return_to(self._y)
         converged = reason > 0
         ksp = self._snes.getKSP()
         return Solution(
@@ -243,7 +241,7 @@ class Equilibrium:
         u1.array[dofs] = self._forces.u0.x.array[dofs] + self.d.array_r
         u1.scatter_forward()
 
-    def _return_to(self, y: PETSc.Vec) -> None:
+    def return_to(self, y: PETSc.Vec) -> None:
         """Have d, u₁ and forces belong to these unknowns, as a rule the last ones. Collective.
 
         A solver of the user's, chosen by PETSc's options, may have looked elsewhere last.
@@ -305,8 +303,13 @@ class Equilibrium:
         return blocks
 
     @property
-    def matrix(self) -> PETSc.Mat:
-        """The reduced tangent of the last iterate."""
+    def unknowns(self) -> PETSc.Vec:
+        """Unknowns y of the last solve [m]; not to be changed."""
+        return self._y
+
+    @property
+    def tangent_matrix(self) -> PETSc.Mat:
+        """The reduced tangent as `tangent` has left it [N/m]."""
         return self._tangent.matrix
 
     @property
