@@ -152,7 +152,7 @@ class Policy:
     def _window_ends(self, seen: Observation) -> bool:
         """Whether the window has its length. Collective."""
         t, criterion, memory = seen.t, self._criterion, self.memory
-        length, resolution = t - memory.window.begin, self._timeline.resolution
+        length, resolution = t - memory.window.start, self._timeline.resolution
         if t <= criterion.since + resolution or t >= criterion.until - resolution:
             return False
         if criterion.window == "auto":
@@ -253,7 +253,7 @@ class Policy:
         memory, t = self.memory, seen.t
         memory.next_number = decision.next_number
         if decision.qualified is not None:
-            memory.back_off.window_ended(decision.qualified, t - memory.window.begin)
+            memory.back_off.window_ended(decision.qualified, t - memory.window.start)
         if changed:
             rigid = self._numbers(seen) != NONE
             hasty = memory.back_off.switched(rigid, t, counts=decision.reason != PLANNED)

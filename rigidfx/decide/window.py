@@ -14,19 +14,19 @@ class Window:
     """Largest strain rate of each cell since the window began.
 
     Attributes:
-        begin: Time at which it began [s].
+        start: Time at which it began [s].
         worst: Per owned cell [1/s].
         steps: Number of steps observed.
     """
 
-    def __init__(self, cells: int, begin: float) -> None:
+    def __init__(self, cells: int, start: float) -> None:
         """A window that begins.
 
         Args:
             cells: Number of owned cells.
-            begin: Time [s].
+            start: Time [s].
         """
-        self.begin, self.worst, self.steps = begin, np.zeros(cells), 0
+        self.start, self.worst, self.steps = start, np.zeros(cells), 0
 
     def add(self, cells: npt.NDArray[np.int32], rates: Array) -> None:
         """Observe a step.

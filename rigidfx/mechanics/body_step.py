@@ -123,8 +123,8 @@ class Increments:
     @cached_property
     def pi1(self) -> Array:
         """π1, angular momenta at the end about the centres, shape (bodies, 3) [kg m²/s]."""
-        turned = self.theta[:, None] @ self.step.spun
-        return times(self.R1, turned[:, 0] - self.start.own_momentum)
+        gained = self.theta[:, None] @ self.step.spun
+        return times(self.R1, gained[:, 0] - self.start.own_momentum)
 
     def end(self) -> Bodies:
         """The bodies at the end of the step."""
@@ -162,9 +162,9 @@ class Increments:
         np.divide(rotation, self.start.of.square_length, out=G[:, 3:, 3:])
         return G
 
-    # Nodes of a body. With arms [1, V], shape (n, 4), everything that happens to them goes through
-    # one small matrix, shape (4, 3): displacements are arms @ matrix, forces f enter as their
-    # moments armsᵀ f, with F = Σ f in the first row and A = Σ V fᵀ below. L and P say how its
+    # Nodes of a body. With body-fixed coordinates a = [1, V], shape (n, 4), everything that happens
+    # to them goes through one matrix, shape (4, 3): displacements are a @ matrix, forces f enter as
+    # their moments aᵀ f, with F = Σ f in the first row and A = Σ V fᵀ below. L and P say how its
     # twelve numbers, row by row, depend on the body's six unknowns.
 
     @cached_property
@@ -177,14 +177,14 @@ class Increments:
     @cached_property
     def L(self) -> Array:
         """Of the displacements Δr + θ × v_av, eqs. (5) and (13); shape (bodies, 12, 6) [1, 1/m]."""
-        return self._followed(self._arms_of(self.R_av))
+        return self._followed(self._levers(self.R_av))
 
     @cached_property
     def P(self) -> Array:
         """Derivative of `displacement`: δr + T δθ × v₁; shape (bodies, 12, 6) [1, 1/m]."""
-        return self._followed(self._arms_of(self.R1) @ self.T)
+        return self._followed(self._levers(self.R1) @ self.T)
 
-    def _arms_of(self, R: Array) -> Array:
+    def _levers(self, R: Array) -> Array:
         """-v̂/ℓ of the columns v of matrices R, shape (bodies, 9, 3) [1/m]."""
         return (R.swapaxes(1, 2) @ self.start.of.skews).reshape(-1, 9, 3)
 

@@ -66,7 +66,7 @@ class Timeline:
     def next(self, t: float) -> float:
         """End of the step that begins at t [s]."""
         k = bisect_right(self._times, t + self.resolution) - 1
-        begin, dt = self._times[k], self._steps[k]
-        target = begin + (floor((t + self.resolution - begin) / dt) + 1) * dt
+        start, dt = self._times[k], self._steps[k]
+        target = start + (floor((t + self.resolution - start) / dt) + 1) * dt
         stop = self._stops[bisect_right(self._stops, t + self.resolution)]
         return stop if stop <= target + self.resolution else target

@@ -4,7 +4,7 @@ At a large rotation per step the tangents of the motion lead far away from it an
 that with iterations. The mean rigid motion of what is left flexible and of the bodies, c and ω from
 their momenta, is therefore continued exactly as the step would continue it if all were one free
 rigid body: by the Cayley vector θ that keeps the angular momentum, R₁ J (2θ/Δt - ω) = J ω. Δt ω is
-that only where ω is a principal axis; a stiff body that is turned by a wrong angle, even a little,
+that only where ω is a principal axis; a stiff body that rotates by a wrong angle, even a little,
 is strained by its square. What moves relative to it goes on along a straight line if it is slow,
 and hardly at all if it vibrates faster than the step can see: both are offered, and the smaller
 residual decides.

@@ -2,7 +2,7 @@
 
 A support that begins on a moving node, or a prescribed motion that jumps in velocity, is an
 impact: the update of the velocity would otherwise ring for ever. The velocity is projected, in the
-metric of the mass, on what the support allows; the energy and the impulse of that go to the ledger.
+metric of the mass, on what the support allows; the energy and the impulse of that are reported.
 """
 
 from __future__ import annotations

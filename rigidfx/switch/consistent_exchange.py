@@ -9,7 +9,7 @@ of the mass, on the fields P y that are rigid in the bodies:
 What is projected out has no momenta, for rigid motions of the whole are among the P y, and its
 energy is exactly the difference; both are kept by the new body. The flexible side of an interface,
 which has a velocity of its own between switches, gets that of the body. At a release the kept field
-is turned with the body, brought into the range of the P that is valid then, made orthogonal to the
+rotates with the body, brought into the range of the P that is valid then, made orthogonal to the
 range valid before, so that it adds no momenta, and scaled by the one number that restores the
 energy.
 """
@@ -159,7 +159,7 @@ class ConsistentExchange:
         gone = state.take_out(numbers)
         after = RigidFields(self._scene, state.bodies, prescribed, present.mass)
         merged = after.project(present.momenta, of_given[staying], present.nodal[prescribed])
-        # What was kept, turned with its bodies, and the difference of the two velocities that the
+        # The kept field, rotated with its bodies, and the difference of the two velocities that the
         # interface has had, as a field that is possible now and adds no momenta.
         kept = np.zeros((self._scene.owned_nodes, 3))
         for body in gone:
