@@ -24,7 +24,9 @@ import rigidfx as rf
 from meshes.robot_arm import HEIGHT, TIP, robot_arm
 from rigidfx.plot import Curve, Shapes, curves
 
-parser = Parser(__file__, "A robot's arm: thick parts freeze, thin ones swing.", "one move, order 1")
+parser = Parser(
+    __file__, "A robot's arm: thick parts freeze, thin ones swing.", "one move, order 1"
+)
 parser.add_argument("--size", type=positive, default=0.016, help="largest edge of a cell [m]")
 parser.add_argument("--tol", type=positive, default=0.03, help="rigid below this rate [1/s]")
 options = parser.read(size=0.02, tol=1e-3)
