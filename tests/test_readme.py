@@ -55,12 +55,21 @@ def test_python_blocks_run_in_order(tmp_path):
     assert {"histories.png", "unknowns.png", "shapes.png", "stress.png", "film.gif"} <= left
 
 
+def source_of(script):
+    """A demo's text with that of the packages beside it that it imports, and of demos/common."""
+    text = script.read_text(encoding="utf-8")
+    packages = re.findall(r"^from (\w+)", text, flags=re.MULTILINE)
+    folders = [script.parent / name for name in packages] + [ROOT / "demos" / "common"]
+    files = [file for folder in folders for file in folder.glob("*.py")]
+    return "\n".join([text, *(file.read_text(encoding="utf-8") for file in files)])
+
+
 @pytest.mark.parametrize("command", COMMANDS)
 def test_commands_name_what_there_is(command):
     words = shlex.split(command)
     for k, word in enumerate(words):
         if word.startswith("demos/"):
-            script = (ROOT / word).read_text(encoding="utf-8")
+            script = source_of(ROOT / word)
             for option in (w for w in words[k:] if w.startswith("--")):
                 assert f'"{option}"' in script, f"{word} has no option {option}"
     assert (ROOT / words[0]).exists()

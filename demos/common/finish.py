@@ -19,7 +19,7 @@ def write(path: Path, text: str) -> None:
     write_text(comm, path, text)
 
 
-def write_json(path: Path, content: Any, indent: int = 2) -> str:
+def write_json(path: Path, content: Any, indent: int | None = 2) -> str:
     """Write numbers and names as JSON, and return what was written. Collective."""
     text = json.dumps(content, indent=indent, ensure_ascii=False) + "\n"
     write(path, text)
