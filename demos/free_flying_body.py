@@ -35,9 +35,9 @@ options = parser.read(tol=5e-3, dt=0.2, t_end=65.0)
 
 # ## The body
 #
-# 574 nodes of 8-node bricks; forces for two seconds on the top and bottom nodes of the block and on
-# 20 nodes on top of the cantilever next to its free end, which give an angular momentum about y
-# only; strong damping.
+# The mesh has 574 nodes of 8-node bricks. For two seconds forces act on the top and bottom nodes of
+# the block and on 20 nodes on top of the cantilever next to its free end; they give an angular
+# momentum about y only. The damping is strong.
 
 # +
 FREE = 2.0  # s; nothing acts from here on

@@ -32,9 +32,9 @@ options = parser.read()
 
 # ## The frame
 #
-# Half of it by symmetry, of St.Venant-Kirchhoff material, with a uniform load on the plate's side
-# in x; numerical damping until a time that differs between the runs. For a short one a plate of
-# coarse cells will do.
+# One half is meshed, by symmetry. The material is St.Venant and Kirchhoff's, a uniform load pushes
+# the plate's side in x, and numerical damping ends at a time that differs between the runs. For a
+# short one a plate of coarse cells will do.
 
 # +
 SHOCK = 0.05  # s

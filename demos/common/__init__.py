@@ -8,10 +8,10 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from .events import energy_jump, events_of, freezes_of
-from .finish import conclude, curve, write, write_json
+from .finish import conclude, write, write_json
 from .numbers import nonnegative, number, positive
 from .pair import Pair
+from .reports import curve, energy_jump, events_of, freezes_of
 from .start import ROOT, Parser, comm, say
 
 __all__ = [

@@ -1,15 +1,12 @@
-"""How a demo ends: files written on rank 0, its summary printed, curves of its reports."""
+"""How a demo ends: files written on rank 0, its summary printed."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import rigidfx as rf
 from rigidfx.base.text_files import write_text
-from rigidfx.plot import Curve
 
 from .start import comm, say
 
@@ -29,8 +26,3 @@ def write_json(path: Path, content: Any, indent: int | None = 2) -> str:
 def conclude(folder: Path, summary: Any) -> None:
     """Leave `summary.json` in a folder, and print it. Collective."""
     say(write_json(folder / "summary.json", summary).rstrip())
-
-
-def curve(label: str, reports: Sequence[rf.Report], name: str) -> Curve:
-    """A number of the reports, by its name, against time."""
-    return Curve(label, [r.t for r in reports], [getattr(r, name) for r in reports])

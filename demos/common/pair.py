@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 
 import rigidfx as rf
 
-from .events import line_of
+from .reports import line_of
 from .start import say
 
 SAME = 1e-9  # relative difference of times that are one

@@ -1,11 +1,12 @@
-"""What the reports of a run tell of its freezes and releases."""
+"""What the reports of a run tell: its freezes and releases, and curves against time."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 import rigidfx as rf
+from rigidfx.plot import Curve
 
 if TYPE_CHECKING:
     from rigidfx.report.events import Event
@@ -21,7 +22,7 @@ def freezes_of(reports: Iterable[rf.Report]) -> list[Event]:
     return [event for event in events_of(reports) if event.kind == "freeze"]
 
 
-def energy_jump(reports: list[rf.Report]) -> float:
+def energy_jump(reports: Sequence[rf.Report]) -> float:
     """The most that any event lost or gained, relative to the largest energy of the run."""
     largest = max(r.energy for r in reports)
     lost = max((abs(event.energy_lost) for event in events_of(reports)), default=0.0)
@@ -36,3 +37,8 @@ def line_of(event: Event) -> str:
         f"{event.unknowns_after} unknowns, {event.energy_frozen + event.energy_released:.3g} J "
         f"moved, {event.energy_lost:.1e} J lost ({event.reason})"
     )
+
+
+def curve(label: str, reports: Sequence[rf.Report], name: str) -> Curve:
+    """A number of the reports, by its name, against time."""
+    return Curve(label, [r.t for r in reports], [getattr(r, name) for r in reports])
