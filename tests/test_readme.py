@@ -104,6 +104,15 @@ def test_readme_links_every_page():
     assert set(PAGES) == set((ROOT / "docs").glob("*.md"))
 
 
+def source_of(script):
+    """A demo's text with that of the packages beside it that it imports, and of demos/common."""
+    text = script.read_text(encoding="utf-8")
+    packages = re.findall(r"^from (\w+)", text, flags=re.MULTILINE)
+    folders = [script.parent / name for name in packages] + [ROOT / "demos" / "common"]
+    files = [file for folder in folders for file in folder.glob("*.py")]
+    return "\n".join([text, *(file.read_text(encoding="utf-8") for file in files)])
+
+
 @pytest.mark.parametrize("command", COMMANDS)
 def test_commands_name_what_there_is(command, monkeypatch, capsys):
     words = shlex.split(command)
@@ -111,7 +120,7 @@ def test_commands_name_what_there_is(command, monkeypatch, capsys):
     for k, word in enumerate(words):
         if word.startswith(("demos/", "tests/")):
             file, _, test = word.partition("::")
-            script = (ROOT / file).read_text(encoding="utf-8")
+            script = source_of(ROOT / file)
             assert test in script
             for option in (w for w in words[k:] if w.startswith("--")):
                 assert f'"{option}"' in script, f"{word} has no option {option}"
