@@ -1,11 +1,11 @@
-"""Checks of a scene: discretisation, masses, supports, probes."""
+"""Checks of a scene while it is made: discretisation, masses, supports, probes."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
 from itertools import combinations
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,9 +13,6 @@ import numpy.typing as npt
 from rigidfx.base import compat
 from rigidfx.base.errors import RigidfxWarning, SceneError, agree
 from rigidfx.scene.conflicts import overlap
-
-if TYPE_CHECKING:
-    from rigidfx.scene.scene import Scene
 
 __all__ = [
     "STIFFNESS_DEGREE",
@@ -33,7 +30,7 @@ STIFFNESS_DEGREE = {1: 2, 2: 4}
 NEARLY_INCOMPRESSIBLE = 0.49  # ν above which first-order cells are warned of
 
 
-def check_discretisation(scene: Scene) -> None:
+def check_discretisation(scene: Any) -> None:
     """Check order and mass, and whether they go with the mesh.
 
     Raises:
@@ -58,7 +55,7 @@ def check_discretisation(scene: Scene) -> None:
         )
 
 
-def warn_of_locking(scene: Scene) -> None:
+def warn_of_locking(scene: Any) -> None:
     """Warn of first-order cells that lock, on rank 0."""
     nu = max((getattr(m, "nu", 0.0) for m, _ in scene.materials), default=0.0)
     if scene.order == 1 and nu > NEARLY_INCOMPRESSIBLE and scene.comm.rank == 0:
@@ -70,7 +67,7 @@ def warn_of_locking(scene: Scene) -> None:
         )
 
 
-def check_masses(scene: Scene) -> None:
+def check_masses(scene: Any) -> None:
     """Refuse nodal masses that are not positive, or that overflow in sums. Collective.
 
     Raises:
@@ -97,7 +94,7 @@ def check_masses(scene: Scene) -> None:
         )
 
 
-def check_supports(scene: Scene) -> None:
+def check_supports(scene: Any) -> None:
     """Refuse supports that prescribe different motions of the same nodes. Collective.
 
     Raises:
