@@ -94,7 +94,7 @@ class Structure(Protocol):
 
 
 class Action:
-    """An effect bound to the dofs and bodies of a partition; forces are in N, moments in N m.
+    """An effect bound to the dofs and bodies of a division; forces are in N, moments in N m.
 
     Forces that depend on the motion are written as *resistance*, which is added to the residual.
     Numbers of nodes are this rank's, those of bodies are equal on all ranks.

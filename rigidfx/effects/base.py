@@ -124,7 +124,7 @@ class Effect:
         return np.empty(0)
 
     def bind(self, structure: Structure) -> Action | None:
-        """What it does to nodes and bodies of a partition; None if nothing. Collective."""
+        """What it does to nodes and bodies of a division; None if nothing. Collective."""
         return None
 
     def term(self, mesh: Any) -> FormTerm | None:

@@ -1,6 +1,6 @@
 """What all dead loads share: a fixed nodal weight times a force in time, fᵢ(t) = wᵢ q(t).
 
-The weights are assembled once per partition, those on the nodes of a body to their sums; a step
+The weights are assembled once per division, those on the nodes of a body to their sums; a step
 only evaluates q at its midpoint.
 """
 
@@ -84,7 +84,7 @@ class DeadLoad(Windowed):
 
 
 class DeadForces(Action):
-    """A dead load on the nodes of a partition, and on its bodies by sums over their nodes."""
+    """A dead load on the nodes of a division, and on its bodies by sums over their nodes."""
 
     def __init__(self, load: DeadLoad, structure: Structure) -> None:
         """Assemble the weights. Collective.

@@ -70,7 +70,7 @@ class Spring(Effect):
 
 
 class SpringForces(Action):
-    """A spring on the nodes and bodies of a partition."""
+    """A spring on the nodes and bodies of a division."""
 
     kind = Spring.__name__
 

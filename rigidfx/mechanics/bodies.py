@@ -25,7 +25,7 @@ TRANSLATIONS = np.eye(12, 6) * (np.arange(6) < 3)
 
 
 class Ensemble:
-    """What does not change of the bodies of a partition.
+    """What does not change of the bodies of a division.
 
     Attributes:
         records: The bodies' data, one by one.

@@ -31,7 +31,7 @@ class BodyChange:
 
 @dataclass(frozen=True)
 class Event:
-    """A change of the partition at an instant; numbers are summed over ranks.
+    """A change of the division at an instant; numbers are summed over ranks.
 
     Attributes:
         t: Time [s].

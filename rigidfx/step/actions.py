@@ -1,4 +1,4 @@
-"""The actions of a scene's effects on one partition, added up.
+"""The actions of a scene's effects on one division, added up.
 
 An action is asked for what its kind does, and for nothing else: which of them resist, stiffen or
 store energy is found once, when effects begin or end.

@@ -20,7 +20,7 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class BoundStructure:
-    """A partition of a scene, as effects see it: see `rigidfx.effects.action.Structure`.
+    """A division of a scene, as effects see it: see `rigidfx.effects.action.Structure`.
 
     Attributes:
         scene: The problem.

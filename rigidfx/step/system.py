@@ -1,6 +1,6 @@
-"""Everything that is bound to one partition: forms, mass, actions of effects, equations.
+"""Everything that is bound to one division: forms, mass, actions of effects, equations.
 
-It is made when the partition changes and destroyed when the next one takes over; a step works on
+It is made when the division changes and destroyed when the next one takes over; a step works on
 nothing else.
 """
 
@@ -52,13 +52,13 @@ class Work:
 
 
 class System:
-    """The equations of motion of one partition.
+    """The equations of motion of one division.
 
     Attributes:
         acting: The effects with a time window that act.
         layout: Division of cells and dofs.
         mass: Mass operator of the flexible cells.
-        structure: The partition as effects see it.
+        structure: The division as effects see it.
         actions: What effects do to nodes and bodies.
         energies: Measures states.
         equilibrium: Solves the equations of a step.
@@ -74,7 +74,7 @@ class System:
         prescribed: PrescribedDofs,
         driven: Cells | None = None,
     ) -> None:
-        """Bind everything to a partition and to the effects that act. Collective.
+        """Bind everything to a division and to the effects that act. Collective.
 
         Args:
             scene: The problem.
