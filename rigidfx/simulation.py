@@ -131,7 +131,7 @@ class Run:
 def prepare(
     scene: Scene, timeline: Timeline, rigidify: StrainRate | None = None
 ) -> tuple[Run, Impact | None]:
-    """What a run needs before its first step; its stepper is to be closed. Collective.
+    """Prepare a run up to its first step; its stepper is to be closed. Collective.
 
     Args:
         scene: The problem.

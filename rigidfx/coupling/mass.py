@@ -26,7 +26,7 @@ __all__ = ["ConsistentMass", "LumpedMass", "Mass", "mass_operator"]
 
 
 class Mass(Protocol):
-    """What a mass operator does."""
+    """A mass operator."""
 
     def mult(self, v: PETSc.Vec, out: PETSc.Vec) -> None:
         """Evaluate out = M v."""

@@ -1,4 +1,4 @@
-"""What becomes of the bodies: pure functions of what was observed and of the clusters found.
+"""Decisions: pure functions of observed cells and of the clusters found.
 
 Deciding knows neither PETSc nor the motion; `rigidfx.switch` applies what is decided here.
 """
@@ -45,11 +45,11 @@ class PlannedBody:
 
 @dataclass(frozen=True)
 class Decision:
-    """What is to be frozen or released.
+    """A freeze or a release that is to be applied.
 
     Attributes:
-        kind: What is reported.
-        reason: What is reported.
+        kind: Reported as such.
+        reason: Reported as such.
         bodies: The bodies from then on, but for those apart.
         apart: Names of bodies that stay as they are in any case.
         next_number: First number that no body has had, nor has one of these.

@@ -1,4 +1,4 @@
-"""What a policy is shown of a run; it changes none of it."""
+"""The run as a policy sees it; it changes none of it."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Observation:
 
     @property
     def indicator(self) -> Indicator:
-        """What was measured in the last step."""
+        """The measure of cells in the last step."""
         assert self.stepper.indicator is not None  # a run that decides measures
         return self.stepper.indicator
 

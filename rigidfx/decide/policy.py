@@ -115,7 +115,7 @@ class Policy:
     # Decisions ----------------------------------------------------------------------------------
 
     def ahead(self, seen: Observation, middle: float) -> Decision | None:
-        """What has to be released before a step. Collective.
+        """Decide on a release before a step; None if there is none. Collective.
 
         Args:
             seen: The state before it.
@@ -130,7 +130,7 @@ class Policy:
         return replace(decision, loads_changed=True, loads_at=middle)
 
     def after(self, seen: Observation, report: Report) -> Decision | None:
-        """What is to be released or frozen after a step. Collective.
+        """Decide on a release or a freeze after a step; None if there is none. Collective.
 
         Args:
             seen: The state after it.

@@ -23,7 +23,7 @@ PLANNED = "planned"  # reason of a release at a given time
 
 
 class Releases:
-    """What the records of a criterion release."""
+    """The releases that a criterion records."""
 
     def __init__(self, scene: Scene, releases: Sequence[Release], timeline: Timeline) -> None:
         """Look the sets of cells up. Collective.
@@ -77,7 +77,7 @@ class Releases:
         return reasons, released
 
     def _answer(self, release: Release, report: Report) -> bool | list[str]:
-        """What a user's condition says, on rank 0. Collective."""
+        """The answer of a user's condition, on rank 0. Collective."""
         own = together(self._comm, "Release: its condition", lambda: _answer(release.when, report))
         answer: bool | list[str] = self._comm.bcast(own)
         return answer
@@ -102,7 +102,7 @@ def _cells_of(names: Iterable[str], bodies: Sequence[RigidBody], count: int) -> 
 
 
 def _answer(condition: Any, report: Report) -> bool | list[str]:
-    """What a user's condition says: True, False or names of bodies."""
+    """The answer of a user's condition: True, False or names of bodies."""
     answer = condition(report)
     if isinstance(answer, (bool, np.bool_)):
         return bool(answer)

@@ -1,4 +1,4 @@
-"""What an effect does: terms of the compiled forms, and actions on nodes and on rigid bodies.
+"""Actions of effects on nodes and on rigid bodies, and their terms of the compiled forms.
 
 An effect is one item. Its record, which a user writes, says what it is; `bind` makes of it an
 `Action`, which adds forces and their derivatives to the equations of a step and reports energies;

@@ -1,4 +1,4 @@
-"""What all effects share: checks, time windows and functions of time, and how they are bound."""
+"""The base of all effects: checks, time windows, functions of time, and how they are bound."""
 
 from __future__ import annotations
 
@@ -91,12 +91,12 @@ class Effect:
 
     @property
     def kind(self) -> str:
-        """What it is called."""
+        """Its name."""
         return type(self).__name__
 
     @property
     def owner(self) -> str:
-        """What it is called in messages, and where it acts."""
+        """Its name in messages, and where it acts."""
         return f"{self.kind} on '{getattr(self, 'where', None) or WHOLE}'"
 
     @property
@@ -115,7 +115,7 @@ class Effect:
         """
 
     def signal(self, t: float, dt: float) -> Array:
-        """What of it counts as a change of load when it changes, at t [s]; empty if nothing does.
+        """Numbers whose change is a change of load, at t [s]; none if nothing of it is.
 
         Args:
             t: Time [s].
@@ -124,11 +124,11 @@ class Effect:
         return np.empty(0)
 
     def bind(self, structure: Structure) -> Action | None:
-        """What it does to nodes and bodies of a division; None if nothing. Collective."""
+        """Its action on nodes and bodies of a division; None if it has none. Collective."""
         return None
 
     def term(self, mesh: Any) -> FormTerm | None:
-        """What it adds to the compiled forms; None if nothing."""
+        """Its term of the compiled forms; None if it has none."""
         return None
 
 

@@ -1,4 +1,4 @@
-"""What all dead loads share: a fixed nodal weight times a force in time, fᵢ(t) = wᵢ q(t).
+"""The base of dead loads: a fixed nodal weight times a force in time, fᵢ(t) = wᵢ q(t).
 
 The weights are assembled once per division, those on the nodes of a body to their sums; a step
 only evaluates q at its midpoint.

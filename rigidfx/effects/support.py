@@ -1,4 +1,4 @@
-"""What all supports share: the components that they hold, and questions about the motion."""
+"""The base of all supports: the components that they hold, and questions about the motion."""
 
 from __future__ import annotations
 

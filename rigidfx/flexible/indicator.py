@@ -1,4 +1,4 @@
-"""What measures flexible cells in a step, for a criterion to judge them by."""
+"""Indicators: a number per flexible cell and step, for a criterion to judge cells by."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Array = npt.NDArray[np.float64]
 
 
 class Indicator(Protocol):
-    """A number per cell and step.
+    """A measure of flexible cells in a step.
 
     Attributes:
         cells: Owned cells that are measured, sorted.

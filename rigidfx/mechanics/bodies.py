@@ -25,7 +25,7 @@ TRANSLATIONS = np.eye(12, 6) * (np.arange(6) < 3)
 
 
 class Ensemble:
-    """What does not change of the bodies of a division.
+    """The constant data of the bodies of a division.
 
     Attributes:
         records: The bodies' data, one by one.
@@ -61,7 +61,7 @@ class Bodies:
     """The rigid bodies at an instant, a value: nothing changes them.
 
     Attributes:
-        of: What does not change of them.
+        of: Their constant data.
         pose: Rows r and Rᵀ, shape (bodies, 4, 3) [m, 1]: a node is at [1, V] times them.
         R: Rotations since the freeze, shape (bodies, 3, 3).
         velocity: ṙ, shape (bodies, 3) [m/s].

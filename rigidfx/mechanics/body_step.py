@@ -31,7 +31,7 @@ HALF_COUPLES = 0.5 * np.eye(9) - 0.5 * np.outer(IDENTITY, IDENTITY)
 
 
 class Step:
-    """What does not change while a step is solved.
+    """The constants of a step while it is solved.
 
     Attributes:
         start: The bodies at its start.

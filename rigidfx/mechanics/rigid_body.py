@@ -19,7 +19,7 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Frozen:
-    """What a body keeps for its release. The deformed shape is kept by its offsets.
+    """Energy and velocities that a body keeps for its release; its offsets keep the shape.
 
     Attributes:
         nodes: Owned nodes on this rank whose velocity the freeze changed.
@@ -45,7 +45,7 @@ NOTHING = Frozen(np.empty(0, np.int32), np.empty((0, 3)), 0.0, 0.0)
 
 @dataclass(frozen=True)
 class RigidBody:
-    """What does not change while a body is rigid.
+    """The constant data of a rigid body.
 
     Attributes:
         name: Its name in reports, that of a set of cells where a `Rigid` effect named it.
@@ -126,7 +126,7 @@ class Body:
     """A rigid body at an instant.
 
     Attributes:
-        data: What does not change.
+        data: Its constant data.
         motion: Pose and velocity.
     """
 

@@ -1,4 +1,4 @@
-"""What a run tells of its rigid bodies."""
+"""The report of a rigid body."""
 
 from __future__ import annotations
 

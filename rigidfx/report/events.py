@@ -1,4 +1,4 @@
-"""What a switch did, to the joule."""
+"""Events: freezes and releases, accounted for to the joule."""
 
 from __future__ import annotations
 

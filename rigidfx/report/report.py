@@ -1,4 +1,4 @@
-"""What a run tells of each of its steps."""
+"""The report of a step."""
 
 from __future__ import annotations
 

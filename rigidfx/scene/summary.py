@@ -1,4 +1,4 @@
-"""What a scene holds, in words: its effects, and which of them act when."""
+"""A scene in words: its effects, and which of them act when."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ class Judge:
         self._inversion = inversion
 
     def objection(self, attempt: Attempt) -> StepError | None:
-        """What the run ends with if no shorter step helps; None if there is none. Collective."""
+        """The error that ends the run if no shorter step helps; None to accept. Collective."""
         for look in (self._not_converged, self._inverted):
             error = look(attempt)
             if error is not None:
