@@ -23,9 +23,9 @@ from rigidfx.flexible.pressures import Pressures
 from rigidfx.mechanics.schemes import (
     deformation_gradient,
     initial_stiffness_times,
-    right_cauchy_green,
     static_virtual_work,
     stored_energy,
+    strain_increment,
 )
 from rigidfx.scene.scene import Scene
 
@@ -124,7 +124,7 @@ class InternalForces:
         test, trial = ufl.TestFunction(V), ufl.TrialFunction(V)
 
         xi = self._xi if damped else None
-        dE = (right_cauchy_green(self.u1) - right_cauchy_green(self.u0)) / 2
+        dE = strain_increment(self.u0, self.u1)
         # η/Δt of the groups that are damped now
         rates = {
             i: sum(self._eta[k] for k in g.dampers if k in viscous) * self._rate
@@ -207,6 +207,12 @@ class InternalForces:
         """The virtual work as it is compiled for the effects that act."""
         return self._variants[self._terms].residual.form
 
+    @property
+    def viscous(self) -> bool:
+        """Whether a viscous stress acts: one that grows with 1/Δt."""
+        _, viscous, _ = self._terms
+        return bool(viscous)
+
     def bind_energy(self, cells: Cells) -> fem.Form:
         """Stored energy at `u0` over the given cells."""
         return self._energy.bind(cells)
@@ -239,5 +245,9 @@ class InternalForces:
             dt: Its length [s].
         """
         self._xi.value = sum(d.xi for d in self._scene.named(NumericalDamping) if d.active(t))
-        self._rate.value = 1 / dt
+        self.set_rate(1 / dt)
         self.pressures.set_time(t)
+
+    def set_rate(self, rate: float) -> None:
+        """Set 1/Δt of the viscous stresses [1/s]."""
+        self._rate.value = rate

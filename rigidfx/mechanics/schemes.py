@@ -35,6 +35,7 @@ __all__ = [
     "second_piola_kirchhoff",
     "static_virtual_work",
     "stored_energy",
+    "strain_increment",
 ]
 
 GUARD = 1e-6  # M:M below which the correction of the discrete gradient is below rounding
@@ -49,6 +50,16 @@ def right_cauchy_green(u: Any) -> Any:
     """C = Fᵀ F."""
     F = deformation_gradient(u)
     return F.T * F
+
+
+def strain_increment(u0: Any, u1: Any) -> Any:
+    """E₁ - E₀ as sym(F½ᵀ Grad(u₁ - u₀)), which is the same.
+
+    The difference of C₁ and C₀ has the rounding of numbers near one, however small it is: a viscous
+    stress, which divides it by Δt, would be made of nothing else.
+    """
+    F = deformation_gradient((u0 + u1) / 2)
+    return ufl.sym(F.T * ufl.grad(u1 - u0))
 
 
 def second_piola_kirchhoff(energy: Energy, C: Any, p: dict[str, Any]) -> Any:
