@@ -50,7 +50,7 @@ class CondensedMatrix:
         own = sum(cells.size for cells in prolongation.layout.interior.values())
         self._has_interior = prolongation.comm.allreduce(own) > 0
         self.matrix = prolongation.empty_matrix()
-        self._insert_interior()
+        self._insert(interior)
         self._interface = Interface(prolongation, interface) if prolongation.touched else None
         if self._interface is not None:
             self._interface.insert_into(self.matrix)
@@ -58,12 +58,17 @@ class CondensedMatrix:
         prolongation.add_blocks(self.matrix, np.zeros((bodies, 6, 6)))
         self.matrix.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, True)
 
-    def assemble(self) -> None:
-        """Assemble the form anew. Collective."""
+    def assemble(self, other: tuple[fem.Form, fem.Form] | None = None) -> None:
+        """Assemble the form anew. Collective.
+
+        Args:
+            other: Another form over the interior and the interface cells, instead; none if None.
+        """
+        interior, interface = (self._interior, None) if other is None else other
         self.matrix.zeroEntries()
-        self._insert_interior()
+        self._insert(interior)
         if self._interface is not None:
-            self._interface.assemble()
+            self._interface.assemble(interface)
 
     def add(self, other: CondensedMatrix, factor: float) -> None:
         """Add a multiple of another form of the same layout, before bodies are condensed."""
@@ -104,13 +109,13 @@ class CondensedMatrix:
         else:
             self._prolongation.add_blocks(self.matrix, blocks)
 
-    def _insert_interior(self) -> None:
+    def _insert(self, interior: fem.Form) -> None:
         if not self._has_interior:  # then a step is so short that the mere calls count
             return
         if self._prolongation.nodal:
-            fem_petsc.assemble_matrix(self.matrix, self._interior)
+            fem_petsc.assemble_matrix(self.matrix, interior)
         else:
-            assemble_unrolled(self.matrix, self._interior)
+            assemble_unrolled(self.matrix, interior)
 
     def destroy(self) -> None:
         """Free the matrices. Collective."""

@@ -93,10 +93,10 @@ class Interface:
         of_bodies = prolongation.body_columns[self._bodies]
         self._blocks = ProductBlocks(self._C, of_nodes, of_bodies, prolongation.nodal)
 
-    def assemble(self) -> None:
-        """Assemble K anew."""
+    def assemble(self, other: fem.Form | None = None) -> None:
+        """Assemble K anew, or that of another form over the same cells."""
         self._assembled.data[:] = 0.0
-        fem.assemble_matrix(self._assembled, self._form)
+        fem.assemble_matrix(self._assembled, self._form if other is None else other)
 
     def add(self, other: Interface, factor: float) -> None:
         """Add a multiple of another K of the same cells."""

@@ -171,11 +171,13 @@ class FormTerm:
         kind: Name of the effect's class.
         boundary: Whether it is an integral over facets, those of `where`, instead of cells.
         dissipates: Whether what it takes in a step is dissipated energy, and not work of a load.
+        viscous: Whether it is a stress that grows with 1/Δt.
     """
 
     kind: str = ""
     boundary: bool = False
     dissipates: bool = True
+    viscous: bool = False
 
     def set_time(self, t: float, dt: float) -> None:
         """Evaluate functions of time for a step whose midpoint is t [s].
@@ -183,6 +185,9 @@ class FormTerm:
         Raises:
             SceneError: On this rank, if a user's function fails.
         """
+
+    def set_rate(self, rate: float) -> None:
+        """Set 1/Δt of a viscous stress [1/s]."""
 
     def virtual_work(self, element: Element, u0: Any, u1: Any, w: Any) -> Any:
         """Integrand that is added to the internal virtual work."""

@@ -11,7 +11,7 @@ from dolfinx import fem
 from rigidfx.base.inputs import positive
 from rigidfx.effects.action import FormTerm
 from rigidfx.effects.base import Windowed
-from rigidfx.mechanics.element import Element
+from rigidfx.mechanics.element import Element, StandardElement
 
 __all__ = ["KelvinVoigt"]
 
@@ -53,6 +53,7 @@ class ViscousStress(FormTerm):
     """S = η ΔE/Δt in the compiled forms."""
 
     kind = KelvinVoigt.__name__
+    viscous = True
 
     def __init__(self, effect: KelvinVoigt, mesh: Any) -> None:
         """Take the viscosity over."""
@@ -61,7 +62,11 @@ class ViscousStress(FormTerm):
 
     def set_time(self, t: float, dt: float) -> None:
         """Set η/Δt."""
-        self._rate.value = self._eta / dt
+        self.set_rate(1 / dt)
+
+    def set_rate(self, rate: float) -> None:
+        """Set η times a rate [1/s]."""
+        self._rate.value = self._eta * rate
 
     def virtual_work(self, element: Element, u0: Any, u1: Any, w: Any) -> Any:
         """F½ (η ΔE/Δt) : Grad w."""
@@ -75,6 +80,5 @@ class ViscousStress(FormTerm):
 
 
 def _strain_increment(u0: Any, u1: Any) -> Any:
-    """ΔE of the displacement itself, whatever the element adds to it."""
-    F0, F1 = (ufl.Identity(3) + ufl.grad(u) for u in (u0, u1))
-    return (F1.T * F1 - F0.T * F0) / 2
+    """ΔE of the displacement itself, whatever an element adds to it."""
+    return StandardElement().strain_increment(u0, u1)

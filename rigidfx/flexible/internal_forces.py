@@ -44,11 +44,13 @@ class BoundForces:
         residual: Force vector.
         interior: Its derivative by the unknown displacement, over cells that touch no rigid body.
         interface: The same over those that do.
+        undeformed: Both derivatives where nothing is displaced, whatever the coefficients hold.
     """
 
     residual: fem.Form
     interior: fem.Form
     interface: fem.Form
+    undeformed: tuple[fem.Form, fem.Form]
 
 
 @dataclass(frozen=True)
@@ -105,6 +107,7 @@ class InternalForces:
         """
         self._scene, self._element = scene, scene.element
         self.u0, self.u1 = u0, fem.Function(scene.space)
+        self._rest = fem.Function(scene.space)
         self.surface = Surface(scene, u0)
         terms = ((effect, effect.term(scene.mesh)) for effect in scene.effects)
         self._terms: list[tuple[Effect, FormTerm]] = [
@@ -202,7 +205,7 @@ class InternalForces:
     def _dissipated(self, damped: bool, acts: Sequence[tuple[int, FormTerm]]) -> dict[str, Kernel]:
         """Energy that damping takes in a step, by its kind."""
         element, u0, u1 = self._element, self.u0, self.u1
-        dE = (element.right_cauchy_green(u1) - element.right_cauchy_green(u0)) / 2
+        dE = element.strain_increment(u0, u1)
 
         def numerical(i: int, c: MaterialClass) -> Any:
             stress = initial_stiffness_times(c.law.energy, c.law.parameters, dE)
@@ -270,16 +273,33 @@ class InternalForces:
         variant = self._variants[self._acting]
         interior = cells if interior is None else interior
         interface = {i: own[:0] for i, own in cells.items()} if interface is None else interface
-        return BoundForces(
-            variant.residual.bind(cells, self._facets_of(cells, driven or {})),
-            variant.tangent.bind(interior, self._facets_of(interior)),
-            variant.tangent.bind(interface, self._facets_of(interface)),
-        )
+        parts = [(own, self._facets_of(own)) for own in (interior, interface)]
+        residual = variant.residual.bind(cells, self._facets_of(cells, driven or {}))
+        return self._bound(residual, variant.tangent, parts)
+
+    def _bound(
+        self, residual: fem.Form, tangent: Kernel, parts: Sequence[tuple[Cells, Facets]]
+    ) -> BoundForces:
+        """Forms over all cells, and over interior and interface cells with their facets."""
+        rest = {self.u0: self._rest, self.u1: self._rest}
+        interior, interface = (tangent.bind(*part) for part in parts)
+        undeformed = tangent.bind(*parts[0], rest), tangent.bind(*parts[1], rest)
+        return BoundForces(residual, interior, interface, undeformed)
 
     @property
     def residual_form(self) -> ufl.Form:
         """The virtual work as it is compiled for the effects that act."""
         return self._variants[self._acting].residual.form
+
+    @property
+    def viscous(self) -> bool:
+        """Whether a viscous stress acts: one that grows with 1/Δt."""
+        return any(self._terms[k][1].viscous for k in self._acting[1])
+
+    def set_rate(self, rate: float) -> None:
+        """Set 1/Δt of the viscous stresses [1/s]."""
+        for k in self._acting[1]:
+            self._terms[k][1].set_rate(rate)
 
     def bind_energy(self, cells: Cells) -> fem.Form:
         """Stored energy at `u0` over the given cells."""
@@ -294,9 +314,7 @@ class InternalForces:
         )
         tangent = Kernel(ufl.derivative(work, self.u1, trial), [V, V], mesh)
         none = {i: own[:0] for i, own in cells.items()}
-        return BoundForces(
-            Kernel(work, [V], mesh).bind(cells), tangent.bind(cells), tangent.bind(none)
-        )
+        return self._bound(Kernel(work, [V], mesh).bind(cells), tangent, [(cells, {}), (none, {})])
 
     def bind_taken(self, cells: Cells, driven: Cells | None = None) -> Taken:
         """Energy that terms take out of the motion of cells in a step.

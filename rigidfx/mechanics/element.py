@@ -25,6 +25,10 @@ class Element(Protocol):
         """C = 2 E + I of the strain E that makes stress."""
         ...
 
+    def strain_increment(self, u0: Any, u1: Any) -> Any:
+        """E₁ - E₀ of that strain."""
+        ...
+
 
 @dataclass(frozen=True)
 class StandardElement:
@@ -38,3 +42,12 @@ class StandardElement:
         """C = Fᵀ F."""
         F = self.deformation_gradient(u)
         return F.T * F
+
+    def strain_increment(self, u0: Any, u1: Any) -> Any:
+        """E₁ - E₀ as sym(F½ᵀ Grad(u₁ - u₀)), which is the same.
+
+        The difference of C₁ and C₀ has the rounding of numbers near one, however small it is: a
+        viscous stress, which divides it by Δt, would be made of nothing else.
+        """
+        F = self.deformation_gradient((u0 + u1) / 2)
+        return ufl.sym(F.T * ufl.grad(u1 - u0))

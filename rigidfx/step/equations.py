@@ -88,12 +88,15 @@ def tangent(
 def convergence(
     snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float], equilibrium: Equilibrium
 ) -> int:
-    """SNES callback: the stopping test."""
-    return equilibrium.stop(iteration, norms[2])
+    """SNES callback: the stopping test, and how far the next linear system is to be solved."""
+    reason = equilibrium.stop(iteration, norms[2])
+    if reason == 0:
+        equilibrium.limit_linear_error()
+    return reason
 
 
 class Equilibrium:
-    """All PETSc objects of the steps of one partition; `destroy` frees them.
+    """All PETSc objects of the steps of one division; `destroy` frees them.
 
     Attributes:
         prolongation: Map between unknowns and dofs.
@@ -142,8 +145,12 @@ class Equilibrium:
         self._imposed: Array = np.empty(0)
         self._krylov = mass is not None and not prefers_direct(prolongation.size)
         self._fallbacks = 0
-        self._rounding = Rounding(scene, forces, self._tangent, mass, prolongation, actions)
+        self._rounding = Rounding(
+            scene, forces, bound.undeformed, self._tangent, mass, prolongation, actions
+        )
         self._snes = self._create_snes(scene)
+        # How loosely Krylov solves may end, first and later.
+        self._loosest = [(name, self._snes.getParamsEW()[name]) for name in ("rtol_0", "rtol_max")]
         rtol, _, _, max_it = self._snes.getTolerances()
         self.stop = StoppingTest(rtol, max_it)
 
@@ -224,6 +231,12 @@ class Equilibrium:
         )
         self._snes.solve(None, self._y)
         return judged(int(self._snes.getConvergedReason()))
+
+    def limit_linear_error(self) -> None:
+        """Have the next Krylov solve leave no more than Newton's stopping test can stand."""
+        if self._krylov:
+            limits = {name: self.stop.linear_tolerance(value) for name, value in self._loosest}
+            self._snes.setParamsEW(**limits)
 
     def _start_at(self, guess: Guess) -> None:
         self.prolongation.collapse(guess.increment, guess.bodies, self._y)
