@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rigidfx as rf
+from rigidfx.coupling.product_blocks import ProductBlocks
 
 DRIFT = 1e-11  # the issue's bound, relative
 CELLS = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
@@ -161,26 +162,23 @@ def test_gravity_on_a_part_of_a_given_mass(mass):
 
 
 @pytest.mark.parametrize("speed", SPEEDS)
-def test_thin_correction(speed, monkeypatch):
-    """Without (L - P)ᵀ K P in the tangent Newton ends at the same motion, but linearly."""
-    from rigidfx.step import system
-    from rigidfx.step.equations import Equilibrium
-
-    found = {}
-    for thin in (True, False):
-        monkeypatch.setattr(
-            system, "Equilibrium", lambda *a, thin=thin, **k: Equilibrium(*a, thin=thin, **k)
-        )
+def test_consistent_tangent(speed, monkeypatch):
+    """With P in place of L in the tangent Newton ends at the same motion, but linearly."""
+    insert, found = ProductBlocks.insert_into, {}
+    for consistent in (True, False):
         reports = list(rf.simulate(tumble("lumped", "hexahedron", speed), DT, 3.0))
-        found[thin] = reports
-    iterations = {thin: column(r, "iterations")[1:] for thin, r in found.items()}
+        found[consistent] = reports
+        monkeypatch.setattr(
+            ProductBlocks, "insert_into", lambda self, A, C, L, P: insert(self, A, C, P, P)
+        )
+    iterations = {consistent: column(r, "iterations")[1:] for consistent, r in found.items()}
     show(with_it=iterations[True].mean(), without=iterations[False].mean())
     text = histories_text(found[False], 3) + histories_text(found[True], 3)
     assert iterations[False].mean() >= iterations[True].mean() + 1, text
     floor = 1e-12 * found[True][1].residuals[0]
     assert all(quadratic(r.residuals, floor) for r in found[True][1:]), text
     assert not all(quadratic(r.residuals, floor) for r in found[False][1:]), text
-    a, b = (found[thin][10].bodies[0].orientation for thin in (True, False))
+    a, b = (found[consistent][10].bodies[0].orientation for consistent in (True, False))
     assert np.abs(a - b).max() <= 1e-8
 
 
