@@ -16,7 +16,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.base.errors import OutputError, agree
-from rigidfx.output.recorder import read_history
+from rigidfx.output.history import read_history
 
 __all__ = ["Curve", "curves", "figure_of", "histories", "on_first_rank", "save"]
 

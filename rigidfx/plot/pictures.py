@@ -20,7 +20,7 @@ from mpi4py import MPI
 
 from rigidfx.base.errors import OutputError, SceneError
 from rigidfx.base.inputs import number, numbers
-from rigidfx.output.recorder import read_history
+from rigidfx.output.history import read_history
 from rigidfx.plot.curves import Curve, curves, figure_of, histories, on_first_rank, save
 from rigidfx.plot.renders import OF_CELLS, Photograph, film, pyvista, sheet, surface_of
 
