@@ -17,14 +17,16 @@ that was written. While it goes on no other recorder gets the folder.
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 from functools import cached_property
 from math import floor
 from pathlib import Path
 from types import TracebackType
 
+import numpy as np
+
 from rigidfx.base.errors import OutputError, SceneError, StepError, agree
-from rigidfx.base.inputs import positive
+from rigidfx.base.inputs import path_of, positive, whole
 from rigidfx.output.body_tables import BODY_COLUMNS, EVENT_COLUMNS, body_rows, event_rows
 from rigidfx.output.csv_file import CsvFile
 from rigidfx.output.fields import Fields
@@ -76,22 +78,24 @@ class Recorder:
                 writes to it.
             SceneError: If every or interval cannot be used.
         """
-        if not isinstance(every, int) or every < 1:
-            raise SceneError(f"Recorder: every must be a whole number ≥ 1, got {every!r}.")
-        if interval is not None:
-            positive("Recorder", "interval", interval)
-        self.folder = Path(folder)
-        self._comm = scene.comm
-        self._every, self._interval, self._next = every, interval, 0.0
+        if not isinstance(scene, Scene):
+            raise SceneError(f"Recorder: scene must be a Scene, got {scene!r}.")
+        if not isinstance(stress, (bool, np.bool_)):
+            raise SceneError(f"Recorder: stress must be True or False, got {stress!r}.")
+        self._every = whole("Recorder", "every", every, least=1)
+        self._interval = None if interval is None else positive("Recorder", "interval", interval)
+        self._next = 0.0
+        self.folder = path_of("Recorder", "folder", folder)
+        self._scene, self._comm = scene, scene.comm
         self._supports = tuple(dict.fromkeys(support.where for support, _ in scene.supports))
         self._fields = Fields(scene, stress)
         self._last: Report | None = None
-        self._fields_at = -1
+        self._fields_at, self._closed = -1, False
         with ExitStack() as self._files:
-            self._on_first_rank(lambda: self._open(list(scene.probes)))
+            self._on_first_rank(lambda: self._start(list(scene.probes)))
             self._files = self._files.pop_all()
 
-    def _open(self, probes: list[str]) -> None:
+    def _start(self, probes: list[str]) -> None:
         self.folder.mkdir(parents=True, exist_ok=True)
         self._history = self._csv_file(self.history, history_columns(self._supports, probes))
         self.events.unlink(missing_ok=True)
@@ -134,19 +138,30 @@ class Recorder:
         """Add a row, and the fields where their time has come. Collective.
 
         Args:
-            report: A step of the run.
+            report: The last step of the run so far.
 
         Raises:
             OutputError: On every rank, if rank 0 cannot write.
+            SceneError: If it is no report, of another scene, of a step that is not the last one any
+                more, or earlier than what has been written.
         """
+        self._check(report)
         self._last = report
         self._on_first_rank(lambda: self._write_rows(report))
         if self._due(report):
             self._write_fields(report)
 
     def close(self) -> None:
-        """Close the files."""
-        self._files.close()
+        """Close the files, and let other recorders have the folder. Not collective.
+
+        Raises:
+            OutputError: On rank 0, if the file system has not been able to keep what it took.
+        """
+        self._closed = True
+        try:
+            self._files.close()
+        except OSError as error:
+            raise OutputError(self._problem(error)) from error
 
     def __enter__(self) -> Recorder:
         """Nothing to do: all is open from construction."""
@@ -161,13 +176,36 @@ class Recorder:
         """Write the fields of the last step, and close.
 
         After a StepError too, which all ranks raise alike. Any other error may be one rank's own.
+        Where the run has gone on since the last report that was written, its fields are gone.
         """
+        together = error is None or isinstance(error, StepError)
+        last = self._last
         try:
-            together = error is None or isinstance(error, StepError)
-            if together and self._last is not None and self._last.step != self._fields_at:
-                self._write_fields(self._last)
+            if together and last and last.step != self._fields_at and _is_current(last):
+                self._write_fields(last)
+            if error is None:
+                self._on_first_rank(self._files.close)
         finally:
-            self.close()
+            with suppress(OutputError):  # the error that is under way tells more
+                self.close()
+
+    def _check(self, report: Report) -> None:
+        if self._closed:
+            raise OutputError(f"Recorder.write: the recorder of '{self.folder}' is closed.")
+        if not isinstance(report, Report):
+            raise SceneError(f"Recorder.write: report must be a Report, got {report!r}.")
+        if report.state.u.function_space is not self._scene.space:
+            raise SceneError("Recorder.write: the report is of another scene than the recorder.")
+        if not _is_current(report):
+            raise SceneError(
+                f"Recorder.write: the report is of t = {report.t:g} s, and the run has gone on to "
+                f"{report.state.t:g} s. Write each report before the next step."
+            )
+        if self._last is not None and report.step <= self._last.step:
+            raise SceneError(
+                f"Recorder.write: step {report.step} comes after step {self._last.step}. Write "
+                "each step once, and take a new recorder for another run."
+            )
 
     def _due(self, report: Report) -> bool:
         if self._interval is None:
@@ -204,8 +242,18 @@ class Recorder:
         agree(self._comm, problem, OutputError)
 
     def _problem(self, error: OSError) -> str:
+        if isinstance(error, BlockingIOError):
+            return (
+                f"Recorder: another recorder writes to the folder '{self.folder}', in this process "
+                "or in another. Close that one, wait for its run to end, or name another folder."
+            )
         return (
             f"Recorder: cannot write to the folder '{self.folder}' "
             f"({error.strerror or error}: '{error.filename or self.history}'). Name a folder that "
             "you may write to and where no file is in the way, and check the space left there."
         )
+
+
+def _is_current(report: Report) -> bool:
+    """Whether the run has not gone on since a report."""
+    return report.t == report.state.t
