@@ -28,6 +28,7 @@ from rigidfx.flexible.internal_forces import BoundForces, InternalForces
 from rigidfx.mechanics.bodies import Motions
 from rigidfx.mechanics.body_step import BodyTerm, Step
 from rigidfx.scene.scene import Scene
+from rigidfx.step.callbacks import errors_of_callbacks
 from rigidfx.step.first_guess import Guess
 from rigidfx.step.linear_solver import PREFIX, configure, default_options, prefers_direct
 from rigidfx.step.loads import Resultants
@@ -236,7 +237,8 @@ class Equilibrium:
         self.stop.expect_rounding(
             self._rounding.in_residual(self._dt, self._v0, self._f_ext, self._step.start)
         )
-        self._snes.solve(None, self._y)
+        with errors_of_callbacks():
+            self._snes.solve(None, self._y)
         return judged(int(self._snes.getConvergedReason()))
 
     def _start_at(self, guess: Guess) -> None:
