@@ -24,5 +24,5 @@ def main() -> None:
     pictures(options.folder, frames=options.frames, view=options.view, up=options.up)
 
 
-if __name__ == "_main__":
+if __name__ == "__main__":
     main()
