@@ -15,6 +15,8 @@ from dataclasses import replace
 from time import perf_counter
 from typing import Any
 
+import numpy as np
+
 from rigidfx.base.errors import SceneError
 from rigidfx.decide.criterion import StrainRate
 from rigidfx.report.energy_balance import EnergyBalance
@@ -57,7 +59,9 @@ def simulate(
         InversionError: If a step turns flexible cells inside out, even after cutting.
     """
     if not isinstance(scene, Scene):
-        raise SceneError(f"simulate: scene must be a Scene, got {scene!r}.")
+        raise SceneError(f"simulate: scene must be a Scene, got {type(scene).__name__}.")
+    if progress is not None and not isinstance(progress, (bool, np.bool_)):
+        raise SceneError(f"simulate: progress must be True, False or None, got {progress!r}.")
     timeline = Timeline(dt, t_end)
     if rigidify is not None and not isinstance(rigidify, StrainRate):
         raise SceneError(f"simulate: rigidify must be a StrainRate, got {rigidify!r}.")

@@ -24,6 +24,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.base.errors import OutputError
+from rigidfx.base.inputs import path_of
 from rigidfx.report.report import Report
 
 __all__ = ["components", "history_columns", "history_row", "read_history"]
@@ -83,9 +85,42 @@ def read_history(path: str | Path) -> dict[str, Array]:
         path: The file; it may be that of a run that goes on, or was killed.
 
     Raises:
-        OSError: If it cannot be read.
+        FileNotFoundError: If it is not there.
+        OutputError: If it is no table of numbers, or cannot be read.
+        SceneError: If path is none.
     """
-    with open(path, newline="", encoding="utf-8") as file:
-        header, *rows = csv.reader([line for line in file if line.endswith("\n")])
-    values = np.array(rows, dtype=np.float64).reshape(len(rows), len(header))
+    path = path_of("read_history", "path", path)
+    if path.is_dir():
+        raise OutputError(f"read_history: '{path}' is a folder. Name the history.csv in it.")
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            lines = list(csv.reader([line for line in file if line.endswith("\n")]))
+    except FileNotFoundError:
+        raise
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise OutputError(f"read_history: '{path}' cannot be read: {error}.") from error
+    if not lines:
+        raise OutputError(f"read_history: '{path}' has no whole line: no run has written to it.")
+    header, *rows = lines
+    twice = [name for name in header if header.count(name) > 1]
+    if twice:
+        raise OutputError(f"read_history: '{path}' has the column '{twice[0]}' twice.")
+    try:
+        values = np.array(rows, dtype=np.float64).reshape(len(rows), len(header))
+    except ValueError:
+        number, problem = _first_bad(rows, len(header))
+        raise OutputError(f"read_history: '{path}', row {number}: {problem}.") from None
     return dict(zip(header, values.T, strict=True))
+
+
+def _first_bad(rows: list[list[str]], width: int) -> tuple[int, str]:
+    """The number of the first row, from 1, that is not so many numbers, and what it is."""
+    for k, row in enumerate(rows, start=1):
+        if len(row) != width:
+            return k, f"{len(row)} numbers in {width} columns"
+        for text in row:
+            try:
+                float(text)
+            except ValueError:
+                return k, f"{text!r} is no number"
+    return 0, "rows cannot be read as numbers"

@@ -33,6 +33,7 @@ from rigidfx.output.fields import Fields
 from rigidfx.output.history import history_columns, history_row
 from rigidfx.output.paraview import Series
 from rigidfx.output.paraview_script import write as write_view
+from rigidfx.report.current import check_report, check_scene, is_current
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 
@@ -78,8 +79,7 @@ class Recorder:
                 writes to it.
             SceneError: If every or interval cannot be used.
         """
-        if not isinstance(scene, Scene):
-            raise SceneError(f"Recorder: scene must be a Scene, got {scene!r}.")
+        check_scene("Recorder", scene)
         if not isinstance(stress, (bool, np.bool_)):
             raise SceneError(f"Recorder: stress must be True or False, got {stress!r}.")
         self._every = whole("Recorder", "every", every, least=1)
@@ -181,7 +181,7 @@ class Recorder:
         together = error is None or isinstance(error, StepError)
         last = self._last
         try:
-            if together and last and last.step != self._fields_at and _is_current(last):
+            if together and last and last.step != self._fields_at and is_current(last):
                 self._write_fields(last)
             if error is None:
                 self._on_first_rank(self._files.close)
@@ -192,15 +192,7 @@ class Recorder:
     def _check(self, report: Report) -> None:
         if self._closed:
             raise OutputError(f"Recorder.write: the recorder of '{self.folder}' is closed.")
-        if not isinstance(report, Report):
-            raise SceneError(f"Recorder.write: report must be a Report, got {report!r}.")
-        if report.state.u.function_space is not self._scene.space:
-            raise SceneError("Recorder.write: the report is of another scene than the recorder.")
-        if not _is_current(report):
-            raise SceneError(
-                f"Recorder.write: the report is of t = {report.t:g} s, and the run has gone on to "
-                f"{report.state.t:g} s. Write each report before the next step."
-            )
+        check_report("Recorder.write", self._scene, report)
         if self._last is not None and report.step <= self._last.step:
             raise SceneError(
                 f"Recorder.write: step {report.step} comes after step {self._last.step}. Write "
@@ -252,8 +244,3 @@ class Recorder:
             f"({error.strerror or error}: '{error.filename or self.history}'). Name a folder that "
             "you may write to and where no file is in the way, and check the space left there."
         )
-
-
-def _is_current(report: Report) -> bool:
-    """Whether the run has not gone on since a report."""
-    return report.t == report.state.t
