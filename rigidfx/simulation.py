@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from rigidfx.base.errors import SceneError
+from rigidfx.base.same_input import check_same
 from rigidfx.decide.criterion import StrainRate
 from rigidfx.report.energy_balance import EnergyBalance
 from rigidfx.report.probes import Probes
@@ -60,6 +61,7 @@ def simulate(
     """
     if not isinstance(scene, Scene):
         raise SceneError(f"simulate: scene must be a Scene, got {type(scene).__name__}.")
+    check_same(scene.comm, "simulate", {"dt": dt, "t_end": t_end, "rigidify": rigidify})
     if progress is not None and not isinstance(progress, (bool, np.bool_)):
         raise SceneError(f"simulate: progress must be True, False or None, got {progress!r}.")
     timeline = Timeline(dt, t_end)

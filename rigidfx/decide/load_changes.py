@@ -74,9 +74,11 @@ class Changes:
 
     def _intensities(self, t: float) -> list[Array]:
         dt = self._dt
-        return together(
+        values = together(
             self._comm, "A load", lambda: [_intensity(load, t, dt) for load in self._loads]
         )
+        # Functions cannot be compared: were theirs to differ, so would what ranks decide by them.
+        return list(self._comm.bcast(values))
 
 
 def _intensity(
