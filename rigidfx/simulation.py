@@ -9,7 +9,7 @@ shows up as several reports on the way to its end.
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
 from time import perf_counter
@@ -25,6 +25,7 @@ from rigidfx.report.probes import Probes
 from rigidfx.report.report import Report, amended, report_of
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
+from rigidfx.step.petsc_options import SolverOptions
 from rigidfx.step.stepper import Integrator
 from rigidfx.switch.switching import Switching
 
@@ -38,6 +39,8 @@ def simulate(
     *,
     rigidify: StrainRate | None = None,
     progress: bool | None = None,
+    petsc_options: Mapping[str, Any] | None = None,
+    monitor: Callable[[int, float], None] | None = None,
 ) -> Iterator[Report]:
     """Integrate a scene from t = 0.
 
@@ -48,6 +51,10 @@ def simulate(
         rigidify: When parts become rigid and flexible again; no part does if None.
         progress: Whether rank 0 shows a progress bar on standard error; where that is a terminal
             if None.
+        petsc_options: Options of PETSc's solvers for this run, by name without a prefix:
+            {"ksp_type": "bcgs", "pc_type": "hypre"}. Those of the environment and of the command
+            line win; see `rigidfx.step.petsc_options`.
+        monitor: Called with the number of each Newton iterate and ‖R‖ [N] there, on every rank.
 
     Returns:
         A generator of reports, the first of them of the initial state. Everything it holds is
@@ -55,13 +62,18 @@ def simulate(
 
     Raises:
         SceneError: Before the first report, if dt or t_end cannot be used or the initial state is
-            in conflict; later, if a load takes a value that is not finite.
+            in conflict, or an option cannot be honoured; later, if a load takes a value that is
+            not finite.
         StepError: If a step does not converge, even after cutting.
         InversionError: If a step turns flexible cells inside out, even after cutting.
     """
     if not isinstance(scene, Scene):
         raise SceneError(f"simulate: scene must be a Scene, got {type(scene).__name__}.")
-    check_same(scene.comm, "simulate", {"dt": dt, "t_end": t_end, "rigidify": rigidify})
+    check_same(
+        scene.comm,
+        "simulate",
+        {"dt": dt, "t_end": t_end, "rigidify": rigidify, "petsc_options": petsc_options},
+    )
     if progress is not None and not isinstance(progress, (bool, np.bool_)):
         raise SceneError(f"simulate: progress must be True, False or None, got {progress!r}.")
     timeline = Timeline(dt, t_end)
@@ -72,8 +84,10 @@ def simulate(
             f"simulate: {type(scene.scheme).__name__} does not couple to rigid bodies; take "
             "EnergyMomentum or Midpoint."
         )
+    solver = SolverOptions({} if petsc_options is None else petsc_options, monitor)
     probes = Probes(scene)
-    integrator = Integrator(scene, timeline.dt, rigidify.measure if rigidify else None)
+    with solver.at_work():
+        integrator = Integrator(scene, timeline.dt, rigidify.measure if rigidify else None)
     switching = None
     if rigidify is not None:
         with ExitStack() as stack:
@@ -81,7 +95,7 @@ def simulate(
             switching = Switching(scene, rigidify, integrator, timeline)
             stack.pop_all()
     timeline.stop_at(scene.breakpoints)
-    return _reports(scene, integrator, switching, probes, timeline, progress)
+    return _reports(scene, integrator, switching, probes, timeline, progress, solver)
 
 
 def _reports(
@@ -91,6 +105,7 @@ def _reports(
     probes: Probes,
     timeline: Timeline,
     progress: bool | None,
+    solver: SolverOptions,
 ) -> Iterator[Report]:
     with integrator, _progress_bar(scene, timeline.t_end, progress) as bar:
         step, state, balance = 0, integrator.state, EnergyBalance(scene)
@@ -100,13 +115,14 @@ def _reports(
         while not timeline.over(state.t):
             target = timeline.next(state.t)
             start = perf_counter()
-            events = switching.before(target - state.t) if switching else []
-            result = integrator.step(target)
-            step += 1
-            report = report_of(step, integrator, probes, result, integrator.measure())
-            if switching is not None:
-                now = switching.after(result, report)
-                report = amended(report, integrator, [*events, *now], switching.closeness)
+            with solver.at_work():
+                events = switching.before(target - state.t) if switching else []
+                result = integrator.step(target)
+                step += 1
+                report = report_of(step, integrator, probes, result, integrator.measure())
+                if switching is not None:
+                    now = switching.after(result, report)
+                    report = amended(report, integrator, [*events, *now], switching.closeness)
             balance.follow(report)
             bar.update(result.dt)
             yield replace(report, wall=perf_counter() - start)

@@ -32,6 +32,7 @@ from rigidfx.step.callbacks import errors_of_callbacks
 from rigidfx.step.first_guess import Guess
 from rigidfx.step.linear_solver import PREFIX, configure, default_options, prefers_direct
 from rigidfx.step.loads import Resultants
+from rigidfx.step.petsc_options import loose_solves_allowed, monitor_solves
 from rigidfx.step.round_off import Rounding
 from rigidfx.step.springs_and_drag import GroundForces
 from rigidfx.step.stopping_test import (
@@ -164,13 +165,14 @@ class Equilibrium:
         snes.setJacobian(tangent, self._tangent.matrix, args=(self,))
         snes.setConvergenceTest(convergence, args=(self,))
         snes.setTolerances(rtol=RELATIVE_TOLERANCE, max_it=MAX_ITERATIONS)
-        if self._krylov:
+        if self._krylov and loose_solves_allowed():
             # Linear systems are solved no further than Newton's quadratic convergence will get:
             # three Krylov iterations in ten are saved, for a Newton iteration in ten more at most.
             snes.setParamsEW(version=2, rtol_0=3e-3, gamma=0.3, alpha=2.0)
             snes.setUseEW(True)
         with default_options(PREFIX, snes_linesearch_type="basic"):
             snes.setFromOptions()
+        monitor_solves(snes)
         self._configure(snes.getKSP(), not self._krylov)
         return snes
 
