@@ -14,41 +14,21 @@
 # a picture of all drifts.
 
 # +
-import argparse
-import json
-import sys
 import time
 from dataclasses import asdict
-from pathlib import Path
 
 import numpy as np
-from mpi4py import MPI
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # where rigidfx is
-
+from common import Parser, comm, say, write_json
 from hardcases import CASES, Result, carry_out
 from hardcases.stiffness import compare
 
-from rigidfx.base.text_files import write_text
-from rigidfx.plot.pictures import figure_of, on_first_rank, save
+from rigidfx.plot import figure_of, on_first_rank, save
 
-ROOT = Path(__file__).resolve().parents[1]
-parser = argparse.ArgumentParser(description="Hard cases: what stays stable, and how well.")
-parser.add_argument("--short", action="store_true", help="coarse meshes and short runs")
+parser = Parser(__file__, "Hard cases: what stays stable, and how well.", "coarse and short")
 parser.add_argument("--only", default="", help="cases or groups whose names contain this")
-parser.add_argument("--out", type=Path, default=ROOT / "out" / "hard_cases", help="folder")
-options = parser.parse_args()
-comm = MPI.COMM_WORLD
-
-
-def say(text: str) -> None:
-    """Print on rank 0."""
-    if comm.rank == 0:
-        print(text, flush=True)
-
-
+options = parser.read()
 # Before hours are spent for a folder that cannot be written:
-write_text(comm, options.out / "summary.json", "[]\n")
+write_json(options.out / "summary.json", [])
 # -
 
 # ## The table
@@ -92,7 +72,7 @@ for entry in ways:
     say(f"{entry['way']:24}{entry['condition']:12.1e}{krylov:>8}{newton:>8}")
 
 summary = [*map(asdict, results), *ways]
-write_text(comm, options.out / "summary.json", json.dumps(summary, indent=2) + "\n")
+write_json(options.out / "summary.json", summary)
 
 
 def draw() -> None:

@@ -15,40 +15,21 @@
 # `summary.json`.
 
 # +
-import argparse
-import json
-import sys
-from contextlib import closing
-from dataclasses import dataclass
-from pathlib import Path
+from functools import partial
 
 import numpy as np
-from mpi4py import MPI
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # where rigidfx and meshes are
+from common import Pair, Parser, conclude, curve, energy_jump, events_of, freezes_of, positive, say
 
 import rigidfx as rf
 from meshes.robot_arm import HEIGHT, TIP, robot_arm
-from rigidfx.base.text_files import write_text
-from rigidfx.plot.pictures import Curve, curves
-from rigidfx.plot.shapes import Shapes
+from rigidfx.plot import Curve, Shapes, curves
 
-ROOT = Path(__file__).resolve().parents[1]
-parser = argparse.ArgumentParser(description="A robot's arm: thick parts freeze, thin ones swing.")
-parser.add_argument("--size", type=float, help="largest edge of a cell [m] (0.016)")
-parser.add_argument("--tol", type=float, help="strain rate that counts as rigid [1/s] (0.03)")
-parser.add_argument("--short", action="store_true", help="first-order cells, one move, 0.09 s")
-parser.add_argument("--out", type=Path, default=ROOT / "out" / "robot_arm", help="folder")
-options = parser.parse_args()
-comm = MPI.COMM_WORLD
-
-
-def say(text: str) -> None:
-    """Print on rank 0."""
-    if comm.rank == 0:
-        print(text, flush=True)
-
-
+parser = Parser(
+    __file__, "A robot's arm: thick parts freeze, thin ones swing.", "one move, order 1"
+)
+parser.add_argument("--size", type=positive, default=0.016, help="largest edge of a cell [m]")
+parser.add_argument("--tol", type=positive, default=0.03, help="rigid below this rate [1/s]")
+options = parser.read(size=0.02, tol=1e-3)
 # -
 
 # ## The arm and its motion
@@ -66,29 +47,17 @@ def say(text: str) -> None:
 DISTANCE, TRAVEL = 0.05, 0.04  # m, s; of a move
 BACK = 0.14  # s; the second move begins
 order = 1 if options.short else 2
-t_end = 0.09 if options.short else 0.26  # s
-size = options.size or (0.02 if options.short else 0.016)  # m
-window = 0.02 if options.short else 0.04  # s; longer than a swing
-tol = options.tol or (1e-3 if options.short else 0.03)  # 1/s
-DT = 0.001  # s
 
 
-@dataclass(frozen=True)
-class Travel:
-    """A smooth way along y from a time on: t → displacement [m]."""
-
-    begin: float
-    distance: float
-
-    def __call__(self, t: float) -> tuple[float, float, float]:
-        """The displacement at t [s]."""
-        s = np.clip((t - self.begin) / TRAVEL, 0.0, 1.0)
-        return 0.0, self.distance * (s - np.sin(2 * np.pi * s) / (2 * np.pi)), 0.0
+def way(begin: float, distance: float, t: float) -> tuple[float, float, float]:
+    """A smooth way along y that begins at a time [s]: the displacement at t [m]."""
+    s = np.clip((t - begin) / TRAVEL, 0.0, 1.0)
+    return 0.0, distance * (s - np.sin(2 * np.pi * s) / (2 * np.pi)), 0.0
 
 
-there, back = Travel(0.0, DISTANCE), Travel(BACK, -DISTANCE)
+there, back = partial(way, 0.0, DISTANCE), partial(way, BACK, -DISTANCE)
 scene = rf.Scene(
-    robot_arm(size, max(0.012, 0.6 * size)),
+    robot_arm(options.size, max(0.012, 0.6 * options.size)),
     rf.StVenantKirchhoff(E=7e10, nu=0.33, rho=2700.0),  # aluminium: Pa, 1, kg/m³
     [
         rf.PrescribedMotion("bore", displacement=there, until=TRAVEL),
@@ -109,13 +78,15 @@ scene = rf.Scene(
 # begins a new window, so that no part becomes rigid during the second move either.
 
 # +
+DT = 0.001  # s
+t_end = 0.09 if options.short else 0.26  # s
+window = 0.02 if options.short else 0.04  # s; longer than a swing
+tol = options.tol  # 1/s
 criterion = rf.StrainRate(tol, window, min_cells=20, since=TRAVEL)
 times = [0.02, 0.04, 0.06, 0.09]  # s
 if not options.short:
     times = [0.02, 0.05, 0.09, 0.13, 0.16, 0.19, 0.225, 0.25]
 shapes = Shapes(scene, times, colour="rigid")
-reports: list[rf.Report] = []
-flexible: list[rf.Report] = []
 shares: dict[str, float] = {}
 
 
@@ -128,25 +99,16 @@ def share(name: str, report: rf.Report) -> float:
     return float(scene.sum(float(rigid)) / scene.sum(float(cells.size)))
 
 
-say(f"Δt = {DT:g} s to t = {t_end:g} s on {comm.size} rank(s), tolerance {tol:g} 1/s")
+say(f"Δt = {DT:g} s to t = {t_end:g} s on {scene.comm.size} rank(s), tolerance {tol:g} 1/s")
 with (
     rf.Recorder(scene, options.out, interval=2 * DT) as recorder,
-    closing(rf.simulate(scene, DT, t_end, rigidify=criterion, progress=True)) as adaptive,
-    closing(rf.simulate(scene, DT, t_end, progress=False)) as beside,
+    Pair(scene, DT, t_end, criterion) as run,
 ):
-    for report in adaptive:
+    for report in run:
         recorder.write(report)
         shapes.add(report)
-        reports.append(report)
-        while not flexible or flexible[-1].t < report.t * (1 - 1e-9):
-            flexible.append(next(beside))
-        for event in report.events:
-            say(
-                f"t = {event.t:5.3f} s: {event.kind}, {event.unknowns_before} → "
-                f"{event.unknowns_after} unknowns ({event.reason})"
-            )
-            if event.kind == "freeze":
-                shares = {name: share(name, report) for name in ("arm", "link", "leaf", "head")}
+        if any(event.kind == "freeze" for event in report.events):
+            shares = {name: share(name, report) for name in ("arm", "link", "leaf", "head")}
 # -
 
 # ## What came of it
@@ -169,13 +131,10 @@ def period(t: np.ndarray, y: np.ndarray) -> float:
     return float(2 * np.diff(zeros).mean())
 
 
-# A step that had to be cut has reports at times that the other run has not.
-known = {round(r.t / DT, 6): r for r in flexible}
-both = [(r, known[round(r.t / DT, 6)]) for r in reports if round(r.t / DT, 6) in known]
+reports, flexible, both = run.adaptive, run.flexible, run.matched()
 t = np.array([r.t for r, _ in both])
 y, reference = (swing([pair[k] for pair in both]) for k in (0, 1))
-events = [event for report in reports for event in report.events]
-freezes = [event for event in events if event.kind == "freeze"]
+events, freezes = events_of(reports), freezes_of(reports)
 most = reports[0].unknowns
 rigid = [r for r in reports if r.unknowns < most]
 beside_rigid = [b for a, b in both if a.unknowns < most]
@@ -196,8 +155,7 @@ summary = {
         for (a, b), f in zip(both, free | last, strict=True)
         if f
     ),
-    "energy_jump": max((abs(e.energy_lost) for e in events), default=0.0)
-    / max(r.energy for r in reports),
+    "energy_jump": energy_jump(reports),
     "wall_adaptive_s": sum(r.wall for r in reports),
     "wall_flexible_s": sum(r.wall for r in flexible),
     "time_ratio_window": sum(r.wall for r in rigid) / sum(r.wall for r in beside_rigid)
@@ -207,10 +165,9 @@ summary = {
     "events": [f"{e.t:.3f} s: {e.kind} ({e.reason})" for e in events],
     "order": order,
     "tol": tol,
-    "ranks": comm.size,
+    "ranks": scene.comm.size,
 }
-write_text(comm, options.out / "summary.json", json.dumps(summary, indent=2) + "\n")
-say(json.dumps(summary, indent=2))
+conclude(options.out, summary)
 
 curves(
     {
@@ -220,12 +177,12 @@ curves(
             Curve("their distance", t, 1e3 * (y - reference)),
         ],
         "Total energy": [
-            Curve("adaptive", t, [r.energy for r, _ in both]),
-            Curve("all flexible", t, [r.energy for _, r in both]),
+            curve("adaptive", reports, "energy"),
+            curve("all flexible", flexible, "energy"),
         ],
         "Unknowns": [
-            Curve("adaptive", t, [r.unknowns for r, _ in both]),
-            Curve("all flexible", t, [r.unknowns for _, r in both]),
+            curve("adaptive", reports, "unknowns"),
+            curve("all flexible", flexible, "unknowns"),
         ],
     },
     options.out / "motion.png",
@@ -243,12 +200,12 @@ shapes.draw(
 # ## What has to hold
 
 assert summary["energy_jump"] <= 1e-11
-if options.tol is None and options.size is None:
+if parser.defaults(options, "tol", "size"):
     assert summary["unknowns_end"] < 0.7 * summary["unknowns_start"]
     assert shares["head"] > 0.5 > shares["leaf"]
     assert summary["swing_deviation"] <= 0.05
     assert summary["energy_deviation"] <= (0.1 if options.short else 0.05)
-if options.tol is None and options.size is None and not options.short:
+if parser.defaults(options, "tol", "size") and not options.short:
     assert sum(event.kind == "release" for event in events) >= 1
     assert len(freezes) >= 2
     assert reports[-1].unknowns < summary["unknowns_start"]

@@ -15,53 +15,56 @@
 # histories and of a comparison of three schemes, and `summary.json`.
 
 # +
-import argparse
-import json
-import sys
 from contextlib import closing
-from pathlib import Path
 
 import numpy as np
-from mpi4py import MPI
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # where rigidfx and meshes are
+from common import Parser, conclude, positive, say
 
 import rigidfx as rf
 from meshes.tumbling_l import tumbling_l
-from rigidfx.base.text_files import write_text
-from rigidfx.plot.pictures import Curve, curves, histories
-from rigidfx.plot.shapes import Shapes
+from rigidfx.plot import Curve, Shapes, curves, histories
 
-ROOT = Path(__file__).resolve().parents[1]
 MATERIALS = {  # E = 10⁴ Pa, ν = 0.3 at small strain, ρ0 = 10 kg/m³
     "svk": rf.StVenantKirchhoff(E=1e4, nu=0.3, rho=10.0),
     "neo-hooke": rf.NeoHooke(E=1e4, nu=0.3, rho=10.0),
     "mooney-rivlin": rf.MooneyRivlin(c10=1e4 / 6.5, c01=1e4 / 26, kappa=1e4 / 1.2, rho=10.0),
 }
-parser = argparse.ArgumentParser(description="Tumbling L: what three schemes conserve.")
-parser.add_argument("--dt", type=float, default=0.1, help="time step [s]")
-parser.add_argument("--t-end", type=float, help="end of all runs [s] (200)")
+parser = Parser(__file__, "Tumbling L: what three schemes conserve.", "25 s, one Δt compared")
+parser.add_argument("--dt", type=positive, default=0.1, help="time step [s]")
+parser.add_argument("--t-end", type=positive, default=200.0, help="end of all runs [s] (200)")
 parser.add_argument("--refine", type=int, default=1, help="cells per metre in the main run")
 parser.add_argument("--cell", choices=["hexahedron", "tetrahedron"], default="hexahedron")
 parser.add_argument("--order", type=int, choices=[1, 2], default=1)
 parser.add_argument("--mass", choices=["lumped", "consistent"], default="lumped")
 parser.add_argument("--material", choices=list(MATERIALS), default="svk")
-parser.add_argument("--short", action="store_true", help="to t = 25 s, and with Δt = 0.5 s only")
-parser.add_argument("--out", type=Path, default=ROOT / "out" / "tumbling_l", help="folder")
-options = parser.parse_args()
+options = parser.read(t_end=25.0)
+# -
 
-comm = MPI.COMM_WORLD
-t_end = (25.0 if options.short else 200.0) if options.t_end is None else options.t_end  # s
-if t_end <= 5.0:
-    parser.error("--t-end must be later than 5 s, when the load ends")
+# ## The body and its load
+#
+# Both end faces are 9 m² in size: what pushes the one and its opposite on the other leave no net
+# force.
 
-
-def say(text: str) -> None:
-    """Print on rank 0."""
-    if comm.rank == 0:
-        print(text, flush=True)
+# +
+LOAD = np.array([256.0, 512.0, 768.0]) / 90  # traction per second of the ramp [Pa/s]
+RAMP = rf.Table([0.0, 2.5, 5.0], [0.0, 2.5, 0.0])  # p(t) [s]: up, and down again
+FREE = 5.0  # s; nothing acts from here on
 
 
+def push(factor: float) -> list[rf.Traction]:
+    """The tractions t = ± factor p(t) LOAD on both end faces."""
+    sides = {"top": factor * LOAD, "side": -factor * LOAD}
+    return [rf.Traction(name, tuple(t), time=RAMP, until=FREE) for name, t in sides.items()]
+
+
+scene = rf.Scene(
+    tumbling_l(options.refine, options.cell),
+    MATERIALS[options.material],
+    push(1.0),
+    order=options.order,
+    mass=options.mass,
+    probes={"top": (0.0, 10.0, 0.0), "corner": (0.0, 0.0, 0.0), "side": (6.0, 0.0, 0.0)},
+)
 # -
 
 # ## What is solved
@@ -73,25 +76,7 @@ def say(text: str) -> None:
 #
 # The material is St.Venant and Kirchhoff's, S = λ tr(E) I + 2μE. The traction t is a dead load: it
 # does not turn with the body. It acts on the upper end of the L (y = 10 m), and its opposite on the
-# side end (x = 6 m); both faces are 9 m² in size, so that no net force is left.
-
-# +
-LOAD = np.array([256.0, 512.0, 768.0]) / 90  # traction per second of the ramp [Pa/s]
-RAMP = rf.Table([0.0, 2.5, 5.0], [0.0, 2.5, 0.0])  # p(t) [s]: up, and down again
-FREE = 5.0  # s; nothing acts from here on
-
-
-def push(factor: float) -> list[rf.Traction]:
-    """The two tractions t = ± factor p(t) LOAD."""
-    value = tuple(factor * LOAD)
-    opposite = tuple(-factor * LOAD)
-    return [
-        rf.Traction("top", value, time=RAMP, until=FREE),
-        rf.Traction("side", opposite, time=RAMP, until=FREE),
-    ]
-
-
-# -
+# side end (x = 6 m).
 
 # ## Discretisation
 #
@@ -106,16 +91,6 @@ def push(factor: float) -> list[rf.Traction]:
 # of space as δu show that momenta are. For the other materials a discrete gradient takes the place
 # of the averaged stress.
 
-domain = tumbling_l(options.refine, options.cell)
-scene = rf.Scene(
-    domain,
-    MATERIALS[options.material],
-    push(1.0),
-    order=options.order,
-    mass=options.mass,
-    probes={"top": (0.0, 10.0, 0.0), "corner": (0.0, 0.0, 0.0), "side": (6.0, 0.0, 0.0)},
-)
-
 # ## The run
 #
 # The recorder adds a row per step to `history.csv` and, twice per second of simulated time, the
@@ -123,15 +98,20 @@ scene = rf.Scene(
 # `displacement` and scale factor 1 (a rotation must not be exaggerated), colour by `velocity`, and
 # play: the fastest points change places as the axis of rotation wanders through the body.
 
+# +
+t_end = options.t_end  # s
+if t_end <= FREE:
+    parser.error("--t-end must be later than 5 s, when the load ends")
 begin = np.array([0.0, 2.5, 5.0, 7.5])  # s
 shapes = Shapes(scene, np.union1d(begin, begin + t_end - 7.5))
 reports = []
 with rf.Recorder(scene, options.out, interval=0.5) as recorder:
-    say(f"Main run: Δt = {options.dt:g} s to t = {t_end:g} s on {comm.size} rank(s)")
+    say(f"Main run: Δt = {options.dt:g} s to t = {t_end:g} s on {scene.comm.size} rank(s)")
     for report in rf.simulate(scene, options.dt, t_end, progress=True):
         recorder.write(report)
         shapes.add(report)
         reports.append(report)
+# -
 
 # ## What is conserved
 
@@ -150,7 +130,7 @@ summary = {
     "newton_mean": float(np.mean([r.iterations for r in steps])),
     "wall_per_step_s": float(np.mean([r.wall for r in steps])),
     "unknowns": reports[-1].unknowns,
-    "ranks": comm.size,
+    "ranks": scene.comm.size,
 }
 
 # ## Three schemes compared
@@ -238,8 +218,7 @@ curves(
     ylabel="energy / energy at 5 s",
     title="Four times the load: crosses mark where a scheme breaks down",
 )
-write_text(comm, options.out / "summary.json", json.dumps(summary, indent=2) + "\n")
-say(json.dumps(summary, indent=2))
+conclude(options.out, summary)
 
 # ## What has to hold
 #

@@ -1,6 +1,6 @@
 """The only time loop: a generator of step reports.
 
-    scene → integrator.step → Report → … → Recorder
+    advance → report → decide → switch → next step
 
 Steps end on the grid k Δt and on every breakpoint the scene declares; a step that had to be cut
 shows up as several reports on the way to its end.
@@ -11,7 +11,8 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from itertools import count
 from time import perf_counter
 from typing import Any
 
@@ -20,16 +21,23 @@ import numpy as np
 from rigidfx.base.errors import SceneError
 from rigidfx.base.same_input import check_same
 from rigidfx.decide.criterion import StrainRate
+from rigidfx.decide.decision import Decision
+from rigidfx.decide.observation import Observation
+from rigidfx.decide.policy import Policy
+from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.report.energy_balance import EnergyBalance
+from rigidfx.report.events import Event
 from rigidfx.report.probes import Probes
 from rigidfx.report.report import Report, amended, report_of
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
+from rigidfx.state import State
 from rigidfx.step.petsc_options import SolverOptions
-from rigidfx.step.stepper import Integrator
-from rigidfx.switch.switching import Switching
+from rigidfx.step.stepper import Stepper
+from rigidfx.step.supports import Impact
+from rigidfx.switch.switch import Switch
 
-__all__ = ["simulate"]
+__all__ = ["Run", "prepare", "simulate"]
 
 
 def simulate(
@@ -52,8 +60,8 @@ def simulate(
         progress: Whether rank 0 shows a progress bar on standard error; where that is a terminal
             if None.
         petsc_options: Options of PETSc's solvers for this run, by name without a prefix:
-            {"ksp_type": "bcgs", "pc_type": "hypre"}. Those of the environment and of the command
-            line win; see `rigidfx.step.petsc_options`.
+            {"ksp_type": "bcgs", "pc_type": "hypre"}. Those of the command line and of the
+            environment win; see `rigidfx.step.petsc_options`.
         monitor: Called with the number of each Newton iterate and ‖R‖ [N] there, on every rank.
 
     Returns:
@@ -85,44 +93,112 @@ def simulate(
             "EnergyMomentum or Midpoint."
         )
     solver = SolverOptions({} if petsc_options is None else petsc_options, monitor)
-    probes = Probes(scene)
     with solver.at_work():
-        integrator = Integrator(scene, timeline.dt, rigidify.measure if rigidify else None)
-    switching = None
-    if rigidify is not None:
-        with ExitStack() as stack:
-            stack.callback(integrator.close)
-            switching = Switching(scene, rigidify, integrator, timeline)
-            stack.pop_all()
+        run, impact = prepare(scene, timeline, rigidify)
     timeline.stop_at(scene.breakpoints)
-    return _reports(scene, integrator, switching, probes, timeline, progress, solver)
+    return _reports(run, impact, progress, solver)
+
+
+@dataclass(frozen=True)
+class Run:
+    """What takes part in a run.
+
+    Attributes:
+        timeline: Where steps end.
+        stepper: Makes steps.
+        switch: Applies decisions, and follows effects that begin or end.
+        policy: Decides what becomes rigid and flexible; None if nothing does.
+        probes: Points that are reported.
+    """
+
+    timeline: Timeline
+    stepper: Stepper
+    switch: Switch
+    policy: Policy | None
+    probes: Probes
+
+    def ahead(self, target: float) -> list[Event]:
+        """Decide before a step and switch; what happened. Collective."""
+        state, policy = self.stepper.state, self.policy
+        if policy is None:
+            return []
+        seen = Observation(self.stepper, target - state.t)
+        return self._switched(policy, policy.ahead(seen, (state.t + target) / 2), seen)
+
+    def after(self, report: Report) -> tuple[list[Event], float]:
+        """Decide after a step and switch; what happened, and how close it was. Collective."""
+        policy = self.policy
+        if policy is None:
+            return [], np.nan
+        seen = Observation(self.stepper, report.dt)
+        policy.observe(seen)
+        decision = policy.after(seen, report)
+        closeness = np.nan if decision is None else decision.closeness
+        return self._switched(policy, decision, seen), closeness
+
+    def _switched(
+        self, policy: Policy, decision: Decision | None, seen: Observation
+    ) -> list[Event]:
+        if decision is None:
+            return []
+        event = self.switch.apply(decision)
+        policy.applied(decision, seen, event is not None)
+        return [] if event is None else [event]
+
+
+def prepare(
+    scene: Scene, timeline: Timeline, rigidify: StrainRate | None = None
+) -> tuple[Run, Impact | None]:
+    """Prepare a run up to its first step; its stepper is to be closed. Collective.
+
+    Args:
+        scene: The problem.
+        timeline: Where steps end.
+        rigidify: When parts become rigid and flexible again; no part does if None.
+
+    Returns:
+        The run, and the velocity that supports have imposed at the start, if they have.
+
+    Raises:
+        SceneError: If the initial state is in conflict.
+        StepError: If a static preload does not converge.
+    """
+    probes, state = Probes(scene), State(scene)
+    starts = {0.0, *(t for t in scene.breakpoints if t > 0)}
+    acting = [scene.acting(timeline.after(t)) for t in sorted(starts, reverse=True)]
+    forces = InternalForces(scene, state.u, acting)
+    indicator = None if rigidify is None else rigidify.indicator(scene, forces)
+    stepper = Stepper(scene, state, forces, indicator)
+    with ExitStack() as stack:
+        stack.callback(stepper.close)
+        switch = Switch(stepper, timeline)
+        impact = switch.begin()
+        policy = None if rigidify is None else Policy(scene, rigidify, timeline)
+        stack.pop_all()
+    return Run(timeline, stepper, switch, policy, probes), impact
 
 
 def _reports(
-    scene: Scene,
-    integrator: Integrator,
-    switching: Switching | None,
-    probes: Probes,
-    timeline: Timeline,
-    progress: bool | None,
-    solver: SolverOptions,
+    run: Run, impact: Impact | None, progress: bool | None, solver: SolverOptions
 ) -> Iterator[Report]:
-    with integrator, _progress_bar(scene, timeline.t_end, progress) as bar:
-        step, state, balance = 0, integrator.state, EnergyBalance(scene)
-        report = report_of(0, integrator, probes, None, integrator.measure())
+    """Advance → report → decide → switch, step by step."""
+    timeline, stepper, switch, state = run.timeline, run.stepper, run.switch, run.stepper.state
+    balance = EnergyBalance(stepper.scene)
+    with stepper, _progress_bar(stepper.scene, timeline.t_end, progress) as bar:
+        report = report_of(0, stepper, run.probes, None, impact)
         balance.follow(report)
         yield report
-        while not timeline.over(state.t):
-            target = timeline.next(state.t)
-            start = perf_counter()
+        for step in count(1):
+            if timeline.over(state.t):
+                return
+            target, start = timeline.next(state.t), perf_counter()
             with solver.at_work():
-                events = switching.before(target - state.t) if switching else []
-                result = integrator.step(target)
-                step += 1
-                report = report_of(step, integrator, probes, result, integrator.measure())
-                if switching is not None:
-                    now = switching.after(result, report)
-                    report = amended(report, integrator, [*events, *now], switching.closeness)
+                events = run.ahead(target)
+                impact = switch.follow_effects(target - state.t)
+                result = stepper.advance(target)
+                report = report_of(step, stepper, run.probes, result, impact)
+                now, closeness = run.after(report)
+                report = amended(report, stepper, [*events, *now], closeness)
             balance.follow(report)
             bar.update(result.dt)
             yield replace(report, wall=perf_counter() - start)

@@ -1,9 +1,12 @@
-"""The only mutable physics: displacement, velocity, time."""
+"""The only mutable physics: displacement, velocity, rigid bodies, time.
+
+This module alone writes them: a step by `advance`, a switch by `group`, `take_out` and `move`, a
+support that begins by `kick`, a static preload by `place`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence, Set
 
 import numpy as np
 import numpy.typing as npt
@@ -12,34 +15,26 @@ from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError, agree, together
 from rigidfx.effects import InitialVelocity
-from rigidfx.mechanics.rigid_body import BodyMotion, RigidBody
+from rigidfx.mechanics.bodies import Bodies
+from rigidfx.mechanics.rigid_body import Body
 from rigidfx.scene.scene import Scene
 
-__all__ = ["Snapshot", "State", "initial_velocity"]
+__all__ = ["State", "initial_velocity"]
 
-
-@dataclass(frozen=True)
-class Snapshot:
-    """A copy of a state that it can be restored to."""
-
-    t: float
-    u: npt.NDArray[np.float64]
-    v: npt.NDArray[np.float64]
-    motions: tuple[BodyMotion, ...]
+Array = npt.NDArray[np.float64]
+Nodes = npt.NDArray[np.int32]
 
 
 class State:
-    """Displacement and velocity of all nodes at one time.
+    """Displacement and velocity of all nodes, and the rigid bodies, at one time.
 
     Attributes:
         t: Time [s].
         u: Displacement [m].
         v: Velocity [m/s].
-        bodies: Rigid bodies.
-        motions: Their motions, in the same order.
+        bodies: Rigid bodies that move freely.
         clamped: Owned cells of each named part that a support moves, by the part's number.
-        carried: For each body, which of its nodes have its velocity: all of them with a lumped
-            mass, else those that no flexible cell touches.
+        X: Reference positions of the local nodes, shape (nodes, 3) [m].
 
     Between outputs u and v of nodes inside bodies lag behind; `rebuild` brings them up to date.
     """
@@ -49,46 +44,67 @@ class State:
         self.t = 0.0
         self.u = fem.Function(scene.space, name="displacement")
         self.v = fem.Function(scene.space, name="velocity")
-        self.bodies: tuple[RigidBody, ...] = ()
-        self.motions: tuple[BodyMotion, ...] = ()
-        self.clamped: Mapping[int, npt.NDArray[np.int32]] = {}
-        self.carried: tuple[npt.NDArray[np.int32], ...] = ()
-        self.X = scene.space.tabulate_dof_coordinates()
+        self.bodies = Bodies.of_each(())
+        self.clamped: Mapping[int, Nodes] = {}
+        self.X: Array = scene.space.tabulate_dof_coordinates()
+        self._following: tuple[Nodes, ...] = ()
 
-    def snapshot(self) -> Snapshot:
-        """Copy of the state."""
-        return Snapshot(self.t, self.u.x.array.copy(), self.v.x.array.copy(), self.motions)
+    # What is asked ------------------------------------------------------------------------------
 
-    def restore(self, snapshot: Snapshot) -> None:
-        """Go back to a snapshot."""
-        self.t = snapshot.t
-        self.u.x.array[:] = snapshot.u
-        self.v.x.array[:] = snapshot.v
-        self.motions = snapshot.motions
-
-    def positions(self, nodes: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
+    def positions(self, nodes: npt.NDArray[np.int64]) -> Array:
         """Positions of owned nodes, also of those inside bodies, shape (nodes, 3) [m]."""
         x = self.X[nodes] + self.u.x.array.reshape(-1, 3)[nodes]
-        for body, motion in zip(self.bodies, self.motions, strict=True):
-            place = np.searchsorted(body.nodes, nodes)
-            inside = place < body.nodes.size
-            inside[inside] = body.nodes[place[inside]] == nodes[inside]
-            x[inside] = motion.positions(body.offsets[place[inside]])
+        for body in self.bodies:
+            place = np.searchsorted(body.data.nodes, nodes)
+            inside = place < body.data.nodes.size
+            inside[inside] = body.data.nodes[place[inside]] == nodes[inside]
+            x[inside] = body.motion.positions(body.data.offsets[place[inside]])
         return np.asarray(x)
 
     @property
     def stored(self) -> float:
         """Energy that the bodies keep for their release [J]."""
-        return sum(body.frozen.energy for body in self.bodies)
+        return self.bodies.stored
 
     def body_numbers(self) -> npt.NDArray[np.int32]:
         """For each owned cell the number of the body or clamped part it is in, else 0."""
         numbers = np.zeros(self.u.function_space.mesh.topology.index_map(3).size_local, np.int32)
-        for body in self.bodies:
+        for body in self.bodies.of.records:
             numbers[body.cells] = body.number
         for number, cells in self.clamped.items():
             numbers[cells] = number
         return numbers
+
+    # What a step writes -------------------------------------------------------------------------
+
+    def advance(
+        self,
+        t: float,
+        dofs: npt.NDArray[np.int64],
+        d: Array,
+        v: Array,
+        bodies: Bodies,
+        attached: Sequence[Nodes],
+    ) -> None:
+        """Take over the result of a step. Collective.
+
+        Args:
+            t: Time at its end [s].
+            dofs: Owned dofs of the nodes that took part.
+            d: Their increments [m].
+            v: Their velocities at its end [m/s].
+            bodies: The bodies at its end.
+            attached: Of each body, which of its nodes took part: they are put exactly where the
+                body is, as increments would add up rounding.
+        """
+        self.u.x.array[dofs] += d
+        self.v.x.array[dofs] = v
+        self.bodies, self.t = bodies, t
+        u = self.u.x.array.reshape(-1, 3)
+        for body, at in zip(bodies, attached, strict=True):
+            nodes = body.data.nodes[at]
+            u[nodes] = body.motion.positions(body.data.offsets[at]) - self.X[nodes]
+        self._scatter()
 
     def rebuild(self) -> None:
         """Set displacement and velocity of the nodes inside bodies from their motions. Collective.
@@ -96,12 +112,67 @@ class State:
         With a consistent mass velocities at the interface stay: the flexible cells' side of it has
         a velocity of its own.
         """
-        if not self.bodies:
+        if not len(self.bodies):
             return
         u, v = (f.x.array.reshape(-1, 3) for f in (self.u, self.v))
-        for body, motion, own in zip(self.bodies, self.motions, self.carried, strict=True):
-            u[body.nodes] = motion.positions(body.offsets) - self.X[body.nodes]
-            v[body.nodes[own]] = motion.velocities(body.offsets[own])
+        for body, own in zip(self.bodies, self._following, strict=True):
+            nodes = body.data.nodes
+            u[nodes] = body.positions - self.X[nodes]
+            v[nodes[own]] = body.velocities[own]
+        self._scatter()
+
+    # What the start of a run, supports and switches write ----------------------------------------
+
+    def place(self, u: Array) -> None:
+        """Take over the displacement of a static preload at all local dofs [m]."""
+        self.u.x.array[:] = u
+
+    def move(self, v: Array) -> None:
+        """Take over a velocity at all local dofs, or at the owned ones [m/s]. Collective."""
+        self.v.x.array[: v.size] = v
+        self.v.x.scatter_forward()
+
+    def kick(self, dofs: npt.NDArray[np.int64], dv: Array, bodies: Bodies) -> None:
+        """Change velocities of owned dofs [m/s], and those of the bodies. Collective."""
+        self.v.x.array[dofs] += dv
+        self.bodies = bodies
+        self.v.x.scatter_forward()
+
+    def group(self, bodies: Bodies) -> None:
+        """Have these bodies from now on, or the same with other velocities.
+
+        What becomes of their nodes is for the caller to say.
+        """
+        self.bodies = bodies
+
+    def clamp(self, clamped: Mapping[int, Nodes]) -> None:
+        """Say which owned cells of each named part a support moves, by the part's number."""
+        self.clamped = clamped
+
+    def take_out(self, numbers: Set[int]) -> list[Body]:
+        """Take bodies out; their nodes get their displacement. Collective.
+
+        Args:
+            numbers: Numbers of bodies.
+
+        Returns:
+            These bodies.
+        """
+        gone = [body for body in self.bodies if body.data.number in numbers]
+        self.bodies = Bodies.of_each(
+            body for body in self.bodies if body.data.number not in numbers
+        )
+        u = self.u.x.array.reshape(-1, 3)
+        for body in gone:
+            u[body.data.nodes] = body.positions - self.X[body.data.nodes]
+        self.u.x.scatter_forward()
+        return gone
+
+    def follow(self, following: tuple[Nodes, ...]) -> None:
+        """Say for each body which of its nodes have its velocity: see `DofLayout.following`."""
+        self._following = following
+
+    def _scatter(self) -> None:
         self.u.x.scatter_forward()
         self.v.x.scatter_forward()
 
@@ -110,7 +181,7 @@ class State:
 CONTRADICTION = 1e-5
 
 
-def initial_velocity(scene: Scene, dt: float) -> npt.NDArray[np.float64]:
+def initial_velocity(scene: Scene, dt: float) -> Array:
     """Velocity at the start per local node with ghosts, shape (nodes, 3) [m/s]. Collective.
 
     Args:
@@ -131,7 +202,7 @@ def initial_velocity(scene: Scene, dt: float) -> npt.NDArray[np.float64]:
             v += _evaluate(effect, scene, X)
     scale = scene.comm.allreduce(float(np.abs(v).max(initial=0.0)), op=MPI.MAX)
     for support, nodes in scene.supports if given else ():
-        if not (support.since <= 0.0 < support.until):
+        if not support.acts(0.0):
             continue
         wanted = together(
             scene.comm,
@@ -152,9 +223,7 @@ def initial_velocity(scene: Scene, dt: float) -> npt.NDArray[np.float64]:
     return v
 
 
-def _evaluate(
-    effect: InitialVelocity, scene: Scene, X: npt.NDArray[np.float64]
-) -> npt.NDArray[np.float64]:
+def _evaluate(effect: InitialVelocity, scene: Scene, X: Array) -> Array:
     assert effect.function is not None
     problem, values = None, np.zeros_like(X)
     try:

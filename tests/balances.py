@@ -123,12 +123,12 @@ class Forces:
             ground -= w * (middle @ effect.K + du[:n] @ effect.C / dt)
             lost["Spring"] = lost.get("Spring", 0.0) + np.vdot(w * du[:n], du[:n] @ effect.C) / dt
         for effect in scene.named(rf.MassDamping):
-            if effect.active(t):
+            if effect.acts(t):
                 drag = effect.alpha * self.momenta(du) / dt
                 ground -= drag
                 lost["MassDamping"] = lost.get("MassDamping", 0.0) + np.vdot(drag, du[:n])
         for effect, form in self.viscous:
-            if effect.active(t):
+            if effect.acts(t):
                 own = fem.assemble_scalar(form) / dt
                 lost["KelvinVoigt"] = lost.get("KelvinVoigt", 0.0) + own
         return loads, ground, lost

@@ -257,7 +257,7 @@ RECORDER = {
     "no report": (lambda: _record(None), "report must be a Report, got NoneType"),
     "a list of reports": (lambda: _record(_run()), "report must be a Report"),
     "a report of another scene": (lambda: _record(_first(_other())), "is of another scene"),
-    "an old report": (lambda: _record(_run()[1]), "the run has gone on to 0.2 s"),
+    "an old report": (lambda: _record(_run()[1]), "the run has gone on"),
     "a report twice": (_twice, "step 0 comes after step 0"),
     "a report after the end": (_after_close, "is closed"),
     "two recorders": (_two_recorders, "another recorder writes to the folder"),

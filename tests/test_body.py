@@ -9,16 +9,16 @@ import pytest
 from histories import EPS, column, drift, show
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from runs import prepared
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipk
 from tumbling_l import tumbling_l
 
 import rigidfx as rf
-from rigidfx.mechanics.bodies import Ensemble, Motions
+from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments, Step
-from rigidfx.mechanics.rigid_body import BodyMotion, RigidBody
+from rigidfx.mechanics.rigid_body import Body, BodyMotion, RigidBody
 from rigidfx.mechanics.rotation import skew
-from rigidfx.step.stepper import Integrator
 
 SOFT = rf.StVenantKirchhoff(rho=1000.0, E=1e6, nu=0.3)
 CELLS = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
@@ -26,8 +26,8 @@ CELLS = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 
 def body_of(scene, k=0):
     """The k-th body of a scene as it is formed at the start."""
-    with Integrator(scene, 0.1) as integrator:
-        return integrator.state.bodies[k]
+    with prepared(scene) as run:
+        return run.stepper.state.bodies[k].data
 
 
 def box_inertia(mass, size):
@@ -246,7 +246,7 @@ def top(inertia=INERTIA, mass=2.0):
 
 def step_of(body, start, dr, theta, dt):
     """A trial step of one body."""
-    step = Step(Motions(Ensemble([body]), [start]), dt)
+    step = Step(Bodies.of_each([Body(body, start)]), dt)
     return Increments(step, np.r_[dr, body.length * theta][None])
 
 
@@ -265,7 +265,7 @@ def advance(body, start, dt, guess, most=30):
         if np.abs(step).max() <= EPS * body.length:
             break
     trial = step_of(body, start, dr, theta, dt)
-    return trial.end()[0], theta, sizes
+    return trial.end()[0].motion, theta, sizes
 
 
 def spin(body, omega, dt, t_end):

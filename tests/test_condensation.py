@@ -1,31 +1,36 @@
-"""The reduced system against SciPy, and its tangent against differences of its residual.
+"""The reduced system against SciPy, its tangent against differences of its residual, its MatPtAPs.
 
 Run as a script under mpirun, this file compares condensed matrices of some random partitions with
-products of gathered ones on rank 0, and reports the largest relative errors.
+products of gathered ones on rank 0, and reports the largest relative errors and how often MatPtAP
+has condensed.
 """
 
 from __future__ import annotations
 
 import functools
+from dataclasses import replace
 
 import numpy as np
 import parallel
 import pytest
+from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 from histories import show
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mpi4py import MPI
+from petsc4py import PETSc
+from runs import prepared, step
 from scipy.sparse import csr_matrix
 from scipy.spatial.transform import Rotation
 
 import rigidfx as rf
 from rigidfx.coupling.condensed_tangent import CondensedMatrix
-from rigidfx.mechanics.bodies import Motions
+from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Step
-from rigidfx.mechanics.rigid_body import BodyMotion
+from rigidfx.mechanics.rigid_body import Body
 from rigidfx.mechanics.rotation import skew
-from rigidfx.step.stepper import Integrator
 
 # Its residual is a polynomial of the displacement, which differences differentiate to rounding.
 MATERIAL = rf.StVenantKirchhoff(rho=2.0, E=50.0, nu=0.3)
@@ -80,39 +85,34 @@ def gathered(A):
     return csr_matrix((entries, columns, np.r_[0, np.cumsum(counts)]), shape=shape)
 
 
-def nodal_map(prolongation, motions, theta, comm):
+def nodal_map(prolongation, bodies, theta, comm):
     """Dense L and P of all owned dofs on rank 0, from the kinematics alone. Collective.
 
     P is the derivative, by a complex step, of the displacement of nodes that move with Δr and θ; L
     has the averaged positions, equation (5).
     """
     layout = prolongation.layout
-    free = prolongation.free
-    columns = free.size + 6 * len(prolongation._mine)
-    first = comm.exscan(columns) or 0
+    free, first, six = prolongation.free, prolongation.first_column, prolongation.body_columns
     row0 = comm.exscan(layout.prescribed.size) or 0
     rows = comm.allreduce(layout.prescribed.size)
     L, P = np.zeros((2, rows, prolongation.size))
     for k, dof in enumerate(layout.rows.dofs[free]):
         L[row0 + dof, first + k] = P[row0 + dof, first + k] = 1.0
-    start = np.zeros(len(motions), dtype=np.int64)
-    for place, k in enumerate(prolongation._mine):
-        start[k] = first + free.size + 6 * place
-    start = comm.allreduce(start)
 
     def rotation(t):
         return np.linalg.solve(np.eye(3) - skew(t) / 2, np.eye(3) + skew(t) / 2)
 
-    for k, (body, motion) in enumerate(zip(layout.bodies, motions, strict=True)):
-        at = slice(start[k], start[k] + 3), slice(start[k] + 3, start[k] + 6)
+    for k, each in enumerate(bodies):
+        body, motion = each.data, each.motion
+        at = six[k, :3], six[k, 3:]
         h = 1e-30
         dR = [rotation(theta[k] + 1j * h * e).imag / h @ motion.R for e in np.eye(3)]
         R_av = (motion.R + rotation(theta[k]) @ motion.R) / 2
         for n in layout.attached[k]:
             V, row = body.offsets[n], row0 + 3 * body.nodes[n] + np.arange(3)
-            L[row, at[0]] = P[row, at[0]] = np.eye(3)
-            L[row, at[1]] = -skew(R_av @ V) / body.length
-            P[row, at[1]] = np.stack([d @ V for d in dR], axis=1) / body.length
+            L[np.ix_(row, at[0])] = P[np.ix_(row, at[0])] = np.eye(3)
+            L[np.ix_(row, at[1])] = -skew(R_av @ V) / body.length
+            P[np.ix_(row, at[1])] = np.stack([d @ V for d in dR], axis=1) / body.length
     return comm.reduce(L), comm.reduce(P)
 
 
@@ -121,25 +121,23 @@ def condensation_errors(scene, seed):
     rng = np.random.default_rng(seed)
     comm = scene.comm
     errors = {}
-    with Integrator(scene, 0.1) as integrator:
-        system, forces = integrator._system, integrator._forces
-        prolongation = system.equilibrium.prolongation
-        part = system.layout
-        motions = tuple(
-            BodyMotion(
-                m.r,
-                Rotation.from_rotvec(rng.standard_normal(3)).as_matrix(),
-                m.velocity,
-                m.angular_velocity_body,
+    with prepared(scene) as run:
+        system = run.stepper.system
+        prolongation, part = system.equilibrium.prolongation, system.layout
+        forces = InternalForces(scene, fem.Function(scene.space))
+        bodies = Bodies.of_each(
+            Body(
+                body.data,
+                replace(body.motion, R=Rotation.from_rotvec(rng.standard_normal(3)).as_matrix()),
             )
-            for m in integrator.state.motions
+            for body in run.stepper.state.bodies
         )
-        theta = rng.uniform(-1, 1, size=(len(motions), 3))
+        theta = rng.uniform(-1, 1, size=(len(bodies), 3))
         six = np.array(
             [np.r_[rng.standard_normal(3), b.length * t]
              for b, t in zip(part.bodies, theta, strict=True)]
         ).reshape(-1, 6)  # fmt: skip
-        prolongation.rotate(six, Step(Motions(part.ensemble, motions), 0.1))
+        prolongation.rotate(six, Step(bodies, 0.1))
         # Any state: the stiffness is evaluated in a field that depends on positions only, so that
         # it is the same on any number of ranks.
         X = scene.space.tabulate_dof_coordinates()
@@ -149,18 +147,23 @@ def condensation_errors(scene, seed):
         K = fem_petsc.assemble_matrix(whole.interior)
         K.assemble()
         full = gathered(K)
-        L, P = nodal_map(prolongation, motions, theta, comm)
+        L, P = nodal_map(prolongation, bodies, theta, comm)
         K.destroy()
         bound = forces.bind(part.flexible, part.interior, part.interface)
-        reduced = {}
-        for consistent in (True, False):
-            condensed = CondensedMatrix(prolongation, bound.interior, bound.interface, consistent)
-            for _ in range(2):  # a second time reuses pattern and products
-                condensed.assemble()
-                condensed.matrix.assemble()
-                condensed.finish()
-            reduced[consistent] = gathered(condensed.matrix)
-            condensed.destroy()
+        condensed = CondensedMatrix(prolongation, bound.interior, bound.interface)
+        for _ in range(2):  # a second time reuses pattern and products
+            condensed.assemble()
+            condensed.matrix.assemble()
+            condensed.finish()
+        reduced = {"LKP": gathered(condensed.matrix)}
+        condensed.destroy()
+        K = part.rows.matrix()
+        fem_petsc.assemble_matrix(K, whole.interior)
+        K.assemble()
+        PKP = prolongation.condense(K)
+        reduced["PKP"] = gathered(PKP)
+        PKP.destroy()
+        K.destroy()
         trial = prolongation.trial()
         P_own = gathered(trial)
         trial.destroy()
@@ -175,11 +178,10 @@ def condensation_errors(scene, seed):
         row0 = comm.exscan(part.prescribed.size) or 0
         rows = comm.gather(row0 + part.rows.dofs)
         if comm.rank == 0:
-            scale = np.abs(full.data).max(initial=0.0) or 1.0
-            for consistent, left in ((True, L), (False, P)):
+            for name, left in (("LKP", L), ("PKP", P)):
                 wanted = left.T @ (full @ P)
-                name = "LKP" if consistent else "PKP"
-                errors[name] = float(np.abs(reduced[consistent] - wanted).max() / scale)
+                scale = np.abs(wanted).max(initial=0.0) or 1.0
+                errors[name] = float(np.abs(reduced[name] - wanted).max() / scale)
             rows = np.concatenate(rows)
             moved = L[rows] @ np.concatenate(y_all)
             errors["L"] = float(np.abs(np.concatenate(d_all) - moved).max(initial=0.0))
@@ -212,9 +214,8 @@ def test_condensed_matrices_are_the_products(cell, seed):
     assert e["L"] <= 1e-13
     assert e["P"] <= 1e-13
     assert e["elsewhere"] == 0.0
-    # of the largest entry of K, times the number of nodes summed over and the arms
-    assert e["PKP"] <= 1e-12, e
-    assert e["LKP"] <= 1e-12, e
+    assert e["PKP"] <= 1e-13, e
+    assert e["LKP"] <= 1e-13, e
     assert e["least singular value"] > 0.1, e
     assert e["asymmetry"] > 0.1, e  # or the two products would be the same
 
@@ -228,7 +229,7 @@ def _vector(prolongation, values):
     return y
 
 
-def tangent_error(scene, seed, size, dt=0.3, consistent=None):
+def tangent_error(scene, seed, size, dt=0.3, test_side="L"):
     """Largest difference between tangent and central differences of R, relative to the tangent.
 
     Args:
@@ -236,20 +237,18 @@ def tangent_error(scene, seed, size, dt=0.3, consistent=None):
         seed: Of the random iterate.
         size: |θ| of the bodies.
         dt: Δt.
-        consistent: Replaces the setting of the equations if not None.
+        test_side: L as it has to be, or P.
     """
     rng = np.random.default_rng(seed)
-    with Integrator(scene, dt) as integrator:
+    with prepared(scene, dt) as run:
         for _ in range(2):  # into a state with strains, velocities and rotations
-            integrator.step(integrator.state.t + dt)
-        system = integrator._system
+            step(run, dt)
+        system = run.stepper.system
         eq = system.equilibrium
-        if consistent is not None:
-            eq._tangent._interface._consistent = consistent
-        system.solve(integrator.state, dt)
+        system.solve(run.stepper.state, dt)
         prolongation = eq.prolongation
         free = prolongation.free.size
-        y0 = eq._y.array_r.copy()
+        y0 = eq.unknowns.array_r.copy()
         y0[:free] += 0.05 * rng.standard_normal(free)
         for k, body in enumerate(prolongation.layout.bodies):
             theta = rng.standard_normal(3)
@@ -264,8 +263,10 @@ def tangent_error(scene, seed, size, dt=0.3, consistent=None):
             return r.array_r.copy()
 
         residual(y0)
+        if test_side == "P":
+            prolongation.increments.L = prolongation.increments.P
         eq.tangent()
-        A = gathered(eq._tangent.matrix).toarray()
+        A = gathered(eq.tangent_matrix).toarray()
         h = 2e-3
         numeric = np.empty_like(A)
         for j in range(y0.size):
@@ -320,26 +321,65 @@ def test_tangent_of_a_body_alone():
     assert tangent_error(scene, seed=3, size=1.0) <= 1e-9
 
 
-def test_without_the_thin_term_the_tangent_is_another():
+def test_with_another_test_side_the_tangent_is_another():
     """The measure of the tests above can fail."""
     scene = scene_with(ONE, "hexahedron", *PUSHES)
-    assert tangent_error(scene, seed=1, size=0.5, consistent=False) > 1e-3
+    assert tangent_error(scene, seed=1, size=0.5, test_side="P") > 1e-3
 
 
 def test_a_solve_ends_at_its_solution():
     """Wherever a solver has looked last: displacements and forces are those of the unknowns."""
-    with Integrator(scene_with(ONE, "hexahedron", *PUSHES), 0.3) as integrator:
-        system = integrator._system
+    with prepared(scene_with(ONE, "hexahedron", *PUSHES), 0.3) as run:
+        system = run.stepper.system
         eq = system.equilibrium
-        system.solve(integrator.state, 0.3)
+        system.solve(run.stepper.state, 0.3)
         wanted = eq.d.array_r.copy(), eq.forces_out_of_balance.array_r.copy()
-        elsewhere = _vector(eq.prolongation, 1.1 * eq._y.array_r)
-        eq.residual(elsewhere, eq._r)
+        elsewhere = _vector(eq.prolongation, 1.1 * eq.unknowns.array_r)
+        r = eq.prolongation.unknowns()
+        eq.residual(elsewhere, r)
         elsewhere.destroy()
+        r.destroy()
         assert np.abs(eq.d.array_r - wanted[0]).max() > 1e-3
-        eq._return_to(eq._y)
+        eq.return_to(eq.unknowns)
         assert np.array_equal(eq.d.array_r, wanted[0])
         assert np.array_equal(eq.forces_out_of_balance.array_r, wanted[1])
+
+
+# How often PETSc condenses ---------------------------------------------------------------------
+
+PRODUCTS = "MatPtAPNumeric", "MatPtAPSymbolic", "MatMatMultNum", "MatTrnMatMultNum"
+
+
+def products_in_steps(scene, steps=3, dt=0.1):
+    """How often PETSc has multiplied matrices, by event, and Newton's iterations. Collective."""
+    PETSc.Log.begin()
+    with prepared(scene, dt) as run:
+
+        def counts():
+            return [PETSc.Log.Event(name).getPerfInfo()["count"] for name in PRODUCTS]
+
+        step(run, dt)  # a consistent mass is condensed in the first step
+        before, iterations = counts(), 0
+        for _ in range(steps):
+            iterations += step(run, dt).solution.iterations
+        made = {name: b - a for name, a, b in zip(PRODUCTS, before, counts(), strict=True)}
+    return made, iterations
+
+
+@MASSES
+@pytest.mark.parametrize("bodies", [ONE, TWO], ids=["one body", "two bodies"])
+def test_one_matptap_condenses_each_tangent(mass, bodies):
+    """Its pattern is there from the start, and no other product of matrices takes part."""
+    scene = scene_with(bodies, "hexahedron", *PUSHES, mass=mass)
+    made, iterations = products_in_steps(scene)
+    assert iterations >= 6
+    assert made == {name: iterations if name == "MatPtAPNumeric" else 0 for name in PRODUCTS}
+
+
+def test_without_bodies_nothing_is_condensed():
+    made, iterations = products_in_steps(scene_with([], "hexahedron", *PUSHES[1:4]))
+    assert iterations >= 6
+    assert not any(made.values())
 
 
 # On several ranks ------------------------------------------------------------------------------
@@ -359,9 +399,13 @@ def test_condensed_matrices_on_several_ranks(on_ranks, ranks):
     assert found["ranks"] == ranks
     for e in found["errors"]:
         assert max(e["L"], e["P"]) <= 1e-13, e
-        assert max(e["PKP"], e["LKP"]) <= 1e-12, e
+        assert max(e["PKP"], e["LKP"]) <= 1e-13, e
         assert e["least singular value"] > 0.1, e
     assert found["spans"] > 0  # bodies across ranks
+    for made, iterations in found["products"]:  # of each rank
+        assert iterations >= 6
+        assert made["MatPtAPNumeric"] == iterations
+        assert sum(made.values()) == iterations
 
 
 def main():
@@ -373,12 +417,14 @@ def main():
         cell = ("hexahedron", "tetrahedron")[seed % 2]
         scene = _with_support(random_boxes(rng), cell, rng, "lumped")
         errors.append(condensation_errors(scene, seed))
-        with Integrator(scene, 0.1) as integrator:
-            for body in integrator.state.bodies:
+        with prepared(scene) as run:
+            for body in run.stepper.state.bodies.of.records:
                 holders = comm.allgather(body.nodes.size > 0)
                 spans += sum(holders) == comm.size
+    products = comm.gather(products_in_steps(scene_with(TWO, "hexahedron", *PUSHES)))
     if comm.rank == 0:
-        parallel.report({"ranks": comm.size, "errors": errors, "spans": spans})
+        found = {"ranks": comm.size, "errors": errors, "spans": spans, "products": products}
+        parallel.report(found)
 
 
 if __name__ == "__main__":

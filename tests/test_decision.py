@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from rigidfx.decide.clusters import Region
-from rigidfx.decide.decision import Part, assign_bodies, qualify
-from rigidfx.decide.window import CYCLES, EXCITED, longest_period
+from rigidfx.decide.clusters import Cluster
+from rigidfx.decide.decision import PlannedBody, plan_bodies, qualify
+from rigidfx.decide.signals import CYCLES, EXCITED, longest_period
 
 SELF = MPI.COMM_SELF
 
@@ -48,17 +48,17 @@ def test_tolerance_zero_takes_what_is_at_rest():
 # Identity of bodies ----------------------------------------------------------------------------
 
 
-def region(*cells):
-    """A region of one rank; its nodes are of no concern here."""
+def cluster(*cells):
+    """A cluster of one rank; its nodes are of no concern here."""
     array = np.asarray(cells, dtype=np.int32)
-    return Region(array, array, min(cells), len(cells))
+    return Cluster(array, array, min(cells), len(cells))
 
 
-def assign(regions, before, always=None, next_number=5, owned=12):
+def assign(clusters, before, always=None, next_number=5, owned=12):
     """Bodies after a change.
 
     Args:
-        regions: Cells of each region.
+        clusters: Cells of each cluster.
         before: Cells of each body before, by number.
         always: Cells of sets that are rigid always.
         next_number: First number that is free.
@@ -69,61 +69,61 @@ def assign(regions, before, always=None, next_number=5, owned=12):
         origin[list(cells)] = number
     sets = {name: np.asarray(cells, np.int32) for name, cells in (always or {}).items()}
     sizes = {number: len(cells) for number, cells in before.items()}
-    return assign_bodies([region(*r) for r in regions], origin, sizes, sets, next_number, SELF)
+    return plan_bodies([cluster(*r) for r in clusters], origin, sizes, sets, next_number, SELF)
 
 
-def facts(part: Part):
-    return part.number, part.name, part.origins, part.kept
+def facts(body: PlannedBody):
+    return body.number, body.name, body.kept
 
 
 def test_new_bodies_get_new_numbers():
     parts, free = assign([(0, 1), (4, 5)], {})
-    assert [facts(p) for p in parts] == [(5, "part 5", (), False), (6, "part 6", (), False)]
+    assert [facts(p) for p in parts] == [(5, "part 5", False), (6, "part 6", False)]
     assert free == 7
 
 
 def test_body_that_stays_as_it_is_is_kept():
     parts, free = assign([(0, 1), (4, 5, 6)], {2: (4, 5, 6)})
-    assert [facts(p) for p in parts] == [(2, "part 2", (2,), True), (5, "part 5", (), False)]
+    assert [facts(p) for p in parts] == [(2, "part 2", True), (5, "part 5", False)]
     assert free == 6
 
 
 @pytest.mark.parametrize("cells", [(4, 5, 6, 7), (4, 5)], ids=["grows", "shrinks"])
 def test_body_that_grows_or_shrinks_keeps_its_number(cells):
     (part,), free = assign([cells], {2: (4, 5, 6)})
-    assert facts(part) == (2, "part 2", (2,), False)
+    assert facts(part) == (2, "part 2", False)
     assert free == 5
 
 
 def test_body_that_swaps_a_cell_is_not_kept():
     """Its size alone does not tell."""
     (part,), _ = assign([(4, 5, 7)], {2: (4, 5, 6)})
-    assert facts(part) == (2, "part 2", (2,), False)
+    assert facts(part) == (2, "part 2", False)
 
 
 def test_merged_bodies_have_the_number_of_the_oldest():
     (part,), free = assign([(0, 1, 2, 3, 4)], {4: (0, 1), 3: (3, 4)})
-    assert facts(part) == (3, "part 3", (3, 4), False)
+    assert facts(part) == (3, "part 3", False)
     assert free == 5
 
 
 def test_divided_body_leaves_its_number_to_the_first_piece():
     parts, free = assign([(0, 1), (3, 4), (6,)], {2: (0, 1, 2, 3, 4, 5, 6)})
     assert [facts(p) for p in parts] == [
-        (2, "part 2", (2,), False),
-        (5, "part 5", (2,), False),
-        (6, "part 6", (2,), False),
+        (2, "part 2", False),
+        (5, "part 5", False),
+        (6, "part 6", False),
     ]
-    assert [p.region.label for p in parts] == [0, 3, 6]
+    assert [p.cells[0] for p in parts] == [0, 3, 6]
     assert free == 7
 
 
 def test_piece_of_one_body_may_merge_with_another():
-    """The first region takes the oldest number in it, the second what is left."""
+    """The first cluster takes the oldest number in it, the second what is left."""
     parts, free = assign([(0, 1, 2), (4, 5)], {3: (2, 4), 2: (0,), 4: (5,)})
     assert [facts(p) for p in parts] == [
-        (2, "part 2", (2, 3), False),
-        (3, "part 3", (3, 4), False),
+        (2, "part 2", False),
+        (3, "part 3", False),
     ]
     assert free == 5
 
@@ -131,7 +131,7 @@ def test_piece_of_one_body_may_merge_with_another():
 def test_bodies_are_ordered_by_number():
     parts, _ = assign([(0, 1), (4, 5), (8, 9)], {4: (0, 1), 2: (8, 9)})
     assert [p.number for p in parts] == [2, 4, 5]
-    assert [p.region.label for p in parts] == [8, 0, 4]
+    assert [p.cells[0] for p in parts] == [8, 0, 4]
 
 
 def test_body_is_called_by_the_first_set_in_it_that_is_rigid_always():

@@ -1,7 +1,11 @@
-"""Docstrings render as pages, without a warning (warnings are errors in this suite)."""
+"""Docstrings render as pages, without a warning (warnings are errors in this suite).
+
+What stands beside the pages agrees: the changelog is grouped, the citation is of this version.
+"""
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -9,9 +13,9 @@ from mpi4py import MPI
 
 import rigidfx
 
-pdoc = pytest.importorskip("pdoc", reason="pdoc is not installed")
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="needs no ranks")
 
+ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = Path(rigidfx.__file__).parent
 MODULES = sorted(
     ".".join(["rigidfx", *path.relative_to(PACKAGE).with_suffix("").parts]).removesuffix(
@@ -22,9 +26,34 @@ MODULES = sorted(
 
 
 def test_every_module_becomes_a_page(tmp_path):
+    pdoc = pytest.importorskip("pdoc", reason="pdoc is not installed")
     pdoc.render.configure(docformat="google", math=True)
     pdoc.pdoc(*MODULES, output_directory=tmp_path)
     pages = {
         page.relative_to(tmp_path).with_suffix("").as_posix() for page in tmp_path.rglob("*.html")
     }
     assert {module.replace(".", "/") for module in MODULES} <= pages
+
+
+def test_changelog_is_grouped():
+    """Each release by Added, Changed, Fixed, Removed, in this order, with entries in each."""
+    _, *releases = re.split(
+        r"^## ", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), flags=re.M
+    )
+    assert releases
+    for release in releases:
+        title, *groups = re.split(r"^### ", release, flags=re.M)
+        assert "\n- " not in title
+        names = [group.split("\n")[0] for group in groups]
+        assert names == [n for n in ("Added", "Changed", "Fixed", "Removed") if n in names]
+        assert all(re.search(r"^- \S", group, re.M) for group in groups)
+
+
+def test_citation_is_of_this_version():
+    def found(file, pattern):
+        return re.findall(pattern, (ROOT / file).read_text(encoding="utf-8"), re.M)
+
+    assert found("CITATION.cff", r"^version: (.*)") == found("pyproject.toml", r'^version = "(.*)"')
+    assert found("CITATION.cff", r"^  - name: (.*)") == found(
+        "pyproject.toml", r'name = "(The .*?)"'
+    )

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import ufl
 from dolfinx import fem
 
 import rigidfx as rf
 from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.flexible.kernels import FLAGS, Kernel, jit_options
 
 
 @pytest.mark.parametrize("scheme", [rf.EnergyMomentum(), rf.Midpoint(), rf.Trapezoidal()])
@@ -32,3 +34,23 @@ def test_tangent_is_the_derivative_of_the_residual(scheme):
     K = fem.assemble_matrix(bound.interior).to_scipy()
     # The residual is cubic in u₁: the error of the quotient is of the order h².
     np.testing.assert_allclose(K @ direction, quotient, atol=1e-8 * np.abs(quotient).max())
+
+
+def test_flags_are_the_users(monkeypatch):
+    """Each set has compiled forms of its own; so has each processor that "native" stands for."""
+    mesh = rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1)).mesh
+    volume = fem.Constant(mesh, 3.0) * ufl.dx(1)
+    cells = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
+    compiled = {}
+    for flags in ("-O2", "-O1 -DNAME='a b'", ""):
+        monkeypatch.setenv(FLAGS, flags)
+        kernel = Kernel(volume, [], mesh)
+        compiled[flags] = kernel._compiled.module.__file__
+        found = mesh.comm.allreduce(fem.assemble_scalar(kernel.bind({1: cells})))
+        assert found == pytest.approx(3.0)
+    assert len(set(compiled.values())) == 3
+    monkeypatch.setenv(FLAGS, "-O1 -DNAME='a b'")
+    assert jit_options()["cffi_extra_compile_args"] == ["-O1", "-DNAME=a b"]
+    for flags in ("", "-O2 -mcpu=native"):
+        monkeypatch.setenv(FLAGS, flags)
+        assert "-DRIGIDFX_PROCESSOR_" in jit_options()["cffi_extra_compile_args"][-1]

@@ -178,7 +178,7 @@ class Assembled:
         domain = rf.box((0, 0, 0), (2, 1, 1), (2, 1, 1))
         self.scene = rf.Scene(domain, material, effects)
         self.u0 = fem.Function(self.scene.space)
-        self.forces = InternalForces(self.scene, self.u0)
+        self.forces = InternalForces(self.scene, self.u0, [self.scene.acting(0.0)])
         self.bound = self.forces.bind(self.forces.cells())
 
     def at(self, u0, u1):

@@ -36,7 +36,7 @@ def test_reports_of_earlier_steps_are_refused(tmp_path):
     scene = make_scene()
     reports = list(run(scene))
     with rf.Recorder(scene, tmp_path, every=1) as recorder:
-        with pytest.raises(rf.SceneError, match=r"of t = 0.1 s, .* gone on to 0.5 s"):
+        with pytest.raises(rf.SceneError, match=r"of t = 0.1 s, .* gone on"):
             recorder.write(reports[1])
         recorder.write(reports[-1])
     assert rf.read_history(recorder.history)["t"].tolist() == [reports[-1].t]

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from mpi4py import MPI
 
 import rigidfx as rf
-from rigidfx.decide.clusters import NONE, CellGraph, find_regions
+from rigidfx.decide.clusters import NONE, CellGraph, find_clusters
 
 COMM, SELF = MPI.COMM_WORLD, MPI.COMM_SELF
 BOXES = {"hexahedron": (5, 4, 3), "tetrahedron": (3, 3, 2)}  # cubes along x, y, z
@@ -92,7 +92,7 @@ def found_regions(graph, case):
     """Bodies found, as sets of numbers in the mesh file, of cells owned by any rank."""
     rigid, existing, barred, min_cells = case
     mine = graph.numbers[: graph.owned]
-    regions = find_regions(graph, rigid[mine], existing[mine], barred[mine], min_cells)
+    regions = find_clusters(graph, rigid[mine], existing[mine], barred[mine], min_cells)
     found = []
     for region in regions:
         cells = np.concatenate(graph.comm.allgather(mine[region.cells]))

@@ -10,9 +10,9 @@ import numpy as np
 import parallel
 import pytest
 from mpi4py import MPI
+from runs import prepared
 
 import rigidfx as rf
-from rigidfx.step.stepper import Integrator
 
 # The issue's bound; Newton's tolerance leaves some 1e-12 a step.
 TOLERANCE = 1e-9
@@ -158,14 +158,15 @@ def _history(scene, dt, t_end):
 
 def _ownership(scene):
     """For each rank: its cells, its flexible cells, and its cells and nodes of each body."""
-    with Integrator(scene, 0.1) as integrator:
-        part = integrator._system.layout
+    with prepared(scene) as run:
+        system = run.stepper.system
+        part = system.layout
         mine = {
             "cells": int(scene.mesh.topology.index_map(3).size_local),
             "flexible": int(sum(c.size for c in part.flexible.values())),
             "of bodies": [int(b.cells.size) for b in part.bodies],
             "attached": [int(at.size) for at in part.attached],
-            "unknowns of bodies": len(integrator._system.equilibrium.prolongation._mine),
+            "unknowns of bodies": int(system.equilibrium.prolongation.owned_bodies.size),
         }
         return scene.comm.gather(mine)
 

@@ -16,14 +16,12 @@ import ufl
 from dolfinx import fem
 from histories import EPS, show
 from mpi4py import MPI
+from runs import prepared, regroup, step
 
 import rigidfx as rf
 from rigidfx.base.errors import SceneError
-from rigidfx.decide.clusters import NONE, CellGraph, find_regions
-from rigidfx.decide.decision import assign_bodies
-from rigidfx.decide.window import CYCLES
+from rigidfx.decide.signals import CYCLES
 from rigidfx.domain.domain import Domain
-from rigidfx.step.stepper import Integrator
 
 COMM = MPI.COMM_WORLD
 ANY = 1e9  # 1/s; every cell qualifies
@@ -84,7 +82,7 @@ class Cells:
 
     def of(self, state):
         """Cells of each body, by its name."""
-        return {body.name: sorted(self.x[body.cells].tolist()) for body in state.bodies}
+        return {body.name: sorted(self.x[body.cells].tolist()) for body in state.bodies.of.records}
 
     def flexible(self, state):
         """Cells outside bodies."""
@@ -122,18 +120,6 @@ class Stress:
         return fem.assemble_vector(self._form).array.reshape(-1, 9).copy()  # cells of 1 m³
 
 
-def regroup_all(integrator, rigid):
-    """All cells become one body, or flexible."""
-    graph = CellGraph(integrator.scene)
-    cells = np.full(graph.owned, rigid)
-    before = integrator.state.body_numbers().astype(np.int64)
-    before[before == 0] = NONE
-    regions = find_regions(graph, cells, np.full(graph.owned, NONE), ~cells)
-    sizes = {body.number: body.size for body in integrator.state.bodies}
-    parts, _ = assign_bodies(regions, before, sizes, {}, 1, graph.comm)
-    return integrator.regroup(parts, frozenset(), "freeze" if rigid else "release", "test")
-
-
 def assert_balanced(event, scale):
     """No energy and no momentum has gone.
 
@@ -155,36 +141,37 @@ def test_freeze_turn_release(turns):
     """Stresses and strain energy come back, and none where there was none; motions, too."""
     scene = bar()
     stress = Stress(scene)
-    with Integrator(scene, DT) as integrator:
-        state, n = integrator.state, 3 * scene.owned_nodes
+    with prepared(scene, DT) as run:
+        stepper = run.stepper
+        state, n = stepper.state, 3 * scene.owned_nodes
         # The right half is stretched and vibrates at random, the left half is free of strain.
         stretch = np.where(state.X[:, 0] > 4, 0.01 * (state.X[:, 0] - 4) ** 2, 0.0)
         state.u.x.array[:n].reshape(-1, 3)[:, 0] = stretch[: n // 3]
         spin = np.cross((0.0, 0.0, 0.8), state.positions(np.arange(n // 3)) - (4.0, 0.5, 0.5))
         vibration = np.random.default_rng(1).normal(scale=0.1, size=n)
         state.v.x.array[:n] = spin.reshape(-1) + vibration
-        before, S, v = integrator.measure(), stress(state), state.v.x.array[:n].reshape(-1, 3)
+        before, S, v = stepper.measure(), stress(state), state.v.x.array[:n].reshape(-1, 3)
         v = v.copy()
-        assert_balanced(regroup_all(integrator, True), before)
-        frozen = integrator.measure()
-        assert integrator.unknowns == 6
+        assert_balanced(regroup(run, True), before)
+        frozen = stepper.measure()
+        assert stepper.unknowns == 6
         assert frozen.strain == 0.0
         assert frozen.stored >= before.strain
         angle = 2 * np.pi * turns
         steps = round(angle / 0.3)
-        (body,), (motion,) = state.bodies, state.motions
+        body, motion = state.bodies[0].data, state.bodies[0].motion
         difference = v[body.nodes] - motion.velocities(body.offsets)
         dt = 2 * np.tan(angle / steps / 2) / np.linalg.norm(motion.angular_velocity)
         turned = 0.0
         for _ in range(steps):
-            last = state.motions[0].R
-            integrator.step(state.t + dt)
-            moved = state.motions[0].R @ last.T
+            last = state.bodies.R[0]
+            step(run, dt)
+            moved = state.bodies.R[0] @ last.T
             turned += np.arccos(np.clip((np.trace(moved) - 1) / 2, -1, 1))
-        (motion,) = state.motions
+        motion = state.bodies[0].motion
         assert turned == pytest.approx(angle, rel=1e-3)
-        assert_balanced(regroup_all(integrator, False), before)
-        after, S_after = integrator.measure(), stress(state)
+        assert_balanced(regroup(run, False), before)
+        after, S_after = stepper.measure(), stress(state)
         v_after = state.v.x.array[:n].reshape(-1, 3)
         difference_after = v_after[body.nodes] - motion.velocities(body.offsets)
     # Positions of some 8 m have rounding errors; strains are differences over 1 m.
@@ -371,7 +358,7 @@ def test_release_of_one_body_by_a_condition():
     cells, names, first = Cells(scene), {}, {}
     for r in rf.simulate(scene, DT, 0.8, rigidify=criterion):
         names[round(r.t, 9)] = cells.of(r.state)
-        first[round(r.t, 9)] = r.state.bodies[:1]
+        first[round(r.t, 9)] = r.state.bodies.of.records[:1]
         if r.t == 0.5:
             assert [(e.kind, e.reason) for e in r.events] == [("release", "condition")]
     left, right = [0.5, 1.5, 2.5], [5.5, 6.5, 7.5]
@@ -823,7 +810,7 @@ def _history(scene, criterion, dt, t_end):
     topology, rows = scene.mesh.topology, []
     for r in rf.simulate(scene, dt, t_end, rigidify=criterion):
         r.state.rebuild()
-        cells = [topology.original_cell_index[b.cells] for b in r.state.bodies]
+        cells = [topology.original_cell_index[b.cells] for b in r.state.bodies.of.records]
         every = zip(*scene.comm.allgather(cells), strict=True)
         n = 3 * scene.owned_nodes
         rows.append(

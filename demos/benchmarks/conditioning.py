@@ -34,75 +34,18 @@ the condition.
 
 from __future__ import annotations
 
-import argparse
 import csv
-import json
-import sys
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
+from bench import Parser, conclude, write
+from bench.tangents import DT, PENALTY, condition, scene, tangent, tied
 from mpi4py import MPI
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+from rigidfx.plot import figure_of, on_first_rank, save
 
-import rigidfx
-from rigidfx.mechanics.rotation import skew
-from rigidfx.plot.curves import figure_of, on_first_rank, save
-from rigidfx.step.stepper import Integrator
-
-E, NU, RHO = 1e4, 0.3, 10.0  # Pa, 1, kg/m³; of the soft half
-DT = 0.1  # s
-STEPS = 3  # steps before the tangent is looked at
 RATIOS = (1.0, 1e4, 1e8)
-PENALTY = 1e3  # p over the largest diagonal entry
-SPIN = rigidfx.InitialVelocity(angular=(0.2, 0.3, 1.0))  # rad/s
-
-
-def scene(ratio: float, rigid: bool, short: bool) -> rigidfx.Scene:
-    """The bar with its stiff half rigid or flexible."""
-    domain = rigidfx.box((0, 0, 0), (8, 2, 2), (4, 1, 1) if short else (8, 2, 2))
-    domain = domain.with_cells("stiff", lambda x: x[0] <= 4 + 1e-9)
-    domain = domain.with_cells("soft", lambda x: x[0] >= 4 - 1e-9)
-    materials = {
-        "stiff": rigidfx.StVenantKirchhoff(E=ratio * E, nu=NU, rho=RHO),
-        "soft": rigidfx.StVenantKirchhoff(E=E, nu=NU, rho=RHO),
-    }
-    effects = [SPIN, rigidfx.Rigid("stiff")] if rigid else [SPIN]
-    return rigidfx.Scene(domain, materials, effects)
-
-
-def tangent(problem: rigidfx.Scene) -> tuple[np.ndarray, np.ndarray]:
-    """Dense tangent of the last step at its end, and the nodes' positions there."""
-    with Integrator(problem, DT) as integrator:
-        for k in range(STEPS):
-            integrator.step((k + 1) * DT)
-        matrix = integrator._system.equilibrium._tangent.matrix.convert("aij")
-        dense = np.array(matrix[:, :])
-        matrix.destroy()
-        x = integrator.state.X + integrator.state.u.x.array.reshape(-1, 3)
-    return dense, x
-
-
-def tied(K: np.ndarray, x: np.ndarray, nodes: np.ndarray, p: float) -> np.ndarray:
-    """K with springs p |dᵢ - Δr - θ × vᵢ|²/2 between nodes and six extra unknowns (Δr, ℓθ)."""
-    v = x[nodes] - x[nodes].mean(axis=0)
-    length = np.sqrt((v**2).sum() / len(v))
-    rows = (3 * nodes[:, None] + np.arange(3)).reshape(-1)
-    L = np.concatenate([np.tile(np.eye(3), (len(v), 1)), -skew(v).reshape(-1, 3) / length], axis=1)
-    n = len(K)
-    out = np.zeros((n + 6, n + 6))
-    out[:n, :n] = K
-    out[rows, rows] += p
-    out[rows, n:] = -p * L
-    out[n:, rows] = -p * L.T
-    out[n:, n:] = p * L.T @ L
-    return out
-
-
-def condition(A: np.ndarray) -> float:
-    """2-norm condition number of D⁻½ A D⁻½, D the diagonal of A."""
-    d = 1 / np.sqrt(np.abs(np.diag(A)))
-    return float(np.linalg.cond(d[:, None] * A * d))
 
 
 def compare(ratio: float, short: bool) -> dict[str, float]:
@@ -135,29 +78,26 @@ def draw(rows: dict[float, dict[str, float]], path: Path) -> None:
 
 def main() -> None:
     """Print the table, write summary.json, table.csv and a picture."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("out/conditioning"))
-    parser.add_argument("--short", action="store_true", help="4 × 1 × 1 cells")
-    arguments = parser.parse_args()
+    options = Parser(__file__, __doc__.splitlines()[0], short="4 × 1 × 1 cells").read()
     if MPI.COMM_WORLD.size > 1:
         raise SystemExit("dense matrices: run this on one rank")
-    rows = {ratio: compare(ratio, arguments.short) for ratio in RATIOS}
+    rows = {ratio: compare(ratio, options.short) for ratio in RATIOS}
     names = list(rows[RATIOS[0]])
     print(f"{'ratio':>8}" + "".join(f"{name:>26}" for name in names))
     for ratio, row in rows.items():
         print(f"{ratio:8.0e}" + "".join(f"{row[name]:26.3g}" for name in names))
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    with open(arguments.out / "table.csv", "w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(["ratio", *names])
-        writer.writerows([ratio, *row.values()] for ratio, row in rows.items())
+    table = StringIO()
+    writer = csv.writer(table, lineterminator="\n")
+    writer.writerow(["ratio", *names])
+    writer.writerows([ratio, *row.values()] for ratio, row in rows.items())
+    write(options.out / "table.csv", table.getvalue())
     summary = {
         "dt": DT,
         "penalty_over_largest_diagonal": PENALTY,
         "condition": {f"{ratio:g}": row for ratio, row in rows.items()},
     }
-    (arguments.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
-    picture = arguments.out / "conditioning.png"
+    conclude(options.out, summary)
+    picture = options.out / "conditioning.png"
     on_first_rank(MPI.COMM_WORLD, lambda: draw(rows, picture), f"conditioning: '{picture}'")
     reduced = [row["reduced"] for row in rows.values()]
     # The stiffness of a rigid body appears nowhere.

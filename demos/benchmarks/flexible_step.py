@@ -17,28 +17,21 @@ Two comparisons are made:
 
 from __future__ import annotations
 
-import argparse
-import json
-import sys
 from collections.abc import Iterator
-from pathlib import Path
-from statistics import median
-from time import perf_counter
+from dataclasses import dataclass
 
 import numpy as np
 import ufl
+from bench import DT, Parser, Turns, conclude
 from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-
 import rigidfx
 from meshes.tumbling_l import tumbling_l
-from rigidfx.step.linear_solver import PREFIX
+from rigidfx.base.compat import integration_facets
 
 E, NU, RHO = 1e4, 0.3, 10.0  # Pa, 1, kg/m³
-DT = 0.1  # s
 TRACTION = np.array([256.0, 512.0, 768.0]) / 90.0  # Pa
 SAME_SOLVER = {
     "gmres+ilu": {"snes_ksp_ew": "0", "ksp_type": "gmres", "pc_type": "ilu", "ksp_rtol": "1e-8"},
@@ -63,8 +56,16 @@ def scene(refine: int) -> rigidfx.Scene:
     )
 
 
+@dataclass(frozen=True)
+class PlainStep:
+    """How often Newton's method and the linear solver went round in a step."""
+
+    iterations: int
+    linear_iterations: int
+
+
 class PlainLoop:
-    """The same dynamics as one would write them in DOLFINx and petsc4py."""
+    """The same dynamics as one would write them in DOLFINx and petsc4py; yields its steps."""
 
     def __init__(self, problem: rigidfx.Scene, solver: dict[str, str], floor: float) -> None:
         """Compile the form and set up an SNES.
@@ -93,8 +94,6 @@ class PlainLoop:
         nodes = ufl.dx(domain=mesh, metadata={"quadrature_rule": "GLL", "quadrature_degree": 1})
         acceleration = 2 * (self.u1 - self.u0 - dt * self.v0) / dt**2
         facets = {name: problem.domain.find(name, (2,), "benchmark") for name in ("top", "side")}
-        from rigidfx.base.compat import integration_facets
-
         ds = ufl.Measure(
             "ds",
             domain=mesh,
@@ -140,20 +139,23 @@ class PlainLoop:
         fem_petsc.assemble_matrix(A, self.tangent_form)
         A.assemble()
 
-    def step(self) -> tuple[int, int]:
-        """Advance one step; Newton and linear iterations."""
+    def __iter__(self) -> Iterator[PlainStep]:
+        return self
+
+    def __next__(self) -> PlainStep:
+        """Advance one step."""
         self.x.array[:] = self.u0.x.array + DT * self.v0.x.array
         self.snes.solve(None, self.x)
         if self.snes.getConvergedReason() <= 0:
             raise RuntimeError("the plain loop did not converge")
         self.v0.x.array[:] = 2 / DT * (self.x.array_r - self.u0.x.array) - self.v0.x.array
         self.u0.x.array[:] = self.x.array_r
-        return self.snes.getIterationNumber(), self.snes.getLinearSolveIterations()
+        return PlainStep(self.snes.getIterationNumber(), self.snes.getLinearSolveIterations())
 
 
 def stepper(problem: rigidfx.Scene, solver: dict[str, str]) -> Iterator[rigidfx.Report]:
     """Reports of rigidfx under given PETSc options."""
-    options = PETSc.Options(PREFIX)
+    options = PETSc.Options("rigidfx_")
     for name, value in solver.items():
         options[name] = value
     reports = rigidfx.simulate(problem, DT, 1e6, progress=False)
@@ -170,48 +172,40 @@ def compare(
     reports = stepper(problem, ours)
     first = next(reports)
     loop = PlainLoop(problem, plain, floor=2 * first.residuals[-1])
-    loop.step()
-    rows = []
-    for _ in range(steps):
-        start = perf_counter()
-        report = next(reports)
-        middle = perf_counter()
-        iterations, linear = loop.step()
-        rows.append((middle - start, perf_counter() - middle, report, iterations, linear))
-    here = report.state.u.x.array
-    difference = float(np.abs(here - loop.u0.x.array).max() / np.abs(here).max())
-    reports.close()
+    next(loop)  # as far as rigidfx is
+    with Turns({"rigidfx": reports, "plain": loop}, warm=0) as turns:
+        for _ in range(steps):
+            turns.take()
+        both = turns.reports["rigidfx"], turns.reports["plain"]
+        here = both[0][-1].state.u.x.array
+        difference = float(np.abs(here - loop.u0.x.array).max() / np.abs(here).max())
     return {
-        "ratio": median(a / b for a, b, *_ in rows),
-        "rigidfx_s": median(a for a, *_ in rows),
-        "plain_s": median(b for _, b, *_ in rows),
-        "newton": [sum(r.iterations for _, _, r, *_ in rows), sum(n for *_, n, _ in rows)],
-        "linear": [sum(r.linear_iterations for _, _, r, *_ in rows), sum(k for *_, k in rows)],
-        "solver": report.solver,
+        "ratio": turns.ratio("rigidfx", "plain"),
+        "rigidfx_s": turns.median("rigidfx"),
+        "plain_s": turns.median("plain"),
+        "newton": [sum(step.iterations for step in run) for run in both],
+        "linear": [sum(step.linear_iterations for step in run) for run in both],
+        "solver": both[0][-1].solver,
         "difference": difference,
     }
 
 
 def main() -> None:
     """Run the comparison and write its summary."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Parser(__file__, __doc__.splitlines()[0], short="700 unknowns, few steps")
     parser.add_argument("--unknowns", type=int, default=27_000, help="about 700, 27000, 200000")
     parser.add_argument("--steps", type=int, default=9, help="timed steps per comparison")
-    parser.add_argument("--out", type=Path, default=Path("out/flexible_step"))
-    parser.add_argument("--short", action="store_true", help="700 unknowns, few steps")
-    arguments = parser.parse_args()
-    if arguments.short:
-        arguments.unknowns, arguments.steps = 700, 3
+    options = parser.read(unknowns=700, steps=3)
     sizes = {len(tumbling_l_nodes(r)) * 3: r for r in range(1, 10)}
-    unknowns = min(sizes, key=lambda n: abs(n - arguments.unknowns))
+    unknowns = min(sizes, key=lambda n: abs(n - options.unknowns))
     problem = scene(sizes[unknowns])
     solvers = [name for name in SAME_SOLVER if name != "lu" or unknowns < LU_BELOW]
     same = {
-        name: compare(problem, SAME_SOLVER[name], SAME_SOLVER[name], arguments.steps)
+        name: compare(problem, SAME_SOLVER[name], SAME_SOLVER[name], options.steps)
         for name in solvers
     }
     plain_best = min(solvers, key=lambda name: same[name]["plain_s"])
-    best = compare(problem, {}, SAME_SOLVER[plain_best], arguments.steps)
+    best = compare(problem, {}, SAME_SOLVER[plain_best], options.steps)
     summary = {
         "ratio_to_plain_dolfinx": same["gmres+ilu"]["ratio"],
         "ratio_best_to_best": best["ratio"],
@@ -220,8 +214,7 @@ def main() -> None:
         "best": best,
         "plain_best_solver": plain_best,
     }
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    (arguments.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
+    conclude(options.out, summary)
     for name, row in {**same, f"best (plain: {plain_best})": best}.items():
         print(
             f"{unknowns} unknowns, {name:24s} rigidfx {row['rigidfx_s']:.4f} s, plain "

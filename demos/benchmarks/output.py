@@ -10,50 +10,40 @@ one time, with and without stresses, are told apart.
 
 from __future__ import annotations
 
-import argparse
-import json
-import sys
+from contextlib import closing
+from functools import partial
 from pathlib import Path
-from statistics import median
-from time import perf_counter
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+import numpy as np
+from bench import DT, MATERIAL, PUSH, Parser, bar, cells_of_bar, conclude, timed
 
 import rigidfx
 
-MATERIAL = rigidfx.StVenantKirchhoff(E=1e4, nu=0.3, rho=10.0)  # Pa, 1, kg/m³
-DT = 0.1  # s
+WARM = 3  # reports before the timing: the initial state and two steps
 
 
 def scene(unknowns: int, *rigid: rigidfx.Rigid) -> rigidfx.Scene:
-    """A bar ten times as long as thick with about so many unknowns."""
-    across = max(1, round((unknowns / 30) ** (1 / 3)))
-    along = max(2, round(unknowns / (3 * (across + 1) ** 2)) - 1)
-    bar = rigidfx.box((0, 0, 0), (along, across, across), (along, across, across))
-    bar = bar.with_cells("rest", lambda x: x[0] <= 0.9 * along + 1e-9)
-    return rigidfx.Scene(bar, MATERIAL, [rigidfx.Traction("x1", (0.0, 2.0, 3.0)), *rigid])
+    """A bar with about so many unknowns, of which all but the last tenth may be rigid."""
+    along, across = cells_of_bar(unknowns)
+    domain = bar(along, across).with_cells("rest", lambda x: x[0] <= 0.9 * along + 1e-9)
+    return rigidfx.Scene(domain, MATERIAL, [PUSH, *rigid])
 
 
 def measure(problem: rigidfx.Scene, steps: int, folder: Path) -> dict[str, object]:
     """Steps of a run with a recorder and of one without, in turn."""
-    plain, recorded = (
-        rigidfx.simulate(problem, DT, DT * (steps + 2), progress=False) for _ in range(2)
-    )
-    seconds: dict[str, list[float]] = {"plain": [], "recorded": [], "write": []}
-    with rigidfx.Recorder(problem, folder / "default") as recorder:
-        for _ in range(3):  # the initial state and two steps to warm up
-            next(plain)
-            recorder.write(next(recorded))
-        for _ in range(steps):
-            start = perf_counter()
-            next(plain)
-            middle = perf_counter()
-            report = next(recorded)
-            end = perf_counter()
-            recorder.write(report)
-            seconds["plain"].append(middle - start)
-            seconds["recorded"].append(end - middle)
-            seconds["write"].append(perf_counter() - end)
+    end = DT * (steps + 2)
+    rows = []
+    with (
+        rigidfx.Recorder(problem, folder / "default") as recorder,
+        closing(rigidfx.simulate(problem, DT, end, progress=False)) as plain,
+        closing(rigidfx.simulate(problem, DT, end, progress=False)) as recorded,
+    ):
+        for _ in range(WARM + steps):
+            alone, _ = timed(partial(next, plain))
+            step, report = timed(partial(next, recorded))
+            write, _ = timed(partial(recorder.write, report))
+            rows.append((alone, step, write))
+    alone, step, write = np.array(rows[WARM:]).T  # s
     parts = {}
     for name, options in {
         "row": {"every": 10**9},
@@ -61,21 +51,12 @@ def measure(problem: rigidfx.Scene, steps: int, folder: Path) -> dict[str, objec
         "fields_and_stress": {"every": 1},
     }.items():
         with rigidfx.Recorder(problem, folder / name, **options) as other:
-            times = []
-            for _ in range(6):
-                start = perf_counter()
-                other.write(report)
-                times.append(perf_counter() - start)
-            parts[name] = median(times[1:])
-    plain.close()
-    recorded.close()
-    step, write = sum(seconds["recorded"]), sum(seconds["write"])
+            times = [timed(partial(other.write, report))[0] for _ in range(6)]
+            parts[name] = float(np.median(times[1:]))
     return {
-        "share_of_run": write / (write + step),
-        "recorded_to_plain_step": median(
-            b / a for a, b in zip(seconds["plain"], seconds["recorded"], strict=True)
-        ),
-        "seconds_per_step": median(seconds["recorded"]),
+        "share_of_run": float(write.sum() / (write.sum() + step.sum())),
+        "recorded_to_plain_step": float(np.median(step / alone)),
+        "seconds_per_step": float(np.median(step)),
         "seconds_to_write": parts,
         "unknowns": report.unknowns,
     }
@@ -83,24 +64,17 @@ def measure(problem: rigidfx.Scene, steps: int, folder: Path) -> dict[str, objec
 
 def main() -> None:
     """Measure both runs and write the summary."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Parser(__file__, __doc__.splitlines()[0], short="1700 unknowns, few steps")
     parser.add_argument("--unknowns", type=int, default=27_000)
     parser.add_argument("--steps", type=int, default=40, help="timed steps")
-    parser.add_argument("--out", type=Path, default=Path("out/output"))
-    parser.add_argument("--short", action="store_true", help="1700 unknowns, few steps")
-    arguments = parser.parse_args()
-    if arguments.short:
-        arguments.unknowns, arguments.steps = 1700, 20
+    options = parser.read(unknowns=1700, steps=20)
+    scenes = {"flexible": scene(options.unknowns)}
+    scenes["rigid"] = scene(options.unknowns, rigidfx.Rigid("rest"))
     summary = {
-        "flexible": measure(scene(arguments.unknowns), arguments.steps, arguments.out / "flexible"),
-        "rigid": measure(
-            scene(arguments.unknowns, rigidfx.Rigid("rest")),
-            arguments.steps,
-            arguments.out / "rigid",
-        ),
+        name: measure(problem, options.steps, options.out / name)
+        for name, problem in scenes.items()
     }
-    (arguments.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
-    print(json.dumps(summary, indent=2))
+    conclude(options.out, summary)
     assert summary["rigid"]["unknowns"] < summary["flexible"]["unknowns"]
 
 

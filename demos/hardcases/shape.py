@@ -9,7 +9,7 @@ from mpi4py import MPI
 
 import rigidfx as rf
 
-from .case import ANY, EPS, History, Run, case, near, release_at
+from .case import ANY, History, Run, case, near, release_at
 
 MATERIAL = rf.StVenantKirchhoff(E=1e4, nu=0.3, rho=10.0)
 SPIN = rf.InitialVelocity(angular=(0.2, 0.3, 1.0))
@@ -43,10 +43,12 @@ def thin_plate(short: bool) -> Iterator[Run]:
 
 @case("shape", "a needle a thousand times as long as thick, tumbling and rolling")
 def needle(short: bool) -> Iterator[Run]:
-    """H, L and J to rounding: u in double precision leaves forces of ε E/(ρ v²) relative to those
-    of the motion, here 2e-8 a step, and Newton's iteration ends by noticing that. An inertia of
-    1e-6 about the own axis is none of zero."""
-    E, rho, speed = 2.1e11, 7850.0, 0.5  # Pa, kg/m³, m/s at the ends
+    """H, L and J to 1e-8: u in double precision leaves forces of ε E/(ρ v²), 1e-7 of those of the
+    motion, but these are stresses: they move nothing as a whole, and a step keeps what linear
+    solves keep. A solve that is loose turns the needle about its own axis, where its inertia is
+    1e-6 of that about the others, and of the quadratic error of that Newton does not recover: the
+    first solve that does so may cost a step some 1e-9 and some iterations."""
+    E, rho = 2.1e11, 7850.0  # Pa, kg/m³
     scene = rf.Scene(
         rf.box((0, 0, 0), (1, 1e-3, 1e-3), (6, 1, 1) if short else (20, 1, 1)),
         rf.StVenantKirchhoff(E=E, nu=0.3, rho=rho),
@@ -54,8 +56,7 @@ def needle(short: bool) -> Iterator[Run]:
         order=2,
     )
     t_end, dt = (1.0 if short else 10.0), 0.02
-    bound = t_end / dt * EPS * E / (rho * speed**2)
-    bounds = {"energy": bound, "momentum": bound, "iterations": 12}
+    bounds = {"energy": 1e-8, "momentum": 1e-8}
     yield Run("flexible", scene, dt, t_end, **bounds)
     adaptive = rf.StrainRate(ANY, 0.1, release=release_at(0.5))
     yield Run("adaptive", scene, dt, t_end, adaptive, **bounds)

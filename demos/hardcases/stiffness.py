@@ -8,11 +8,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from benchmarks.bench.tangents import DT, PENALTY, condition, scene, tangent, tied
 from mpi4py import MPI
 from petsc4py import PETSc
 
 import rigidfx as rf
-from demos.benchmarks.conditioning import DT, PENALTY, condition, scene, tangent, tied
 
 __all__ = ["compare"]
 

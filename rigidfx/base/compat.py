@@ -33,7 +33,7 @@ _facet_domains = dolfinx.fem.compute_integration_domains
 def integration_facets(mesh: Any, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
     """Exterior facets as the (cell, local facet) pairs that `create_form` takes, flat.
 
-    Others among the given ones are left out (0.11 does not do so itself).
+    Interior facets among the given ones are left out, which 0.11 does not do by itself.
     """
     facets = np.intersect1d(facets, dolfinx.mesh.exterior_facet_indices(mesh.topology))
     kind = dolfinx.fem.IntegralType.exterior_facet

@@ -1,8 +1,8 @@
 """The errors rigidfx raises, and the one way to raise them on every rank at once.
 
-An error found on one rank only would leave the others waiting in their next collective call. What
-can be judged from global data is therefore raised directly; what is judged from a rank's own cells
-or files goes through `agree`.
+An error found on one rank only would leave the others waiting in their next collective call. So a
+fault in data that all ranks share is raised directly, and one in a rank's own cells or files goes
+through `agree`.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class RigidfxError(Exception):
 
 
 class RigidfxWarning(UserWarning):
-    """A run goes on, but what it finds may not be what was wanted. Shown on rank 0."""
+    """A run goes on, but its results may not be the wanted ones. Shown on rank 0."""
 
 
 class SceneError(RigidfxError, ValueError):
@@ -44,7 +44,7 @@ class StepError(RigidfxError, RuntimeError):
 
 
 class InversionError(StepError):
-    """A flexible cell was turned inside out or torn apart, in however short a step."""
+    """A flexible cell is inside out or torn apart, however short the step."""
 
 
 class OutputError(RigidfxError, OSError):
@@ -56,7 +56,7 @@ def agree(comm: MPI.Intracomm, message: str | None, error: type[RigidfxError] = 
 
     Args:
         comm: Communicator of the mesh.
-        message: What is wrong on this rank, or None.
+        message: The fault on this rank, or None.
         error: Class to raise; its text is the message of the lowest rank that has one.
 
     Raises:

@@ -21,7 +21,7 @@ def number(owner: str, name: str, value: Any, *, infinite: bool = False) -> floa
     Args:
         owner: Whose number it is, for the message.
         name: Name of the number.
-        value: What was given.
+        value: The given value.
         infinite: Whether plus or minus infinity will do.
 
     Raises:
@@ -43,7 +43,7 @@ def positive(owner: str, name: str, value: Any, *, infinite: bool = False) -> fl
     Args:
         owner: Whose number it is, for the message.
         name: Name of the number.
-        value: What was given.
+        value: The given value.
         infinite: Whether infinity will do.
 
     Raises:
@@ -94,10 +94,10 @@ def path_of(owner: str, name: str, value: Any) -> Path:
 
 
 def numbers(value: Any) -> npt.NDArray[np.float64]:
-    """What was given as an array; without elements if it is not real numbers, or is ragged.
+    """The given value as an array; an empty one if it is ragged, or not of real numbers.
 
     Args:
-        value: What was given.
+        value: The given value.
     """
     try:
         array = np.asarray(value)
@@ -114,7 +114,7 @@ def vector(owner: object, name: str, value: Any) -> npt.NDArray[np.float64]:
     Args:
         owner: Whose value it is, for the message.
         name: Name of the value.
-        value: What was given.
+        value: The given value.
 
     Raises:
         SceneError: If it is anything else.
@@ -132,7 +132,7 @@ def check_factor(owner: object, time: Any) -> None:
 
     Args:
         owner: Whose factor it is, for the message.
-        time: What was given.
+        time: The given factor.
 
     Raises:
         SceneError: If it is neither a function nor None.

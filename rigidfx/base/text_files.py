@@ -15,9 +15,9 @@ def write_text(comm: MPI.Intracomm, path: str | Path, text: str) -> None:
     """Write a file, whole or not at all, and its folder if need be. Collective; rank 0 writes.
 
     Args:
-        comm: Communicator of those that call.
+        comm: Communicator of the calling ranks.
         path: File.
-        text: What it is to hold.
+        text: Its content.
 
     Raises:
         OutputError: On every rank, if it cannot be written.

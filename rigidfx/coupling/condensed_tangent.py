@@ -1,10 +1,12 @@
 """The reduced tangent, assembled from flexible cells in the solver's own format.
 
-Most flexible cells touch no rigid body: their entries are only renumbered on the way into the
-reduced matrix, supported dofs being dropped, by PETSc's local-to-global map. The cells at the *interface*
-of bodies are assembled into a matrix K of their own, and Lᵀ K P is added: see `interface`. So the product
-costs what the interface costs. Where free dofs come in whole nodes the reduced matrix is blocked
-(BAIJ), in which assembly takes two thirds and a Krylov iteration three fifths of the time of AIJ.
+The cells at the *interface* of rigid bodies are assembled into a matrix K of their own; PETSc's
+MatPtAP condenses it by a master-slave prolongation to Lᵀ K P, test functions by L and trial ones by
+P, which is the consistent tangent: see `interface`. The *interior* cells, most of them as a rule,
+touch no body: their entries are only renumbered on the way into the reduced matrix, those of
+prescribed dofs being dropped, by PETSc's local-to-global map. So condensing costs what the
+interface costs. Where free dofs come in whole nodes the reduced matrix is blocked (BAIJ), in which
+assembly takes two thirds and a Krylov iteration three fifths of the time of AIJ.
 """
 
 from __future__ import annotations
@@ -36,41 +38,40 @@ class CondensedMatrix:
         prolongation: Prolongation,
         interior: fem.Form,
         interface: fem.Form,
-        consistent: bool = True,
     ) -> None:
         """Find the pattern. Collective.
 
         Args:
             prolongation: Map between unknowns and dofs.
-            interior: The form over flexible cells away from bodies.
+            interior: The form over flexible cells that touch no body.
             interface: The form over flexible cells that touch a body; of no meaning without bodies.
-            consistent: Whether the test side is L and not P; without it Newton converges linearly.
         """
         self._prolongation, self._interior = prolongation, interior
         own = sum(cells.size for cells in prolongation.layout.interior.values())
-        self._has_interior = (
-            prolongation.comm.allreduce(own) > 0
-        )  # to assemble nothing is collective
+        self._has_interior = prolongation.comm.allreduce(own) > 0
         self.matrix = prolongation.empty_matrix()
-        self._insert_interior()
-        self._interface = (
-            Interface(prolongation, interface, consistent) if prolongation.touched else None
-        )
+        self._insert(interior)
+        self._interface = Interface(prolongation, interface) if prolongation.touched else None
         if self._interface is not None:
             self._interface.insert_into(self.matrix)
         bodies = len(prolongation.layout.bodies)
         prolongation.add_blocks(self.matrix, np.zeros((bodies, 6, 6)))
         self.matrix.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, True)
 
-    def assemble(self) -> None:
-        """Assemble the form anew. Collective."""
+    def assemble(self, other: tuple[fem.Form, fem.Form] | None = None) -> None:
+        """Assemble the form anew. Collective.
+
+        Args:
+            other: Another form over the interior and the interface cells, instead; none if None.
+        """
+        interior, interface = (self._interior, None) if other is None else other
         self.matrix.zeroEntries()
-        self._insert_interior()
+        self._insert(interior)
         if self._interface is not None:
-            self._interface.assemble()
+            self._interface.assemble(interface)
 
     def add(self, other: CondensedMatrix, factor: float) -> None:
-        """Add a multiple of another form of the same partition before bodies are condensed."""
+        """Add a multiple of another form of the same layout, before bodies are condensed."""
         self.matrix.assemble()
         self.matrix.axpy(factor, other.matrix, SAME)
         if self._interface is not None and other._interface is not None:
@@ -81,7 +82,7 @@ class CondensedMatrix:
 
         Args:
             nodes: Owned nodes of flexible cells.
-            blocks: Shape (nodes, 3, 3); what belongs to held dofs is dropped.
+            blocks: Shape (nodes, 3, 3); what belongs to prescribed dofs is dropped.
         """
         offsets = np.arange(nodes.size + 1, dtype=PETSc.IntType)
         self.matrix.assemble()
@@ -108,16 +109,16 @@ class CondensedMatrix:
         else:
             self._prolongation.add_blocks(self.matrix, blocks)
 
-    def _insert_interior(self) -> None:
-        if (
-            not self._has_interior
-        ):  # what calls cost counts where all flexible cells are at an interface
+    def _insert(self, interior: fem.Form) -> None:
+        if not self._has_interior:  # then a step is so short that the mere calls count
             return
         if self._prolongation.nodal:
-            fem_petsc.assemble_matrix(self.matrix, self._interior)
+            fem_petsc.assemble_matrix(self.matrix, interior)
         else:
-            assemble_unrolled(self.matrix, self._interior)
+            assemble_unrolled(self.matrix, interior)
 
     def destroy(self) -> None:
-        """Free the matrix. Collective."""
+        """Free the matrices. Collective."""
         self.matrix.destroy()
+        if self._interface is not None:
+            self._interface.destroy()

@@ -1,6 +1,6 @@
-"""Who moves how: free dofs, dofs held by supports, nodes carried by rigid bodies.
+"""Who moves how: free dofs, dofs that supports prescribe, nodes that rigid bodies move.
 
-A partition is made once for a set of flexible cells, bodies and supports, and everything a step
+A layout is made once for a set of flexible cells, bodies and supports, and everything a step
 works on is sized by it. A node that belongs to a body and to a flexible cell is *attached*: the
 flexible cells pull at it, the body moves it. The other nodes of a body are of no concern to a step:
 they have no rows, and cost nothing.
@@ -9,7 +9,6 @@ they have no rows, and cost nothing.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -34,22 +33,25 @@ class DofLayout:
         flexible: Flexible owned cells by subdomain id.
         interior: Those of them that touch no body.
         interface: Those that do.
-        bodies: Rigid bodies.
+        ensemble: Data of the rigid bodies.
         attached: For each body, which of its nodes are attached (positions in body.nodes).
         prescribed: For each owned dof, whether a support prescribes it, shape (3 · owned nodes,).
         free: For each owned dof, whether it is an unknown.
         massive: For each owned node, whether its inertia is its own and not a body's.
         rows: Those of the active nodes, owned ones outside bodies or attached.
         masses: Lumped mass of each active node that is its own [kg].
-        reached: Local dofs, ghosts included, of flexible and carried cells of any rank: what forms
+        reached: Local dofs, ghosts included, of flexible and driven cells of any rank: what forms
             over these read and write.
+        following: For each body, which of its nodes have its velocity: all of them with a lumped
+            mass, else those that no flexible cell touches, as the flexible cells' side of an
+            interface has a velocity of its own.
     """
 
     space: Any
     flexible: Cells
     interior: Cells
     interface: Cells
-    bodies: tuple[RigidBody, ...]
+    ensemble: Ensemble
     attached: tuple[npt.NDArray[np.int32], ...]
     prescribed: npt.NDArray[np.bool_]
     free: npt.NDArray[np.bool_]
@@ -57,82 +59,88 @@ class DofLayout:
     rows: Rows
     masses: npt.NDArray[np.float64]
     reached: npt.NDArray[np.int64]
+    following: tuple[npt.NDArray[np.int32], ...]
 
-    @cached_property
-    def ensemble(self) -> Ensemble:
-        """The bodies' data as arrays."""
-        return Ensemble(self.bodies)
+    @property
+    def bodies(self) -> tuple[RigidBody, ...]:
+        """The bodies' data, one by one."""
+        return self.ensemble.records
 
 
 def dof_layout(
     scene: Scene,
     flexible: Cells,
-    bodies: tuple[RigidBody, ...],
+    ensemble: Ensemble,
     prescribed: npt.NDArray[np.bool_],
-    carried: Cells | None = None,
+    driven: Cells | None = None,
 ) -> DofLayout:
     """Divide the dofs of a scene. Collective.
 
     Args:
         scene: The problem.
         flexible: Flexible owned cells by subdomain id.
-        bodies: Rigid bodies; no two share a node.
+        ensemble: Data of the rigid bodies; no two share a node.
         prescribed: For each owned dof, whether a support prescribes it.
-        carried: Owned cells by subdomain id that a support moves; none if None.
+        driven: Owned cells by subdomain id that a support moves; none if None.
     """
     n = scene.owned_nodes
     touched = nodes_of(scene, flexible)
-    reached = touched if carried is None else touched | nodes_of(scene, carried)
+    reached = touched if driven is None else touched | nodes_of(scene, driven)
     massive = np.ones(n, dtype=bool)
-    for body in bodies:
+    for body in ensemble.records:
         massive[body.nodes] = False
     interior, interface = _split(scene, flexible, np.flatnonzero(~massive))
+    attached = tuple(np.flatnonzero(touched[b.nodes]).astype(np.int32) for b in ensemble.records)
+    whole = [np.arange(b.nodes.size, dtype=np.int32) for b in ensemble.records]
+    lumped = scene.mass == "lumped"
+    inside = (np.setdiff1d(own, at) for own, at in zip(whole, attached, strict=True))
     active = np.flatnonzero(massive | touched[:n]).astype(np.int32)
     return DofLayout(
         space=scene.space,
         flexible=flexible,
         interior=interior,
         interface=interface,
-        bodies=bodies,
-        attached=tuple(np.flatnonzero(touched[b.nodes]).astype(np.int32) for b in bodies),
+        ensemble=ensemble,
+        attached=attached,
         prescribed=prescribed,
         free=np.repeat(massive, 3) & ~prescribed,
         massive=massive,
         rows=Rows(scene.space, active),
         masses=np.where(massive, scene.nodal_mass[:n], 0.0)[active],
         reached=np.flatnonzero(np.repeat(reached, 3)),
+        following=tuple(whole if lumped else inside),
     )
 
 
-def rigid_fields(
-    scene: Scene, bodies: tuple[RigidBody, ...], prescribed: npt.NDArray[np.bool_]
-) -> DofLayout:
+def rigid_fields(scene: Scene, ensemble: Ensemble, prescribed: npt.NDArray[np.bool_]) -> DofLayout:
     """A division in which all nodes of bodies are attached and no cell is flexible.
 
     It serves fields over the whole mesh that are rigid in the bodies.
 
     Args:
         scene: The problem.
-        bodies: Rigid bodies; no two share a node.
+        ensemble: Data of the rigid bodies; no two share a node.
         prescribed: For each owned dof, whether a support prescribes it.
     """
     n = scene.owned_nodes
     free = np.ones(n, dtype=bool)
-    for body in bodies:
+    for body in ensemble.records:
         free[body.nodes] = False
+    whole = tuple(np.arange(body.nodes.size, dtype=np.int32) for body in ensemble.records)
     return DofLayout(
         space=scene.space,
         flexible={},
         interior={},
         interface={},
-        bodies=bodies,
-        attached=tuple(np.arange(body.nodes.size, dtype=np.int32) for body in bodies),
+        ensemble=ensemble,
+        attached=whole,
         prescribed=prescribed,
         free=np.repeat(free, 3) & ~prescribed,
         massive=free,
         rows=Rows(scene.space, np.arange(n, dtype=np.int32)),
         masses=np.where(free, scene.nodal_mass[:n], 0.0),
         reached=np.empty(0, np.int64),
+        following=whole,
     )
 
 
@@ -147,10 +155,10 @@ def nodes_of(scene: Scene, cells: Cells) -> npt.NDArray[np.bool_]:
     return mark.x.array[::3] > 0
 
 
-def _split(scene: Scene, flexible: Cells, carried: npt.NDArray[np.int64]) -> tuple[Cells, Cells]:
-    """Flexible cells without and with nodes of bodies. Collective."""
+def _split(scene: Scene, flexible: Cells, of_bodies: npt.NDArray[np.int64]) -> tuple[Cells, Cells]:
+    """Interior and interface cells: without and with nodes that bodies move. Collective."""
     mark = fem.Function(scene.space)
-    mark.x.array[3 * carried] = 1.0
+    mark.x.array[3 * of_bodies] = 1.0
     mark.x.scatter_forward()
     of_body = mark.x.array[::3] > 0
     dofs = scene.space.dofmap.list

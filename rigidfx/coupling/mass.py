@@ -26,10 +26,10 @@ __all__ = ["ConsistentMass", "LumpedMass", "Mass", "mass_operator"]
 
 
 class Mass(Protocol):
-    """What a mass operator does."""
+    """A mass operator."""
 
     def mult(self, v: PETSc.Vec, out: PETSc.Vec) -> None:
-        """Out = M v."""
+        """Evaluate out = M v."""
         ...
 
     def add_to(self, tangent: CondensedMatrix, factor: float, prolongation: Prolongation) -> None:
@@ -60,7 +60,7 @@ class LumpedMass:
         self._reduced: PETSc.Vec | None = None
 
     def mult(self, v: PETSc.Vec, out: PETSc.Vec) -> None:
-        """Out = M v."""
+        """Evaluate out = M v."""
         out.pointwiseMult(self._diagonal, v)
 
     def add_to(self, tangent: CondensedMatrix, factor: float, prolongation: Prolongation) -> None:
@@ -106,7 +106,7 @@ class ConsistentMass:
         scene: Scene,
         rows: Rows,
         cells: Cells,
-        carried: Cells | None = None,
+        driven: Cells | None = None,
         points: npt.NDArray[np.float64] | None = None,
     ) -> None:
         """Assemble the matrix once. Collective.
@@ -115,7 +115,8 @@ class ConsistentMass:
             scene: The problem.
             rows: Those of the nodes of the cells.
             cells: Flexible cells: what is added to tangents.
-            carried: Further cells whose dofs are all held: they count in products with vectors.
+            driven: Further cells whose dofs are all prescribed: they count in products with
+                vectors.
             points: Point mass of each of the nodes [kg]; none if None.
         """
         v, w = ufl.TrialFunction(scene.space), ufl.TestFunction(scene.space)
@@ -125,8 +126,8 @@ class ConsistentMass:
         form = scene.density() * ufl.inner(v, w) * dx(tuple(cells))
         self._kernel = Kernel(form, [scene.space] * 2, scene.mesh)
         counted = cells
-        if carried is not None:
-            counted = {i: np.union1d(own, carried[i]) for i, own in cells.items()}
+        if driven is not None:
+            counted = {i: np.union1d(own, driven[i]) for i, own in cells.items()}
         bound = self._kernel.bind(counted)
         self._matrix = rows.matrix()
         fem_petsc.assemble_matrix(self._matrix, bound)
@@ -140,7 +141,7 @@ class ConsistentMass:
         self._condensed: CondensedMatrix | None = None
 
     def mult(self, v: PETSc.Vec, out: PETSc.Vec) -> None:
-        """Out = M v."""
+        """Evaluate out = M v."""
         self._matrix.mult(v, out)
 
     def add_to(self, tangent: CondensedMatrix, factor: float, prolongation: Prolongation) -> None:
@@ -175,7 +176,7 @@ def mass_operator(
     rows: Rows,
     cells: Cells,
     own: npt.NDArray[np.bool_],
-    carried: Cells | None = None,
+    driven: Cells | None = None,
 ) -> Mass:
     """The mass operator that a scene asks for.
 
@@ -184,9 +185,9 @@ def mass_operator(
         rows: Those of the nodes it acts on.
         cells: Owned cells by subdomain id whose mass counts, if it is consistent.
         own: For each of the nodes, whether lumped and point masses count here.
-        carried: Owned cells that a support moves; their mass counts too.
+        driven: Owned cells that a support moves; their mass counts too.
     """
     if scene.mass == "lumped":
         return LumpedMass(rows, np.where(own, scene.nodal_mass[rows.nodes], 0.0))
     points = np.where(own, scene.point_masses[rows.nodes], 0.0)
-    return ConsistentMass(scene, rows, cells, carried, points)
+    return ConsistentMass(scene, rows, cells, driven, points)

@@ -6,16 +6,17 @@ displacement lies exactly in the range of L,
     d = L y + d_s,    rows [I, -v̂_av/ℓ] at attached nodes, unit rows at free dofs,
 
 so the residual is restricted by Lᵀ, equations (5) and (13); the derivative of d is P, with rows
-[I, -v̂₁ T/ℓ]. A supported dof has no column and its increment is prescribed in d_s; a node inside a
-body has no row at all. So no rows of ones, no penalties and no empty rows ever reach the solver.
+[I, -v̂₁ T/ℓ]. A dof that a support prescribes has no column, its increment is in d_s; a node inside
+a body has no row at all. So no rows of ones, no penalties and no empty rows ever reach the solver.
 
-A body's nodes move by their arms [1, V], which never change, times a matrix of four rows, which is
-all that turns; see `increments`. So vectors pass L and Lᵀ by one constant sparse matrix,
+The body-fixed coordinates [1, V] of a body's nodes never change; each node moves by them times a
+matrix of four rows, see `Increments`, which is all that turns. So vectors pass L and Lᵀ by one
+constant sparse matrix,
 
-    d = A [y of the free dofs, increments of the held ones, 12 numbers of each body],
+    d = A [y of the free dofs, increments of the prescribed ones, twelve numbers of each body],
 
-and by Aᵀ, and tangents do much the same, see `interface`. As a PETSc matrix P condenses what is needed
-once per layout, by MatPtAP.
+and by Aᵀ. A tangent passes them by a MatPtAP with the like of A, see `interface`; a matrix that is
+condensed once per layout, such as a mass matrix, by a MatPtAP with P itself.
 """
 
 from __future__ import annotations
@@ -30,9 +31,8 @@ from scipy.sparse import csr_array
 
 from rigidfx.coupling.dof_layout import DofLayout
 from rigidfx.coupling.rows import mapped_matrix
-from rigidfx.mechanics.bodies import TRANSLATIONS, Motions
+from rigidfx.mechanics.bodies import TRANSLATIONS, Bodies
 from rigidfx.mechanics.body_step import Increments, Step
-from rigidfx.mechanics.rigid_body import BodyMotion, at_rest
 
 __all__ = ["Prolongation"]
 
@@ -46,15 +46,18 @@ class Prolongation:
     """L and P of one layout.
 
     Attributes:
-        partition: What it is made for.
+        layout: What it is made for.
+        comm: Communicator of the mesh.
         free: Rows of this rank that are unknowns, sorted.
-        prescribed: Rows of this rank that are imposed, sorted.
+        prescribed: Rows of this rank whose increments are given, sorted.
         size: Number of unknowns over all ranks.
         nodal: Whether free dofs come in whole nodes, three at a time.
         increments: Trial step of the bodies, set by `rotate` and `expand`; equal on all ranks.
         touched: Whether flexible cells touch any body.
-        first_column: Number of this rank's first unknown.
-        body_columns: Number of the first unknown of each body.
+        first_column: Number of this rank's first unknown; its free dofs come first, in the order of
+            their rows, and its bodies last.
+        owned_bodies: Bodies whose unknowns are this rank's, sorted.
+        body_columns: Numbers of the unknowns of each body, shape (bodies, 6), equal on all ranks.
     """
 
     def __init__(self, layout: DofLayout, comm: MPI.Intracomm) -> None:
@@ -69,17 +72,18 @@ class Prolongation:
         free = layout.free[rows.dofs]
         self.free = np.flatnonzero(free)
         self.prescribed = np.flatnonzero(layout.prescribed[rows.dofs])
-        self._owners = _owners(layout, comm)
-        self._mine = np.flatnonzero(np.equal(self._owners, comm.rank))
-        self._columns = self.free.size + 6 * len(self._mine)
+        self.owned_bodies = np.flatnonzero(_owners(layout, comm) == comm.rank)
+        self._columns = self.free.size + 6 * self.owned_bodies.size
         self.size = int(comm.allreduce(self._columns))
-        self.pose([at_rest(body) for body in layout.bodies])
+        self.pose(layout.ensemble.at_rest)
         by_node = free.reshape(-1, 3)
         broken = int(np.count_nonzero(by_node.any(axis=1) & ~by_node.all(axis=1)))
         self.nodal = comm.allreduce(broken) == 0
-        self.first_column = comm.exscan(self._columns) or 0
-        self.body_columns = self._locate_bodies()
-        self._six = np.add.outer(self.body_columns, np.arange(6)).astype(Int)
+        self.first_column: int = comm.exscan(self._columns) or 0
+        self.body_columns = self._number_bodies()
+        own = self.body_columns[self.owned_bodies].astype(Int)
+        self._own_rows = own.reshape(-1)
+        self._own_csr = np.arange(0, 6 * own.size + 1, 6, dtype=Int), np.repeat(own, 6, axis=0)
         self.touched = comm.allreduce(sum(map(len, layout.attached))) > 0
         single = self.free.size + self.prescribed.size
         self._A = self._constant_part(single)
@@ -93,19 +97,19 @@ class Prolongation:
         dofs = np.concatenate([self.free, self.prescribed])
         entries: list[Entries] = [(dofs, np.arange(single), np.ones(single))]
         for k, (body, at) in enumerate(zip(bodies, self.layout.attached, strict=True)):
-            nodes, arms = rows.positions(body.nodes[at]), np.c_[np.ones(at.size), body.offsets[at]]
-            row, axis, arm = (i.reshape(-1) for i in np.indices((at.size, 3, 4)))
-            columns = single + 12 * k + 3 * arm + axis
-            entries.append((3 * nodes[row] + axis, columns, arms[row, arm]))
+            coordinates = np.c_[np.ones(at.size), body.offsets[at]]
+            node, axis, j = (i.reshape(-1) for i in np.indices((at.size, 3, 4)))
+            places = 3 * rows.positions(body.nodes[at])[node] + axis
+            entries.append((places, single + 12 * k + 3 * j + axis, coordinates[node, j]))
         return _sparse(entries, (rows.dofs.size, single + 12 * len(bodies)))
 
-    def _locate_bodies(self) -> list[int]:
-        """First global column of each body; bodies come last among their owner's columns."""
-        first = np.zeros(len(self._owners), dtype=np.int64)
-        for place, k in enumerate(self._mine):
-            first[k] = self.first_column + self.free.size + 6 * place
-        total = self.comm.allreduce(first, op=MPI.SUM) if len(first) else first
-        return [int(c) for c in total]
+    def _number_bodies(self) -> Ints:
+        """Numbers of the bodies' unknowns, which come last among their owner's. Collective."""
+        columns = np.zeros((len(self.layout.bodies), 6), dtype=np.int64)
+        first = self.first_column + self.free.size
+        columns[self.owned_bodies] = first + np.arange(6 * self.owned_bodies.size).reshape(-1, 6)
+        self.comm.Allreduce(MPI.IN_PLACE, columns)
+        return columns
 
     # Vectors ------------------------------------------------------------------------------------
 
@@ -128,7 +132,7 @@ class Prolongation:
         Args:
             y: Unknowns.
             step: The step of the bodies.
-            imposed: Increments of the held dofs [m], in their order.
+            imposed: Increments of the prescribed dofs [m], in their order.
             d: Increments of the active nodes, overwritten.
         """
         if self.layout.bodies:
@@ -142,7 +146,7 @@ class Prolongation:
         Args:
             y: Unknowns.
             six: Those of the bodies, shape (bodies, 6), as `bodies_part` gives them.
-            imposed: Increments of the held dofs [m], in their order.
+            imposed: Increments of the prescribed dofs [m], in their order.
             d: Increments of the active nodes, overwritten.
         """
         moved = self.increments.L @ six[:, :, None]
@@ -150,16 +154,15 @@ class Prolongation:
         self._multiply(y, imposed, d)
 
     def _multiply(self, y: PETSc.Vec, imposed: Array, d: PETSc.Vec) -> None:
-        """Set d = A z, where z has the numbers of the bodies already."""
+        """Evaluate d = A z, where z has the numbers of the bodies already."""
         free = self.free.size
         self._z[:free] = y.array_r[:free]
         self._z[free : free + self.prescribed.size] = imposed
         d.array[:] = self._A @ self._z
 
-    def pose(self, motions: Sequence[BodyMotion]) -> None:
+    def pose(self, bodies: Bodies) -> None:
         """Set L and P to those of θ = 0, where they agree and map velocities, equation (25)."""
-        start = Motions(self.layout.ensemble, motions)
-        self.rotate(np.zeros((len(motions), 6)), Step(start, 1.0))
+        self.rotate(np.zeros((len(bodies), 6)), Step(bodies, 1.0))
 
     def rotate(self, six: Array, step: Step) -> None:
         """Set the bodies' increments, and so L, to their unknowns, shape (bodies, 6)."""
@@ -171,7 +174,7 @@ class Prolongation:
         if self.comm.size == 1:
             return own.copy()
         values = np.zeros((len(self.layout.bodies), 6))
-        values[self._mine] = own
+        values[self.owned_bodies] = own
         return self._sum(values)
 
     def _sum(self, values: Array) -> Array:
@@ -181,7 +184,7 @@ class Prolongation:
         return values
 
     def collapse(self, d: Array, bodies: Array, y: PETSc.Vec) -> None:
-        """Unknowns (or residuals) from those at the free dofs and six numbers per body.
+        """Collect unknowns (or residuals) from the free dofs and six numbers per body.
 
         Args:
             d: One number per row; those that are not free count for nothing.
@@ -190,12 +193,12 @@ class Prolongation:
         """
         values = y.array
         values[: self.free.size] = d[self.free]
-        values[self.free.size :] = bodies[self._mine].reshape(-1)
+        values[self.free.size :] = bodies[self.owned_bodies].reshape(-1)
 
     def moments(self, f: PETSc.Vec) -> Array:
-        """Σ f and Σ V fᵀ over each body's attached nodes, shape (bodies, 4, 3). Collective.
+        """Sum f and V fᵀ over each body's attached nodes, shape (bodies, 4, 3). Collective.
 
-        The bodies' `resultant` of them is what Lᵀ f has in their rows.
+        Their `Increments.resultant` is what Lᵀ f has in the bodies' rows.
         """
         return self._sum((self._A_bodies @ f.array_r).reshape(-1, 4, 3))
 
@@ -225,9 +228,12 @@ class Prolongation:
         pattern = TRANSLATIONS.copy()
         pattern[3:, 3:] = 1.0
         row, column = np.nonzero(pattern)
-        for k, first in enumerate(self.body_columns):
-            values = self.increments.P[k, row, column]
-            entries.append((single + 12 * k + row, first + column, values))
+        bodies = 12 * np.arange(len(self.layout.bodies))
+        entries.append((
+            (single + bodies[:, None] + row).reshape(-1),
+            self.body_columns[:, column].reshape(-1),
+            self.increments.P[:, row, column].reshape(-1),
+        ))  # fmt: skip
         P = self._A @ _sparse(entries, (self._A.shape[1], self.size))
         P.sort_indices()
         out = PETSc.Mat().createAIJ(
@@ -254,9 +260,8 @@ class Prolongation:
             C: Reduced tangent.
             blocks: Shape (bodies, 6, 6), equal on all ranks.
         """
-        for k in self._mine:
-            own = self._six[k]
-            C.setValues(own, own, blocks[k], addv=PETSc.InsertMode.ADD_VALUES)
+        values = blocks[self.owned_bodies].reshape(-1)
+        C.setValuesIJV(*self._own_csr, values, PETSc.InsertMode.ADD_VALUES, self._own_rows)
         C.assemble()
 
 
@@ -266,10 +271,7 @@ def _sparse(entries: Sequence[Entries], shape: tuple[int, int]) -> csr_array:
     return csr_array((values, (row, column)), shape=shape)
 
 
-def _owners(layout: DofLayout, comm: MPI.Intracomm) -> list[int]:
+def _owners(layout: DofLayout, comm: MPI.Intracomm) -> Ints:
     """Rank that owns the unknowns of each body: the first with most of its attached nodes."""
-    owners = []
-    for attached in layout.attached:
-        counts = comm.allgather(len(attached))
-        owners.append(counts.index(max(counts)))
-    return owners
+    counts = comm.allgather([len(attached) for attached in layout.attached])
+    return np.argmax(np.reshape(counts, (comm.size, -1)), axis=0)

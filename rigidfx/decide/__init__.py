@@ -1,1 +1,1 @@
-"""What is to become rigid or flexible: records and pure functions that change nothing."""
+"""Decisions on parts that become rigid or flexible: records and functions that change nothing."""

@@ -25,6 +25,9 @@ class BackOff:
 
     Attributes:
         hasty: Number of hasty releases in a row.
+        windows: Number of windows in a row in which a cell has qualified.
+        observed: Their length [s].
+        rigid_since: When a cell became rigid [s]; NaN while it is flexible.
     """
 
     def __init__(self, cells: int, growth: float) -> None:
@@ -36,9 +39,9 @@ class BackOff:
         """
         self._growth = growth
         self.hasty = np.zeros(cells, dtype=np.int64)
-        self._windows = np.zeros(cells, dtype=np.int64)  # in which a cell has qualified in a row
-        self._observed = np.zeros(cells)  # their length [s]
-        self._rigid_since = np.full(cells, np.nan)
+        self.windows = np.zeros(cells, dtype=np.int64)
+        self.observed = np.zeros(cells)
+        self.rigid_since = np.full(cells, np.nan)
 
     def needed(self) -> Array:
         """Windows in a row in which each cell has to qualify."""
@@ -46,21 +49,28 @@ class BackOff:
 
     def restart(self) -> None:
         """Something has changed: of flexible cells nothing has been observed."""
-        flexible = np.isnan(self._rigid_since)
-        self._windows[flexible], self._observed[flexible] = 0, 0.0
+        flexible = np.isnan(self.rigid_since)
+        self.windows[flexible], self.observed[flexible] = 0, 0.0
 
-    def lasting(self, able: Bools, length: float) -> Bools:
+    def lasting(self, able: Bools) -> Bools:
         """Of the cells that have qualified in a window, those that have waited long enough.
+
+        Args:
+            able: Cells that have qualified in the window that ends now.
+        """
+        return able & (self.windows + 1 >= self.needed() * (1 - 1e-9))
+
+    def window_ended(self, able: Bools, length: float) -> None:
+        """Take notice of the end of a window.
 
         Args:
             able: Cells that have qualified.
             length: Length of the window [s].
         """
-        self._windows[able] += 1
-        self._observed[able] += length
-        flexible = np.isnan(self._rigid_since)
-        self._windows[~able & flexible], self._observed[~able & flexible] = 0, 0.0
-        return able & (self._windows >= self.needed() * (1 - 1e-9))
+        self.windows[able] += 1
+        self.observed[able] += length
+        failed = ~able & np.isnan(self.rigid_since)
+        self.windows[failed], self.observed[failed] = 0, 0.0
 
     def switched(self, rigid: Bools, t: float, counts: bool) -> bool:
         """Take notice of which cells are rigid after an event.
@@ -73,12 +83,12 @@ class BackOff:
         Returns:
             Whether a cell has to wait longer from now on.
         """
-        was = ~np.isnan(self._rigid_since)
+        was = ~np.isnan(self.rigid_since)
         released, frozen = was & ~rigid, rigid & ~was
-        soon = released & (t - self._rigid_since < self._observed * (1 - 1e-9))
+        soon = released & (t - self.rigid_since < self.observed * (1 - 1e-9))
         if counts:
             self.hasty[soon] += 1
             self.hasty[released & ~soon] = 0
-        self._rigid_since[frozen], self._rigid_since[released] = t, np.nan
-        self._windows[released], self._observed[released] = 0, 0.0
+        self.rigid_since[frozen], self.rigid_since[released] = t, np.nan
+        self.windows[released], self.observed[released] = 0, 0.0
         return bool(counts and self._growth > 1 and (self.hasty[soon] > 1).any())

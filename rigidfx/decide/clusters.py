@@ -28,7 +28,7 @@ from scipy.sparse.csgraph import connected_components
 from rigidfx.base.errors import agree
 from rigidfx.scene.scene import Scene
 
-__all__ = ["NONE", "CellGraph", "Region", "find_regions"]
+__all__ = ["NONE", "CellGraph", "Cluster", "find_clusters"]
 
 Bools = npt.NDArray[np.bool_]
 Labels = npt.NDArray[np.int64]
@@ -37,7 +37,7 @@ NONE = -1  # label of a cell, or a node, that belongs to no body
 
 
 @dataclass(frozen=True)
-class Region:
+class Cluster:
     """Cells that are to be a rigid body.
 
     Attributes:
@@ -196,11 +196,11 @@ class CellGraph:
         same = (around[:, 0] >= 0) & (around == around[:, :1]).all(axis=1)
         return np.where(same & (labels < 0), around[:, 0], NONE)
 
-    def regions(self, labels: Labels) -> tuple[Region, ...]:
+    def clusters(self, labels: Labels) -> tuple[Cluster, ...]:
         """The bodies as cells and nodes, ordered by label. Collective."""
         body_of_node = self.nodes_of(labels)[0][: self._owned_nodes]
         return tuple(
-            Region(
+            Cluster(
                 np.flatnonzero(labels == label).astype(np.int32),
                 np.flatnonzero(body_of_node == label).astype(np.int32),
                 label,
@@ -210,13 +210,13 @@ class CellGraph:
         )
 
 
-def find_regions(
+def find_clusters(
     graph: CellGraph,
     rigid: Bools,
     existing: Labels,
     barred: Bools,
     min_cells: int = 1,
-) -> tuple[Region, ...]:
+) -> tuple[Cluster, ...]:
     """Bodies by the rules above. Collective.
 
     Args:
@@ -249,4 +249,4 @@ def find_regions(
     body_of_node, _ = graph.nodes_of(labels)
     joining = graph.enclosed(labels, body_of_node)
     labels = np.where((joining >= 0) & ~barred, joining, labels)
-    return graph.regions(labels)
+    return graph.clusters(labels)

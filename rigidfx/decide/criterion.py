@@ -12,6 +12,10 @@ import numpy as np
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import number, positive, whole
+from rigidfx.flexible.indicator import Indicator
+from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.flexible.strain_rate import StrainRates
+from rigidfx.scene.scene import Scene
 
 __all__ = ["Release", "StrainRate"]
 
@@ -74,12 +78,12 @@ class StrainRate:
     them unless the effect gives their mass or inertia or a `Resultant` acts on them.
 
     Attributes:
-        tol: Largest strain rate of a cell that counts as rigid [1/s]; with measure="printed"
+        tol: Largest strain rate of a cell that counts as rigid [1/s]; with measure="paper"
             [m^-1.5/s].
         window: Length of a window T_red [s]; "auto" takes it from the longest period that is
             seen in the motion and in the loads.
         measure: "rms", sqrt(∫ ΔE:ΔE dV0 / V0)/Δt, which does not depend on the mesh, or
-            "printed", sqrt(∫ ΔE:ΔE dV0)/(Δt V0), the paper's (24), which grows as cells shrink.
+            "paper", sqrt(∫ ΔE:ΔE dV0)/(Δt V0), the paper's (24), which grows as cells shrink.
         tolerances: Tolerance of named sets of cells in place of `tol`; the least where they
             overlap.
         never: Names of sets of cells that stay flexible.
@@ -97,7 +101,7 @@ class StrainRate:
 
     tol: float
     window: float | Literal["auto"]
-    measure: Literal["rms", "printed"] = field(default="rms", kw_only=True)
+    measure: Literal["rms", "paper"] = field(default="rms", kw_only=True)
     tolerances: Mapping[str, float] = field(default_factory=dict, kw_only=True)
     never: Sequence[str] = field(default=(), kw_only=True)
     min_cells: int = field(default=1, kw_only=True)
@@ -122,10 +126,10 @@ class StrainRate:
                     f"StrainRate: window must be a time in s or 'auto', got {self.window!r}."
                 )
             positive(owner, "window", self.window)
-        if self.measure not in ("rms", "printed"):
-            raise SceneError(
-                f"StrainRate: measure must be 'rms' or 'printed', got {self.measure!r}."
-            )
+        if self.measure == "printed":  # its former name
+            object.__setattr__(self, "measure", "paper")
+        if self.measure not in ("rms", "paper"):
+            raise SceneError(f"StrainRate: measure must be 'rms' or 'paper', got {self.measure!r}.")
         named = isinstance(self.tolerances, Mapping)
         if not named or not all(isinstance(name, str) for name in self.tolerances):
             raise SceneError(
@@ -164,3 +168,12 @@ class StrainRate:
     def breakpoints(self) -> tuple[float, ...]:
         """Times of planned releases [s], at which steps end."""
         return tuple(sorted({t for release in self.releases for t in release.times}))
+
+    def indicator(self, scene: Scene, forces: InternalForces) -> Indicator:
+        """What measures the cells. Collective.
+
+        Args:
+            scene: The problem.
+            forces: Internal forces, whose u₀ and u₁ hold the ends of a step.
+        """
+        return StrainRates(scene, forces, self.measure)

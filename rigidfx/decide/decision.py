@@ -1,44 +1,74 @@
-"""What becomes of the bodies: pure functions of the observed window and of the regions found.
+"""Decisions: pure functions of observed cells and of the clusters found.
 
-Deciding knows neither PETSc nor the motion; `integrator` applies what is decided here.
+Deciding knows neither PETSc nor the motion; `rigidfx.switch` applies what is decided here.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import nan
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from rigidfx.decide.clusters import Region
+from rigidfx.decide.clusters import Cluster
 
-__all__ = ["Part", "assign_bodies", "qualify"]
+__all__ = ["Decision", "PlannedBody", "plan_bodies", "qualify"]
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class Part:
-    """A body after a change.
+class PlannedBody:
+    """A body as it is to be.
 
     Attributes:
-        region: Its cells and nodes.
+        cells: Owned cells, sorted.
+        nodes: All owned nodes of these cells, sorted.
         name: Its name.
         number: Its number.
         named: Sets of cells in it that are rigid always.
-        origins: Numbers of the bodies that its cells were in before.
-        kept: Whether it is one of them, unchanged.
+        kept: Whether there is such a body already, which stays as it is.
     """
 
-    region: Region
+    cells: npt.NDArray[np.int32]
+    nodes: npt.NDArray[np.int32]
     name: str
     number: int
-    named: tuple[str, ...]
-    origins: tuple[int, ...]
-    kept: bool
+    named: tuple[str, ...] = ()
+    kept: bool = False
+
+
+@dataclass(frozen=True)
+class Decision:
+    """A freeze or a release that is to be applied.
+
+    Attributes:
+        kind: Reported as such.
+        reason: Reported as such.
+        bodies: The bodies from then on, but for those apart.
+        apart: Names of bodies that stay as they are in any case.
+        next_number: First number that no body has had, nor has one of these.
+        qualified: Owned cells that have qualified in the window that ends, if one does.
+        closeness: How close the nearest decision was: the least |e/tol - 1| of any cell; NaN if
+            no window ends.
+        loads_changed: Whether a change of a load or a support is the reason.
+        loads_at: Time whose loads are those of the bodies from now on [s]; None if these stay.
+    """
+
+    kind: Literal["freeze", "release"]
+    reason: str
+    bodies: tuple[PlannedBody, ...]
+    apart: frozenset[str]
+    next_number: int
+    qualified: Bools | None = None
+    closeness: float = nan
+    loads_changed: bool = False
+    loads_at: float | None = None
 
 
 def qualify(worst: Array, tol: Array, observed: Bools, comm: MPI.Intracomm) -> tuple[Bools, float]:
@@ -59,22 +89,22 @@ def qualify(worst: Array, tol: Array, observed: Bools, comm: MPI.Intracomm) -> t
     return observed & (worst <= tol), float(comm.allreduce(closeness, op=MPI.MIN))
 
 
-def assign_bodies(
-    regions: Sequence[Region],
+def plan_bodies(
+    clusters: Sequence[Cluster],
     origin: npt.NDArray[np.int64],
     sizes: Mapping[int, int],
     always: Mapping[str, npt.NDArray[np.int32]],
     next_number: int,
     comm: MPI.Intracomm,
-) -> tuple[tuple[Part, ...], int]:
-    """Give regions the identity of the bodies they come from. Collective.
+) -> tuple[tuple[PlannedBody, ...], int]:
+    """Give clusters the identity of the bodies they come from. Collective.
 
-    A region takes the number of the oldest body in it, unless another region that comes before has
-    taken it (the body has been divided); otherwise it gets a new one. It is called by the first set
-    in it that is rigid always, or by its number.
+    A cluster takes the number of the oldest body in it, unless another cluster that comes before
+    has taken it (the body has been divided); otherwise it gets a new one. It is called by the first
+    set in it that is rigid always, or by its number.
 
     Args:
-        regions: Bodies after the change, in a fixed order.
+        clusters: Bodies after the change, in a fixed order.
         origin: For each owned cell the number of the body it was in, or -1.
         sizes: Number of cells, over all ranks, of each body before the change, by its number.
         always: Owned cells of each set that is rigid always, by name.
@@ -82,22 +112,21 @@ def assign_bodies(
         comm: Ranks that share the cells.
 
     Returns:
-        The bodies after the change, and the next number that is free.
+        The bodies after the change by increasing number, and the next number that is free.
     """
     taken: set[int] = set()
-    parts = []
-    for region in regions:
-        mine = np.unique(origin[region.cells])
-        held = [name for name, cells in always.items() if np.isin(cells, region.cells).any()]
-        gathered = comm.allgather((mine.tolist(), held))
+    bodies = []
+    for cluster in clusters:
+        mine = np.unique(origin[cluster.cells])
+        inside = [name for name, cells in always.items() if np.isin(cells, cluster.cells).any()]
+        gathered = comm.allgather((mine.tolist(), inside))
         before = {number for numbers, _ in gathered for number in numbers}
         named = tuple(name for name in always if any(name in names for _, names in gathered))
-        known = tuple(sorted(before - {-1}))
-        free = [number for number in known if number not in taken]
+        free = [number for number in sorted(before - {-1}) if number not in taken]
         number = free[0] if free else next_number
         next_number += not free
         name = named[0] if named else f"part {number}"
         taken.add(number)
-        kept = before == {number} and region.size == sizes[number]
-        parts.append(Part(region, name, number, named, known, kept))
-    return tuple(sorted(parts, key=lambda part: part.number)), next_number
+        kept = before == {number} and cluster.size == sizes[number]
+        bodies.append(PlannedBody(cluster.cells, cluster.nodes, name, number, named, kept))
+    return tuple(sorted(bodies, key=lambda body: body.number)), next_number

@@ -1,52 +1,32 @@
-"""The window of observation: which cells have strained least, and how long to look.
-
-T_red has to exceed the period of the lowest mode that is excited, and that of the loads (3.1). Both
-are seen in signals that rigid motion does not disturb: distances between a few nodes far from each
-other, and the loads themselves. Their longest period is that of the lowest peak in their spectra.
-"""
+"""The window of observation: which cells have strained least since it began."""
 
 from __future__ import annotations
 
-from collections import deque
-
 import numpy as np
 import numpy.typing as npt
-from mpi4py import MPI
-from scipy.signal import detrend, find_peaks, periodogram
-from scipy.spatial.distance import pdist
 
-from rigidfx.scene.scene import Scene
-from rigidfx.state import State
-
-__all__ = ["Record", "Window", "longest_period"]
+__all__ = ["Window"]
 
 Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
-
-TELLTALES = 8  # nodes whose distances are recorded
-CYCLES = 3.0  # cycles of a signal in a record before its period is believed
-EXCITED = 0.05  # amplitude relative to the largest swing at which a mode counts as excited
-SAMPLES = 2048  # longest record; older samples are forgotten
-REST = 1e-10  # relative amplitude below which nothing moves
 
 
 class Window:
     """Largest strain rate of each cell since the window began.
 
     Attributes:
-        begin: Time at which it began [s].
+        start: Time at which it began [s].
         worst: Per owned cell [1/s].
         steps: Number of steps observed.
     """
 
-    def __init__(self, cells: int, begin: float) -> None:
+    def __init__(self, cells: int, start: float) -> None:
         """A window that begins.
 
         Args:
             cells: Number of owned cells.
-            begin: Time [s].
+            start: Time [s].
         """
-        self.begin, self.worst, self.steps = begin, np.zeros(cells), 0
+        self.start, self.worst, self.steps = start, np.zeros(cells), 0
 
     def add(self, cells: npt.NDArray[np.int32], rates: Array) -> None:
         """Observe a step.
@@ -57,119 +37,3 @@ class Window:
         """
         self.worst[cells] = np.maximum(self.worst[cells], rates)
         self.steps += 1
-
-
-class Record:
-    """Signals of the motion and of the loads since the last change."""
-
-    def __init__(self, scene: Scene) -> None:
-        """Choose the telltale nodes: far from each other, the same on any ranks. Collective."""
-        self._comm = scene.comm
-        X = scene.space.tabulate_dof_coordinates()[: scene.owned_nodes]
-        self._nodes, self._order = _far_apart(self._comm, X, scene.centre_of_mass)
-        self.restart()
-
-    def restart(self) -> None:
-        """Forget everything."""
-        self._times: deque[float] = deque(maxlen=SAMPLES)
-        self._distances: deque[Array] = deque(maxlen=SAMPLES)
-        self._loads: deque[Array] = deque(maxlen=SAMPLES)
-        self._longest, self._looked_at, self._added = float("nan"), 0, 0
-
-    def add(self, state: State, loads: Array) -> None:
-        """Record a state. Collective.
-
-        Args:
-            state: The state.
-            loads: Components of the loads.
-        """
-        x = state.positions(self._nodes)
-        everywhere = np.concatenate(self._comm.allgather(x))[self._order]
-        self._times.append(state.t)
-        self._distances.append(pdist(everywhere))
-        self._loads.append(loads)
-        self._added += 1
-
-    def period(self) -> float:
-        """Longest period seen [s]; 0 where nothing oscillates, NaN while that cannot be told.
-
-        A spectrum is taken no more often than each time the record has grown by an eighth.
-        """
-        if self._added - self._looked_at >= max(1, len(self._times) // 8):
-            self._looked_at = self._added
-            t = np.asarray(self._times)
-            distances, loads = np.asarray(self._distances), np.asarray(self._loads)
-            seen = np.max([longest_period(t, distances), longest_period(t, loads)])
-            self._longest = float(np.fmax(self._longest, seen))
-            if len(t) == SAMPLES and np.isnan(self._longest):
-                self._longest = float(t[-1] - t[0])  # no record can tell more
-        return self._longest
-
-
-def longest_period(t: Array, signals: Array) -> float:
-    """The longest period at which signals of one kind oscillate.
-
-    Args:
-        t: Times [s], increasing, shape (n,).
-        signals: Shape (n, signals).
-
-    Returns:
-        Period [s]; 0 if nothing oscillates, NaN if the record is too short to tell.
-    """
-    if signals.shape[1:] == (0,):
-        return 0.0
-    if len(t) < 8:
-        return float("nan")
-    even = np.linspace(t[0], t[-1], len(t))
-    values = np.stack([np.interp(even, t, s) for s in signals.T], axis=1)
-    rest = REST * float(np.abs(values).max())
-    values = detrend(values, axis=0)
-    swings = np.ptp(values, axis=0)
-    moving = swings > max(rest, EXCITED * float(swings.max()))
-    if not moving.any():
-        return 0.0
-    frequency, power = periodogram(
-        values[:, moving],
-        fs=1 / (even[1] - even[0]),
-        window="hann",
-        detrend=False,
-        scaling="spectrum",
-        axis=0,
-        nfft=4 * len(even),
-    )
-    amplitude = np.sqrt(2 * power).max(axis=1)
-    told = frequency * (t[-1] - t[0]) >= CYCLES
-    peaks, _ = find_peaks(np.where(told, amplitude, 0.0), height=EXCITED * swings.max() / 2)
-    # What is slower than a few cycles in the record may be a trend, unless it outweighs the rest.
-    slow = amplitude[~told].max(initial=0.0)
-    if slow > max(EXCITED * swings.max() / 2, amplitude[peaks].max(initial=0.0)):
-        return float("nan")
-    if not peaks.size:
-        return 0.0
-    return float(1 / frequency[peaks[0]])
-
-
-def _far_apart(comm: MPI.Intracomm, X: Array, centre: Array) -> tuple[Ints, Ints]:
-    """Nodes chosen one by one, each the farthest from those before. Collective.
-
-    Returns:
-        Local numbers of those that this rank owns, and the order that sorts the gathered ones.
-    """
-    distance = np.linalg.norm(X - centre, axis=1)
-    mine, places = [], []
-    for place in range(TELLTALES):
-        far = np.flatnonzero(distance >= distance.max(initial=0.0) * (1 - 1e-9))
-        # Of equally far nodes the one with the greatest coordinates, whoever owns it.
-        best = max(
-            ((float(distance[i].round(9)), *X[i].round(9).tolist()) for i in far),
-            default=(-1.0, 0.0, 0.0, 0.0),
-        )
-        offers = comm.allgather(best)
-        winner = max(offers)
-        point = np.asarray(winner[1:])
-        if offers.index(winner) == comm.rank:
-            mine.append(int(np.argmin(np.linalg.norm(X - point, axis=1))))
-            places.append(place)
-        distance = np.minimum(distance, np.linalg.norm(X - point, axis=1))
-    order = np.argsort(np.concatenate(comm.allgather(np.asarray(places, dtype=np.int64))))
-    return np.asarray(mine, dtype=np.int64), order

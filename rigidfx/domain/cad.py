@@ -1,7 +1,7 @@
 """Read CAD (STEP, IGES, BREP): find volumes and surfaces, name them, mesh them.
 
-CAD files know no physical names. What is in a file is listed with its numbers, labels, places and
-shapes; names are then given by number, by label, or by a condition on these.
+CAD files know no physical names. The volumes and surfaces of a file are listed with their numbers,
+labels, places and shapes; names are then given by number, by label, or by a condition on these.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ class CadEntity:
         return bool(inside.all())
 
     def __str__(self) -> str:
-        """Everything that tells it from others, in a line."""
+        """One line with all that tells it from others."""
         extent = self.upper - self.lower
         flat = extent < 1e-6 * extent.max()
         box = " × ".join(f"{x:.4g}" for x in np.where(flat, 0.0, extent))
@@ -96,7 +96,7 @@ def _triple(x: Array) -> str:
 
 @dataclass(frozen=True)
 class Cad:
-    """What is in a CAD file; printed, it is a table.
+    """The contents of a CAD file; printed, a table.
 
     Attributes:
         volumes: The volumes by increasing number.
@@ -147,7 +147,7 @@ def list_cad(
     glue: bool = True,
     comm: MPI.Intracomm = MPI.COMM_WORLD,
 ) -> Cad:
-    """What is in a CAD file: numbers, labels, places, shapes of volumes and surfaces. Collective.
+    """List the volumes and surfaces of a CAD file: numbers, labels, places, shapes. Collective.
 
     Example:
         >>> print(list_cad("arm.step"))                       # doctest: +SKIP
@@ -189,7 +189,7 @@ def read_cad(
     """Mesh a CAD file by tetrahedra. Collective.
 
     A name stands for what its value picks: a number, a label of the file, a function that is True
-    for the right `CadEntity`, or a list of these. `list_cad` shows what there is to pick from.
+    for the right `CadEntity`, or a list of these. `list_cad` shows the choice.
     Labels of the file are names as well, unless a name given here is the same.
 
     Example:
@@ -223,7 +223,7 @@ def read_cad(
 
     Raises:
         SceneError: If the file is missing, unreadable, without volumes or cannot be meshed; if a
-            name picks nothing or a volume has no name. It lists what there is.
+            name picks nothing or a volume has no name. The message lists the choice.
     """
     metres = _metres(path, positive("read_cad", "scale", scale))
     largest = None if size is None else positive("read_cad", "size", size)
@@ -265,8 +265,8 @@ def read_cad(
 def _metres(path: str | Path, scale: float) -> float:
     """Metres per unit of length of the model that a file becomes.
 
-    OpenCASCADE's tolerances are lengths that suit millimetres, so that these are what files with a
-    unit are converted to.
+    OpenCASCADE's tolerances are lengths that suit millimetres: files with a unit are converted to
+    these.
     """
     return scale if Path(path).suffix.lower() == ".brep" else 1e-3 * scale
 
@@ -313,7 +313,7 @@ def _glue(gmsh: Any, labels: Mapping[tuple[int, int], str]) -> dict[tuple[int, i
 def _entity(
     gmsh: Any, dim: int, tag: int, labels: Mapping[tuple[int, int], str], metres: float
 ) -> CadEntity:
-    """All that is known of an entity."""
+    """An entity with all its properties."""
     model = gmsh.model
     normal: Array = np.full(3, np.nan)
     radius, kind = float("nan"), "Volume"

@@ -1,7 +1,7 @@
-"""Are the cells of a mesh whole: no zero volume, none turned inside out?
+"""Checks of a mesh: every cell has a volume, none is turned inside out.
 
 DOLFINx integrates with |det J|, so an inverted cell goes unnoticed and adds volume instead of
-taking it away. Two tests find it whatever the order of a cell's vertices: within a cell det J must
+taking it away. Two tests find one whatever the order of its vertices: within a cell det J must
 keep one sign, and the cells on the two sides of a facet must lie on different sides.
 """
 
@@ -24,7 +24,7 @@ CHUNK = 20_000  # cells looked at in one go, to bound the memory
 def _determinants(
     mesh: dmesh.Mesh, cells: npt.NDArray[np.int32], points: npt.NDArray[np.float64]
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Det J at reference points, shape (cells, points), and each cell's diameter cubed."""
+    """det J at reference points, shape (cells, points), and each cell's diameter cubed."""
     element = basix.create_element(
         basix.ElementFamily.P,
         basix.CellType[mesh.topology.cell_type.name],
@@ -91,7 +91,7 @@ def check_cells(mesh: dmesh.Mesh) -> None:
         # Any order of a tetrahedron's vertices is admissible, so its sign says nothing.
         bad = np.union1d(np.flatnonzero(broken), _folded(mesh))
     else:
-        # Hexahedra keep their order of vertices: those that differ from the rest are turned over.
+        # Hexahedra keep their order of vertices: those that differ from the rest are inverted.
         usual = mesh.comm.allreduce(sign.sum())
         bad = np.flatnonzero(broken | (sign * usual < 0))
     problem = None

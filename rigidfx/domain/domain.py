@@ -107,7 +107,7 @@ class Domain:
 
         Args:
             name: Physical name.
-            dims: Dimensions that will do; if the name has several, the first one here wins.
+            dims: Admissible dimensions; if the name has several, the first one here wins.
             wanted_by: Who asks, for the message.
 
         Raises:

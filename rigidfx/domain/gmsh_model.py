@@ -29,7 +29,7 @@ __all__ = ["domain_of", "find_file", "from_gmsh", "gmsh_session", "read_msh"]
 KNOWN = {4: "tetrahedra", 5: "hexahedra", 11: "second-order tetrahedra", 12: "27-node hexahedra"}
 FACETS = {4: 2, 5: 3, 11: 9, 12: 10}
 CORNERS = {4: 3, 5: 4, 11: 3, 12: 4}  # of a facet
-# What is not a mesh yet, and the function that reads it.
+# Suffixes of geometry without a mesh, and the function that reads it.
 GEOMETRY = {".geo": "read_geo", ".geo_unrolled": "read_geo"} | dict.fromkeys(
     (".step", ".stp", ".brep", ".iges", ".igs"), "read_cad"
 )
@@ -163,7 +163,7 @@ def domain_of(
 
     Args:
         comm: Communicator of the mesh.
-        owner: What fails if the function does.
+        owner: Name of the function, for messages.
         source: Where the model comes from, for messages.
         fill: Function of the module gmsh; called on rank 0 only. It may return names of groups by
             dimension and number, for those that gmsh does not tell.
@@ -246,7 +246,7 @@ def _groups(model: Any, header: Header) -> list[tuple[int, str, int]]:
 
 
 def _names(model: Any, source: str, header: Header) -> Names:
-    """Give gmsh's model one group per entity; what its names stand for.
+    """Give gmsh's model one group per entity; find the entities of each name.
 
     Returns:
         By dimension and name: numbers of entities, or positions of points for dimensions 0, 1.

@@ -31,7 +31,7 @@ def read_geo(
     scale: float = 1.0,
     comm: MPI.Intracomm = MPI.COMM_WORLD,
 ) -> Domain:
-    """Run a .geo script of gmsh and mesh what it describes. Collective.
+    """Run a .geo script of gmsh and mesh its geometry. Collective.
 
     Its physical groups become the names of the domain, as `read_msh` says. A mesh that the script
     generates itself is taken as it is, unless a size or an order is asked for.
@@ -42,9 +42,9 @@ def read_geo(
     Args:
         path: The script; it is run on rank 0 only.
         parameters: Values of constants that the script defines by DefineConstant.
-        size: Largest edge of a cell [m]; where the script asks for less, that holds. What the
-            script says if None.
-        order: Order of the cells' geometry, 1 or 2; what the script says if None.
+        size: Largest edge of a cell [m]; where the script asks for less, that holds. The script's
+            own if None.
+        order: Order of the cells' geometry, 1 or 2; the script's own if None.
         scale: Metres per unit of length of the script.
         comm: Communicator of the mesh.
 
@@ -108,8 +108,8 @@ def mesh_model(gmsh: Any, size: float | None, order: int | None) -> None:
 
     Args:
         gmsh: The module.
-        size: Largest edge of a cell, in the model's unit of length; what the model says if None.
-        order: Order of the cells' geometry; what the model says if None.
+        size: Largest edge of a cell, in the model's unit of length; the model's own if None.
+        order: Order of the cells' geometry; the model's own if None.
     """
     mesh = gmsh.model.mesh
     if size is not None:
@@ -134,7 +134,7 @@ def check_order(owner: str, order: int | None) -> None:
 
 
 def _check_parameters(path: Path, given: Mapping[str, float | str]) -> None:
-    """Refuse parameters that a script would not look at."""
+    """Refuse parameters that a script does not define."""
     known = _constants(_text(path))
     unknown = [name for name in given if name not in known]
     if unknown:
@@ -145,7 +145,7 @@ def _check_parameters(path: Path, given: Mapping[str, float | str]) -> None:
 
 
 def _text(path: Path, depth: int = 0) -> str:
-    """A script with all that it includes, without comments."""
+    """The text of a script and of those it includes, without comments."""
     if depth > DEEPEST or not path.is_file():
         return ""
     text = path.read_text(encoding="utf-8", errors="replace")

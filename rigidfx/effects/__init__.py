@@ -1,24 +1,38 @@
 """What may act in a scene: loads, supports, damping, attachments, initial motion, rigid parts.
 
-Every effect is a frozen record in SI units with a time window and knows at which instants it
-changes abruptly; steps end exactly there. An effect that a scene does not name adds nothing to the
-compiled forms.
+Every effect is a frozen record in SI units, in a file of its own with its forces, and knows at
+which instants it changes abruptly; steps end exactly there. An effect that a scene does not name
+adds nothing to the compiled forms, and no action to a step: see `action`.
 """
 
-from rigidfx.effects.attachments import PointMass, Spring
+from rigidfx.effects.action import Action, FormTerm, Structure
 from rigidfx.effects.base import Effect, Table, Windowed
-from rigidfx.effects.damping import Damping, KelvinVoigt, MassDamping, NumericalDamping
-from rigidfx.effects.follower import Pressure
-from rigidfx.effects.loads import BodyForce, DeadLoad, Gravity, NodalForce, Resultant, Traction
-from rigidfx.effects.motion import InitialVelocity, Preload, Rigid
-from rigidfx.effects.supports import Fixed, PrescribedMotion, Support
+from rigidfx.effects.body_force import BodyForce
+from rigidfx.effects.dead_load import DeadLoad
+from rigidfx.effects.fixed import Fixed
+from rigidfx.effects.gravity import Gravity
+from rigidfx.effects.initial_velocity import InitialVelocity
+from rigidfx.effects.kelvin_voigt import KelvinVoigt
+from rigidfx.effects.mass_damping import MassDamping
+from rigidfx.effects.nodal_force import NodalForce
+from rigidfx.effects.numerical_damping import NumericalDamping
+from rigidfx.effects.point_mass import PointMass
+from rigidfx.effects.preload import Preload
+from rigidfx.effects.prescribed_motion import PrescribedMotion
+from rigidfx.effects.pressure import Pressure
+from rigidfx.effects.resultant import Resultant
+from rigidfx.effects.rigid import Rigid
+from rigidfx.effects.spring import Spring
+from rigidfx.effects.support import Support
+from rigidfx.effects.traction import Traction
 
 __all__ = [
+    "Action",
     "BodyForce",
-    "Damping",
     "DeadLoad",
     "Effect",
     "Fixed",
+    "FormTerm",
     "Gravity",
     "InitialVelocity",
     "KelvinVoigt",
@@ -32,6 +46,7 @@ __all__ = [
     "Resultant",
     "Rigid",
     "Spring",
+    "Structure",
     "Support",
     "Table",
     "Traction",

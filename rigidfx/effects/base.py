@@ -1,15 +1,18 @@
-"""What all effects share: time windows and functions of time."""
+"""The base of all effects: checks, time windows, functions of time, and how they are bound."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields
 from math import inf, isfinite
+from typing import Any, ClassVar
 
 import numpy as np
+import numpy.typing as npt
 
-from rigidfx.base.errors import SceneError
+from rigidfx.base.errors import SceneError, together
 from rigidfx.base.inputs import number, numbers
+from rigidfx.effects.action import Action, FormTerm, Structure
 
 __all__ = [
     "WHOLE",
@@ -18,8 +21,10 @@ __all__ = [
     "TimeFunction",
     "Vector",
     "Windowed",
+    "check_vector",
 ]
 
+Array = npt.NDArray[np.float64]
 Vector = tuple[float, float, float]
 WHOLE = "all cells"  # what goes by this name is not a set of cells but the whole domain
 
@@ -70,6 +75,9 @@ class Table:
 class Effect:
     """Anything a scene may name."""
 
+    is_load: ClassVar[bool] = False  # whether its windows and changes are changes of a load
+    is_dead: ClassVar[bool] = False  # whether it is but forces that the motion does not change
+
     def __post_init__(self) -> None:
         """Check where it acts, if it acts somewhere.
 
@@ -79,9 +87,72 @@ class Effect:
         for place in (f for f in fields(self) if f.name == "where"):
             where = getattr(self, "where", None)
             if not isinstance(where, str) and (where is not None or place.default is not None):
-                raise SceneError(
-                    f"{type(self).__name__}: where must be the name of a set, got {where!r}."
-                )
+                raise SceneError(f"{self.kind}: where must be the name of a set, got {where!r}.")
+
+    @property
+    def kind(self) -> str:
+        """Its name."""
+        return type(self).__name__
+
+    @property
+    def owner(self) -> str:
+        """Its name in messages, and where it acts."""
+        return f"{self.kind} on '{getattr(self, 'where', None) or WHOLE}'"
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Instants at which a step must end [s]."""
+        return ()
+
+    def check(self, scene: Any) -> None:
+        """Check it against the mesh and its names. Collective.
+
+        Args:
+            scene: The scene that names it, whose mesh, space and masses are known already.
+
+        Raises:
+            SceneError: On every rank, if a name is unknown or a function of time cannot be used.
+        """
+
+    def signal(self, t: float, dt: float) -> Array:
+        """Numbers whose change is a change of load, at t [s]; none if nothing of it is.
+
+        Args:
+            t: Time [s].
+            dt: Time step [s], the scale of a difference quotient where one is needed.
+        """
+        return np.empty(0)
+
+    def bind(self, structure: Structure) -> Action | None:
+        """Its action on nodes and bodies of a division; None if it has none. Collective."""
+        return None
+
+    def term(self, mesh: Any) -> FormTerm | None:
+        """Its term of the compiled forms; None if it has none."""
+        return None
+
+
+def check_vector(scene: Any, owner: str, t: float, function: Callable[[], Array]) -> None:
+    """Check that a user's function gives three finite numbers. Collective.
+
+    Args:
+        scene: The scene.
+        owner: Whose function it is, for the message.
+        t: Time that it is evaluated at [s].
+        function: Gives its value.
+
+    Raises:
+        SceneError: On every rank, if it fails or gives anything else.
+    """
+
+    def check() -> None:
+        value = function()
+        if np.shape(value) != (3,) or not np.isfinite(value).all():
+            raise SceneError(
+                f"{owner}: at t = {t:g} s three finite components are expected, got {value}."
+            )
+
+    together(scene.comm, f"{owner}: its function of time", check)
 
 
 @dataclass(frozen=True)
@@ -103,19 +174,24 @@ class Windowed(Effect):
             SceneError: If it is empty or its ends are not numbers.
         """
         super().__post_init__()
-        owner = type(self).__name__
         since, until = (
-            number(owner, name, getattr(self, name), infinite=True) for name in ("since", "until")
+            number(self.kind, name, getattr(self, name), infinite=True)
+            for name in ("since", "until")
         )
         if not since < until:
             raise SceneError(
-                f"{type(self).__name__}: the time window needs since < until, "
+                f"{self.kind}: the time window needs since < until, "
                 f"got {self.since!r} … {self.until!r}."
             )
 
-    def active(self, t: float) -> bool:
-        """Whether the effect acts in a step whose midpoint is t [s]."""
-        return self.since <= t <= self.until
+    @property
+    def start(self) -> float:
+        """When it first acts in a run [s]."""
+        return max(0.0, self.since)
+
+    def acts(self, t: float) -> bool:
+        """Whether the effect acts at t [s], or just after it where its window begins or ends."""
+        return self.since <= t < self.until
 
     @property
     def ends(self) -> tuple[float, ...]:

@@ -1,13 +1,14 @@
 """The forces of a scene's cells: compiled once, bound to the cells that are flexible.
 
-Cells of materials that share an energy function, and are damped alike, share a kernel. Damping and
-pressure are terms of the forms only while their time windows are open: for each combination that
-the run will see there is one *variant* of the forms, compiled at the start.
+Cells of materials that share an energy function, and on which the same effects may act, share a
+kernel. Effects that belong into the forms (viscous stress, pressure) are terms of them only while
+their time windows are open: for each combination that the run will see there is one *variant* of
+the forms, compiled at the start.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,37 +17,53 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
-from rigidfx.effects import KelvinVoigt, NumericalDamping, Windowed
+from rigidfx.base.errors import together
+from rigidfx.effects import Effect, FormTerm, NumericalDamping
 from rigidfx.flexible.kernels import Kernel
-from rigidfx.flexible.material_classes import Group, group_cells
-from rigidfx.flexible.pressures import Pressures
+from rigidfx.flexible.material_classes import MaterialClass, material_classes
+from rigidfx.flexible.surface import Surface
 from rigidfx.mechanics.schemes import (
-    deformation_gradient,
     initial_stiffness_times,
-    right_cauchy_green,
     static_virtual_work,
     stored_energy,
 )
 from rigidfx.scene.scene import Scene
 
-__all__ = ["BoundForces", "InternalForces"]
+__all__ = ["BoundForces", "InternalForces", "Taken"]
 
 Cells = Mapping[int, npt.NDArray[np.int32]]
+Facets = Mapping[int, npt.NDArray[np.int32]]
+Terms = tuple[bool, tuple[int, ...]]  # whether ξ acts, and which of the effects' terms
 
 
 @dataclass(frozen=True)
 class BoundForces:
-    """Forms over the flexible cells and those of their facets that are under pressure.
+    """Forms over the flexible cells and those of their facets that loads act on.
 
     Attributes:
         residual: Force vector.
         interior: Its derivative by the unknown displacement, over cells that touch no rigid body.
         interface: The same over those that do.
+        undeformed: Both derivatives where nothing is displaced, whatever the coefficients hold.
     """
 
     residual: fem.Form
     interior: fem.Form
     interface: fem.Form
+    undeformed: tuple[fem.Form, fem.Form]
+
+
+@dataclass(frozen=True)
+class Taken:
+    """Energy that terms of the forms take out of the motion in a step [J].
+
+    Attributes:
+        dissipated: By each kind of damping.
+        against_loads: What cells do against loads; no form if there are none.
+    """
+
+    dissipated: Mapping[str, fem.Form]
+    against_loads: Sequence[fem.Form]
 
 
 @dataclass(frozen=True)
@@ -56,12 +73,14 @@ class Variant:
     Attributes:
         residual: Virtual work.
         tangent: Its derivative by the unknown displacement.
-        lost: Energy that damping takes in a step [J], by the kind of damping.
+        dissipated: Energy that damping takes in a step [J], by the kind of damping.
+        against_loads: Energy that goes into loads on facets [J].
     """
 
     residual: Kernel
     tangent: Kernel
-    lost: Mapping[str, Kernel]
+    dissipated: Mapping[str, Kernel]
+    against_loads: Kernel | None
 
 
 class InternalForces:
@@ -70,98 +89,149 @@ class InternalForces:
     Attributes:
         u0: Displacement at the start of the step, a coefficient of the forms.
         u1: Displacement at its end, a coefficient of the forms.
-        pressures: What follower pressures add.
+        surface: The deformed boundary at u0.
         strain_noise: Rounding error of the algorithmic strain in units of the machine precision:
             1 for stresses linear in the strain, more for the quotient in the discrete gradient.
     """
 
-    def __init__(self, scene: Scene, u0: fem.Function, resolution: float = 0.0) -> None:
+    def __init__(
+        self, scene: Scene, u0: fem.Function, acting: Iterable[Sequence[Effect]] = ((),)
+    ) -> None:
         """Compile the forms. Collective.
 
         Args:
             scene: The problem.
             u0: Function that holds the displacement at the start of each step.
-            resolution: Times closer than this are the same [s].
+            acting: The effects that act together, for each time at which that changes; the last
+                of these is selected.
         """
-        self._scene = scene
+        self._scene, self._element = scene, scene.element
         self.u0, self.u1 = u0, fem.Function(scene.space)
-        self._dampers: tuple[KelvinVoigt, ...] = scene.named(KelvinVoigt)
-        self._groups = group_cells(scene, self._dampers)
+        self._rest = fem.Function(scene.space)
+        self.surface = Surface(scene, u0)
+        terms = ((effect, effect.term(scene.mesh)) for effect in scene.effects)
+        self._terms: list[tuple[Effect, FormTerm]] = [
+            (effect, term) for effect, term in terms if term is not None
+        ]
+        on_cells = [k for k, (_, term) in enumerate(self._terms) if not term.boundary]
+        self._classes = material_classes(scene, [self._terms[k][0] for k in on_cells])
+        self._of_class = [{on_cells[j] for j in c.effects} for c in self._classes]
+        self._facets = {
+            k: scene.boundary(getattr(effect, "where", ""), effect.kind)
+            for k, (effect, term) in enumerate(self._terms)
+            if term.boundary
+        }
         # A constant of no form, as long as no term reads it.
-        self._xi, self._rate = (fem.Constant(scene.mesh, value) for value in (0.0, 1.0))
-        self._eta = [fem.Constant(scene.mesh, float(d.eta)) for d in self._dampers]
-        self._dx = ufl.Measure(
-            "dx", domain=scene.mesh, metadata={"quadrature_degree": scene.quadrature_degree}
-        )
-        self.pressures = Pressures(scene, self.u0, self.u1)
-        self._variants: dict[tuple[object, ...], Variant] = {}
-        starts = {0.0, *(t for t in scene.breakpoints if t > 0)}
-        for t in sorted(starts, reverse=True):
-            self.select(scene.acting(t, resolution))
+        self._xi = fem.Constant(scene.mesh, 0.0)
+        self._dx = scene.cell_measure
+        self._variants: dict[Terms, Variant] = {}
+        for together_ in acting:
+            self.select(together_)
         self._energy = Kernel(
-            self._integrate(lambda i, g: stored_energy(g.energy, self.u0, g.parameters)),
+            self._integrate(lambda i, c: stored_energy(self._element, c.law, self.u0)),
             [],
             scene.mesh,
         )
-        linear = all(g.quadratic for g in self._groups) or not scene.scheme.conserving
+        linear = all(c.law.quadratic for c in self._classes) or not scene.scheme.conserving
         self.strain_noise = 1.0 if linear else 30.0
 
-    def select(self, acting: Sequence[Windowed]) -> None:
+    # Which terms act ----------------------------------------------------------------------------
+
+    def select(self, acting: Sequence[Effect]) -> None:
         """Have the forms bound from now on hold the terms of these effects only. Collective.
 
         Args:
-            acting: The effects with a time window that act.
+            acting: The effects that act.
         """
         here = {id(effect) for effect in acting}
         damped = any(isinstance(effect, NumericalDamping) for effect in acting)
-        viscous = tuple(k for k, d in enumerate(self._dampers) if id(d) in here)
-        self._terms = (damped, viscous, self.pressures.select(acting))
-        if self._terms not in self._variants:
-            self._variants[self._terms] = self._compile(damped, viscous)
+        terms = tuple(k for k, (effect, _) in enumerate(self._terms) if id(effect) in here)
+        self._acting = (damped, terms)
+        if self._acting not in self._variants:
+            self._variants[self._acting] = self._compile(damped, terms)
 
-    def _compile(self, damped: bool, viscous: tuple[int, ...]) -> Variant:
+    def set_time(self, t: float, dt: float) -> None:
+        """Set what in the forms depends on the step. Collective.
+
+        Args:
+            t: Its midpoint [s].
+            dt: Its length [s].
+
+        Raises:
+            SceneError: On every rank, if a user's function fails on any.
+        """
+        damped, acting = self._acting
+        if damped:
+            damping = self._scene.named(NumericalDamping)
+            self._xi.value = sum(d.xi for d in damping if d.acts(t))
+        if acting:
+
+            def evaluate() -> None:
+                for k in acting:
+                    self._terms[k][1].set_time(t, dt)
+
+            together(self._scene.comm, "An effect", evaluate)
+
+    def _compile(self, damped: bool, acting: tuple[int, ...]) -> Variant:
         scene, V, mesh = self._scene, self._scene.space, self._scene.mesh
         test, trial = ufl.TestFunction(V), ufl.TrialFunction(V)
-
         xi = self._xi if damped else None
-        dE = (right_cauchy_green(self.u1) - right_cauchy_green(self.u0)) / 2
-        # η/Δt of the groups that are damped now
-        rates = {
-            i: sum(self._eta[k] for k in g.dampers if k in viscous) * self._rate
-            for i, g in enumerate(self._groups, start=1)
-            if set(g.dampers) & set(viscous)
-        }
+        acts = [(k, term) for k, (_, term) in enumerate(self._terms) if k in acting]
+        on_facets = [(k, term) for k, term in acts if term.boundary]
 
-        def virtual_work(i: int, g: Group) -> Any:
-            work = scene.scheme.virtual_work(
-                g.energy, g.quadratic, g.parameters, self.u0, self.u1, test, xi
-            )
-            if i in rates:
-                F = deformation_gradient((self.u0 + self.u1) / 2)
-                work += ufl.inner(F * (rates[i] * dE), ufl.grad(test))
+        def virtual_work(i: int, c: MaterialClass) -> Any:
+            step = (self._element, self.u0, self.u1)
+            work = scene.scheme.virtual_work(step[0], c.law, *step[1:], test, xi)
+            for k, term in acts:
+                if k in self._of_class[i - 1]:
+                    work += term.virtual_work(*step, test)
             return work
 
-        def numerical(i: int, g: Group) -> Any:
-            return self._xi * ufl.inner(initial_stiffness_times(g.energy, g.parameters, dE), dE)
-
-        lost = {}
-        if damped:
-            lost[NumericalDamping.__name__] = self._integrate(numerical)
-        if rates:
-            lost[KelvinVoigt.__name__] = self._integrate(
-                lambda i, g: rates[i] * ufl.inner(dE, dE) if i in rates else None
-            )
-        work = self._integrate(virtual_work) + self.pressures.virtual_work(test)
+        work = self._integrate(virtual_work)
+        for k, term in on_facets:
+            integrand = term.virtual_work(self._element, self.u0, self.u1, test)
+            work += integrand * scene.boundary_measure(k + 1)
+        loads = ufl.Form([])
+        for k, term in on_facets:
+            taken = term.taken(self._element, self.u0, self.u1)
+            loads += taken * scene.boundary_measure(k + 1)
         return Variant(
             Kernel(work, [V], mesh),
             Kernel(ufl.derivative(work, self.u1, trial), [V, V], mesh),
-            {name: Kernel(form, [], mesh) for name, form in lost.items()},
+            self._dissipated(damped, [(k, t) for k, t in acts if t.dissipates]),
+            Kernel(loads, [], mesh) if on_facets else None,
         )
 
-    def _integrate(self, integrand: Callable[[int, Group], Any]) -> ufl.Form:
-        """Sum over the groups, by subdomain id, of an integrand, which may be None."""
-        parts = ((i, integrand(i, group)) for i, group in enumerate(self._groups, start=1))
+    def _dissipated(self, damped: bool, acts: Sequence[tuple[int, FormTerm]]) -> dict[str, Kernel]:
+        """Energy that damping takes in a step, by its kind."""
+        element, u0, u1 = self._element, self.u0, self.u1
+        dE = element.strain_increment(u0, u1)
+
+        def numerical(i: int, c: MaterialClass) -> Any:
+            stress = initial_stiffness_times(c.law.energy, c.law.parameters, dE)
+            return self._xi * ufl.inner(stress, dE)
+
+        def of(kind: str) -> Callable[[int, MaterialClass], Any]:
+            def integrand(i: int, c: MaterialClass) -> Any:
+                here = [t for k, t in acts if t.kind == kind and k in self._of_class[i - 1]]
+                return sum(t.taken(element, u0, u1) for t in here) if here else None
+
+            return integrand
+
+        forms = {NumericalDamping.__name__: self._integrate(numerical)} if damped else {}
+        forms |= {kind: self._integrate(of(kind)) for kind in {t.kind for _, t in acts}}
+        return {
+            kind: Kernel(form, [], self._scene.mesh)
+            for kind, form in forms.items()
+            if not form.empty()
+        }
+
+    def _integrate(self, integrand: Callable[[int, MaterialClass], Any]) -> ufl.Form:
+        """Sum over the classes, by subdomain id, of an integrand, which may be None."""
+        parts = ((i, integrand(i, c)) for i, c in enumerate(self._classes, start=1))
         return sum((part * self._dx(i) for i, part in parts if part is not None), ufl.Form([]))
+
+    # Forms over cells ---------------------------------------------------------------------------
 
     def cells(self, flexible: npt.NDArray[np.int32] | None = None) -> Cells:
         """Owned cells by subdomain id.
@@ -170,8 +240,19 @@ class InternalForces:
             flexible: Sorted owned cells to keep; all if None.
         """
         return {
-            i: g.cells if flexible is None else np.intersect1d(g.cells, flexible)
-            for i, g in enumerate(self._groups, start=1)
+            i: c.cells if flexible is None else np.intersect1d(c.cells, flexible)
+            for i, c in enumerate(self._classes, start=1)
+        }
+
+    def _facets_of(self, *groups: Cells) -> Facets:
+        """Facets of cells that loads act on now, by subdomain id."""
+        every = np.concatenate(
+            [np.empty(0, np.int32), *(own for g in groups for own in g.values())]
+        )
+        return {
+            k + 1: pairs[np.isin(pairs[:, 0], every)]
+            for k, pairs in self._facets.items()
+            if k in self._acting[1]
         }
 
     def bind(
@@ -179,7 +260,7 @@ class InternalForces:
         cells: Cells,
         interior: Cells | None = None,
         interface: Cells | None = None,
-        carried: Cells | None = None,
+        driven: Cells | None = None,
     ) -> BoundForces:
         """Internal forces of a step.
 
@@ -187,25 +268,38 @@ class InternalForces:
             cells: Flexible cells.
             interior: Those that touch no rigid body; all if None.
             interface: Those that do; none if None.
-            carried: Cells that a support moves; pressure on them is for the support to bear.
+            driven: Cells that a support moves; pressure on them is for the support to bear.
         """
-        variant = self._variants[self._terms]
-        none = {i: own[:0] for i, own in cells.items()}
-        interior, interface = (
-            cells if interior is None else interior,
-            none if interface is None else interface,
-        )
-        facets = self.pressures.facets
-        return BoundForces(
-            variant.residual.bind(cells, facets([*cells.values(), *(carried or {}).values()])),
-            variant.tangent.bind(interior, facets(interior.values())),
-            variant.tangent.bind(interface, facets(interface.values())),
-        )
+        variant = self._variants[self._acting]
+        interior = cells if interior is None else interior
+        interface = {i: own[:0] for i, own in cells.items()} if interface is None else interface
+        parts = [(own, self._facets_of(own)) for own in (interior, interface)]
+        residual = variant.residual.bind(cells, self._facets_of(cells, driven or {}))
+        return self._bound(residual, variant.tangent, parts)
+
+    def _bound(
+        self, residual: fem.Form, tangent: Kernel, parts: Sequence[tuple[Cells, Facets]]
+    ) -> BoundForces:
+        """Forms over all cells, and over interior and interface cells with their facets."""
+        rest = {self.u0: self._rest, self.u1: self._rest}
+        interior, interface = (tangent.bind(*part) for part in parts)
+        undeformed = tangent.bind(*parts[0], rest), tangent.bind(*parts[1], rest)
+        return BoundForces(residual, interior, interface, undeformed)
 
     @property
     def residual_form(self) -> ufl.Form:
         """The virtual work as it is compiled for the effects that act."""
-        return self._variants[self._terms].residual.form
+        return self._variants[self._acting].residual.form
+
+    @property
+    def viscous(self) -> bool:
+        """Whether a viscous stress acts: one that grows with 1/Δt."""
+        return any(self._terms[k][1].viscous for k in self._acting[1])
+
+    def set_rate(self, rate: float) -> None:
+        """Set 1/Δt of the viscous stresses [1/s]."""
+        for k in self._acting[1]:
+            self._terms[k][1].set_rate(rate)
 
     def bind_energy(self, cells: Cells) -> fem.Form:
         """Stored energy at `u0` over the given cells."""
@@ -213,31 +307,29 @@ class InternalForces:
 
     def bind_static(self, cells: Cells) -> BoundForces:
         """Static internal forces at `u1` over the given cells; compiled when first asked for."""
-        test, trial = ufl.TestFunction(self._scene.space), ufl.TrialFunction(self._scene.space)
-        work = self._integrate(
-            lambda i, g: static_virtual_work(g.energy, g.parameters, self.u1, test)
-        )
         V, mesh = self._scene.space, self._scene.mesh
+        test, trial = ufl.TestFunction(V), ufl.TrialFunction(V)
+        work = self._integrate(
+            lambda i, c: static_virtual_work(self._element, c.law, self.u1, test)
+        )
         tangent = Kernel(ufl.derivative(work, self.u1, trial), [V, V], mesh)
         none = {i: own[:0] for i, own in cells.items()}
-        return BoundForces(
-            Kernel(work, [V], mesh).bind(cells), tangent.bind(cells), tangent.bind(none)
-        )
+        return self._bound(Kernel(work, [V], mesh).bind(cells), tangent, [(cells, {}), (none, {})])
 
-    def bind_dissipation(self, cells: Cells) -> dict[str, fem.Form]:
-        """Energy that damping of flexible cells takes in a step [J], by kind, as far as it acts."""
-        return {
-            name: kernel.bind({i: cells[i] for i in kernel.ids})
-            for name, kernel in self._variants[self._terms].lost.items()
-        }
-
-    def set_time(self, t: float, dt: float) -> None:
-        """Set what in the forms depends on the step. Collective.
+    def bind_taken(self, cells: Cells, driven: Cells | None = None) -> Taken:
+        """Energy that terms take out of the motion of cells in a step.
 
         Args:
-            t: Its midpoint [s].
-            dt: Its length [s].
+            cells: Flexible cells.
+            driven: Cells that a support moves; loads on their facets count.
         """
-        self._xi.value = sum(d.xi for d in self._scene.named(NumericalDamping) if d.active(t))
-        self._rate.value = 1 / dt
-        self.pressures.set_time(t)
+        variant = self._variants[self._acting]
+        facets = self._facets_of(cells, driven or {})
+        against = variant.against_loads
+        return Taken(
+            {
+                kind: kernel.bind({i: cells[i] for i in kernel.ids})
+                for kind, kernel in variant.dissipated.items()
+            },
+            [] if against is None else [against.bind({}, facets)],
+        )

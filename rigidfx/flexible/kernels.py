@@ -2,12 +2,19 @@
 
 Binding costs well under a millisecond, and a bound form knows nothing but its cells: assembly,
 sparsity pattern and products shrink with them.
+
+The environment variable RIGIDFX_KERNEL_FLAGS names the C compiler's flags in place of those of
+`jit_options`: "-O2" for sums in the order of the forms, "-O3 -march=x86-64-v3" for one cache of
+compiled forms on different processors. Each set of flags has compiled forms of its own. Results
+with different flags differ in their last digits.
 """
 
 from __future__ import annotations
 
 import hashlib
 import logging
+import os
+import shlex
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
@@ -23,7 +30,9 @@ from ufl.algorithms import expand_derivatives
 from rigidfx.base.errors import OutputError, agree
 from rigidfx.flexible.compiled_forms import listening, remove
 
-__all__ = ["Kernel"]
+__all__ = ["FLAGS", "Kernel", "jit_options"]
+
+FLAGS = "RIGIDFX_KERNEL_FLAGS"  # environment variable: the compiler's flags, as in a shell
 
 
 @cache
@@ -36,26 +45,25 @@ def _processor() -> str:
 
 
 def jit_options() -> dict[str, Any]:
-    """Options for FFCx's compiler.
+    """Options for FFCx's compiler, from the environment or the default.
 
-    The floating-point flags allow sums to be regrouped, which is what lets a tangent kernel use
-    the vector units (a third off its time); they keep NaN and infinity meaningful and leave the
-    handling of denormal numbers alone, unlike -ffast-math. The macro makes the cached object
-    depend on the processor that -march=native stands for.
+    The default's floating-point flags allow sums to be regrouped, which is what lets a tangent
+    kernel use the vector units (a third off its time); they keep NaN and infinity meaningful and
+    leave the handling of denormal numbers alone, unlike -ffast-math.
     """
-    return {
-        "timeout": 60,
-        "cffi_extra_compile_args": [
-            "-O3",
-            "-march=native",
-            "-fno-math-errno",
-            "-fno-trapping-math",
-            "-fassociative-math",
-            "-fno-signed-zeros",
-            "-freciprocal-math",
-            f"-DRIGIDFX_PROCESSOR_{_processor()}",
-        ],
-    }
+    flags = shlex.split(os.environ.get(FLAGS, "")) or [
+        "-O3",
+        "-march=native",
+        "-fno-math-errno",
+        "-fno-trapping-math",
+        "-fassociative-math",
+        "-fno-signed-zeros",
+        "-freciprocal-math",
+    ]
+    # FFCx's cache tells objects apart by these flags, but not what -march=native stands for.
+    if any(flag.endswith("=native") for flag in flags):
+        flags.append(f"-DRIGIDFX_PROCESSOR_{_processor()}")
+    return {"timeout": 60, "cffi_extra_compile_args": flags}
 
 
 def _compile(comm: MPI.Intracomm, form: ufl.Form) -> Any:
@@ -114,12 +122,14 @@ class Kernel:
         self,
         cells: Mapping[int, npt.NDArray[np.int32]],
         facets: Mapping[int, npt.NDArray[np.int32]] | None = None,
+        instead: Mapping[fem.Function, fem.Function] | None = None,
     ) -> fem.Form:
         """The form over the given owned cells and boundary facets.
 
         Args:
             cells: Subdomain id → sorted local indices of owned cells.
             facets: Subdomain id → owned cells and local numbers of boundary facets, shape (n, 2).
+            instead: Functions that are read in place of coefficients of the form.
         """
         domains: dict[Any, list[tuple[int, Any]]] = {fem.IntegralType.cell: sorted(cells.items())}
         if facets:
@@ -131,6 +141,6 @@ class Kernel:
             self._arguments,
             self._mesh,
             domains,
-            self._coefficients,
+            {w: (instead or {}).get(w, w) for w in self._coefficients},
             self._constants,
         )

@@ -1,7 +1,7 @@
 """Strain rates of the flexible cells in a step: equation (24).
 
 Both measures come from ∫ ΔE:ΔE dV0 per cell, E the Green-Lagrange strain, by the quadrature rule of
-the internal forces. E does not see rigid motion, so neither do they.
+the internal forces. Rigid motion changes neither E nor, therefore, either measure.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from dolfinx import fem
 
 from rigidfx.flexible.internal_forces import Cells, InternalForces
 from rigidfx.flexible.kernels import Kernel
-from rigidfx.mechanics.schemes import right_cauchy_green
 from rigidfx.scene.scene import Scene
 
 __all__ = ["StrainRates"]
@@ -27,7 +26,7 @@ class StrainRates:
     """Measures strain rates of the cells it is bound to."""
 
     def __init__(
-        self, scene: Scene, forces: InternalForces, measure: Literal["rms", "printed"]
+        self, scene: Scene, forces: InternalForces, measure: Literal["rms", "paper"]
     ) -> None:
         """Compile the form. Collective.
 
@@ -37,10 +36,8 @@ class StrainRates:
             measure: See `rigidfx.decide.criterion.StrainRate`.
         """
         space = fem.functionspace(scene.mesh, ("DG", 0))
-        dx = ufl.Measure(
-            "dx", domain=scene.mesh, metadata={"quadrature_degree": scene.quadrature_degree}
-        )
-        dE = (right_cauchy_green(forces.u1) - right_cauchy_green(forces.u0)) / 2
+        dx, C = scene.cell_measure, scene.element.right_cauchy_green
+        dE = (C(forces.u1) - C(forces.u0)) / 2
         form = ufl.inner(dE, dE) * ufl.TestFunction(space) * dx(tuple(forces.cells()))
         self._kernel = Kernel(form, [space], scene.mesh)
         self._square = fem.Function(space)
@@ -52,7 +49,7 @@ class StrainRates:
     def bind(self, flexible: Cells) -> None:
         """Measure these cells from now on; all others have the strain rate zero.
 
-        Those that were measured in the last step keep the strain rate of it.
+        Cells that were bound before keep the strain rate of the last step.
 
         Args:
             flexible: Owned cells by subdomain id.

@@ -6,14 +6,14 @@ A cell's stress is the mean over its deformed volume v,
 
 by the quadrature rule of the internal forces: a homogeneous stress is given exactly, a linear one
 by its value at the centre, which is where first-order cells are at their best. Nothing is smoothed
-between cells, so what jumps there tells how good the mesh is. A cell that alone makes up the
-thickness of something bent shows no stress of bending.
+between cells, so the jumps there tell how good the mesh is. A single cell across the thickness of a
+bent part shows no stress of bending.
 
 Cells of rigid bodies are no exception. Their nodes follow the body, F = R F_frozen, so they keep
-the stress they were frozen with, turned with the body: σ = R σ_frozen Rᵀ.
+the stress they were frozen with, rotated with the body: σ = R σ_frozen Rᵀ.
 
-It is the elastic stress at an instant, of the stored energy W. Neither the stress of damping is in
-it, nor is it the mean over a step that the energy-momentum method balances forces with.
+The stress is the elastic one at an instant, that of the stored energy W. It holds no stress of
+damping, and it is not the mean over a step by which the energy-momentum method balances forces.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ import ufl
 from dolfinx import fem
 
 from rigidfx.flexible.kernels import Kernel
-from rigidfx.flexible.material_classes import group_cells
-from rigidfx.mechanics.schemes import deformation_gradient, second_piola_kirchhoff
+from rigidfx.flexible.material_classes import material_classes
+from rigidfx.mechanics.schemes import second_piola_kirchhoff
 from rigidfx.scene.scene import Scene
 
 __all__ = ["CauchyStress", "von_mises"]
@@ -37,7 +37,7 @@ PLACES = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])  # where each of all nine i
 
 
 class CauchyStress:
-    """Measures the stress of all cells. Compiled once, when it is made."""
+    """Measures the stress of all cells. Its form is compiled once, at construction."""
 
     def __init__(self, scene: Scene) -> None:
         """Compile the form. Collective.
@@ -46,19 +46,18 @@ class CauchyStress:
             scene: The problem.
         """
         self._u = fem.Function(scene.space)
-        groups = dict(enumerate(group_cells(scene), start=1))
+        classes = dict(enumerate(material_classes(scene), start=1))
         # Six components of J σ and J itself, together in one vector.
         space = fem.functionspace(scene.mesh, ("DG", 0, (len(SYMMETRIC) + 1,)))
-        dx = ufl.Measure(
-            "dx", domain=scene.mesh, metadata={"quadrature_degree": scene.quadrature_degree}
-        )
-        F = deformation_gradient(self._u)
+        dx = scene.cell_measure
+        F = scene.element.deformation_gradient(self._u)
+        C = scene.element.right_cauchy_green(self._u)
         form = ufl.Form([])
-        for i, group in groups.items():
-            tau = F * second_piola_kirchhoff(group.energy, F.T * F, group.parameters) * F.T
+        for i, of in classes.items():
+            tau = F * second_piola_kirchhoff(of.law.energy, C, of.law.parameters) * F.T
             values = ufl.as_vector([*(tau[ij] for ij in SYMMETRIC), ufl.det(F)])
             form += ufl.inner(values, ufl.TestFunction(space)) * dx(i)
-        cells = {i: group.cells for i, group in groups.items()}
+        cells = {i: of.cells for i, of in classes.items()}
         self._form = Kernel(form, [space], scene.mesh).bind(cells)
         self._integrals = np.zeros_like(fem.Function(space).x.array)
         owned = scene.mesh.topology.index_map(3).size_local
@@ -68,7 +67,7 @@ class CauchyStress:
         """Cauchy stress of each owned cell, shape (cells, 3, 3) [Pa].
 
         Args:
-            u: Displacement, of the nodes inside bodies as well: see `State.rebuild`.
+            u: Displacement, up to date inside bodies too: see `State.rebuild`.
         """
         self._u.x.array[:] = u.x.array
         self._integrals[:] = 0.0

@@ -1,4 +1,4 @@
-"""The rigid bodies of a partition as arrays: their data and their motions.
+"""The rigid bodies of a run as arrays: their data and their motions.
 
 All arrays begin with an axis over the bodies, so that a step with many of them takes as many calls
 of NumPy as one with a single body.
@@ -6,16 +6,16 @@ of NumPy as one with a single body.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx.mechanics.rigid_body import BodyMotion, RigidBody
+from rigidfx.mechanics.rigid_body import Body, BodyMotion, RigidBody, at_rest
 from rigidfx.mechanics.rotation import UNIT_SKEWS
 
-__all__ = ["TRANSLATIONS", "Ensemble", "Motions", "poses", "times"]
+__all__ = ["TRANSLATIONS", "Bodies", "Ensemble", "times"]
 
 Array = npt.NDArray[np.float64]
 
@@ -25,9 +25,10 @@ TRANSLATIONS = np.eye(12, 6) * (np.arange(6) < 3)
 
 
 class Ensemble:
-    """What does not change of the bodies of a layout.
+    """The constant data of the bodies of a division.
 
     Attributes:
+        records: The bodies' data, one by one.
         mass: m, shape (bodies,) [kg].
         inertia: J about the centres of mass, shape (bodies, 3, 3) [kg m²].
         length: ℓ, shape (bodies,) [m].
@@ -36,28 +37,31 @@ class Ensemble:
         skews: v times them is -v̂/ℓ, row by row; shape (bodies, 3, 9) [1/m].
     """
 
-    def __init__(self, bodies: Sequence[RigidBody]) -> None:
+    def __init__(self, records: Sequence[RigidBody]) -> None:
         """Stack the bodies' data."""
-        self.mass = np.array([body.mass for body in bodies], dtype=np.float64)
-        self.inertia = np.reshape([body.inertia for body in bodies], (-1, 3, 3))
-        self.length = np.array([body.length for body in bodies], dtype=np.float64)
+        self.records = tuple(records)
+        self.mass = np.array([body.mass for body in records], dtype=np.float64)
+        self.inertia = np.reshape([body.inertia for body in records], (-1, 3, 3))
+        self.length = np.array([body.length for body in records], dtype=np.float64)
         self.square_length = (self.length**2)[:, None, None]
         self.skews = UNIT_SKEWS / -self.length[:, None, None]
         self.frames = np.tile(TRANSLATIONS, (self.mass.size, 1, 1))
-        self._last: tuple[tuple[BodyMotion, ...], Motions] | None = None
 
-    def moving(self, motions: tuple[BodyMotion, ...]) -> Motions:
-        """These motions as arrays; one step after another asks for the same."""
-        if self._last is None or self._last[0] is not motions:
-            self._last = motions, Motions(self, motions)
-        return self._last[1]
+    def __len__(self) -> int:
+        """Number of bodies."""
+        return len(self.records)
+
+    @property
+    def at_rest(self) -> Bodies:
+        """The bodies where they were frozen, without velocity."""
+        return Bodies.of_each(Body(body, at_rest(body)) for body in self.records)
 
 
-class Motions:
-    """Motions of the bodies of an ensemble.
+class Bodies:
+    """The rigid bodies at an instant, a value: nothing changes them.
 
     Attributes:
-        of: The bodies' data.
+        of: Their constant data.
         pose: Rows r and Rᵀ, shape (bodies, 4, 3) [m, 1]: a node is at [1, V] times them.
         R: Rotations since the freeze, shape (bodies, 3, 3).
         velocity: ṙ, shape (bodies, 3) [m/s].
@@ -65,22 +69,47 @@ class Motions:
             [rad/s].
     """
 
-    def __init__(self, ensemble: Ensemble, motions: Sequence[BodyMotion]) -> None:
-        """Stack the motions.
+    def __init__(
+        self, of: Ensemble, pose: Array, velocity: Array, angular_velocity_body: Array
+    ) -> None:
+        """Take arrays over, from then on not to be changed."""
+        self.of, self.pose = of, pose
+        self.R = pose[:, 1:].swapaxes(1, 2)
+        self.velocity, self.angular_velocity_body = velocity, angular_velocity_body
 
-        Args:
-            ensemble: Data of the bodies.
-            motions: Their motions.
-        """
-        self.of = ensemble
-        self.pose = poses(motions)
-        self.R = self.pose[:, 1:].swapaxes(1, 2)
-        self.velocity = np.reshape([m.velocity for m in motions], (-1, 3))
-        self.angular_velocity_body = np.reshape([m.angular_velocity_body for m in motions], (-1, 3))
+    @classmethod
+    def of_each(cls, bodies: Iterable[Body]) -> Bodies:
+        """These bodies, in this order."""
+        each = tuple(bodies)
+        motions = [body.motion for body in each]
+        return cls(
+            Ensemble([body.data for body in each]),
+            np.reshape([[m.r, *m.R.T] for m in motions], (-1, 4, 3)),
+            np.reshape([m.velocity for m in motions], (-1, 3)),
+            np.reshape([m.angular_velocity_body for m in motions], (-1, 3)),
+        )
+
+    def moving(self, velocity: Array, angular_velocity_body: Array) -> Bodies:
+        """These bodies in the same pose with other velocities, shapes (bodies, 3)."""
+        return Bodies(self.of, self.pose, velocity, angular_velocity_body)
+
+    def with_six(self, six: Array) -> Bodies:
+        """These bodies in the same pose with other velocities, ṙ and ℓω, shape (bodies, 6)."""
+        W = times(self.R.swapaxes(1, 2), six[:, 3:] / self.of.length[:, None])
+        return self.moving(six[:, :3], W)
 
     def __len__(self) -> int:
         """Number of bodies."""
-        return len(self.pose)
+        return len(self.of)
+
+    def __iter__(self) -> Iterator[Body]:
+        """The bodies one by one."""
+        return (self[k] for k in range(len(self)))
+
+    def __getitem__(self, k: int) -> Body:
+        """One of the bodies."""
+        motion = BodyMotion(self.r[k], self.R[k], self.velocity[k], self.angular_velocity_body[k])
+        return Body(self.of.records[k], motion)
 
     @property
     def r(self) -> Array:
@@ -91,6 +120,21 @@ class Motions:
     def angular_velocity(self) -> Array:
         """ω = R W in space, shape (bodies, 3) [rad/s]."""
         return times(self.R, self.angular_velocity_body)
+
+    @property
+    def six(self) -> Array:
+        """Velocities of the centres and ℓω, shape (bodies, 6) [m/s]."""
+        return np.hstack([self.velocity, self.of.length[:, None] * self.angular_velocity])
+
+    @property
+    def mass_blocks(self) -> Array:
+        """Mass matrices of ṙ and ℓω in space, shape (bodies, 6, 6) [kg]."""
+        return np.reshape([body.mass_block for body in self], (-1, 6, 6))
+
+    @property
+    def stored(self) -> float:
+        """Energy that the bodies keep for their release [J]."""
+        return sum(body.frozen.energy for body in self.of.records)
 
     @cached_property
     def momentum(self) -> Array:
@@ -123,11 +167,6 @@ class Motions:
         """Σ |m ṙ| + |π|/ℓ [kg m/s]."""
         rotational = np.linalg.norm(self.angular_momentum, axis=1) / self.of.length
         return float(np.linalg.norm(self.momentum, axis=1).sum() + rotational.sum())
-
-
-def poses(motions: Sequence[BodyMotion]) -> Array:
-    """`Motions.pose` of motions."""
-    return np.reshape([[motion.r, *motion.R.T] for motion in motions], (-1, 4, 3))
 
 
 def times(matrices: Array, vectors: Array) -> Array:

@@ -15,16 +15,14 @@ All arrays begin with an axis over the bodies.
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx.mechanics.bodies import Motions, times
-from rigidfx.mechanics.rigid_body import BodyMotion
+from rigidfx.mechanics.bodies import Bodies, times
 from rigidfx.mechanics.rotation import IDENTITY, cayley_tangent, orthonormalized, skew
 
-__all__ = ["BodyTerm", "Increments", "Step"]
+__all__ = ["Increments", "Step"]
 
 Array = npt.NDArray[np.float64]
 
@@ -33,10 +31,10 @@ HALF_COUPLES = 0.5 * np.eye(9) - 0.5 * np.outer(IDENTITY, IDENTITY)
 
 
 class Step:
-    """What does not change while a step is solved.
+    """The constants of a step while it is solved.
 
     Attributes:
-        start: Motions of the bodies at its start.
+        start: The bodies at its start.
         dt: Δt [s].
         drift: Δt ṙ0, shape (bodies, 3) [m].
         mass: 2 m/Δt², force per Δr - Δt ṙ0, shape (bodies, 1) [N/m].
@@ -45,11 +43,11 @@ class Step:
         per_moment: 1/(ℓ Δt), shape (bodies, 1) [1/(m s)].
     """
 
-    def __init__(self, start: Motions, dt: float) -> None:
+    def __init__(self, start: Bodies, dt: float) -> None:
         """Prepare what every trial needs.
 
         Args:
-            start: Motions of the bodies at the start of the step.
+            start: The bodies at the start of the step.
             dt: Δt [s].
         """
         of = start.of
@@ -93,8 +91,8 @@ class Increments:
         return len(self.six)
 
     @property
-    def start(self) -> Motions:
-        """Motions of the bodies at the start of the step."""
+    def start(self) -> Bodies:
+        """The bodies at the start of the step."""
         return self.step.start
 
     @cached_property
@@ -125,19 +123,24 @@ class Increments:
     @cached_property
     def pi1(self) -> Array:
         """π1, angular momenta at the end about the centres, shape (bodies, 3) [kg m²/s]."""
-        turned = self.theta[:, None] @ self.step.spun
-        return times(self.R1, turned[:, 0] - self.start.own_momentum)
+        gained = self.theta[:, None] @ self.step.spun
+        return times(self.R1, gained[:, 0] - self.start.own_momentum)
 
-    def end(self) -> tuple[BodyMotion, ...]:
-        """The motions at the end of the step."""
-        r, R = self.start.r + self.dr, orthonormalized(self.R1)
+    def end(self) -> Bodies:
+        """The bodies at the end of the step."""
+        pose = np.empty((len(self), 4, 3))
+        pose[:, 0] = self.start.r + self.dr
+        pose[:, 1:] = orthonormalized(self.R1).swapaxes(1, 2)
         rate = 2 / self.step.dt
-        velocity = rate * self.dr - self.start.velocity
-        W = rate * (self.theta[:, None] @ self.start.R)[:, 0] - self.start.angular_velocity_body
-        return tuple(BodyMotion(r[k], R[k], velocity[k], W[k]) for k in range(len(self)))
+        return Bodies(
+            self.start.of,
+            pose,
+            rate * self.dr - self.start.velocity,
+            rate * (self.theta[:, None] @ self.start.R)[:, 0] - self.start.angular_velocity_body,
+        )
 
     def inertia_force(self) -> Array:
-        """M (ṙ1 - ṙ0)/Δt and (π1 - π0)/(ℓ Δt), shape (bodies, 6) [N]."""
+        """Evaluate m (ṙ1 - ṙ0)/Δt and (π1 - π0)/(ℓ Δt), shape (bodies, 6) [N]."""
         step, out = self.step, np.empty((len(self), 6))
         np.multiply(step.mass, self.dr - step.drift, out=out[:, :3])
         np.multiply(step.per_moment, self.pi1 - self.start.angular_momentum, out=out[:, 3:])
@@ -159,9 +162,9 @@ class Increments:
         np.divide(rotation, self.start.of.square_length, out=G[:, 3:, 3:])
         return G
 
-    # Nodes of a body. With arms [1, V], shape (n, 4), everything that happens to them goes through
-    # one small matrix, shape (4, 3): displacements are arms @ matrix, forces f enter as their
-    # moments armsᵀ f, with F = Σ f in the first row and A = Σ V fᵀ below. L and P say how its
+    # Nodes of a body. With body-fixed coordinates a = [1, V], shape (n, 4), everything that happens
+    # to them goes through one matrix, shape (4, 3): displacements are a @ matrix, forces f enter as
+    # their moments aᵀ f, with F = Σ f in the first row and A = Σ V fᵀ below. L and P say how its
     # twelve numbers, row by row, depend on the body's six unknowns.
 
     @cached_property
@@ -174,14 +177,14 @@ class Increments:
     @cached_property
     def L(self) -> Array:
         """Of the displacements Δr + θ × v_av, eqs. (5) and (13); shape (bodies, 12, 6) [1, 1/m]."""
-        return self._followed(self._arms_of(self.R_av))
+        return self._followed(self._levers(self.R_av))
 
     @cached_property
     def P(self) -> Array:
         """Derivative of `displacement`: δr + T δθ × v₁; shape (bodies, 12, 6) [1, 1/m]."""
-        return self._followed(self._arms_of(self.R1) @ self.T)
+        return self._followed(self._levers(self.R1) @ self.T)
 
-    def _arms_of(self, R: Array) -> Array:
+    def _levers(self, R: Array) -> Array:
         """-v̂/ℓ of the columns v of matrices R, shape (bodies, 9, 3) [1/m]."""
         return (R.swapaxes(1, 2) @ self.start.of.skews).reshape(-1, 9, 3)
 
@@ -206,15 +209,3 @@ class Increments:
     def work(self, forces: Array) -> float:
         """Work of forces and moments over ℓ, as `resultant` gives them, in the step [J]."""
         return float(np.vdot(forces, self.six))
-
-
-class BodyTerm(Protocol):
-    """Forces on the nodes of bodies that depend on their motion; written as resistance."""
-
-    def moments(self, increments: Increments) -> Array:
-        """Σ f and Σ V fᵀ of a step, as `Increments.resultant` takes them, shape (bodies, 4, 3)."""
-        ...
-
-    def tangent(self, increments: Increments) -> Array:
-        """Derivative of their resultant as far as the forces change, shape (bodies, 6, 6) [N/m]."""
-        ...

@@ -38,7 +38,7 @@ def _lame(owner: object, E: float, nu: float) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class Material:
-    """What every material has: a density, parameters and a stored energy.
+    """The base of all materials: a density, parameters and a stored energy.
 
     Attributes:
         rho: Density in the reference configuration ρ0 [kg/m³].

@@ -12,14 +12,14 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["BodyMotion", "Frozen", "RigidBody", "at_rest", "mass_block"]
+__all__ = ["Body", "BodyMotion", "Frozen", "RigidBody", "at_rest"]
 
 Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Frozen:
-    """What a body keeps for its release. The deformed shape is kept by its offsets.
+    """Energy and velocities that a body keeps for its release; its offsets keep the shape.
 
     Attributes:
         nodes: Owned nodes on this rank whose velocity the freeze changed.
@@ -45,7 +45,7 @@ NOTHING = Frozen(np.empty(0, np.int32), np.empty((0, 3)), 0.0, 0.0)
 
 @dataclass(frozen=True)
 class RigidBody:
-    """What does not change while a body is rigid.
+    """The constant data of a rigid body.
 
     Attributes:
         name: Its name in reports, that of a set of cells where a `Rigid` effect named it.
@@ -86,10 +86,10 @@ class BodyMotion:
     """Pose and velocity of a body.
 
     Attributes:
-        r: Position of the centre of mass [m].
-        R: Rotation since the freeze.
-        velocity: ṙ [m/s].
-        angular_velocity_body: W, angular velocity in the body's frame [rad/s].
+        r: Position of the centre of mass, shape (3,) [m].
+        R: Rotation since the freeze, shape (3, 3).
+        velocity: ṙ, shape (3,) [m/s].
+        angular_velocity_body: W, angular velocity in the body's frame, shape (3,) [rad/s].
     """
 
     r: Array
@@ -113,20 +113,49 @@ class BodyMotion:
         return float(0.5 * (translation + W @ body.inertia @ W))
 
     def positions(self, offsets: Array) -> Array:
-        """X = r + R V for offsets of shape (n, 3) [m]."""
+        """Positions r + R V for offsets of shape (n, 3) [m]."""
         return np.asarray(self.r + offsets @ self.R.T)
 
     def velocities(self, offsets: Array) -> Array:
-        """ṙ + ω × R V for offsets of shape (n, 3) [m/s]; equation (2)."""
+        """Velocities ṙ + ω × R V for offsets of shape (n, 3) [m/s]; equation (2)."""
         return np.asarray(self.velocity + np.cross(self.angular_velocity, offsets @ self.R.T))
 
 
-def mass_block(body: RigidBody, motion: BodyMotion) -> Array:
-    """Mass matrix of ṙ and ℓω in space, shape (6, 6) [kg]."""
-    block = np.zeros((6, 6))
-    block[:3, :3] = body.mass * np.eye(3)
-    block[3:, 3:] = motion.R @ body.inertia @ motion.R.T / body.length**2
-    return block
+@dataclass(frozen=True)
+class Body:
+    """A rigid body at an instant.
+
+    Attributes:
+        data: Its constant data.
+        motion: Pose and velocity.
+    """
+
+    data: RigidBody
+    motion: BodyMotion
+
+    @property
+    def positions(self) -> Array:
+        """Positions of its owned nodes, shape (nodes, 3) [m]."""
+        return self.motion.positions(self.data.offsets)
+
+    @property
+    def velocities(self) -> Array:
+        """Velocities of its owned nodes, shape (nodes, 3) [m/s]."""
+        return self.motion.velocities(self.data.offsets)
+
+    @property
+    def six(self) -> Array:
+        """Velocity of the centre and ℓω, shape (6,) [m/s]."""
+        return np.r_[self.motion.velocity, self.data.length * self.motion.angular_velocity]
+
+    @property
+    def mass_block(self) -> Array:
+        """Mass matrix of ṙ and ℓω in space, shape (6, 6) [kg]."""
+        block = np.zeros((6, 6))
+        block[:3, :3] = self.data.mass * np.eye(3)
+        R, J = self.motion.R, self.data.inertia
+        block[3:, 3:] = R @ J @ R.T / self.data.length**2
+        return block
 
 
 def at_rest(body: RigidBody) -> BodyMotion:

@@ -67,7 +67,7 @@ def cayley(theta: npt.ArrayLike) -> Array:
 
 
 def cayley_tangent(theta: Array, half: Array | None = None) -> Array:
-    """T = (I + ½θ̂)/(1 + ¼θ·θ): spatial spin of the rotated frame per unit dθ.
+    """T = (I + ½θ̂)/(1 + ¼θ·θ): rotation, in space, of the rotated frame per unit dθ.
 
     Args:
         theta: Cayley vectors θ, shape (..., 3).

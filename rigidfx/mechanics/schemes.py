@@ -24,31 +24,22 @@ from typing import Any, ClassVar, Protocol
 
 import ufl
 
+from rigidfx.mechanics.element import Element
 from rigidfx.mechanics.materials import Energy
 
 __all__ = [
     "EnergyMomentum",
+    "Law",
     "Midpoint",
     "Scheme",
     "Trapezoidal",
-    "right_cauchy_green",
+    "initial_stiffness_times",
     "second_piola_kirchhoff",
     "static_virtual_work",
     "stored_energy",
 ]
 
 GUARD = 1e-6  # M:M below which the correction of the discrete gradient is below rounding
-
-
-def deformation_gradient(u: Any) -> Any:
-    """F = I + Grad u, equation (19)."""
-    return ufl.Identity(3) + ufl.grad(u)
-
-
-def right_cauchy_green(u: Any) -> Any:
-    """C = Fᵀ F."""
-    F = deformation_gradient(u)
-    return F.T * F
 
 
 def second_piola_kirchhoff(energy: Energy, C: Any, p: dict[str, Any]) -> Any:
@@ -63,15 +54,15 @@ def second_piola_kirchhoff(energy: Energy, C: Any, p: dict[str, Any]) -> Any:
     return 2 * ufl.diff(energy(C, **p), C)
 
 
-def stored_energy(energy: Energy, u: Any, p: dict[str, Any]) -> Any:
+def stored_energy(element: Element, law: Law, u: Any) -> Any:
     """W at the displacement u [J/m³]."""
-    return energy(right_cauchy_green(u), **p)
+    return law.energy(element.right_cauchy_green(u), **law.parameters)
 
 
-def static_virtual_work(energy: Energy, p: dict[str, Any], u: Any, w: Any) -> Any:
+def static_virtual_work(element: Element, law: Law, u: Any, w: Any) -> Any:
     """F S : Grad w at the displacement u: the internal virtual work of statics."""
-    S = second_piola_kirchhoff(energy, right_cauchy_green(u), p)
-    return ufl.inner(deformation_gradient(u) * S, ufl.grad(w))
+    S = second_piola_kirchhoff(law.energy, element.right_cauchy_green(u), law.parameters)
+    return ufl.inner(element.deformation_gradient(u) * S, ufl.grad(w))
 
 
 def initial_stiffness_times(energy: Energy, p: dict[str, Any], dE: Any) -> Any:
@@ -92,8 +83,23 @@ def discrete_gradient(energy: Energy, p: dict[str, Any], C0: Any, C1: Any) -> An
     return S + ufl.conditional(small, 0.0, defect / ufl.conditional(small, 1.0, MM)) * M
 
 
+@dataclass(frozen=True)
+class Law:
+    """The stored energy of some cells.
+
+    Attributes:
+        energy: W(C, **parameters) [J/m³].
+        quadratic: Whether W is quadratic in E.
+        parameters: UFL constants or functions by name.
+    """
+
+    energy: Energy
+    quadratic: bool
+    parameters: dict[str, Any]
+
+
 class Scheme(Protocol):
-    """What a time integration scheme provides.
+    """A time integration scheme: the virtual work of a step, and three flags.
 
     Attributes:
         conserving: Whether energy is conserved for ξ = 0 whatever the step.
@@ -105,15 +111,12 @@ class Scheme(Protocol):
     damps: ClassVar[bool]
     couples: ClassVar[bool]
 
-    def virtual_work(
-        self, energy: Energy, quadratic: bool, p: dict[str, Any], u0: Any, u1: Any, w: Any, xi: Any
-    ) -> Any:
+    def virtual_work(self, element: Element, law: Law, u0: Any, u1: Any, w: Any, xi: Any) -> Any:
         """Integrand of the internal virtual work of a step.
 
         Args:
-            energy: Stored energy W(C, **p).
-            quadratic: Whether W is quadratic in E.
-            p: Parameters of the energy.
+            element: How cells strain.
+            law: Their stored energy.
             u0: Displacement at the start of the step.
             u1: Displacement at its end.
             w: Test function.
@@ -130,12 +133,11 @@ class EnergyMomentum:
     damps: ClassVar[bool] = True
     couples: ClassVar[bool] = True
 
-    def virtual_work(
-        self, energy: Energy, quadratic: bool, p: dict[str, Any], u0: Any, u1: Any, w: Any, xi: Any
-    ) -> Any:
+    def virtual_work(self, element: Element, law: Law, u0: Any, u1: Any, w: Any, xi: Any) -> Any:
         """F½ S_alg : Grad w."""
-        C0, C1 = right_cauchy_green(u0), right_cauchy_green(u1)
-        if quadratic:
+        energy, p = law.energy, law.parameters
+        C0, C1 = element.right_cauchy_green(u0), element.right_cauchy_green(u1)
+        if law.quadratic:
             # S is linear in C: the weighted mean of stresses is the stress of the weighted mean.
             weight = 0.5 if xi is None else 0.5 + xi
             S = second_piola_kirchhoff(energy, C0 + weight * (C1 - C0), p)
@@ -143,7 +145,8 @@ class EnergyMomentum:
             S = discrete_gradient(energy, p, C0, C1)
             if xi is not None:
                 S = S + xi * initial_stiffness_times(energy, p, (C1 - C0) / 2)
-        return ufl.inner(deformation_gradient((u0 + u1) / 2) * S, ufl.grad(w))
+        F = element.deformation_gradient((u0 + u1) / 2)
+        return ufl.inner(F * S, ufl.grad(w))
 
 
 @dataclass(frozen=True)
@@ -154,11 +157,9 @@ class Midpoint:
     damps: ClassVar[bool] = False
     couples: ClassVar[bool] = True
 
-    def virtual_work(
-        self, energy: Energy, quadratic: bool, p: dict[str, Any], u0: Any, u1: Any, w: Any, xi: Any
-    ) -> Any:
+    def virtual_work(self, element: Element, law: Law, u0: Any, u1: Any, w: Any, xi: Any) -> Any:
         """F½ S(½ (u₀ + u₁)) : Grad w."""
-        return static_virtual_work(energy, p, (u0 + u1) / 2, w)
+        return static_virtual_work(element, law, (u0 + u1) / 2, w)
 
 
 @dataclass(frozen=True)
@@ -169,9 +170,7 @@ class Trapezoidal:
     damps: ClassVar[bool] = False
     couples: ClassVar[bool] = False
 
-    def virtual_work(
-        self, energy: Energy, quadratic: bool, p: dict[str, Any], u0: Any, u1: Any, w: Any, xi: Any
-    ) -> Any:
+    def virtual_work(self, element: Element, law: Law, u0: Any, u1: Any, w: Any, xi: Any) -> Any:
         """½ (F₀ S₀ + F₁ S₁) : Grad w."""
-        ends = [static_virtual_work(energy, p, u, w) for u in (u0, u1)]
+        ends = [static_virtual_work(element, law, u, w) for u in (u0, u1)]
         return (ends[0] + ends[1]) / 2

@@ -1,4 +1,4 @@
-"""What a run leaves in its folder: tables, fields for ParaView, bodies."""
+"""The files of a run: tables, fields for ParaView, bodies."""
 
 from rigidfx.output.bodies_file import read_bodies, write_bodies
 from rigidfx.output.history import read_history

@@ -2,7 +2,7 @@
 
 The paper remarks that interim results show which simple multibody system a structure is. The file
 is JSON: for each body its mass, inertia and pose, its cells by their numbers in the mesh file, and
-the nodes at which flexible cells get hold of it. What a support clamps is no body of its own.
+the nodes at which flexible cells are attached to it. Parts that a support clamps are not in it.
 """
 
 from __future__ import annotations
@@ -59,7 +59,8 @@ def write_bodies(path: str | Path, scene: Scene, report: Report) -> None:
     numbers = np.asarray(scene.mesh.topology.original_cell_index)
     attached = _touching_flexible(scene, state.body_numbers())
     bodies = []
-    for body, motion in zip(state.bodies, state.motions, strict=True):
+    for each in state.bodies:
+        body, motion = each.data, each.motion
         at = attached[body.nodes]
         interface = _sorted(comm, np.c_[state.X[body.nodes[at]], body.offsets[at]])
         bodies.append(
@@ -149,7 +150,7 @@ def read_bodies(path: str | Path, domain: Domain) -> tuple[Domain, tuple[Rigid, 
 
 
 def _own_mass(body: dict[str, Any]) -> dict[str, Any]:
-    """Mass and inertia, the latter in the body's frame, which is space when a run begins."""
+    """Mass and inertia, the latter in the body's frame, which is that of space at the start."""
     R, J = np.asarray(body["orientation"]), np.asarray(body["inertia"])
     inertia = R.T @ J @ R
     return {"mass": body["mass"], "inertia": (inertia + inertia.T) / 2}
@@ -175,7 +176,7 @@ def _place(domain: Domain, cells: npt.NDArray[np.int32]) -> npt.NDArray[np.float
 
 
 def _json(content: dict[str, Any]) -> str:
-    """JSON with lists of numbers in one line each, to be read by people too."""
+    """JSON with each list of numbers in one line, to be read by people too."""
     text = json.dumps(content, indent=1)
     return re.sub(r"\[[^][{}\"]*\]", lambda numbers: " ".join(numbers[0].split()), text) + "\n"
 
@@ -195,7 +196,7 @@ def _checked(
     """The bodies of a file, if they are of this mesh.
 
     Args:
-        content: What the file holds.
+        content: Content of the file.
         total: Number of cells of the mesh.
         box: Its least and greatest coordinates, shape (2, 3) [m].
 
@@ -224,7 +225,7 @@ def _checked(
 
 
 def _numbers(body: dict[str, Any]) -> None:
-    """Check what is read of a body besides its name and cells.
+    """Check the numbers of a body.
 
     Raises:
         ValueError: If something is missing, no finite number, no mass or no rotation.

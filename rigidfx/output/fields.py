@@ -45,7 +45,7 @@ class Fields:
 
     def may_have_bodies(self, report: Report) -> bool:
         """Whether there are rigid bodies in a run, or may be."""
-        return self._may_be_rigid or report.strain_rate is not None
+        return self._may_be_rigid or report.finds_bodies
 
     def on_nodes(self, report: Report) -> Values:
         """Fields on the nodes, whole on rank 0. Collective."""

@@ -98,7 +98,7 @@ class Series:
     """
 
     def __init__(self, path: Path, body: Body) -> None:
-        """Take the place of a former series of that name.
+        """Replace a former series of that name.
 
         Args:
             path: The .pvd; its .vtu files go to a folder beside it.
@@ -143,7 +143,7 @@ class Series:
     def _list(self, entry: bytes) -> None:
         """Put an entry before the end of the .pvd, by one call of the system: wholly or not at all.
 
-        To replace the file would do as well, but file systems wait for the disk then.
+        Replacing the file would do as well, but then file systems wait for the disk.
         """
         if self._count == 0:
             _replace(self.path, HEAD + entry + END)
@@ -210,8 +210,8 @@ class Series:
 def _pack(values: Array, level: int = 1) -> bytes:
     """One compressed block with the header VTK expects: 1 block, its size, no rest, packed size.
 
-    Level 0 only wraps: digits of results hardly compress, and most of the time to write would go
-    into trying.
+    Level 0 only wraps: digits of results hardly compress, and the attempt would take most of the
+    time of writing.
     """
     raw = np.ascontiguousarray(values).tobytes()
     packed = zlib.compress(raw, level)

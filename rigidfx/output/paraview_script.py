@@ -35,7 +35,7 @@ TITLES = {
     "displacement": "displacement (m)",
     "velocity": "velocity (m/s)",
 }
-FILMS = (  # what can encode a film, in VTK's modules; a ParaView may lack each of them
+FILMS = (  # encoders among VTK's modules; a ParaView may lack each of them
     ("vtkIOFFMPEG", "vtkFFMPEGWriter", ".avi"),
     ("vtkIOOggTheora", "vtkOggTheoraWriter", ".ogv"),
 )
@@ -47,7 +47,7 @@ def main(folder: Path, arguments: Sequence[str] | None, interactive: bool) -> No
     Args:
         folder: Where fields.pvd is.
         arguments: Options, see --help; those of the command line if None.
-        interactive: Whether somebody looks on, so that no pictures are saved.
+        interactive: Whether a window shows it, so that no pictures are saved.
     """
     options = _options(arguments)
     series = folder / "fields.pvd"

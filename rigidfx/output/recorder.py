@@ -1,4 +1,4 @@
-"""What a run leaves in its folder: a row per step in history.csv, and fields for ParaView.
+"""The files of a run: a row per step in history.csv, and fields for ParaView.
 
     folder/history.csv     one row per step, flushed at once, numbers in full precision; its columns
                            are told in `history`
@@ -33,7 +33,7 @@ from rigidfx.output.fields import Fields
 from rigidfx.output.history import history_columns, history_row
 from rigidfx.output.paraview import Series
 from rigidfx.output.paraview_script import write as write_view
-from rigidfx.report.current import check_report, check_scene, is_current
+from rigidfx.report.current import check_report, check_scene
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 
@@ -43,7 +43,7 @@ __all__ = ["Recorder"]
 class Recorder:
     """Writes the reports of a run into a folder; a context manager.
 
-    Only rank 0 writes. What a former run has left in the folder under the same names is replaced.
+    Only rank 0 writes. Files of a former run under the same names are replaced.
 
     Example:
         >>> with Recorder(scene, "out/frame", interval=0.1) as recorder:   # doctest: +SKIP
@@ -68,8 +68,8 @@ class Recorder:
         Args:
             scene: The problem that is run.
             folder: Folder for the output; made if it does not exist.
-            every: Fields are written at every so many steps, so that output is a small part of
-                the run; history.csv has a row for each step in any case ...
+            every: Number of steps from one output of the fields to the next, so that output is a
+                small part of the run; history.csv has a row for each step in any case ...
             interval: ... or, if given, at the first step that ends at or after each multiple of
                 this time [s]. The last state is written in any case.
             stress: Whether stresses are among the fields. If not, none is computed or compiled.
@@ -175,13 +175,14 @@ class Recorder:
     ) -> None:
         """Write the fields of the last step, and close.
 
-        After a StepError too, which all ranks raise alike. Any other error may be one rank's own.
+        They are written after a StepError too, which all ranks raise alike; any other error may be
+        one rank's own.
         Where the run has gone on since the last report that was written, its fields are gone.
         """
         together = error is None or isinstance(error, StepError)
         last = self._last
         try:
-            if together and last and last.step != self._fields_at and is_current(last):
+            if together and last and last.step != self._fields_at and last.current:
                 self._write_fields(last)
             if error is None:
                 self._on_first_rank(self._files.close)
@@ -209,7 +210,7 @@ class Recorder:
 
     def _write_rows(self, report: Report) -> None:
         self._history.add([history_row(report, self._supports)])
-        if report.strain_rate is not None:
+        if report.finds_bodies:
             self._events.add(event_rows(report))
 
     def _write_fields(self, report: Report) -> None:

@@ -5,7 +5,7 @@
 
     python3 -m rigidfx.plot out/bar
 
-`pictures` makes the standard ones from what a `Recorder` has left; `Shapes` collects the deformed
+`pictures` makes the standard ones from the files of a `Recorder`; `Shapes` collects the deformed
 body while a run goes on; `Curve`, `curves` and `histories` draw numbers of any runs.
 """
 

@@ -1,7 +1,7 @@
 """Pictures of numbers against time: the history of a run, curves of several runs.
 
-Every function here is called on all ranks; rank 0 draws, and what goes wrong there is raised on
-all. matplotlib is imported where it is used, not with the package.
+Every function here is called on all ranks; rank 0 draws, and its errors are raised on all ranks.
+matplotlib is imported where it is used, not with the package.
 """
 
 from __future__ import annotations
@@ -284,7 +284,7 @@ def save(figure: Any, path: str | Path) -> None:
 
 
 def on_first_rank(comm: MPI.Intracomm, draw: Callable[[], None], what: str) -> None:
-    """Call `draw` on rank 0 and raise on all ranks what goes wrong there."""
+    """Call `draw` on rank 0 and raise its error on all ranks."""
     problem = None
     if comm.rank == 0:
         try:

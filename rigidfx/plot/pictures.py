@@ -1,12 +1,12 @@
-"""The standard pictures of a run, from its folder, in one call; and what draws any others.
+"""The standard pictures of a run, from its folder, in one call; and the tools for any others.
 
     from rigidfx.plot import pictures
     pictures("out/bar")
 
     python3 -m rigidfx.plot out/bar
 
-They are made from what the recorder has left, so also while a run goes on and after one that was
-stopped. `Curve`, `curves` and `histories` draw numbers of any runs.
+They are made from the recorder's files, so also while a run goes on and after one that was stopped.
+`Curve`, `curves` and `histories` draw numbers of any runs.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def pictures(
     Mises stress, if the run has recorded it; and film.gif, all of the motion.
 
     Args:
-        folder: What a `Recorder` has written.
+        folder: Folder of a `Recorder`.
         shapes: How many times are shown in a picture at most.
         frames: How many times the film shows at most; 0 for no film.
         view: Direction from the body to the camera.

@@ -35,7 +35,7 @@ Array = npt.NDArray[np.float64]
 
 LIGHT, DARK = "#e8e4da", "#33475b"  # flexible and rigid parts, as in the paper's Fig. 6
 
-# What can colour a body, and what its scale is called; flags have a legend instead.
+# Fields that can colour a body, and titles of their scales; flags have a legend instead.
 FIELDS = {
     "rigid": "",
     "displacement": "displacement $|u|$ (m)",
@@ -48,7 +48,7 @@ OF_CELLS = frozenset({"rigid", "von_mises", "strain_rate"})
 
 @dataclass(frozen=True)
 class Photograph:
-    """What is to be photographed.
+    """A deformed body at a time.
 
     Attributes:
         t: Time [s].
@@ -95,7 +95,7 @@ def surface_of(grid: Any, displacement: Array, field: str, values: Array) -> Any
     Args:
         grid: pyvista's UnstructuredGrid of the undeformed body; its data are replaced.
         displacement: Shape (points, 3) [m].
-        field: What colours it, one of `FIELDS`.
+        field: Field that colours it, one of `FIELDS`.
         values: Its values, one for each cell if it is among `OF_CELLS`, else for each point.
     """
     grid.clear_data()
@@ -129,8 +129,8 @@ def sheet(
 
     Args:
         path: Picture to write.
-        photographs: What is seen.
-        field: What colours it, one of `FIELDS`.
+        photographs: Photographs, in order.
+        field: Field that colours it, one of `FIELDS`.
         columns: Photographs in a row.
         view: Direction from the body to the camera.
         up: Direction that points upwards in the picture.
@@ -166,8 +166,8 @@ def film(
 
     Args:
         path: File to write.
-        photographs: What is seen.
-        field: What colours it, one of `FIELDS`.
+        photographs: Photographs, in order.
+        field: Field that colours it, one of `FIELDS`.
         view: Direction from the body to the camera.
         up: Direction that points upwards in the picture.
         title: Heading.

@@ -56,7 +56,7 @@ class Shapes:
         *,
         colour: Colour = "velocity",
     ) -> None:
-        """Choose what is to be seen. Collective.
+        """Choose times and colours. Collective.
 
         Args:
             scene: The problem that is run.

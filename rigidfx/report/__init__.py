@@ -1,1 +1,1 @@
-"""What a run tells of each of its steps."""
+"""Reports of a run: steps, bodies, events, probes, balance of energy."""

@@ -8,7 +8,7 @@ from rigidfx.base.errors import SceneError
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 
-__all__ = ["check_report", "check_scene", "is_current"]
+__all__ = ["check_report", "check_scene"]
 
 
 def check_scene(owner: str, scene: Any) -> None:
@@ -38,15 +38,10 @@ def check_report(owner: str, scene: Scene, report: Any) -> None:
     """
     if not isinstance(report, Report):
         raise SceneError(f"{owner}: report must be a Report, got {type(report).__name__}.")
+    if not report.current:
+        raise SceneError(
+            f"{owner}: the report is of t = {report.t:g} s, and the run has gone on. Use each "
+            "report before the next step."
+        )
     if report.state.u.function_space is not scene.space:
         raise SceneError(f"{owner}: the report is of another scene.")
-    if not is_current(report):
-        raise SceneError(
-            f"{owner}: the report is of t = {report.t:g} s, and the run has gone on to "
-            f"{report.state.t:g} s. Use each report before the next step."
-        )
-
-
-def is_current(report: Report) -> bool:
-    """Whether the run has not gone on since a report."""
-    return report.t == report.state.t

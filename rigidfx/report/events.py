@@ -1,4 +1,4 @@
-"""What a switch did, to the joule."""
+"""Events: freezes and releases, accounted for to the joule."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class BodyChange:
 
 @dataclass(frozen=True)
 class Event:
-    """A change of the partition at an instant; numbers are summed over ranks.
+    """A change of the division at an instant; numbers are summed over ranks.
 
     Attributes:
         t: Time [s].

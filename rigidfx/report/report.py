@@ -1,65 +1,37 @@
-"""What a run tells of each of its steps."""
+"""The report of a step."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx.mechanics.rigid_body import BodyMotion, RigidBody
-from rigidfx.mechanics.rotation import skew
+from rigidfx.base.errors import SceneError
+from rigidfx.flexible.indicator import Indicator
+from rigidfx.mechanics.bodies import Bodies
+from rigidfx.report.body_report import BodyReport, body_reports
 from rigidfx.report.events import Event
 from rigidfx.report.probes import Probes
 from rigidfx.state import State
 from rigidfx.step.energies import Measures
-from rigidfx.step.stepper import Integrator, StepResult
+from rigidfx.step.stepper import Stepper, StepResult
 from rigidfx.step.supports import Impact
 
-__all__ = ["BodyReport", "Report", "amended", "report_of"]
+__all__ = ["Report", "amended", "report_of"]
 
 Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class BodyReport:
-    """A rigid body at one time.
-
-    Attributes:
-        name: Name of its set of cells, or "part" and its number.
-        number: Its number ≥ 1, by which fields show it.
-        cells: Number of its cells.
-        mass: m [kg].
-        centre: Position of the centre of mass, shape (3,) [m].
-        orientation: Rotation R since it became rigid, shape (3, 3).
-        velocity: Velocity of the centre of mass, shape (3,) [m/s].
-        angular_velocity: ω in space, shape (3,) [rad/s].
-        linear_momentum: m ṙ, shape (3,) [kg m/s].
-        angular_momentum_about_centre: J ω, shape (3,) [kg m²/s].
-        angular_momentum: Angular momentum about the origin, shape (3,) [kg m²/s].
-        kinetic: Kinetic energy [J].
-        stored: Energy that it keeps for its release [J].
-    """
-
-    name: str
-    number: int
-    cells: int
-    mass: float
-    centre: Array
-    orientation: Array
-    velocity: Array
-    angular_velocity: Array
-    linear_momentum: Array
-    angular_momentum_about_centre: Array
-    angular_momentum: Array
-    kinetic: float
-    stored: float
-
-
-@dataclass(frozen=True)
 class Report:
-    """One accepted step; numbers are summed over ranks and equal on all of them.
+    """One accepted step, a value that may be kept; numbers are equal on all ranks.
+
+    What is as large as the mesh, `state` and `strain_rate`, is not copied: it can be asked for
+    until the run goes on.
 
     Attributes:
         step: Number of the step; 0 is the initial state.
@@ -89,17 +61,13 @@ class Report:
         reaction_moments: Its moment about the origin, likewise [N m].
         impact: What the start of a support, or a jump of its velocity, did at the step's start; at
             t = 0 in the report of the initial state.
-        bodies: The rigid bodies.
+        rigid: The rigid bodies at its end, as arrays.
         events: What was frozen and released since the last report: right before the step, and at
             its end. Energies, momenta and bodies of the report are those after them.
         closeness: How close any cell's strain rate came to its tolerance at the end of a window,
             the least |e/tol - 1|; NaN if the step ended none.
-        strain_rate: Strain rate of each owned cell in the step [1/s], zero in bodies; None where
-            it is not measured. It changes with the next step.
         probes: Displacement of each probe, shape (3,) [m].
         wall: Wall time of the step [s].
-        state: Displacement and velocity; read, do not change. It lives on with the simulation.
-            `state.rebuild()` brings nodes inside bodies up to date.
     """
 
     step: int
@@ -124,37 +92,85 @@ class Report:
     reactions: Mapping[str, Array]
     reaction_moments: Mapping[str, Array]
     impact: Impact | None
-    bodies: tuple[BodyReport, ...]
+    rigid: Bodies
     events: tuple[Event, ...]
     closeness: float
-    strain_rate: Array | None
     probes: Mapping[str, Array]
     wall: float
-    state: State
+    _state: State
+    _indicator: Indicator | None
 
     @property
     def energy(self) -> float:
         """H = kinetic + strain + stored + springs [J]."""
         return self.kinetic + self.strain + self.stored + self.springs
 
+    @cached_property
+    def bodies(self) -> tuple[BodyReport, ...]:
+        """The rigid bodies."""
+        return body_reports(self.rigid)
+
+    @property
+    def current(self) -> bool:
+        """Whether the run has not gone on since."""
+        return self._state.t == self.t
+
+    @property
+    def state(self) -> State:
+        """Displacement and velocity; read, do not change.
+
+        `state.rebuild()` brings nodes inside bodies up to date.
+
+        Raises:
+            SceneError: If the run has gone on.
+        """
+        self._check("state")
+        return self._state
+
+    @property
+    def strain_rate(self) -> Array | None:
+        """Strain rate of each owned cell of this rank in the step [1/s], zero in bodies.
+
+        None where it is not measured.
+
+        Raises:
+            SceneError: If it is measured and the run has gone on.
+        """
+        if self._indicator is None:
+            return None
+        self._check("strain_rate")
+        return self._indicator.values
+
+    @property
+    def finds_bodies(self) -> bool:
+        """Whether the run looks for parts that become rigid."""
+        return self._indicator is not None
+
+    def _check(self, name: str) -> None:
+        if not self.current:
+            raise SceneError(
+                f"Report.{name}: the report is of t = {self.t:g} s, and the run has gone on to "
+                f"{self._state.t:g} s. Ask before the next step, and keep a copy of what you need."
+            )
+
 
 def report_of(
     step: int,
-    integrator: Integrator,
+    stepper: Stepper,
     probes: Probes,
     result: StepResult | None,
-    measures: Measures,
+    impact: Impact | None,
 ) -> Report:
     """The report of a step, or of the initial state. Collective.
 
     Args:
         step: Its number.
-        integrator: What has made it.
+        stepper: What has made it.
         probes: Points that are reported.
         result: What the step did; None for the initial state.
-        measures: Energies and momenta after it.
+        impact: What the start of a support did at the start of the step.
     """
-    state, solution = integrator.state, result.solution if result else None
+    state, solution = stepper.state, result.solution if result else None
     return Report(
         step=step,
         t=state.t,
@@ -164,69 +180,32 @@ def report_of(
         linear_iterations=solution.linear_iterations if solution else 0,
         solver=solution.solver if solution else "",
         cuts=result.cuts if result else 0,
-        unknowns=integrator.unknowns,
-        kinetic=measures.kinetic,
-        strain=measures.strain,
-        stored=measures.stored,
-        springs=measures.springs,
-        linear_momentum=measures.linear_momentum,
-        angular_momentum=measures.angular_momentum,
-        momentum_scale=measures.momentum_scale,
+        unknowns=stepper.unknowns,
+        **_measured(stepper.measure()),
         work_of_loads=result.work_of_loads if result else 0.0,
         work_of_supports=result.work_of_supports if result else 0.0,
         dissipated=result.dissipated if result else {},
         reactions=result.reactions if result else {},
         reaction_moments=result.reaction_moments if result else {},
-        impact=result.impact if result else integrator.take_impact(),
-        bodies=_body_reports(state),
+        impact=impact,
+        rigid=state.bodies,
         events=(),
         closeness=np.nan,
-        strain_rate=integrator.strain_rate,
         probes=probes.displacements(state),
         wall=0.0,
-        state=state,
+        _state=state,
+        _indicator=stepper.indicator,
     )
 
 
-def amended(
-    report: Report, integrator: Integrator, events: Sequence[Event], closeness: float
-) -> Report:
+def amended(report: Report, stepper: Stepper, events: Sequence[Event], closeness: float) -> Report:
     """A report after what was switched around its step. Collective."""
     report = replace(report, events=tuple(events), closeness=closeness)
     if not any(event.t == report.t for event in events):
         return report
-    now = integrator.measure()
-    return replace(
-        report,
-        kinetic=now.kinetic,
-        strain=now.strain,
-        stored=now.stored,
-        springs=now.springs,
-        linear_momentum=now.linear_momentum,
-        angular_momentum=now.angular_momentum,
-        momentum_scale=now.momentum_scale,
-        bodies=_body_reports(integrator.state),
-    )
+    return replace(report, **_measured(stepper.measure()), rigid=stepper.state.bodies)
 
 
-def _body_reports(state: State) -> tuple[BodyReport, ...]:
-    return tuple(map(_body_report, state.bodies, state.motions))
-
-
-def _body_report(body: RigidBody, motion: BodyMotion) -> BodyReport:
-    momentum, own = body.mass * motion.velocity, motion.angular_momentum(body)
-    return BodyReport(
-        name=body.name,
-        number=body.number,
-        cells=body.size,
-        mass=body.mass,
-        centre=motion.r,
-        orientation=motion.R,
-        velocity=motion.velocity,
-        angular_velocity=motion.angular_velocity,
-        linear_momentum=momentum,
-        angular_momentum_about_centre=own,
-        angular_momentum=skew(motion.r) @ momentum + own,
-        kinetic=motion.kinetic(body),
-        stored=body.frozen.energy,
-    )
+def _measured(measures: Measures) -> dict[str, Any]:
+    """Energies and momenta by the names that they have in a report."""
+    return {item.name: getattr(measures, item.name) for item in fields(measures)}

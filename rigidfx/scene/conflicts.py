@@ -27,20 +27,8 @@ def check_together(effects: Sequence[fx.Effect], scheme: Scheme) -> None:
     def named(kind: type[fx.Effect]) -> list[Any]:
         return [e for e in effects if isinstance(e, kind)]
 
-    known = (
-        fx.DeadLoad,
-        fx.Support,
-        fx.Pressure,
-        fx.Damping,
-        fx.PointMass,
-        fx.Spring,
-        fx.InitialVelocity,
-        fx.Preload,
-        fx.Rigid,
-        fx.Resultant,
-    )
     for effect in effects:
-        if not isinstance(effect, known):
+        if not isinstance(effect, fx.Effect):
             raise SceneError(f"Scene: {effect!r} is not an effect. See rigidfx.effects.")
     if len(named(fx.Preload)) > 1:
         raise SceneError("Scene: only one Preload makes sense; give it all static loads.")

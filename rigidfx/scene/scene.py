@@ -6,11 +6,7 @@ first step, as it takes bodies and supports together in time; on all ranks alike
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import partial
-from itertools import combinations
-from math import isfinite
+from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -23,23 +19,28 @@ from mpi4py import MPI
 
 from rigidfx import effects as fx
 from rigidfx.base import compat
-from rigidfx.base.errors import RigidfxWarning, SceneError, agree, together
+from rigidfx.base.errors import SceneError
 from rigidfx.base.same_input import check_same
 from rigidfx.domain.domain import Domain
+from rigidfx.mechanics.element import Element, StandardElement
 from rigidfx.mechanics.materials import Material
 from rigidfx.mechanics.schemes import EnergyMomentum, Scheme
 from rigidfx.scene.assignment import assign
-from rigidfx.scene.conflicts import check_together, overlap
+from rigidfx.scene.checks import (
+    STIFFNESS_DEGREE,
+    check_discretisation,
+    check_masses,
+    check_supports,
+    points,
+    warn_of_locking,
+)
+from rigidfx.scene.conflicts import check_together
 from rigidfx.scene.summary import effects_table, in_words, phases
 
 __all__ = ["Scene"]
 
 Array = npt.NDArray[np.float64]
 Nodes = npt.NDArray[np.int32]
-
-# Points per cell of the one quadrature rule that W, H and the residual share, by polynomial degree.
-STIFFNESS_DEGREE = {1: 2, 2: 4}
-NEARLY_INCOMPRESSIBLE = 0.49  # ν above which first-order cells are warned of
 
 
 class Scene:
@@ -56,6 +57,7 @@ class Scene:
         nodal_mass: ∫ ρ0 Nᵢ dV and point masses [kg] per local node, ghosts included, shape
             (nodes,).
         point_masses: The point masses in it [kg].
+        element: How its cells strain.
         supports: Pairs of a support and its local nodes, ghosts included.
         probes: Named points [m] whose histories are recorded.
     """
@@ -107,16 +109,22 @@ class Scene:
                 f"Scene: scheme must be EnergyMomentum(), Midpoint() or Trapezoidal(), got "
                 f"{scheme!r}."
             )
-        self.probes = MappingProxyType(_points(probes or {}))
-        self._check_discretisation()
+        self.probes = MappingProxyType(points(probes or {}))
+        self.element: Element = StandardElement()
+        check_discretisation(self)
         check_together(self.effects, self.scheme)
         self.materials = assign(domain, material)
-        self._warn_of_locking()
+        warn_of_locking(self)
         self.space = fem.functionspace(domain.mesh, ("Lagrange", order, (3,)))
         self.point_masses = self._point_masses()
-        self.nodal_mass = self._nodal_mass()
-        self.supports = self._supports()
-        self._check_names()
+        # Two degrees above the integrand of an affine cell, for cells that are not.
+        measure = ufl.dx(domain=self.mesh, metadata={"quadrature_degree": 2 * order + 2})
+        self.nodal_mass = self.nodal_weights(self.density(), measure) + self.point_masses
+        check_masses(self)
+        self.supports = tuple((s, self.nodes(s.where, s.kind)) for s in self.named(fx.Support))
+        check_supports(self)
+        for effect in self.effects:
+            effect.check(self)
 
     # What is asked of a scene -------------------------------------------------------------------
 
@@ -140,6 +148,18 @@ class Scene:
         """Degree of the rule of W, H and the residual: full integration of the stiffness."""
         return STIFFNESS_DEGREE[self.order]
 
+    @property
+    def cell_measure(self) -> ufl.Measure:
+        """The measure of W, H and the residual over cells."""
+        degree = {"quadrature_degree": self.quadrature_degree}
+        return ufl.Measure("dx", domain=self.mesh, metadata=degree)
+
+    @property
+    def boundary_measure(self) -> ufl.Measure:
+        """The measure of follower loads: exact for the moments of a closed surface."""
+        degree = {"quadrature_degree": 4 * self.order}
+        return ufl.Measure("ds", domain=self.mesh, metadata=degree)
+
     def named(self, kind: type[fx.Effect]) -> tuple[Any, ...]:
         """The effects of a kind, in the order given."""
         return tuple(e for e in self.effects if isinstance(e, kind))
@@ -149,15 +169,9 @@ class Scene:
         """Sorted instants at which steps must end [s]."""
         return tuple(sorted({t for e in self.named(fx.Windowed) for t in e.breakpoints}))
 
-    def acting(self, t: float, resolution: float) -> tuple[fx.Windowed, ...]:
-        """The effects with a time window that act in a step that begins at t.
-
-        Args:
-            t: Time [s].
-            resolution: Times closer than this are the same [s].
-        """
-        now = t + resolution
-        return tuple(e for e in self.named(fx.Windowed) if e.since <= now < e.until)
+    def acting(self, t: float) -> tuple[fx.Windowed, ...]:
+        """The effects with a time window that act at t [s]."""
+        return tuple(e for e in self.named(fx.Windowed) if e.acts(t))
 
     def nodes(self, name: str, wanted_by: str, dims: Sequence[int] = (2, 3, 1, 0)) -> Nodes:
         """Local nodes in the closure of a named set, ghosts included. Collective."""
@@ -226,6 +240,26 @@ class Scene:
         out.x.scatter_forward()
         return out.x.array[::3].copy()
 
+    def cell_weights(self, density: Any, cells: Nodes) -> Array:
+        """∫ density Nᵢ dV over owned cells, per local node with ghosts. Collective."""
+        return self.nodal_weights(density, self._measure("dx", cells))
+
+    def facet_weights(self, name: str, wanted_by: str) -> Array:
+        """∫ Nᵢ dA over the boundary facets of a set, per local node with ghosts. Collective."""
+        return self.nodal_weights(1.0, self._measure("ds", self.boundary(name, wanted_by)))
+
+    def _measure(self, kind: str, where: Nodes) -> ufl.Measure:
+        """The measure of loads over owned cells (dx), or owned cells and facets in them (ds)."""
+        degree = {"quadrature_degree": 2 * self.order + 2}
+        data = [(1, where.reshape(-1))]
+        return ufl.Measure(kind, domain=self.mesh, metadata=degree, subdomain_data=data)(1)
+
+    def _point_masses(self) -> Array:
+        total = np.zeros(self.space.tabulate_dof_coordinates().shape[0])
+        for point in self.named(fx.PointMass):
+            total += point.nodal(self)
+        return total
+
     def density(self) -> fem.Function:
         """ρ0 per cell [kg/m³] as a piecewise constant function."""
         return self.cellwise([(m.rho, cells) for m, cells in self.materials])
@@ -249,7 +283,7 @@ class Scene:
         """
         cells = self.mesh.topology.index_map(3).size_global
         nodes = self.space.dofmap.index_map.size_global
-        kind = "tetrahedra" if self._simplex else "hexahedra"
+        kind = "tetrahedra" if self.simplex else "hexahedra"
         lines = [
             f"Scene of {cells} {kind} of order {self.order}, {nodes} nodes; {self.mass} mass; "
             f"{type(self.scheme).__name__}",
@@ -269,144 +303,6 @@ class Scene:
         return text
 
     @property
-    def _simplex(self) -> bool:
+    def simplex(self) -> bool:
+        """Whether cells are tetrahedra."""
         return bool(self.mesh.topology.cell_type == dmesh.CellType.tetrahedron)
-
-    # Checks -------------------------------------------------------------------------------------
-
-    def _check_discretisation(self) -> None:
-        if not isinstance(self.order, (int, np.integer)) or self.order not in STIFFNESS_DEGREE:
-            raise SceneError(f"Scene: order must be 1 or 2, got {self.order!r}.")
-        if self.mass not in ("lumped", "consistent"):
-            raise SceneError(f"Scene: mass must be 'lumped' or 'consistent', got {self.mass!r}.")
-        if self._simplex and self.order == 2 and self.mass == "lumped":
-            raise SceneError(
-                "Scene: second-order tetrahedra have negative lumped masses at their vertices. "
-                "Take mass='consistent', or order=1, or hexahedra."
-            )
-        curved = compat.coordinate_map(self.mesh).degree
-        if curved > self.order:
-            raise SceneError(
-                f"Scene: cells of geometry order {curved} need at least "
-                f"that order of displacement (got {self.order}), or a rigid rotation would "
-                "strain them."
-            )
-
-    def _point_masses(self) -> Array:
-        total = np.zeros(self.space.tabulate_dof_coordinates().shape[0])
-        for point in self.named(fx.PointMass):
-            total += point.mass * self.shares(point.where, "PointMass")
-        return total
-
-    def _warn_of_locking(self) -> None:
-        nu = max((getattr(m, "nu", 0.0) for m, _ in self.materials), default=0.0)
-        if self.order == 1 and nu > NEARLY_INCOMPRESSIBLE and self.comm.rank == 0:
-            warnings.warn(
-                f"Scene: first-order cells lock at ν = {nu:g}: they keep their volume at the price "
-                "of hardly bending at all. Take order=2, or a smaller ν.",
-                RigidfxWarning,
-                stacklevel=3,
-            )
-
-    def _nodal_mass(self) -> Array:
-        # Two degrees above the integrand of an affine cell, for cells that are not.
-        measure = ufl.dx(domain=self.mesh, metadata={"quadrature_degree": 2 * self.order + 2})
-        mass = self.nodal_weights(self.density(), measure) + self.point_masses
-        self._check_sums(mass)
-        if self.mass == "lumped":
-            worst = mass.min(initial=np.inf)
-            agree(
-                self.comm,
-                None
-                if worst > 0
-                else f"Scene: a node has the lumped mass {worst:.3g} kg ≤ 0 (strongly curved "
-                "cells?). Take mass='consistent'.",
-            )
-        return mass
-
-    def _check_sums(self, mass: Array) -> None:
-        """Refuse nodal masses that overflow in sums or in moments of inertia. Collective."""
-        n = self.owned_nodes
-        with np.errstate(over="ignore", invalid="ignore"):
-            arms = (self.space.tabulate_dof_coordinates()[:n] ** 2).sum(axis=1)
-            m, J = self.sum([mass[:n].sum(), mass[:n] @ arms])
-        if not (np.isfinite(m) and np.isfinite(J)):
-            raise SceneError(
-                f"Scene: the masses of the nodes add up to {m:.3g} kg, with a moment of inertia "
-                f"of {J:.3g} kg m² about the origin: too large for the arithmetic. Check the "
-                "densities, the PointMass effects and the units."
-            )
-
-    def _supports(self) -> tuple[tuple[fx.Support, Nodes], ...]:
-        supports = tuple((s, self.nodes(s.where, type(s).__name__)) for s in self.named(fx.Support))
-        for (a, nodes_a), (b, nodes_b) in combinations(supports, 2):
-            shared = np.intersect1d(nodes_a, nodes_b).size
-            axes = set(a.axes) & set(b.axes)
-            clash = bool(axes) and overlap(a, b) and not a.same_motion(b)
-            if clash and self.sum(shared) > 0:
-                raise SceneError(
-                    f"Scene: {type(a).__name__} on '{a.where}' and {type(b).__name__} on "
-                    f"'{b.where}' prescribe different motions of the same nodes at the same "
-                    "time. Separate their sets, components or time windows."
-                )
-        for support, _ in supports:
-            start = support.since if isfinite(support.since) else 0.0
-            owner = f"{type(support).__name__} on '{support.where}'"
-            self._ask(owner, start, partial(support.displacement_at, start))
-            self._ask(owner, start, partial(support.velocity_at, start, 1.0))
-        return supports
-
-    def _ask(self, owner: str, t: float, function: Callable[[], Array]) -> None:
-        """Check that a user's function gives three finite numbers at time t. Collective."""
-
-        def check() -> None:
-            value = function()
-            if np.shape(value) != (3,) or not np.isfinite(value).all():
-                raise SceneError(
-                    f"{owner}: at t = {t:g} s three finite components are expected, got {value}."
-                )
-
-        together(self.comm, f"{owner}: its function of time", check)
-
-    def _check_names(self) -> None:
-        for pressure in self.named(fx.Pressure):
-            self.boundary(pressure.where, "Pressure")
-            together(
-                self.comm,
-                f"Pressure on '{pressure.where}': its value or time function",
-                partial(pressure.intensity, max(0.0, pressure.since)),
-            )
-        for spring in self.named(fx.Spring):
-            self.nodes(spring.where, "Spring")
-        for viscous in self.named(fx.KelvinVoigt):
-            self.owned_cells(viscous.where, "KelvinVoigt")
-        for resultant in self.named(fx.Resultant):
-            start = max(0.0, resultant.since)
-            owner = f"Resultant on '{resultant.body}'"
-            self._ask(owner, start, partial(resultant.force_at, start))
-            self._ask(owner, start, partial(resultant.torque_at, start))
-        loads = [*self.named(fx.DeadLoad), *(q for p in self.named(fx.Preload) for q in p.loads)]
-        for load in loads:
-            where = getattr(load, "where", None)
-            dims = {fx.Traction: (2,), fx.NodalForce: (2, 3, 1, 0)}.get(type(load), (3,))
-            if where is not None:
-                self.domain.find(where, dims, type(load).__name__)
-            start = max(0.0, load.since)
-            self._ask(
-                f"{type(load).__name__} on '{where or 'all cells'}'",
-                start,
-                partial(load.intensity, start),
-            )
-
-
-def _points(probes: Mapping[str, Sequence[float]]) -> dict[str, Array]:
-    try:
-        points = {name: np.asarray(p, dtype=np.float64) for name, p in probes.items()}
-    except (AttributeError, TypeError, ValueError):
-        raise SceneError(
-            f"Scene: probes must be a dict of names to three numbers each, got {probes!r}."
-        ) from None
-    for name, point in points.items():
-        if point.shape != (3,) or not np.isfinite(point).all():
-            raise SceneError(f"Scene: probe '{name}' must be three finite numbers, got {point}.")
-    return points

@@ -1,4 +1,4 @@
-"""What a scene holds, in words: its effects, and which of them act when."""
+"""A scene in words: its effects, and which of them act when."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def phases(effects: Sequence[Effect]) -> list[str]:
         acting = [
             _short(e)
             for e in effects
-            if isinstance(e, Spring) or (isinstance(e, Windowed) and e.since <= begin < e.until)
+            if isinstance(e, Spring) or (isinstance(e, Windowed) and e.acts(begin))
         ]
         span = f"from {begin:g} s on" if end == inf else f"{begin:g} … {end:g} s"
         lines.append(f"{span}: {', '.join(acting) or 'nothing'}")

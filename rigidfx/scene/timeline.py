@@ -69,6 +69,14 @@ class Timeline:
         """Add breakpoints [s]."""
         self._stops = sorted({*self._stops, *times})
 
+    def same(self, a: float, b: float) -> bool:
+        """Whether two times [s] are the same instant."""
+        return abs(a - b) <= self.resolution
+
+    def after(self, t: float) -> float:
+        """A time just after t [s], at which what begins at t acts."""
+        return t + self.resolution
+
     def over(self, t: float) -> bool:
         """Whether the run is over at t [s]."""
         return t >= self.t_end - self.resolution
@@ -76,7 +84,7 @@ class Timeline:
     def next(self, t: float) -> float:
         """End of the step that begins at t [s]."""
         k = bisect_right(self._times, t + self.resolution) - 1
-        begin, dt = self._times[k], self._steps[k]
-        target = begin + (floor((t + self.resolution - begin) / dt) + 1) * dt
+        start, dt = self._times[k], self._steps[k]
+        target = start + (floor((t + self.resolution - start) / dt) + 1) * dt
         stop = self._stops[bisect_right(self._stops, t + self.resolution)]
         return stop if stop <= target + self.resolution else target

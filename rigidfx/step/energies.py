@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +14,7 @@ from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.rotation import axial
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
-from rigidfx.step.springs_and_drag import GroundForces
+from rigidfx.step.actions import Actions
 
 __all__ = ["Energies", "Measures"]
 
@@ -60,12 +59,11 @@ class Energies:
         forces: InternalForces,
         mass: Mass,
         layout: DofLayout,
-        ground: Sequence[GroundForces],
+        actions: Actions,
     ) -> None:
         """Bind the stored energy to the flexible cells. Collective."""
-        self._ground = ground
+        self._actions = actions
         self._scene, self._mass, self._rows = scene, mass, layout.rows
-        self._ensemble = layout.ensemble
         self._energy = forces.bind_energy(layout.flexible)
         self._v, self._p = self._rows.vector(), self._rows.vector()
 
@@ -82,15 +80,15 @@ class Energies:
         local[2:5] = p.sum(axis=0)
         local[5:8] = axial(x.T @ p)
         local[8] = np.sqrt((p * p).sum(axis=1)).sum()
-        local[9] = sum(item.energy(state.u.x.array[dofs]) for item in self._ground)
+        local[9] = self._actions.potential(state.u.x.array[dofs])
         total = np.asarray(self._scene.sum(local))
-        bodies = self._ensemble.moving(state.motions)
+        bodies = state.bodies
         if len(bodies):
             total[0] += bodies.kinetic
             total[2:5] += bodies.momentum.sum(axis=0)
             total[5:8] += axial(bodies.r.T @ bodies.momentum) + bodies.angular_momentum.sum(axis=0)
             total[8] += bodies.momentum_scale
-            total[9] += sum(item.bodies.energy(bodies) for item in self._ground)
+            total[9] += self._actions.potential_of_bodies(bodies)
         return Measures(
             kinetic=float(total[0]),
             strain=float(total[1]),

@@ -25,16 +25,15 @@ from rigidfx.coupling.condensed_tangent import CondensedMatrix
 from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.flexible.internal_forces import BoundForces, InternalForces
-from rigidfx.mechanics.bodies import Motions
-from rigidfx.mechanics.body_step import BodyTerm, Step
+from rigidfx.mechanics.bodies import Bodies
+from rigidfx.mechanics.body_step import Step
 from rigidfx.scene.scene import Scene
+from rigidfx.step.actions import Actions
 from rigidfx.step.callbacks import errors_of_callbacks
 from rigidfx.step.first_guess import Guess
 from rigidfx.step.linear_solver import PREFIX, configure, default_options, prefers_direct
-from rigidfx.step.loads import Resultants
 from rigidfx.step.petsc_options import loose_solves_allowed, monitor_solves
 from rigidfx.step.round_off import Rounding
-from rigidfx.step.springs_and_drag import GroundForces
 from rigidfx.step.stopping_test import (
     MAX_ITERATIONS,
     RELATIVE_TOLERANCE,
@@ -91,12 +90,15 @@ def tangent(
 def convergence(
     snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float], equilibrium: Equilibrium
 ) -> int:
-    """SNES callback: the stopping test."""
-    return equilibrium.stop(iteration, norms[2])
+    """SNES callback: the stopping test, and how far the next linear system is to be solved."""
+    reason = equilibrium.stop(iteration, norms[2])
+    if reason == 0:
+        equilibrium.limit_linear_error()
+    return reason
 
 
 class Equilibrium:
-    """All PETSc objects of the steps of one partition; `destroy` frees them.
+    """All PETSc objects of the steps of one division; `destroy` frees them.
 
     Attributes:
         prolongation: Map between unknowns and dofs.
@@ -113,9 +115,7 @@ class Equilibrium:
         bound: BoundForces,
         mass: Mass | None,
         prolongation: Prolongation,
-        ground: Sequence[GroundForces] = (),
-        terms: Sequence[BodyTerm] = (),
-        consistent: bool = True,
+        actions: Actions,
     ) -> None:
         """Create matrices, vectors and the SNES. Collective.
 
@@ -125,18 +125,15 @@ class Equilibrium:
             bound: Forms over the flexible cells.
             mass: Mass operator, or None for statics.
             prolongation: Map between unknowns and dofs.
-            ground: Springs and drag of the nodes.
-            terms: Forces on the bodies that depend on their motion.
-            consistent: Whether the tangent is consistent with L; see `CondensedMatrix`.
+            actions: What acts on nodes and bodies.
         """
         self.prolongation = prolongation
         self._forces, self._bound, self._mass = forces, bound, mass
-        self._ground = ground
-        self._terms = terms
+        self._actions = actions
         self._rows = prolongation.layout.rows
         self._reached = prolongation.layout.reached
         self._b = fem.Function(scene.space)
-        self._tangent = CondensedMatrix(prolongation, bound.interior, bound.interface, consistent)
+        self._tangent = CondensedMatrix(prolongation, bound.interior, bound.interface)
         self.d, self.forces_out_of_balance, self._work, self._inertia = (
             self._rows.vector() for _ in range(4)
         )
@@ -146,14 +143,16 @@ class Equilibrium:
         self._r = self._y.duplicate()
         self._dt = 0.0
         self._v0: PETSc.Vec = None
-        self._f_ext: PETSc.Vec = None
-        self._resultants: Resultants | None = None
         self._step = prolongation.increments.step
         self._imposed: Array = np.empty(0)
         self._krylov = mass is not None and not prefers_direct(prolongation.size)
         self._fallbacks = 0
-        self._rounding = Rounding(scene, forces, self._tangent, mass, prolongation, ground)
+        self._rounding = Rounding(
+            scene, forces, bound.undeformed, self._tangent, mass, prolongation, actions
+        )
         self._snes = self._create_snes(scene)
+        # How loosely Krylov solves may end, first and later.
+        self._loosest = [(name, self._snes.getParamsEW()[name]) for name in ("rtol_0", "rtol_max")]
         rtol, _, _, max_it = self._snes.getTolerances()
         self.stop = StoppingTest(rtol, max_it)
 
@@ -184,27 +183,21 @@ class Equilibrium:
         self,
         dt: float,
         v0: PETSc.Vec | None,
-        f_ext: PETSc.Vec,
         imposed: Array,
         guesses: Sequence[Guess],
-        start: Motions,
-        resultants: Resultants,
+        start: Bodies,
     ) -> Solution:
-        """Find the increment of one step. Collective.
+        """Find the increment of one step, under the loads that the actions have now. Collective.
 
         Args:
             dt: Δt [s]; of no meaning in statics.
             v0: Velocity of the active nodes at the start of the step [m/s]; None in statics.
-            f_ext: External forces at the active nodes at the midpoint [N].
             imposed: Increments of the held dofs [m].
             guesses: First guesses; the one with the smallest residual is taken.
-            start: Motions of the bodies at the start of the step.
-            resultants: Loads on the bodies at the midpoint.
+            start: The bodies at the start of the step.
         """
-        # Without bodies nothing of them is computed.
-        self._resultants = resultants if self.prolongation.layout.bodies else None
         self._step = Step(start, dt)
-        self._dt, self._v0, self._f_ext, self._imposed = dt, v0, f_ext, imposed
+        self._dt, self._v0, self._imposed = dt, v0, imposed
         krylov = self._krylov and self._fallbacks < MAX_FALLBACKS
         reason, remark = self._iterate(guesses), ""
         if reason == PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE and krylov:
@@ -220,7 +213,7 @@ class Equilibrium:
             self._snes.setUseEW(False)
             reason, remark = self._iterate(guesses), " (solved tightly)"
             self._snes.setUseEW(True)
-        self._return_to(self._y)
+        self.return_to(self._y)
         converged = reason > 0
         ksp = self._snes.getKSP()
         return Solution(
@@ -237,11 +230,17 @@ class Equilibrium:
         norms = [self._norm_at(guess) for guess in guesses] if len(guesses) > 1 else [0.0]
         self._start_at(guesses[int(np.argmin(np.nan_to_num(norms, nan=np.inf)))])
         self.stop.expect_rounding(
-            self._rounding.in_residual(self._dt, self._v0, self._f_ext, self._step.start)
+            self._rounding.in_residual(self._dt, self._v0, self._actions.external, self._step.start)
         )
         with errors_of_callbacks():
             self._snes.solve(None, self._y)
         return judged(int(self._snes.getConvergedReason()))
+
+    def limit_linear_error(self) -> None:
+        """Have the next Krylov solve leave no more than Newton's stopping test can stand."""
+        if self._krylov:
+            limits = {name: self.stop.linear_tolerance(value) for name, value in self._loosest}
+            self._snes.setParamsEW(**limits)
 
     def _start_at(self, guess: Guess) -> None:
         self.prolongation.collapse(guess.increment, guess.bodies, self._y)
@@ -259,7 +258,7 @@ class Equilibrium:
         u1.array[dofs] = self._forces.u0.x.array[dofs] + self.d.array_r
         u1.scatter_forward()
 
-    def _return_to(self, y: PETSc.Vec) -> None:
+    def return_to(self, y: PETSc.Vec) -> None:
         """Have d, u₁ and forces belong to these unknowns, as a rule the last ones. Collective.
 
         A solver of the user's, chosen by PETSc's options, may have looked elsewhere last.
@@ -282,29 +281,26 @@ class Equilibrium:
         b.scatter_reverse(la.InsertMode.add)
         f = self.forces_out_of_balance
         f.array[:] = b.array[self._rows.dofs]
-        f.axpy(-1.0, self._f_ext)
+        f.axpy(-1.0, self._actions.external)
         if self._mass is not None:
             # M (v₁ - v₀)/Δt with v₁ = 2 d/Δt - v₀, rounded as the update of the velocity is.
             self._v0.copy(self._work)
             self._work.axpby(2 / self._dt, -2.0, self.d)
             self._mass.mult(self._work, self._inertia)
             f.axpy(1 / self._dt, self._inertia)
-        for item in self._ground:
-            item.add_forces(self.d, self._dt, f)
+        self._actions.resist_nodes(self.d, self._dt, f)
         self.prolongation.collapse(f.array_r, self._body_forces(), r)
 
     def _body_forces(self) -> Array:
         """Residual of the bodies, shape (bodies, 6) [N]. Collective."""
-        increments, loads = self.prolongation.increments, self._resultants
-        if loads is None:
+        increments = self.prolongation.increments
+        if not len(increments):  # without bodies nothing of them is computed
             return np.empty((0, 6))
         self._moments = self.prolongation.moments(self.forces_out_of_balance)
-        self._moments -= loads.moments
-        for term in self._terms:
-            self._moments += term.moments(increments)
+        self._actions.resist_bodies(increments, self._moments)
         out = increments.inertia_force()
         out += increments.resultant(self._moments)
-        out[:, 3:] -= loads.torques / self._step.start.of.length[:, None]
+        out[:, 3:] -= self._actions.torques / self._step.start.of.length[:, None]
         return out
 
     def tangent(self) -> None:
@@ -313,17 +309,25 @@ class Equilibrium:
         K.assemble()
         if self._mass is not None:
             self._mass.add_to(K, 2 / self._dt**2, self.prolongation)
-        for item in self._ground:
-            item.add_to(K, self._dt, self.prolongation)
+        self._actions.stiffen_nodes(K, self._dt, self.prolongation)
         K.finish(self._blocks() if self.prolongation.layout.bodies else None)
 
     def _blocks(self) -> Array:
         """Derivative of the bodies' rows that the condensed tangent does not hold."""
         increments = self.prolongation.increments
         blocks = increments.tangent(increments.couples(self._moments))
-        for term in self._terms:
-            blocks += term.tangent(increments)
+        self._actions.stiffen_bodies(increments, blocks)
         return blocks
+
+    @property
+    def unknowns(self) -> PETSc.Vec:
+        """Unknowns y of the last solve [m]; not to be changed."""
+        return self._y
+
+    @property
+    def tangent_matrix(self) -> PETSc.Mat:
+        """The reduced tangent as `tangent` has left it [N/m]."""
+        return self._tangent.matrix
 
     @property
     def strain_error(self) -> float:

@@ -4,7 +4,7 @@ At a large rotation per step the tangents of the motion lead far away from it an
 that with iterations. The mean rigid motion of what is left flexible and of the bodies, c and ω from
 their momenta, is therefore continued exactly as the step would continue it if all were one free
 rigid body: by the Cayley vector θ that keeps the angular momentum, R₁ J (2θ/Δt - ω) = J ω. Δt ω is
-that only where ω is a principal axis; a stiff body that is turned by a wrong angle, even a little,
+that only where ω is a principal axis; a stiff body that rotates by a wrong angle, even a little,
 is strained by its square. What moves relative to it goes on along a straight line if it is slow,
 and hardly at all if it vibrates faster than the step can see: both are offered, and the smaller
 residual decides.
@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.coupling.dof_layout import DofLayout
-from rigidfx.mechanics.bodies import Motions
+from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rotation import IDENTITY, axial, cayley, cayley_tangent, skew
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
@@ -36,8 +36,8 @@ class Guess:
     """A first guess of a step.
 
     Attributes:
-        increment: Increments of the active nodes [m], one number per row; what bodies carry is of
-            no concern.
+        increment: Increments of the active nodes [m], one number per row; those of nodes on bodies
+            are of no concern.
         bodies: Δr and ℓθ of each body, shape (bodies, 6) [m].
     """
 
@@ -46,7 +46,7 @@ class Guess:
 
 
 def predict(
-    scene: Scene, state: State, layout: DofLayout, start: Motions, dt: float
+    scene: Scene, state: State, layout: DofLayout, start: Bodies, dt: float
 ) -> tuple[Guess, ...]:
     """First guesses, the most natural one first. Collective.
 
@@ -54,7 +54,7 @@ def predict(
         scene: The problem.
         state: State at the start of the step.
         layout: Division of the dofs.
-        start: The state's motions of bodies.
+        start: The state's bodies.
         dt: Δt [s].
     """
     rows = layout.rows
@@ -70,14 +70,14 @@ def predict(
     angle = 2 * np.arctan(size / 2)
     turn, half = cayley(theta) - IDENTITY, cayley(2 * np.tan(angle / 4) / size * theta)
 
-    def carried(x: Array, v: Array, share: float) -> Array:
+    def continued(x: Array, v: Array, share: float) -> Array:
         relative = v - velocity - (x - c) @ skew(omega).T
         return np.asarray(dt * velocity + (x - c) @ turn.T + share * dt * relative @ half.T)
 
     guesses = []
     for share in (1.0, 0.0):
-        increment = carried(x, v, share).reshape(-1)
-        centres = carried(start.r, start.velocity, share)
+        increment = continued(x, v, share).reshape(-1)
+        centres = continued(start.r, start.velocity, share)
         turns = theta + dt * share * (spinning - omega)
         guesses.append(Guess(increment, _six(start, centres, turns)))
     return tuple(guesses)
@@ -91,25 +91,25 @@ def free_rotation(inertia: Array, omega: Array, dt: float) -> Array:
         omega: Angular velocity ω at the start of the step, shape (3,) [rad/s].
         dt: Δt [s].
     """
-    theta, spin = dt * omega, inertia @ omega
+    theta, momentum = dt * omega, inertia @ omega
     for _ in range(TRIES):
         R = cayley(theta)
         now = R @ inertia @ (2 / dt * theta - omega)
         slope = 2 / dt * R @ inertia - skew(now) @ cayley_tangent(theta)
-        change = np.linalg.lstsq(slope, spin - now, rcond=1e-9)[0]
+        change = np.linalg.lstsq(slope, momentum - now, rcond=1e-9)[0]
         theta = theta + change
         if np.linalg.norm(change) <= ENOUGH * np.linalg.norm(theta):
             return np.asarray(theta)
     return dt * omega
 
 
-def _six(start: Motions, translations: Array, turns: Array) -> Array:
+def _six(start: Bodies, translations: Array, turns: Array) -> Array:
     """Δr and ℓθ of the bodies from Δr and θ, shape (bodies, 6) [m]."""
     return np.hstack([translations, start.of.length[:, None] * turns])
 
 
 def _mean_motion(
-    scene: Scene, start: Motions, mass: Array, x: Array, v: Array
+    scene: Scene, start: Bodies, mass: Array, x: Array, v: Array
 ) -> tuple[Array, Array, Array, Array]:
     """Centre, its velocity, ω and J of nodes and bodies together, by their momenta. Collective."""
     of, bodies = start.of, len(start) > 0

@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from rigidfx.base.errors import SceneError, StepError
-from rigidfx.coupling.dof_layout import dof_layout
+from rigidfx.coupling.dof_layout import DofLayout, dof_layout
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects import Preload, Rigid, Spring
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
+from rigidfx.step.actions import Actions
 from rigidfx.step.equations import Equilibrium
 from rigidfx.step.first_guess import Guess
-from rigidfx.step.loads import NodalLoads
-from rigidfx.step.springs_and_drag import Springs
+from rigidfx.step.structure import BoundStructure
 from rigidfx.step.supports import PrescribedDofs, excludes_rigid_motion
 
 __all__ = ["apply_preload"]
@@ -24,6 +24,12 @@ def apply_preload(
     scene: Scene, forces: InternalForces, state: State, prescribed: PrescribedDofs
 ) -> None:
     """Bring the state into the static equilibrium that the scene asks for, if it does. Collective.
+
+    Args:
+        scene: The problem.
+        forces: Internal forces.
+        state: The state at rest; its displacement is changed.
+        prescribed: Dofs held by supports at the start.
 
     Raises:
         SceneError: If the supports leave a rigid motion free, or bodies are rigid from the start.
@@ -37,28 +43,47 @@ def apply_preload(
                 "Preload: the supports that act at the start, and springs, leave a rigid motion "
                 "free, so there is no static equilibrium. Add supports or drop the preload."
             )
-        cells = forces.cells()
-        part = dof_layout(scene, cells, (), prescribed.mask)
-        loads = NodalLoads(scene, preload.loads, part.rows.nodes)
-        prolongation = Prolongation(part, scene.comm)
-        own = np.ones(part.rows.nodes.size, dtype=bool)
-        springs = [Springs(scene, s, part.rows, own, state, True) for s in scene.named(Spring)]
-        statics = Equilibrium(scene, forces, forces.bind_static(cells), None, prolongation, springs)
-        full, share = (part.rows.vector() for _ in range(2))
-        rest = Guess(np.zeros(part.rows.dofs.size), np.empty((0, 6)))
-        on_bodies = loads.evaluate(0.0, full)
+        layout = dof_layout(scene, forces.cells(), state.bodies.of, prescribed.mask)
+        actions = _actions(scene, forces, state, layout, preload)
+        statics = Equilibrium(
+            scene,
+            forces,
+            forces.bind_static(forces.cells()),
+            None,
+            Prolongation(layout, scene.comm),
+            actions,
+        )
+        actions.set_time(0.0, 1.0)
+        full = actions.external.copy()
+        rest = Guess(np.zeros(layout.rows.dofs.size), np.empty((0, 6)))
         for k in range(1, preload.increments + 1):
-            full.copy(share)
-            share.scale(k / preload.increments)
-            nothing = np.zeros(prolongation.prescribed.size)
-            none = part.ensemble.moving(())
-            solution = statics.solve(1.0, None, share, nothing, (rest,), none, on_bodies)
+            full.copy(actions.external)
+            actions.external.scale(k / preload.increments)
+            nothing = np.zeros(statics.prolongation.prescribed.size)
+            solution = statics.solve(1.0, None, nothing, (rest,), state.bodies)
             if not solution.converged:
                 raise StepError(
                     f"Preload: increment {k} of {preload.increments} did not converge "
                     f"({solution.reason}); the largest residual is at X = {solution.place} m. "
                     "Use more increments or smaller loads."
                 )
-            state.u.x.array[:] = forces.u1.x.array
-        for item in (statics, full, share):
+            state.place(forces.u1.x.array)
+        for item in (statics, actions, full):
             item.destroy()
+
+
+def _actions(
+    scene: Scene, forces: InternalForces, state: State, layout: DofLayout, preload: Preload
+) -> Actions:
+    """The loads of a preload, and the scene's springs. Collective."""
+    structure = BoundStructure(
+        scene=scene,
+        rows=layout.rows,
+        own=layout.massive[layout.rows.nodes],
+        bodies=state.bodies,
+        mass=None,
+        u=state.u.x.array,
+        surface=forces.surface,
+        static=True,
+    )
+    return Actions(structure, [*preload.loads, *scene.named(Spring)], preload.loads)

@@ -1,15 +1,15 @@
 """What rounding leaves: in the residual of a step, and in the strains that its solution gives.
 
-Both are judged by the stiffness of the undeformed scene. Not by that of the current state: near the
-collapse of a cell that one grows without bound, and any residual would pass for rounding.
+Both are judged by the stiffness of the undeformed scene, to which a viscous stress adds η/Δt. Not
+by that of the current state: near the collapse of a cell that one grows without bound, and any
+residual would pass for rounding.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 import numpy.typing as npt
+from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -17,9 +17,9 @@ from rigidfx.coupling.condensed_tangent import CondensedMatrix
 from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.flexible.internal_forces import InternalForces
-from rigidfx.mechanics.bodies import Motions
+from rigidfx.mechanics.bodies import Bodies
 from rigidfx.scene.scene import Scene
-from rigidfx.step.springs_and_drag import GroundForces
+from rigidfx.step.actions import Actions
 
 __all__ = ["Rounding"]
 
@@ -27,42 +27,48 @@ Array = npt.NDArray[np.float64]
 
 
 class Rounding:
-    """Rounding in the equations of one partition; `destroy` frees its work vector."""
+    """Rounding in the equations of one division; `destroy` frees its work vector."""
 
     def __init__(
         self,
         scene: Scene,
         forces: InternalForces,
+        undeformed: tuple[fem.Form, fem.Form],
         tangent: CondensedMatrix,
         mass: Mass | None,
         prolongation: Prolongation,
-        ground: Sequence[GroundForces] = (),
+        actions: Actions,
     ) -> None:
         """Find the stiffness without deformation. Collective.
 
         Args:
             scene: The problem.
             forces: Owner of the coefficients that the forms read.
-            tangent: Matrix of the form; overwritten.
+            undeformed: The tangent without deformation, over interior and interface cells.
+            tangent: Matrix of such a form; overwritten.
             mass: Mass operator, or None for statics.
             prolongation: Map between unknowns and dofs.
-            ground: Springs and drag of the nodes.
+            actions: What acts on nodes and bodies.
         """
-        self._forces, self._mass, self._ground = forces, mass, ground
+        self._forces, self._mass, self._actions = forces, mass, actions
+        self._rest = undeformed
         self._cell_size = scene.mean_cell_size
         self._comm, rows = prolongation.comm, prolongation.layout.rows
         self._dofs, self._momentum = rows.dofs[prolongation.free], rows.vector()
-        self._stiffness = _undeformed_diagonal(forces, tangent)  # per unknown of this rank [N/m]
-        # Of bodies the translations tell: those of rotations grow with (V/ℓ)², where a heavy centre
-        # makes ℓ small without bound.
-        self._stiffness[self._dofs.size :].reshape(-1, 6)[:, 3:] = 0.0
+        # Per unknown of this rank, as a step of infinite length has it, and what 1/Δt adds.
+        forces.set_rate(0.0)
+        self._elastic = self._stiffness = self._undeformed(tangent)  # [N/m]
+        self._viscous: Array | None = None  # [N s/m]
+        if forces.viscous:
+            forces.set_rate(1.0)
+            self._viscous = self._undeformed(tangent) - self._elastic
 
     def in_residual(
         self,
         dt: float,
         v0: PETSc.Vec | None,
         f_ext: PETSc.Vec,
-        start: Motions,
+        start: Bodies,
     ) -> float:
         """Size of what the residual at the present u₁ is the small difference of [N]. Collective.
 
@@ -70,8 +76,10 @@ class Rounding:
             dt: Δt [s]; of no meaning in statics.
             v0: Velocity of the active nodes at the start of the step [m/s]; None in statics.
             f_ext: External forces at the active nodes at the midpoint [N].
-            start: Motions of the bodies at the start of the step.
+            start: The bodies at the start of the step.
         """
+        if self._viscous is not None:
+            self._stiffness = self._elastic + self._viscous / dt
         u1 = np.abs(self._forces.u1.x.array[self._dofs])
         strained = self._forces.strain_noise * self._cell_size
         moved = np.full(self._stiffness.size, strained)
@@ -83,7 +91,7 @@ class Rounding:
             noise += 2 / dt * self._momentum.norm()
         if len(start):
             noise += 2 / dt * start.momentum_scale
-        return float(noise + sum(item.rounding for item in self._ground))
+        return float(noise + self._actions.rounding)
 
     def in_strain(self, residual: float) -> float:
         """Strain that a residual and rounding may leave in a cell. Collective.
@@ -100,22 +108,18 @@ class Rounding:
         eps = float(np.finfo(np.float64).eps)
         return float(moved / self._cell_size + eps * self._forces.strain_noise)
 
+    def _undeformed(self, tangent: CondensedMatrix) -> Array:
+        """Diagonal of the tangent without deformation, at the present rate. Collective."""
+        tangent.assemble(self._rest)
+        tangent.finish()
+        diagonal = tangent.matrix.getDiagonal()
+        out = diagonal.array_r.copy()
+        diagonal.destroy()
+        # Of bodies the translations tell: those of rotations grow with (V/ℓ)², where a heavy centre
+        # makes ℓ small without bound.
+        out[self._dofs.size :].reshape(-1, 6)[:, 3:] = 0.0
+        return np.asarray(out)
+
     def destroy(self) -> None:
         """Free the work vector. Collective."""
         self._momentum.destroy()
-
-
-def _undeformed_diagonal(forces: InternalForces, tangent: CondensedMatrix) -> Array:
-    """Diagonal of the tangent without deformation. Collective."""
-    functions = (forces.u0.x.array, forces.u1.x.array)
-    current = [array.copy() for array in functions]
-    for array in functions:
-        array[:] = 0.0
-    tangent.assemble()
-    tangent.finish()
-    for array, values in zip(functions, current, strict=True):
-        array[:] = values
-    diagonal = tangent.matrix.getDiagonal()
-    out = diagonal.array_r.copy()
-    diagonal.destroy()
-    return np.asarray(out)

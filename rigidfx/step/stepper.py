@@ -1,42 +1,30 @@
-"""One time step: state in, result out. A step that does not converge is cut and tried again."""
+"""One time step: state in, result out. A step that is objected to is cut and tried again."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx import effects as fx
-from rigidfx.base.errors import InversionError, StepError
-from rigidfx.decide.decision import Part
+from rigidfx.effects import Support, Windowed
+from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import InternalForces
-from rigidfx.flexible.inversion import Inversion
-from rigidfx.flexible.strain_rate import StrainRates
-from rigidfx.mechanics.rigid_body import RigidBody
-from rigidfx.report.events import BodyChange, Event
+from rigidfx.flexible.inversion import Inversion, InvertedCells
 from rigidfx.scene.scene import Scene
-from rigidfx.state import State, initial_velocity
+from rigidfx.state import State
+from rigidfx.step.division import Division
 from rigidfx.step.energies import Measures
 from rigidfx.step.equations import Solution
-from rigidfx.step.preload import apply_preload
+from rigidfx.step.judge import Attempt, Judge
 from rigidfx.step.supports import Impact, PrescribedDofs, impose_velocity, supports_of
 from rigidfx.step.system import System
-from rigidfx.switch.consistent_exchange import ConsistentExchange
-from rigidfx.switch.exchange import Exchange, LumpedExchange, Selection
-from rigidfx.switch.inventory import Parts, check_clamps, named_parts
 
-__all__ = ["Integrator", "StepResult"]
+__all__ = ["StepResult", "Stepper"]
 
 MAX_CUTS = 8  # a step is cut to at least 1/256 before it is given up
-REMEDY = (
-    ". There det F ≤ 0 at an integration point, or a stretch is above 10⁶. St.Venant-Kirchhoff "
-    "material does not resist strong compression: take NeoHooke there, smaller loads, larger "
-    "cells or NumericalDamping."
-)
 
 
 @dataclass(frozen=True)
@@ -52,8 +40,6 @@ class StepResult:
         dissipated: Energy taken by each kind of damping [J].
         reactions: Force each support exerts on the structure at the midpoint, shape (3,) [N].
         reaction_moments: Its moment about the origin, shape (3,) [N m].
-        impact: Velocity taken over from a support that began at the start of the step.
-        strain_rates: Flexible owned cells and their strain rates [1/s], if they are measured.
     """
 
     dt: float
@@ -64,95 +50,108 @@ class StepResult:
     dissipated: Mapping[str, float]
     reactions: Mapping[str, npt.NDArray[np.float64]]
     reaction_moments: Mapping[str, npt.NDArray[np.float64]]
-    impact: Impact | None
-    strain_rates: tuple[npt.NDArray[np.int32], npt.NDArray[np.float64]] | None
 
 
-class Integrator:
+class Stepper:
     """Advances a state in time; a context manager that frees its PETSc objects.
+
+    Before the first step it is bound to a division of the cells, and anew whenever that changes.
 
     Attributes:
         scene: The problem.
-        state: The state, changed by `step` only.
+        state: The state, changed by `advance`.
+        forces: Internal forces of the scene's cells.
+        indicator: What measures flexible cells in each step; None if nothing does.
+        prescribed: Dofs that supports hold, of the division it is bound to.
+        system: Everything that is bound to that division.
     """
 
     def __init__(
-        self, scene: Scene, dt: float, measure: Literal["rms", "printed"] | None = None
+        self,
+        scene: Scene,
+        state: State,
+        forces: InternalForces,
+        indicator: Indicator | None = None,
     ) -> None:
-        """Compile the forms, assemble mass and loads, set the initial state. Collective.
+        """Compile the look for inverted cells. Collective.
 
         Args:
             scene: The problem.
-            dt: Nominal Δt [s].
-            measure: How strain rates are measured, if at all.
-
-        Raises:
-            SceneError: If the initial velocity contradicts a support, or a preload is not held.
-            StepError: If the static preload does not converge.
+            state: The state to be advanced.
+            forces: Internal forces, whose u₀ is the state's displacement.
+            indicator: What measures flexible cells, if anything.
         """
-        self.scene, self.state = scene, State(scene)
-        velocity = initial_velocity(scene, dt)
-        self._resolution = 1e-9 * dt
-        check_clamps(scene, self._resolution)
+        self.scene, self.state, self.forces, self.indicator = scene, state, forces, indicator
+        self._inversion = Inversion(scene, forces)
+        self._judge = Judge(self._inversion)
         self._trial = np.inf  # length of the next attempt after a cut ...
-        self._whole = dt  # ... of a step of this length
-        self._forces = InternalForces(scene, self.state.u, self._resolution)
-        self._rates = StrainRates(scene, self._forces, measure) if measure else None
-        self._inversion = Inversion(scene, self._forces)
-        kind = LumpedExchange if scene.mass == "lumped" else ConsistentExchange
-        self._exchange: Exchange = kind(scene, self._forces)
-        self._acting = scene.acting(0.0, self._resolution)
-        self._pending = self._breakpoints_after(0.0)
-        apply_preload(scene, self._forces, self.state, PrescribedDofs(scene, self._supports))
-        self.state.v.x.array[:] = velocity.reshape(-1)
-        self._system = self._bind(named_parts(scene, self._forces, self.state, self._supports))
-        self._impact = self._begin(self._supports, dt, self.measure())
-        if scene.named(fx.Preload) and (turned := self._inversion.find()) is not None:
-            self.close()
-            raise InversionError(f"The static preload turns cells inside out: {turned}{REMEDY}")
+        self._whole = np.inf  # ... of a step of this length
+        self.system: System
+        self.prescribed: PrescribedDofs
+        self._bound = False
 
-    @property
-    def _supports(self) -> tuple[fx.Support, ...]:
-        return supports_of(self._acting)
+    # What it is bound to ------------------------------------------------------------------------
 
-    def _breakpoints_after(self, t: float) -> tuple[float, ...]:
-        """Breakpoints of the effects later than t [s], and infinity, sorted."""
-        later = (b for b in self.scene.breakpoints if b > t + self._resolution)
-        return (*later, np.inf)
+    def bind(self, division: Division, acting: Sequence[Windowed]) -> None:
+        """Take over a division of the cells and the effects that act from now on. Collective."""
+        if self._bound:
+            self.system.destroy()
+        self.state.group(division.bodies)
+        self.state.clamp(division.clamped)
+        self.prescribed = PrescribedDofs(self.scene, supports_of(acting), division.driven_nodes)
+        self._division = division
+        for observer in (self.indicator, self._inversion):
+            if observer is not None:
+                observer.bind(division.flexible)
+        self.system = System(
+            self.scene,
+            self.forces,
+            self.state,
+            acting,
+            division.flexible,
+            self.prescribed,
+            division.driven_cells,
+        )
+        self._bound = True
+
+    def follow(self, acting: Sequence[Windowed]) -> bool:
+        """Let dead loads begin and end; False if other effects do, for which it is bound anew."""
+        return self.system.follow(acting)
 
     @property
     def unknowns(self) -> int:
-        """Number of unknowns of the current layout."""
-        return self._system.equilibrium.prolongation.size
+        """Number of unknowns of the current division."""
+        return self.system.equilibrium.prolongation.size
 
     @property
     def flexible(self) -> npt.NDArray[np.bool_]:
         """For each owned cell, whether it is flexible."""
         mask = np.zeros(self.scene.mesh.topology.index_map(3).size_local, dtype=bool)
-        for cells in self._flexible.values():
+        for cells in self._division.flexible.values():
             mask[cells] = True
         return mask
 
     @property
     def supported_nodes(self) -> npt.NDArray[np.bool_]:
         """For each owned node, whether a support holds any of its components."""
-        return np.asarray(self._prescribed.mask.reshape(-1, 3).any(axis=1))
-
-    @property
-    def strain_rate(self) -> npt.NDArray[np.float64] | None:
-        """Strain rate of each owned cell in the last step [1/s], if it is measured."""
-        return self._rates.values if self._rates is not None else None
+        return np.asarray(self.prescribed.mask.reshape(-1, 3).any(axis=1))
 
     @property
     def strain_error(self) -> float:
-        """Strain that the end of Newton's iteration may leave in a cell."""
-        return self._system.equilibrium.strain_error
+        """Strain that the end of Newton's iteration may leave in a cell. Collective."""
+        return self.system.equilibrium.strain_error
 
     def measure(self) -> Measures:
         """Energies and momenta of the current state. Collective."""
-        return self._system.energies.measure(self.state)
+        return self.system.energies.measure(self.state)
 
-    def step(self, target: float) -> StepResult:
+    def inverted(self) -> InvertedCells | None:
+        """Cells that the last solution has turned inside out. Collective."""
+        return self._inversion.find()
+
+    # Steps --------------------------------------------------------------------------------------
+
+    def advance(self, target: float) -> StepResult:
         """Advance to the target time, or as far towards it as a cut step gets. Collective.
 
         Args:
@@ -164,179 +163,58 @@ class Integrator:
             InversionError: If it turns cells inside out after all cuts.
         """
         left = target - self.state.t
-        self._follow_effects(left)
-        cuts, solution, turned = 0, None, None
         if self._trial == np.inf:
             self._whole = left
-        dt = np.inf
-        while dt > self._whole / 2**MAX_CUTS * (1 + 1e-9):
+        cuts = 0
+        while True:
             dt = left if self._trial >= left * (1 - 1e-9) else self._trial
-            solution = self._system.solve(self.state, dt)
-            turned = self._inversion.find() if solution.converged else None
-            if solution.converged and turned is None:
+            attempt = Attempt(self.state.t, dt, self.system.solve(self.state, dt))
+            objection = self._judge.objection(attempt)
+            if objection is None:
                 self._trial = np.inf if dt == left and cuts == 0 else 2 * dt
-                return self._accept(dt, target if dt == left else self.state.t + dt, solution, cuts)
+                return self._accept(attempt, target if dt == left else self.state.t + dt, cuts)
+            if dt <= self._whole / 2**MAX_CUTS * (1 + 1e-9):
+                raise objection
             cuts += 1
             self._trial = dt / 2
-        assert solution is not None
-        if turned is not None:
-            raise InversionError(
-                f"The step from t = {self.state.t:.9g} s turns cells inside out, even with "
-                f"Δt = {dt:.3g} s: {turned}{REMEDY}"
-            )
-        x, y, z = solution.place if solution.place is not None else (np.nan,) * 3
-        raise StepError(
-            f"The step from t = {self.state.t:.9g} s did not converge, not even with "
-            f"Δt = {dt:.3g} s ({solution.reason}; residuals "
-            f"{', '.join(f'{r:.2e}' for r in solution.residuals[:6]) or 'not finite'} N). "
-            f"The largest residual is at the node X = ({x:.6g}, {y:.6g}, {z:.6g}) m. Try a "
-            "smaller Δt, look at loads and supports near that place, or add NumericalDamping."
-        )
 
-    def _accept(self, dt: float, t: float, solution: Solution, cuts: int) -> StepResult:
-        rates = None
-        if self._rates is not None:  # before u₀ becomes u₁
-            rates = self._rates.cells, self._rates.measure(dt)
-        work = self._system.accept(self.state, dt, t)
+    def _accept(self, attempt: Attempt, t: float, cuts: int) -> StepResult:
+        """Let the state, and all else that remembers, take an attempt over. Collective."""
+        if self.indicator is not None:  # before u₀ becomes u₁
+            self.indicator.measure(attempt.dt)
+        work = self.system.accept(self.state, attempt.dt, t)
         return StepResult(
-            dt=dt,
-            solution=solution,
+            dt=attempt.dt,
+            solution=attempt.solution,
             cuts=cuts,
             work_of_loads=work.loads,
             work_of_supports=work.supports,
             dissipated=work.dissipated,
             reactions=work.reactions,
             reaction_moments=work.reaction_moments,
-            impact=self.take_impact(),
-            strain_rates=rates,
         )
 
-    def take_impact(self) -> Impact | None:
-        """What the start of a support did since this was last asked."""
-        impact, self._impact = self._impact, None
-        return impact
-
-    # DofLayout ----------------------------------------------------------------------------------
-
-    def _bind(self, parts: Parts) -> System:
-        self.state.bodies, self.state.motions = parts.bodies, parts.motions
-        self.state.clamped = parts.clamped
-        prescribed = PrescribedDofs(self.scene, self._supports, parts.carried_nodes)
-        self._prescribed, self._flexible = prescribed, parts.flexible
-        if self._rates is not None:
-            self._rates.bind(parts.flexible)
-        self._inversion.bind(parts.flexible)
-        return System(
-            self.scene,
-            self._forces,
-            self.state,
-            self._acting,
-            parts.flexible,
-            prescribed,
-            parts.carried_cells,
-        )
-
-    def regroup(
-        self,
-        parts: Sequence[Part],
-        apart: Set[str],
-        kind: Literal["freeze", "release"],
-        reason: str,
-    ) -> Event | None:
-        """Release and freeze, so that the given parts are the bodies from now on. Collective.
+    def meet(self, supports: Sequence[Support], dt: float, before: Measures) -> Impact | None:
+        """Give nodes the velocity of supports that begin, or jump. Collective.
 
         Args:
-            parts: The bodies.
-            apart: Names of bodies that are to stay as they are, whether among the parts or not.
-            kind: What is reported.
-            reason: What is reported.
+            supports: These supports.
+            dt: Length of the next step [s], the scale of difference quotients.
+            before: Energies and momenta before the supports began.
 
         Returns:
-            What happened; None if nothing did.
+            The difference; None if no velocity changed.
         """
-        state, scene = self.state, self.scene
-        old = {body.number: body for body in state.bodies if body.name not in apart}
-        kept = {part.number for part in parts if part.kept}
-        if len(kept) == len(parts) == len(old):
-            return None
-        before, unknowns, prescribed = self.measure(), self.unknowns, self._prescribed.mask
-        self._exchange.release(state, old.keys() - kept, prescribed)
-        for part in parts:
-            if not part.kept:
-                cells, nodes = part.region.cells, part.region.nodes
-                what = Selection(cells, nodes, part.name, part.number, part.named)
-                self._exchange.freeze(state, what, prescribed)
-        found = [
-            (body, motion)
-            for body, motion in zip(state.bodies, state.motions, strict=True)
-            if body.name not in apart
-        ]
-        self._system.destroy()
-        self._system = self._bind(named_parts(scene, self._forces, state, self._supports, found))
-        new = {body.number: body for body, _ in found}
-        changes = _changes(old, new)
-        if not changes:  # what was to freeze could not be a body
-            return None
-        after = self.measure()
-        linear = after.linear_momentum - before.linear_momentum
-        angular = after.angular_momentum - before.angular_momentum
-        return Event(
-            t=state.t,
-            kind=kind,
-            reason=reason,
-            changes=changes,
-            unknowns_before=unknowns,
-            unknowns_after=self.unknowns,
-            energy_frozen=max(after.stored - before.stored, 0.0),
-            energy_released=max(before.stored - after.stored, 0.0),
-            energy_lost=before.energy - after.energy,
-            linear_momentum_error=float(np.linalg.norm(linear)),
-            angular_momentum_error=float(np.linalg.norm(angular)),
-        )
-
-    def _follow_effects(self, dt: float) -> None:
-        """Bind anew where an effect begins or ends; meet jumps of prescribed motion."""
-        t, before = self.state.t, self._acting
-        if t < self._pending[0] - self._resolution:
-            return
-        self._pending = self._breakpoints_after(t)
-        now = self.scene.acting(t, self._resolution)
-        known = {id(effect) for effect in before}
-        jumping = tuple(
-            s
-            for s in supports_of(now)
-            if id(s) not in known or any(abs(t - b) <= self._resolution for b in s.breakpoints)
-        )
-        # A body that a support takes over must count as the body here: interface nodes of the
-        # flexible side have velocities of their own.
-        measures = self.measure() if jumping else None
-        self._acting = now
-        if not self._system.follow(now):
-            self.state.rebuild()
-            self._system.destroy()
-            # A support may take named bodies over, and others do not outlast its start and end.
-            same = supports_of(now) == supports_of(before)
-            pairs = zip(self.state.bodies, self.state.motions, strict=True)
-            found = list(pairs) if same else []
-            parts = named_parts(self.scene, self._forces, self.state, self._supports, found)
-            self._system = self._bind(parts)
-        if measures is not None:
-            self._impact = self._begin(jumping, dt, measures) or self._impact
-
-    def _begin(
-        self, supports: tuple[fx.Support, ...], dt: float, before: Measures
-    ) -> Impact | None:
-        """Meet the velocity of supports that begin; the difference goes to the ledger."""
         if not supports:
             return None
-        velocities = self._prescribed.velocities(self.state.t, dt)
-        layout, mass = self._system.layout, self._system.mass
-        if not impose_velocity(self.scene, self.state, mass, layout, velocities):
+        velocities = self.prescribed.velocities(self.state.t, dt)
+        system = self.system
+        if not impose_velocity(self.scene, self.state, system.mass, system.layout, velocities):
             return None
         after = self.measure()
         return Impact(
             self.state.t,
-            tuple(s.where for s in supports),
+            tuple(support.where for support in supports),
             after.kinetic - before.kinetic,
             after.linear_momentum - before.linear_momentum,
             after.angular_momentum - before.angular_momentum,
@@ -346,10 +224,12 @@ class Integrator:
 
     def close(self) -> None:
         """Free all PETSc objects. Collective."""
-        self._system.destroy()
+        if self._bound:
+            self.system.destroy()
+            self._bound = False
 
-    def __enter__(self) -> Integrator:
-        """Nothing to do: all is made at construction."""
+    def __enter__(self) -> Stepper:
+        """Nothing to do: it is bound by a switch."""
         return self
 
     def __exit__(
@@ -360,23 +240,3 @@ class Integrator:
     ) -> None:
         """Free all PETSc objects."""
         self.close()
-
-
-def _changes(old: Mapping[int, RigidBody], new: Mapping[int, RigidBody]) -> tuple[BodyChange, ...]:
-    """How bodies before and after an event differ, by number."""
-    changes = []
-    for number in sorted(old.keys() | new.keys()):
-        before, after = old.get(number), new.get(number)
-        if before is after:
-            continue
-        changes.append(
-            BodyChange(
-                name=(after or before).name,  # type: ignore[union-attr]
-                number=number,
-                cells_before=before.size if before else 0,
-                cells_after=after.size if after else 0,
-                stored_before=before.frozen.energy if before else 0.0,
-                stored_after=after.frozen.energy if after else 0.0,
-            )
-        )
-    return tuple(changes)

@@ -2,10 +2,21 @@
 
 ‖R‖ ≤ 1e-12 ‖R_first‖ ends a step as a rule (-rigidfx_snes_rtol is another factor); of a motion
 that needs next to no force (rest, free flight of a stiff body) that is below what rounding in the
-strains leaves, whose size is estimated.
+strains leaves, whose size is estimated. There two things differ.
+
+The residual no longer tells what a linear solve has left. Rounding in the strains makes stresses,
+which move no body as a whole; what a loose solve leaves is no stress. A needle that rolls about its
+axis has next to no inertia against it: a solve to 3e-3 of a residual of rounding turned it by 1e-4
+rad, the next iterate was a thousand times worse, and a step took 18 iterations. Where such growth
+is seen, linear solves are to leave 1e-12 ‖R_first‖ of a residual of rounding from then on.
+
+And Newton no longer gets anywhere. A residual that falls slowly close to rounding is a stall; one
+that grows is a stall only if it is rounding itself.
 """
 
 from __future__ import annotations
+
+from itertools import pairwise
 
 import numpy as np
 from petsc4py import PETSc
@@ -15,17 +26,21 @@ __all__ = ["MAX_ITERATIONS", "RELATIVE_TOLERANCE", "StoppingTest", "judged", "re
 RELATIVE_TOLERANCE = 1e-12
 ROUNDING = 2.0  # safety on the estimated rounding level
 STALL = 0.2  # Newton has met rounding where it reduces the residual by less than this ...
-MARGIN = 100.0  # ... and the residual is within this factor of the estimate
+MARGIN = 100.0  # ... and the residual, if it has not grown, is within this factor of the estimate
+TIGHTEST = 1e-8  # linear solves are asked for no more, relative
 MAX_ITERATIONS = 25
 NOT_FINITE = -4  # DIVERGED_FNORM_NAN, or DIVERGED_FUNCTION_NANORINF, as its name is in PETSc 3.25
-DIVERGENCE = 1e6  # growth of the residual at which Newton gives up
+DIVERGENCE = 1e6  # growth of the residual at which Newton gives up ...
+# ... if it is also above all that it is the difference of: what moves a stiff part at its ease may
+# strain it by more than that in the first iterate.
 
 
 class StoppingTest:
-    """The stopping test of one solve.
+    """The stopping test of one solve: norms in, reasons out.
 
     Attributes:
         history: ‖R‖ [N] at each iterate so far.
+        rounding: Size of ‖R‖ below which rounding may be all of it [N].
         rtol: Reduction of ‖R‖ that ends a step.
         max_it: Iterations after which Newton gives up.
     """
@@ -33,16 +48,21 @@ class StoppingTest:
     def __init__(self, rtol: float = RELATIVE_TOLERANCE, max_it: int = MAX_ITERATIONS) -> None:
         """Begin with no iterate and no rounding."""
         self.history: list[float] = []
+        self.rounding = self._noise = 0.0
         self.rtol, self.max_it = rtol, max_it
-        self._rounding = 0.0
+        self._too_loose = False  # whether linear solves have moved what rounding does not
 
     def restart(self) -> None:
-        """Forget the iterates; the rounding level stays until it is estimated anew."""
+        """Forget the iterates, not how far linear systems have to be solved.
+
+        The rounding level stays until it is estimated anew.
+        """
         self.history = []
 
     def expect_rounding(self, noise: float) -> None:
         """Take over the size of what R is the small difference of [N]."""
-        self._rounding = ROUNDING * float(np.finfo(np.float64).eps) * noise
+        self._noise = noise
+        self.rounding = ROUNDING * float(np.finfo(np.float64).eps) * noise
 
     def __call__(self, iteration: int, norm: float) -> int:
         """SNES's reason to stop, or 0 to go on.
@@ -53,8 +73,9 @@ class StoppingTest:
         """
         Reason = PETSc.SNES.ConvergedReason
         self.history.append(norm)
+        self._too_loose |= self._thrown_far()
         first = self.history[0]
-        if not np.isfinite(norm) or norm > DIVERGENCE * first:
+        if not np.isfinite(norm) or norm > max(DIVERGENCE * first, self._noise):
             return int(Reason.DIVERGED_DTOL)
         if norm == 0.0:
             return int(Reason.CONVERGED_FNORM_ABS)
@@ -66,18 +87,42 @@ class StoppingTest:
             return int(Reason.DIVERGED_MAX_IT)
         return 0
 
+    def linear_tolerance(self, loosest: float) -> float:
+        """Relative residual that the next linear solve may leave.
+
+        Args:
+            loosest: What it may leave unless more has been found to be needed.
+        """
+        if not self._too_loose or self.rounding == 0.0:
+            return loosest
+        return min(loosest, max(self.rtol * self.history[0] / self.rounding, TIGHTEST))
+
     def _at_rounding(self) -> bool:
         """Whether all that is left of the residual is rounding.
 
         To be below the estimated level is not enough: in a stiff body that level is far above the
         forces that move it as a whole, and momenta would drift. Either Newton no longer gets
-        anywhere, or what its quadratic convergence must have left is negligible.
+        anywhere, now or when it was there before, or what its quadratic convergence must have left
+        is negligible.
         """
         *earlier, last, norm = self.history
-        if norm > STALL * last:
-            return norm <= MARGIN * self._rounding
+        stalled = norm > STALL * last
+        if norm > self.rounding:
+            return stalled and norm <= last and norm <= MARGIN * self.rounding
         truncation = last * (last / earlier[-1]) ** 2 if earlier else last
-        return norm <= self._rounding and truncation <= self.rtol * self.history[0]
+        return stalled or self._thrown_back() or truncation <= self.rtol * self.history[0]
+
+    def _thrown_back(self) -> bool:
+        """Whether Newton has been at rounding before, and its next iterate was no better."""
+        pairs = pairwise(self.history[1:-1])
+        return any(norm <= self.rounding and then > STALL * norm for norm, then in pairs)
+
+    def _thrown_far(self) -> bool:
+        """Whether the residual has just grown beyond rounding from close to it."""
+        if len(self.history) < 3:
+            return False
+        last, norm = self.history[-2:]
+        return last <= MARGIN * self.rounding and norm > max(self.rounding, last)
 
 
 def judged(reason: int) -> int:

@@ -2,13 +2,13 @@
 
 A support that begins on a moving node, or a prescribed motion that jumps in velocity, is an
 impact: the update of the velocity would otherwise ring for ever. The velocity is projected, in the
-metric of the mass, on what the support allows; the energy and the impulse of that go to the ledger.
+metric of the mass, on what the support allows; the energy and the impulse of that are reported.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -18,8 +18,7 @@ from rigidfx.base.errors import SceneError, together
 from rigidfx.coupling.dof_layout import DofLayout
 from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.prolongation import Prolongation
-from rigidfx.effects import PrescribedMotion, Spring, Support, Windowed
-from rigidfx.mechanics.rigid_body import mass_block
+from rigidfx.effects import Spring, Support, Windowed
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.linear_solver import conjugate_gradients
@@ -60,21 +59,21 @@ class PrescribedDofs:
         self,
         scene: Scene,
         active: tuple[Support, ...],
-        carried: Mapping[int, npt.NDArray[np.int32]] | None = None,
+        driven: Mapping[int, npt.NDArray[np.int32]] | None = None,
     ) -> None:
         """Find the dofs of the supports that act.
 
         Args:
             scene: The problem.
             active: Supports.
-            carried: Further owned nodes, of bodies that a support moves, by its number.
+            driven: Further owned nodes, of bodies that a support moves, by its number.
         """
         self._scene = scene
         self.active = active
         owner = np.full(3 * scene.owned_nodes, -1, dtype=np.int32)
         for k, support in reversed(list(enumerate(self.active))):
             owner[dofs_of(scene, support)] = k
-        for k, nodes in (carried or {}).items():
+        for k, nodes in (driven or {}).items():
             owner[(3 * nodes[:, None] + np.arange(3)).reshape(-1)] = k
         self.mask = owner >= 0
         self._owner = owner[self.mask]
@@ -119,7 +118,7 @@ class PrescribedDofs:
                 out.append(value)
             return out
 
-        if not any(isinstance(s, PrescribedMotion) for s in self.active):
+        if not any(s.moves for s in self.active):
             return self._spread([question(s) for s in self.active])
         return self._spread(together(self._scene.comm, "A support", answers))
 
@@ -183,23 +182,16 @@ def impose_velocity(
         mass.mult(dv, p)
         prolongation = Prolongation(layout, scene.comm)
         rhs, dy = prolongation.unknowns(), prolongation.unknowns()
-        prolongation.pose(state.motions)
+        prolongation.pose(state.bodies)
+        bodies = state.bodies
         prolongation.restrict(p, np.zeros((len(layout.bodies), 6)), rhs)
         rhs.scale(-1.0)
         if rhs.norm() > 0.0:
             _solve(prolongation, mass, state, rhs, dy)
             y = prolongation.bodies_part(dy)
             prolongation.apply(dy, y, dv.array_r[prescribed], dv)
-            state.motions = tuple(
-                replace(
-                    m,
-                    velocity=m.velocity + y[k, :3],
-                    angular_velocity_body=m.angular_velocity_body + m.R.T @ y[k, 3:] / body.length,
-                )
-                for k, (m, body) in enumerate(zip(state.motions, state.bodies, strict=True))
-            )
-        state.v.x.array[rows.dofs] += dv.array_r
-        state.v.x.scatter_forward()
+            bodies = bodies.with_six(bodies.six + y)
+        state.kick(rows.dofs, dv.array_r, bodies)
         rhs.destroy()
         dy.destroy()
     dv.destroy()
@@ -213,9 +205,7 @@ def _solve(
     """Solve (Lᵀ M L + bodies) Δy = rhs by conjugate gradients. Collective."""
     M = mass.matrix()
     reduced = prolongation.condense(M)
-    pairs = zip(state.bodies, state.motions, strict=True)
-    blocks = [mass_block(body, motion) for body, motion in pairs]
-    prolongation.add_blocks(reduced, np.reshape(blocks, (-1, 6, 6)))
+    prolongation.add_blocks(reduced, state.bodies.mass_blocks)
     conjugate_gradients(reduced, rhs, dy)
     reduced.destroy()
     M.destroy()

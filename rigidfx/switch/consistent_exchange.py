@@ -9,14 +9,14 @@ of the mass, on the fields P y that are rigid in the bodies:
 What is projected out has no momenta, for rigid motions of the whole are among the P y, and its
 energy is exactly the difference; both are kept by the new body. The flexible side of an interface,
 which has a velocity of its own between switches, gets that of the body. At a release the kept field
-is turned with the body, brought into the range of the P that is valid then, made orthogonal to the
+rotates with the body, brought into the range of the P that is valid then, made orthogonal to the
 range valid before, so that it adds no momenta, and scaled by the one number that restores the
 energy.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence, Set
+from collections.abc import Set
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,12 +28,14 @@ from rigidfx.coupling.dof_layout import nodes_of, rigid_fields
 from rigidfx.coupling.mass import ConsistentMass
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.coupling.rows import Rows
+from rigidfx.decide.decision import PlannedBody
 from rigidfx.flexible.internal_forces import InternalForces
-from rigidfx.mechanics.rigid_body import BodyMotion, Frozen, RigidBody, mass_block
+from rigidfx.mechanics.bodies import Bodies
+from rigidfx.mechanics.rigid_body import Frozen
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.linear_solver import conjugate_gradients
-from rigidfx.switch.exchange import Selection, freeze, take_out
+from rigidfx.switch.exchange import freeze
 
 __all__ = ["ConsistentExchange"]
 
@@ -67,22 +69,22 @@ class RigidFields:
     Bodies whose mass is given, and is not that of their cells, count by their own 6×6 matrix.
     """
 
-    def __init__(self, scene: Scene, state: State, prescribed: Bools, mass: PETSc.Mat) -> None:
+    def __init__(self, scene: Scene, bodies: Bodies, prescribed: Bools, mass: PETSc.Mat) -> None:
         """Make P and the reduced mass matrix. Collective.
 
         Args:
             scene: The problem.
-            state: Its bodies are the rigid ones, in their present pose.
+            bodies: The rigid bodies, in their present pose.
             prescribed: For each owned dof, whether a support prescribes it.
             mass: M of all cells but those in bodies whose mass is given.
         """
-        self._mass, self._bodies, self._motions = mass, state.bodies, state.motions
-        self._prolongation = Prolongation(rigid_fields(scene, state.bodies, prescribed), scene.comm)
+        self._mass = mass
+        self._prolongation = Prolongation(rigid_fields(scene, bodies.of, prescribed), scene.comm)
         self._prescribed = np.flatnonzero(prescribed)
         self._y, self._r = self._prolongation.unknowns(), self._prolongation.unknowns()
-        self._prolongation.pose(state.motions)
+        self._prolongation.pose(bodies)
         self._reduced = self._prolongation.condense(mass)
-        self._blocks = _blocks(state.bodies, state.motions)
+        self._blocks = _given_blocks(bodies)
         self._prolongation.add_blocks(self._reduced, self._blocks)
         self._full = mass.createVecRight()
         self._image = mass.createVecLeft()
@@ -149,18 +151,21 @@ class ConsistentExchange:
         if not numbers:
             return
         present = self._present(state)
-        before = RigidFields(self._scene, state, prescribed, present.mass)
+        before = RigidFields(self._scene, state.bodies, prescribed, present.mass)
         of_given = before.given_momenta(present.bodies)
-        staying = [k for k, body in enumerate(state.bodies) if body.number not in numbers]
-        gone = take_out(state, numbers)
-        after = RigidFields(self._scene, state, prescribed, present.mass)
+        staying = [
+            k for k, body in enumerate(state.bodies.of.records) if body.number not in numbers
+        ]
+        gone = state.take_out(numbers)
+        after = RigidFields(self._scene, state.bodies, prescribed, present.mass)
         merged = after.project(present.momenta, of_given[staying], present.nodal[prescribed])
-        # What was kept, turned with its bodies, and the difference of the two velocities that the
+        # The kept field, rotated with its bodies, and the difference of the two velocities that the
         # interface has had, as a field that is possible now and adds no momenta.
         kept = np.zeros((self._scene.owned_nodes, 3))
-        for body, motion in gone:
-            kept[body.nodes] += present.difference[body.nodes]
-            kept[body.frozen.nodes] += body.frozen.velocities @ motion.R.T
+        for body in gone:
+            kept[body.data.nodes] += present.difference[body.data.nodes]
+            frozen = body.data.frozen
+            kept[frozen.nodes] += frozen.velocities @ body.motion.R.T
         at_rest = np.zeros(int(np.count_nonzero(prescribed)))
         none = np.zeros((len(staying), 6))
         possible = after.project(after.momenta(kept.reshape(-1)), none, at_rest)
@@ -168,28 +173,28 @@ class ConsistentExchange:
         own[staying] = after.given_momenta(possible.bodies)
         rigid = before.project(before.momenta(possible.nodal), own, at_rest)
         mode = possible.plus(-1.0, Field(rigid.nodal, rigid.bodies[staying]))
-        wanted = present.energy + sum(body.frozen.vibration for body, _ in gone)
+        wanted = present.energy + sum(body.data.frozen.vibration for body in gone)
         missing = wanted - 0.5 * after.product(merged, merged)
         if abs(missing) > ROUNDING * abs(wanted):
             scale = _scale(after.product(mode, mode), after.product(merged, mode), missing)
         else:
             scale = 1.0
-        self._take(state, merged.plus(scale, mode))
+        _take(state, merged.plus(scale, mode))
         for item in (before, after, present):
             item.destroy()
 
-    def freeze(self, state: State, what: Selection, prescribed: Bools) -> bool:
+    def freeze(self, state: State, what: PlannedBody, prescribed: Bools) -> bool:
         """See `rigidfx.switch.exchange.Exchange`."""
         present = self._present(state)
-        body, motion, singular = freeze(self._scene, self._forces, state, what)
-        if not singular:
-            of_given = _momenta(state.bodies, state.motions)
-            state.bodies, state.motions = (*state.bodies, body), (*state.motions, motion)
-            fields = RigidFields(self._scene, state, prescribed, present.mass)
+        body = freeze(self._scene, self._forces, state, what)
+        if body is not None:
+            of_given = np.einsum("kij,kj->ki", _given_blocks(state.bodies), state.bodies.six)
+            others = list(state.bodies)
+            state.group(Bodies.of_each([*others, body]))
+            fields = RigidFields(self._scene, state.bodies, prescribed, present.mass)
             new = fields.project(
                 present.momenta, np.vstack([of_given, np.zeros(6)]), present.nodal[prescribed]
             )
-            self._take(state, new)
             lost: Array = np.reshape(present.nodal - new.nodal, (-1, 3))
             size: Array = np.sqrt((lost**2).sum(axis=1))
             most = self._scene.comm.allreduce(float(size.max(initial=0.0)), op=MPI.MAX)
@@ -197,24 +202,22 @@ class ConsistentExchange:
             energy = present.energy - 0.5 * fields.product(new, new)
             # Beside a support that moves, what is taken out is not orthogonal to its motion: the
             # energy may be less than zero, and is kept as it is.
-            frozen = Frozen(nodes, lost[nodes], body.frozen.strain, energy)
-            state.bodies = (*state.bodies[:-1], replace(body, frozen=frozen))
+            frozen = Frozen(nodes, lost[nodes], body.data.frozen.strain, energy)
+            body = replace(body, data=replace(body.data, frozen=frozen))
+            state.group(Bodies.of_each([*others, body]))
+            _take(state, new)
             fields.destroy()
         present.destroy()
-        return not singular
+        return body is not None
 
     def _present(self, state: State) -> Present:
         return Present(self._scene, self._forces, state)
 
-    def _take(self, state: State, field: Field) -> None:
-        """Make a field the state's velocity. Collective."""
-        state.v.x.array[: field.nodal.size] = field.nodal
-        state.v.x.scatter_forward()
-        velocities, spins = field.bodies[:, :3], field.bodies[:, 3:]
-        state.motions = tuple(
-            replace(m, velocity=velocities[k], angular_velocity_body=m.R.T @ spins[k] / body.length)
-            for k, (body, m) in enumerate(zip(state.bodies, state.motions, strict=True))
-        )
+
+def _take(state: State, field: Field) -> None:
+    """Make a field the state's velocity. Collective."""
+    state.move(field.nodal)
+    state.group(state.bodies.with_six(field.bodies))
 
 
 class Present:
@@ -232,16 +235,16 @@ class Present:
 
     def __init__(self, scene: Scene, forces: InternalForces, state: State) -> None:
         """Assemble masses, and add up momenta and energy. Collective."""
-        none = np.empty(0, np.int32)
+        none, records = np.empty(0, np.int32), state.bodies.of.records
         every = np.arange(scene.mesh.topology.index_map(3).size_local, dtype=np.int32)
-        given = np.concatenate([none, *(b.cells for b in state.bodies if b.given)])
-        inside = np.concatenate([none, *(b.cells for b in state.bodies)])
+        given = np.concatenate([none, *(b.cells for b in records if b.given)])
+        inside = np.concatenate([none, *(b.cells for b in records)])
         counted = np.setdiff1d(every, given)
         rows = Rows(scene.space, np.arange(scene.owned_nodes, dtype=np.int32))
         # A point mass moves with the body that holds its node.
         points = scene.point_masses[: scene.owned_nodes]
         counting, outside_bodies = points.copy(), points.copy()
-        for body in state.bodies:
+        for body in records:
             outside_bodies[body.nodes] = 0.0
             if body.given:
                 counting[body.nodes] = 0.0
@@ -253,17 +256,11 @@ class Present:
         n = 3 * scene.owned_nodes
         outside = state.v.x.array[:n].copy()
         self.nodal = outside.copy()
-        for body, motion in zip(state.bodies, state.motions, strict=True):
-            self.nodal.reshape(-1, 3)[body.nodes] = motion.velocities(body.offsets)
+        for moving in state.bodies:
+            self.nodal.reshape(-1, 3)[moving.data.nodes] = moving.velocities
         touched = nodes_of(scene, {0: np.setdiff1d(every, inside)})[: scene.owned_nodes]
         self.difference = np.where(touched[:, None], (outside - self.nodal).reshape(-1, 3), 0.0)
-        self.bodies = np.reshape(
-            [
-                np.r_[m.velocity, b.length * m.angular_velocity]
-                for b, m in zip(state.bodies, state.motions, strict=True)
-            ],
-            (-1, 6),
-        )
+        self.bodies = state.bodies.six
         v, p = self.mass.createVecRight(), self.mass.createVecLeft()
         parts = []
         for mass, field in ((flexible, outside), (self._all, self.nodal), (flexible, self.nodal)):
@@ -272,7 +269,7 @@ class Present:
             parts.append(p.array_r.copy())
         self.momenta = parts[0] + parts[1] - parts[2]
         energy = float(outside @ parts[0] + self.nodal @ (parts[1] - parts[2]))
-        blocks = _blocks(state.bodies, state.motions)
+        blocks = _given_blocks(state.bodies)
         own = np.einsum("ki,kij,kj->", self.bodies, blocks, self.bodies)
         self.energy = 0.5 * float(scene.sum(energy) + own)
         for item in (v, p, flexible):
@@ -284,22 +281,10 @@ class Present:
         self._all.destroy()
 
 
-def _blocks(bodies: Sequence[RigidBody], motions: Sequence[BodyMotion]) -> Array:
+def _given_blocks(bodies: Bodies) -> Array:
     """Mass matrix of each body whose mass is given, zero for the others, shape (bodies, 6, 6)."""
-    blocks = np.zeros((len(bodies), 6, 6))
-    for block, body, motion in zip(blocks, bodies, motions, strict=True):
-        if body.given:
-            block[:] = mass_block(body, motion)
-    return blocks
-
-
-def _momenta(bodies: Sequence[RigidBody], motions: Sequence[BodyMotion]) -> Array:
-    """Momenta of each body whose mass is given, zero for the others, shape (bodies, 6)."""
-    velocities = [
-        np.r_[m.velocity, b.length * m.angular_velocity]
-        for b, m in zip(bodies, motions, strict=True)
-    ]
-    return np.einsum("kij,kj->ki", _blocks(bodies, motions), np.reshape(velocities, (-1, 6)))
+    given = np.array([body.given for body in bodies.of.records], dtype=bool)
+    return bodies.mass_blocks * given[:, None, None]
 
 
 def _scale(square: float, mixed: float, missing: float) -> float:

@@ -12,45 +12,27 @@ change of a body (growth, merging, loss of some cells) is a release of all bodie
 new freeze in the same instant; handing ΔV to some of the nodes only would break all three balances.
 
 This holds for a lumped mass; with a consistent one velocities inside a body and outside are coupled
-by the mass, see `projection`.
+by the mass, see `consistent_exchange`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Set
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
+from rigidfx.decide.decision import PlannedBody
 from rigidfx.flexible.internal_forces import InternalForces
-from rigidfx.mechanics.rigid_body import BodyMotion, Frozen, RigidBody
+from rigidfx.mechanics.bodies import Bodies
+from rigidfx.mechanics.rigid_body import Body, BodyMotion, Frozen, RigidBody
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.switch.mass_properties import mass_properties
 
-__all__ = ["Exchange", "LumpedExchange", "Selection", "freeze", "take_out"]
-
-
-@dataclass(frozen=True)
-class Selection:
-    """What is to become a body.
-
-    Attributes:
-        cells: Owned cells, sorted.
-        nodes: All owned nodes of these cells, sorted.
-        name: Name of the body.
-        number: Its number.
-        named: Sets of cells in it that are rigid always.
-    """
-
-    cells: npt.NDArray[np.int32]
-    nodes: npt.NDArray[np.int32]
-    name: str
-    number: int
-    named: tuple[str, ...]
+__all__ = ["Exchange", "LumpedExchange", "freeze"]
 
 
 class Exchange(Protocol):
@@ -66,7 +48,7 @@ class Exchange(Protocol):
         """
         ...
 
-    def freeze(self, state: State, what: Selection, prescribed: npt.NDArray[np.bool_]) -> bool:
+    def freeze(self, state: State, what: PlannedBody, prescribed: npt.NDArray[np.bool_]) -> bool:
         """Make a body of cells; False if their inertia is singular. Collective.
 
         Args:
@@ -77,9 +59,7 @@ class Exchange(Protocol):
         ...
 
 
-def freeze(
-    scene: Scene, forces: InternalForces, state: State, what: Selection
-) -> tuple[RigidBody, BodyMotion, bool]:
+def freeze(scene: Scene, forces: InternalForces, state: State, what: PlannedBody) -> Body | None:
     """A rigid body of cells in their present shape, with the momenta of its own mass. Collective.
 
     Args:
@@ -89,13 +69,15 @@ def freeze(
         what: Cells and nodes.
 
     Returns:
-        The body, its motion, and whether its inertia is singular, so that it cannot be a body.
+        The body; None if its inertia is singular, so that it cannot be one.
     """
     n = scene.owned_nodes
     u, v = (f.x.array[: 3 * n].reshape(-1, 3) for f in (state.u, state.v))
     x = state.X[:n] + u
     cells = forces.cells(what.cells)
     p = mass_properties(scene, cells, what.nodes, x, v)
+    if p.singular:
+        return None
     motion = BodyMotion(p.centre.copy(), np.eye(3), p.velocity, p.angular_velocity)
     offsets = x[what.nodes] - p.centre
     strain = float(fem.assemble_scalar(forces.bind_energy(cells)))
@@ -120,29 +102,7 @@ def freeze(
             max(p.kinetic - rigid, 0.0),
         ),
     )
-    return body, motion, p.singular
-
-
-def take_out(state: State, numbers: Set[int]) -> list[tuple[RigidBody, BodyMotion]]:
-    """Take bodies out of the state; their nodes get their displacement. Collective.
-
-    Args:
-        state: Loses these bodies.
-        numbers: Numbers of bodies.
-
-    Returns:
-        The bodies and their motions.
-    """
-    pairs = list(zip(state.bodies, state.motions, strict=True))
-    kept = [pair for pair in pairs if pair[0].number not in numbers]
-    gone = [pair for pair in pairs if pair[0].number in numbers]
-    state.bodies = tuple(body for body, _ in kept)
-    state.motions = tuple(motion for _, motion in kept)
-    u = state.u.x.array.reshape(-1, 3)
-    for body, motion in gone:
-        u[body.nodes] = motion.positions(body.offsets) - state.X[body.nodes]
-    state.u.x.scatter_forward()
-    return gone
+    return Body(body, motion)
 
 
 class LumpedExchange:
@@ -159,16 +119,19 @@ class LumpedExchange:
 
     def release(self, state: State, numbers: Set[int], prescribed: npt.NDArray[np.bool_]) -> None:
         """See `Exchange`."""
-        v = state.v.x.array.reshape(-1, 3)
-        for body, motion in take_out(state, numbers):
-            v[body.nodes] = motion.velocities(body.offsets)
-            v[body.frozen.nodes] += body.frozen.velocities @ motion.R.T
-        state.v.x.scatter_forward()
+        gone = state.take_out(numbers)
+        velocity = state.v.x.array.copy()
+        v = velocity.reshape(-1, 3)
+        for body in gone:
+            frozen = body.data.frozen
+            v[body.data.nodes] = body.velocities
+            v[frozen.nodes] += frozen.velocities @ body.motion.R.T
+        state.move(velocity)
 
-    def freeze(self, state: State, what: Selection, prescribed: npt.NDArray[np.bool_]) -> bool:
+    def freeze(self, state: State, what: PlannedBody, prescribed: npt.NDArray[np.bool_]) -> bool:
         """See `Exchange`."""
-        body, motion, singular = freeze(self._scene, self._forces, state, what)
-        if not singular:
-            state.bodies = (*state.bodies, body)
-            state.motions = (*state.motions, motion)
-        return not singular
+        body = freeze(self._scene, self._forces, state, what)
+        if body is None:
+            return False
+        state.group(Bodies.of_each([*state.bodies, body]))
+        return True

@@ -1,66 +1,51 @@
-"""Which cells are flexible, which form bodies and which go with a support."""
+"""The inventory of bodies: those that a scene names, and those found beside them.
+
+It says which cells are flexible, which form bodies and which go with a support.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError, agree
+from rigidfx.decide.decision import PlannedBody
 from rigidfx.effects import Resultant, Rigid, Support
-from rigidfx.flexible.internal_forces import Cells, InternalForces
-from rigidfx.mechanics.rigid_body import NOTHING, BodyMotion, RigidBody
+from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.mechanics.bodies import Bodies
+from rigidfx.mechanics.rigid_body import NOTHING, Body
 from rigidfx.scene.scene import Scene
+from rigidfx.scene.timeline import Timeline
 from rigidfx.state import State
+from rigidfx.step.division import Division
 from rigidfx.step.supports import dofs_of, supports_of
-from rigidfx.switch.exchange import Selection, freeze
+from rigidfx.switch.exchange import freeze
 
-__all__ = ["Parts", "check_clamps", "named_parts"]
+__all__ = ["check_clamps", "divide"]
 
 Nodes = npt.NDArray[np.int32]
 
 
-@dataclass(frozen=True)
-class Parts:
-    """A division of the cells, with the bodies and their motions.
-
-    Attributes:
-        flexible: Flexible owned cells by subdomain id.
-        bodies: Rigid bodies that move freely.
-        motions: Their motions.
-        carried_cells: Owned cells that move with a support, by subdomain id; None if there are
-            none.
-        carried_nodes: Owned nodes that move with a support, by the support's number.
-        clamped: Owned cells of each named part that moves with a support, by the part's number.
-    """
-
-    flexible: Cells
-    bodies: tuple[RigidBody, ...]
-    motions: tuple[BodyMotion, ...]
-    carried_cells: Cells | None
-    carried_nodes: Mapping[int, Nodes]
-    clamped: Mapping[int, Nodes]
-
-
-def check_clamps(scene: Scene, resolution: float) -> None:
+def check_clamps(scene: Scene, timeline: Timeline) -> None:
     """Look ahead: will supports hold named bodies in a way that is refused? Collective.
 
     Args:
         scene: The problem.
-        resolution: Times closer than this are the same [s].
+        timeline: Tells which times are the same.
 
     Raises:
         SceneError: If a support, at any time, holds a body other than by clamping it whole, or
             clamps one whose mass is given, or that a resultant acts on then.
     """
-    held = [*scene.named(Support), *scene.named(Resultant)]
-    times = sorted({0.0, *(t for e in held for t in e.ends if t > 0)})
+    windowed = [*scene.named(Support), *scene.named(Resultant)]
+    times = sorted({0.0, *(t for e in windowed for t in e.ends if t > 0)})
     for effect in scene.named(Rigid) if scene.named(Support) else ():
         _, nodes = _cells_and_nodes(scene, effect)
         for t in times:
-            acting = scene.acting(t, resolution)
+            acting = scene.acting(timeline.after(t))
             clamp = _clamp(scene, supports_of(acting), effect.name, nodes)
             if clamp is not None and effect.given:
                 raise SceneError(
@@ -77,104 +62,94 @@ def check_clamps(scene: Scene, resolution: float) -> None:
                 )
 
 
-def named_parts(
+def divide(
     scene: Scene,
     forces: InternalForces,
     state: State,
     active: tuple[Support, ...],
-    found: Sequence[tuple[RigidBody, BodyMotion]] = (),
-) -> Parts:
-    """The parts that the scene names, and bodies found beside them. Collective.
+    found: Sequence[Body] = (),
+) -> Division:
+    """Divide the cells into flexible ones, bodies, and those that supports move. Collective.
 
     Args:
         scene: The problem.
         forces: Internal forces, which know the cells of each material.
         state: Current state; named bodies that are in it already keep data and motion.
         active: Supports that act now.
-        found: Further bodies with their motions. Those that hold named sets stand for these.
+        found: Further bodies. Those that hold named sets stand for these.
 
     Raises:
         SceneError: If two bodies share a node, or a support holds a body other than by clamping
             it whole.
     """
-    owned = scene.mesh.topology.index_map(3).size_local
-    rigid: list[npt.NDArray[np.int32]] = [body.cells for body, _ in found]
-    bodies: list[RigidBody] = []
-    motions: list[BodyMotion] = []
-    inside_found = {name for body, _ in found for name in body.named}
-    carried: dict[int, Nodes] = {}
+    bodies: list[Body] = []
+    rigid: list[Nodes] = [body.data.cells for body in found]
+    inside_found = {name for body in found for name in body.data.named}
+    driven: dict[int, Nodes] = {}
     clamped: dict[int, Nodes] = {}
-    taken = np.zeros(scene.owned_nodes, dtype=np.int32)
-    known = {b.name: (b, m) for b, m in zip(state.bodies, state.motions, strict=True)}
+    taken = np.zeros(scene.owned_nodes, dtype=bool)
+    known = {body.data.name: body for body in state.bodies}
     for number, effect in enumerate(scene.named(Rigid), start=1):
         cells, nodes = _cells_and_nodes(scene, effect)
         name = effect.name
-        clash = "Two bodies" if taken[nodes].any() else None
-        agree(
-            scene.comm,
-            clash
-            and f"Rigid '{name}' shares nodes with another body, which would be a hinge. Merge the "
-            "two sets, or leave a layer of flexible cells between them.",
-        )
-        taken[nodes] = 1
+        _check_hinge(scene, name, bool(taken[nodes].any()))
+        taken[nodes] = True
         rigid.append(cells)
         support = _clamp(scene, active, name, nodes)
         if support is not None:
             clamped[number] = cells
-            carried[support] = np.union1d(carried.get(support, nodes), nodes).astype(np.int32)
-        elif name in inside_found:
-            continue
-        elif name in known:
-            bodies.append(known[name][0])
-            motions.append(known[name][1])
-        else:
-            body, motion = _freeze_named(scene, forces, state, effect, cells, nodes, number)
-            bodies.append(body)
-            motions.append(motion)
-    for body, motion in found:
-        bodies.append(body)
-        motions.append(motion)
+            driven[support] = np.union1d(driven.get(support, nodes), nodes).astype(np.int32)
+        elif name in known and name not in inside_found:
+            bodies.append(known[name])
+        elif name not in inside_found:
+            what = PlannedBody(cells, nodes, name, number, (name,))
+            bodies.append(_freeze_named(scene, forces, state, effect, what))
+    bodies += found
     if not rigid:
-        return Parts(forces.cells(), (), (), None, {}, {})
-    every = np.arange(owned, dtype=np.int32)
+        return Division(forces.cells(), Bodies.of_each(()), None, {}, {})
+    every = scene.owned_cells(None, "")
     flexible = np.setdiff1d(every, np.concatenate(rigid))
-    with_bodies = np.concatenate([np.empty(0, np.int32), *(b.cells for b in bodies)])
+    with_bodies = np.concatenate([np.empty(0, np.int32), *(body.data.cells for body in bodies)])
     moved = np.setdiff1d(np.setdiff1d(every, flexible), with_bodies)
     some = scene.sum(moved.size) > 0
-    return Parts(
+    return Division(
         forces.cells(flexible),
-        tuple(bodies),
-        tuple(motions),
+        Bodies.of_each(bodies),
         forces.cells(moved) if some else None,
-        carried,
+        driven,
         clamped,
     )
 
 
+def _check_hinge(scene: Scene, name: str, shared: bool) -> None:
+    """Refuse a body that shares nodes with another one. Collective."""
+    agree(
+        scene.comm,
+        f"Rigid '{name}' shares nodes with another body, which would be a hinge. Merge the "
+        "two sets, or leave a layer of flexible cells between them."
+        if shared
+        else None,
+    )
+
+
 def _freeze_named(
-    scene: Scene,
-    forces: InternalForces,
-    state: State,
-    effect: Rigid,
-    cells: Nodes,
-    nodes: Nodes,
-    number: int,
-) -> tuple[RigidBody, BodyMotion]:
+    scene: Scene, forces: InternalForces, state: State, effect: Rigid, what: PlannedBody
+) -> Body:
     """The body of an effect, with the mass and inertia that it may give. Collective."""
-    name = effect.name
-    selection = Selection(cells, nodes, name, number, (name,))
-    body, motion, singular = freeze(scene, forces, state, selection)
-    if singular:
+    body = freeze(scene, forces, state, what)
+    if body is None:
         raise SceneError(
-            f"Rigid body '{name}' has no nodes, or they lie on a line, so that it cannot be a body "
-            f"of its own: its inertia is\n{body.inertia} kg m². Give it more cells."
+            f"Rigid body '{what.name}' has no nodes, or they lie on a line, so that it cannot be a "
+            "body of its own. Give it more cells."
         )
-    if effect.given:
-        mass = body.mass if effect.mass is None else effect.mass
-        J = body.inertia if effect.inertia is None else np.asarray(effect.inertia, float)
-        inertia = 0.5 * (J + J.T)  # momenta are kept as far as it is symmetric
-        body = replace(body, mass=float(mass), inertia=inertia, given=True, frozen=NOTHING)
-    return body, motion
+    if not effect.given:
+        return body
+    own = body.data
+    mass = own.mass if effect.mass is None else float(effect.mass)
+    J = own.inertia if effect.inertia is None else np.asarray(effect.inertia, float)
+    inertia = 0.5 * (J + J.T)  # momenta are kept as far as it is symmetric
+    given = replace(own, mass=mass, inertia=inertia, given=True, frozen=NOTHING)
+    return Body(given, body.motion)
 
 
 def _cells_and_nodes(scene: Scene, effect: Rigid) -> tuple[npt.NDArray[np.int32], Nodes]:

@@ -86,13 +86,13 @@ def mass_properties(
 
 
 def _project(
-    scene: Scene, operator: Mass, rows: Rows, arms: Array, v: Array
+    scene: Scene, operator: Mass, rows: Rows, coordinates: Array, v: Array
 ) -> tuple[Array, Array, float]:
     """Pᵀ M P, shape (6, 6), Pᵀ M v, shape (6,), about the reference point, ½ v·M v. Collective."""
     mode, image = rows.vector(), rows.vector()
-    P = np.zeros((6, *arms.shape))
+    P = np.zeros((6, *coordinates.shape))
     P[:3] = np.eye(3)[:, None, :]
-    P[3:] = np.cross(np.eye(3)[:, None, :], arms)
+    P[3:] = np.cross(np.eye(3)[:, None, :], coordinates)
     columns = []
     for motion in (*P, v):
         mode.array[:] = motion.reshape(-1)

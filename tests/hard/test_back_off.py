@@ -15,6 +15,13 @@ WINDOW = 1.0  # s
 YES, NO = np.array([True]), np.array([False])
 
 
+def waited(rule, able, length):
+    """Cells that have waited long enough at the end of a window, which the rule takes note of."""
+    lasting = rule.lasting(able)
+    rule.window_ended(able, length)
+    return lasting
+
+
 def freezes(growth, windows, life):
     """Times of freezes of a cell that always qualifies and is released after so long."""
     rule, t, begin, times, until = BackOff(1, growth), 0.0, 0.0, [], np.inf
@@ -26,7 +33,7 @@ def freezes(growth, windows, life):
             rule.switched(rigid, t, counts=True)
             rule.restart()
         elif t >= begin + WINDOW and not rigid[0]:
-            lasting = rule.lasting(YES, t - begin)
+            lasting = waited(rule, YES, t - begin)
             begin = t
             if lasting[0]:
                 rigid, until = YES, t + life
@@ -52,12 +59,12 @@ def test_cell_that_stays_rigid_for_long_never_waits():
 def test_long_life_is_rewarded():
     rule = BackOff(1, 3.0)
     for t in (1.0, 2.0, 3.0):
-        rule.lasting(YES, WINDOW)
+        waited(rule, YES, WINDOW)
         rule.switched(YES, t, counts=True)
         rule.switched(NO, t + 0.1, counts=True)
     assert rule.needed() == [9.0]
     for _ in range(9):
-        able = rule.lasting(YES, WINDOW)
+        able = waited(rule, YES, WINDOW)
     assert able[0]
     rule.switched(YES, 20.0, counts=True)
     rule.switched(NO, 40.0, counts=True)
@@ -67,7 +74,7 @@ def test_long_life_is_rewarded():
 def test_planned_releases_do_not_count():
     rule = BackOff(1, 2.0)
     for t in range(5):
-        rule.lasting(YES, WINDOW)
+        waited(rule, YES, WINDOW)
         rule.switched(YES, t, counts=True)
         assert not rule.switched(NO, t + 0.1, counts=False)
     assert rule.needed() == [1.0]
@@ -76,7 +83,7 @@ def test_planned_releases_do_not_count():
 def test_window_that_fails_begins_the_count_anew():
     rule = BackOff(1, 2.0)
     rule.hasty[:] = 3  # four windows
-    answers = [rule.lasting(able, WINDOW)[0] for able in [YES, YES, NO, YES, YES, YES, YES]]
+    answers = [waited(rule, able, WINDOW)[0] for able in [YES, YES, NO, YES, YES, YES, YES]]
     assert answers == [False] * 6 + [True]
 
 
@@ -85,8 +92,8 @@ def test_cells_do_not_disturb_each_other(story):
     """Two cells together do what each does alone."""
     both, alone = BackOff(2, 2.0), [BackOff(1, 2.0) for _ in range(2)]
     for t, rigid in enumerate(np.array(story, dtype=bool).reshape(-1, 2)):
-        together = both.lasting(~rigid, WINDOW)
-        apart = [rule.lasting(~rigid[[k]], WINDOW)[0] for k, rule in enumerate(alone)]
+        together = waited(both, ~rigid, WINDOW)
+        apart = [waited(rule, ~rigid[[k]], WINDOW)[0] for k, rule in enumerate(alone)]
         assert together.tolist() == apart
         both.switched(rigid, float(t), counts=True)
         for k, rule in enumerate(alone):

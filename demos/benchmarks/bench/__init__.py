@@ -1,0 +1,19 @@
+"""What all benchmarks share: a bar, runs that take their steps in turn, a start and an end.
+
+Importing it makes `common`, rigidfx and the meshes of this checkout importable.
+"""
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+from common import Parser, conclude, write
+
+from .bar import DT, MATERIAL, PUSH, bar, cells_of_bar
+from .turns import Turns, timed
+
+__all__ = [
+    "DT", "MATERIAL", "PUSH", "Parser", "Turns", "bar", "cells_of_bar", "conclude", "timed",
+    "write",
+]  # fmt: skip

@@ -1,0 +1,31 @@
+"""Numbers of the command line."""
+
+from __future__ import annotations
+
+from argparse import ArgumentTypeError
+from math import isfinite, nan
+
+
+def number(text: str) -> float:
+    """A finite number."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = nan
+    if not isfinite(value):
+        raise ArgumentTypeError(f"'{text}' is no finite number")
+    return value
+
+
+def positive(text: str) -> float:
+    """A number above zero."""
+    if number(text) <= 0:
+        raise ArgumentTypeError(f"must be > 0, got {text}")
+    return number(text)
+
+
+def nonnegative(text: str) -> float:
+    """A number that is not below zero."""
+    if number(text) < 0:
+        raise ArgumentTypeError(f"must be ≥ 0, got {text}")
+    return number(text)

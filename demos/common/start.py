@@ -1,0 +1,59 @@
+"""How a demo starts: its options, its folder, and what it says, on rank 0 alone."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any, NoReturn
+
+from mpi4py import MPI
+
+ROOT = Path(__file__).resolve().parents[2]
+comm = MPI.COMM_WORLD
+
+
+def say(text: str) -> None:
+    """Print on rank 0."""
+    if comm.rank == 0:
+        print(text, flush=True)
+
+
+class Parser(argparse.ArgumentParser):
+    """Options of a demo; all ranks read them, rank 0 says what is wrong with them.
+
+    Two are there always: --short, and --out with out/NAME OF THE SCRIPT for its default.
+    """
+
+    def __init__(self, script: str, description: str, short: str, **others: Any) -> None:
+        """Make a parser.
+
+        Args:
+            script: The demo's `__file__`.
+            description: A line about it.
+            short: What is shorter under --short.
+            others: As of `argparse.ArgumentParser`.
+        """
+        super().__init__(description=description, **others)
+        self.add_argument("--short", action="store_true", help=short)
+        folder = ROOT / "out" / Path(script).stem
+        self.add_argument("--out", type=Path, default=folder, help="folder")
+
+    def read(self, **short: Any) -> argparse.Namespace:
+        """The options as given; by name, the defaults of those that --short changes."""
+        options = self.parse_args()
+        if options.short:
+            self.set_defaults(**short)
+            options = self.parse_args()
+        return options
+
+    def defaults(self, options: argparse.Namespace, *names: str) -> bool:
+        """Whether options have their defaults (of the short run, where it is one)."""
+        return all(getattr(options, name) == self.get_default(name) for name in names)
+
+    def error(self, message: str) -> NoReturn:
+        """Stop with a message and status 2."""
+        self.exit(2, f"{self.prog}: {message}\n")
+
+    def _print_message(self, message: str, file: Any = None) -> None:
+        if comm.rank == 0:
+            super()._print_message(message, file)

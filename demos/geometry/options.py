@@ -1,0 +1,139 @@
+"""Options of `custom_geometry.py`; without a file those of its example, a bracket."""
+
+from __future__ import annotations
+
+from argparse import ArgumentTypeError, Namespace
+from pathlib import Path
+
+import numpy as np
+from common import ROOT, Parser, nonnegative, number, positive
+
+GEO = (".geo", ".geo_unrolled")
+CAD = (".step", ".stp", ".brep", ".iges", ".igs")
+BRACKET = ROOT / "meshes" / "bracket.geo"
+
+
+def ask(script: str) -> tuple[Parser, Namespace]:
+    """The options as given, checked as far as the file need not be read.
+
+    To those of the command line are added: `example`, whether no file is given; `kind`, the file's
+    ending; `surfaces` and `parameters`, what --name and --set say; `load` has forces as arrays [N].
+    """
+    parser = Parser(
+        script,
+        "Simulate a geometry of your own; parts that hardly strain become rigid.",
+        "a coarse bracket for a short time",
+        epilog="Names are physical names of gmsh, labels of CAD parts, or those given by --name. "
+        "All is in SI units.",
+    )
+    _of_geometry(parser)
+    _of_problem(parser)
+    _of_run(parser)
+    options = parser.read(order=1)
+    options.example = options.file is None
+    if options.example:
+        _complete(options)
+    options.kind = options.file.suffix.lower()
+    options.surfaces = _pairs(parser, options, "name", CAD)
+    options.parameters = _pairs(parser, options, "set", GEO)
+    if options.size and options.kind not in CAD + GEO:
+        parser.error(f"--size is for what is meshed here, not for '{options.file.name}'")
+    options.load = [(name, _force(parser, name, texts)) for name, *texts in options.load]
+    return parser, options
+
+
+def _of_geometry(parser: Parser) -> None:
+    group = parser.add_argument_group("geometry")
+    group.add_argument("file", nargs="?", type=Path, help=".msh, .geo, .step, .iges or .brep")
+    group.add_argument("--list", action="store_true", help="show what is in the file, and stop")
+    group.add_argument("--size", type=positive, help="largest edge of a cell [m] (.geo and CAD)")
+    group.add_argument(
+        "--scale", type=positive, default=1.0, help="metres per unit of the file (1)"
+    )
+    group.add_argument(
+        "--set",
+        metavar="NAME=VALUE",
+        action="append",
+        default=[],
+        help="parameter of a .geo script",
+    )
+    group.add_argument(
+        "--name", metavar="NAME=3,4", action="append", default=[], help="surfaces of CAD, by number"
+    )
+    group.add_argument(
+        "--order", type=int, choices=[1, 2], default=2, help="of the displacement (2)"
+    )
+
+
+def _of_problem(parser: Parser) -> None:
+    group = parser.add_argument_group("problem")
+    group.add_argument("--E", type=positive, default=2.1e11, help="Young's modulus [Pa] (2.1e11)")
+    group.add_argument("--nu", type=number, default=0.3, help="Poisson's ratio (0.3)")
+    group.add_argument("--rho", type=positive, default=7850.0, help="density [kg/m³] (7850)")
+    group.add_argument("--hold", metavar="NAME[:xyz]", nargs="+", default=[], help="what is held")
+    group.add_argument(
+        "--load",
+        metavar=("NAME", "FX", "FY", "FZ"),
+        nargs=4,
+        action="append",
+        default=[],
+        help="a total force [N], spread evenly over the area of the facets NAME",
+    )
+    group.add_argument("--until", type=positive, help="when the loads end [s] (a tenth of the run)")
+    group.add_argument("--gravity", metavar="G", type=number, nargs=3, help="acceleration [m/s²]")
+    group.add_argument(
+        "--damping", type=nonnegative, default=0.05, help="numerical damping ξ (0.05)"
+    )
+
+
+def _of_run(parser: Parser) -> None:
+    group = parser.add_argument_group("run")
+    group.add_argument("--dt", type=positive, help="time step [s] (a 400th of the run)")
+    group.add_argument("--t-end", type=positive, help="end of the run [s]")
+    group.add_argument("--tol", type=nonnegative, help="rigid below this rate [1/s] (found)")
+    group.add_argument(
+        "--window", type=_length, default="auto", help="length of observation [s], or auto (auto)"
+    )
+    group.add_argument("--compare", action="store_true", help="run all flexible as well")
+
+
+def _length(text: str) -> float | str:
+    """A window of observation."""
+    return text if text == "auto" else positive(text)
+
+
+def _complete(options: Namespace) -> None:
+    """What is not given is the example's: a block on a thin arm at a wall, pushed down."""
+    options.file = BRACKET
+    options.size = options.size or (0.02 if options.short else 0.012)
+    options.hold = options.hold or ["wall"]
+    options.load = options.load or [["end", "0", "0", "-300"]]
+    options.until = options.until or 0.004
+    options.t_end = options.t_end or (0.044 if options.short else 0.2)
+    options.dt = options.dt or (8e-4 if options.short else 5e-4)
+
+
+def _pairs(
+    parser: Parser, options: Namespace, option: str, suits: tuple[str, ...]
+) -> dict[str, str]:
+    """What an option says as NAME=VALUE, as a dict."""
+    texts = getattr(options, option)
+    if texts and options.kind not in suits:
+        parser.error(f"--{option} is for {', '.join(suits)} only, not for '{options.file.name}'")
+    found: dict[str, str] = {}
+    for text in texts:
+        name, _, value = text.partition("=")
+        if not (name and value):
+            parser.error(f"--{option}: '{text}' should be NAME=VALUE")
+        if name in found:
+            parser.error(f"--{option}: the name '{name}' is given twice")
+        found[name] = value
+    return found
+
+
+def _force(parser: Parser, name: str, texts: list[str]) -> np.ndarray:
+    """A total force [N]."""
+    try:
+        return np.array([number(text) for text in texts])
+    except ArgumentTypeError as error:
+        parser.error(f"--load {name}: {error}")

@@ -1,0 +1,58 @@
+"""The domain of a file, and what there is in it."""
+
+from __future__ import annotations
+
+import sys
+from argparse import Namespace
+
+import numpy as np
+from common import Parser, comm, say
+
+import rigidfx as rf
+
+from .options import CAD, GEO
+
+
+def read(parser: Parser, options: Namespace) -> rf.Domain:
+    """The domain of the file; its names are printed, and the demo stops if nothing else is asked.
+
+    Collective.
+    """
+    if options.list and options.kind in CAD:
+        say(str(rf.list_cad(options.file, scale=options.scale)))
+        sys.exit(0)
+    domain = _domain(options)
+    cells = domain.mesh.topology.index_map(3).size_global
+    x = np.concatenate(comm.allgather(domain.mesh.geometry.x))
+    size = np.round(np.ptp(x, axis=0), 6)
+    say(f"{options.file}: {cells} cells, {size} m; names: {domain.names}")
+    nothing = not (options.hold or options.load or options.gravity)
+    if nothing:
+        say("Say what is held and loaded: --hold NAME --load NAME FX FY FZ. See also --help.")
+    if options.list or nothing:
+        sys.exit(0)
+    if options.t_end is None:
+        parser.error("--t-end is missing: how long is the run [s]?")
+    return domain
+
+
+def _domain(options: Namespace) -> rf.Domain:
+    path, size, scale = options.file, options.size, options.scale
+    if options.kind in CAD:
+        surfaces = {
+            name: [int(n) if n.isdecimal() else n for n in numbers.split(",")]
+            for name, numbers in options.surfaces.items()
+        }
+        return rf.read_cad(path, surfaces=surfaces, size=size, scale=scale)
+    if options.kind in GEO:
+        parameters = {name: _value(text) for name, text in options.parameters.items()}
+        return rf.read_geo(path, parameters, size=size, scale=scale)
+    return rf.read_msh(path, scale=scale)
+
+
+def _value(text: str) -> float | str:
+    """A number if it is one."""
+    try:
+        return float(text)
+    except ValueError:
+        return text

@@ -1,0 +1,64 @@
+"""The run as a policy sees it; it changes none of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.flexible.indicator import Indicator
+from rigidfx.mechanics.rigid_body import RigidBody
+from rigidfx.state import State
+from rigidfx.step.stepper import Stepper
+
+__all__ = ["Observation"]
+
+
+@dataclass(frozen=True)
+class Observation:
+    """The run around a step.
+
+    Attributes:
+        stepper: What makes the steps.
+        dt: Length of the step [s].
+    """
+
+    stepper: Stepper
+    dt: float
+
+    @property
+    def t(self) -> float:
+        """Time [s]."""
+        return self.stepper.state.t
+
+    @property
+    def state(self) -> State:
+        """The state."""
+        return self.stepper.state
+
+    @property
+    def bodies(self) -> tuple[RigidBody, ...]:
+        """Data of the rigid bodies."""
+        return self.stepper.state.bodies.of.records
+
+    @property
+    def flexible(self) -> npt.NDArray[np.bool_]:
+        """For each owned cell, whether it is flexible."""
+        return self.stepper.flexible
+
+    @property
+    def supported(self) -> npt.NDArray[np.bool_]:
+        """For each owned node, whether a support holds any of its components."""
+        return self.stepper.supported_nodes
+
+    @property
+    def indicator(self) -> Indicator:
+        """The measure of cells in the last step."""
+        assert self.stepper.indicator is not None  # a run that decides measures
+        return self.stepper.indicator
+
+    @property
+    def noise(self) -> float:
+        """Strain rate that the end of Newton's iteration may leave in a cell [1/s]. Collective."""
+        return self.stepper.strain_error / self.dt

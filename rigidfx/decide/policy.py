@@ -1,0 +1,301 @@
+"""The controlled run (Fig. 2): observe a window, freeze what qualifies, release at changes.
+
+    steps of a window → qualify → find_clusters → plan_bodies → Decision
+
+A change of a load or of a support releases all bodies, and a new window begins. Changes of Δt, of
+numerical damping or of the output release nothing. A policy decides and changes nothing but its own
+memory, and that only when told what has come of a step or of a decision.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from rigidfx.base.errors import RigidfxWarning
+from rigidfx.decide.back_off import BackOff
+from rigidfx.decide.clusters import NONE, CellGraph, find_clusters
+from rigidfx.decide.criterion import StrainRate
+from rigidfx.decide.decision import Decision, plan_bodies, qualify
+from rigidfx.decide.load_changes import LoadChanges
+from rigidfx.decide.observation import Observation
+from rigidfx.decide.releases import PLANNED, Releases
+from rigidfx.decide.signals import Signals
+from rigidfx.decide.window import Window
+from rigidfx.effects import Resultant, Rigid
+from rigidfx.report.report import Report
+from rigidfx.scene.scene import Scene
+from rigidfx.scene.timeline import Timeline
+
+__all__ = ["Memory", "Policy"]
+
+Array = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
+Ints = npt.NDArray[np.int64]
+
+MARGIN = 1.25  # an automatic window in longest periods
+FEWEST = 8  # steps of an automatic window
+
+
+@dataclass
+class Memory:
+    """All that a policy remembers.
+
+    Attributes:
+        window: The window of observation.
+        signals: The motion and the loads since the last change.
+        back_off: How long cells have to wait.
+        loads: The loads of the present bodies, and the largest so far.
+        next_number: First number that no body has had.
+        warned: What has been warned of.
+    """
+
+    window: Window
+    signals: Signals
+    back_off: BackOff
+    loads: LoadChanges
+    next_number: int
+    warned: set[str]
+
+
+class Policy:
+    """Decides, step by step, what becomes rigid or flexible.
+
+    Attributes:
+        memory: What it remembers.
+    """
+
+    def __init__(self, scene: Scene, criterion: StrainRate, timeline: Timeline) -> None:
+        """Find the cells that the criterion names. Collective.
+
+        Args:
+            scene: The problem.
+            criterion: What the user states.
+            timeline: Where steps end; planned releases are added to it.
+
+        Raises:
+            SceneError: If a name is unknown, or the mesh was distributed without ghost cells.
+        """
+        self._scene, self._criterion, self._timeline = scene, criterion, timeline
+        timeline.stop_at(criterion.breakpoints)
+        self._graph = CellGraph(scene)
+        special = np.full(self._graph.owned, np.inf)
+        for name, tol in criterion.tolerances.items():
+            cells = scene.owned_cells(name, "StrainRate (tolerances)")
+            special[cells] = np.minimum(special[cells], tol)
+        self._tol = np.where(np.isfinite(special), special, criterion.tol)
+        self._never = np.zeros(self._graph.owned, dtype=bool)
+        for name in criterion.never:
+            self._never[scene.owned_cells(name, "StrainRate (never)")] = True
+        self._releases = Releases(scene, criterion.releases, timeline)
+        loaded = {r.body for r in scene.named(Resultant)}
+        rigid = scene.named(Rigid)
+        self._apart = frozenset(r.name for r in rigid if r.given or r.name in loaded)
+        self._always = {
+            r.name: scene.owned_cells(r.where, "Rigid") for r in rigid if r.name not in self._apart
+        }
+        self.memory = Memory(
+            window=self._new_window(0.0),
+            signals=Signals(scene),
+            back_off=BackOff(self._graph.owned, criterion.patience),
+            loads=LoadChanges(scene, criterion.load_change, timeline),
+            next_number=len(rigid) + 1,
+            warned=set(),
+        )
+
+    def _new_window(self, t: float) -> Window:
+        """A new window from t [s] on, or from when observation begins."""
+        return Window(self._graph.owned, max(t, float(self._criterion.since)))
+
+    # Decisions ----------------------------------------------------------------------------------
+
+    def ahead(self, seen: Observation, middle: float) -> Decision | None:
+        """Decide on a release before a step; None if there is none. Collective.
+
+        Args:
+            seen: The state before it.
+            middle: Time at its midpoint [s].
+        """
+        if all(body.name in self._apart for body in seen.bodies):
+            return None
+        changed = self.memory.loads.ahead(middle)
+        if not changed:
+            return None
+        decision = self._release(seen, f"{changed} changes", self._all)
+        return replace(decision, loads_changed=True, loads_at=middle)
+
+    def after(self, seen: Observation, report: Report) -> Decision | None:
+        """Decide on a release or a freeze after a step; None if there is none. Collective.
+
+        Args:
+            seen: The state after it.
+            report: What a user's condition is given.
+        """
+        t = seen.t
+        reasons, cells = self._releases.asked(t, report, seen.bodies)
+        if self.memory.loads.declared(t):
+            decision = self._release(seen, "a load or a support changes", self._all)
+            return replace(decision, loads_changed=True)
+        if cells is not None:
+            return self._release(seen, ", ".join(reasons), cells)
+        return self._freeze(seen) if self._window_ends(seen) else None
+
+    @property
+    def _all(self) -> Bools:
+        return np.ones(self._graph.owned, dtype=bool)
+
+    def _window_ends(self, seen: Observation) -> bool:
+        """Whether the window has its length. Collective."""
+        t, criterion, memory = seen.t, self._criterion, self.memory
+        length, resolution = t - memory.window.start, self._timeline.resolution
+        if t <= criterion.since + resolution or t >= criterion.until - resolution:
+            return False
+        if criterion.window == "auto":
+            if memory.window.steps < FEWEST:
+                return False
+            return bool(length + resolution >= MARGIN * memory.signals.period())
+        return length + resolution >= criterion.window
+
+    def _freeze(self, seen: Observation) -> Decision:
+        """Freeze what has qualified in the window. Collective."""
+        memory, t = self.memory, seen.t
+        self._check_window(seen)
+        qualified, closeness = qualify(
+            memory.window.worst, self._tol, seen.flexible, self._graph.comm
+        )
+        able = memory.back_off.lasting(qualified)
+        existing = self._numbers(seen)
+        barred = self._never | (~seen.flexible & (existing == NONE)) | self._chained(seen)
+        reason = f"strain rates in a window that ended at {t:.6g} s"
+        decision = self._plan("freeze", reason, seen, able, existing, barred)
+        return replace(decision, qualified=qualified, closeness=closeness, loads_at=t)
+
+    def _release(self, seen: Observation, reason: str, cells: Bools) -> Decision:
+        """Release owned cells from their bodies; what is left of these stays rigid. Collective."""
+        numbers = self._numbers(seen)
+        always = np.zeros_like(cells)
+        for own in self._always.values():
+            always[own] = True
+        leaving = cells & (numbers != NONE) & ~always
+        mine = np.unique(numbers[leaving]).tolist()
+        concerned = sorted({k for part in self._graph.comm.allgather(mine) for k in part})
+        inside = np.isin(numbers, concerned)
+        # What is left of a body is a new find, but for cells that are rigid always.
+        able = inside & ~leaving
+        existing = np.where(inside, NONE, numbers)
+        first = max((body.number for body in seen.bodies), default=0) + 1
+        for k, own in enumerate(self._always.values()):
+            existing[own[inside[own]]] = first + k
+        barred = ~able & (existing == NONE)
+        return self._plan("release", reason, seen, able, existing, barred)
+
+    def _plan(
+        self,
+        kind: Literal["freeze", "release"],
+        reason: str,
+        seen: Observation,
+        able: Bools,
+        existing: Ints,
+        barred: Bools,
+    ) -> Decision:
+        """Find the bodies. Collective."""
+        clusters = find_clusters(self._graph, able, existing, barred, self._criterion.min_cells)
+        sizes = {body.number: body.size for body in seen.bodies}
+        bodies, next_number = plan_bodies(
+            clusters,
+            self._numbers(seen),
+            sizes,
+            self._always,
+            self.memory.next_number,
+            self._graph.comm,
+        )
+        return Decision(kind, reason, bodies, self._apart, next_number)
+
+    def _numbers(self, seen: Observation) -> Ints:
+        """For each owned cell the number of the body it is in and may leave or grow, or NONE."""
+        numbers = np.full(self._graph.owned, NONE, dtype=np.int64)
+        for body in seen.bodies:
+            if body.name not in self._apart:
+                numbers[body.cells] = body.number
+        return numbers
+
+    def _chained(self, seen: Observation) -> Bools:
+        """Owned cells at nodes that supports hold, or that bodies apart hold. Collective."""
+        nodes = seen.supported.copy()
+        for body in seen.bodies:
+            if body.name in self._apart:
+                nodes[body.nodes] = True
+        return self._graph.touching(self._graph.nodes_with_ghosts(nodes))
+
+    # Memory -------------------------------------------------------------------------------------
+
+    def observe(self, seen: Observation) -> None:
+        """Take notice of a step that was accepted. Collective."""
+        memory, t = self.memory, seen.t
+        if t > self._criterion.since + self._timeline.resolution:
+            indicator = seen.indicator
+            memory.window.add(indicator.cells, indicator.values[indicator.cells])
+            memory.signals.add(seen.state, memory.loads.observe(t))
+
+    def applied(self, decision: Decision, seen: Observation, changed: bool) -> None:
+        """Take notice of what has come of a decision. Collective.
+
+        Args:
+            decision: The decision.
+            seen: The state after it.
+            changed: Whether any body changed.
+        """
+        memory, t = self.memory, seen.t
+        memory.next_number = decision.next_number
+        if decision.qualified is not None:
+            memory.back_off.window_ended(decision.qualified, t - memory.window.start)
+        if changed:
+            rigid = self._numbers(seen) != NONE
+            hasty = memory.back_off.switched(rigid, t, counts=decision.reason != PLANNED)
+            if self._graph.comm.allreduce(hasty, op=MPI.LOR):
+                self._warn(
+                    "bodies are released again and again, sooner than they were observed: their "
+                    "cells have to qualify for longer and longer now (patience). Take a longer "
+                    "window, a larger load_change, or look at the conditions of Release."
+                )
+        freezes = decision.kind == "freeze"
+        if decision.loads_at is not None and (changed or not freezes):
+            memory.loads.remember(decision.loads_at)
+        if decision.loads_at is not None and not changed and not freezes:
+            return  # only bodies that are rigid always: a load that goes on changing ends nothing
+        if decision.loads_changed:
+            memory.signals.restart()
+        if not freezes:
+            memory.back_off.restart()
+        memory.window = self._new_window(t)
+
+    def _check_window(self, seen: Observation) -> None:
+        """Warn of a window shorter than a period, and of a tolerance below noise. Collective."""
+        window, period = self._criterion.window, self.memory.signals.period()
+        if not isinstance(window, str) and window < period:
+            self._warn(
+                f"the window of observation, {window:.3g} s, is shorter than the longest "
+                f"period seen, {period:.3g} s: cells may qualify at the turn of a vibration. Take "
+                f"window ≥ {period:.3g}, or 'auto'."
+            )
+        positive = self._tol[self._tol > 0].min(initial=np.inf)
+        least = self._graph.comm.allreduce(positive, op=MPI.MIN)
+        noise = seen.noise
+        if least < noise:
+            self._warn(
+                f"the tolerance {least:.3g} 1/s is below what the end of Newton's "
+                f"iteration may leave in the strain rates, {noise:.3g} 1/s: decisions are at "
+                "random. Take a larger tolerance or a larger Δt."
+            )
+
+    def _warn(self, message: str) -> None:
+        """Warn once of each thing, on rank 0."""
+        kind = message.split(",")[0]
+        if kind not in self.memory.warned and self._scene.comm.rank == 0:
+            warnings.warn(f"StrainRate: {message}", RigidfxWarning, stacklevel=2)
+        self.memory.warned.add(kind)

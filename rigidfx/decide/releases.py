@@ -1,0 +1,117 @@
+"""Releases that a user asks for: at given times, on a condition, of a set of cells."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.base.errors import SceneError, together
+from rigidfx.decide.criterion import Release
+from rigidfx.mechanics.rigid_body import RigidBody
+from rigidfx.report.report import Report
+from rigidfx.scene.scene import Scene
+from rigidfx.scene.timeline import Timeline
+
+__all__ = ["PLANNED", "Releases"]
+
+Bools = npt.NDArray[np.bool_]
+
+PLANNED = "planned"  # reason of a release at a given time
+
+
+class Releases:
+    """The releases that a criterion records."""
+
+    def __init__(self, scene: Scene, releases: Sequence[Release], timeline: Timeline) -> None:
+        """Look the sets of cells up. Collective.
+
+        Args:
+            scene: The problem.
+            releases: The records.
+            timeline: Where steps end.
+
+        Raises:
+            SceneError: If the name of a set is unknown.
+        """
+        self._comm, self._timeline = scene.comm, timeline
+        owned = scene.owned_cells(None, "Release").size
+        self._pairs: list[tuple[Release, Bools]] = []
+        for release in releases:
+            cells = np.zeros(owned, dtype=bool)
+            cells[scene.owned_cells(release.where, "Release")] = True
+            self._pairs.append((release, cells))
+
+    def asked(
+        self, t: float, report: Report, bodies: Sequence[RigidBody]
+    ) -> tuple[list[str], Bools | None]:
+        """Why cells are released at t [s], and which owned ones; None if none are. Collective.
+
+        Args:
+            t: Time [s].
+            report: What a user's condition is given.
+            bodies: The bodies at t.
+
+        Raises:
+            SceneError: If a condition fails, or names a body that there is not.
+        """
+        reasons: list[str] = []
+        released: Bools | None = None
+        for release, cells in self._pairs:
+            asked = cells
+            if any(self._timeline.same(t, planned) for planned in release.times):
+                reason = PLANNED
+            elif release.when is None:
+                continue
+            else:
+                answer = self._answer(release, report)
+                if not answer:
+                    continue
+                reason = "condition"
+                if answer is not True:
+                    asked = cells & _cells_of(answer, bodies, cells.size)
+            reasons += [reason] if reason not in reasons else []
+            released = asked if released is None else released | asked
+        return reasons, released
+
+    def _answer(self, release: Release, report: Report) -> bool | list[str]:
+        """The answer of a user's condition, on rank 0. Collective."""
+        own = together(self._comm, "Release: its condition", lambda: _answer(release.when, report))
+        answer: bool | list[str] = self._comm.bcast(own)
+        return answer
+
+
+def _cells_of(names: Iterable[str], bodies: Sequence[RigidBody], count: int) -> Bools:
+    """Owned cells of named bodies.
+
+    Raises:
+        SceneError: If there is no such body.
+    """
+    known = {body.name: body for body in bodies}
+    cells = np.zeros(count, dtype=bool)
+    for name in names:
+        if name not in known:
+            raise SceneError(
+                f"Release: its condition names the body '{name}'; there are "
+                f"{sorted(known) or 'none'}."
+            )
+        cells[known[name].cells] = True
+    return cells
+
+
+def _answer(condition: Any, report: Report) -> bool | list[str]:
+    """The answer of a user's condition: True, False or names of bodies."""
+    answer = condition(report)
+    if isinstance(answer, (bool, np.bool_)):
+        return bool(answer)
+    if isinstance(answer, str):
+        return [answer]
+    if isinstance(answer, Iterable):
+        names = list(answer)
+        if all(isinstance(name, str) for name in names):
+            return names
+    raise SceneError(
+        f"Release: its condition must give True, False or names of bodies, got {answer!r}."
+    )

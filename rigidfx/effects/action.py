@@ -1,0 +1,198 @@
+"""Actions of effects on nodes and on rigid bodies, and their terms of the compiled forms.
+
+An effect is one item. Its record, which a user writes, says what it is; `bind` makes of it an
+`Action`, which adds forces and their derivatives to the equations of a step and reports energies;
+`term` makes a `FormTerm` of it where it belongs into the compiled forms. An effect overrides what
+it does and inherits the rest, which costs nothing: a step asks no action for what it does not do.
+
+Effects know nothing of the system they are part of but a `Structure`.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.mechanics.bodies import Bodies
+from rigidfx.mechanics.body_step import Increments
+from rigidfx.mechanics.element import Element
+
+__all__ = ["Action", "FormTerm", "Structure"]
+
+Array = npt.NDArray[np.float64]
+
+
+class Structure(Protocol):
+    """What effects may ask of the structure that they are bound to.
+
+    Attributes:
+        scene: The problem: its mesh, names and nodal weights.
+        rows: Rows of the nodes that take part in a step.
+        own: For each of these nodes, whether it belongs to no body.
+        bodies: The rigid bodies.
+        mass: Mass operator of these nodes.
+        u: Displacements of all local dofs at the start of a step [m], changed by each step.
+        static: Whether forces are those at the end of a step, and nothing moves.
+    """
+
+    @property
+    def scene(self) -> Any:
+        """See above."""
+        ...
+
+    @property
+    def rows(self) -> Any:
+        """See above."""
+        ...
+
+    @property
+    def own(self) -> npt.NDArray[np.bool_]:
+        """See above."""
+        ...
+
+    @property
+    def bodies(self) -> Bodies:
+        """See above."""
+        ...
+
+    @property
+    def mass(self) -> Any:
+        """See above."""
+        ...
+
+    @property
+    def u(self) -> Array:
+        """See above."""
+        ...
+
+    @property
+    def static(self) -> bool:
+        """See above."""
+        ...
+
+    def moments(self, weights: Array) -> Array:
+        """Σ w and Σ w V over the nodes of each body, shape (bodies, 4). Collective.
+
+        Args:
+            weights: Per owned node.
+        """
+        ...
+
+    def outward_moments(self, where: str, owner: str) -> Array:
+        """Σ f and Σ V fᵀ of a unit pressure from inside on facets of each body. Collective.
+
+        Args:
+            where: Name of a set of boundary facets.
+            owner: Who asks, for messages.
+
+        Returns:
+            In the bodies' frames, shape (bodies, 4, 3) [m², m³].
+        """
+        ...
+
+
+class Action:
+    """An effect bound to the dofs and bodies of a division; forces are in N, moments in N m.
+
+    Forces that depend on the motion are written as *resistance*, which is added to the residual.
+    Numbers of nodes are this rank's, those of bodies are equal on all ranks.
+
+    Attributes:
+        kind: Name of the effect's class.
+        rounding: Size of a force that the machine precision is to be multiplied with [N].
+    """
+
+    kind: str = ""
+    rounding: float = 0.0
+
+    def set_time(self, t: float, dt: float) -> None:
+        """Evaluate functions of time for a step whose midpoint is t [s].
+
+        Raises:
+            SceneError: On this rank, if a user's function fails.
+        """
+
+    # Dead loads: asked once per step.
+
+    def load_nodes(self, forces: Array) -> None:
+        """Add to the external forces on the nodes of the rows, shape (nodes, 3) [N]."""
+
+    def load_bodies(self, moments: Array, torques: Array) -> None:
+        """Add to Σ f and Σ V fᵀ, shape (bodies, 4, 3), and to torques, shape (bodies, 3)."""
+
+    # Forces that depend on the motion: asked in each iteration.
+
+    def resist_nodes(self, d: Any, dt: float, f: Any) -> None:
+        """Add the resistance of nodes that are no body's to f, for increments d. Collective."""
+
+    def stiffen_nodes(self, tangent: Any, dt: float, prolongation: Any) -> None:
+        """Add its derivative to an assembled tangent that is not finished yet. Collective."""
+
+    def resist_bodies(self, increments: Increments) -> Array:
+        """Σ f and Σ V fᵀ of the resistance of bodies in a step, shape (bodies, 4, 3)."""
+        raise NotImplementedError
+
+    def stiffen_bodies(self, increments: Increments) -> Array:
+        """Derivative of its resultant as far as forces change, shape (bodies, 6, 6) [N/m]."""
+        raise NotImplementedError
+
+    # Energies: asked after a step.
+
+    def potential(self, u: Array) -> float:
+        """Potential energy of nodes of this rank at displacements of the rows [J]."""
+        return 0.0
+
+    def potential_of_bodies(self, bodies: Bodies) -> float:
+        """Potential energy of the bodies [J]."""
+        return 0.0
+
+    def work_on_bodies(self, increments: Increments) -> float:
+        """Work that a load which depends on the motion does on bodies in a step [J]."""
+        return 0.0
+
+    def dissipated(self, d: Any, dt: float) -> float:
+        """Energy that nodes of this rank lose in a step [J]."""
+        return 0.0
+
+    def dissipated_by_bodies(self, increments: Increments) -> float:
+        """Energy that bodies lose in a step [J]."""
+        return 0.0
+
+    def destroy(self) -> None:
+        """Free the PETSc objects. Collective."""
+
+
+class FormTerm:
+    """A term of the compiled forms; it exists in them only while its effect acts.
+
+    Attributes:
+        kind: Name of the effect's class.
+        boundary: Whether it is an integral over facets, those of `where`, instead of cells.
+        dissipates: Whether what it takes in a step is dissipated energy, and not work of a load.
+        viscous: Whether it is a stress that grows with 1/Δt.
+    """
+
+    kind: str = ""
+    boundary: bool = False
+    dissipates: bool = True
+    viscous: bool = False
+
+    def set_time(self, t: float, dt: float) -> None:
+        """Evaluate functions of time for a step whose midpoint is t [s].
+
+        Raises:
+            SceneError: On this rank, if a user's function fails.
+        """
+
+    def set_rate(self, rate: float) -> None:
+        """Set 1/Δt of a viscous stress [1/s]."""
+
+    def virtual_work(self, element: Element, u0: Any, u1: Any, w: Any) -> Any:
+        """Integrand that is added to the internal virtual work."""
+        raise NotImplementedError
+
+    def taken(self, element: Element, u0: Any, u1: Any) -> Any:
+        """Integrand of the energy that it takes out of the motion in a step [J/m³ or J/m²]."""
+        return self.virtual_work(element, u0, u1, u1 - u0)

@@ -1,0 +1,84 @@
+"""Viscous damping of strains: a term of the compiled forms."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import ufl
+from dolfinx import fem
+
+from rigidfx.base.inputs import positive
+from rigidfx.effects.action import FormTerm
+from rigidfx.effects.base import Windowed
+from rigidfx.mechanics.element import Element, StandardElement
+
+__all__ = ["KelvinVoigt"]
+
+
+@dataclass(frozen=True)
+class KelvinVoigt(Windowed):
+    """Objective viscous stress S = η ΔE/Δt, which takes ∫ η ΔE:ΔE/Δt dV per step.
+
+    It sees strain rates only, so neither rigid motion nor a rigid body is damped. Effects on the
+    same cells add up.
+
+    Attributes:
+        eta: Viscosity η > 0 [Pa s].
+        where: Name of a set of cells; everywhere if None.
+    """
+
+    eta: float
+    where: str | None = None
+
+    def __post_init__(self) -> None:
+        """Check η.
+
+        Raises:
+            SceneError: If η is not a finite number > 0.
+        """
+        super().__post_init__()
+        positive("KelvinVoigt", "eta", self.eta)
+
+    def check(self, scene: Any) -> None:
+        """Look its cells up."""
+        scene.owned_cells(self.where, self.kind)
+
+    def term(self, mesh: Any) -> FormTerm:
+        """The viscous stress."""
+        return ViscousStress(self, mesh)
+
+
+class ViscousStress(FormTerm):
+    """S = η ΔE/Δt in the compiled forms."""
+
+    kind = KelvinVoigt.__name__
+    viscous = True
+
+    def __init__(self, effect: KelvinVoigt, mesh: Any) -> None:
+        """Take the viscosity over."""
+        self._eta = float(effect.eta)
+        self._rate = fem.Constant(mesh, self._eta)
+
+    def set_time(self, t: float, dt: float) -> None:
+        """Set η/Δt."""
+        self.set_rate(1 / dt)
+
+    def set_rate(self, rate: float) -> None:
+        """Set η times a rate [1/s]."""
+        self._rate.value = self._eta * rate
+
+    def virtual_work(self, element: Element, u0: Any, u1: Any, w: Any) -> Any:
+        """F½ (η ΔE/Δt) : Grad w."""
+        F = element.deformation_gradient((u0 + u1) / 2)
+        return ufl.inner(F * (self._rate * _strain_increment(u0, u1)), ufl.grad(w))
+
+    def taken(self, element: Element, u0: Any, u1: Any) -> Any:
+        """η ΔE:ΔE/Δt [J/m³]."""
+        dE = _strain_increment(u0, u1)
+        return self._rate * ufl.inner(dE, dE)
+
+
+def _strain_increment(u0: Any, u1: Any) -> Any:
+    """ΔE of the displacement itself, whatever an element adds to it."""
+    return StandardElement().strain_increment(u0, u1)

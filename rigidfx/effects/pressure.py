@@ -1,0 +1,186 @@
+"""Follower pressure: on flexible cells a term of the compiled forms, on bodies in closed form.
+
+The force on the nodes is -∫ p cof(F½) N Nᵢ dA. Where a body has the deformation gradient R F_f, the
+midpoint's is R_av F_f with R_av = ½ (R₀ + R₁) = (I - ½θ̂)⁻¹ R₀, so that cof F½ = cof(R_av) cof F_f
+with cof(R_av) = T R₀, T the Cayley map's tangent: one matrix rotates the
+forces at its nodes. A step therefore needs no facets of frozen cells, and momenta and work come out
+as if it had them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+from math import isfinite
+from typing import Any, ClassVar
+
+import numpy as np
+import ufl
+from dolfinx import fem
+
+from rigidfx.base.errors import SceneError, together
+from rigidfx.base.inputs import check_factor, number
+from rigidfx.effects.action import Action, Array, FormTerm, Structure
+from rigidfx.effects.base import TimeFunction, Windowed
+from rigidfx.mechanics.body_step import Increments
+from rigidfx.mechanics.element import Element
+from rigidfx.mechanics.rotation import IDENTITY
+
+__all__ = ["Pressure"]
+
+
+@dataclass(frozen=True)
+class Pressure(Windowed):
+    """Pressure on the deformed boundary: the force -p n da, with n da = cof(F½) N dA.
+
+    On a closed surface it changes neither linear nor angular momentum. It has no potential in
+    general; its work is reported with that of the other loads.
+
+    Attributes:
+        where: Name of a set of boundary facets.
+        value: p [Pa], positive where it pushes inwards, or a function of time giving it.
+        time: Factor as a function of time, such as a `Table`; 1 if None.
+    """
+
+    is_load: ClassVar[bool] = True
+
+    where: str
+    value: float | Callable[[float], float]
+    time: TimeFunction | None = field(default=None, kw_only=True)
+
+    def __post_init__(self) -> None:
+        """Check window, value and time function.
+
+        Raises:
+            SceneError: If one of them cannot be used.
+        """
+        super().__post_init__()
+        if not callable(self.value):
+            number("Pressure", "value", self.value)
+        check_factor(self, self.time)
+
+    def intensity(self, t: float) -> float:
+        """Pressure at t [Pa]; zero outside the window.
+
+        Args:
+            t: Time [s].
+
+        Raises:
+            SceneError: If it is not a finite number.
+        """
+        if not self.acts(t):
+            return 0.0
+        value = self.value(t) if callable(self.value) else self.value
+        pressure = float(value) * (1.0 if self.time is None else float(self.time(t)))
+        if not isfinite(pressure):
+            raise SceneError(
+                f"Pressure on '{self.where}': at t = {t:g} s it is {pressure}; check its value "
+                "and time function."
+            )
+        return pressure
+
+    def check(self, scene: Any) -> None:
+        """Look its facets up, and see whether its function of time can be used."""
+        scene.boundary(self.where, self.kind)
+        function = f"{self.owner}: its value or time function"
+        together(scene.comm, function, partial(self.intensity, self.start))
+
+    def signal(self, t: float, dt: float) -> Array:
+        """The pressure."""
+        return np.array([self.intensity(t)])
+
+    def term(self, mesh: Any) -> FormTerm:
+        """The pressure on flexible cells."""
+        return PressureTerm(self, mesh)
+
+    def bind(self, structure: Structure) -> Action | None:
+        """The pressure on rigid bodies."""
+        if not len(structure.bodies):
+            return None
+        return RotatedPressure(self, structure.outward_moments(self.where, self.kind))
+
+
+class PressureTerm(FormTerm):
+    """-p n da as an integral over facets."""
+
+    kind = Pressure.__name__
+    boundary = True
+    dissipates = False
+
+    def __init__(self, effect: Pressure, mesh: Any) -> None:
+        """Take the pressure over."""
+        self._effect, self._mesh = effect, mesh
+        self._p = fem.Constant(mesh, 0.0)
+
+    def set_time(self, t: float, dt: float) -> None:
+        """Set p."""
+        self._p.value = _intensity(self._effect, t)
+
+    def virtual_work(self, element: Element, u0: Any, u1: Any, w: Any) -> Any:
+        """The integrand p cof(F½) N·w."""
+        F = element.deformation_gradient((u0 + u1) / 2)
+        n = ufl.det(F) * ufl.inv(F).T * ufl.FacetNormal(self._mesh)
+        return self._p * ufl.inner(n, w)
+
+
+class RotatedPressure(Action):
+    """A pressure on the rigid bodies."""
+
+    kind = Pressure.__name__
+
+    def __init__(self, effect: Pressure, moments: Array) -> None:
+        """Take the forces of a unit pressure over.
+
+        Args:
+            effect: The pressure.
+            moments: Σ f and Σ V fᵀ of the forces for p = 1, pushing outwards, in the bodies'
+                frames, shape (bodies, 4, 3) [m², m³].
+        """
+        self._effect, self._moments = effect, moments
+        self._p = 0.0
+
+    def set_time(self, t: float, dt: float) -> None:
+        """Evaluate p."""
+        self._p = _intensity(self._effect, t)
+
+    def resist_bodies(self, increments: Increments) -> Array:
+        """See `Action`."""
+        turn = increments.T @ increments.start.R
+        return self._p * np.asarray(self._moments @ turn.swapaxes(1, 2))
+
+    def stiffen_bodies(self, increments: Increments) -> Array:
+        """See `Action`.
+
+        d(T a) = (½ w × a - ½ (θ·w) T a)/(1 + ¼ |θ|²) in the direction w.
+        """
+        theta, length = increments.theta, increments.start.of.length
+        scale = 0.5 * self._p / (1 + 0.25 * (theta * theta).sum(axis=1)) / length
+        a = self._moments @ increments.start.R.swapaxes(1, 2)
+        rotated = a @ increments.T.swapaxes(1, 2)
+        G = np.zeros((len(increments), 6, 6))
+        for j, w in enumerate(IDENTITY):
+            change = np.cross(w, a) - theta[:, j, None, None] * rotated
+            G[:, :, 3 + j] = increments.resultant(scale[:, None, None] * change)
+        return G
+
+    def work_on_bodies(self, increments: Increments) -> float:
+        """Work of the pressure in a step [J]."""
+        return -increments.work(increments.resultant(self.resist_bodies(increments)))
+
+
+def _intensity(effect: Pressure, t: float) -> float:
+    """Pressure at t [Pa]; what a user's function does is told with its name.
+
+    Raises:
+        SceneError: On this rank, if it fails or is not finite.
+    """
+    try:
+        return effect.intensity(t)
+    except SceneError:
+        raise
+    except Exception as error:  # whatever a user's function may raise
+        raise SceneError(
+            f"{effect.owner} at t = {t:g} s: its value or time function failed with "
+            f"{type(error).__name__}: {error}"
+        ) from error

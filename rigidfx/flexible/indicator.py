@@ -1,0 +1,42 @@
+"""Indicators: a number per flexible cell and step, for a criterion to judge cells by."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.flexible.internal_forces import Cells
+
+__all__ = ["Indicator"]
+
+Array = npt.NDArray[np.float64]
+
+
+class Indicator(Protocol):
+    """A measure of flexible cells in a step.
+
+    Attributes:
+        cells: Owned cells that are measured, sorted.
+        values: Number of each owned cell in the last step, zero where none is measured.
+    """
+
+    cells: npt.NDArray[np.int32]
+    values: Array
+
+    def bind(self, flexible: Cells) -> None:
+        """Measure these cells from now on.
+
+        Args:
+            flexible: Owned cells by subdomain id.
+        """
+        ...
+
+    def measure(self, dt: float) -> Array:
+        """Measure the bound cells in the step that the forms' u₀ and u₁ hold, in their order.
+
+        Args:
+            dt: Δt [s].
+        """
+        ...

@@ -1,0 +1,59 @@
+"""Forces of a unit pressure on the facets of rigid bodies, in their present shape."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem, la
+
+from rigidfx.flexible.kernels import Kernel
+from rigidfx.mechanics.bodies import Bodies
+from rigidfx.scene.scene import Scene
+
+__all__ = ["Surface"]
+
+Array = npt.NDArray[np.float64]
+
+
+class Surface:
+    """The deformed boundary of a scene. What it needs is compiled when first asked for."""
+
+    def __init__(self, scene: Scene, u: fem.Function) -> None:
+        """Take the displacement over.
+
+        Args:
+            scene: The problem.
+            u: Displacement, up to date inside the bodies when something is asked.
+        """
+        self._scene, self._u = scene, u
+        self._kernel: Kernel | None = None
+
+    def outward_moments(self, where: str, owner: str, bodies: Bodies) -> Array:
+        """Σ f and Σ V fᵀ of a unit pressure from inside, shape (bodies, 4, 3). Collective.
+
+        Args:
+            where: Name of a set of boundary facets.
+            owner: Who asks, for messages.
+            bodies: Bodies in their present pose.
+
+        Returns:
+            In the bodies' frames [m², m³].
+        """
+        scene = self._scene
+        if self._kernel is None:
+            F = scene.element.deformation_gradient(self._u)
+            n = ufl.det(F) * ufl.inv(F).T * ufl.FacetNormal(scene.mesh)
+            form = ufl.inner(n, ufl.TestFunction(scene.space)) * scene.boundary_measure(1)
+            self._kernel = Kernel(form, [scene.space], scene.mesh)
+        facets = scene.boundary(where, owner)
+        out = np.zeros((len(bodies), 4, 3))
+        force = fem.Function(scene.space)
+        for k, body in enumerate(bodies):
+            own = facets[np.isin(facets[:, 0], body.data.cells)]
+            force.x.array[:] = 0.0
+            fem.assemble_vector(force.x.array, self._kernel.bind({}, {1: own}))
+            force.x.scatter_reverse(la.InsertMode.add)
+            nodal = force.x.array.reshape(-1, 3)[body.data.nodes] @ body.motion.R
+            out[k] = np.c_[np.ones(len(nodal)), body.data.offsets].T @ nodal
+        return np.asarray(scene.sum(out))

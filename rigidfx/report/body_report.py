@@ -1,0 +1,76 @@
+"""The report of a rigid body."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.mechanics.bodies import Bodies
+from rigidfx.mechanics.rigid_body import Body
+from rigidfx.mechanics.rotation import skew
+
+__all__ = ["BodyReport", "body_reports"]
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class BodyReport:
+    """A rigid body at one time.
+
+    Attributes:
+        name: Name of its set of cells, or "part" and its number.
+        number: Its number ≥ 1, by which fields show it.
+        cells: Number of its cells.
+        mass: m [kg].
+        centre: Position of the centre of mass, shape (3,) [m].
+        orientation: Rotation R since it became rigid, shape (3, 3).
+        velocity: Velocity of the centre of mass, shape (3,) [m/s].
+        angular_velocity: ω in space, shape (3,) [rad/s].
+        linear_momentum: m ṙ, shape (3,) [kg m/s].
+        angular_momentum_about_centre: J ω, shape (3,) [kg m²/s].
+        angular_momentum: Angular momentum about the origin, shape (3,) [kg m²/s].
+        kinetic: Kinetic energy [J].
+        stored: Energy that it keeps for its release [J].
+    """
+
+    name: str
+    number: int
+    cells: int
+    mass: float
+    centre: Array
+    orientation: Array
+    velocity: Array
+    angular_velocity: Array
+    linear_momentum: Array
+    angular_momentum_about_centre: Array
+    angular_momentum: Array
+    kinetic: float
+    stored: float
+
+
+def body_reports(bodies: Bodies) -> tuple[BodyReport, ...]:
+    """Reports of the bodies at an instant."""
+    return tuple(map(_body_report, bodies))
+
+
+def _body_report(body: Body) -> BodyReport:
+    data, motion = body.data, body.motion
+    momentum, own = data.mass * motion.velocity, motion.angular_momentum(data)
+    return BodyReport(
+        name=data.name,
+        number=data.number,
+        cells=data.size,
+        mass=data.mass,
+        centre=motion.r,
+        orientation=motion.R,
+        velocity=motion.velocity,
+        angular_velocity=motion.angular_velocity,
+        linear_momentum=momentum,
+        angular_momentum_about_centre=own,
+        angular_momentum=skew(motion.r) @ momentum + own,
+        kinetic=motion.kinetic(data),
+        stored=data.frozen.energy,
+    )

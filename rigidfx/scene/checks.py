@@ -1,0 +1,130 @@
+"""Checks of a scene while it is made: discretisation, masses, supports, probes."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.base import compat
+from rigidfx.base.errors import RigidfxWarning, SceneError, agree
+from rigidfx.scene.conflicts import overlap
+
+__all__ = [
+    "STIFFNESS_DEGREE",
+    "check_discretisation",
+    "check_masses",
+    "check_supports",
+    "points",
+    "warn_of_locking",
+]
+
+Array = npt.NDArray[np.float64]
+
+# Degree of the one quadrature rule that W, H and the residual share, by polynomial degree.
+STIFFNESS_DEGREE = {1: 2, 2: 4}
+NEARLY_INCOMPRESSIBLE = 0.49  # ν above which first-order cells are warned of
+
+
+def check_discretisation(scene: Any) -> None:
+    """Check order and mass, and whether they go with the mesh.
+
+    Raises:
+        SceneError: If they cannot be used.
+    """
+    order, mass = scene.order, scene.mass
+    if not isinstance(order, (int, np.integer)) or order not in STIFFNESS_DEGREE:
+        raise SceneError(f"Scene: order must be 1 or 2, got {order!r}.")
+    if mass not in ("lumped", "consistent"):
+        raise SceneError(f"Scene: mass must be 'lumped' or 'consistent', got {mass!r}.")
+    if scene.simplex and order == 2 and mass == "lumped":
+        raise SceneError(
+            "Scene: second-order tetrahedra have negative lumped masses at their vertices. "
+            "Take mass='consistent', or order=1, or hexahedra."
+        )
+    curved = compat.coordinate_map(scene.mesh).degree
+    if curved > order:
+        raise SceneError(
+            f"Scene: cells of geometry order {curved} need at least "
+            f"that order of displacement (got {order}), or a rigid rotation would "
+            "strain them."
+        )
+
+
+def warn_of_locking(scene: Any) -> None:
+    """Warn of first-order cells that lock, on rank 0."""
+    nu = max((getattr(m, "nu", 0.0) for m, _ in scene.materials), default=0.0)
+    if scene.order == 1 and nu > NEARLY_INCOMPRESSIBLE and scene.comm.rank == 0:
+        warnings.warn(
+            f"Scene: first-order cells lock at ν = {nu:g}: they keep their volume at the price "
+            "of hardly bending at all. Take order=2, or a smaller ν.",
+            RigidfxWarning,
+            stacklevel=4,
+        )
+
+
+def check_masses(scene: Any) -> None:
+    """Refuse nodal masses that are not positive, or that overflow in sums. Collective.
+
+    Raises:
+        SceneError: On every rank, if the arithmetic cannot do with them.
+    """
+    n, mass = scene.owned_nodes, scene.nodal_mass
+    with np.errstate(over="ignore", invalid="ignore"):
+        squares = (scene.space.tabulate_dof_coordinates()[:n] ** 2).sum(axis=1)
+        m, J = scene.sum([mass[:n].sum(), mass[:n] @ squares])
+    if not (np.isfinite(m) and np.isfinite(J)):
+        raise SceneError(
+            f"Scene: the masses of the nodes add up to {m:.3g} kg, with a moment of inertia "
+            f"of {J:.3g} kg m² about the origin: too large for the arithmetic. Check the "
+            "densities, the PointMass effects and the units."
+        )
+    if scene.mass == "lumped":
+        worst = mass.min(initial=np.inf)
+        agree(
+            scene.comm,
+            None
+            if worst > 0
+            else f"Scene: a node has the lumped mass {worst:.3g} kg ≤ 0 (strongly curved "
+            "cells?). Take mass='consistent'.",
+        )
+
+
+def check_supports(scene: Any) -> None:
+    """Refuse supports that prescribe different motions of the same nodes. Collective.
+
+    Raises:
+        SceneError: On every rank, if two do.
+    """
+    for (a, nodes_a), (b, nodes_b) in combinations(scene.supports, 2):
+        shared = np.intersect1d(nodes_a, nodes_b).size
+        axes = set(a.axes) & set(b.axes)
+        clash = bool(axes) and overlap(a, b) and not a.same_motion(b)
+        if clash and scene.sum(shared) > 0:
+            raise SceneError(
+                f"Scene: {a.kind} on '{a.where}' and {b.kind} on "
+                f"'{b.where}' prescribe different motions of the same nodes at the same "
+                "time. Separate their sets, components or time windows."
+            )
+
+
+def points(probes: Mapping[str, Sequence[float]]) -> dict[str, Array]:
+    """Probes as arrays, shape (3,) each [m].
+
+    Raises:
+        SceneError: If one is not three finite numbers.
+    """
+    try:
+        found = {name: np.asarray(p, dtype=np.float64) for name, p in probes.items()}
+    except (AttributeError, TypeError, ValueError):
+        raise SceneError(
+            f"Scene: probes must be a dict of names to three numbers each, got {probes!r}."
+        ) from None
+    for name, point in found.items():
+        if point.shape != (3,) or not np.isfinite(point).all():
+            raise SceneError(f"Scene: probe '{name}' must be three finite numbers, got {point}.")
+    return found

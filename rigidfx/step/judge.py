@@ -1,0 +1,76 @@
+"""The one judge of a step: whether what has been solved may become the state.
+
+An attempt is looked at in a fixed order, and the first objection ends it: a new attempt begins with
+a shorter step. Nothing remembers an attempt; what does remember, changes when one is accepted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rigidfx.base.errors import InversionError, StepError
+from rigidfx.flexible.inversion import Inversion
+from rigidfx.step.equations import Solution
+
+__all__ = ["REMEDY", "Attempt", "Judge"]
+
+REMEDY = (
+    ". There det F ≤ 0 at an integration point, or a stretch is above 10⁶. St.Venant-Kirchhoff "
+    "material does not resist strong compression: take NeoHooke there, smaller loads, larger "
+    "cells or NumericalDamping."
+)
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """A step that has been solved.
+
+    Attributes:
+        t: Time at its start [s].
+        dt: Its length [s].
+        solution: How its equations were solved.
+    """
+
+    t: float
+    dt: float
+    solution: Solution
+
+
+class Judge:
+    """Accepts attempts, or objects."""
+
+    def __init__(self, inversion: Inversion) -> None:
+        """Take over what looks for cells turned inside out."""
+        self._inversion = inversion
+
+    def objection(self, attempt: Attempt) -> StepError | None:
+        """The error that ends the run if no shorter step helps; None to accept. Collective."""
+        for look in (self._not_converged, self._inverted):
+            error = look(attempt)
+            if error is not None:
+                return error
+        return None
+
+    def _not_converged(self, attempt: Attempt) -> StepError | None:
+        solution = attempt.solution
+        if solution.converged:
+            return None
+        x, y, z = solution.place if solution.place is not None else (np.nan,) * 3
+        return StepError(
+            f"The step from t = {attempt.t:.9g} s did not converge, not even with "
+            f"Δt = {attempt.dt:.3g} s ({solution.reason}; residuals "
+            f"{', '.join(f'{r:.2e}' for r in solution.residuals[:6]) or 'not finite'} N). "
+            f"The largest residual is at the node X = ({x:.6g}, {y:.6g}, {z:.6g}) m. Try a "
+            "smaller Δt, look at loads and supports near that place, or add NumericalDamping."
+        )
+
+    def _inverted(self, attempt: Attempt) -> StepError | None:
+        turned = self._inversion.find()
+        if turned is None:
+            return None
+        return InversionError(
+            f"The step from t = {attempt.t:.9g} s turns cells inside out, even with "
+            f"Δt = {attempt.dt:.3g} s: {turned}{REMEDY}"
+        )

@@ -1,0 +1,59 @@
+"""The structure that effects are bound to: nodes that take part in a step, bodies, mass."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.coupling.mass import Mass
+from rigidfx.coupling.rows import Rows
+from rigidfx.flexible.surface import Surface
+from rigidfx.mechanics.bodies import Bodies
+from rigidfx.scene.scene import Scene
+
+__all__ = ["BoundStructure"]
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class BoundStructure:
+    """A division of a scene, as effects see it: see `rigidfx.effects.action.Structure`.
+
+    Attributes:
+        scene: The problem.
+        rows: Rows of the nodes that take part in a step.
+        own: For each of these nodes, whether it belongs to no body.
+        bodies: The rigid bodies.
+        mass: Mass operator of these nodes; None in statics.
+        u: Displacements of all local dofs at the start of a step [m].
+        surface: The deformed boundary.
+        static: Whether forces are those at the end of a step, and nothing moves.
+    """
+
+    scene: Scene
+    rows: Rows
+    own: npt.NDArray[np.bool_]
+    bodies: Bodies
+    mass: Mass | None
+    u: Array
+    surface: Surface
+    static: bool = False
+
+    def moments(self, weights: Array) -> Array:
+        """Σ w and Σ w V over the nodes of each body, shape (bodies, 4). Collective.
+
+        Args:
+            weights: Per owned node.
+        """
+        sums = [
+            np.r_[weights[body.nodes].sum(), weights[body.nodes] @ body.offsets]
+            for body in self.bodies.of.records
+        ]
+        return np.asarray(self.scene.sum(np.reshape(sums, (-1, 4))))
+
+    def outward_moments(self, where: str, owner: str) -> Array:
+        """See `rigidfx.flexible.surface.Surface.outward_moments`. Collective."""
+        return self.surface.outward_moments(where, owner, self.bodies)

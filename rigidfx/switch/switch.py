@@ -1,0 +1,176 @@
+"""Apply what is decided, and what effects that begin or end bring with them.
+
+Decision → exchange of momenta and energy → inventory of bodies → stepper bound anew → Event
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from rigidfx.base.errors import InversionError
+from rigidfx.decide.decision import Decision
+from rigidfx.effects import Preload
+from rigidfx.mechanics.rigid_body import RigidBody
+from rigidfx.report.events import BodyChange, Event
+from rigidfx.scene.timeline import Timeline
+from rigidfx.state import initial_velocity
+from rigidfx.step.judge import REMEDY
+from rigidfx.step.preload import apply_preload
+from rigidfx.step.stepper import Stepper
+from rigidfx.step.supports import Impact, PrescribedDofs, supports_of
+from rigidfx.switch.consistent_exchange import ConsistentExchange
+from rigidfx.switch.exchange import Exchange, LumpedExchange
+from rigidfx.switch.inventory import check_clamps, divide
+
+__all__ = ["Switch"]
+
+
+class Switch:
+    """Divides the cells of a stepper: at the start, as decisions say, and as effects come and go.
+
+    Attributes:
+        acting: The effects with a time window that act.
+    """
+
+    def __init__(self, stepper: Stepper, timeline: Timeline) -> None:
+        """Take a stepper over.
+
+        Args:
+            stepper: It is not bound to any division yet.
+            timeline: Tells which times are the same.
+        """
+        self._stepper, self._timeline = stepper, timeline
+        scene = stepper.scene
+        kind = LumpedExchange if scene.mass == "lumped" else ConsistentExchange
+        self._exchange: Exchange = kind(scene, stepper.forces)
+        self.acting = scene.acting(timeline.after(0.0))
+        self._pending = self._breakpoints_after(0.0)
+
+    def _breakpoints_after(self, t: float) -> tuple[float, ...]:
+        """Breakpoints of the effects later than t [s], and infinity, sorted."""
+        later = (b for b in self._stepper.scene.breakpoints if b > self._timeline.after(t))
+        return (*later, np.inf)
+
+    def begin(self) -> Impact | None:
+        """Bring the state into its initial one, and bind the stepper. Collective.
+
+        Returns:
+            Velocity that supports have imposed at the start; None if they have not.
+
+        Raises:
+            SceneError: If the initial velocity contradicts a support, or a preload is not held.
+            StepError: If the static preload does not converge.
+            InversionError: If it turns cells inside out.
+        """
+        stepper, dt = self._stepper, self._timeline.dt
+        scene, state = stepper.scene, stepper.state
+        velocity = initial_velocity(scene, dt)
+        check_clamps(scene, self._timeline)
+        supports = supports_of(self.acting)
+        apply_preload(scene, stepper.forces, state, PrescribedDofs(scene, supports))
+        state.move(velocity.reshape(-1))
+        stepper.bind(divide(scene, stepper.forces, state, supports), self.acting)
+        impact = stepper.meet(supports, dt, stepper.measure())
+        if scene.named(Preload) and (turned := stepper.inverted()) is not None:
+            raise InversionError(f"The static preload turns cells inside out: {turned}{REMEDY}")
+        return impact
+
+    def follow_effects(self, dt: float) -> Impact | None:
+        """Bind anew where an effect begins or ends; meet jumps of prescribed motion. Collective.
+
+        Args:
+            dt: Length of the next step [s].
+
+        Returns:
+            Velocity that supports impose; None if they do not.
+        """
+        stepper, timeline = self._stepper, self._timeline
+        state, scene = stepper.state, stepper.scene
+        t, before = state.t, self.acting
+        if t < self._pending[0] - timeline.resolution:
+            return None
+        self._pending = self._breakpoints_after(t)
+        self.acting = scene.acting(timeline.after(t))
+        known = {id(effect) for effect in before}
+        jumping = tuple(
+            support
+            for support in supports_of(self.acting)
+            if id(support) not in known or any(timeline.same(t, b) for b in support.breakpoints)
+        )
+        # A body that a support takes over must count as the body here: interface nodes of the
+        # flexible side have velocities of their own.
+        measures = stepper.measure() if jumping else None
+        if not stepper.follow(self.acting):
+            state.rebuild()
+            # A support may take named bodies over, and others do not outlast its start and end.
+            same = supports_of(self.acting) == supports_of(before)
+            found = list(state.bodies) if same else []
+            supports = supports_of(self.acting)
+            stepper.bind(divide(scene, stepper.forces, state, supports, found), self.acting)
+        return None if measures is None else stepper.meet(jumping, dt, measures)
+
+    def apply(self, decision: Decision) -> Event | None:
+        """Release and freeze, so that the bodies are those of a decision. Collective.
+
+        Args:
+            decision: The decision.
+
+        Returns:
+            What happened; None if nothing did.
+        """
+        stepper = self._stepper
+        state, scene = stepper.state, stepper.scene
+        old = {b.number: b for b in state.bodies.of.records if b.name not in decision.apart}
+        kept = {body.number for body in decision.bodies if body.kept}
+        if len(kept) == len(decision.bodies) == len(old):
+            return None
+        before, unknowns = stepper.measure(), stepper.unknowns
+        prescribed = stepper.prescribed.mask
+        self._exchange.release(state, old.keys() - kept, prescribed)
+        for body in decision.bodies:
+            if not body.kept:
+                self._exchange.freeze(state, body, prescribed)
+        found = [body for body in state.bodies if body.data.name not in decision.apart]
+        supports = supports_of(self.acting)
+        stepper.bind(divide(scene, stepper.forces, state, supports, found), self.acting)
+        changes = _changes(old, {body.data.number: body.data for body in found})
+        if not changes:  # what was to freeze could not be a body
+            return None
+        after = stepper.measure()
+        linear = after.linear_momentum - before.linear_momentum
+        angular = after.angular_momentum - before.angular_momentum
+        return Event(
+            t=state.t,
+            kind=decision.kind,
+            reason=decision.reason,
+            changes=changes,
+            unknowns_before=unknowns,
+            unknowns_after=stepper.unknowns,
+            energy_frozen=max(after.stored - before.stored, 0.0),
+            energy_released=max(before.stored - after.stored, 0.0),
+            energy_lost=before.energy - after.energy,
+            linear_momentum_error=float(np.linalg.norm(linear)),
+            angular_momentum_error=float(np.linalg.norm(angular)),
+        )
+
+
+def _changes(old: Mapping[int, RigidBody], new: Mapping[int, RigidBody]) -> tuple[BodyChange, ...]:
+    """How bodies before and after an event differ, by number."""
+    changes = []
+    for number in sorted(old.keys() | new.keys()):
+        before, after = old.get(number), new.get(number)
+        if before is after:
+            continue
+        changes.append(
+            BodyChange(
+                name=(after or before).name,  # type: ignore[union-attr]
+                number=number,
+                cells_before=before.size if before else 0,
+                cells_after=after.size if after else 0,
+                stored_before=before.frozen.energy if before else 0.0,
+                stored_after=after.frozen.energy if after else 0.0,
+            )
+        )
+    return tuple(changes)
