@@ -46,7 +46,8 @@ from rigidfx.mechanics.materials import (
 )
 from rigidfx.mechanics.schemes import EnergyMomentum, Midpoint, Trapezoidal
 from rigidfx.output.bodies_file import read_bodies, write_bodies
-from rigidfx.output.recorder import Recorder, read_history
+from rigidfx.output.history import read_history
+from rigidfx.output.recorder import Recorder
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 from rigidfx.simulation import simulate

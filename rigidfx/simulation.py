@@ -9,7 +9,7 @@ shows up as several reports on the way to its end.
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from itertools import count
@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from rigidfx.base.errors import SceneError
+from rigidfx.base.same_input import check_same
 from rigidfx.decide.criterion import StrainRate
 from rigidfx.decide.decision import Decision
 from rigidfx.decide.observation import Observation
@@ -31,6 +32,7 @@ from rigidfx.report.report import Report, amended, report_of
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
 from rigidfx.state import State
+from rigidfx.step.petsc_options import SolverOptions
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.supports import Impact
 from rigidfx.switch.switch import Switch
@@ -45,6 +47,8 @@ def simulate(
     *,
     rigidify: StrainRate | None = None,
     progress: bool | None = None,
+    petsc_options: Mapping[str, Any] | None = None,
+    monitor: Callable[[int, float], None] | None = None,
 ) -> Iterator[Report]:
     """Integrate a scene from t = 0.
 
@@ -55,6 +59,10 @@ def simulate(
         rigidify: When parts become rigid and flexible again; no part does if None.
         progress: Whether rank 0 shows a progress bar on standard error; where that is a terminal
             if None.
+        petsc_options: Options of PETSc's solvers for this run, by name without a prefix:
+            {"ksp_type": "bcgs", "pc_type": "hypre"}. Those of the command line and of the
+            environment win; see `rigidfx.step.petsc_options`.
+        monitor: Called with the number of each Newton iterate and ‖R‖ [N] there, on every rank.
 
     Returns:
         A generator of reports, the first of them of the initial state. Everything it holds is
@@ -62,12 +70,20 @@ def simulate(
 
     Raises:
         SceneError: Before the first report, if dt or t_end cannot be used or the initial state is
-            in conflict; later, if a load takes a value that is not finite.
+            in conflict, or an option cannot be honoured; later, if a load takes a value that is
+            not finite.
         StepError: If a step does not converge, even after cutting.
         InversionError: If a step turns flexible cells inside out, even after cutting.
     """
     if not isinstance(scene, Scene):
-        raise SceneError(f"simulate: scene must be a Scene, got {scene!r}.")
+        raise SceneError(f"simulate: scene must be a Scene, got {type(scene).__name__}.")
+    check_same(
+        scene.comm,
+        "simulate",
+        {"dt": dt, "t_end": t_end, "rigidify": rigidify, "petsc_options": petsc_options},
+    )
+    if progress is not None and not isinstance(progress, (bool, np.bool_)):
+        raise SceneError(f"simulate: progress must be True, False or None, got {progress!r}.")
     timeline = Timeline(dt, t_end)
     if rigidify is not None and not isinstance(rigidify, StrainRate):
         raise SceneError(f"simulate: rigidify must be a StrainRate, got {rigidify!r}.")
@@ -76,9 +92,11 @@ def simulate(
             f"simulate: {type(scene.scheme).__name__} does not couple to rigid bodies; take "
             "EnergyMomentum or Midpoint."
         )
-    run, impact = prepare(scene, timeline, rigidify)
+    solver = SolverOptions({} if petsc_options is None else petsc_options, monitor)
+    with solver.at_work():
+        run, impact = prepare(scene, timeline, rigidify)
     timeline.stop_at(scene.breakpoints)
-    return _reports(run, impact, progress)
+    return _reports(run, impact, progress, solver)
 
 
 @dataclass(frozen=True)
@@ -160,7 +178,9 @@ def prepare(
     return Run(timeline, stepper, switch, policy, probes), impact
 
 
-def _reports(run: Run, impact: Impact | None, progress: bool | None) -> Iterator[Report]:
+def _reports(
+    run: Run, impact: Impact | None, progress: bool | None, solver: SolverOptions
+) -> Iterator[Report]:
     """Advance → report → decide → switch, step by step."""
     timeline, stepper, switch, state = run.timeline, run.stepper, run.switch, run.stepper.state
     balance = EnergyBalance(stepper.scene)
@@ -172,12 +192,13 @@ def _reports(run: Run, impact: Impact | None, progress: bool | None) -> Iterator
             if timeline.over(state.t):
                 return
             target, start = timeline.next(state.t), perf_counter()
-            events = run.ahead(target)
-            impact = switch.follow_effects(target - state.t)
-            result = stepper.advance(target)
-            report = report_of(step, stepper, run.probes, result, impact)
-            now, closeness = run.after(report)
-            report = amended(report, stepper, [*events, *now], closeness)
+            with solver.at_work():
+                events = run.ahead(target)
+                impact = switch.follow_effects(target - state.t)
+                result = stepper.advance(target)
+                report = report_of(step, stepper, run.probes, result, impact)
+                now, closeness = run.after(report)
+                report = amended(report, stepper, [*events, *now], closeness)
             balance.follow(report)
             bar.update(result.dt)
             yield replace(report, wall=perf_counter() - start)

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 from mpi4py import MPI
 
-from rigidfx.output.recorder import read_history
+from rigidfx.output.history import read_history
 
 ROOT = Path(__file__).resolve().parent.parent
 DEMOS = sorted((ROOT / "demos").glob("*.py"))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import pytest
 
 import rigidfx as rf
@@ -48,3 +50,23 @@ def test_a_step_that_is_none_is_refused(dt):
 def test_an_end_that_is_none_is_refused(t_end):
     with pytest.raises(rf.SceneError, match="t_end"):
         Timeline(0.1, t_end)
+
+
+def test_small_steps_late_in_a_run_go_on():
+    """There numbers are 1.5e-11 s apart, more than a billionth of a step."""
+    found = ends(Timeline({0.0: 100.0, 86400.0: 1e-6}, 86400.0 + 1e-5))
+    assert len(found) == 864 + 10
+    steps = [b - a for a, b in pairwise(found[863:])]
+    assert steps == pytest.approx([1e-6] * 10, abs=3e-11)
+
+
+@pytest.mark.parametrize(
+    ("dt", "t_end"), [(1e-16, 1.0), ({0.0: 100.0, 86400.0: 1e-9}, 86401.0), (5e-324, 1.0)]
+)
+def test_steps_that_time_cannot_resolve_are_refused(dt, t_end):
+    with pytest.raises(rf.SceneError, match=r"cannot be resolved in a run until t_end"):
+        Timeline(dt, t_end)
+
+
+def test_steps_after_the_end_are_not_asked_for():
+    assert ends(Timeline({0.0: 0.5, 2.0: 1e-30}, 1.0)) == [0.5, 1.0]

@@ -48,7 +48,7 @@ class InversionError(StepError):
 
 
 class OutputError(RigidfxError, OSError):
-    """Results cannot be written where they should go."""
+    """Results cannot be written where they should go, or not be read back."""
 
 
 def agree(comm: MPI.Intracomm, message: str | None, error: type[RigidfxError] = SceneError) -> None:

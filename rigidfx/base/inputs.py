@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from math import isfinite, isnan
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,7 +12,7 @@ import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
 
-__all__ = ["check_factor", "number", "numbers", "positive", "vector"]
+__all__ = ["check_factor", "number", "numbers", "path_of", "positive", "vector", "whole"]
 
 
 def number(owner: str, name: str, value: Any, *, infinite: bool = False) -> float:
@@ -52,6 +54,43 @@ def positive(owner: str, name: str, value: Any, *, infinite: bool = False) -> fl
         return result
     kind = "number" if infinite else "finite number"
     raise SceneError(f"{owner}: {name} must be a {kind} > 0, got {value!r}.")
+
+
+def whole(owner: str, name: str, value: Any, *, least: int) -> int:
+    """A user's whole number.
+
+    Args:
+        owner: Whose number it is, for the message.
+        name: Name of the number.
+        value: What was given.
+        least: The least that will do.
+
+    Raises:
+        SceneError: If it is anything else, or less.
+    """
+    if not isinstance(value, (bool, np.bool_)) and isinstance(value, (int, np.integer)):
+        result = int(value)
+        if result >= least:
+            return result
+    raise SceneError(f"{owner}: {name} must be a whole number ≥ {least}, got {value!r}.")
+
+
+def path_of(owner: str, name: str, value: Any) -> Path:
+    """A user's file or folder.
+
+    Args:
+        owner: Whose it is, for the message.
+        name: Name of the argument.
+        value: What was given.
+
+    Raises:
+        SceneError: If it is no path, or an empty one.
+    """
+    if isinstance(value, (str, os.PathLike)):
+        text = os.fspath(value)
+        if isinstance(text, str) and text and "\0" not in text:
+            return Path(text)
+    raise SceneError(f"{owner}: {name} must be the name of a file or folder, got {value!r}.")
 
 
 def numbers(value: Any) -> npt.NDArray[np.float64]:

@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 
 from rigidfx.base.errors import SceneError
-from rigidfx.base.inputs import number, positive
+from rigidfx.base.inputs import number, positive, whole
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.strain_rate import StrainRates
@@ -130,7 +130,8 @@ class StrainRate:
             object.__setattr__(self, "measure", "paper")
         if self.measure not in ("rms", "paper"):
             raise SceneError(f"StrainRate: measure must be 'rms' or 'paper', got {self.measure!r}.")
-        if not isinstance(self.tolerances, Mapping):
+        named = isinstance(self.tolerances, Mapping)
+        if not named or not all(isinstance(name, str) for name in self.tolerances):
             raise SceneError(
                 "StrainRate: tolerances must be a dict of cell-set names to numbers, got "
                 f"{self.tolerances!r}."
@@ -143,10 +144,9 @@ class StrainRate:
             raise SceneError(f"StrainRate: never must be names of cell sets, got {self.never!r}.")
         never = (self.never,) if isinstance(self.never, str) else tuple(self.never)
         object.__setattr__(self, "never", never)
-        if not isinstance(self.min_cells, (int, np.integer)) or self.min_cells < 1:
-            raise SceneError(
-                f"StrainRate: min_cells must be a whole number ≥ 1, got {self.min_cells!r}."
-            )
+        if not all(isinstance(name, str) for name in never):
+            raise SceneError(f"StrainRate: never must be names of cell sets, got {self.never!r}.")
+        whole(owner, "min_cells", self.min_cells, least=1)
         listed = isinstance(self.release, (Release, Sequence))
         if not listed or not all(isinstance(release, Release) for release in self.releases):
             raise SceneError(f"StrainRate: release must be Release records, got {self.release!r}.")

@@ -22,6 +22,7 @@ from mpi4py import MPI
 from rigidfx.base import compat
 from rigidfx.base.errors import SceneError, agree, together
 from rigidfx.domain.cell_quality import check_cells
+from rigidfx.domain.mesh_life import keep, let_go
 
 __all__ = ["Domain", "EntitySet", "box", "from_arrays"]
 
@@ -80,18 +81,15 @@ class Domain:
             raise SceneError(
                 f"rigidfx knows hexahedra and tetrahedra, got {mesh.topology.cell_type}."
             )
+        keep(mesh)
         check_cells(mesh)
         object.__setattr__(self, "mesh", mesh)
         object.__setattr__(self, "sets", MappingProxyType({(s.name, s.dim): s for s in sets}))
 
     def __del__(self) -> None:
-        """Let the mesh go where no exception is under way.
-
-        `Scene(box(...), material, [Rigid(3)])` drops the box while its error is on the way. As the
-        mesh's communicator is freed, mpi4py 4.0 would take that error for its own and keep a lock:
-        the process would never end. In a finalizer Python sets exceptions aside.
-        """
+        """Let the mesh go where no exception is under way: see `mesh_life`."""
         vars(self).pop("mesh", None)
+        let_go()
 
     @property
     def comm(self) -> MPI.Intracomm:

@@ -12,8 +12,8 @@ with different flags differ in their last digits.
 from __future__ import annotations
 
 import hashlib
+import logging
 import os
-import re
 import shlex
 from collections.abc import Mapping
 from functools import cache
@@ -26,6 +26,9 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 from ufl.algorithms import expand_derivatives
+
+from rigidfx.base.errors import OutputError, agree
+from rigidfx.flexible.compiled_forms import listening, remove
 
 __all__ = ["FLAGS", "Kernel", "jit_options"]
 
@@ -64,21 +67,25 @@ def jit_options() -> dict[str, Any]:
 
 
 def _compile(comm: MPI.Intracomm, form: ufl.Form) -> Any:
-    """Compile a form; clear what an interrupted compilation has left in the way. Collective.
+    """Compile a form; clear what is in the way in the cache of compiled forms. Collective.
 
-    FFCx takes a source file without a result for another process's work in progress, waits for it
-    and gives up.
+    Raises:
+        OutputError: On every rank, if that cannot be cleared.
     """
-    try:
-        return fem.compile_form(comm, form, jit_options=jit_options())
-    except (RuntimeError, TimeoutError) as error:
-        stale = re.search(r"remove (\S+\.c)\)", str(error))
-        if not comm.bcast(stale is not None):
-            raise
-        if stale is not None:
-            Path(stale[1]).unlink(missing_ok=True)
-        comm.barrier()
-    return fem.compile_form(comm, form, jit_options=jit_options())
+
+    def compiled() -> Any:
+        # As FFCx would set its logger to this level, where `listening` hears it.
+        heard = {"verbosity": logging.INFO}
+        return fem.compile_form(comm, form, form_compiler_options=heard, jit_options=jit_options())
+
+    with listening() as log:
+        try:
+            return compiled()
+        except (RuntimeError, TimeoutError, ImportError):
+            if not any(comm.allgather(log.source)):
+                raise
+        agree(comm, None if log.source is None else remove(log.source), OutputError)
+        return compiled()
 
 
 class Kernel:

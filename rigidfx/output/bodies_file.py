@@ -19,10 +19,12 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError, together
+from rigidfx.base.inputs import numbers, path_of
 from rigidfx.base.text_files import write_text
 from rigidfx.coupling.dof_layout import nodes_of
 from rigidfx.domain.domain import Domain
 from rigidfx.effects import Rigid
+from rigidfx.report.current import check_report, check_scene
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 
@@ -47,14 +49,12 @@ def write_bodies(path: str | Path, scene: Scene, report: Report) -> None:
         report: The last report of the run; bodies are those of its state.
 
     Raises:
-        SceneError: If the run has gone on since.
+        SceneError: If the report is none, of another scene, or the run has gone on since.
         OutputError: On every rank, if the file cannot be written.
     """
-    if not report.current:
-        raise SceneError(
-            f"write_bodies: the report is of t = {report.t:g} s, and the run has gone on. "
-            "Write the bodies before the next step."
-        )
+    path = path_of("write_bodies", "path", path)
+    check_scene("write_bodies", scene)
+    check_report("write_bodies", scene, report)
     state, comm = report.state, scene.comm
     numbers = np.asarray(scene.mesh.topology.original_cell_index)
     attached = _touching_flexible(scene, state.body_numbers())
@@ -106,11 +106,14 @@ def read_bodies(path: str | Path, domain: Domain) -> tuple[Domain, tuple[Rigid, 
     Raises:
         SceneError: On every rank, if the file cannot be read or is of another mesh.
     """
+    path = path_of("read_bodies", "path", path)
+    if not isinstance(domain, Domain):
+        raise SceneError(f"read_bodies: domain must be a Domain, got {type(domain).__name__}.")
     total, box = int(domain.mesh.topology.index_map(3).size_global), _box(domain)
 
     def read() -> list[dict[str, Any]]:
         try:
-            content = json.loads(Path(path).read_text(encoding="utf-8"))
+            content = json.loads(path.read_text(encoding="utf-8"))
         except (OSError, ValueError) as error:
             raise SceneError(f"read_bodies: '{path}' cannot be read as JSON: {error}") from error
         if not isinstance(content, dict) or content.get("format") != FORMAT:
@@ -225,13 +228,18 @@ def _numbers(body: dict[str, Any]) -> None:
     """Check the numbers of a body.
 
     Raises:
-        ValueError: If something is missing, or no finite number.
+        ValueError: If something is missing, no finite number, no mass or no rotation.
     """
     shapes = {"mass": (), "inertia": (3, 3), "orientation": (3, 3), "place": (3,)}
     for key, shape in shapes.items():
-        value = np.asarray(body[key], dtype=np.float64)
+        value = numbers(body[key])
         if value.shape != shape or not np.isfinite(value).all():
             raise ValueError(f"{key} of body '{body['name']}' is {body[key]!r}.")
+    if not body["mass"] > 0:
+        raise ValueError(f"mass of body '{body['name']}' is {body['mass']!r}.")
+    R = np.asarray(body["orientation"])
+    if np.abs(R @ R.T - np.eye(3)).max() > 1e-6 or np.linalg.det(R) < 0:
+        raise ValueError(f"orientation of body '{body['name']}' is no rotation: {R.tolist()}.")
     if not isinstance(body["given"], bool):
         raise ValueError(f"given of body '{body['name']}' is {body['given']!r}.")
 

@@ -1,85 +1,43 @@
 """The files of a run: a row per step in history.csv, and fields for ParaView.
 
-    folder/history.csv     one row per step, flushed at once, numbers in full precision
+    folder/history.csv     one row per step, flushed at once, numbers in full precision; its columns
+                           are told in `history`
     folder/events.csv      one row per body that was frozen, changed or released; only if there may
-                           be such events
-    folder/bodies.csv      one row per body at each time of the fields; only if there may be bodies
-    folder/fields.pvd      fields for ParaView, at the output interval
+                           be such events; see `body_tables`
+    folder/bodies.csv      one row per body at each time of the fields; only if there may be bodies;
+                           see `body_tables`
+    folder/fields.pvd      fields for ParaView, at the output interval; see `fields`
     folder/fields/         its files, one per time
     folder/view.py         a script for ParaView that shows them; see `view`
 
-The fields are displacement [m] and velocity [m/s] on the nodes, and on the cells the Cauchy stress
-(nine components) and von Mises' [Pa], both as `stress` defines them, the number of the material,
-and, where there are rigid bodies or may be, the number of the body (0 outside bodies), a flag
-(1 rigid, 0 flexible) and, where parts are found, the strain rate of the step [1/s], zero in bodies.
-
 A run may end at any instant, by Ctrl-C or kill -9: each file is whole up to the last row or time
-that was written.
-
-Columns of history.csv, in SI units; a vector has one column for each of x, y, z:
-
-    step, t, dt, iterations, linear_iterations, cuts, unknowns
-    kinetic, strain, stored, springs, energy at t; stored in bodies, in springs, and the sum [J]
-    work_of_loads, work_of_supports          in the step [J]
-    dissipated                               by all damping in the step [J]
-    impact_energy                            change of energy where a support began [J]
-    momentum_scale, L_x …                    Σ m|v| and linear momentum [kg m/s]
-    J_x …                                    angular momentum about the origin [kg m²/s]
-    bodies, J_rigid_x …                      number of rigid bodies, and their part of it
-    reaction_NAME_x …                        of each support [N], zero while it does not act
-    u_NAME_x …                               displacement of each probe [m]
-    wall                                     wall time of the step [s]
-
-Columns of events.csv: t, kind, reason, unknowns_before, unknowns_after of the event; name, number,
-cells_before, cells_after, stored_before, stored_after of the body [J]; energy_frozen,
-energy_released, energy_lost [J], linear_momentum_error [kg m/s], angular_momentum_error [kg m²/s]
-of the event.
-
-Columns of bodies.csv: t, number, name, cells, mass [kg], centre_x … of mass [m], velocity_x … of it
-[m/s], angular_velocity_x … [rad/s], rotation_x …, the rotation vector since the body became rigid
-[rad], kinetic, stored [J].
+that was written. While it goes on no other recorder gets the folder.
 """
 
 from __future__ import annotations
 
-import csv
-import os
-from collections.abc import Iterable
+from collections.abc import Callable
+from contextlib import ExitStack, closing, suppress
+from functools import cached_property
 from math import floor
 from pathlib import Path
 from types import TracebackType
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
-from scipy.spatial.transform import Rotation
 
 from rigidfx.base.errors import OutputError, SceneError, StepError, agree
-from rigidfx.base.inputs import positive
-from rigidfx.effects import Rigid
-from rigidfx.flexible.stress import CauchyStress, von_mises
-from rigidfx.output.paraview import Body, Series
+from rigidfx.base.inputs import path_of, positive, whole
+from rigidfx.output.body_tables import BODY_COLUMNS, EVENT_COLUMNS, body_rows, event_rows
+from rigidfx.output.csv_file import CsvFile
+from rigidfx.output.fields import Fields
+from rigidfx.output.history import history_columns, history_row
+from rigidfx.output.paraview import Series
 from rigidfx.output.paraview_script import write as write_view
-from rigidfx.report.report import BodyReport, Report
+from rigidfx.report.current import check_report, check_scene
+from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 
-__all__ = ["Recorder", "read_history"]
-
-Array = npt.NDArray[np.float64]
-
-SCALARS = (
-    *("step", "t", "dt", "iterations", "linear_iterations", "cuts", "unknowns"),
-    *("kinetic", "strain", "stored", "springs", "energy", "work_of_loads", "work_of_supports"),
-)
-
-
-EVENT = (
-    *("t", "kind", "reason", "unknowns_before", "unknowns_after"),
-    *("energy_frozen", "energy_released", "energy_lost"),
-    *("linear_momentum_error", "angular_momentum_error"),
-)
-CHANGE = ("name", "number", "cells_before", "cells_after", "stored_before", "stored_after")
-BODY = ("centre", "velocity", "angular_velocity", "rotation")
+__all__ = ["Recorder"]
 
 
 class Recorder:
@@ -117,40 +75,44 @@ class Recorder:
             stress: Whether stresses are among the fields. If not, none is computed or compiled.
 
         Raises:
-            OutputError: On every rank, if the folder cannot be written to.
+            OutputError: On every rank, if the folder cannot be written to, or another recorder
+                writes to it.
             SceneError: If every or interval cannot be used.
         """
-        if not isinstance(every, int) or every < 1:
-            raise SceneError(f"Recorder: every must be a whole number ≥ 1, got {every!r}.")
-        if interval is not None:
-            positive("Recorder", "interval", interval)
-        self.folder = Path(folder)
-        self._comm = scene.comm
-        self._every, self._interval = every, interval
+        check_scene("Recorder", scene)
+        if not isinstance(stress, (bool, np.bool_)):
+            raise SceneError(f"Recorder: stress must be True or False, got {stress!r}.")
+        self._every = whole("Recorder", "every", every, least=1)
+        self._interval = None if interval is None else positive("Recorder", "interval", interval)
+        self._next = 0.0
+        self.folder = path_of("Recorder", "folder", folder)
+        self._scene, self._comm = scene, scene.comm
         self._supports = tuple(dict.fromkeys(support.where for support, _ in scene.supports))
-        self._first = self._comm.rank == 0
-        self._body = Body(scene.space)
-        self._materials = self._body.on_cells(_material_numbers(scene))
-        self._stress = CauchyStress(scene) if stress else None
-        self._may_be_rigid = bool(scene.named(Rigid))
+        self._fields = Fields(scene, stress)
         self._last: Report | None = None
-        self._fields_at, self._next = -1, 0.0
-        problem = None
-        try:
-            if self._first:
-                self.folder.mkdir(parents=True, exist_ok=True)
-                self.history.open("w").close()
-                self.events.unlink(missing_ok=True)
-                self.bodies.unlink(missing_ok=True)
-                self._series = Series(self.series, self._body)
-                write_view(self.folder)
-        except OSError as error:
-            problem = self._problem(error)
-        agree(self._comm, problem, OutputError)
-        path = self.history if self._first else os.devnull
-        self._file = open(path, "w", newline="", encoding="utf-8")  # noqa: SIM115
-        self._rows = csv.DictWriter(self._file, _columns(self._supports, scene.probes))
-        self._rows.writeheader()
+        self._fields_at, self._closed = -1, False
+        with ExitStack() as self._files:
+            self._on_first_rank(lambda: self._start(list(scene.probes)))
+            self._files = self._files.pop_all()
+
+    def _start(self, probes: list[str]) -> None:
+        self.folder.mkdir(parents=True, exist_ok=True)
+        self._history = self._csv_file(self.history, history_columns(self._supports, probes))
+        self.events.unlink(missing_ok=True)
+        self.bodies.unlink(missing_ok=True)
+        self._series = Series(self.series, self._fields.body)
+        write_view(self.folder)
+
+    def _csv_file(self, path: Path, columns: list[str]) -> CsvFile:
+        return self._files.enter_context(closing(CsvFile(path, columns)))
+
+    @cached_property
+    def _events(self) -> CsvFile:
+        return self._csv_file(self.events, [*EVENT_COLUMNS])
+
+    @cached_property
+    def _bodies(self) -> CsvFile:
+        return self._csv_file(self.bodies, [*BODY_COLUMNS])
 
     @property
     def history(self) -> Path:
@@ -176,27 +138,30 @@ class Recorder:
         """Add a row, and the fields where their time has come. Collective.
 
         Args:
-            report: A step of the run.
+            report: The last step of the run so far.
 
         Raises:
             OutputError: On every rank, if rank 0 cannot write.
+            SceneError: If it is no report, of another scene, of a step that is not the last one any
+                more, or earlier than what has been written.
         """
+        self._check(report)
         self._last = report
-        problem = None
-        try:
-            self._rows.writerow(self._row(report))
-            self._file.flush()
-            if self._first:
-                self._write_events(report)
-        except OSError as error:
-            problem = self._problem(error)
-        agree(self._comm, problem, OutputError)
+        self._on_first_rank(lambda: self._write_rows(report))
         if self._due(report):
             self._write_fields(report)
 
     def close(self) -> None:
-        """Close history.csv."""
-        self._file.close()
+        """Close the files, and let other recorders have the folder. Not collective.
+
+        Raises:
+            OutputError: On rank 0, if the file system has not been able to keep what it took.
+        """
+        self._closed = True
+        try:
+            self._files.close()
+        except OSError as error:
+            raise OutputError(self._problem(error)) from error
 
     def __enter__(self) -> Recorder:
         """Nothing to do: all is open from construction."""
@@ -212,13 +177,28 @@ class Recorder:
 
         They are written after a StepError too, which all ranks raise alike; any other error may be
         one rank's own.
+        Where the run has gone on since the last report that was written, its fields are gone.
         """
+        together = error is None or isinstance(error, StepError)
+        last = self._last
         try:
-            together = error is None or isinstance(error, StepError)
-            if together and self._last is not None and self._last.step != self._fields_at:
-                self._write_fields(self._last)
+            if together and last and last.step != self._fields_at and last.current:
+                self._write_fields(last)
+            if error is None:
+                self._on_first_rank(self._files.close)
         finally:
-            self.close()
+            with suppress(OutputError):  # the error that is under way tells more
+                self.close()
+
+    def _check(self, report: Report) -> None:
+        if self._closed:
+            raise OutputError(f"Recorder.write: the recorder of '{self.folder}' is closed.")
+        check_report("Recorder.write", self._scene, report)
+        if self._last is not None and report.step <= self._last.step:
+            raise SceneError(
+                f"Recorder.write: step {report.step} comes after step {self._last.step}. Write "
+                "each step once, and take a new recorder for another run."
+            )
 
     def _due(self, report: Report) -> bool:
         if self._interval is None:
@@ -228,131 +208,40 @@ class Recorder:
         self._next = (floor(report.t / self._interval * (1 + 1e-9)) + 1) * self._interval
         return True
 
-    def _write_events(self, report: Report) -> None:
+    def _write_rows(self, report: Report) -> None:
+        self._history.add([history_row(report, self._supports)])
         if report.finds_bodies:
-            rows = [
-                {name: getattr(event, name) for name in EVENT}
-                | {name: getattr(change, name) for name in CHANGE}
-                for event in report.events
-                for change in event.changes
-            ]
-            _append(self.events, [*EVENT, *CHANGE], rows)
-
-    def _write_bodies(self, report: Report) -> None:
-        if self._may_have_bodies(report):
-            _append(self.bodies, _body_columns(), [_body_row(report.t, b) for b in report.bodies])
-
-    def _may_have_bodies(self, report: Report) -> bool:
-        return self._may_be_rigid or report.finds_bodies
-
-    def _cell_fields(self, report: Report) -> dict[str, npt.NDArray[Any]]:
-        """Fields on the cells, whole on rank 0. Collective."""
-        fields: dict[str, npt.NDArray[Any]] = {"material": self._materials}
-        if self._stress is not None:
-            stress = self._body.on_cells(self._stress.measure(report.state.u))
-            fields |= {"stress": stress, "von_mises": von_mises(stress)}
-        if self._may_have_bodies(report):
-            body = self._body.on_cells(report.state.body_numbers())
-            fields |= {"body": body, "rigid": (body > 0).astype(np.uint8)}
-        if report.strain_rate is not None:
-            fields["strain_rate"] = self._body.on_cells(report.strain_rate)
-        return fields
+            self._events.add(event_rows(report))
 
     def _write_fields(self, report: Report) -> None:
-        state = report.state
-        state.rebuild()
-        cells = self._cell_fields(report)
-        points = {f.name: self._body.on_nodes(f) for f in (state.u, state.v)}
+        points, cells = self._fields.on_nodes(report), self._fields.on_cells(report)
         self._fields_at = report.step
+
+        def write() -> None:
+            self._series.write(report.t, points, cells)
+            if self._fields.may_have_bodies(report):
+                self._bodies.add(body_rows(report))
+
+        self._on_first_rank(write)
+
+    def _on_first_rank(self, action: Callable[[], None]) -> None:
+        """Write on rank 0, and raise on all ranks what goes wrong there. Collective."""
         problem = None
-        if self._first:
+        if self._comm.rank == 0:
             try:
-                self._series.write(report.t, points, cells)
-                self._write_bodies(report)
+                action()
             except OSError as error:
                 problem = self._problem(error)
         agree(self._comm, problem, OutputError)
 
-    def _row(self, report: Report) -> dict[str, float]:
-        row = {name: getattr(report, name) for name in SCALARS}
-        row["dissipated"] = sum(report.dissipated.values())
-        row["impact_energy"] = report.impact.energy if report.impact else 0.0
-        row["momentum_scale"] = report.momentum_scale
-        row |= _components("L", report.linear_momentum)
-        row |= _components("J", report.angular_momentum)
-        row["bodies"] = len(report.bodies)
-        row |= _components("J_rigid", sum((b.angular_momentum for b in report.bodies), np.zeros(3)))
-        for name in self._supports:
-            row |= _components(f"reaction_{name}", report.reactions.get(name, np.zeros(3)))
-        for name, displacement in report.probes.items():
-            row |= _components(f"u_{name}", displacement)
-        return row | {"wall": report.wall}
-
     def _problem(self, error: OSError) -> str:
+        if isinstance(error, BlockingIOError):
+            return (
+                f"Recorder: another recorder writes to the folder '{self.folder}', in this process "
+                "or in another. Close that one, wait for its run to end, or name another folder."
+            )
         return (
             f"Recorder: cannot write to the folder '{self.folder}' "
             f"({error.strerror or error}: '{error.filename or self.history}'). Name a folder that "
             "you may write to and where no file is in the way, and check the space left there."
         )
-
-
-def read_history(path: str | Path) -> dict[str, Array]:
-    """The columns of a history.csv by name, each of shape (steps,).
-
-    Args:
-        path: The file; it may be that of a run that goes on, or was killed.
-
-    Raises:
-        OSError: If it cannot be read.
-    """
-    with open(path, newline="", encoding="utf-8") as file:
-        header, *rows = csv.reader([line for line in file if line.endswith("\n")])
-    values = np.array(rows, dtype=np.float64).reshape(len(rows), len(header))
-    return dict(zip(header, values.T, strict=True))
-
-
-def _append(path: Path, columns: list[str], rows: list[dict[str, Any]]) -> None:
-    """Add rows to a table, and its header if it is new."""
-    new = not path.exists()
-    if not (new or rows):
-        return
-    with path.open("a", newline="", encoding="utf-8") as file:
-        table = csv.DictWriter(file, columns)
-        if new:
-            table.writeheader()
-        table.writerows(rows)
-
-
-def _body_columns() -> list[str]:
-    vectors = [f"{vector}_{axis}" for vector in BODY for axis in "xyz"]
-    return ["t", "number", "name", "cells", "mass", *vectors, "kinetic", "stored"]
-
-
-def _body_row(t: float, body: BodyReport) -> dict[str, Any]:
-    row: dict[str, Any] = {"t": t, "number": body.number, "name": body.name, "cells": body.cells}
-    row |= {"mass": body.mass, "kinetic": body.kinetic, "stored": body.stored}
-    rotation = Rotation.from_matrix(body.orientation).as_rotvec()
-    for name, vector in zip(
-        BODY, (body.centre, body.velocity, body.angular_velocity, rotation), strict=True
-    ):
-        row |= _components(name, vector)
-    return row
-
-
-def _components(name: str, vector: Iterable[float]) -> dict[str, float]:
-    return {f"{name}_{axis}": float(x) for axis, x in zip("xyz", vector, strict=True)}
-
-
-def _columns(supports: Iterable[str], probes: Iterable[str]) -> list[str]:
-    named = [*(f"reaction_{s}" for s in supports), *(f"u_{p}" for p in probes)]
-    vectors = ["L", "J", "J_rigid", *named]
-    names = [f"{vector}_{axis}" for vector in vectors for axis in "xyz"]
-    return [*SCALARS, "dissipated", "impact_energy", "momentum_scale", "bodies", *names, "wall"]
-
-
-def _material_numbers(scene: Scene) -> npt.NDArray[np.int32]:
-    """For each owned cell, which of the scene's materials it has, counted from 0."""
-    numbers = np.zeros(scene.mesh.topology.index_map(3).size_local, dtype=np.int32)
-    for k, (_, cells) in enumerate(scene.materials):
-        numbers[cells] = k
-    return numbers

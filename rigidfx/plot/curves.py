@@ -15,10 +15,11 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from rigidfx.base.errors import OutputError, agree
-from rigidfx.output.recorder import read_history
+from rigidfx.base.errors import OutputError, SceneError, agree
+from rigidfx.base.inputs import number, numbers, path_of
+from rigidfx.output.history import read_history
 
-__all__ = ["Curve", "curves", "figure_of", "histories", "on_first_rank", "save"]
+__all__ = ["Curve", "check_time", "curves", "figure_of", "histories", "on_first_rank", "save"]
 
 Array = npt.NDArray[np.float64]
 
@@ -36,6 +37,10 @@ STYLE = {
 BLUE, ORANGE, GREEN, DARK, GREY = "#0072b2", "#d55e00", "#009e73", "#222222", "#999999"
 COLOURS = (BLUE, ORANGE, GREEN, "#cc79a7", "#56b4e9", "#e69f00")
 DPI = 150
+HISTORY = (
+    *("t", "energy", "kinetic", "strain", "stored", "momentum_scale"),
+    *(f"{vector}_{axis}" for vector in "LJ" for axis in "xyz"),
+)
 
 
 def histories(
@@ -57,11 +62,16 @@ def histories(
         comm: Ranks that call this.
 
     Raises:
-        OutputError: If the picture cannot be drawn or written.
+        OutputError: If the picture cannot be drawn or written, or the history cannot be read.
+        SceneError: If an argument cannot be used.
     """
+    path = path_of("histories", "path", path)
+    check_time("histories", free_since)
+    if not isinstance(history, Mapping):
+        path_of("histories", "history", history)
 
     def draw() -> None:
-        h = history if isinstance(history, Mapping) else read_history(history)
+        h = _columns_of(history, free_since)
         t = h["t"]
         rows = 3 if free_since is None else 4
         figure, axes = figure_of(rows, 1, (9.0, 2.4 * rows + 0.6), title, sharex=True)
@@ -86,6 +96,41 @@ def histories(
         save(figure, path)
 
     on_first_rank(comm, draw, f"histories: '{path}'")
+
+
+def check_time(owner: str, free_since: float | None) -> None:
+    """Check the time from which on a body is free.
+
+    Args:
+        owner: Who asks for it, for the message.
+        free_since: What was given.
+
+    Raises:
+        SceneError: If it is neither a number nor None.
+    """
+    if free_since is not None:
+        number(owner, "free_since", free_since)
+
+
+def _columns_of(
+    history: str | Path | Mapping[str, Array], free_since: float | None
+) -> Mapping[str, Array]:
+    """The columns that are drawn.
+
+    Raises:
+        OutputError: If one is missing, or there is nothing in them.
+    """
+    h = history if isinstance(history, Mapping) else read_history(history)
+    for name in HISTORY:
+        if name not in h:
+            raise OutputError(f"the history has no column '{name}'")
+    if np.size(h["t"]) == 0:
+        raise OutputError("the history has no steps yet")
+    if free_since is not None and not free_since <= h["t"][-1]:
+        raise OutputError(
+            f"free_since = {free_since:g} s is after the last step, at {h['t'][-1]:g} s"
+        )
+    return h
 
 
 def _components(ax: Any, t: Array, h: Mapping[str, Array], name: str) -> None:
@@ -132,6 +177,18 @@ class Curve:
     y: Sequence[float] | Array
     broken: bool = False
 
+    def __post_init__(self) -> None:
+        """Check the points.
+
+        Raises:
+            SceneError: If there are none, or as many abscissae as ordinates are not.
+        """
+        x, y = numbers(self.x), numbers(self.y)
+        if x.ndim != 1 or x.shape != y.shape or x.size == 0:
+            raise SceneError(
+                f"Curve '{self.label}': x and y must be lists of numbers, of the same length ≥ 1."
+            )
+
 
 def curves(
     panels: Mapping[str, Sequence[Curve]],
@@ -154,7 +211,10 @@ def curves(
 
     Raises:
         OutputError: If the picture cannot be drawn or written.
+        SceneError: If an argument cannot be used.
     """
+    path = path_of("curves", "path", path)
+    _check_panels(panels, ylabel)
 
     def draw() -> None:
         figure, axes = figure_of(len(panels), 1, (9.0, 3.1 * len(panels) + 0.5), title, sharex=True)
@@ -185,6 +245,23 @@ def curves(
         save(figure, path)
 
     on_first_rank(comm, draw, f"curves: '{path}'")
+
+
+def _check_panels(panels: Any, ylabel: str | Sequence[str]) -> None:
+    if not isinstance(panels, Mapping):
+        raise SceneError(f"curves: panels must be a dict of headings to curves, got {panels!r}.")
+    if not panels:
+        raise SceneError("curves: panels must name at least one panel.")
+    for heading, group in panels.items():
+        if not isinstance(group, Sequence) or not all(isinstance(c, Curve) for c in group):
+            raise SceneError(f"curves: panel '{heading}' must hold Curve records.")
+        if not group:
+            raise SceneError(f"curves: panel '{heading}' has no curves.")
+    if not isinstance(ylabel, str) and len(ylabel) != len(panels):
+        raise SceneError(
+            f"curves: ylabel must be one text, or one for each of the {len(panels)} panels, got "
+            f"{ylabel!r}."
+        )
 
 
 def figure_of(

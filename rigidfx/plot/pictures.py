@@ -19,10 +19,26 @@ import numpy as np
 from mpi4py import MPI
 
 from rigidfx.base.errors import OutputError, SceneError
-from rigidfx.base.inputs import number, numbers
-from rigidfx.output.recorder import read_history
-from rigidfx.plot.curves import Curve, curves, figure_of, histories, on_first_rank, save
-from rigidfx.plot.renders import OF_CELLS, Photograph, film, pyvista, sheet, surface_of
+from rigidfx.base.inputs import number, path_of
+from rigidfx.output.history import read_history
+from rigidfx.plot.curves import (
+    Curve,
+    check_time,
+    curves,
+    figure_of,
+    histories,
+    on_first_rank,
+    save,
+)
+from rigidfx.plot.renders import (
+    OF_CELLS,
+    Photograph,
+    check_camera,
+    film,
+    pyvista,
+    sheet,
+    surface_of,
+)
 
 __all__ = ["Curve", "curves", "figure_of", "histories", "on_first_rank", "pictures", "save"]
 
@@ -63,7 +79,8 @@ def pictures(
         OutputError: If the files of the run are not there, or a picture cannot be drawn or written.
     """
     _check(shapes, frames, view, up)
-    place = Path(folder)
+    check_time("pictures", free_since)
+    place = path_of("pictures", "folder", folder)
     made: list[Path] = []
 
     def draw() -> None:
@@ -118,14 +135,7 @@ def _check(shapes: int, frames: int, view: Sequence[float], up: Sequence[float])
         value = number("pictures", name, count)
         if value < least or not value.is_integer():
             raise SceneError(f"pictures: {name} must be an integer ≥ {least}, got {count!r}.")
-    for name, direction in (("view", view), ("up", up)):
-        array = numbers(direction)
-        if array.shape != (3,) or not np.isfinite(array).all() or not array.any():
-            raise SceneError(
-                f"pictures: {name} must be three finite numbers, not all zero, got {direction!r}."
-            )
-    if not np.cross(numbers(view), numbers(up)).any():
-        raise SceneError(f"pictures: view and up are parallel: {view!r} and {up!r}.")
+    check_camera("pictures", view, up)
 
 
 class _Run:

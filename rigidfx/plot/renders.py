@@ -16,9 +16,20 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.base.errors import SceneError
+from rigidfx.base.inputs import numbers
 from rigidfx.plot.curves import figure_of, save
 
-__all__ = ["FIELDS", "OF_CELLS", "Photograph", "film", "pyvista", "sheet", "surface_of"]
+__all__ = [
+    "FIELDS",
+    "OF_CELLS",
+    "Photograph",
+    "check_camera",
+    "film",
+    "pyvista",
+    "sheet",
+    "surface_of",
+]
 
 Array = npt.NDArray[np.float64]
 
@@ -46,6 +57,27 @@ class Photograph:
 
     t: float
     surface: Any
+
+
+def check_camera(owner: str, view: Sequence[float], up: Sequence[float]) -> None:
+    """Check where a camera looks from, and what is up for it.
+
+    Args:
+        owner: Whose camera it is, for the message.
+        view: Direction from the body to the camera.
+        up: Direction that points upwards in the picture.
+
+    Raises:
+        SceneError: If one is no direction, or they are parallel.
+    """
+    for name, direction in (("view", view), ("up", up)):
+        array = numbers(direction)
+        if array.shape != (3,) or not np.isfinite(array).all() or not array.any():
+            raise SceneError(
+                f"{owner}: {name} must be three finite numbers, not all zero, got {direction!r}."
+            )
+    if not np.cross(numbers(view), numbers(up)).any():
+        raise SceneError(f"{owner}: view and up are parallel: {view!r} and {up!r}.")
 
 
 def pyvista() -> Any:

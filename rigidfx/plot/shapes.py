@@ -14,10 +14,12 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
+from rigidfx.base.inputs import number, path_of, whole
 from rigidfx.flexible.stress import CauchyStress, von_mises
 from rigidfx.output.paraview import Body
 from rigidfx.plot.curves import on_first_rank
-from rigidfx.plot.renders import Photograph, pyvista, sheet, surface_of
+from rigidfx.plot.renders import Photograph, check_camera, pyvista, sheet, surface_of
+from rigidfx.report.current import check_report, check_scene
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 
@@ -65,7 +67,10 @@ class Shapes:
         Raises:
             SceneError: If there are no times, or the colour is not one of these.
         """
-        self._times = sorted(times)
+        check_scene("Shapes", scene)
+        if not isinstance(times, Iterable) or isinstance(times, str):
+            raise SceneError(f"Shapes: times must be a list of times, got {times!r}.")
+        self._times = sorted(number("Shapes", "times", t) for t in times)
         if not self._times:
             raise SceneError("Shapes: times must name at least one time.")
         if colour not in get_args(Colour):
@@ -73,7 +78,7 @@ class Shapes:
                 f"Shapes: colour must be one of {', '.join(get_args(Colour))}, got {colour!r}."
             )
         self._colour = colour
-        self._comm = scene.comm
+        self._scene, self._comm = scene, scene.comm
         self._body = Body(scene.space)
         self._stress = CauchyStress(scene) if colour == "von_mises" else None
         self._shapes: list[_Shape] = []
@@ -82,8 +87,12 @@ class Shapes:
         """Keep the shape if its time has come. Collective.
 
         Args:
-            report: A step of the run.
+            report: The last step of the run so far.
+
+        Raises:
+            SceneError: If it is none, of another scene, or the run has gone on since.
         """
+        check_report("Shapes.add", self._scene, report)
         due = 0
         while due < len(self._times) and report.t >= self._times[due] * (1 - 1e-9):
             due += 1
@@ -122,7 +131,13 @@ class Shapes:
 
         Raises:
             OutputError: If the picture cannot be drawn or written.
+            SceneError: If no shape has been kept, or an argument cannot be used.
         """
+        path = path_of("Shapes.draw", "path", path)
+        whole("Shapes.draw", "columns", columns, least=1)
+        check_camera("Shapes.draw", view, up)
+        if not self._shapes:
+            raise SceneError("Shapes.draw: no shape has been added yet, at none of the times.")
 
         def draw() -> None:
             body = self._body

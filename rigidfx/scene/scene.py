@@ -20,6 +20,7 @@ from mpi4py import MPI
 from rigidfx import effects as fx
 from rigidfx.base import compat
 from rigidfx.base.errors import SceneError
+from rigidfx.base.same_input import check_same
 from rigidfx.domain.domain import Domain
 from rigidfx.mechanics.element import Element, StandardElement
 from rigidfx.mechanics.materials import Material
@@ -98,6 +99,9 @@ class Scene:
         if isinstance(effects, str) or not isinstance(effects, Iterable):
             raise SceneError(f"Scene: effects must be a list of effects, got {effects!r}.")
         self.effects = tuple(effects)
+        own: dict[str, Any] = {"material": material, "order": order, "mass": mass, "scheme": scheme}
+        own |= {"probes": probes, "names": sorted(domain.sets), "effects": self.effects}
+        check_same(domain.comm, "Scene", own)
         self.order, self.mass = order, mass
         self.scheme: Scheme = EnergyMomentum() if scheme is None else scheme
         if isinstance(scheme, type) or not hasattr(self.scheme, "virtual_work"):

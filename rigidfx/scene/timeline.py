@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Iterable, Mapping
-from math import floor
+from math import floor, ulp
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import number, positive
 
 __all__ = ["Timeline"]
+
+LEAST = 1000  # a step in numbers that lie apart there, so that it can be cut and divided
 
 
 class Timeline:
@@ -29,7 +31,7 @@ class Timeline:
             t_end: End of the run [s].
 
         Raises:
-            SceneError: If one cannot be used.
+            SceneError: If one cannot be used, or time cannot resolve the steps.
         """
         steps = dict(dt) if isinstance(dt, Mapping) else {0.0: dt}
         pairs = sorted(
@@ -44,8 +46,24 @@ class Timeline:
         self.t_end = positive("simulate", "t_end", t_end)
         self._times, self._steps = [t for t, _ in pairs], [own for _, own in pairs]
         self.dt = self._steps[0]
-        self.resolution = 1e-9 * min(self._steps)
+        self.resolution = self._resolve()
         self._stops: list[float] = [*self._times[1:], self.t_end]
+
+    def _resolve(self) -> float:
+        """Times that are the same: some numbers apart, and far less than a step.
+
+        Raises:
+            SceneError: If a step is as short as numbers are apart at the end of the run.
+        """
+        finest = min(dt for t, dt in zip(self._times, self._steps, strict=True) if t < self.t_end)
+        apart = ulp(self.t_end)
+        if finest < LEAST * apart:
+            raise SceneError(
+                f"simulate: dt = {finest:g} s cannot be resolved in a run until t_end = "
+                f"{self.t_end:.9g} s, where numbers are {apart:.2g} s apart. Take dt ≥ "
+                f"{LEAST * apart:.2g} s, or a run of its own that begins at 0."
+            )
+        return max(1e-9 * finest, 4 * apart)
 
     def stop_at(self, times: Iterable[float]) -> None:
         """Add breakpoints [s]."""

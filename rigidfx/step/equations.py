@@ -29,8 +29,10 @@ from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Step
 from rigidfx.scene.scene import Scene
 from rigidfx.step.actions import Actions
+from rigidfx.step.callbacks import errors_of_callbacks
 from rigidfx.step.first_guess import Guess
 from rigidfx.step.linear_solver import PREFIX, configure, default_options, prefers_direct
+from rigidfx.step.petsc_options import loose_solves_allowed, monitor_solves
 from rigidfx.step.round_off import Rounding
 from rigidfx.step.stopping_test import (
     MAX_ITERATIONS,
@@ -162,13 +164,14 @@ class Equilibrium:
         snes.setJacobian(tangent, self._tangent.matrix, args=(self,))
         snes.setConvergenceTest(convergence, args=(self,))
         snes.setTolerances(rtol=RELATIVE_TOLERANCE, max_it=MAX_ITERATIONS)
-        if self._krylov:
+        if self._krylov and loose_solves_allowed():
             # Linear systems are solved no further than Newton's quadratic convergence will get:
             # three Krylov iterations in ten are saved, for a Newton iteration in ten more at most.
             snes.setParamsEW(version=2, rtol_0=3e-3, gamma=0.3, alpha=2.0)
             snes.setUseEW(True)
         with default_options(PREFIX, snes_linesearch_type="basic"):
             snes.setFromOptions()
+        monitor_solves(snes)
         self._configure(snes.getKSP(), not self._krylov)
         return snes
 
@@ -229,7 +232,8 @@ class Equilibrium:
         self.stop.expect_rounding(
             self._rounding.in_residual(self._dt, self._v0, self._actions.external, self._step.start)
         )
-        self._snes.solve(None, self._y)
+        with errors_of_callbacks():
+            self._snes.solve(None, self._y)
         return judged(int(self._snes.getConvergedReason()))
 
     def limit_linear_error(self) -> None:

@@ -20,6 +20,7 @@ PREFIX = "rigidfx_"
 # 258 unknowns; by GMRES 2.3, 3.2 and 3.8 ms. Up to here LU costs no more, and it never gives up.
 DIRECT_BELOW = 100  # unknowns
 KRYLOV_RTOL = 1e-8
+RIGHT_SIDED = ("gmres", "fgmres", "lgmres", "dgmres", "pgmres", "gcr", "bcgs", "bcgsl", "tfqmr")
 
 
 @contextmanager
@@ -76,7 +77,8 @@ def configure(ksp: PETSc.KSP, direct: bool, unknowns: int, bodies: bool) -> None
         ksp.setType(PETSc.KSP.Type.GMRES)
         # On this side the residual that ends the iteration is that of the system itself. The
         # preconditioned one vanishes at once where the incomplete factors are all but singular.
-        ksp.setPCSide(PETSc.PC.Side.RIGHT)
+        if PETSc.Options(PREFIX).getString("ksp_type", "gmres") in RIGHT_SIDED:
+            ksp.setPCSide(PETSc.PC.Side.RIGHT)
         limit = krylov_limit(unknowns)
         ksp.setGMRESRestart(min(limit, 100))
         ksp.setTolerances(rtol=KRYLOV_RTOL, atol=0.0, max_it=limit)

@@ -1,0 +1,82 @@
+"""Whether all ranks were given the same: one comparison, before anything depends on it.
+
+A script runs on every rank. Where it draws random numbers, or reads a clock or a rank's own file,
+ranks would take different decisions and then wait for each other for ever.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Mapping, Sequence, Set
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from rigidfx.base.errors import SceneError
+
+__all__ = ["check_same"]
+
+SHOWN = 120  # characters of what a rank was given
+
+
+def check_same(comm: MPI.Intracomm, owner: str, given: Mapping[str, Any]) -> None:
+    """Check that all ranks were given the same numbers and names. Collective.
+
+    Functions cannot be compared; of them only that there are such, and their breakpoints.
+
+    Args:
+        comm: Communicator of the mesh.
+        owner: To whom it was given, for the message.
+        given: What was given, by its name. A sequence is compared item by item.
+
+    Raises:
+        SceneError: On every rank, if something differs; the message names it, and what a rank has.
+    """
+    if comm.size == 1:
+        return
+    items = dict(_items(given))
+    digests = comm.allgather({name: _digest(value) for name, value in items.items()})
+    for rank, other in enumerate(digests):
+        names = [*digests[0], *(name for name in other if name not in digests[0])]
+        for name in names:
+            if digests[0].get(name) != other.get(name):
+                shown = comm.allgather(repr(items[name])[:SHOWN] if name in items else "nothing")
+                raise SceneError(
+                    f"{owner}: {name} is not the same on all ranks: {shown[0]} on rank 0, "
+                    f"{shown[rank]} on rank {rank}. What is random, or read from a file, has to "
+                    "be found on one rank and broadcast."
+                )
+
+
+def _items(given: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    for name, value in given.items():
+        if isinstance(value, (list, tuple)):
+            yield from ((f"{name}[{k}]", item) for k, item in enumerate(value))
+        else:
+            yield name, value
+
+
+def _digest(value: Any) -> bytes:
+    return hashlib.sha256(repr(_plain(value)).encode()).digest()
+
+
+def _plain(value: Any) -> Any:
+    """What can be compared of a value."""
+    if value is None or isinstance(value, (bool, int, float, complex, str, bytes)):
+        return value
+    if isinstance(value, (np.ndarray, np.generic)):
+        array = np.asarray(value)
+        content = array.tolist() if array.dtype == object else array.tobytes()
+        return array.shape, str(array.dtype), content
+    name = type(value).__qualname__
+    if is_dataclass(value):
+        return name, [(f.name, _plain(getattr(value, f.name, None))) for f in fields(value)]
+    if isinstance(value, Mapping):
+        return name, [(_plain(key), _plain(item)) for key, item in value.items()]
+    if isinstance(value, Sequence):
+        return name, [_plain(item) for item in value]
+    if isinstance(value, Set):
+        return name, sorted(repr(_plain(item)) for item in value)
+    return name, [float(t) for t in getattr(value, "breakpoints", ())]

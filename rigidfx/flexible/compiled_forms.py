@@ -1,0 +1,85 @@
+"""The cache of compiled forms: what is waited for there, and what has to be removed from it.
+
+FFCx takes a source file without a result for another process's work in progress, waits for it in
+silence and gives up; a result that is damaged (by a full disk, or a kill) it cannot load. Which
+files these are is told by its log only.
+"""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+__all__ = ["CacheLog", "listening", "remove"]
+
+TOLD_AFTER = 3  # seconds of waiting
+
+
+class CacheLog(logging.Filter):
+    """Listens to FFCx's log, and tells on standard error of long waits.
+
+    Attributes:
+        source: The source file that was found in the cache, if one was.
+    """
+
+    def __init__(self, shown: int) -> None:
+        """Begin with nothing heard.
+
+        Args:
+            shown: Level from which on records go where they would go otherwise.
+        """
+        super().__init__()
+        self.source: Path | None = None
+        self._shown, self._waits = shown, 0
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Hear a record; whether it goes on."""
+        text = record.getMessage()
+        if found := re.search(r"Cached C file already exists: (\S.*\.c)$", text):
+            self.source = Path(found[1])
+        if text.startswith("Waiting for") and self.source is not None:
+            self._waits += 1
+            if self._waits == TOLD_AFTER + 1:
+                logging.getLogger("rigidfx").warning(
+                    "rigidfx waits for another process to compile a form. Where none does so any "
+                    "more (one may have been stopped), remove '%s'.",
+                    self.source,
+                )
+        return record.levelno >= self._shown
+
+
+@contextmanager
+def listening() -> Iterator[CacheLog]:
+    """Around a compilation, whose option verbosity must be logging.INFO."""
+    logger = logging.getLogger("ffcx")
+    log, level = CacheLog(logger.getEffectiveLevel()), logger.level
+    logger.addFilter(log)
+    try:
+        yield log
+    finally:
+        logger.setLevel(level)
+        logger.removeFilter(log)
+
+
+def remove(source: Path) -> str | None:
+    """Remove a form from the cache; only its source where another process may be at work on it.
+
+    Args:
+        source: Its source file.
+
+    Returns:
+        What to do where that is not allowed, else None.
+    """
+    try:
+        ready = source.with_suffix(".c.cached").exists()
+        for file in list(source.parent.glob(f"{source.stem}.*")) if ready else [source]:
+            file.unlink(missing_ok=True)
+    except OSError as error:
+        return (
+            f"The compiled form '{source.with_suffix('')}.*' is damaged, or its compilation was "
+            f"stopped, and it cannot be removed from here ({error.strerror}): remove these files."
+        )
+    return None

@@ -1,0 +1,87 @@
+"""A CSV file that grows by whole rows while a run goes on.
+
+Rows are on the disk as soon as they are added, by one call of the system and wholly or not at all:
+the file can be read while it grows, after a kill, and where the disk was full.
+
+One process at a time writes it. The lock is the system's: it ends with the process, however that
+ends.
+"""
+
+from __future__ import annotations
+
+import csv
+import fcntl
+import io
+from collections.abc import Iterable, Mapping, Sequence
+from errno import ENOSPC
+from pathlib import Path
+from typing import Any
+
+__all__ = ["CsvFile"]
+
+
+class CsvFile:
+    """A CSV file that takes the place of a former one; used on rank 0 only."""
+
+    def __init__(self, path: Path, columns: Sequence[str]) -> None:
+        """Lock the file, empty it and write its header.
+
+        Args:
+            path: The file.
+            columns: Names of the columns.
+
+        Raises:
+            BlockingIOError: If it is open here already, or in another process.
+            OSError: If it cannot be written.
+        """
+        self._columns, self._path, self._end = columns, path, 0
+        self._file = open(path, "ab", buffering=0)  # noqa: SIM115 - it stays open
+        try:
+            _lock(self._file.fileno())
+            self._file.truncate(0)
+            self._append(dict(zip(columns, columns, strict=True)))
+        except OSError:
+            self._file.close()
+            raise
+
+    def add(self, rows: Iterable[Mapping[str, Any]]) -> None:
+        """Add rows.
+
+        Args:
+            rows: Values by the names of their columns.
+
+        Raises:
+            OSError: If they cannot be written; the file is as before then.
+        """
+        self._append(*rows)
+
+    def _append(self, *rows: Mapping[str, Any]) -> None:
+        if not rows:
+            return
+        text = io.StringIO(newline="")
+        csv.DictWriter(text, self._columns).writerows(rows)
+        data = text.getvalue().encode()
+        try:
+            if self._file.write(data) < len(data):
+                raise OSError(ENOSPC, "No space left on device", str(self._path))
+        except OSError as error:
+            self._file.truncate(self._end)
+            raise OSError(error.errno, error.strerror, str(self._path)) from error
+        self._end += len(data)
+
+    def close(self) -> None:
+        """Close the file, which ends its lock.
+
+        Raises:
+            OSError: If the file system has not been able to keep what it took.
+        """
+        self._file.close()
+
+
+def _lock(file: int) -> None:
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise
+    except OSError:  # a file system without locks: better no lock than no run
+        pass

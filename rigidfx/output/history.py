@@ -1,0 +1,126 @@
+"""The table of a run's steps, history.csv: its columns and rows, and how to read it.
+
+Columns, in SI units; a vector has one column for each of x, y, z:
+
+    step, t, dt, iterations, linear_iterations, cuts, unknowns
+    kinetic, strain, stored, springs, energy at t; stored in bodies, in springs, and the sum [J]
+    work_of_loads, work_of_supports          in the step [J]
+    dissipated                               by all damping in the step [J]
+    impact_energy                            change of energy where a support began [J]
+    momentum_scale, L_x …                    Σ m|v| and linear momentum [kg m/s]
+    J_x …                                    angular momentum about the origin [kg m²/s]
+    bodies, J_rigid_x …                      number of rigid bodies, and their part of it
+    reaction_NAME_x …                        of each support [N], zero while it does not act
+    u_NAME_x …                               displacement of each probe [m]
+    wall                                     wall time of the step [s]
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.base.errors import OutputError
+from rigidfx.base.inputs import path_of
+from rigidfx.report.report import Report
+
+__all__ = ["components", "history_columns", "history_row", "read_history"]
+
+Array = npt.NDArray[np.float64]
+
+SCALARS = (
+    *("step", "t", "dt", "iterations", "linear_iterations", "cuts", "unknowns"),
+    *("kinetic", "strain", "stored", "springs", "energy", "work_of_loads", "work_of_supports"),
+)
+
+
+def history_columns(supports: Iterable[str], probes: Iterable[str]) -> list[str]:
+    """Names of the columns.
+
+    Args:
+        supports: Names of the sets that supports hold.
+        probes: Names of the probes.
+    """
+    named = [*(f"reaction_{s}" for s in supports), *(f"u_{p}" for p in probes)]
+    vectors = ["L", "J", "J_rigid", *named]
+    names = [f"{vector}_{axis}" for vector in vectors for axis in "xyz"]
+    return [*SCALARS, "dissipated", "impact_energy", "momentum_scale", "bodies", *names, "wall"]
+
+
+def history_row(report: Report, supports: Sequence[str]) -> dict[str, float]:
+    """The row of a step, by the names of the columns.
+
+    Args:
+        report: The step.
+        supports: Names of the sets that supports hold, now or at another time.
+    """
+    row = {name: getattr(report, name) for name in SCALARS}
+    row["dissipated"] = sum(report.dissipated.values())
+    row["impact_energy"] = report.impact.energy if report.impact else 0.0
+    row["momentum_scale"] = report.momentum_scale
+    row |= components("L", report.linear_momentum)
+    row |= components("J", report.angular_momentum)
+    row["bodies"] = len(report.bodies)
+    row |= components("J_rigid", sum((b.angular_momentum for b in report.bodies), np.zeros(3)))
+    for name in supports:
+        row |= components(f"reaction_{name}", report.reactions.get(name, np.zeros(3)))
+    for name, displacement in report.probes.items():
+        row |= components(f"u_{name}", displacement)
+    return row | {"wall": report.wall}
+
+
+def components(name: str, vector: Iterable[float]) -> dict[str, float]:
+    """The columns of a vector, shape (3,), and their values."""
+    return {f"{name}_{axis}": float(x) for axis, x in zip("xyz", vector, strict=True)}
+
+
+def read_history(path: str | Path) -> dict[str, Array]:
+    """The columns of a history.csv by name, each of shape (steps,).
+
+    Args:
+        path: The file; it may be that of a run that goes on, or was killed.
+
+    Raises:
+        FileNotFoundError: If it is not there.
+        OutputError: If it is no table of numbers, or cannot be read.
+        SceneError: If path is none.
+    """
+    path = path_of("read_history", "path", path)
+    if path.is_dir():
+        raise OutputError(f"read_history: '{path}' is a folder. Name the history.csv in it.")
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            lines = list(csv.reader([line for line in file if line.endswith("\n")]))
+    except FileNotFoundError:
+        raise
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise OutputError(f"read_history: '{path}' cannot be read: {error}.") from error
+    if not lines:
+        raise OutputError(f"read_history: '{path}' has no whole line: no run has written to it.")
+    header, *rows = lines
+    twice = [name for name in header if header.count(name) > 1]
+    if twice:
+        raise OutputError(f"read_history: '{path}' has the column '{twice[0]}' twice.")
+    try:
+        values = np.array(rows, dtype=np.float64).reshape(len(rows), len(header))
+    except ValueError:
+        number, problem = _first_bad(rows, len(header))
+        raise OutputError(f"read_history: '{path}', row {number}: {problem}.") from None
+    return dict(zip(header, values.T, strict=True))
+
+
+def _first_bad(rows: list[list[str]], width: int) -> tuple[int, str]:
+    """The number of the first row, from 1, that is not so many numbers, and what it is."""
+    for k, row in enumerate(rows, start=1):
+        if len(row) != width:
+            return k, f"{len(row)} numbers in {width} columns"
+        for text in row:
+            try:
+                float(text)
+            except ValueError:
+                return k, f"{text!r} is no number"
+    return 0, "rows cannot be read as numbers"

@@ -1,0 +1,30 @@
+"""What Python functions raise that PETSc calls, in place of PETSc's error about it.
+
+A Ctrl-C is heard as soon as Python runs, which is mostly in a function that SNES has called. PETSc
+turns whatever leaves such a function into an error of its own (number -1), whose cause it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from petsc4py import PETSc
+
+__all__ = ["errors_of_callbacks"]
+
+
+@contextmanager
+def errors_of_callbacks() -> Iterator[None]:
+    """Around a call of PETSc that calls back.
+
+    Raises:
+        BaseException: What a function called by PETSc has raised.
+    """
+    try:
+        yield
+    except PETSc.Error as error:
+        cause = error.__cause__ or error.__context__
+        if cause is None:
+            raise
+        raise cause from None

@@ -1,0 +1,427 @@
+"""Bad calls of what runs, records, reads and draws: each is refused by an error that names it.
+
+Run as a script under mpirun, this file goes through all cases on each rank.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+import warnings
+from functools import cache
+from pathlib import Path
+from tempfile import mkdtemp
+
+import numpy as np
+import parallel
+import pytest
+from mpi4py import MPI
+
+import rigidfx as rf
+from rigidfx.plot import Curve, Shapes, curves, histories, pictures
+
+COMM = MPI.COMM_WORLD
+STEEL = rf.StVenantKirchhoff(rho=2.0, E=50.0, nu=0.3)
+SPIN = rf.InitialVelocity(angular=(0.0, 0.0, 0.1))
+
+
+@cache
+def _domain():
+    domain = rf.box((0, 0, 0), (4, 1, 1), (4, 2, 2))
+    return domain.with_cells("left", lambda x: x[0] < 2.0 + 1e-9)
+
+
+@cache
+def _scene():
+    return rf.Scene(_domain(), STEEL, [SPIN])
+
+
+@cache
+def _other():
+    return rf.Scene(_domain(), STEEL, [SPIN, rf.Rigid("left")])
+
+
+@cache
+def _folder():
+    return Path(COMM.bcast(mkdtemp(prefix="bad_calls_") if COMM.rank == 0 else None))
+
+
+def _file(name, content):
+    """A file of some content; its path."""
+    path = _folder() / name
+    if COMM.rank == 0:
+        path.write_bytes(content.encode() if isinstance(content, str) else content)
+    COMM.barrier()
+    return path
+
+
+def _run(dt=0.1, t_end=0.2, scene=None, **options):
+    return list(rf.simulate(scene or _scene(), dt, t_end, **{"progress": False} | options))
+
+
+def _first(scene=None):
+    return next(rf.simulate(scene or _scene(), 0.1, 0.2, progress=False))
+
+
+def _record(report, scene=None, **options):
+    with rf.Recorder(scene or _scene(), _folder() / "run", **options) as recorder:
+        recorder.write(report)
+
+
+def _twice():
+    report = _first()
+    with rf.Recorder(_scene(), _folder() / "run") as recorder:
+        recorder.write(report)
+        recorder.write(report)
+
+
+def _after_close():
+    recorder = rf.Recorder(_scene(), _folder() / "run")
+    recorder.close()
+    recorder.write(_first())
+
+
+def _two_recorders():
+    with rf.Recorder(_scene(), _folder() / "run"):
+        rf.Recorder(_scene(), _folder() / "run")
+
+
+@cache
+def _bodies():
+    """What `write_bodies` leaves, as data."""
+    path = _folder() / "good.json"
+    rf.write_bodies(path, _other(), _first(_other()))
+    return COMM.bcast(json.loads(path.read_text()) if COMM.rank == 0 else None)
+
+
+def _damaged(**changes):
+    """Read a file whose content or body is changed; None takes an entry out."""
+    content = json.loads(json.dumps(_bodies()))
+    for key, value in changes.items():
+        place = content if key in content else content["bodies"][0]
+        if value is None:
+            del place[key]
+        else:
+            place[key] = value
+    return rf.read_bodies(_file("damaged.json", json.dumps(content)), _domain())
+
+
+def _history(content):
+    return rf.read_history(_file("history.csv", content))
+
+
+def _rate(*arguments, **options):
+    return rf.StrainRate(*(arguments or (0.1, 1.0)), **options)
+
+
+def _asked(condition):
+    """A run with a release on a condition."""
+    return _run(rigidify=_rate(release=rf.Release(when=condition)))
+
+
+def _shapes(**options):
+    return Shapes(_scene(), **{"times": [0.0]} | options)
+
+
+def _drawn(add=True, **options):
+    shapes = _shapes()
+    if add:
+        shapes.add(_first())
+    shapes.draw(**{"path": _folder() / "shapes.png"} | options)
+
+
+def _stale_shape():
+    shapes = _shapes()
+    shapes.add(_run()[0])
+
+
+LINE = Curve("a line", [0.0, 1.0], [0.0, 1.0])
+LABELS = {"xlabel": "x", "ylabel": "y"}
+
+
+def _curves(panels, path="curves.png", **options):
+    curves(panels, _folder() / path if isinstance(path, str) else path, **LABELS | options)
+
+
+def _histories(history, path="histories.png", **options):
+    histories(history, _folder() / path if isinstance(path, str) else path, **options)
+
+
+COLUMNS = ["t", "energy", "kinetic", "strain", "stored", "momentum_scale"]
+COLUMNS += [f"{vector}_{axis}" for vector in "LJ" for axis in "xyz"]
+GOOD = {name: np.linspace(1.0, 2.0, 5) for name in COLUMNS}
+
+
+SIMULATE = {
+    "no scene": (lambda: _run(scene=7), "scene must be a Scene, got int"),
+    "the class of scenes": (lambda: _run(scene=rf.Scene), "scene must be a Scene"),
+    "a domain for a scene": (lambda: _run(scene=_domain()), "scene must be a Scene"),
+    "a list of steps": (lambda: _run(dt=[0.1, 0.2]), "dt must be a finite number"),
+    "a complex step": (lambda: _run(dt=0.1 + 0j), "dt must be a finite number"),
+    "true for a step": (lambda: _run(dt=True), "dt must be a finite number"),
+    "an infinite step": (lambda: _run(dt=np.inf), "dt must be a finite number"),
+    "an array of steps": (lambda: _run(dt=np.array([0.1])), "dt must be a finite number"),
+    "a function for a step": (lambda: _run(dt=lambda t: 0.1), "dt must be a finite number"),
+    "text for a time of a step": (lambda: _run(dt={0: 0.1, "a": 1}), "a time of dt must be"),
+    "a time of a step twice": (lambda: _run(dt={0: 0.1, 0.1: 0.1, "0.1": 0.2}), "a time of dt"),
+    "a later step that is negative": (lambda: _run(dt={0: 0.1, 0.1: -0.1}), "dt must be"),
+    "a time of a step before the start": (lambda: _run(dt={-1: 0.1, 0: 0.1}), "begins with the"),
+    "a time of a step that is not finite": (lambda: _run(dt={0: 0.1, np.nan: 1}), "a time of dt"),
+    "no end": (lambda: _run(t_end=None), "t_end must be a finite number"),
+    "an infinite end": (lambda: _run(t_end=np.inf), "t_end must be a finite number"),
+    "a list for the end": (lambda: _run(t_end=[1.0]), "t_end must be a finite number"),
+    "an end before the start": (lambda: _run(t_end=-0.1), "t_end must be a finite number > 0"),
+    "a step that time cannot resolve": (lambda: _run(dt=1e-16, t_end=1.0), "cannot be resolved"),
+    "a late step that time cannot resolve": (
+        lambda: _run(dt={0: 100.0, 86400.0: 1e-11}, t_end=86401.0),
+        "cannot be resolved",
+    ),
+    "a number for a criterion": (lambda: _run(rigidify=1e-3), "rigidify must be a StrainRate"),
+    "the class of criteria": (lambda: _run(rigidify=rf.StrainRate), "rigidify must be a Strain"),
+    "a list of criteria": (lambda: _run(rigidify=[_rate()]), "rigidify must be a StrainRate"),
+    "text for progress": (lambda: _run(progress="yes"), "progress must be True, False or None"),
+    "a number for progress": (lambda: _run(progress=2), "progress must be True, False or None"),
+}
+
+CRITERIA = {
+    "a negative tolerance": (lambda: _rate(-1.0, 1.0), "tol must be ≥ 0"),
+    "a list for a tolerance": (lambda: _rate([1.0], 1.0), "tol must be a finite number"),
+    "no tolerance": (lambda: _rate(None, 1.0), "tol must be a finite number"),
+    "no window": (lambda: _rate(0.1, None), "window must be"),
+    "a window of no length": (lambda: _rate(0.1, 0.0), "window must be"),
+    "an unknown window": (lambda: _rate(0.1, "long"), "window must be a time in s or 'auto'"),
+    "an unknown measure": (lambda: _rate(measure="max"), "measure must be"),
+    "a list for a measure": (lambda: _rate(measure=["rms"]), "measure must be"),
+    "a list of tolerances": (lambda: _rate(tolerances=[0.1]), "tolerances must be a dict"),
+    "a tolerance of a number": (lambda: _rate(tolerances={1: 0.1}), "tolerances must be a dict"),
+    "a tolerance below zero": (lambda: _rate(tolerances={"left": -1}), "tolerance of 'left' must"),
+    "a tolerance of an unknown set": (
+        lambda: _run(rigidify=_rate(tolerances={"right": 0.1})),
+        "StrainRate (tolerances): there are no cells named 'right'",
+    ),
+    "a number that is never rigid": (lambda: _rate(never=5), "never must be names"),
+    "numbers that are never rigid": (lambda: _rate(never=[5]), "never must be names"),
+    "an unknown set that is never rigid": (
+        lambda: _run(rigidify=_rate(never="right")),
+        "StrainRate (never): there are no cells named 'right'",
+    ),
+    "bodies of no cells": (lambda: _rate(min_cells=0), "min_cells must be a whole number"),
+    "bodies of true cells": (lambda: _rate(min_cells=True), "min_cells must be a whole number"),
+    "bodies of half a cell": (lambda: _rate(min_cells=0.5), "min_cells must be a whole number"),
+    "a number for a release": (lambda: _rate(release=5), "release must be Release records"),
+    "text for a release": (lambda: _rate(release="at once"), "release must be Release records"),
+    "times for releases": (lambda: _rate(release=[0.1]), "release must be Release records"),
+    "no change of load": (lambda: _rate(load_change=0.0), "load_change must be"),
+    "impatience": (lambda: _rate(patience=0.5), "patience must be ≥ 1"),
+    "infinite patience": (lambda: _rate(patience=np.inf), "patience must be a finite number"),
+    "an observation that ends at once": (lambda: _rate(since=1.0, until=1.0), "since < until"),
+    "text for a beginning": (lambda: _rate(since="now"), "since must be a finite number"),
+    "a release of nothing": (lambda: rf.Release(), "a time (at) or a condition (when)"),
+    "a release before the start": (lambda: rf.Release(at=-1.0), "later than the start"),
+    "a release at no number": (lambda: rf.Release(at=[0.1, "b"]), "at must be a finite number"),
+    "a release at no time": (lambda: rf.Release(at=None), "at must be a finite number"),
+    "a release in infinity": (lambda: rf.Release(at=np.inf), "at must be a finite number"),
+    "a condition that is a number": (lambda: rf.Release(when=5), "when must be a function"),
+    "a release of numbers": (lambda: rf.Release(at=1.0, where=5), "where must be the name"),
+    "a release of an unknown set": (
+        lambda: _run(rigidify=_rate(release=rf.Release(at=0.1, where="right"))),
+        "Release: there are no cells named 'right'",
+    ),
+    "a condition that says a number": (lambda: _asked(lambda r: 1), "must give True, False or"),
+    "a condition that says nothing": (lambda: _asked(lambda r: None), "must give True, False or"),
+    "a condition that fails": (lambda: _asked(lambda r: r.tip), "its condition failed with Attr"),
+    "a condition that names no body": (
+        lambda: _asked(lambda r: ["part 9"]),
+        "names the body 'part 9'; there are none",
+    ),
+    "a condition without an argument": (lambda: _asked(lambda: True), "its condition failed with"),
+}
+
+RECORDER = {
+    "no scene to record": (
+        lambda: rf.Recorder(None, _folder()),
+        "scene must be a Scene, got NoneType",
+    ),
+    "no folder": (lambda: rf.Recorder(_scene(), None), "folder must be the name"),
+    "a number for a folder": (lambda: rf.Recorder(_scene(), 5), "folder must be the name"),
+    "a folder without a name": (lambda: rf.Recorder(_scene(), ""), "folder must be the name"),
+    "a folder with a NUL": (lambda: rf.Recorder(_scene(), "a\0b"), "folder must be the name"),
+    "a name that is too long": (lambda: rf.Recorder(_scene(), "x" * 300), "cannot write to"),
+    "text for every": (lambda: _record(None, every="10"), "every must be a whole number"),
+    "true for every": (lambda: _record(None, every=True), "every must be a whole number"),
+    "text for an interval": (lambda: _record(None, interval="1"), "interval must be"),
+    "a negative interval": (lambda: _record(None, interval=-1.0), "interval must be"),
+    "a list for an interval": (lambda: _record(None, interval=[1.0]), "interval must be"),
+    "text for stress": (lambda: _record(None, stress="no"), "stress must be True or False"),
+    "no report": (lambda: _record(None), "report must be a Report, got NoneType"),
+    "a list of reports": (lambda: _record(_run()), "report must be a Report"),
+    "a report of another scene": (lambda: _record(_first(_other())), "is of another scene"),
+    "an old report": (lambda: _record(_run()[1]), "the run has gone on"),
+    "a report twice": (_twice, "step 0 comes after step 0"),
+    "a report after the end": (_after_close, "is closed"),
+    "two recorders": (_two_recorders, "another recorder writes to the folder"),
+}
+
+FILES = {
+    "no history": (lambda: rf.read_history(None), "path must be the name"),
+    "a missing history": (lambda: rf.read_history(_folder() / "none.csv"), "none.csv"),
+    "a folder for a history": (lambda: rf.read_history(_folder()), "is a folder"),
+    "an empty history": (lambda: _history(""), "no whole line"),
+    "half a header": (lambda: _history("step,t,d"), "no whole line"),
+    "a history of text": (lambda: _history("t,u\n0,1\nhello,2\n"), "row 2"),
+    "a history with a gap": (lambda: _history("t,u\n0,1\n0.1\n0.2,3\n"), "row 2"),
+    "a history that is a picture": (lambda: _history(b"\x89PNG\r\n\x1a\n\xff\xfe"), "history.csv"),
+    "a history with a column twice": (lambda: _history("t,t\n0,1\n"), "column 't' twice"),
+    "bodies to nowhere": (lambda: rf.write_bodies(None, _scene(), _first()), "path must be"),
+    "bodies of no scene": (lambda: rf.write_bodies("b.json", None, _first()), "scene must be a"),
+    "bodies of no report": (
+        lambda: rf.write_bodies("b.json", _scene(), None),
+        "report must be a Report",
+    ),
+    "bodies of a state": (
+        lambda: rf.write_bodies("b.json", _scene(), _first().state),
+        "report must be a Report",
+    ),
+    "bodies of another scene": (
+        lambda: rf.write_bodies("b.json", _scene(), _first(_other())),
+        "is of another scene",
+    ),
+    "bodies of an old report": (
+        lambda: rf.write_bodies("b.json", _scene(), _run()[0]),
+        "the run has gone on",
+    ),
+    "bodies to a folder": (
+        lambda: rf.write_bodies(_folder(), _scene(), _first()),
+        "cannot be written",
+    ),
+    "bodies from nowhere": (lambda: rf.read_bodies(None, _domain()), "path must be the name"),
+    "bodies on no domain": (lambda: rf.read_bodies("b.json", None), "domain must be a Domain"),
+    "bodies on a scene": (lambda: rf.read_bodies("b.json", _scene()), "domain must be a Domain"),
+    "a missing file of bodies": (
+        lambda: rf.read_bodies(_folder() / "none.json", _domain()),
+        "cannot be read",
+    ),
+    "an empty file of bodies": (
+        lambda: rf.read_bodies(_file("empty.json", ""), _domain()),
+        "cannot be read as JSON",
+    ),
+    "a list for bodies": (
+        lambda: rf.read_bodies(_file("list.json", "[1, 2]"), _domain()),
+        "is no file of write_bodies",
+    ),
+    "bodies in latin-1": (
+        lambda: rf.read_bodies(_file("latin.json", '{"format": "é"}'.encode("latin-1")), _domain()),
+        "cannot be read as JSON",
+    ),
+    "bodies of an older format": (lambda: _damaged(format="rigidfx bodies 1"), "is no file of"),
+    "bodies of more cells": (lambda: _damaged(cells=99), "damaged.json"),
+    "bodies that are a number": (lambda: _damaged(bodies=7), "is damaged"),
+    "a body that is a number": (lambda: _damaged(bodies=[7]), "is damaged"),
+    "a body without a name": (lambda: _damaged(name=None), "is damaged"),
+    "a body with a number for a name": (lambda: _damaged(name=5), "is no text"),
+    "a body without mass": (lambda: _damaged(mass=None), "is damaged"),
+    "a body of negative mass": (lambda: _damaged(mass=-1.0), "mass of body 'left'"),
+    "a body of text": (lambda: _damaged(mass="heavy"), "mass"),
+    "a body that is not rotated but stretched": (
+        lambda: _damaged(orientation=[[2, 0, 0], [0, 1, 0], [0, 0, 1]]),
+        "orientation of body 'left'",
+    ),
+    "a body with half an inertia": (lambda: _damaged(inertia=[1, 2, 3]), "inertia of body 'left'"),
+    "a body somewhere else": (lambda: _damaged(place=[9.0, 9.0, 9.0]), "another mesh"),
+}
+
+PLOTS = {
+    "pictures of nothing": (lambda: pictures(None), "folder must be the name"),
+    "pictures of a missing run": (lambda: pictures(_folder() / "none"), "there is no"),
+    "pictures of no shapes": (lambda: pictures("out", shapes=0), "shapes must be"),
+    "pictures of some shapes": (lambda: pictures("out", shapes="some"), "shapes must be"),
+    "a film of half a picture": (lambda: pictures("out", frames=0.5), "frames must be"),
+    "a view from nowhere": (lambda: pictures("out", view=(0, 0, 0)), "view must be"),
+    "a view in the plane": (lambda: pictures("out", view=(1, 0)), "view must be"),
+    "up along the view": (lambda: pictures("out", view=(0, 0, 2), up=(0, 0, -1)), "parallel"),
+    "pictures free since text": (lambda: pictures("out", free_since="now"), "free_since must be"),
+    "histories of nothing": (lambda: _histories(None), "history must be"),
+    "histories without columns": (lambda: _histories({}), "no column 't'"),
+    "histories without steps": (lambda: _histories(dict.fromkeys(GOOD, np.empty(0))), "no steps"),
+    "histories without energy": (lambda: _histories({"t": GOOD["t"]}), "no column 'energy'"),
+    "histories to nowhere": (lambda: _histories(GOOD, path=None), "path must be the name"),
+    "histories of an unknown kind": (lambda: _histories(GOOD, path="a.docx"), "a.docx"),
+    "histories free since text": (lambda: _histories(GOOD, free_since="x"), "free_since must be"),
+    "histories free after the end": (lambda: _histories(GOOD, free_since=9.0), "after the last"),
+    "curves in no panel": (lambda: _curves({}), "at least one panel"),
+    "curves that are a list": (lambda: _curves([LINE]), "panels must be a dict"),
+    "a panel without curves": (lambda: _curves({"a": []}), "panel 'a' has no curves"),
+    "a panel of numbers": (lambda: _curves({"a": [1.0]}), "panel 'a' must hold Curve records"),
+    "two labels for one panel": (
+        lambda: _curves({"a": [LINE]}, ylabel=["y", "z"]),
+        "ylabel must be one text, or one for each of the 1 panels",
+    ),
+    "curves to nowhere": (lambda: _curves({"a": [LINE]}, path=None), "path must be the name"),
+    "a curve of two lengths": (lambda: Curve("a", [0, 1], [0, 1, 2]), "of the same length"),
+    "a curve of text": (lambda: Curve("a", ["x"], ["y"]), "x and y must be"),
+    "a curve without points": (lambda: Curve("a", [], []), "x and y must be"),
+    "shapes of no scene": (lambda: Shapes(None, [0.0]), "scene must be a Scene"),
+    "shapes at no time": (lambda: _shapes(times=[]), "at least one time"),
+    "shapes at a number": (lambda: _shapes(times=5.0), "times must be"),
+    "shapes at text": (lambda: _shapes(times=["soon"]), "times must be"),
+    "shapes at no number": (lambda: _shapes(times=[np.nan]), "times must be"),
+    "shapes in red": (lambda: _shapes(colour="red"), "colour must be one of"),
+    "shapes of no report": (lambda: _shapes().add(None), "report must be a Report"),
+    "shapes of another scene": (lambda: _shapes().add(_first(_other())), "is of another scene"),
+    "shapes of an old report": (_stale_shape, "the run has gone on"),
+    "a sheet of no shapes": (lambda: _drawn(add=False), "no shape has been added"),
+    "a sheet of no columns": (lambda: _drawn(columns=0), "columns must be a whole number"),
+    "a sheet to nowhere": (lambda: _drawn(path=None), "path must be the name"),
+    "a sheet seen from nowhere": (lambda: _drawn(view=(0, 0, 0)), "view must be"),
+    "a sheet with up along the view": (lambda: _drawn(view=(0, 0, 1)), "parallel"),
+}
+
+CASES = SIMULATE | CRITERIA | RECORDER | FILES | PLOTS
+
+
+def test_cases_are_many():
+    """No two of them have one name."""
+    assert len(CASES) == sum(map(len, (SIMULATE, CRITERIA, RECORDER, FILES, PLOTS))) >= 60
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_is_refused(name):
+    """By an error of this package, whose message names what is wrong."""
+    action, message = CASES[name]
+    with pytest.raises((rf.RigidfxError, FileNotFoundError)) as caught:
+        action()
+    assert message in str(caught.value)
+
+
+@pytest.mark.parallel
+def test_is_refused_on_two_ranks():
+    """The same cases on two ranks: the same message on both, and no rank waits for the other."""
+    ranks = parallel.run(__file__, 2, timeout=600)
+    assert len(ranks) == 2
+    for name, (_, message) in CASES.items():
+        first, second = (rank.get(name, ["not reached", ""]) for rank in ranks)
+        assert message in first[1], (name, first)
+        assert first == second, name
+
+
+def _script():
+    found = {}
+    warnings.simplefilter("ignore")
+    for name, (action, _) in CASES.items():
+        print(f"rank {COMM.rank}: {name}", file=sys.stderr, flush=True)
+        try:
+            action()
+            found[name] = ["accepted", ""]
+        except Exception as error:
+            # Where an object lies in memory is a rank's own.
+            text = re.sub(r" at 0x[0-9a-f]+", "", str(error))
+            found[name] = [type(error).__name__, text]
+        COMM.barrier()  # a rank that is still in the case would hang here
+    everybody = COMM.gather(found)
+    if COMM.rank == 0:
+        parallel.report(everybody)
+
+
+if __name__ == "__main__":
+    _script()

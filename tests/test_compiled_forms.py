@@ -1,0 +1,95 @@
+"""What is in the way in the cache of compiled forms."""
+
+from __future__ import annotations
+
+import logging
+import shutil
+
+import pytest
+import ufl
+from mpi4py import MPI
+
+import rigidfx as rf
+from rigidfx.flexible import compiled_forms, kernels
+from rigidfx.flexible.kernels import Kernel
+
+pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="one cache, one process")
+
+
+@pytest.fixture
+def cache(tmp_path, monkeypatch):
+    """An empty cache of its own, in which 4 s are waited for others."""
+    options = kernels.jit_options() | {
+        "cache_dir": str(tmp_path / "forms"),
+        "timeout": 5,
+        "cffi_extra_compile_args": ["-O0"],
+    }
+    monkeypatch.setattr(kernels, "jit_options", lambda: options)
+    monkeypatch.setattr(compiled_forms, "TOLD_AFTER", 1)
+    return tmp_path / "forms"
+
+
+def compile_form():
+    mesh = rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1)).mesh
+    return Kernel(ufl.Constant(mesh) * ufl.dx(domain=mesh, subdomain_id=0), [], mesh)
+
+
+def the_file(cache, suffix):
+    (file,) = cache.glob(f"*{suffix}")
+    return file
+
+
+def test_a_stopped_compilation_is_told_and_cleared(cache, caplog):
+    """Only its source is there, for whose result FFCx waits."""
+    compile_form()
+    source = the_file(cache, ".c")
+    for file in cache.iterdir():
+        if file != source:
+            file.unlink()
+    with caplog.at_level(logging.WARNING):
+        compile_form()
+    (told,) = caplog.messages
+    assert "waits for another process" in told
+    assert f"remove '{source}'" in told
+    assert the_file(cache, ".c.cached").exists()
+
+
+@pytest.mark.parametrize("damage", ["emptied", "cut", "gone"])
+def test_a_damaged_result_is_made_anew(cache, tmp_path, monkeypatch, caplog, damage):
+    """In another folder: a library that this process has loaded would not be read again."""
+    compile_form()
+    other = shutil.copytree(cache, tmp_path / "other")
+    library = the_file(other, ".so")
+    size = library.stat().st_size
+    if damage == "gone":
+        library.unlink()
+    else:
+        library.write_bytes(library.read_bytes()[: 200 if damage == "cut" else 0])
+    options = kernels.jit_options() | {"cache_dir": str(other)}
+    monkeypatch.setattr(kernels, "jit_options", lambda: options)
+    with caplog.at_level(logging.WARNING):
+        compile_form()
+    assert not caplog.messages
+    assert the_file(other, ".so").stat().st_size == size
+
+
+def test_what_cannot_be_removed_is_told(cache, monkeypatch):
+    def refuse(self, missing_ok=False):
+        raise PermissionError(13, "Permission denied", str(self))
+
+    compile_form()
+    library = the_file(cache, ".so")
+    library.unlink()
+    monkeypatch.setattr("pathlib.Path.unlink", refuse)
+    with pytest.raises(rf.OutputError, match=r"libffcx_forms_\w+\.\*' is damaged.*remove these"):
+        compile_form()
+
+
+def test_the_log_of_ffcx_is_as_before(cache, caplog):
+    logger = logging.getLogger("ffcx")
+    before = logger.level, list(logger.filters)
+    compile_form()
+    assert (logger.level, list(logger.filters)) == before
+    with caplog.at_level(logging.INFO, logger="ffcx"):
+        compile_form()
+    assert any("Cached C file" in message for message in caplog.messages)

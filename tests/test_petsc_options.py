@@ -1,0 +1,150 @@
+"""PETSc's options: from the environment, the command line and Python; honoured or refused."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+import rigidfx as rf
+
+MATERIAL = rf.NeoHooke(E=1e4, nu=0.3, rho=1.0)
+
+
+def make_scene(cells=(6, 2, 2)):
+    """A bar that is pulled; by default 162 unknowns, so that GMRES solves its systems."""
+    pulled = [rf.Fixed("x0"), rf.Traction("x1", (0.0, 0.0, 50.0))]
+    return rf.Scene(rf.box((0, 0, 0), (6, 1, 1), cells), MATERIAL, pulled)
+
+
+def run(steps=2, cells=(6, 2, 2), **options):
+    scene = make_scene(cells)
+    return list(rf.simulate(scene, 0.1, 0.1 * steps, progress=False, **options))[1:]
+
+
+def test_options_hold_for_their_run_only(petsc_options):
+    scene = make_scene()
+    mine = rf.simulate(scene, 0.1, 0.3, petsc_options={"ksp_type": "bcgs"})
+    others = rf.simulate(make_scene(), 0.1, 0.3)
+    solvers = [(a.solver, b.solver) for a, b in zip(mine, others, strict=True)][1:]
+    assert solvers == [("bcgs+ilu", "gmres+ilu")] * 3
+    assert not petsc_options.getAll()
+
+
+def test_options_from_elsewhere_win(petsc_options):
+    petsc_options["ksp_type"] = "fgmres"
+    given = {"ksp_type": "bcgs", "pc_type": "jacobi"}
+    assert run(petsc_options=given)[0].solver == "fgmres+jacobi"
+
+
+@pytest.mark.parametrize("where", ["environment", "command line", "both"])
+def test_options_from_outside(where):
+    """What is behind --petsc is not seen by the script's own parser."""
+    code = (
+        "import argparse, sys, test_petsc_options as t\n"
+        "parser = argparse.ArgumentParser()\n"
+        "parser.add_argument('--steps', type=int)\n"
+        "print(t.run(parser.parse_args().steps)[0].solver)\n"
+    )
+    inside, outside = "-rigidfx_ksp_type bcgs", "-rigidfx_ksp_type fgmres"
+    command = [sys.executable, "-c", code, "--steps", "1"]
+    if where != "environment":
+        command += ["--petsc", *inside.split()]
+    env = dict(os.environ) | ({} if where == "command line" else {"PETSC_OPTIONS": outside})
+    folder = os.path.dirname(__file__)
+    env["PYTHONPATH"] = os.pathsep.join([folder, env.get("PYTHONPATH", "")])
+    done = subprocess.run(command, env=env, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == ("fgmres+ilu" if where == "environment" else "bcgs+ilu")
+
+
+def test_a_tolerance_of_the_linear_solver_has_an_effect():
+    counts = [run(petsc_options={"ksp_rtol": tol})[0].linear_iterations for tol in (1e-12, 1e-2)]
+    per_step = [run(petsc_options={"ksp_rtol": tol})[0].iterations for tol in (1e-12, 1e-2)]
+    assert counts[0] / per_step[0] > 1.5 * counts[1] / per_step[1]
+
+
+def test_a_monitor_sees_each_iterate():
+    seen = []
+    reports = run(monitor=lambda k, norm: seen.append((k, norm)))
+    wanted = [(k, norm) for r in reports for k, norm in enumerate(r.residuals)]
+    assert [k for k, _ in seen] == [k for k, _ in wanted]
+    assert [norm for _, norm in seen] == pytest.approx([norm for _, norm in wanted])
+
+
+def test_what_a_monitor_raises_is_raised():
+    with pytest.raises(ZeroDivisionError):
+        run(monitor=lambda k, norm: 1 / 0)
+
+
+REFUSED = {
+    "snes_atol": 1e-8,
+    "snes_stol": 1e-8,
+    "snes_divergence_tolerance": 10,
+    "snes_convergence_test": "default",
+    "snes_type": "ksponly",
+    "snes_mf_operator": None,
+    "snes_mf": True,
+    "snes_fd": "",
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+@pytest.mark.parametrize("where", ["database", "argument"])
+def test_what_cannot_be_honoured_is_refused(petsc_options, name, where):
+    given = {name: REFUSED[name]}
+    if where == "database":
+        petsc_options[name] = "" if given[name] is None else given[name]
+        given = {}
+    with pytest.raises(rf.SceneError, match=f"-rigidfx_{name} .*cannot be honoured"):
+        run(petsc_options=given)
+
+
+@pytest.mark.parametrize(
+    "given", [{"pc_type": "gamg"}, {"pc_type": "nonsense"}, {"ksp_type": "bad"}, {"snes_rtol": "a"}]
+)
+def test_a_solver_that_petsc_refuses_is_named(given):
+    ((name, value),) = given.items()
+    with pytest.raises(rf.SceneError, match=f"with the options -rigidfx_{name} {value}: [A-Z]"):
+        run(petsc_options=given)
+
+
+@pytest.mark.parametrize(
+    ("given", "solver"),
+    [
+        ({"ksp_type": "bcgs"}, "bcgs+ilu"),
+        ({"ksp_type": "cg", "pc_type": "hypre"}, "cg+hypre"),
+        ({"pc_type": "cholesky"}, "gmres+cholesky"),
+        ({"pc_type": "lu"}, "gmres+lu"),
+        ({"ksp_type": "preonly", "pc_type": "lu"}, "preonly+lu"),
+    ],
+)
+def test_the_usual_solvers_are_honoured(given, solver):
+    first, second = run(petsc_options=given)
+    assert first.solver == second.solver == solver
+    assert first.cuts == second.cuts == 0
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ([("ksp_type", "cg")], "must be a dict"),
+        ("ksp_type", "must be a dict"),
+        ({"-ksp_type": "cg"}, "'-ksp_type' is no option of the solver"),
+        ({"rigidfx_ksp_type": "cg"}, "is no option of the solver"),
+        ({"kps_type": "cg"}, "is no option of the solver"),
+        ({5: "cg"}, "5 is no option of the solver"),
+        ({"ksp_type": ["cg"]}, "ksp_type must be a text or a number"),
+    ],
+)
+def test_options_that_are_none_are_refused(given, message):
+    with pytest.raises(rf.SceneError, match=message):
+        run(petsc_options=given)
+
+
+@pytest.mark.parametrize("monitor", [5, "show"])
+def test_a_monitor_is_a_function(monitor):
+    with pytest.raises(rf.SceneError, match="monitor must be a function"):
+        run(monitor=monitor)

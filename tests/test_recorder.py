@@ -1,0 +1,156 @@
+"""Whose folder it is, which reports go there, and what happens where the disk is full."""
+
+from __future__ import annotations
+
+import resource
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+import rigidfx as rf
+
+pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="one rank is enough")
+
+MATERIAL = rf.StVenantKirchhoff(E=1e4, nu=0.3, rho=10.0)
+
+
+def make_scene(cells=(2, 1, 1), domain=None):
+    domain = domain or rf.box((0, 0, 0), (2, 1, 1), cells)
+    return rf.Scene(domain, MATERIAL, [rf.InitialVelocity(linear=(1.0, 0.0, 0.0))])
+
+
+def run(scene, t_end=0.5):
+    return rf.simulate(scene, 0.1, t_end, progress=False)
+
+
+# Old reports -----------------------------------------------------------------------------------
+
+
+def test_reports_of_earlier_steps_are_refused(tmp_path):
+    """Their state is that of the last step: it would be written under each of their times."""
+    scene = make_scene()
+    reports = list(run(scene))
+    with rf.Recorder(scene, tmp_path, every=1) as recorder:
+        with pytest.raises(rf.SceneError, match=r"of t = 0.1 s, .* gone on"):
+            recorder.write(reports[1])
+        recorder.write(reports[-1])
+    assert rf.read_history(recorder.history)["t"].tolist() == [reports[-1].t]
+    assert recorder.series.read_text().count("DataSet") == 1
+
+
+def test_fields_of_a_report_that_the_run_has_left_behind_are_not_made_up(tmp_path):
+    """Only every other report is written; the last of them is not the last of the run."""
+    scene = make_scene()
+    with rf.Recorder(scene, tmp_path, every=3) as recorder:
+        for report in run(scene):
+            if report.step % 2 == 0:
+                recorder.write(report)
+    assert rf.read_history(recorder.history)["step"].tolist() == [0, 2, 4]
+    assert recorder.series.read_text().count("DataSet") == 1  # at t = 0
+
+
+def test_a_report_of_another_scene_is_refused(tmp_path):
+    domain = rf.box((0, 0, 0), (2, 1, 1), (2, 1, 1))
+    first, second = make_scene(domain=domain), make_scene(domain=domain)
+    with (
+        rf.Recorder(first, tmp_path) as recorder,
+        pytest.raises(rf.SceneError, match="another scene"),
+    ):
+        recorder.write(next(run(second)))
+
+
+def test_a_recorder_is_for_one_run(tmp_path):
+    scene = make_scene()
+    with rf.Recorder(scene, tmp_path) as recorder:
+        for report in run(scene):
+            recorder.write(report)
+        with pytest.raises(rf.SceneError, match="step 0 comes after step 5"):
+            recorder.write(next(run(scene)))
+
+
+# One recorder for a folder ---------------------------------------------------------------------
+
+
+def test_two_recorders_do_not_share_a_folder(tmp_path):
+    scene = make_scene()
+    with rf.Recorder(scene, tmp_path, every=1) as first:
+        steps = run(scene)
+        first.write(next(steps))
+        with pytest.raises(rf.OutputError, match=rf"another recorder .*{tmp_path.name}'"):
+            rf.Recorder(scene, tmp_path / ".." / tmp_path.name)
+        for report in steps:
+            first.write(report)
+    assert rf.read_history(first.history)["step"].tolist() == [0, 1, 2, 3, 4, 5]
+    assert b"\0" not in first.history.read_bytes()
+
+
+def test_a_folder_is_free_again_after_close(tmp_path):
+    scene = make_scene()
+    first = rf.Recorder(scene, tmp_path)
+    first.close()
+    with rf.Recorder(scene, tmp_path) as second:
+        second.write(next(run(scene)))
+    with pytest.raises(rf.OutputError, match="is closed"):
+        first.write(next(run(scene)))
+    assert rf.read_history(second.history)["step"].tolist() == [0]
+
+
+def test_a_recorder_that_could_not_be_made_keeps_no_lock(tmp_path):
+    scene = make_scene()
+    (tmp_path / "fields").write_text("in the way")
+    with pytest.raises(rf.OutputError, match="in the way"):
+        rf.Recorder(scene, tmp_path)
+    (tmp_path / "fields").unlink()
+    rf.Recorder(scene, tmp_path).close()
+
+
+HOLDS = """
+import sys, time
+import test_recorder as t
+import rigidfx as rf
+recorder = rf.Recorder(t.make_scene(), sys.argv[1])
+print("holds", flush=True)
+time.sleep(600)
+"""
+
+
+def test_the_lock_of_another_process_ends_with_it(tmp_path):
+    scene = make_scene()
+    path = str(Path(__file__).parent)
+    with subprocess.Popen(
+        [sys.executable, "-c", f"import sys; sys.path.append({path!r})\n{HOLDS}", str(tmp_path)],
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as process:
+        try:
+            assert process.stdout.readline() == "holds\n"
+            with pytest.raises(rf.OutputError, match="another recorder"):
+                rf.Recorder(scene, tmp_path)
+        finally:
+            process.send_signal(signal.SIGKILL)
+    rf.Recorder(scene, tmp_path).close()
+
+
+# A full disk -----------------------------------------------------------------------------------
+
+
+def test_a_full_disk_is_told_by_the_recorders_own_error(tmp_path):
+    """Not by that of a file that is closed; and what was written before stays whole."""
+    scene = make_scene()
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    with pytest.raises(rf.OutputError, match="check the space left"):  # noqa: PT012, SIM117
+        with rf.Recorder(scene, tmp_path, every=100) as recorder:
+            for report in run(scene):
+                recorder.write(report)
+                if report.step == 3:
+                    size = recorder.history.stat().st_size
+                    resource.setrlimit(resource.RLIMIT_FSIZE, (size + 20, hard))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert recorder.history.read_bytes().endswith(b"\r\n")
+    history = rf.read_history(recorder.history)
+    np.testing.assert_array_equal(history["step"], [0, 1, 2, 3])
