@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import re
 import shlex
 from collections.abc import Mapping
 from functools import cache
@@ -24,8 +23,9 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem
-from mpi4py import MPI
 from ufl.algorithms import expand_derivatives
+
+from rigidfx.flexible.form_cache import compile_form
 
 __all__ = ["FLAGS", "Kernel", "jit_options"]
 
@@ -60,25 +60,7 @@ def jit_options() -> dict[str, Any]:
     # FFCx's cache tells objects apart by these flags, but not what -march=native stands for.
     if any(flag.endswith("=native") for flag in flags):
         flags.append(f"-DRIGIDFX_PROCESSOR_{_processor()}")
-    return {"timeout": 60, "cffi_extra_compile_args": flags}
-
-
-def _compile(comm: MPI.Intracomm, form: ufl.Form) -> Any:
-    """Compile a form; clear what an interrupted compilation has left in the way. Collective.
-
-    FFCx takes a source file without a result for another process's work in progress, waits for it
-    and gives up.
-    """
-    try:
-        return fem.compile_form(comm, form, jit_options=jit_options())
-    except (RuntimeError, TimeoutError) as error:
-        stale = re.search(r"remove (\S+\.c)\)", str(error))
-        if not comm.bcast(stale is not None):
-            raise
-        if stale is not None:
-            Path(stale[1]).unlink(missing_ok=True)
-        comm.barrier()
-    return fem.compile_form(comm, form, jit_options=jit_options())
+    return {"timeout": 10, "cffi_extra_compile_args": flags}
 
 
 class Kernel:
@@ -99,7 +81,7 @@ class Kernel:
         # left once derivatives are applied: without this, a tangent that has lost the coefficient
         # u₀ (the trapezoidal rule's) would read u₀ in place of u₁.
         self.form = form = expand_derivatives(form)
-        self._compiled = _compile(mesh.comm, form)
+        self._compiled = compile_form(mesh.comm, form, jit_options())
         self._arguments = arguments
         self._mesh = mesh
         self._coefficients = {w: w for w in form.coefficients()}
