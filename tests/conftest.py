@@ -1,8 +1,14 @@
-"""What every test gets: folders of meshes and demos on the path, PETSc objects freed after it."""
+"""What every test gets: folders of meshes and demos on the path, PETSc objects freed after it.
+
+Whole folders of tests are divided between two processes, by pytest-xdist where that is installed:
+the suite takes a little more than half of its time. `-n 0` keeps them in one, and so do a single
+file, --pdb, -s and mpirun, whose ranks are the processes then.
+"""
 
 from __future__ import annotations
 
 import gc
+import os
 import sys
 import warnings
 from collections.abc import Iterator
@@ -11,6 +17,15 @@ from pathlib import Path
 import hypothesis
 import pytest
 from mpi4py import MPI
+
+WORKERS = 2  # more get in each other's way, as tests start ranks of their own
+LAUNCHED = "OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK"  # what mpirun tells its ranks
+LONG = (
+    "demo",
+    "slow",
+    "parallel",
+    "convergence",
+)  # markers of tests that come first, in this order
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path += [str(ROOT), str(ROOT / "meshes"), str(ROOT / "demos")]
@@ -33,6 +48,46 @@ hypothesis.settings.register_profile(
     ],
 )
 hypothesis.settings.load_profile("rigidfx")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_cmdline_main(config: pytest.Config) -> None:
+    """Divide whole folders of tests between processes.
+
+    Raises:
+        pytest.UsageError: If ranks of mpirun are told to start processes of their own.
+    """
+    if not config.pluginmanager.hasplugin("xdist") or "PYTEST_XDIST_WORKER" in os.environ:
+        return  # a worker that started workers of its own would start them without end
+    option = config.option
+    if any(name in os.environ for name in LAUNCHED):
+        if option.numprocesses:
+            raise pytest.UsageError("pytest's -n and mpirun do not go together: leave one out")
+        return
+    folders = any(Path(argument.split("::")[0]).is_dir() for argument in config.args)
+    watched = option.usepdb or option.capture == "no" or option.collectonly
+    cores = len(os.sched_getaffinity(0))
+    if option.numprocesses is None and folders and not watched and cores >= WORKERS:
+        option.numprocesses = WORKERS
+    if option.numprocesses and option.dist == "no":
+        option.dist = "loadgroup"
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Long tests first, so that no process is left with one; fixtures of a module made once."""
+    for item in items:
+        fixtures = item._fixtureinfo.name2fixturedefs.values()
+        shared = any(definition.scope != "function" for (*_, definition) in fixtures)
+        if shared and config.pluginmanager.hasplugin("xdist"):
+            item.add_marker(pytest.mark.xdist_group(item.path.name))
+    order = {name: place for place, name in enumerate(LONG)}
+    items.sort(key=lambda item: min((order.get(m.name, 9) for m in item.iter_markers()), default=9))
+
+
+def pytest_collection_finish() -> None:
+    """Spare the collections after each test what imports have made: 0.1 s of each."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(autouse=True)

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+import time
+from pathlib import Path
+
 import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
+from mpi4py import MPI
 
 import rigidfx as rf
+from rigidfx.flexible.form_cache import LOCK, wait_or_clear
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.kernels import FLAGS, Kernel, jit_options
 
@@ -54,3 +61,53 @@ def test_flags_are_the_users(monkeypatch):
     for flags in ("", "-O2 -mcpu=native"):
         monkeypatch.setenv(FLAGS, flags)
         assert "-DRIGIDFX_PROCESSOR_" in jit_options()["cffi_extra_compile_args"][-1]
+
+
+def test_what_an_interrupted_compilation_left_is_removed(monkeypatch):
+    """Where nobody compiles, a source without a result is waited for as long as options say."""
+    monkeypatch.setattr(
+        "rigidfx.flexible.kernels.jit_options", lambda: jit_options() | {"timeout": 1}
+    )
+    mesh = rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1)).mesh
+    form = fem.Constant(mesh, 3.0) * fem.Constant(mesh, 5.0) * ufl.dx(1)
+    built = Path(Kernel(form, [], mesh)._compiled.module.__file__)
+    if mesh.comm.rank == 0:
+        source = built.with_name(built.name.split(".")[0] + ".c")
+        source.with_suffix(".c.cached").unlink()
+        built.unlink()
+        source.write_text("")
+    mesh.comm.barrier()
+    Kernel(form, [], mesh)
+    assert built.exists()
+
+
+HOLD = """
+import fcntl, pathlib, sys, time
+lock, ready = sys.argv[1:]
+with open(lock, "w") as file:
+    fcntl.flock(file, fcntl.LOCK_SH)
+    print("held", flush=True)
+    time.sleep(1.5)
+    if ready:
+        pathlib.Path(ready).touch()
+        time.sleep(60)
+"""
+
+
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="waits on one rank")
+@pytest.mark.parametrize("compiles", [True, False])
+def test_form_that_another_process_compiles_is_waited_for(tmp_path, caplog, compiles):
+    """Until it is there, or the process has ended without it."""
+    source = tmp_path / "form.c"
+    source.touch()
+    ready = str(tmp_path / "form.c.cached") if compiles else ""
+    command = [sys.executable, "-c", HOLD, str(tmp_path / LOCK), ready]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout.readline() == "held\n"
+        start = time.monotonic()
+        wait_or_clear(source)
+        waited = time.monotonic() - start
+        process.kill()
+    assert 1.0 < waited < 30.0
+    assert source.exists() == compiles
+    assert "waiting for another process" in caplog.text

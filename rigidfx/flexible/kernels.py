@@ -12,7 +12,6 @@ with different flags differ in their last digits.
 from __future__ import annotations
 
 import hashlib
-import logging
 import os
 import shlex
 from collections.abc import Mapping
@@ -24,11 +23,9 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem
-from mpi4py import MPI
 from ufl.algorithms import expand_derivatives
 
-from rigidfx.base.errors import OutputError, agree
-from rigidfx.flexible.compiled_forms import listening, remove
+from rigidfx.flexible.form_cache import compile_form
 
 __all__ = ["FLAGS", "Kernel", "jit_options"]
 
@@ -63,29 +60,7 @@ def jit_options() -> dict[str, Any]:
     # FFCx's cache tells objects apart by these flags, but not what -march=native stands for.
     if any(flag.endswith("=native") for flag in flags):
         flags.append(f"-DRIGIDFX_PROCESSOR_{_processor()}")
-    return {"timeout": 60, "cffi_extra_compile_args": flags}
-
-
-def _compile(comm: MPI.Intracomm, form: ufl.Form) -> Any:
-    """Compile a form; clear what is in the way in the cache of compiled forms. Collective.
-
-    Raises:
-        OutputError: On every rank, if that cannot be cleared.
-    """
-
-    def compiled() -> Any:
-        # As FFCx would set its logger to this level, where `listening` hears it.
-        heard = {"verbosity": logging.INFO}
-        return fem.compile_form(comm, form, form_compiler_options=heard, jit_options=jit_options())
-
-    with listening() as log:
-        try:
-            return compiled()
-        except (RuntimeError, TimeoutError, ImportError):
-            if not any(comm.allgather(log.source)):
-                raise
-        agree(comm, None if log.source is None else remove(log.source), OutputError)
-        return compiled()
+    return {"timeout": 10, "cffi_extra_compile_args": flags}
 
 
 class Kernel:
@@ -106,7 +81,7 @@ class Kernel:
         # left once derivatives are applied: without this, a tangent that has lost the coefficient
         # u₀ (the trapezoidal rule's) would read u₀ in place of u₁.
         self.form = form = expand_derivatives(form)
-        self._compiled = _compile(mesh.comm, form)
+        self._compiled = compile_form(mesh.comm, form, jit_options())
         self._arguments = arguments
         self._mesh = mesh
         self._coefficients = {w: w for w in form.coefficients()}

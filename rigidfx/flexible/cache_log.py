@@ -1,9 +1,4 @@
-"""The cache of compiled forms: what is waited for there, and what has to be removed from it.
-
-FFCx takes a source file without a result for another process's work in progress, waits for it in
-silence and gives up; a result that is damaged (by a full disk, or a kill) it cannot load. Which
-files these are is told by its log only.
-"""
+"""FFCx's log tells which file of its cache is waited for, in silence, or cannot be loaded."""
 
 from __future__ import annotations
 
@@ -13,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-__all__ = ["CacheLog", "listening", "remove"]
+__all__ = ["CacheLog", "listening"]
 
 TOLD_AFTER = 3  # seconds of waiting
 
@@ -62,24 +57,3 @@ def listening() -> Iterator[CacheLog]:
     finally:
         logger.setLevel(level)
         logger.removeFilter(log)
-
-
-def remove(source: Path) -> str | None:
-    """Remove a form from the cache; only its source where another process may be at work on it.
-
-    Args:
-        source: Its source file.
-
-    Returns:
-        What to do where that is not allowed, else None.
-    """
-    try:
-        ready = source.with_suffix(".c.cached").exists()
-        for file in list(source.parent.glob(f"{source.stem}.*")) if ready else [source]:
-            file.unlink(missing_ok=True)
-    except OSError as error:
-        return (
-            f"The compiled form '{source.with_suffix('')}.*' is damaged, or its compilation was "
-            f"stopped, and it cannot be removed from here ({error.strerror}): remove these files."
-        )
-    return None

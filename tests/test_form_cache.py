@@ -10,7 +10,7 @@ import ufl
 from mpi4py import MPI
 
 import rigidfx as rf
-from rigidfx.flexible import compiled_forms, kernels
+from rigidfx.flexible import cache_log, kernels
 from rigidfx.flexible.kernels import Kernel
 
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="one cache, one process")
@@ -25,7 +25,7 @@ def cache(tmp_path, monkeypatch):
         "cffi_extra_compile_args": ["-O0"],
     }
     monkeypatch.setattr(kernels, "jit_options", lambda: options)
-    monkeypatch.setattr(compiled_forms, "TOLD_AFTER", 1)
+    monkeypatch.setattr(cache_log, "TOLD_AFTER", 1)
     return tmp_path / "forms"
 
 

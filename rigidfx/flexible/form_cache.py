@@ -1,0 +1,119 @@
+"""Compiled forms in FFCx's cache, which processes share: one compiles, others wait, none for ever.
+
+FFCx takes a source file without a result for another process's work in progress, waits for a set
+time and gives up: too early where another process compiles a large form, and in vain where one was
+stopped. So who may be compiling holds a shared lock, which the system takes back when a process
+ends. A source is left over if nobody holds the lock. A result that is damaged (by a full disk, or a
+kill) cannot be loaded and is removed.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import logging
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import ufl
+from dolfinx import fem, jit
+from mpi4py import MPI
+
+from rigidfx.base.errors import OutputError, agree
+from rigidfx.flexible.cache_log import listening
+
+__all__ = ["compile_form"]
+
+LOCK = "rigidfx.lock"  # beside the compiled forms
+
+
+def compile_form(comm: MPI.Intracomm, form: ufl.Form, options: dict[str, Any]) -> Any:
+    """Compile a form, or wait for another process that does. Collective.
+
+    Args:
+        comm: Its rank 0 compiles.
+        form: UFL form.
+        options: Options for FFCx's compiler; after their timeout, others are asked about.
+
+    Raises:
+        OutputError: On every rank, if a file that is in the way cannot be removed.
+    """
+    heard = {"verbosity": logging.INFO}  # what `listening` is to hear
+    while True:
+        with _may_compile(comm, options), listening() as log:
+            try:
+                return fem.compile_form(
+                    comm, form, form_compiler_options=heard, jit_options=options
+                )
+            except (RuntimeError, TimeoutError, ImportError) as error:
+                found = [source for source in comm.allgather(log.source) if source is not None]
+                if not found:
+                    raise
+                damaged = isinstance(error, ImportError)
+        damaged = comm.allreduce(damaged, op=MPI.LOR)
+        agree(comm, _cleared(found[0], damaged) if comm.rank == 0 else None, OutputError)
+
+
+@contextmanager
+def _may_compile(comm: MPI.Intracomm, options: dict[str, Any]) -> Iterator[None]:
+    """Hold the shared lock on rank 0."""
+    if comm.rank:
+        yield
+        return
+    folder = Path(jit.get_options(options)["cache_dir"])
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / LOCK).open("w") as file:
+        _locks(file, fcntl.LOCK_SH)
+        yield
+
+
+def _cleared(source: Path, damaged: bool) -> str | None:
+    """Wait for a form, or remove what is in the way; what to do where that is not allowed."""
+    try:
+        if damaged:
+            for file in list(source.parent.glob(f"{source.stem}.*")):
+                file.unlink(missing_ok=True)
+        else:
+            wait_or_clear(source)
+    except OSError as error:
+        return (
+            f"The compiled form '{source.with_suffix('')}.*' is damaged, or its compilation was "
+            f"stopped, and it cannot be removed from here ({error.strerror}): remove these files."
+        )
+    return None
+
+
+def wait_or_clear(source: Path) -> None:
+    """Wait until a form is compiled; if nobody compiles, remove what is in the way.
+
+    Args:
+        source: The C file without a result.
+
+    Raises:
+        OSError: If it cannot be removed.
+    """
+    said = False
+    while source.exists() and not source.with_suffix(".c.cached").exists():
+        with (source.parent / LOCK).open("w") as file:
+            if _locks(file, fcntl.LOCK_EX | fcntl.LOCK_NB):
+                source.unlink(missing_ok=True)
+                return
+        if not said:
+            logging.getLogger(__name__).warning(
+                "waiting for another process, which compiles %s", source
+            )
+            said = True
+        time.sleep(0.5)
+
+
+def _locks(file: Any, how: int) -> bool:
+    """Whether a lock could be had; it is taken for had where the file system knows no locks."""
+    try:
+        fcntl.flock(file, how)
+    except BlockingIOError:
+        return False
+    except OSError:
+        pass
+    return True
