@@ -1,0 +1,111 @@
+"""The judge of a step: what it objects to, and in which order."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from dolfinx import fem
+
+import rigidfx as rf
+from rigidfx.base.errors import InversionError, StepError
+from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.flexible.inversion import Inversion
+from rigidfx.step.equations import Solution
+from rigidfx.step.judge import REMEDY, Attempt, Judge
+
+MATERIAL = rf.StVenantKirchhoff(rho=2.0, E=50.0, nu=0.3)
+PLACE = np.array([1.0, 2.5, -3.0])
+
+# Deformation gradients, and whether a body can get there.
+ENDS = {
+    "rest": (np.eye(3), True),
+    "half a turn": (np.diag([-1.0, -1.0, 1.0]), True),
+    "mirror image": (np.diag([-1.0, 1.0, 1.0]), False),
+    "through a point": (-np.eye(3), False),
+    "flat": (np.diag([1.0, 1.0, 0.0]), False),
+    "thin": (np.diag([1.0, 1.0, 1e-6]), True),
+    "long": (np.diag([9e5, 1.0, 1.0]), True),
+    "torn apart": (np.diag([2e6, 1.0, 1.0]), False),
+}
+
+
+def attempt(converged, place=None, residuals=(3.0, 0.5)):
+    """An attempt from 0.25 s on."""
+    reason = "tolerance met" if converged else "too many iterations"
+    return Attempt(0.25, 0.125, Solution(converged, reason, residuals, 1, "LU", place))
+
+
+class Look:
+    """Looks for inverted cells in two unit cells, and counts how often it is asked."""
+
+    def __init__(self, gradients):
+        scene = rf.Scene(rf.box((0, 0, 0), (2, 1, 1), (2, 1, 1)), MATERIAL)
+        forces = InternalForces(scene, fem.Function(scene.space))
+        self.inversion = Inversion(scene, forces)
+        self.inversion.bind(forces.cells())
+        X = scene.space.tabulate_dof_coordinates()
+        F = np.where((X[:, 0] > 1 + 1e-9)[:, None, None], gradients[1], gradients[0])
+        x = np.einsum("nij,nj->ni", F, X - [1, 0, 0])
+        forces.u1.x.array[:] = (x - X).reshape(-1)
+        self.times = 0
+
+    def find(self):
+        self.times += 1
+        return self.inversion.find()
+
+
+@pytest.mark.parametrize("end", ENDS)
+def test_what_turns_cells_inside_out_is_objected_to(end):
+    """Any rotation and any stretch below 10⁶ may become the state."""
+    F, possible = ENDS[end]
+    objection = Judge(Look([F, F])).objection(attempt(converged=True))
+    assert possible == (objection is None)
+    assert possible or isinstance(objection, InversionError)
+
+
+def test_objection_names_time_and_cell():
+    look = Look([np.eye(3), ENDS["mirror image"][0]])
+    text = str(Judge(look).objection(attempt(converged=True)))
+    found = look.inversion.find()
+    assert found.count == 1
+    assert found.place == pytest.approx([1.5, 0.5, 0.5])
+    assert text == (
+        "The step from t = 0.25 s turns cells inside out, even with Δt = 0.125 s: "
+        f"cell {found.number} of the mesh around X = (1.5, 0.5, 0.5) m{REMEDY}"
+    )
+
+
+@pytest.mark.parametrize("end", ["rest", "mirror image"])
+def test_what_has_not_converged_is_no_solution(end):
+    """It is objected to first: whether an iterate turns cells inside out says nothing."""
+    look = Look([ENDS[end][0]] * 2)
+    objection = Judge(look).objection(attempt(converged=False, place=PLACE))
+    assert type(objection) is StepError
+    assert look.times == 0
+    for part in (
+        "from t = 0.25 s did not converge",
+        "Δt = 0.125 s",
+        "too many iterations",
+        "3.00e+00, 5.00e-01 N",
+        "X = (1, 2.5, -3) m",
+    ):
+        assert part in str(objection)
+
+
+def test_residuals_that_are_not_finite():
+    """There is neither a list of them nor a place."""
+    judge = Judge(Look([np.eye(3)] * 2))
+    text = str(judge.objection(attempt(converged=False, residuals=())))
+    assert "not finite N" in text
+    assert "X = (nan, nan, nan) m" in text
+
+
+def test_judge_remembers_nothing():
+    """An attempt is judged by itself, whatever was objected to before."""
+    look = Look([ENDS["rest"][0]] * 2)
+    judge = Judge(look)
+    good, bad = attempt(converged=True), attempt(converged=False)
+    assert judge.objection(bad) is not None
+    assert judge.objection(good) is None
+    assert judge.objection(bad) is not None
+    assert look.times == 1
