@@ -7,11 +7,9 @@ so loose that what is left of the residual does work. Nothing else in a report w
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 
-from rigidfx.base.errors import RigidfxWarning
+from rigidfx.base.warning import warn
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 
@@ -32,7 +30,8 @@ class EnergyBalance:
         """
         self._expected = self._scale = 0.0
         self._noise = _rounding(scene)
-        self._waits = scene.scheme.conserving and scene.comm.rank == 0
+        self._comm = scene.comm
+        self._waits = scene.scheme.conserving
 
     def follow(self, report: Report) -> None:
         """Take the next report into account.
@@ -52,13 +51,12 @@ class EnergyBalance:
         off = abs(report.energy - self._expected)
         if off > WORTH_A_WARNING * self._scale + self._noise:
             self._waits = False
-            warnings.warn(
+            warn(
+                self._comm,
                 f"At t = {report.t:.6g} s the balance of energy is off by {off / self._scale:.1e} "
                 "of the largest energy. Rounding in parts that are very stiff or very light for "
                 "their stiffness may be why: make these Rigid, or take less extreme numbers. If "
                 "-rigidfx_snes_rtol is set, make it smaller.",
-                RigidfxWarning,
-                stacklevel=2,
             )
 
 

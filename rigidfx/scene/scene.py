@@ -6,7 +6,6 @@ first step, as it takes bodies and supports together in time; on all ranks alike
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from itertools import combinations
@@ -23,7 +22,8 @@ from mpi4py import MPI
 
 from rigidfx import effects as fx
 from rigidfx.base import compat
-from rigidfx.base.errors import RigidfxWarning, SceneError, agree, together
+from rigidfx.base.errors import SceneError, agree, together
+from rigidfx.base.warning import warn
 from rigidfx.domain.domain import Domain
 from rigidfx.mechanics.materials import Material
 from rigidfx.mechanics.schemes import EnergyMomentum, Scheme
@@ -296,12 +296,11 @@ class Scene:
 
     def _warn_of_locking(self) -> None:
         nu = max((getattr(m, "nu", 0.0) for m, _ in self.materials), default=0.0)
-        if self.order == 1 and nu > NEARLY_INCOMPRESSIBLE and self.comm.rank == 0:
-            warnings.warn(
+        if self.order == 1 and nu > NEARLY_INCOMPRESSIBLE:
+            warn(
+                self.comm,
                 f"Scene: first-order cells lock at ν = {nu:g}: they keep their volume at the price "
                 "of hardly bending at all. Take order=2, or a smaller ν.",
-                RigidfxWarning,
-                stacklevel=3,
             )
 
     def _nodal_mass(self) -> Array:
