@@ -15,7 +15,7 @@ from dataclasses import replace
 from time import perf_counter
 from typing import Any
 
-from rigidfx.base.errors import SceneError
+from rigidfx.base.errors import SceneError, StepError
 from rigidfx.decide.criterion import StrainRate
 from rigidfx.report.energy_balance import EnergyBalance
 from rigidfx.report.probes import Probes
@@ -95,7 +95,10 @@ def _reports(
             target = timeline.next(state.t)
             start = perf_counter()
             events = switching.before(target - state.t) if switching else []
-            result = integrator.step(target)
+            try:
+                result = integrator.step(target)
+            except StepError as error:
+                raise balance.explained(error) from None
             step += 1
             report = report_of(step, integrator, probes, result, integrator.measure())
             if switching is not None:

@@ -16,6 +16,7 @@ from rigidfx.decide.decision import Part
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.inversion import Inversion
 from rigidfx.flexible.strain_rate import StrainRates
+from rigidfx.mechanics.materials import StVenantKirchhoff
 from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.report.events import BodyChange, Event
 from rigidfx.scene.scene import Scene
@@ -32,11 +33,7 @@ from rigidfx.switch.inventory import Parts, check_clamps, named_parts
 __all__ = ["Integrator", "StepResult"]
 
 MAX_CUTS = 8  # a step is cut to at least 1/256 before it is given up
-REMEDY = (
-    ". There det F ≤ 0 at an integration point, or a stretch is above 10⁶. St.Venant-Kirchhoff "
-    "material does not resist strong compression: take NeoHooke there, smaller loads, larger "
-    "cells or NumericalDamping."
-)
+INVERTED = ". There det F ≤ 0 at an integration point, or a stretch is above 10⁶."
 
 
 @dataclass(frozen=True)
@@ -109,7 +106,8 @@ class Integrator:
         self._impact = self._begin(self._supports, dt, self.measure())
         if scene.named(fx.Preload) and (turned := self._inversion.find()) is not None:
             self.close()
-            raise InversionError(f"The static preload turns cells inside out: {turned}{REMEDY}")
+            found = f"The static preload turns cells inside out: {turned}{INVERTED}"
+            raise InversionError(found, _remedy(scene))
 
     @property
     def _supports(self) -> tuple[fx.Support, ...]:
@@ -182,15 +180,17 @@ class Integrator:
         if turned is not None:
             raise InversionError(
                 f"The step from t = {self.state.t:.9g} s turns cells inside out, even with "
-                f"Δt = {dt:.3g} s: {turned}{REMEDY}"
+                f"Δt = {dt:.3g} s: {turned}{INVERTED}",
+                _remedy(self.scene),
             )
         x, y, z = solution.place if solution.place is not None else (np.nan,) * 3
         raise StepError(
             f"The step from t = {self.state.t:.9g} s did not converge, not even with "
             f"Δt = {dt:.3g} s ({solution.reason}; residuals "
             f"{', '.join(f'{r:.2e}' for r in solution.residuals[:6]) or 'not finite'} N). "
-            f"The largest residual is at the node X = ({x:.6g}, {y:.6g}, {z:.6g}) m. Try a "
-            "smaller Δt, look at loads and supports near that place, or add NumericalDamping."
+            f"The largest residual is at the node X = ({x:.6g}, {y:.6g}, {z:.6g}) m.",
+            "Try a smaller Δt, look at loads and supports near that place, or add "
+            "NumericalDamping.",
         )
 
     def _accept(self, dt: float, t: float, solution: Solution, cuts: int) -> StepResult:
@@ -360,6 +360,17 @@ class Integrator:
     ) -> None:
         """Free all PETSc objects."""
         self.close()
+
+
+def _remedy(scene: Scene) -> str:
+    """What may help against cells that are turned inside out."""
+    remedies = "smaller loads, larger cells or NumericalDamping"
+    if any(isinstance(material, StVenantKirchhoff) for material, _ in scene.materials):
+        return (
+            "St.Venant-Kirchhoff material does not resist strong compression: take NeoHooke there, "
+            f"{remedies}."
+        )
+    return f"Try {remedies}."
 
 
 def _changes(old: Mapping[int, RigidBody], new: Mapping[int, RigidBody]) -> tuple[BodyChange, ...]:
