@@ -133,8 +133,12 @@ class Scene:
 
     @property
     def quadrature_degree(self) -> int:
-        """Degree of the rule of W, H and the residual: full integration of the stiffness."""
-        return STIFFNESS_DEGREE[self.order]
+        """Degree of the rule of W, H and the residual: full integration of the stiffness.
+
+        In first-order tetrahedra the strain is constant, and so is all that depends on it: one
+        point gives what four do.
+        """
+        return 1 if self._simplex and self.order == 1 else STIFFNESS_DEGREE[self.order]
 
     def named(self, kind: type[fx.Effect]) -> tuple[Any, ...]:
         """The effects of a kind, in the order given."""
