@@ -18,6 +18,7 @@ from typing import Any
 from rigidfx.base.errors import SceneError, StepError
 from rigidfx.decide.criterion import StrainRate
 from rigidfx.report.energy_balance import EnergyBalance
+from rigidfx.report.lumping import LumpedInertia
 from rigidfx.report.probes import Probes
 from rigidfx.report.report import Report, amended, report_of
 from rigidfx.scene.scene import Scene
@@ -89,7 +90,9 @@ def _reports(
     with integrator, _progress_bar(scene, timeline.t_end, progress) as bar:
         step, state, balance = 0, integrator.state, EnergyBalance(scene)
         report = report_of(0, integrator, probes, None, integrator.measure())
+        lumping = LumpedInertia(scene)
         balance.follow(report)
+        lumping.follow(report)
         yield report
         while not timeline.over(state.t):
             target = timeline.next(state.t)
@@ -105,6 +108,7 @@ def _reports(
                 now = switching.after(result, report)
                 report = amended(report, integrator, [*events, *now], switching.closeness)
             balance.follow(report)
+            lumping.follow(report)
             bar.update(result.dt)
             yield replace(report, wall=perf_counter() - start)
 

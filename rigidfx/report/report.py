@@ -40,6 +40,9 @@ class BodyReport:
         angular_momentum: Angular momentum about the origin, shape (3,) [kg m²/s].
         kinetic: Kinetic energy [J].
         stored: Energy that it keeps for its release [J].
+        inertia_ratio: Largest ratio, about any axis, of its moment of inertia to the exact one of
+            its cells: above 1 where masses are lumped.
+        kinetic_excess: Kinetic energy that it has for this reason only [J].
     """
 
     name: str
@@ -55,6 +58,8 @@ class BodyReport:
     angular_momentum: Array
     kinetic: float
     stored: float
+    inertia_ratio: float
+    kinetic_excess: float
 
 
 @dataclass(frozen=True)
@@ -215,6 +220,7 @@ def _body_reports(state: State) -> tuple[BodyReport, ...]:
 
 def _body_report(body: RigidBody, motion: BodyMotion) -> BodyReport:
     momentum, own = body.mass * motion.velocity, motion.angular_momentum(body)
+    W = motion.angular_velocity_body
     return BodyReport(
         name=body.name,
         number=body.number,
@@ -229,4 +235,6 @@ def _body_report(body: RigidBody, motion: BodyMotion) -> BodyReport:
         angular_momentum=skew(motion.r) @ momentum + own,
         kinetic=motion.kinetic(body),
         stored=body.frozen.energy,
+        inertia_ratio=body.inertia_ratio,
+        kinetic_excess=float(0.5 * W @ body.excess @ W),
     )

@@ -29,7 +29,7 @@ from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.rigid_body import BodyMotion, Frozen, RigidBody
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
-from rigidfx.switch.mass_properties import mass_properties
+from rigidfx.switch.mass_properties import excess_of_lumping, mass_properties
 
 __all__ = ["Exchange", "LumpedExchange", "Selection", "freeze", "take_out"]
 
@@ -96,6 +96,11 @@ def freeze(
     x = state.X[:n] + u
     cells = forces.cells(what.cells)
     p = mass_properties(scene, cells, what.nodes, x, v)
+    excess = np.zeros((3, 3))
+    if scene.mass == "lumped":
+        state.u.x.scatter_forward()  # cells at a rank's border have nodes of its neighbour
+        everywhere = state.X + state.u.x.array.reshape(-1, 3)
+        excess = excess_of_lumping(scene, what.cells, everywhere)
     motion = BodyMotion(p.centre.copy(), np.eye(3), p.velocity, p.angular_velocity)
     offsets = x[what.nodes] - p.centre
     strain = float(fem.assemble_scalar(forces.bind_energy(cells)))
@@ -113,6 +118,7 @@ def freeze(
         number=what.number,
         size=int(size),
         named=what.named,
+        excess=excess,
         frozen=Frozen(
             what.nodes,
             v[what.nodes] - motion.velocities(offsets),

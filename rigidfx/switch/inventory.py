@@ -174,6 +174,8 @@ def _freeze_named(
         J = body.inertia if effect.inertia is None else np.asarray(effect.inertia, float)
         inertia = 0.5 * (J + J.T)  # momenta are kept as far as it is symmetric
         body = replace(body, mass=float(mass), inertia=inertia, given=True, frozen=NOTHING)
+        if effect.inertia is not None:
+            body = replace(body, excess=np.zeros((3, 3)))
     return body, motion
 
 
