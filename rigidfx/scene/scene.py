@@ -29,6 +29,7 @@ from rigidfx.mechanics.materials import Material
 from rigidfx.mechanics.schemes import EnergyMomentum, Scheme
 from rigidfx.scene.assignment import assign
 from rigidfx.scene.conflicts import check_together, overlap
+from rigidfx.scene.mesh_checks import parts_in_words, warn_of_bending, warn_of_gaps
 from rigidfx.scene.summary import effects_table, in_words, phases
 
 __all__ = ["Scene"]
@@ -113,6 +114,7 @@ class Scene:
         self.nodal_mass = self._nodal_mass()
         self.supports = self._supports()
         self._check_names()
+        warn_of_gaps(domain, self.effects)
 
     # What is asked of a scene -------------------------------------------------------------------
 
@@ -253,6 +255,10 @@ class Scene:
         lines = [
             f"Scene of {cells} {kind} of order {self.order}, {nodes} nodes; {self.mass} mass; "
             f"{type(self.scheme).__name__}",
+            *(
+                f"  {line}, which shares no node with others"
+                for line in parts_in_words(self.domain)
+            ),
             "Materials",
             *(
                 f"  {in_words(material)}; {int(self.sum(own.size))} cells"
@@ -306,6 +312,8 @@ class Scene:
                 f"Scene: first-order cells lock at ν = {nu:g}: they keep their volume at the price "
                 "of hardly bending at all. Take order=2, or a smaller ν.",
             )
+        if self.order == 1:
+            warn_of_bending(self.domain)
 
     def _nodal_mass(self) -> Array:
         # Two degrees above the integrand of an affine cell, for cells that are not.

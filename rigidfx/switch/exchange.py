@@ -96,7 +96,7 @@ def freeze(
     x = state.X[:n] + u
     cells = forces.cells(what.cells)
     p = mass_properties(scene, cells, what.nodes, x, v)
-    excess = np.zeros((3, 3))
+    excess: npt.NDArray[np.float64] = np.zeros((3, 3))
     if scene.mass == "lumped":
         state.u.x.scatter_forward()  # cells at a rank's border have nodes of its neighbour
         everywhere = state.X + state.u.x.array.reshape(-1, 3)
