@@ -25,7 +25,7 @@ COINCIDENT = 1e-6  # of the size of what touches
 
 
 def warn_of_bending(domain: Domain) -> None:
-    """Warn of slender parts of one or two layers of first-order cells. Collective.
+    """Warn of slender parts whose first-order cells lock in bending. Collective.
 
     Args:
         domain: Mesh and names.
@@ -33,14 +33,14 @@ def warn_of_bending(domain: Domain) -> None:
     thin = thin_parts(domain.mesh)
     if not thin:
         return
-    worst = max(thin, key=lambda part: part.slenderness / part.layers)
-    layers = "one layer" if worst.layers == 1 else "two layers"
+    worst = min(thin, key=lambda part: part.deflection)
     more = f" So are {len(thin) - 1} other parts." if len(thin) > 1 else ""
     warn(
         domain.comm,
-        f"Scene: first-order cells lock in bending: {worst.place} is slender and has {layers} of "
-        f"them across, which makes it too stiff, the more so the longer the cells are.{more} Take "
-        "order=2 (tetrahedra then need mass='consistent'), or three and more cells across.",
+        f"Scene: first-order cells lock in bending: {worst.place}, some {worst.thickness:.3g} m "
+        f"thick, is slender and its cells are {worst.length:.3g} m long, which leaves some "
+        f"{worst.deflection:.2g} of its deflection.{more} Take order=2 (tetrahedra then need "
+        "mass='consistent'), or cells half as long as it is thick; more across do not help.",
     )
 
 
