@@ -14,8 +14,9 @@ from rigidfx.state import State
 from rigidfx.step.equations import Equilibrium
 from rigidfx.step.first_guess import Guess
 from rigidfx.step.loads import NodalLoads
+from rigidfx.step.rigid_motion import free_to_move
 from rigidfx.step.springs_and_drag import Springs
-from rigidfx.step.supports import PrescribedDofs, excludes_rigid_motion
+from rigidfx.step.supports import PrescribedDofs
 
 __all__ = ["apply_preload"]
 
@@ -32,10 +33,19 @@ def apply_preload(
     for preload in scene.named(Preload):
         if scene.named(Rigid):
             raise SceneError("Preload: statics with parts that are Rigid is not supported.")
-        if not excludes_rigid_motion(scene, prescribed):
+        idle = [load for load in preload.loads if not load.active(0.0)]
+        if idle:
+            where = getattr(idle[0], "where", None)
+            raise SceneError(
+                f"Preload: {type(idle[0]).__name__} on '{where or 'all cells'}' does not act at "
+                "t = 0, when the statics are. Give it no time window, or leave it out."
+            )
+        free = free_to_move(scene, prescribed)
+        if free:
             raise SceneError(
                 "Preload: the supports that act at the start, and springs, leave a rigid motion "
-                "free, so there is no static equilibrium. Add supports or drop the preload."
+                f"free, of {free}, so there is no static equilibrium. Add supports or drop the "
+                "preload."
             )
         cells = forces.cells()
         part = dof_layout(scene, cells, (), prescribed.mask)
@@ -47,6 +57,11 @@ def apply_preload(
         full, share = (part.rows.vector() for _ in range(2))
         rest = Guess(np.zeros(part.rows.dofs.size), np.empty((0, 6)))
         on_bodies = loads.evaluate(0.0, full)
+        if full.norm() == 0.0:
+            raise SceneError(
+                "Preload: its loads are zero at t = 0, when the statics are, so that there is "
+                "nothing to be in equilibrium with. Look at their values and time functions."
+            )
         for k in range(1, preload.increments + 1):
             full.copy(share)
             share.scale(k / preload.increments)
