@@ -68,6 +68,7 @@ def _velocity_on_one_rank(X):
 EMPTY = np.empty(0, np.int32)
 CUBE = np.array([[i, j, k] for k in (0, 1) for j in (0, 1) for i in (0, 1)], dtype=float)
 L_POINTS = np.array([[i, j, k] for k in (0, 1) for j in (0, 1, 2) for i in (0, 1, 2)], dtype=float)
+FAR = np.array([3.0, 0.0, 0.0])
 HINGED = np.array([[0, 1, 3, 4, 9, 10, 12, 13], [4, 5, 7, 8, 13, 14, 16, 17]])
 
 
@@ -219,7 +220,7 @@ CASES = {
     ),
     "preload of a part that is loose": (
         lambda: _preloaded(
-            _arrays(np.concatenate([CUBE, CUBE + [3, 0, 0]]), np.arange(16).reshape(2, 8))
+            _arrays(np.concatenate([CUBE, CUBE + FAR]), np.arange(16).reshape(2, 8))
         ),
         SceneError,
         "rigid motion free, of the part of 1 × 1 × 1 m around (3.5, 0.5, 0.5) m",

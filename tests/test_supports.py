@@ -317,7 +317,7 @@ def test_preload_of_parts_that_are_held_one_by_one():
     cube = np.array([[i, j, k] for k in (0, 1) for j in (0, 1) for i in (0, 1)], dtype=float)
     grid = np.array([[i, j, k] for k in (0, 1) for j in (0, 1, 2) for i in (0, 1, 2)], dtype=float)
     hinged = np.array([[0, 1, 3, 4, 9, 10, 12, 13], [4, 5, 7, 8, 13, 14, 16, 17]])
-    two = np.concatenate([cube, cube + [3, 0, 0]]), np.arange(16).reshape(2, 8)
+    two = np.concatenate([cube, cube + np.array([3.0, 0, 0])]), np.arange(16).reshape(2, 8)
     for points, cells in (two, (grid, hinged)):
         far = points[:, 0].max()
         domain = rf.from_arrays(points, cells).with_facets("a", lambda x: np.abs(x[0]) < 1e-9)

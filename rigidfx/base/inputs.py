@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
 
-__all__ = ["check_factor", "number", "numbers", "positive", "vector"]
+__all__ = ["check_factor", "number", "numbers", "positive", "scalar", "vector"]
 
 
 def number(owner: str, name: str, value: Any, *, infinite: bool = False) -> float:
@@ -67,6 +67,16 @@ def numbers(value: Any) -> npt.NDArray[np.float64]:
     except (TypeError, ValueError):
         pass
     return np.empty(0)
+
+
+def scalar(value: Any) -> float:
+    """What a function gave as a number; NaN if it is not one real number, such as a text.
+
+    Args:
+        value: What was given.
+    """
+    array = numbers(value)
+    return float(array) if array.ndim == 0 else float("nan")
 
 
 def vector(owner: object, name: str, value: Any) -> npt.NDArray[np.float64]:

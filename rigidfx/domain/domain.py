@@ -21,6 +21,7 @@ from mpi4py import MPI
 
 from rigidfx.base import compat
 from rigidfx.base.errors import SceneError, agree, together
+from rigidfx.base.inputs import numbers
 from rigidfx.domain.cell_quality import check_cells
 
 __all__ = ["Domain", "EntitySet", "box", "from_arrays"]
@@ -134,12 +135,23 @@ class Domain:
         return self.comm.allreduce(int(np.count_nonzero(entities.entities < owned)))
 
     def _with(self, name: str, dim: int, marker: Marker, boundary: bool) -> Domain:
+        _check_name(name)
         tdim = self.mesh.topology.dim
         self.mesh.topology.create_entities(dim)
         self.mesh.topology.create_connectivity(dim, tdim)
         locate = dmesh.locate_entities_boundary if boundary else dmesh.locate_entities
+
+        def checked(x: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
+            found = np.asarray(marker(x))
+            if found.dtype != np.bool_ or found.shape != x.shape[1:]:
+                raise SceneError(
+                    f"The marker of '{name}' must give a boolean for each point, shape "
+                    f"{x.shape[1:]}; it gives {found.dtype}, shape {found.shape}."
+                )
+            return found
+
         entities = together(
-            self.comm, f"The marker of '{name}'", lambda: locate(self.mesh, dim, marker)
+            self.comm, f"The marker of '{name}'", lambda: locate(self.mesh, dim, checked)
         )
         new = EntitySet(name, dim, np.sort(entities).astype(np.int32))
         out = replace_sets(self, {**self.sets, (name, dim): new})
@@ -191,17 +203,35 @@ class Domain:
             cells: Local cell indices.
 
         Raises:
-            SceneError: If an index is outside the mesh, or there are no cells at all.
+            SceneError: If they are no whole numbers, such as a boolean mask, one is outside the
+                mesh, or there are no cells at all.
         """
-        cells = np.unique(np.asarray(cells, dtype=np.int32))
+        _check_name(name)
+        given = np.asarray(cells)
+        whole = given.size == 0 or (given.ndim == 1 and given.dtype.kind in "iu")
+        masked = " Of a mask, take np.flatnonzero." if given.dtype == np.bool_ else ""
+        agree(
+            self.comm,
+            None
+            if whole
+            else f"Cell set '{name}': cells must be a list of whole numbers, got {given.dtype} of "
+            f"shape {given.shape}.{masked}",
+        )
+        cells = np.unique(given.astype(np.int64))
         map_ = self.mesh.topology.index_map(3)
         bad = cells[(cells < 0) | (cells >= map_.size_local + map_.num_ghosts)]
         agree(self.comm, f"Cell set '{name}': no cell {bad[0]} on this rank." if bad.size else None)
-        new = EntitySet(name, 3, cells)
+        new = EntitySet(name, 3, cells.astype(np.int32))
         out = replace_sets(self, {**self.sets, (name, 3): new})
         if out.count(new) == 0:
             raise SceneError(f"Cell set '{name}' is empty.")
         return out
+
+
+def _check_name(name: object) -> None:
+    """Refuse what cannot be the name of a set."""
+    if not isinstance(name, str) or not name:
+        raise SceneError(f"The name of a set must be a text that is not empty, got {name!r}.")
 
 
 def replace_sets(domain: Domain, sets: Mapping[tuple[str, int], EntitySet]) -> Domain:
@@ -232,7 +262,7 @@ def box(
         SceneError: If the box has no volume, a number of cells is below one or the cell is unknown.
     """
     try:
-        a, b = np.asarray(lower, float), np.asarray(upper, float)
+        a, b = (numbers(corner) for corner in (lower, upper))
         counts = [operator.index(n) for n in cells]
     except (TypeError, ValueError):
         raise SceneError(
@@ -248,7 +278,7 @@ def box(
     if len(counts) != 3 or min(counts) < 1:
         raise SceneError(f"box: cells must be three whole numbers ≥ 1, got {cells}.")
     kinds = {kind.name: kind for kind in CELLS}
-    if cell not in kinds:
+    if not isinstance(cell, str) or cell not in kinds:
         raise SceneError(f"box: cell must be one of {sorted(kinds)}, got {cell!r}.")
     mesh = dmesh.create_box(
         comm, [a, b], counts, kinds[cell], ghost_mode=dmesh.GhostMode.shared_facet
@@ -277,19 +307,46 @@ def from_arrays(
         comm: Communicator of the mesh.
 
     Raises:
-        SceneError: If shapes or numbers do not fit, or cells are inverted or flat.
+        SceneError: If shapes, kinds or numbers do not fit, a cell is there twice, or cells are
+            inverted or flat.
     """
     corners = {"hexahedron": 8, "tetrahedron": 4}
-    if cell not in corners:
+    if not isinstance(cell, str) or cell not in corners:
         raise SceneError(f"from_arrays: cell must be one of {sorted(corners)}, got {cell!r}.")
+    agree(comm, _misfit(points, cells, corners[cell]))
     x = np.asarray(points, dtype=np.float64).reshape(-1, 3)
-    numbers = np.asarray(cells, dtype=np.int64).reshape(-1, corners[cell])
-    fits = numbers.size == 0 or (numbers.min() >= 0 and numbers.max() < len(x))
-    agree(comm, None if fits else f"from_arrays: cells name points outside 0 … {len(x) - 1}.")
-    finite = bool(np.isfinite(x).all())
-    agree(comm, None if finite else "from_arrays: points must be finite.")
+    rows = np.asarray(cells).astype(np.int64).reshape(-1, corners[cell])
+    some = comm.allreduce(len(rows)) > 0
+    agree(comm, None if some else "from_arrays: there are no cells.")
     element = basix.ufl.element("Lagrange", cell, 1, shape=(3,))
-    return Domain(compat.create_mesh(comm, numbers, x, ufl.Mesh(element)))
+    return Domain(compat.create_mesh(comm, rows, x, ufl.Mesh(element)))
+
+
+def _misfit(points: npt.ArrayLike, cells: npt.ArrayLike, corners: int) -> str | None:
+    """What is wrong with the arrays of this rank, None if nothing."""
+    try:
+        x, rows = np.asarray(points), np.asarray(cells)
+    except ValueError:
+        return "from_arrays: points and cells must be arrays; some of their rows differ in length."
+    for name, given, kinds, width in (("points", x, "iuf", 3), ("cells", rows, "iu", corners)):
+        kind = "whole numbers" if kinds == "iu" else "real numbers"
+        if given.size and (given.dtype.kind not in kinds or given.shape[1:] != (width,)):
+            return (
+                f"from_arrays: {name} must be {kind} of shape (n, {width}), got {given.dtype} of "
+                f"shape {given.shape}."
+            )
+    if not np.isfinite(x.astype(np.float64)).all():
+        return "from_arrays: points must be finite."
+    if rows.size == 0:
+        return None
+    if rows.min() < 0 or rows.max() >= len(x):
+        return f"from_arrays: cells name points outside 0 … {len(x) - 1}."
+    _, first, times = np.unique(
+        np.sort(rows, axis=1), axis=0, return_index=True, return_counts=True
+    )
+    if times.max() > 1:
+        return f"from_arrays: cell {first[np.argmax(times)]} is there {times.max()} times."
+    return None
 
 
 def _on_plane(axis: int, value: float, tol: float) -> Marker:

@@ -41,6 +41,7 @@ OPTIONS = (
     "Mesh.MeshSizeFromCurvature",
 )
 
+SAME_PLACE = 1e-6  # of the smallest cell's diameter: points no farther apart are one
 UNLISTED = 1000  # numbers, from 1 and from the last group's on, at which empty ones are looked for
 
 Names = dict[tuple[int, str], Any]
@@ -197,17 +198,18 @@ def domain_of(
         elif not len(value):
             sets.append(EntitySet(name, 0, np.empty(0, np.int32)))
     domain = Domain(mesh, sets)
+    owned = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
+    least = comm.allreduce(float(mesh.h(3, owned).min(initial=np.inf)), op=MPI.MIN)
     for (dim, name), value in names.items():
         if dim < 2 and len(value):
-            domain = domain.with_vertices(name, _among(value))
+            domain = domain.with_vertices(name, _among(value, SAME_PLACE * least))
     return domain
 
 
-def _among(points: npt.NDArray[np.float64]) -> Any:
-    """A marker of the given points."""
+def _among(points: npt.NDArray[np.float64], tolerance: float) -> Any:
+    """A marker of the given points, up to a distance [m]."""
     tree = cKDTree(points)
-    size = float(np.abs(points).max(initial=0.0))
-    return lambda x: tree.query(x.T)[0] <= 1e-12 + 1e-9 * size
+    return lambda x: tree.query(x.T)[0] <= tolerance
 
 
 def _header(path: str | Path) -> dict[tuple[int, int], str]:

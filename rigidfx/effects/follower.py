@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from math import isfinite
 
 from rigidfx.base.errors import SceneError
-from rigidfx.base.inputs import check_factor, number
+from rigidfx.base.inputs import check_factor, number, scalar
 from rigidfx.effects.base import TimeFunction, Windowed
 
 __all__ = ["Pressure"]
@@ -53,7 +53,7 @@ class Pressure(Windowed):
         if not self.active(t):
             return 0.0
         value = self.value(t) if callable(self.value) else self.value
-        pressure = float(value) * (1.0 if self.time is None else float(self.time(t)))
+        pressure = scalar(value) * (1.0 if self.time is None else scalar(self.time(t)))
         if not isfinite(pressure):
             raise SceneError(
                 f"Pressure on '{self.where}': at t = {t:g} s it is {pressure}; check its value "

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx.base.inputs import check_factor, vector
+from rigidfx.base.inputs import check_factor, numbers, scalar, vector
 from rigidfx.effects.base import WHOLE, TimeFunction, Vector, Windowed
 
 __all__ = ["BodyForce", "DeadLoad", "Gravity", "NodalForce", "Resultant", "Traction"]
@@ -38,8 +38,8 @@ class DeadLoad(Windowed):
         if not self.active(t):
             return np.zeros(3)
         value = getattr(self, "value", (0.0, 0.0, 0.0))
-        vector = np.asarray(value(t) if callable(value) else value, dtype=np.float64)
-        return vector if self.time is None else vector * float(self.time(t))
+        vector = numbers(value(t) if callable(value) else value)
+        return vector if self.time is None else vector * scalar(self.time(t))
 
     def __post_init__(self) -> None:
         """Check window, value and time function.
@@ -139,7 +139,7 @@ class Resultant(Windowed):
         return self.where or WHOLE
 
     def _factor(self, t: float) -> float:
-        return 0.0 if not self.active(t) else 1.0 if self.time is None else float(self.time(t))
+        return 0.0 if not self.active(t) else 1.0 if self.time is None else scalar(self.time(t))
 
     def force_at(self, t: float) -> npt.NDArray[np.float64]:
         """Force at t, shape (3,) [N]."""

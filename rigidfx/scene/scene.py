@@ -361,6 +361,8 @@ class Scene:
             owner = f"{type(support).__name__} on '{support.where}'"
             self._ask(owner, start, partial(support.displacement_at, start))
             self._ask(owner, start, partial(support.velocity_at, start, 1.0))
+            if isinstance(support, fx.PrescribedMotion):
+                together(self.comm, f"{owner}: its path or velocity", partial(_agrees, support))
         return supports
 
     def _ask(self, owner: str, t: float, function: Callable[[], Array]) -> None:
@@ -403,6 +405,18 @@ class Scene:
                 f"{type(load).__name__} on '{where or 'all cells'}'",
                 start,
                 partial(load.intensity, start),
+            )
+
+
+def _agrees(support: fx.PrescribedMotion) -> None:
+    """Refuse a velocity that contradicts its path at the start, or at a kink."""
+    times = sorted({max(0.0, support.since), *(t for t in support.breakpoints if t > 0)})
+    for t in times:
+        wrong = support.contradiction(t) if t < support.until else ""
+        if wrong:
+            raise SceneError(
+                f"PrescribedMotion on '{support.where}': {wrong}. Give the path's derivative, or "
+                "no velocity at all."
             )
 
 
