@@ -97,6 +97,15 @@ def test_parts_that_do_not_fall_apart_are_no_news():
     assert not said(rf.box((0, 0, 0), (2, 1, 1), (2, 1, 1)))
 
 
+@pytest.mark.parametrize(("away", "warns"), [(1e5, False), (1e8, True), (1e13, True)])
+def test_a_mesh_far_from_the_origin(away, warns):
+    """At 10¹⁵ lengths 2 % of the mass were gone."""
+    found = said(rf.box((away, 0, 0), (away + 1, 1, 1), (2, 2, 2)))
+    assert [("reaches" in m and "Move the mesh to the origin" in m) for m in found] == [
+        True
+    ] * warns
+
+
 def test_describe_names_the_parts(capsys):
     text = rf.Scene(cubes((0, 0, 0), (2, 0, 0)), SOFT).describe()
     assert text.count("which shares no node with others") == 2
@@ -130,6 +139,7 @@ def _script():
     spin = rf.InitialVelocity(angular=(1.0, 0, 0))
     body = next(rf.simulate(rf.Scene(bar, SOFT, [rf.Rigid(), spin]), 0.1, 0.1)).bodies[0]
     found["ratio"] = round(body.inertia_ratio, 10)
+    found["far"] = said(rf.box((1e9, 0, 0), (1e9 + 1, 1, 1), (2, 2, 2)))
     if COMM.rank == 0:
         parallel.report(found)
 

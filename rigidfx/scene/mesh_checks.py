@@ -14,14 +14,16 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from rigidfx import effects as fx
+from rigidfx.base.compat import cell_geometry_dofs
 from rigidfx.base.warning import warn
 from rigidfx.domain.connected import ConnectedParts, connected_parts
 from rigidfx.domain.domain import Domain
 from rigidfx.domain.thin import thin_parts
 
-__all__ = ["parts_in_words", "warn_of_bending", "warn_of_gaps"]
+__all__ = ["parts_in_words", "warn_of_bending", "warn_of_distance", "warn_of_gaps"]
 
 COINCIDENT = 1e-6  # of the size of what touches
+DIGITS = 1e-9  # error of a cell's size that is warned of
 
 
 def warn_of_bending(domain: Domain) -> None:
@@ -73,6 +75,31 @@ def warn_of_gaps(domain: Domain, effects: Sequence[fx.Effect]) -> None:
         f"no support or spring holds it: they will part without resistance.{more} Mesh them as "
         "one (glue=True of read_cad, Coherence or BooleanFragments in gmsh), or keep the gap open.",
     )
+
+
+def warn_of_distance(domain: Domain) -> None:
+    """Warn of cells so far from the origin that their size is known to a few digits only.
+
+    A number of size |x| is known to ε|x|, so that lengths h of cells, and with them volumes and
+    strains, are known to ε|x|/h: a body 10¹⁵ times its length away loses 2 % of its mass.
+    Collective.
+
+    Args:
+        domain: Mesh and names.
+    """
+    mesh, comm = domain.mesh, domain.comm
+    nodes = mesh.geometry.x[cell_geometry_dofs(mesh)[: mesh.topology.index_map(3).size_local]]
+    extent = np.ptp(nodes, axis=1).max(axis=1)
+    far = comm.allreduce(float(np.abs(nodes).max(initial=0.0)), op=MPI.MAX)
+    least = comm.allreduce(float(extent.min(initial=np.inf)), op=MPI.MIN)
+    lost = float(np.finfo(np.float64).eps) * far / least
+    if lost > DIGITS:
+        warn(
+            comm,
+            f"Scene: the mesh reaches {far:.3g} m from the origin, and its cells are "
+            f"{least:.3g} m small: their sizes, masses and strains are known to {lost:.1g} of "
+            "themselves only. Move the mesh to the origin; nothing depends on where that is.",
+        )
 
 
 def parts_in_words(domain: Domain, most: int = 8) -> list[str]:

@@ -29,7 +29,12 @@ from rigidfx.mechanics.materials import Material
 from rigidfx.mechanics.schemes import EnergyMomentum, Scheme
 from rigidfx.scene.assignment import assign
 from rigidfx.scene.conflicts import check_together, overlap
-from rigidfx.scene.mesh_checks import parts_in_words, warn_of_bending, warn_of_gaps
+from rigidfx.scene.mesh_checks import (
+    parts_in_words,
+    warn_of_bending,
+    warn_of_distance,
+    warn_of_gaps,
+)
 from rigidfx.scene.summary import effects_table, in_words, phases
 
 __all__ = ["Scene"]
@@ -115,6 +120,7 @@ class Scene:
         self.supports = self._supports()
         self._check_names()
         warn_of_gaps(domain, self.effects)
+        warn_of_distance(domain)
 
     # What is asked of a scene -------------------------------------------------------------------
 
@@ -312,7 +318,7 @@ class Scene:
                 f"Scene: first-order cells lock at ν = {nu:g}: they keep their volume at the price "
                 "of hardly bending at all. Take order=2, or a smaller ν.",
             )
-        if self.order == 1:
+        if self.order == 1 and not any(r.where is None for r in self.named(fx.Rigid)):
             warn_of_bending(self.domain)
 
     def _nodal_mass(self) -> Array:
