@@ -14,8 +14,9 @@ from rigidfx.base.errors import (
     StepError,
 )
 from rigidfx.decide.criterion import Release, StrainRate
+from rigidfx.domain.arrays import box, from_arrays
 from rigidfx.domain.cad import list_cad, read_cad
-from rigidfx.domain.domain import Domain, box, from_arrays
+from rigidfx.domain.domain import Domain
 from rigidfx.domain.gmsh_model import from_gmsh, read_msh
 from rigidfx.domain.gmsh_script import read_geo
 from rigidfx.effects import (

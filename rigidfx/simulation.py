@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from rigidfx.base.errors import SceneError
+from rigidfx.base.errors import SceneError, StepError
 from rigidfx.base.same_input import check_same
 from rigidfx.decide.criterion import StrainRate
 from rigidfx.decide.decision import Decision
@@ -27,6 +27,7 @@ from rigidfx.decide.policy import Policy
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.report.energy_balance import EnergyBalance
 from rigidfx.report.events import Event
+from rigidfx.report.lumping import LumpedInertia
 from rigidfx.report.probes import Probes
 from rigidfx.report.report import Report, amended, report_of
 from rigidfx.scene.scene import Scene
@@ -183,10 +184,11 @@ def _reports(
 ) -> Iterator[Report]:
     """Advance → report → decide → switch, step by step."""
     timeline, stepper, switch, state = run.timeline, run.stepper, run.switch, run.stepper.state
-    balance = EnergyBalance(stepper.scene)
+    balance, lumping = EnergyBalance(stepper.scene), LumpedInertia(stepper.scene)
     with stepper, _progress_bar(stepper.scene, timeline.t_end, progress) as bar:
         report = report_of(0, stepper, run.probes, None, impact)
         balance.follow(report)
+        lumping.follow(report)
         yield report
         for step in count(1):
             if timeline.over(state.t):
@@ -195,11 +197,15 @@ def _reports(
             with solver.at_work():
                 events = run.ahead(target)
                 impact = switch.follow_effects(target - state.t)
-                result = stepper.advance(target)
+                try:
+                    result = stepper.advance(target)
+                except StepError as error:
+                    raise balance.explained(error) from None
                 report = report_of(step, stepper, run.probes, result, impact)
                 now, closeness = run.after(report)
                 report = amended(report, stepper, [*events, *now], closeness)
             balance.follow(report)
+            lumping.follow(report)
             bar.update(result.dt)
             yield replace(report, wall=perf_counter() - start)
 

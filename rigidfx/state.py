@@ -14,6 +14,7 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError, agree, together
+from rigidfx.base.inputs import numbers
 from rigidfx.effects import InitialVelocity
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body
@@ -227,7 +228,10 @@ def _evaluate(effect: InitialVelocity, scene: Scene, X: Array) -> Array:
     assert effect.function is not None
     problem, values = None, np.zeros_like(X)
     try:
-        values = np.asarray(effect.function(X.T), dtype=np.float64).T
+        given = effect.function(X.T)
+        values = numbers(given).T
+        if values.size == 0 and np.size(given):
+            raise TypeError("it gives no real numbers")
         if values.shape != X.shape:
             values = np.broadcast_to(values, X.shape)
         if not np.isfinite(values).all():

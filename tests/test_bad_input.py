@@ -68,6 +68,24 @@ def _velocity_on_one_rank(X):
 
 
 EMPTY = np.empty(0, np.int32)
+CUBE = np.array([[i, j, k] for k in (0, 1) for j in (0, 1) for i in (0, 1)], dtype=float)
+L_POINTS = np.array([[i, j, k] for k in (0, 1) for j in (0, 1, 2) for i in (0, 1, 2)], dtype=float)
+FAR = np.array([3.0, 0.0, 0.0])
+HINGED = np.array([[0, 1, 3, 4, 9, 10, 12, 13], [4, 5, 7, 8, 13, 14, 16, 17]])
+
+
+def _arrays(points, cells, *more):
+    """`from_arrays` with everything on rank 0."""
+    mine = slice(None) if COMM.rank == 0 else slice(0)
+    return rf.from_arrays(np.asarray(points)[mine], np.asarray(cells)[mine], *more)
+
+
+def _preloaded(domain, *loads, until=0.1):
+    """Statics of a mesh that is held where x = 0."""
+    domain = domain.with_facets("end", lambda x: np.abs(x[0]) < 1e-9)
+    effects = [rf.Fixed("end"), rf.Preload(loads or [rf.Gravity()])]
+    for _ in rf.simulate(rf.Scene(domain, STEEL, effects), 0.1, until):
+        pass
 
 
 # name: (what is done, error, part of its message)
@@ -201,6 +219,28 @@ CASES = {
         lambda: _run(rf.Preload([rf.Gravity()])),
         SceneError,
         "rigid motion free",
+    ),
+    "preload of a part that is loose": (
+        lambda: _preloaded(
+            _arrays(np.concatenate([CUBE, CUBE + FAR]), np.arange(16).reshape(2, 8))
+        ),
+        SceneError,
+        "rigid motion free, of the part of 1 × 1 × 1 m around (3.5, 0.5, 0.5) m",
+    ),
+    "preload of a part on a hinge": (
+        lambda: _preloaded(_arrays(L_POINTS, HINGED)),
+        SceneError,
+        "rigid motion free, of the part of 1 × 1 × 1 m around (1.5, 1.5, 0.5) m",
+    ),
+    "preload of a load that acts later": (
+        lambda: _preloaded(_box(), rf.Gravity(since=0.2)),
+        SceneError,
+        "Gravity on 'all cells' does not act at t = 0",
+    ),
+    "preload of loads that are zero": (
+        lambda: _preloaded(_box(), rf.Gravity(time=np.sin)),
+        SceneError,
+        "its loads are zero at t = 0",
     ),
     "probe outside": (lambda: _run(probes={"p": (9, 9, 9)}), SceneError, "lies in no cell"),
     "missing mesh file": (

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -56,3 +58,36 @@ def test_sound_runs_and_schemes_that_promise_nothing_are_silent(scheme):
         warnings.simplefilter("error")
         reports = list(rf.simulate(spinning(scheme), 0.2, 3.0))
     assert np.isfinite(reports[-1].energy)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalledQuadratic(rf.NeoHooke):
+    """What a user may do: the averaged stress conserves the energy of quadratic W only."""
+
+    quadratic: ClassVar[bool] = True
+
+
+def test_a_balance_that_is_lost_is_named_while_it_happens():
+    """20 times its energy comes from nowhere; what ends the run is not to blame on the material."""
+    scene = rf.Scene(
+        rf.box((0, 0, 0), (4, 1, 1), (4, 1, 1)),
+        CalledQuadratic(E=1e3, nu=0.3, rho=1.0),
+        [rf.InitialVelocity(angular=(1.8, 3.0, 12.0))],
+    )
+    reports = []
+    with warnings.catch_warnings(record=True) as shown:
+        warnings.simplefilter("always")
+        try:
+            for report in rf.simulate(scene, 0.1, 30.0):
+                reports.append((report.t, report.energy, len(shown)))
+        except rf.InversionError as error:
+            message = str(error)
+    off, lost = (str(w.message) for w in shown)
+    assert "the balance of energy is off by" in off
+    assert "the balance of energy is lost" in lost
+    assert "J are accounted for: look for the cause of that first." in message
+    assert "NeoHooke" not in message
+    t, energy, _ = next(row for row in reports if row[2] == 2)  # in the very step
+    assert f"At t = {t:.6g} s the energy was {energy:.3g} J" in lost
+    assert energy > 2 * reports[0][1]
+    assert all(e <= 2 * reports[0][1] * (1 + 1e-9) for when, e, _ in reports if when < t)

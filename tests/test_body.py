@@ -15,10 +15,14 @@ from scipy.special import ellipk
 from tumbling_l import tumbling_l
 
 import rigidfx as rf
+from rigidfx.decide.decision import PlannedBody
+from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments, Step
 from rigidfx.mechanics.rigid_body import Body, BodyMotion, RigidBody
 from rigidfx.mechanics.rotation import skew
+from rigidfx.state import State
+from rigidfx.switch.exchange import freeze
 
 SOFT = rf.StVenantKirchhoff(rho=1000.0, E=1e6, nu=0.3)
 CELLS = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
@@ -76,6 +80,59 @@ def test_lumped_inertia_converges_with_the_square_of_the_cell_size(cell):
     slopes = np.log2(np.array(errors[:-1]) / errors[1:])
     show(coarse=errors[0] / J.max(), fine=errors[-1] / J.max(), slope=slopes[-1])
     assert np.abs(slopes - 2).max() <= 0.1
+
+
+def _bar(across, angular, cell="hexahedron", **options):
+    domain = rf.box((0, 0, 0), (10, 1, 1), (10 * across, across, across), cell)
+    effects = [rf.Rigid(), rf.InitialVelocity(linear=(0, 0.1, 0), angular=angular)]
+    return rf.Scene(domain, SOFT, effects, **options)
+
+
+@pytest.mark.parametrize(("across", "ratio"), [(1, 3.0), (2, 1.5), (4, 1.125)])
+def test_what_lumping_adds_to_the_inertia_of_a_bar_is_reported(across, ratio):
+    """J/J_exact = 1 + 2/n², three for one cell across; nothing said so."""
+    with pytest.warns(rf.RigidfxWarning, match="is an error of its lumped masses") as shown:
+        reports = list(rf.simulate(_bar(across, (2.0, 0, 0)), 0.1, 0.3))
+    assert len(shown) == 1
+    body = reports[-1].bodies[0]
+    assert body.inertia_ratio == pytest.approx(ratio, rel=1e4 * EPS)
+    exact = 0.5 * 1e4 * (2.0**2 / 6 + 0.1**2)
+    assert body.kinetic - body.kinetic_excess == pytest.approx(exact, rel=1e4 * EPS)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("scene", "ratio"),
+    [
+        (lambda: _bar(1, (2, 0, 0), mass="consistent"), 1.0),
+        (lambda: _bar(1, (2, 0, 0), order=2), 1.0),
+        (lambda: _bar(1, (0, 0, 2)), 3.0),  # about another axis a bar hardly feels it
+    ],
+)
+def test_where_lumping_does_no_harm_nothing_is_said(scene, ratio):
+    report = list(rf.simulate(scene(), 0.1, 0.3))[-1]
+    assert report.bodies[0].inertia_ratio == pytest.approx(ratio, rel=1e4 * EPS)
+
+
+def test_excess_of_lumping_in_a_deformed_body_of_two_materials():
+    """It is the difference of the two inertias, lumped and consistent, of the same shape."""
+    domain = rf.box((0, 0, 0), (3, 1, 1), (4, 2, 1)).with_cells("a", lambda x: x[0] < 1.51)
+    domain = domain.with_cells("b", lambda x: x[0] > 1.49)
+    materials = {"a": SOFT, "b": rf.NeoHooke(rho=300.0, E=1e6, nu=0.3)}
+    found = []
+    for mass in ("lumped", "consistent"):
+        scene = rf.Scene(domain, materials, [rf.Rigid()], mass=mass)
+        state, n = State(scene), scene.owned_nodes
+        X = state.X[:n]
+        moved = 0.1 * np.sin(X @ np.array([[1, 2, 0], [0, 1, 1], [3, 0, 1.0]]))
+        state.place(moved.ravel())
+        what = PlannedBody(np.arange(8, dtype=np.int32), np.arange(n, dtype=np.int32), "x", 1)
+        found.append(freeze(scene, InternalForces(scene, state.u), state, what).data)
+    lumped, consistent = found
+    assert lumped.mass == pytest.approx(consistent.mass, rel=100 * EPS)
+    wanted = lumped.inertia - consistent.inertia
+    assert np.abs(lumped.excess - wanted).max() <= 1e-12 * np.abs(lumped.inertia).max()
+    assert not consistent.excess.any()
 
 
 def test_data_of_the_tumbling_l():

@@ -79,7 +79,7 @@ def per_volume(low, high):
 def shared(low, high):
     """Equal parts of 1 for the nodes in a box."""
     count = np.prod(np.subtract(high, low) + 1)
-    return lambda X: np.all([X >= low, X <= high], axis=(0, 2)) / count
+    return lambda X: np.all([low <= X, high >= X], axis=(0, 2)) / count
 
 
 def at_corner(X):

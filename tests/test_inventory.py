@@ -230,9 +230,7 @@ def test_bodies_found_come_after_those_of_the_scene():
     assert counts(case, division) == kinds(2, {"left": 8, "part 7": 2}, [1, 7])
     assert [b.data for b in division.bodies] == [b.data for b in found]
     division = case.divide(found=[case.frozen(3, 4, "part 3", 3)])
-    assert counts(case, division) == kinds(
-        4, {"left": 4, "right": 2, "part 3": 2}, [1, 2, 3]
-    )
+    assert counts(case, division) == kinds(4, {"left": 4, "right": 2, "part 3": 2}, [1, 2, 3])
 
 
 # What is refused -------------------------------------------------------------------------------

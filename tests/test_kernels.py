@@ -7,6 +7,7 @@ import sys
 import time
 from pathlib import Path
 
+import basix
 import numpy as np
 import pytest
 import ufl
@@ -111,3 +112,34 @@ def test_form_that_another_process_compiles_is_waited_for(tmp_path, caplog, comp
     assert 1.0 < waited < 30.0
     assert source.exists() == compiles
     assert "waiting for another process" in caplog.text
+
+
+@pytest.mark.parametrize("material", [rf.StVenantKirchhoff, rf.NeoHooke])
+def test_one_point_does_for_tetrahedra_of_first_order(monkeypatch, material):
+    """Their strain is constant: four points took four times the work for the same numbers."""
+    domain = rf.box((0, 0, 0), (2, 1, 1), (3, 2, 2), "tetrahedron")
+    effects = [
+        rf.NumericalDamping(0.1),
+        rf.KelvinVoigt(0.3),
+        rf.Pressure("x1", 0.2),
+    ]
+    found = []
+    for degree in (None, 2):
+        if degree is not None:
+            monkeypatch.setattr(rf.Scene, "quadrature_degree", degree)
+        scene = rf.Scene(domain, material(rho=1.0, E=10.0, nu=0.3), effects)
+        points, _ = basix.make_quadrature(basix.CellType.tetrahedron, scene.quadrature_degree)
+        assert len(points) == (1 if degree is None else 4)
+        forces = InternalForces(scene, fem.Function(scene.space))
+        forces.set_time(0.1, 0.2)
+        rng = np.random.default_rng(3)
+        for u in (forces.u0, forces.u1):
+            u.x.array[:] = 0.05 * rng.uniform(-1, 1, u.x.array.size)
+        bound = forces.bind(forces.cells())
+        residual = fem.assemble_vector(bound.residual).array
+        tangent = fem.assemble_matrix(bound.interior).to_dense()
+        energy = fem.assemble_scalar(forces.bind_energy(forces.cells()))
+        lost = [fem.assemble_scalar(f) for f in forces.bind_dissipation(forces.cells()).values()]
+        found.append((residual, tangent, np.array([energy, *lost])))
+    for one, four in zip(*found, strict=True):
+        assert np.abs(one - four).max() <= 1e-14 * np.abs(four).max()

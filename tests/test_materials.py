@@ -315,6 +315,31 @@ def test_own_energy_equal_to_a_given_one():
     assert np.abs(a - b).max() <= 30 * 1e-11 * a.max()
 
 
+def test_one_of_two_equal_components_may_be_named():
+    """∂W/∂C_ij of an energy that names C_ij only is the stress of the one that names both."""
+
+    def both(C, a):
+        return a * ((C[0, 1] + C[1, 0]) ** 2 + (C[1, 2] + C[2, 1]) ** 2) / 4 + ufl.tr(C * C)
+
+    def upper(C, a):
+        return a * (C[0, 1] ** 2 + C[1, 2] ** 2) + ufl.tr(C * C)
+
+    def lower(C, a):
+        return a * (C[1, 0] ** 2 + C[2, 1] ** 2) + ufl.tr(C * C)
+
+    rng = np.random.default_rng(1)
+    C0, C1 = _states(rng, 0.3), _states(rng, 0.3)
+    of = {
+        W: AtPoints(rf.Hyperelastic(rho=1.0, W=W, values={"a": 3.0})) for W in (both, upper, lower)
+    }
+    wanted = of[both](C0, C1)
+    for W in (upper, lower):
+        for found, right in zip(of[W](C0, C1), wanted, strict=True):
+            assert np.abs(found - right).max() <= 100 * EPS * np.abs(right).max()
+            if found.ndim == 3:
+                assert np.array_equal(found, found.transpose(0, 2, 1))
+
+
 # What is refused --------------------------------------------------------------------------------
 
 

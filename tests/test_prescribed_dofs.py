@@ -108,9 +108,7 @@ def test_each_dof_moves_by_the_path_of_its_support():
 
 def test_a_velocity_that_is_given_is_taken():
     """It need not be the derivative of the path, which counts in steps."""
-    support = rf.PrescribedMotion(
-        "x0", "yz", displacement=path, velocity=lambda t: (1.0, t, -8.0)
-    )
+    support = rf.PrescribedMotion("x0", "yz", displacement=path, velocity=lambda t: (1.0, t, -8.0))
     dofs, _, axis = prescribed_by(support)
     assert dofs.velocities(2.0, 0.1).tolist() == np.where(axis == 1, 2.0, -8.0).tolist()
     assert dofs.increments(0.0, 2.0).tolist() == np.where(axis == 1, 12.0, -2.0).tolist()
@@ -249,9 +247,7 @@ class Impact:
             on_nodes = np.r_[f.sum(axis=0), np.cross(lever, f).sum(axis=0)]
             six = self.after[1][k] - self.before[1][k]
             R, length = body.motion.R, body.data.length
-            own = np.r_[
-                body.data.mass * six[:3], R @ body.data.inertia @ R.T @ six[3:] / length
-            ]
+            own = np.r_[body.data.mass * six[:3], R @ body.data.inertia @ R.T @ six[3:] / length]
             sums.append(comm.allreduce(on_nodes) + own)
         return nodal, np.reshape(sums, (-1, 6))
 

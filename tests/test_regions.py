@@ -154,6 +154,10 @@ def reference(cell, case, seen=None):
     new = {c for c in np.flatnonzero(rigid & ~barred) if c not in old}
     while True:
         bodies = components(old | new, neighbours(cell), groups)
+        small = [body for body in bodies if not body & old and len(body) < min_cells]
+        count("too small", len(small))
+        new -= set().union(*small)
+        bodies = [body for body in bodies if body not in small]
         at = [{n for c in body for n in nodes[c]} for body in bodies]
         hinges = {n for a, b in combinations(at, 2) for n in a & b}
         loose = {c for c in new if nodes[c] & hinges}
@@ -164,10 +168,8 @@ def reference(cell, case, seen=None):
     count("merge", sum(sum(bool(group & body) for group in groups) > 1 for body in bodies))
     count("growth", sum(bool(old & body) and bool(new & body) for body in bodies))
     count("two bodies", len(bodies) > 1)
-    large = [body for body in bodies if body & old or len(body) >= min_cells]
-    count("too small", len(bodies) - len(large))
     found = []
-    for body in large:
+    for body in bodies:
         of_body = {n for c in body for n in nodes[c]}
         inside = {c for c in range(len(nodes)) if nodes[c] <= of_body and c not in body}
         joining = {c for c in inside if not barred[c]}
@@ -175,6 +177,24 @@ def reference(cell, case, seen=None):
         count("enclosed but barred", len(inside - joining))
         found.append(frozenset(int(c) for c in body | joining))
     return found
+
+
+def test_a_splinter_costs_a_big_body_nothing():
+    """Two layers of a box, and a cell that touches them at an edge: it used to take cells along."""
+    points, cells = arrays("hexahedron")
+    middle = points[cells].mean(axis=1)
+    big = middle[:, 0] < 2
+    splinter = (np.abs(middle - [2.5, 0.5, 0.5]) < 0.1).all(axis=1)
+    touching = (np.abs(middle - [2.5, 3.5, 2.5]) < 0.1).all(axis=1)
+    for extra in (splinter, touching):
+        away = big & (np.abs(middle - middle[extra]) < 1.1).all(axis=1)
+        face = away & (np.abs(middle[:, 1:] - middle[extra, 1:]) < 0.1).all(axis=1)
+        rigid = (big & ~face) | extra  # at edges and corners only
+        nothing = np.full(len(cells), NONE), np.zeros(len(cells), dtype=bool)
+        one = found_regions(box_graph("hexahedron"), (rigid, *nothing, 2))
+        assert max(len(body) for body in one) >= np.count_nonzero(big & ~face)
+        both = found_regions(box_graph("hexahedron"), (rigid, *nothing, 1))
+        assert max(len(body) for body in both) < np.count_nonzero(big & ~face)
 
 
 # Properties ------------------------------------------------------------------------------------

@@ -312,6 +312,26 @@ def test_preload_without_enough_supports(supports):
         next(rf.simulate(scene, 0.1, 1.0))
 
 
+def test_preload_of_parts_that_are_held_one_by_one():
+    """Two loose cubes, and two on a hinge: a spring at the second suffices, or a support."""
+    cube = np.array([[i, j, k] for k in (0, 1) for j in (0, 1) for i in (0, 1)], dtype=float)
+    grid = np.array([[i, j, k] for k in (0, 1) for j in (0, 1, 2) for i in (0, 1, 2)], dtype=float)
+    hinged = np.array([[0, 1, 3, 4, 9, 10, 12, 13], [4, 5, 7, 8, 13, 14, 16, 17]])
+    two = np.concatenate([cube, cube + np.array([3.0, 0, 0])]), np.arange(16).reshape(2, 8)
+    for points, cells in (two, (grid, hinged)):
+        far = points[:, 0].max()
+        domain = rf.from_arrays(points, cells).with_facets("a", lambda x: np.abs(x[0]) < 1e-9)
+        domain = domain.with_facets("b", lambda x, far=far: np.abs(x[0] - far) < 1e-9)
+        for more in (rf.Fixed("b"), rf.Spring("b", 3.0)):
+            effects = [rf.Fixed("a"), more, rf.Preload([rf.Gravity((0, 0, -0.1))])]
+            scene = rf.Scene(
+                domain, MATERIAL, effects, probes={"p": (far - 0.5, *points[-1, 1:] - 0.5)}
+            )
+            steps = rf.simulate(scene, 0.1, 0.1)
+            assert -0.5 < next(steps).probes["p"][2] < 0
+            steps.close()
+
+
 def test_initial_velocity_that_contradicts_a_support():
     """Refused, unless the support's nodes are given the support's velocity."""
     path = Ramp(-1.0, (1.0, 0, 0))

@@ -628,7 +628,7 @@ def test_window_that_is_shorter_than_the_period():
     t_end = 20 * PERIOD
     with pytest.warns(rf.RigidfxWarning, match="shorter than the longest period") as caught:
         run(swinging(), rf.StrainRate(0.0, 0.6 * PERIOD), t_end=t_end, dt=PERIOD / 20)
-    assert len(caught) == 1  # once
+    assert sum("StrainRate" in str(w.message) for w in caught) == 1  # once
     (seen,) = re.findall(r"period seen, (\S+) s", str(caught[0].message))
     # at the first window's end at which CYCLES cycles have been seen
     assert float(seen) == pytest.approx(PERIOD, rel=1 / (4 * CYCLES))
@@ -656,7 +656,7 @@ def test_window_auto_at_rest():
 def test_tolerance_below_the_noise():
     with pytest.warns(rf.RigidfxWarning, match="below what the end of Newton's") as caught:
         run(bar(), rf.StrainRate(1e-16, 0.5), t_end=0.5)
-    assert len(caught) == 1
+    assert sum("StrainRate" in str(w.message) for w in caught) == 1
     run(bar(), rf.StrainRate(1e-8, 0.5), t_end=0.5)  # no warning
 
 

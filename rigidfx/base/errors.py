@@ -40,7 +40,22 @@ class SceneError(RigidfxError, ValueError):
 
 
 class StepError(RigidfxError, RuntimeError):
-    """A time step or a static solution did not converge, even after cutting."""
+    """A time step or a static solution did not converge, even after cutting.
+
+    Attributes:
+        found: What happened, and where.
+        advice: What to try.
+    """
+
+    def __init__(self, found: str, advice: str = "") -> None:
+        """Take both parts of the message.
+
+        Args:
+            found: What happened, and where.
+            advice: What to try; part of the message already if empty.
+        """
+        super().__init__(f"{found} {advice}".rstrip())
+        self.found, self.advice = found, advice
 
 
 class InversionError(StepError):

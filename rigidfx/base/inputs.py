@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
 
-__all__ = ["check_factor", "number", "numbers", "path_of", "positive", "vector", "whole"]
+__all__ = ["check_factor", "number", "numbers", "path_of", "positive", "scalar", "vector", "whole"]
 
 
 def number(owner: str, name: str, value: Any, *, infinite: bool = False) -> float:
@@ -106,6 +106,16 @@ def numbers(value: Any) -> npt.NDArray[np.float64]:
     except (TypeError, ValueError):
         pass
     return np.empty(0)
+
+
+def scalar(value: Any) -> float:
+    """What a function gave as a number; NaN if it is not one real number, such as a text.
+
+    Args:
+        value: What was given.
+    """
+    array = numbers(value)
+    return float(array) if array.ndim == 0 else float("nan")
 
 
 def vector(owner: object, name: str, value: Any) -> npt.NDArray[np.float64]:

@@ -4,9 +4,10 @@ The rules of bodies that never form a hinge or a chain:
 
 1. Bodies are the connected components, through facets, of the cells that may be rigid. Existing
    bodies are kept whole: they can only grow or merge.
-2. No two bodies share a node, which would be a hinge: all new cells round such a node are taken
-   out at once, so that no order of cells matters, until none is left.
-3. Components of too few cells are no bodies, unless they hold an existing one.
+2. Components of too few cells are no bodies, unless they hold an existing one.
+3. No two bodies share a node, which would be a hinge: all new cells round such a node are taken
+   out at once, so that no order of cells matters. Then both rules are applied again, until nothing
+   changes: what is too small to be a body costs no other its cells.
 4. A cell all of whose nodes belong to one body cannot strain: it joins it.
 
 Components are named by the least of their cells' numbers in the mesh file, so that neither the
@@ -215,7 +216,7 @@ def find_clusters(
     rigid: Bools,
     existing: Labels,
     barred: Bools,
-    min_cells: int = 1,
+    min_cells: int = 2,
 ) -> tuple[Cluster, ...]:
     """Bodies by the rules above. Collective.
 
@@ -233,20 +234,25 @@ def find_clusters(
     old = existing >= 0
     new = rigid & ~barred & ~old
     while True:
-        labels = graph.components(old | new, existing)
-        body_of_node, hinges = graph.nodes_of(labels)
+        labels = _large_enough(graph, graph.components(old | new, existing), old, min_cells)
+        new &= labels != NONE
+        _, hinges = graph.nodes_of(labels)
         loose = new & graph.touching(hinges)
         if not graph.comm.allreduce(bool(loose.any()), op=MPI.LOR):
             break
         new &= ~loose
+    body_of_node, _ = graph.nodes_of(labels)
+    joining = graph.enclosed(labels, body_of_node)
+    labels = np.where((joining >= 0) & ~barred, joining, labels)
+    return graph.clusters(labels)
+
+
+def _large_enough(graph: CellGraph, labels: Labels, old: Bools, min_cells: int) -> Labels:
+    """Labels without the components of too few cells that hold no existing body. Collective."""
     kept = set(np.concatenate(graph.comm.allgather(np.unique(labels[old]))).tolist())
     small = [
         label
         for label, size in graph.sizes(labels).items()
         if size < min_cells and label not in kept
     ]
-    labels[np.isin(labels, small)] = NONE
-    body_of_node, _ = graph.nodes_of(labels)
-    joining = graph.enclosed(labels, body_of_node)
-    labels = np.where((joining >= 0) & ~barred, joining, labels)
-    return graph.clusters(labels)
+    return np.where(np.isin(labels, small), NONE, labels)

@@ -87,7 +87,8 @@ class StrainRate:
         tolerances: Tolerance of named sets of cells in place of `tol`; the least where they
             overlap.
         never: Names of sets of cells that stay flexible.
-        min_cells: Least number of cells of a new body.
+        min_cells: Least number of cells of a new body; a cell alone, with six numbers in place of
+            those of its nodes that no other cell has, hardly saves anything.
         release: Releases at given times or on the user's conditions.
         load_change: A load, or the velocity of a support, that differs from what it was at the last
             freeze by more than this fraction of its largest value so far has changed; infinity lets
@@ -104,7 +105,7 @@ class StrainRate:
     measure: Literal["rms", "paper"] = field(default="rms", kw_only=True)
     tolerances: Mapping[str, float] = field(default_factory=dict, kw_only=True)
     never: Sequence[str] = field(default=(), kw_only=True)
-    min_cells: int = field(default=1, kw_only=True)
+    min_cells: int = field(default=2, kw_only=True)
     release: Sequence[Release] | Release = field(default=(), kw_only=True)
     load_change: float = field(default=0.1, kw_only=True)
     patience: float = field(default=2.0, kw_only=True)

@@ -6,8 +6,7 @@ labels, places and shapes; names are then given by number, by label, or by a con
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,127 +16,17 @@ from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError, together
 from rigidfx.base.inputs import number, positive
-from rigidfx.domain.domain import KINDS, Domain
+from rigidfx.domain.cad_entities import Cad, CadEntity, Which
+from rigidfx.domain.cad_names import named_surfaces, named_volumes, numbers_of
+from rigidfx.domain.domain import Domain
 from rigidfx.domain.gmsh_model import domain_of, find_file, gmsh_session
 from rigidfx.domain.gmsh_script import check_order, mesh_model
 
-__all__ = ["Cad", "CadEntity", "Which", "list_cad", "read_cad"]
+__all__ = ["list_cad", "read_cad"]
 
 Array = npt.NDArray[np.float64]
 
-ROWS = 40  # of volumes and of surfaces in a message
 CELLS = 20  # along the diagonal of the geometry, where no size is given
-CALLED = {3: "volumes", 2: "surfaces"}
-
-
-@dataclass(frozen=True)
-class CadEntity:
-    """A volume or a surface of a CAD file.
-
-    Attributes:
-        dim: 3 for a volume, 2 for a surface.
-        number: Its number, the same whenever the file is read.
-        label: Its label in the file, "" if it has none; gmsh reads those of parts, seldom those of
-            faces.
-        kind: "Volume", or the shape of the surface: "Plane", "Cylinder", "Torus" and so on.
-        measure: Volume [m³] or area [m²].
-        centre: Centre of mass, shape (3,) [m].
-        lower: Least coordinates, shape (3,) [m].
-        upper: Greatest coordinates, shape (3,) [m].
-        normal: Outward unit normal of a plane, shape (3,); NaN for anything else.
-        radius: Radius of a cylinder or a sphere [m]; NaN for anything else.
-        volumes: Numbers of the volumes that a surface bounds: two where they are glued.
-    """
-
-    dim: int
-    number: int
-    label: str
-    kind: str
-    measure: float
-    centre: Array
-    lower: Array
-    upper: Array
-    normal: Array
-    radius: float
-    volumes: tuple[int, ...]
-
-    def within(self, lower: Sequence[float], upper: Sequence[float]) -> bool:
-        """Whether it lies in a box.
-
-        Args:
-            lower: Corner with the least coordinates [m].
-            upper: Opposite corner [m].
-        """
-        margin = 1e-6 * float(np.max(self.upper - self.lower))  # gmsh's boxes are a little large
-        inside = (self.lower >= np.asarray(lower) - margin) & (
-            self.upper <= np.asarray(upper) + margin
-        )
-        return bool(inside.all())
-
-    def __str__(self) -> str:
-        """One line with all that tells it from others."""
-        extent = self.upper - self.lower
-        flat = extent < 1e-6 * extent.max()
-        box = " × ".join(f"{x:.4g}" for x in np.where(flat, 0.0, extent))
-        shape = f"{self.measure:.4g} m³" if self.dim == 3 else f"{self.measure:.4g} m²"
-        if np.isfinite(self.normal).all():
-            shape += f", normal {_triple(self.normal)}"
-        if np.isfinite(self.radius):
-            shape += f", radius {self.radius:.4g} m"
-        if self.volumes:
-            shape += ", of volume " + " and ".join(map(str, self.volumes))
-        label = f" '{self.label}'" if self.label else ""
-        return f"{self.number:5d}  {self.kind}{label} at {_triple(self.centre)} m, {box} m, {shape}"
-
-
-def _triple(x: Array) -> str:
-    return "(" + ", ".join(f"{v:.4g}" for v in np.round(x, 9) + 0.0) + ")"
-
-
-@dataclass(frozen=True)
-class Cad:
-    """The contents of a CAD file; printed, a table.
-
-    Attributes:
-        volumes: The volumes by increasing number.
-        surfaces: The surfaces by increasing number.
-    """
-
-    volumes: tuple[CadEntity, ...]
-    surfaces: tuple[CadEntity, ...]
-
-    def of(self, dim: int) -> tuple[CadEntity, ...]:
-        """The volumes (3) or the surfaces (2)."""
-        return self.volumes if dim == 3 else self.surfaces
-
-    @property
-    def size(self) -> float:
-        """Diagonal of the box around everything [m]."""
-        lower = np.min([v.lower for v in self.volumes], axis=0)
-        upper = np.max([v.upper for v in self.volumes], axis=0)
-        return float(np.linalg.norm(upper - lower))
-
-    def table(self, dims: Iterable[int] = (3, 2), most: int | None = None) -> str:
-        """The lines of the table.
-
-        Args:
-            dims: 3 for volumes, 2 for surfaces.
-            most: Most lines of each; all if None.
-        """
-        lines = []
-        for dim in dims:
-            rows = self.of(dim)
-            lines += [f"{CALLED[dim].capitalize()}:", *map(str, rows[:most])]
-            if most is not None and len(rows) > most:
-                lines.append(f"       and {len(rows) - most} more; list_cad shows all.")
-        return "\n".join(lines)
-
-    def __str__(self) -> str:
-        """The whole table."""
-        return self.table()
-
-
-Which = int | str | Callable[[CadEntity], bool] | Sequence[Any]
 
 
 def list_cad(
@@ -247,9 +136,9 @@ def read_cad(
                 f"{cad.size:.3g} m. Is the unit right (scale)?"
             )
         nothing = isinstance(leave_out, Sequence) and not leave_out
-        out = set() if nothing else set(_numbers(cad, 3, "leave_out", leave_out))
+        out = set() if nothing else set(numbers_of(cad, 3, "leave_out", leave_out))
         gmsh.model.removeEntities([(3, tag) for tag in out])
-        groups = {3: _volumes(cad, volumes, out), 2: _surfaces(cad, surfaces or {}, out)}
+        groups = {3: named_volumes(cad, volumes, out), 2: named_surfaces(cad, surfaces or {}, out)}
         for dim, named in groups.items():
             for name, tags in named.items():
                 gmsh.model.addPhysicalGroup(dim, tags, name=name)
@@ -339,72 +228,3 @@ def _entity(
         radius,
         tuple(sorted(model.getAdjacencies(dim, tag)[0].tolist())) if dim == 2 else (),
     )
-
-
-# Names ------------------------------------------------------------------------------------------
-
-
-def _volumes(cad: Cad, wanted: Mapping[str, Which] | None, out: set[int]) -> dict[str, list[int]]:
-    """Numbers of the volumes of each name, without those left out."""
-    inside = [v.number for v in cad.volumes if v.number not in out]
-    picked = _groups(cad, 3, {"body": inside} if wanted is None else wanted)
-    named = {n for name in wanted or ["body"] for n in picked[name]}
-    missed = sorted(set(inside) - named)
-    if missed:
-        raise SceneError(
-            f"read_cad: no name stands for volume {', '.join(map(str, missed))}. Name it, or leave "
-            f"it out (leave_out).\n{cad.table((3,), ROWS)}"
-        )
-    kept = {name: [n for n in own if n not in out] for name, own in picked.items()}
-    return {name: own for name, own in kept.items() if own}
-
-
-def _surfaces(cad: Cad, wanted: Mapping[str, Which], out: set[int]) -> dict[str, list[int]]:
-    """Numbers of the surfaces of each name that bound a volume which is not left out."""
-    bounding = {s.number for s in cad.surfaces if set(s.volumes) - out}
-    picked = _groups(cad, 2, wanted)
-    kept = {name: [n for n in own if n in bounding] for name, own in picked.items()}
-    lost = [name for name in wanted if not kept[name]]
-    if lost:
-        raise SceneError(
-            f"read_cad: '{lost[0]}' picks only surfaces that bound no volume which is meshed "
-            f"(leave_out?).\n{cad.table((2,), ROWS)}"
-        )
-    return {name: own for name, own in kept.items() if own}
-
-
-def _groups(cad: Cad, dim: int, wanted: Mapping[str, Which]) -> dict[str, list[int]]:
-    """Numbers of the entities of each name, labels of the file among the names."""
-    groups: dict[str, list[int]] = {}
-    for entity in cad.of(dim):
-        if entity.label:
-            groups.setdefault(entity.label, []).append(entity.number)
-    return groups | {name: _numbers(cad, dim, f"'{name}'", w) for name, w in wanted.items()}
-
-
-def _numbers(cad: Cad, dim: int, name: str, which: Which) -> list[int]:
-    """Numbers of the entities that a name stands for."""
-    each = [which] if isinstance(which, str) or not isinstance(which, Iterable) else list(which)
-    found: set[int] = set()
-    for one in each:
-        if isinstance(one, str):
-            matches = [e.number for e in cad.of(dim) if e.label == one]
-        elif callable(one):
-            matches = [e.number for e in cad.of(dim) if one(e)]
-        elif isinstance(one, (int, np.integer)) and not isinstance(one, bool):
-            matches = [e.number for e in cad.of(dim) if e.number == one]
-        else:
-            raise SceneError(
-                f"read_cad: {name} must be a number, a label, a function of a CadEntity or a list "
-                f"of these, got {one!r}."
-            )
-        if not matches:
-            asked = "with its condition" if callable(one) else f"{one!r}"
-            raise SceneError(
-                f"read_cad: {name}: there are no {CALLED[dim]} {asked}, so no {KINDS[dim]} can "
-                f"have this name.\n{cad.table((dim,), ROWS)}"
-            )
-        found |= set(matches)
-    if not found:
-        raise SceneError(f"read_cad: {name} picks nothing.\n{cad.table((dim,), ROWS)}")
-    return sorted(found)

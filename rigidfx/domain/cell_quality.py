@@ -15,16 +15,22 @@ import numpy.typing as npt
 from rigidfx.base.compat import cell_geometry_dofs, coordinate_map
 from rigidfx.base.errors import agree
 
-__all__ = ["check_cells"]
+__all__ = ["CHUNK", "check_cells", "determinants"]
 
 FLAT = 1e-12  # det J below this part of (cell diameter)³ counts as zero volume
 CHUNK = 20_000  # cells looked at in one go, to bound the memory
 
 
-def _determinants(
+def determinants(
     mesh: dmesh.Mesh, cells: npt.NDArray[np.int32], points: npt.NDArray[np.float64]
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """det J at reference points, shape (cells, points), and each cell's diameter cubed."""
+    """Det J at reference points, shape (cells, points), and each cell's diameter cubed.
+
+    Args:
+        mesh: A 3D mesh of hexahedra or tetrahedra.
+        cells: Local cells.
+        points: Points of the reference cell, shape (points, 3).
+    """
     element = basix.create_element(
         basix.ElementFamily.P,
         basix.CellType[mesh.topology.cell_type.name],
@@ -84,7 +90,7 @@ def check_cells(mesh: dmesh.Mesh) -> None:
     broken = np.empty(local, dtype=bool)
     for start in range(0, local, CHUNK):
         cells = np.arange(start, min(start + CHUNK, local), dtype=np.int32)
-        det, size = _determinants(mesh, cells, points)
+        det, size = determinants(mesh, cells, points)
         sign[cells] = np.sign(det[:, -1])
         broken[cells] = (det * sign[cells, None]).min(axis=1) <= FLAT * size
     if mesh.topology.cell_type == dmesh.CellType.tetrahedron:

@@ -1,4 +1,4 @@
-"""A mesh with its named parts; boxes and arrays for quick scenes.
+"""A mesh with its named parts.
 
 Everything a scene refers to is found by *name*: a name stands for a set of cells, facets, edges or
 vertices. A domain never changes; `with_cells`, `with_facets` and `with_vertices` return a new one
@@ -7,24 +7,20 @@ that knows one name more.
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
-import basix.ufl
 import dolfinx.mesh as dmesh
 import numpy as np
 import numpy.typing as npt
-import ufl
 from mpi4py import MPI
 
-from rigidfx.base import compat
 from rigidfx.base.errors import SceneError, agree, together
 from rigidfx.domain.cell_quality import check_cells
 from rigidfx.domain.mesh_life import keep, let_go
 
-__all__ = ["Domain", "EntitySet", "box", "from_arrays"]
+__all__ = ["CELLS", "KINDS", "Domain", "EntitySet", "Marker"]
 
 Marker = Callable[[npt.NDArray[np.float64]], npt.NDArray[np.bool_]]
 
@@ -132,12 +128,23 @@ class Domain:
         return self.comm.allreduce(int(np.count_nonzero(entities.entities < owned)))
 
     def _with(self, name: str, dim: int, marker: Marker, boundary: bool) -> Domain:
+        _check_name(name)
         tdim = self.mesh.topology.dim
         self.mesh.topology.create_entities(dim)
         self.mesh.topology.create_connectivity(dim, tdim)
         locate = dmesh.locate_entities_boundary if boundary else dmesh.locate_entities
+
+        def checked(x: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
+            found = np.asarray(marker(x))
+            if found.dtype != np.bool_ or found.shape != x.shape[1:]:
+                raise SceneError(
+                    f"The marker of '{name}' must give a boolean for each point, shape "
+                    f"{x.shape[1:]}; it gives {found.dtype}, shape {found.shape}."
+                )
+            return found
+
         entities = together(
-            self.comm, f"The marker of '{name}'", lambda: locate(self.mesh, dim, marker)
+            self.comm, f"The marker of '{name}'", lambda: locate(self.mesh, dim, checked)
         )
         new = EntitySet(name, dim, np.sort(entities).astype(np.int32))
         out = replace_sets(self, {**self.sets, (name, dim): new})
@@ -189,17 +196,35 @@ class Domain:
             cells: Local cell indices.
 
         Raises:
-            SceneError: If an index is outside the mesh, or there are no cells at all.
+            SceneError: If they are no whole numbers, such as a boolean mask, one is outside the
+                mesh, or there are no cells at all.
         """
-        cells = np.unique(np.asarray(cells, dtype=np.int32))
+        _check_name(name)
+        given = np.asarray(cells)
+        whole = given.size == 0 or (given.ndim == 1 and given.dtype.kind in "iu")
+        masked = " Of a mask, take np.flatnonzero." if given.dtype == np.bool_ else ""
+        agree(
+            self.comm,
+            None
+            if whole
+            else f"Cell set '{name}': cells must be a list of whole numbers, got {given.dtype} of "
+            f"shape {given.shape}.{masked}",
+        )
+        cells = np.unique(given.astype(np.int64))
         map_ = self.mesh.topology.index_map(3)
         bad = cells[(cells < 0) | (cells >= map_.size_local + map_.num_ghosts)]
         agree(self.comm, f"Cell set '{name}': no cell {bad[0]} on this rank." if bad.size else None)
-        new = EntitySet(name, 3, cells)
+        new = EntitySet(name, 3, cells.astype(np.int32))
         out = replace_sets(self, {**self.sets, (name, 3): new})
         if out.count(new) == 0:
             raise SceneError(f"Cell set '{name}' is empty.")
         return out
+
+
+def _check_name(name: object) -> None:
+    """Refuse what cannot be the name of a set."""
+    if not isinstance(name, str) or not name:
+        raise SceneError(f"The name of a set must be a text that is not empty, got {name!r}.")
 
 
 def replace_sets(domain: Domain, sets: Mapping[tuple[str, int], EntitySet]) -> Domain:
@@ -208,87 +233,3 @@ def replace_sets(domain: Domain, sets: Mapping[tuple[str, int], EntitySet]) -> D
     object.__setattr__(new, "mesh", domain.mesh)
     object.__setattr__(new, "sets", MappingProxyType(dict(sets)))
     return new
-
-
-def box(
-    lower: Sequence[float],
-    upper: Sequence[float],
-    cells: Sequence[int],
-    cell: str = "hexahedron",
-    comm: MPI.Intracomm = MPI.COMM_WORLD,
-) -> Domain:
-    """A box of equal cells whose six faces are named x0, x1, y0, y1, z0, z1. Collective.
-
-    Args:
-        lower: Corner with the least coordinates [m].
-        upper: Opposite corner [m].
-        cells: Number of cells (of cubes, for tetrahedra) in each direction.
-        cell: "hexahedron" or "tetrahedron".
-        comm: Communicator of the mesh.
-
-    Raises:
-        SceneError: If the box has no volume, a number of cells is below one or the cell is unknown.
-    """
-    try:
-        a, b = np.asarray(lower, float), np.asarray(upper, float)
-        counts = [operator.index(n) for n in cells]
-    except (TypeError, ValueError):
-        raise SceneError(
-            "box: lower and upper must be three numbers each and cells three whole numbers, got "
-            f"{lower!r}, {upper!r}, {cells!r}."
-        ) from None
-    finite = a.shape == b.shape == (3,) and bool(np.isfinite([a, b]).all())
-    if not finite or not np.all(b > a):
-        raise SceneError(
-            "box: lower and upper must be three finite numbers each, and upper must exceed lower "
-            f"in all of x, y, z; got {lower}, {upper}."
-        )
-    if len(counts) != 3 or min(counts) < 1:
-        raise SceneError(f"box: cells must be three whole numbers ≥ 1, got {cells}.")
-    kinds = {kind.name: kind for kind in CELLS}
-    if cell not in kinds:
-        raise SceneError(f"box: cell must be one of {sorted(kinds)}, got {cell!r}.")
-    mesh = dmesh.create_box(
-        comm, [a, b], counts, kinds[cell], ghost_mode=dmesh.GhostMode.shared_facet
-    )
-    domain = Domain(mesh)
-    for axis, letter in enumerate("xyz"):
-        tol = 1e-9 * (b[axis] - a[axis])
-        for side, value in (("0", a[axis]), ("1", b[axis])):
-            domain = domain.with_facets(letter + side, _on_plane(axis, value, tol))
-    return domain
-
-
-def from_arrays(
-    points: npt.ArrayLike,
-    cells: npt.ArrayLike,
-    cell: str = "hexahedron",
-    comm: MPI.Intracomm = MPI.COMM_WORLD,
-) -> Domain:
-    """A domain of given cells, without names. Collective.
-
-    Args:
-        points: Corner positions, shape (points, 3) [m]; empty on all ranks but one.
-        cells: Corner numbers in DOLFINx's order (of a hexahedron: x fastest, then y, then z),
-            shape (cells, 8) or (cells, 4); empty on all ranks but one.
-        cell: "hexahedron" or "tetrahedron".
-        comm: Communicator of the mesh.
-
-    Raises:
-        SceneError: If shapes or numbers do not fit, or cells are inverted or flat.
-    """
-    corners = {"hexahedron": 8, "tetrahedron": 4}
-    if cell not in corners:
-        raise SceneError(f"from_arrays: cell must be one of {sorted(corners)}, got {cell!r}.")
-    x = np.asarray(points, dtype=np.float64).reshape(-1, 3)
-    numbers = np.asarray(cells, dtype=np.int64).reshape(-1, corners[cell])
-    fits = numbers.size == 0 or (numbers.min() >= 0 and numbers.max() < len(x))
-    agree(comm, None if fits else f"from_arrays: cells name points outside 0 … {len(x) - 1}.")
-    finite = bool(np.isfinite(x).all())
-    agree(comm, None if finite else "from_arrays: points must be finite.")
-    element = basix.ufl.element("Lagrange", cell, 1, shape=(3,))
-    return Domain(compat.create_mesh(comm, numbers, x, ufl.Mesh(element)))
-
-
-def _on_plane(axis: int, value: float, tol: float) -> Marker:
-    return lambda x: np.abs(x[axis] - value) < tol

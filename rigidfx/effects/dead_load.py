@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rigidfx.base.errors import SceneError
-from rigidfx.base.inputs import check_factor, vector
+from rigidfx.base.inputs import check_factor, numbers, scalar, vector
 from rigidfx.effects.action import Action, Array, Structure
 from rigidfx.effects.base import TimeFunction, Windowed, check_vector
 
@@ -56,8 +56,8 @@ class DeadLoad(Windowed):
         if not self.acts(t):
             return np.zeros(3)
         value = getattr(self, "value", (0.0, 0.0, 0.0))
-        vector = np.asarray(value(t) if callable(value) else value, dtype=np.float64)
-        return vector if self.time is None else vector * float(self.time(t))
+        vector = numbers(value(t) if callable(value) else value)
+        return vector if self.time is None else vector * scalar(self.time(t))
 
     def weights(self, scene: Any) -> Array:
         """Weight of each local node: area [m²], volume [m³], mass [kg] or share [1]. Collective."""

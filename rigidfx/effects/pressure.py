@@ -20,7 +20,7 @@ import ufl
 from dolfinx import fem
 
 from rigidfx.base.errors import SceneError, together
-from rigidfx.base.inputs import check_factor, number
+from rigidfx.base.inputs import check_factor, number, scalar
 from rigidfx.effects.action import Action, Array, FormTerm, Structure
 from rigidfx.effects.base import TimeFunction, Windowed
 from rigidfx.mechanics.body_step import Increments
@@ -72,7 +72,7 @@ class Pressure(Windowed):
         if not self.acts(t):
             return 0.0
         value = self.value(t) if callable(self.value) else self.value
-        pressure = float(value) * (1.0 if self.time is None else float(self.time(t)))
+        pressure = scalar(value) * (1.0 if self.time is None else scalar(self.time(t)))
         if not isfinite(pressure):
             raise SceneError(
                 f"Pressure on '{self.where}': at t = {t:g} s it is {pressure}; check its value "

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rigidfx.base.errors import SceneError
-from rigidfx.base.inputs import check_factor, vector
+from rigidfx.base.inputs import check_factor, scalar, vector
 from rigidfx.effects.action import Action, Array, Structure
 from rigidfx.effects.base import WHOLE, TimeFunction, Vector, Windowed, check_vector
 
@@ -52,7 +52,7 @@ class Resultant(Windowed):
         return self.where or WHOLE
 
     def _factor(self, t: float) -> float:
-        return 0.0 if not self.acts(t) else 1.0 if self.time is None else float(self.time(t))
+        return 0.0 if not self.acts(t) else 1.0 if self.time is None else scalar(self.time(t))
 
     def force_at(self, t: float) -> Array:
         """Force at t, shape (3,) [N]."""

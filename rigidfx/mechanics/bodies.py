@@ -31,6 +31,8 @@ class Ensemble:
         records: The bodies' data, one by one.
         mass: m, shape (bodies,) [kg].
         inertia: J about the centres of mass, shape (bodies, 3, 3) [kg m²].
+        excess: What is in J only because masses are lumped, shape (bodies, 3, 3) [kg m²].
+        excessive: Whether there is any.
         length: ℓ, shape (bodies,) [m].
         square_length: ℓ², shape (bodies, 1, 1) [m²].
         frames: The part of `Increments.L` that does not turn, shape (bodies, 12, 6).
@@ -42,6 +44,8 @@ class Ensemble:
         self.records = tuple(records)
         self.mass = np.array([body.mass for body in records], dtype=np.float64)
         self.inertia = np.reshape([body.inertia for body in records], (-1, 3, 3))
+        self.excess = np.reshape([body.excess for body in records], (-1, 3, 3))
+        self.excessive = bool(self.excess.any())
         self.length = np.array([body.length for body in records], dtype=np.float64)
         self.square_length = (self.length**2)[:, None, None]
         self.skews = UNIT_SKEWS / -self.length[:, None, None]
@@ -161,6 +165,18 @@ class Bodies:
         """Σ ½ m ṙ·ṙ + ½ W·J W [J]."""
         turning = np.vdot(self.own_momentum, self.angular_velocity_body)
         return 0.5 * float(np.vdot(self.momentum, self.velocity) + turning)
+
+    @property
+    def kinetic_of_each(self) -> Array:
+        """Kinetic energy ½ m ṙ·ṙ + ½ W·J W of each, shape (bodies,) [J]."""
+        translation = (self.momentum * self.velocity).sum(axis=1)
+        return 0.5 * (translation + (self.own_momentum * self.angular_velocity_body).sum(axis=1))
+
+    @property
+    def kinetic_excess(self) -> Array:
+        """Kinetic energy that each has only because masses are lumped, shape (bodies,) [J]."""
+        W = self.angular_velocity_body
+        return 0.5 * (W * times(self.of.excess, W)).sum(axis=1)
 
     @cached_property
     def momentum_scale(self) -> float:

@@ -6,7 +6,7 @@ to the centre of mass, and x_i = r + R Vᵢ from then on.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -60,6 +60,7 @@ class RigidBody:
         named: Sets of cells in it that are rigid always.
         given: Whether mass or inertia are given in place of those of its cells.
         frozen: What it keeps for its release.
+        excess: What is in J only because masses are lumped, shape (3, 3) [kg m²].
     """
 
     name: str
@@ -74,11 +75,20 @@ class RigidBody:
     named: tuple[str, ...] = ()
     given: bool = False
     frozen: Frozen = NOTHING
+    excess: Array = field(default_factory=lambda: np.zeros((3, 3)))
 
     @cached_property
     def length(self) -> float:
         """ℓ = sqrt(tr J/(2 m)), the radius of gyration that scales rotations [m]."""
         return float(np.sqrt(np.trace(self.inertia) / (2 * self.mass)))
+
+    @cached_property
+    def inertia_ratio(self) -> float:
+        """Largest ratio, about any axis, of J to what it were without lumping."""
+        if not self.excess.any():
+            return 1.0
+        L = np.linalg.inv(np.linalg.cholesky(self.inertia))
+        return float(1 / (1 - np.linalg.eigvalsh(L @ self.excess @ L.T)[-1]))
 
 
 @dataclass(frozen=True)

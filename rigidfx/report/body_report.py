@@ -34,6 +34,9 @@ class BodyReport:
         angular_momentum: Angular momentum about the origin, shape (3,) [kg m²/s].
         kinetic: Kinetic energy [J].
         stored: Energy that it keeps for its release [J].
+        inertia_ratio: Largest ratio, about any axis, of its moment of inertia to the exact one of
+            its cells: above 1 where masses are lumped.
+        kinetic_excess: Kinetic energy that it has for this reason only [J].
     """
 
     name: str
@@ -49,6 +52,8 @@ class BodyReport:
     angular_momentum: Array
     kinetic: float
     stored: float
+    inertia_ratio: float
+    kinetic_excess: float
 
 
 def body_reports(bodies: Bodies) -> tuple[BodyReport, ...]:
@@ -58,6 +63,7 @@ def body_reports(bodies: Bodies) -> tuple[BodyReport, ...]:
 
 def _body_report(body: Body) -> BodyReport:
     data, motion = body.data, body.motion
+    W = motion.angular_velocity_body
     momentum, own = data.mass * motion.velocity, motion.angular_momentum(data)
     return BodyReport(
         name=data.name,
@@ -73,4 +79,6 @@ def _body_report(body: Body) -> BodyReport:
         angular_momentum=skew(motion.r) @ momentum + own,
         kinetic=motion.kinetic(data),
         stored=data.frozen.energy,
+        inertia_ratio=data.inertia_ratio,
+        kinetic_excess=float(0.5 * W @ data.excess @ W),
     )

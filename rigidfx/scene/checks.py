@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from itertools import combinations
 from typing import Any
@@ -11,8 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base import compat
-from rigidfx.base.errors import RigidfxWarning, SceneError, agree
+from rigidfx.base.errors import SceneError, agree
+from rigidfx.base.warning import warn
+from rigidfx.effects import Rigid
 from rigidfx.scene.conflicts import overlap
+from rigidfx.scene.mesh_checks import warn_of_bending
 
 __all__ = [
     "STIFFNESS_DEGREE",
@@ -56,15 +58,18 @@ def check_discretisation(scene: Any) -> None:
 
 
 def warn_of_locking(scene: Any) -> None:
-    """Warn of first-order cells that lock, on rank 0."""
+    """Warn of first-order cells that lock. Collective."""
+    if scene.order != 1:
+        return
     nu = max((getattr(m, "nu", 0.0) for m, _ in scene.materials), default=0.0)
-    if scene.order == 1 and nu > NEARLY_INCOMPRESSIBLE and scene.comm.rank == 0:
-        warnings.warn(
+    if nu > NEARLY_INCOMPRESSIBLE:
+        warn(
+            scene.comm,
             f"Scene: first-order cells lock at ν = {nu:g}: they keep their volume at the price "
             "of hardly bending at all. Take order=2, or a smaller ν.",
-            RigidfxWarning,
-            stacklevel=4,
         )
+    if not any(rigid.where is None for rigid in scene.named(Rigid)):
+        warn_of_bending(scene.domain)
 
 
 def check_masses(scene: Any) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from itertools import combinations
 from typing import Any
@@ -41,6 +42,12 @@ def check_together(effects: Sequence[fx.Effect], scheme: Scheme) -> None:
     bodies = [r.where for r in named(fx.Rigid)]
     if len(set(bodies)) != len(bodies) or (None in bodies and len(bodies) > 1):
         raise SceneError("Scene: a cell can be in one Rigid body only.")
+    for name in bodies:
+        if name is not None and re.fullmatch(r"part \d+", name):
+            raise SceneError(
+                f"Scene: '{name}' is what a part that is found is called in reports; give the set "
+                "of this Rigid body another name."
+            )
     for resultant in named(fx.Resultant):
         if resultant.where not in bodies:
             raise SceneError(

@@ -35,6 +35,7 @@ from rigidfx.scene.checks import (
     warn_of_locking,
 )
 from rigidfx.scene.conflicts import check_together
+from rigidfx.scene.mesh_checks import parts_in_words, warn_of_distance, warn_of_gaps
 from rigidfx.scene.summary import effects_table, in_words, phases
 
 __all__ = ["Scene"]
@@ -125,6 +126,8 @@ class Scene:
         check_supports(self)
         for effect in self.effects:
             effect.check(self)
+        warn_of_gaps(domain, self.effects)
+        warn_of_distance(domain)
 
     # What is asked of a scene -------------------------------------------------------------------
 
@@ -145,8 +148,12 @@ class Scene:
 
     @property
     def quadrature_degree(self) -> int:
-        """Degree of the rule of W, H and the residual: full integration of the stiffness."""
-        return STIFFNESS_DEGREE[self.order]
+        """Degree of the rule of W, H and the residual: full integration of the stiffness.
+
+        In first-order tetrahedra the strain is constant, and so is all that depends on it: one
+        point gives what four do.
+        """
+        return 1 if self.simplex and self.order == 1 else STIFFNESS_DEGREE[self.order]
 
     @property
     def cell_measure(self) -> ufl.Measure:
@@ -287,6 +294,14 @@ class Scene:
         lines = [
             f"Scene of {cells} {kind} of order {self.order}, {nodes} nodes; {self.mass} mass; "
             f"{type(self.scheme).__name__}",
+            *(
+                f"  {line}, which shares no node with others"
+                for line in parts_in_words(self.domain)
+            ),
+            *(
+                f"  {line}, which shares no node with others"
+                for line in parts_in_words(self.domain)
+            ),
             "Materials",
             *(
                 f"  {in_words(material)}; {int(self.sum(own.size))} cells"

@@ -12,15 +12,13 @@ import numpy as np
 
 from rigidfx.base.errors import InversionError, StepError
 from rigidfx.flexible.inversion import Inversion
+from rigidfx.mechanics.materials import StVenantKirchhoff
+from rigidfx.scene.scene import Scene
 from rigidfx.step.equations import Solution
 
-__all__ = ["REMEDY", "Attempt", "Judge"]
+__all__ = ["INVERTED", "Attempt", "Judge", "remedy"]
 
-REMEDY = (
-    ". There det F ≤ 0 at an integration point, or a stretch is above 10⁶. St.Venant-Kirchhoff "
-    "material does not resist strong compression: take NeoHooke there, smaller loads, larger "
-    "cells or NumericalDamping."
-)
+INVERTED = ". There det F ≤ 0 at an integration point, or a stretch is above 10⁶."
 
 
 @dataclass(frozen=True)
@@ -41,9 +39,9 @@ class Attempt:
 class Judge:
     """Accepts attempts, or objects."""
 
-    def __init__(self, inversion: Inversion) -> None:
-        """Take over what looks for cells turned inside out."""
-        self._inversion = inversion
+    def __init__(self, scene: Scene, inversion: Inversion) -> None:
+        """Take over the problem, and what looks for cells turned inside out."""
+        self._scene, self._inversion = scene, inversion
 
     def objection(self, attempt: Attempt) -> StepError | None:
         """The error that ends the run if no shorter step helps; None to accept. Collective."""
@@ -62,8 +60,9 @@ class Judge:
             f"The step from t = {attempt.t:.9g} s did not converge, not even with "
             f"Δt = {attempt.dt:.3g} s ({solution.reason}; residuals "
             f"{', '.join(f'{r:.2e}' for r in solution.residuals[:6]) or 'not finite'} N). "
-            f"The largest residual is at the node X = ({x:.6g}, {y:.6g}, {z:.6g}) m. Try a "
-            "smaller Δt, look at loads and supports near that place, or add NumericalDamping."
+            f"The largest residual is at the node X = ({x:.6g}, {y:.6g}, {z:.6g}) m.",
+            "Try a smaller Δt, look at loads and supports near that place, or add "
+            "NumericalDamping.",
         )
 
     def _inverted(self, attempt: Attempt) -> StepError | None:
@@ -72,5 +71,17 @@ class Judge:
             return None
         return InversionError(
             f"The step from t = {attempt.t:.9g} s turns cells inside out, even with "
-            f"Δt = {attempt.dt:.3g} s: {turned}{REMEDY}"
+            f"Δt = {attempt.dt:.3g} s: {turned}{INVERTED}",
+            remedy(self._scene),
         )
+
+
+def remedy(scene: Scene) -> str:
+    """Advice against cells that are turned inside out."""
+    remedies = "smaller loads, larger cells or NumericalDamping"
+    if any(isinstance(material, StVenantKirchhoff) for material, _ in scene.materials):
+        return (
+            "St.Venant-Kirchhoff material does not resist strong compression: take NeoHooke there, "
+            f"{remedies}."
+        )
+    return f"Try {remedies}."

@@ -14,8 +14,9 @@ from rigidfx.state import State
 from rigidfx.step.actions import Actions
 from rigidfx.step.equations import Equilibrium
 from rigidfx.step.first_guess import Guess
+from rigidfx.step.rigid_motion import free_to_move
 from rigidfx.step.structure import BoundStructure
-from rigidfx.step.supports import PrescribedDofs, excludes_rigid_motion
+from rigidfx.step.supports import PrescribedDofs
 
 __all__ = ["apply_preload"]
 
@@ -38,10 +39,18 @@ def apply_preload(
     for preload in scene.named(Preload):
         if scene.named(Rigid):
             raise SceneError("Preload: statics with parts that are Rigid is not supported.")
-        if not excludes_rigid_motion(scene, prescribed):
+        idle = [load for load in preload.loads if not load.acts(0.0)]
+        if idle:
+            raise SceneError(
+                f"Preload: {idle[0].owner} does not act at t = 0, when the statics are. Give it no "
+                "time window, or leave it out."
+            )
+        free = free_to_move(scene, prescribed)
+        if free:
             raise SceneError(
                 "Preload: the supports that act at the start, and springs, leave a rigid motion "
-                "free, so there is no static equilibrium. Add supports or drop the preload."
+                f"free, of {free}, so there is no static equilibrium. Add supports or drop the "
+                "preload."
             )
         layout = dof_layout(scene, forces.cells(), state.bodies.of, prescribed.mask)
         actions = _actions(scene, forces, state, layout, preload)
@@ -55,6 +64,11 @@ def apply_preload(
         )
         actions.set_time(0.0, 1.0)
         full = actions.external.copy()
+        if full.norm() == 0.0:
+            raise SceneError(
+                "Preload: its loads are zero at t = 0, when the statics are, so that there is "
+                "nothing to be in equilibrium with. Look at their values and time functions."
+            )
         rest = Guess(np.zeros(layout.rows.dofs.size), np.empty((0, 6)))
         for k in range(1, preload.increments + 1):
             full.copy(actions.external)

@@ -83,7 +83,7 @@ class Stepper:
         """
         self.scene, self.state, self.forces, self.indicator = scene, state, forces, indicator
         self._inversion = Inversion(scene, forces)
-        self._judge = Judge(self._inversion)
+        self._judge = Judge(scene, self._inversion)
         self._trial = np.inf  # length of the next attempt after a cut ...
         self._whole = np.inf  # ... of a step of this length
         self.system: System

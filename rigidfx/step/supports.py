@@ -18,12 +18,12 @@ from rigidfx.base.errors import SceneError, together
 from rigidfx.coupling.dof_layout import DofLayout
 from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.prolongation import Prolongation
-from rigidfx.effects import Spring, Support, Windowed
+from rigidfx.effects import Support, Windowed
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.linear_solver import conjugate_gradients
 
-__all__ = ["Impact", "PrescribedDofs", "excludes_rigid_motion", "impose_velocity", "supports_of"]
+__all__ = ["Impact", "PrescribedDofs", "impose_velocity", "supports_of"]
 
 Array = npt.NDArray[np.float64]
 
@@ -209,29 +209,3 @@ def _solve(
     conjugate_gradients(reduced, rhs, dy)
     reduced.destroy()
     M.destroy()
-
-
-def excludes_rigid_motion(scene: Scene, prescribed: PrescribedDofs) -> bool:
-    """Whether held dofs and springs exclude every small rigid motion. Collective."""
-    n = scene.owned_nodes
-    X = scene.space.tabulate_dof_coordinates()[:n] - scene.centre_of_mass
-    size = scene.comm.allreduce(float(np.abs(X).max(initial=0.0)))
-    x, y, z = (X / size).T
-    zero, one = np.zeros(n), np.ones(n)
-    motions = (
-        (one, zero, zero),
-        (zero, one, zero),
-        (zero, zero, one),
-        (zero, -z, y),
-        (z, zero, -x),
-        (-y, x, zero),
-    )
-    modes = np.stack([np.stack(motion, axis=1).reshape(-1) for motion in motions])
-    gram = modes[:, prescribed.mask] @ modes[:, prescribed.mask].T
-    for spring in scene.named(Spring):
-        w = scene.shares(spring.where, "Spring")[:n]
-        nodal = modes.reshape(6, n, 3)
-        size = max(float(np.linalg.norm(spring.K)), 1e-300)
-        gram += np.einsum("ain,i,nm,bim->ab", nodal, (w > 0).astype(float), spring.K / size, nodal)
-    gram = np.asarray(scene.sum(gram))
-    return int(np.linalg.matrix_rank(gram, tol=1e-10 * max(float(np.trace(gram)), 1e-300))) == 6

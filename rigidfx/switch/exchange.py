@@ -30,7 +30,7 @@ from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body, BodyMotion, Frozen, RigidBody
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
-from rigidfx.switch.mass_properties import mass_properties
+from rigidfx.switch.mass_properties import excess_of_lumping, mass_properties
 
 __all__ = ["Exchange", "LumpedExchange", "freeze"]
 
@@ -83,6 +83,10 @@ def freeze(scene: Scene, forces: InternalForces, state: State, what: PlannedBody
     strain = float(fem.assemble_scalar(forces.bind_energy(cells)))
     strain, size = scene.sum([strain, what.cells.size])
     turning = p.angular_velocity @ p.inertia @ p.angular_velocity
+    excess: npt.NDArray[np.float64] = np.zeros((3, 3))
+    if scene.mass == "lumped":
+        everywhere = state.X + state.u.x.array.reshape(-1, 3)
+        excess = excess_of_lumping(scene, what.cells, everywhere)
     rigid = 0.5 * float(p.mass * p.velocity @ p.velocity + turning)
     body = RigidBody(
         name=what.name,
@@ -95,6 +99,7 @@ def freeze(scene: Scene, forces: InternalForces, state: State, what: PlannedBody
         number=what.number,
         size=int(size),
         named=what.named,
+        excess=excess,
         frozen=Frozen(
             what.nodes,
             v[what.nodes] - motion.velocities(offsets),

@@ -148,7 +148,8 @@ def _freeze_named(
     mass = own.mass if effect.mass is None else float(effect.mass)
     J = own.inertia if effect.inertia is None else np.asarray(effect.inertia, float)
     inertia = 0.5 * (J + J.T)  # momenta are kept as far as it is symmetric
-    given = replace(own, mass=mass, inertia=inertia, given=True, frozen=NOTHING)
+    excess = own.excess if effect.inertia is None else np.zeros((3, 3))
+    given = replace(own, mass=mass, inertia=inertia, given=True, frozen=NOTHING, excess=excess)
     return Body(given, body.motion)
 
 

@@ -16,7 +16,7 @@ from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.report.events import BodyChange, Event
 from rigidfx.scene.timeline import Timeline
 from rigidfx.state import initial_velocity
-from rigidfx.step.judge import REMEDY
+from rigidfx.step.judge import INVERTED, remedy
 from rigidfx.step.preload import apply_preload
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.supports import Impact, PrescribedDofs, supports_of
@@ -74,7 +74,8 @@ class Switch:
         stepper.bind(divide(scene, stepper.forces, state, supports), self.acting)
         impact = stepper.meet(supports, dt, stepper.measure())
         if scene.named(Preload) and (turned := stepper.inverted()) is not None:
-            raise InversionError(f"The static preload turns cells inside out: {turned}{REMEDY}")
+            found = f"The static preload turns cells inside out: {turned}{INVERTED}"
+            raise InversionError(found, remedy(scene))
         return impact
 
     def follow_effects(self, dt: float) -> Impact | None:

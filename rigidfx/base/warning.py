@@ -1,0 +1,47 @@
+"""Warnings that reach the user: on rank 0, with the line of the user's that led to them.
+
+FFCx, when it is imported, hands all of Python's warnings over to `logging`, which drops them where
+nobody has given it a handler: no script and no notebook would ever show one.
+"""
+
+from __future__ import annotations
+
+import logging
+import sys
+import warnings
+from pathlib import Path
+
+import dolfinx  # noqa: F401 - imports FFCx, whose doing is undone below
+from mpi4py import MPI
+
+from rigidfx.base.errors import RigidfxWarning
+
+__all__ = ["warn"]
+
+PACKAGE = str(Path(__file__).resolve().parent.parent)
+
+
+def warn(comm: MPI.Intracomm, message: str) -> None:
+    """Warn on rank 0, as from the first line outside this package that led here.
+
+    Args:
+        comm: Ranks that all know the message.
+        message: What may not be as wanted, and what to do.
+    """
+    if comm.rank != 0:
+        return
+    frame, level = sys._getframe(1), 2
+    while frame.f_back is not None and frame.f_code.co_filename.startswith(PACKAGE):
+        frame, level = frame.f_back, level + 1
+    warnings.warn(message, RigidfxWarning, stacklevel=level)
+
+
+def _show() -> None:
+    """Take warnings back from `logging`, unless it has a handler that does something with them."""
+    loggers = logging.getLogger("py.warnings"), logging.getLogger()
+    handlers = [handler for logger in loggers for handler in logger.handlers]
+    if all(isinstance(handler, logging.NullHandler) for handler in handlers):
+        logging.captureWarnings(False)
+
+
+_show()

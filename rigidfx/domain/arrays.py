@@ -1,0 +1,131 @@
+"""Domains without a file: boxes of equal cells, and cells given as arrays."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Sequence
+
+import basix.ufl
+import dolfinx.mesh as dmesh
+import numpy as np
+import numpy.typing as npt
+import ufl
+from mpi4py import MPI
+
+from rigidfx.base import compat
+from rigidfx.base.errors import SceneError, agree
+from rigidfx.base.inputs import numbers
+from rigidfx.domain.domain import CELLS, Domain, Marker
+
+__all__ = ["box", "from_arrays"]
+
+
+def box(
+    lower: Sequence[float],
+    upper: Sequence[float],
+    cells: Sequence[int],
+    cell: str = "hexahedron",
+    comm: MPI.Intracomm = MPI.COMM_WORLD,
+) -> Domain:
+    """A box of equal cells whose six faces are named x0, x1, y0, y1, z0, z1. Collective.
+
+    Args:
+        lower: Corner with the least coordinates [m].
+        upper: Opposite corner [m].
+        cells: Number of cells (of cubes, for tetrahedra) in each direction.
+        cell: "hexahedron" or "tetrahedron".
+        comm: Communicator of the mesh.
+
+    Raises:
+        SceneError: If the box has no volume, a number of cells is below one or the cell is unknown.
+    """
+    try:
+        a, b = (numbers(corner) for corner in (lower, upper))
+        counts = [operator.index(n) for n in cells]
+    except (TypeError, ValueError):
+        raise SceneError(
+            "box: lower and upper must be three numbers each and cells three whole numbers, got "
+            f"{lower!r}, {upper!r}, {cells!r}."
+        ) from None
+    finite = a.shape == b.shape == (3,) and bool(np.isfinite([a, b]).all())
+    if not finite or not np.all(b > a):
+        raise SceneError(
+            "box: lower and upper must be three finite numbers each, and upper must exceed lower "
+            f"in all of x, y, z; got {lower}, {upper}."
+        )
+    if len(counts) != 3 or min(counts) < 1:
+        raise SceneError(f"box: cells must be three whole numbers ≥ 1, got {cells}.")
+    kinds = {kind.name: kind for kind in CELLS}
+    if not isinstance(cell, str) or cell not in kinds:
+        raise SceneError(f"box: cell must be one of {sorted(kinds)}, got {cell!r}.")
+    mesh = dmesh.create_box(
+        comm, [a, b], counts, kinds[cell], ghost_mode=dmesh.GhostMode.shared_facet
+    )
+    domain = Domain(mesh)
+    for axis, letter in enumerate("xyz"):
+        tol = 1e-9 * (b[axis] - a[axis])
+        for side, value in (("0", a[axis]), ("1", b[axis])):
+            domain = domain.with_facets(letter + side, _on_plane(axis, value, tol))
+    return domain
+
+
+def from_arrays(
+    points: npt.ArrayLike,
+    cells: npt.ArrayLike,
+    cell: str = "hexahedron",
+    comm: MPI.Intracomm = MPI.COMM_WORLD,
+) -> Domain:
+    """A domain of given cells, without names. Collective.
+
+    Args:
+        points: Corner positions, shape (points, 3) [m]; empty on all ranks but one.
+        cells: Corner numbers in DOLFINx's order (of a hexahedron: x fastest, then y, then z),
+            shape (cells, 8) or (cells, 4); empty on all ranks but one.
+        cell: "hexahedron" or "tetrahedron".
+        comm: Communicator of the mesh.
+
+    Raises:
+        SceneError: If shapes, kinds or numbers do not fit, a cell is there twice, or cells are
+            inverted or flat.
+    """
+    corners = {"hexahedron": 8, "tetrahedron": 4}
+    if not isinstance(cell, str) or cell not in corners:
+        raise SceneError(f"from_arrays: cell must be one of {sorted(corners)}, got {cell!r}.")
+    agree(comm, _misfit(points, cells, corners[cell]))
+    x = np.asarray(points, dtype=np.float64).reshape(-1, 3)
+    rows = np.asarray(cells).astype(np.int64).reshape(-1, corners[cell])
+    some = comm.allreduce(len(rows)) > 0
+    agree(comm, None if some else "from_arrays: there are no cells.")
+    element = basix.ufl.element("Lagrange", cell, 1, shape=(3,))
+    return Domain(compat.create_mesh(comm, rows, x, ufl.Mesh(element)))
+
+
+def _misfit(points: npt.ArrayLike, cells: npt.ArrayLike, corners: int) -> str | None:
+    """What is wrong with the arrays of this rank, None if nothing."""
+    try:
+        x, rows = np.asarray(points), np.asarray(cells)
+    except ValueError:
+        return "from_arrays: points and cells must be arrays; some of their rows differ in length."
+    for name, given, kinds, width in (("points", x, "iuf", 3), ("cells", rows, "iu", corners)):
+        kind = "whole numbers" if kinds == "iu" else "real numbers"
+        if given.size and (given.dtype.kind not in kinds or given.shape[1:] != (width,)):
+            return (
+                f"from_arrays: {name} must be {kind} of shape (n, {width}), got {given.dtype} of "
+                f"shape {given.shape}."
+            )
+    if not np.isfinite(x.astype(np.float64)).all():
+        return "from_arrays: points must be finite."
+    if rows.size == 0:
+        return None
+    if rows.min() < 0 or rows.max() >= len(x):
+        return f"from_arrays: cells name points outside 0 … {len(x) - 1}."
+    _, first, times = np.unique(
+        np.sort(rows, axis=1), axis=0, return_index=True, return_counts=True
+    )
+    if times.max() > 1:
+        return f"from_arrays: cell {first[np.argmax(times)]} is there {times.max()} times."
+    return None
+
+
+def _on_plane(axis: int, value: float, tol: float) -> Marker:
+    return lambda x: np.abs(x[axis] - value) < tol

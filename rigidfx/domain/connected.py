@@ -1,0 +1,100 @@
+"""Connected parts of a mesh: cells joined through facets, or through vertices alone.
+
+Each rank finds the parts of what it knows; an entity that two ranks share ties a part of one to a
+part of the other. Parts are numbered by the least of their cells' numbers in the mesh file, so that
+the partition of the mesh cannot be seen in the result.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import dolfinx.mesh as dmesh
+import numpy as np
+import numpy.typing as npt
+from dolfinx import la
+from mpi4py import MPI
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from rigidfx.base.compat import cell_geometry_dofs
+
+__all__ = ["ConnectedParts", "connected_parts"]
+
+Labels = npt.NDArray[np.int64]
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ConnectedParts:
+    """The connected parts of a mesh.
+
+    Attributes:
+        count: How many there are, over all ranks.
+        of_cell: Part of each local cell, ghosts included.
+        of_entity: Part of each local facet or vertex, whichever joins cells.
+        lower: Least coordinates of each part, shape (parts, 3) [m].
+        upper: Greatest coordinates of each part, shape (parts, 3) [m].
+    """
+
+    count: int
+    of_cell: Labels
+    of_entity: Labels
+    lower: Array
+    upper: Array
+
+    def place(self, part: int) -> str:
+        """Where a part is and how large, for messages.
+
+        Args:
+            part: Its number.
+        """
+        middle = ", ".join(f"{x:.4g}" for x in (self.lower[part] + self.upper[part]) / 2)
+        size = " × ".join(f"{x:.4g}" for x in self.upper[part] - self.lower[part])
+        return f"the part of {size} m around ({middle}) m"
+
+
+def connected_parts(mesh: dmesh.Mesh, dim: int) -> ConnectedParts:
+    """Find the connected parts. Collective.
+
+    Args:
+        mesh: A mesh.
+        dim: Dimension of the entities through which cells are joined: 2 or 0.
+    """
+    topology, comm = mesh.topology, mesh.comm
+    topology.create_entities(dim)
+    topology.create_connectivity(3, dim)
+    graph = topology.connectivity(3, dim)
+    cells, entities = graph.num_nodes, topology.index_map(dim)
+    rows = np.repeat(np.arange(cells), np.diff(graph.offsets))
+    n = cells + entities.size_local + entities.num_ghosts
+    links = coo_array((np.ones(rows.size), (rows, cells + graph.array)), (n, n))
+    found, local = connected_components(links, directed=False)
+    first = comm.exscan(found) or 0
+    local = local + first
+    shared = la.vector(entities, 1, dtype=np.float64)
+    shared.array[:] = local[cells:]
+    shared.scatter_forward()
+    ties = np.unique(np.stack([local[cells:], shared.array.astype(np.int64)]), axis=1)
+    a, b = np.concatenate(comm.allgather(ties[:, ties[0] != ties[1]]), axis=1)
+    total = comm.allreduce(found)
+    tied = coo_array((np.ones(a.size), (a, b)), (total, total))
+    count, number = connected_components(tied, directed=False)
+    part = number[local]
+    return _numbered(mesh, int(count), part[:cells], part[cells:])
+
+
+def _numbered(mesh: dmesh.Mesh, count: int, of_cell: Labels, of_entity: Labels) -> ConnectedParts:
+    """The parts in the order of the mesh file, with their extent. Collective."""
+    least = np.full(count, np.iinfo(np.int64).max)
+    lower, upper = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+    np.minimum.at(least, of_cell, mesh.topology.original_cell_index[: of_cell.size])
+    x = mesh.geometry.x[cell_geometry_dofs(mesh)[: of_cell.size]]
+    np.minimum.at(lower, of_cell, x.min(axis=1))
+    np.maximum.at(upper, of_cell, x.max(axis=1))
+    for values, op in ((least, MPI.MIN), (lower, MPI.MIN), (upper, MPI.MAX)):
+        mesh.comm.Allreduce(MPI.IN_PLACE, values, op=op)
+    order = np.argsort(least)
+    rank = np.empty(count, dtype=np.int64)
+    rank[order] = np.arange(count)
+    return ConnectedParts(count, rank[of_cell], rank[of_entity], lower[order], upper[order])

@@ -1,0 +1,186 @@
+"""Physical groups of gmsh's models: what their names stand for.
+
+gmsh lets a face or a volume be in several groups, DOLFINx's tags hold one number per cell or facet.
+So the groups are replaced, before the mesh is handed over, by one for each elementary entity, and a
+name then stands for the entities of its group.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rigidfx.base.errors import SceneError
+from rigidfx.domain.domain import KINDS
+
+__all__ = ["Header", "Names", "names_in_header", "take_groups"]
+
+# gmsh's numbers of the cells that DOLFINx and rigidfx know, and of their facets.
+KNOWN = {4: "tetrahedra", 5: "hexahedra", 11: "second-order tetrahedra", 12: "27-node hexahedra"}
+FACETS = {4: 2, 5: 3, 11: 9, 12: 10}
+CORNERS = {4: 3, 5: 4, 11: 3, 12: 4}  # of a facet
+
+UNLISTED = 1000  # numbers, from 1 and from the last group's on, at which empty ones are looked for
+
+Names = dict[tuple[int, str], Any]
+Header = Mapping[tuple[int, int], str]  # names by dimension and number
+
+
+def names_in_header(path: str | Path) -> dict[tuple[int, int], str]:
+    """Names that the header of a .msh file declares.
+
+    gmsh keeps only the first of several equal ones in files of version 2.
+
+    Args:
+        path: A .msh file.
+    """
+    found: dict[tuple[int, int], str] = {}
+    with open(path, "rb") as file:
+        if not file.readline().startswith(b"$MeshFormat"):
+            return found
+        inside = False
+        for line in file:
+            if line.startswith((b"$EndPhysicalNames", b"$Entities", b"$Nodes")):
+                break
+            inside = inside or line.startswith(b"$PhysicalNames")
+            match = re.match(rb'\s*([0-3])\s+(\d+)\s+"(.*)"\s*$', line) if inside else None
+            if match:
+                found[int(match[1]), int(match[2])] = match[3].decode(errors="replace")
+    return found
+
+
+def _groups(model: Any, header: Header) -> list[tuple[int, str, int]]:
+    """Dimension, name and number of each physical group, empty ones included."""
+    filled = set(model.getPhysicalGroups())
+    last = max((tag for _, tag in {*filled, *header}), default=0)
+    # gmsh lists groups with elements only, but knows the names of others; it counts from the last
+    likely = {*range(1, UNLISTED), *range(last + 1, last + UNLISTED)}
+    some = {(dim, tag) for dim in KINDS for tag in likely}
+    groups = []
+    for dim, tag in sorted(filled | set(header) | some):
+        name = model.getPhysicalName(dim, tag) or header.get((dim, tag), "")
+        if name or (dim, tag) in filled:
+            groups.append((dim, name or f"{KINDS[dim]}-{tag}", tag))
+    return groups
+
+
+def take_groups(model: Any, source: str, header: Header) -> Names:
+    """Give gmsh's model one group per entity; what its names stand for.
+
+    Args:
+        model: gmsh's model, meshed.
+        source: Where it comes from, for messages.
+        header: Names of groups by dimension and number, for those that gmsh does not tell.
+
+    Returns:
+        By dimension and name: numbers of entities, or positions of points for dimensions 0, 1.
+
+    Raises:
+        SceneError: If a name is there twice, or cells or facets are of no kind that will do.
+    """
+    groups = _groups(model, header)
+    listed = ", ".join(f"'{name}' ({KINDS[dim]})" for dim, name, _ in groups) or "none"
+    numbers: dict[tuple[int, str], list[int]] = {}
+    for dim, name, tag in groups:
+        numbers.setdefault((dim, name), []).append(tag)
+    doubled = {key: tags for key, tags in numbers.items() if len(tags) > 1}
+    if doubled:
+        (dim, name), tags = next(iter(doubled.items()))
+        raise SceneError(
+            f"{source} gives the name '{name}' to several groups of {KINDS[dim]}, numbers "
+            f"{', '.join(map(str, tags))}. Give each group its own name. Physical groups there: "
+            f"{listed}."
+        )
+    filled = set(model.getPhysicalGroups())
+    entities = {
+        (dim, name): model.getEntitiesForPhysicalGroup(dim, tag).tolist()
+        if (dim, tag) in filled
+        else []
+        for dim, name, tag in groups
+    }
+    volumes = {e for (dim, _), own in entities.items() if dim == 3 for e in own}
+    # Files of version 2 hold a cell once for each of its groups.
+    model.mesh.removeDuplicateElements()
+    kinds = {int(k) for e in volumes for k in model.mesh.getElements(3, e)[0]}
+    if not kinds:
+        raise SceneError(
+            f"{source} has no physical group of volume cells (dimension 3) with cells in it, "
+            f"which are what a domain is made of. Physical groups there: {listed}. Was the mesh "
+            "generated in 3D before it was saved?"
+        )
+    if len(kinds) > 1 or not kinds <= set(KNOWN):
+        raise SceneError(
+            f"{source} has volume cells of these kinds: {_shown(model, kinds)}. A domain takes one "
+            f"kind, out of {', '.join(KNOWN.values())}."
+        )
+    facet = FACETS[next(iter(kinds))]
+    for (dim, name), own in entities.items():
+        of_facets = {int(k) for e in own for k in model.mesh.getElements(dim, e)[0]}
+        if dim == 2 and not of_facets <= {facet}:
+            raise SceneError(
+                f"{source}: the facets '{name}' are of these kinds: {_shown(model, of_facets)}. "
+                f"Facets of the volume cells there are of the kind {_shown(model, {facet})}."
+            )
+    _check_facets(model, source, kinds.pop(), entities)
+    positions = {
+        (dim, name): np.concatenate(
+            [[], *(model.mesh.getNodes(dim, e, includeBoundary=True)[1] for e in own)]
+        ).reshape(-1, 3)
+        for (dim, name), own in entities.items()
+        if dim < 2
+    }
+    model.removePhysicalGroups()
+    used = {(dim, e) for (dim, _), own in entities.items() if dim >= 2 for e in own}
+    for dim, tag in sorted(used):
+        if len(model.mesh.getElements(dim, tag)[0]):
+            model.addPhysicalGroup(dim, [tag], tag=tag)
+    model.mesh.renumberNodes()  # DOLFINx takes numbers without gaps only
+    return {**entities, **positions}
+
+
+def _check_facets(
+    model: Any, source: str, kind: int, entities: Mapping[tuple[int, str], list[int]]
+) -> None:
+    """Refuse facets that bound no cell of the mesh; DOLFINx would end all ranks over them.
+
+    Raises:
+        SceneError: With the names that have such facets.
+    """
+    corners = CORNERS[kind]
+    facets = {}
+    for e in {e for (dim, _), own in entities.items() if dim == 2 for e in own}:
+        of_type = model.mesh.getElements(2, e)
+        rows = [n.reshape(len(t), -1)[:, :corners] for _, t, n in zip(*of_type, strict=True)]
+        facets[e] = np.concatenate([np.empty((0, corners), np.uint64), *rows])
+    if not facets:
+        return
+    wanted = np.sort(np.concatenate(list(facets.values())), axis=1)
+    volumes = {e for (dim, _), own in entities.items() if dim == 3 for e in own}
+    sides = np.concatenate(
+        [model.mesh.getElementFaceNodes(kind, corners, e, primary=True) for e in volumes]
+    ).reshape(-1, corners)
+    sides = np.sort(sides[np.isin(sides, wanted).all(axis=1)], axis=1)
+    _, which = np.unique(np.concatenate([sides, wanted]), axis=0, return_inverse=True)
+    which = which.reshape(-1)
+    loose = ~np.isin(which[len(sides) :], which[: len(sides)])
+    ends = np.cumsum([len(rows) for rows in facets.values()])[:-1]
+    lost = {e: int(own.sum()) for e, own in zip(facets, np.split(loose, ends), strict=True)}
+    wrong = [
+        f"'{name}' ({sum(lost[e] for e in own)} of {sum(len(facets[e]) for e in own)})"
+        for (dim, name), own in entities.items()
+        if dim == 2 and any(lost[e] for e in own)
+    ]
+    if wrong:
+        raise SceneError(
+            f"{source}: of the facets {', '.join(wrong)} bound no volume cell of the mesh, which "
+            "is made of the cells in physical groups. Leave them out of the group, or put the "
+            "volume that they bound into one."
+        )
+
+
+def _shown(model: Any, kinds: set[int]) -> str:
+    return ", ".join(model.mesh.getElementProperties(k)[0] for k in sorted(kinds))

@@ -1,0 +1,157 @@
+"""Which parts of a mesh are too slender for first-order cells as long as theirs?
+
+First-order cells cannot bend: a straight edge turns bending into shear. Bending hexahedra of length
+ℓ in something of thickness t takes 1 + ½ (ℓ/t)² times the energy (ν = 0), however many of them are
+across. Tip deflections of cantilevers over theory, ν = 0.3:
+
+    10 × 1 × 1   10 × 1 × 1 cells 0.65, 10 × 2 × 2 cells 0.69, 10 × 3 × 3 cells 0.70,
+                 20 × 2 × 2 cells 0.88, 20 × 3 × 3 cells 0.89
+    1 × 1 × 0.001  10 × 10 × 1 and 10 × 10 × 2 cells 2.6e-4, second-order cells 0.94
+
+Tetrahedra, whose strain is constant, are worse still. The rule, for each connected part (through
+facets) of volume V, surface A and mean longest edge ℓ:
+
+* It is slender if the diagonal of its box is more than 15 times 2V/A. A plate is as thick as 2V/A,
+  a bar as 4V/A, a cube as 6V/A: a square bar counts from some 7 times its thickness on, a square
+  plate from 9.
+* Its cells are long if ℓ > 0.7 t, which costs a fifth of the deflection. Its thickness t is taken
+  as 4V/A, so that nothing is judged too harshly, and as the mean shortest edge where all is one
+  layer of cells (at least 95 % have all their vertices on the boundary).
+
+A block with a thin appendix is not found; a frame of thin bars is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import dolfinx.mesh as dmesh
+import numpy as np
+import numpy.typing as npt
+from dolfinx import la
+from mpi4py import MPI
+
+from rigidfx.domain.connected import ConnectedParts, connected_parts
+
+__all__ = ["ThinPart", "thin_parts"]
+
+Array = npt.NDArray[np.float64]
+
+NEARLY_ALL = 0.95  # of a part's cells
+SLENDER = 15.0  # diagonal over 2V/A
+LONG = 0.7  # length of cells over thickness
+
+
+@dataclass(frozen=True)
+class ThinPart:
+    """A slender part of cells that lock in bending.
+
+    Attributes:
+        place: Where it is, for messages.
+        thickness: About how thick it is [m].
+        length: Mean longest edge of its cells [m].
+    """
+
+    place: str
+    thickness: float
+    length: float
+
+    @property
+    def deflection(self) -> float:
+        """About what part of its deflection in bending hexahedra leave: 1/(1 + ½ (ℓ/t)²)."""
+        return 1 / (1 + 0.5 * (self.length / self.thickness) ** 2)
+
+
+def thin_parts(mesh: dmesh.Mesh) -> list[ThinPart]:
+    """The slender parts whose first-order cells lock, in the order of the mesh file. Collective.
+
+    Args:
+        mesh: A mesh of hexahedra or tetrahedra.
+    """
+    parts = connected_parts(mesh, 2)
+    owned = mesh.topology.index_map(3).size_local
+    part = parts.of_cell[:owned]
+    outside = _on_boundary(mesh)[_vertices(mesh, owned)].all(axis=1)
+    x = _corners(mesh, 3, np.arange(owned, dtype=np.int32))
+    edges = _edges(x)
+    per_cell = (np.ones(owned), outside, edges.min(axis=1), edges.max(axis=1), _volumes(x))
+    sums = np.stack([np.bincount(part, values, parts.count) for values in per_cell])
+    sums = np.vstack([sums, _surfaces(mesh, parts)])
+    mesh.comm.Allreduce(MPI.IN_PLACE, sums, op=MPI.SUM)
+    cells, boundary, shortest, longest, V, A = sums
+    layer = boundary >= NEARLY_ALL * cells
+    thickness, length = np.where(layer, shortest / cells, 4 * V / A), longest / cells
+    slender = np.linalg.norm(parts.upper - parts.lower, axis=1) > SLENDER * 2 * V / A
+    return [
+        ThinPart(parts.place(k), float(thickness[k]), float(length[k]))
+        for k in np.flatnonzero(slender & (length > LONG * thickness))
+    ]
+
+
+def _vertices(mesh: dmesh.Mesh, owned: int) -> npt.NDArray[np.int32]:
+    """Vertices of each owned cell, shape (cells, vertices)."""
+    mesh.topology.create_connectivity(3, 0)
+    graph = mesh.topology.connectivity(3, 0)
+    return np.asarray(graph.array.reshape(-1, 4 if _simplex(mesh) else 8)[:owned])
+
+
+def _simplex(mesh: dmesh.Mesh) -> bool:
+    return bool(mesh.topology.cell_type == dmesh.CellType.tetrahedron)
+
+
+def _corners(mesh: dmesh.Mesh, dim: int, entities: npt.NDArray[np.int32]) -> Array:
+    """Corners of straight facets or cells, shape (entities, corners, 3) [m]."""
+    count = {3: 4, 2: 3} if _simplex(mesh) else {3: 8, 2: 4}
+    if entities.size == 0:  # a rank may own nothing, which DOLFINx divides by
+        return np.empty((0, count[dim], 3))
+    nodes = dmesh.entities_to_geometry(mesh, dim, entities).reshape(-1, count[dim])
+    return np.asarray(mesh.geometry.x[nodes])
+
+
+def _boundary_facets(mesh: dmesh.Mesh) -> npt.NDArray[np.int32]:
+    """Owned facets of one cell."""
+    mesh.topology.create_connectivity(2, 3)
+    return np.asarray(dmesh.exterior_facet_indices(mesh.topology), dtype=np.int32)
+
+
+def _on_boundary(mesh: dmesh.Mesh) -> npt.NDArray[np.bool_]:
+    """Whether each local vertex is on the boundary. Collective."""
+    facets = _boundary_facets(mesh)
+    marks = la.vector(mesh.topology.index_map(0), 1, dtype=np.float64)
+    mesh.topology.create_connectivity(2, 0)
+    marks.array[dmesh.compute_incident_entities(mesh.topology, facets, 2, 0)] = 1.0
+    marks.scatter_reverse(la.InsertMode.add)
+    marks.scatter_forward()
+    return np.asarray(marks.array > 0)
+
+
+# Local vertices at both ends of each edge.
+EDGES = {
+    4: ((0, 0, 0, 1, 1, 2), (1, 2, 3, 2, 3, 3)),
+    8: ((0, 0, 0, 1, 1, 2, 2, 3, 4, 4, 5, 6), (1, 2, 4, 3, 5, 3, 6, 7, 5, 6, 7, 7)),
+}
+
+
+def _edges(x: Array) -> Array:
+    """Lengths of the edges of each cell, shape (cells, edges) [m]."""
+    a, b = (list(ends) for ends in EDGES[x.shape[1]])
+    return np.asarray(np.linalg.norm(x[:, a] - x[:, b], axis=2))
+
+
+def _volumes(x: Array) -> Array:
+    """Volume of each cell, straight edges taken, shape (cells,) [m³]."""
+    if x.shape[1] == 4:
+        return np.asarray(np.abs(np.linalg.det(x[:, 1:] - x[:, :1])) / 6)
+    edges = x[:, [1, 2, 4]] - x[:, :1], x[:, [6, 5, 3]] - x[:, 7:]  # at two opposite corners
+    return np.asarray(sum(np.abs(np.linalg.det(e)) for e in edges) / 2)
+
+
+def _surfaces(mesh: dmesh.Mesh, parts: ConnectedParts) -> Array:
+    """Area of this rank's boundary facets of each part, shape (parts,) [m²]."""
+    facets = _boundary_facets(mesh)
+    x = _corners(mesh, 2, facets)
+    # Of a quadrilateral, numbered as in a grid, twice the half on one side of a diagonal.
+    cross = np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
+    half = 0.5 if _simplex(mesh) else 1.0
+    area = half * np.linalg.norm(cross, axis=1)
+    return np.asarray(np.bincount(parts.of_entity[facets], area, parts.count), dtype=np.float64)

@@ -1,0 +1,57 @@
+"""Does the inertia of lumped masses spoil the motion of a body?
+
+Masses at the corners of cells turn harder than what they stand for, most of all about the axis of
+something one cell across. As long as a body hardly turns about such an axis that does no harm; so
+what counts is how much of the kinetic energy of a body is there for this reason only.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rigidfx.base.warning import warn
+from rigidfx.report.report import Report
+from rigidfx.scene.scene import Scene
+
+__all__ = ["LumpedInertia"]
+
+WORTH_A_WARNING = 0.05  # of the kinetic energy of a body, and ...
+OF_ALL = 0.01  # ... of all kinetic energy
+
+
+class LumpedInertia:
+    """Looks at the bodies of each report; warns once."""
+
+    def __init__(self, scene: Scene) -> None:
+        """Begin before the first report.
+
+        Args:
+            scene: The problem.
+        """
+        self._comm, self._waits = scene.comm, scene.mass == "lumped"
+
+    def follow(self, report: Report) -> None:
+        """Look at the bodies of a report.
+
+        Args:
+            report: The next one.
+        """
+        bodies = report.rigid
+        if not self._waits or not bodies.of.excessive:
+            return
+        excess, kinetic = bodies.kinetic_excess, bodies.kinetic_of_each
+        shares = np.where(kinetic > 0, excess / np.where(kinetic > 0, kinetic, 1.0), 0.0)
+        k = int(np.argmax(shares))
+        if shares[k] <= WORTH_A_WARNING or excess[k] <= OF_ALL * report.kinetic:
+            return
+        self._waits = False
+        worst = bodies.of.records[k]
+        warn(
+            self._comm,
+            f"Body '{worst.name}': {shares[k]:.0%} of its kinetic energy at "
+            f"t = {report.t:.6g} s is an error of its lumped masses, which give it up to "
+            f"{worst.inertia_ratio:.3g} times the moment of inertia of its cells (about the axis "
+            "it is thinnest around). Energies and angular momenta are conserved all "
+            "the same. Take more cells across it, mass='consistent', or order=2 with hexahedra; or "
+            "give the inertia of a named body (Rigid).",
+        )

@@ -1,0 +1,170 @@
+"""Meshes that can be computed with, and give what nobody wanted: warnings when a scene is made."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import dolfinx.mesh as dmesh
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from rigidfx import effects as fx
+from rigidfx.base.compat import cell_geometry_dofs
+from rigidfx.base.warning import warn
+from rigidfx.domain.connected import ConnectedParts, connected_parts
+from rigidfx.domain.domain import Domain
+from rigidfx.domain.thin import thin_parts
+
+__all__ = ["parts_in_words", "warn_of_bending", "warn_of_distance", "warn_of_gaps"]
+
+COINCIDENT = 1e-6  # of the size of what touches
+DIGITS = 1e-9  # error of a cell's size that is warned of
+
+
+def warn_of_bending(domain: Domain) -> None:
+    """Warn of slender parts whose first-order cells lock in bending. Collective.
+
+    Args:
+        domain: Mesh and names.
+    """
+    thin = thin_parts(domain.mesh)
+    if not thin:
+        return
+    worst = min(thin, key=lambda part: part.deflection)
+    more = f" So are {len(thin) - 1} other parts." if len(thin) > 1 else ""
+    warn(
+        domain.comm,
+        f"Scene: first-order cells lock in bending: {worst.place}, some {worst.thickness:.3g} m "
+        f"thick, is slender and its cells are {worst.length:.3g} m long, which leaves some "
+        f"{worst.deflection:.2g} of its deflection.{more} Take order=2 (tetrahedra then need "
+        "mass='consistent'), or cells half as long as it is thick; more across do not help.",
+    )
+
+
+def warn_of_gaps(domain: Domain, effects: Sequence[fx.Effect]) -> None:
+    """Warn of parts that nothing holds, and that touch others without sharing nodes. Collective.
+
+    Parts that fly freely on their own are none of these: coincident vertices show that parts touch.
+    A support, a spring, or a rigid body that has cells of several parts, holds or joins them.
+
+    Args:
+        domain: Mesh and names.
+        effects: All effects of a scene.
+    """
+    parts = connected_parts(domain.mesh, 0)
+    if parts.count == 1:
+        return
+    group = _joined(domain, parts, effects)
+    loose = ~np.isin(group, group[_held(domain, parts, effects)])
+    pairs = _touching(domain.mesh, parts)
+    pairs = pairs[:, group[pairs[0]] != group[pairs[1]]]
+    pairs = pairs[:, loose[pairs].any(axis=0)]
+    if pairs.size == 0:
+        return
+    a, b = pairs[:, 0] if loose[pairs[0, 0]] else pairs[::-1, 0]
+    many = len(np.unique(pairs[:, loose[pairs[0]] | loose[pairs[1]]]))
+    more = f" In all, {many} parts touch like this." if many > 2 else ""
+    warn(
+        domain.comm,
+        f"Scene: {parts.place(int(a))} touches {parts.place(int(b))}, but they share no nodes, and "
+        f"no support or spring holds it: they will part without resistance.{more} Mesh them as "
+        "one (glue=True of read_cad, Coherence or BooleanFragments in gmsh), or keep the gap open.",
+    )
+
+
+def warn_of_distance(domain: Domain) -> None:
+    """Warn of cells so far from the origin that their size is known to a few digits only.
+
+    A number of size |x| is known to ε|x|, so that lengths h of cells, and with them volumes and
+    strains, are known to ε|x|/h: a body 10¹⁵ times its length away loses 2 % of its mass.
+    Collective.
+
+    Args:
+        domain: Mesh and names.
+    """
+    mesh, comm = domain.mesh, domain.comm
+    nodes = mesh.geometry.x[cell_geometry_dofs(mesh)[: mesh.topology.index_map(3).size_local]]
+    extent = np.ptp(nodes, axis=1).max(axis=1)
+    far = comm.allreduce(float(np.abs(nodes).max(initial=0.0)), op=MPI.MAX)
+    least = comm.allreduce(float(extent.min(initial=np.inf)), op=MPI.MIN)
+    lost = float(np.finfo(np.float64).eps) * far / least
+    if lost > DIGITS:
+        warn(
+            comm,
+            f"Scene: the mesh reaches {far:.3g} m from the origin, and its cells are "
+            f"{least:.3g} m small: their sizes, masses and strains are known to {lost:.1g} of "
+            "themselves only. Move the mesh to the origin; nothing depends on where that is.",
+        )
+
+
+def parts_in_words(domain: Domain, most: int = 8) -> list[str]:
+    """A line for each part that shares no nodes with others; none if all is one. Collective.
+
+    Args:
+        domain: Mesh and names.
+        most: Most lines.
+    """
+    parts = connected_parts(domain.mesh, 0)
+    if parts.count == 1:
+        return []
+    lines = [parts.place(k) for k in range(min(parts.count, most))]
+    return lines + ([f"and {parts.count - most} more"] if parts.count > most else [])
+
+
+def _parts_of(
+    domain: Domain, parts: ConnectedParts, name: str | None, owner: str
+) -> npt.NDArray[np.int64]:
+    """Parts that have entities of a named set; all if it has no name. Collective."""
+    if name is None:
+        return np.arange(parts.count)
+    found = domain.find(name, (2, 3, 1, 0), owner)
+    domain.mesh.topology.create_connectivity(found.dim, 0)
+    vertices = dmesh.compute_incident_entities(domain.mesh.topology, found.entities, found.dim, 0)
+    marks = np.zeros(parts.count, dtype=np.int32)
+    marks[parts.of_entity[vertices]] = 1
+    domain.comm.Allreduce(MPI.IN_PLACE, marks, op=MPI.MAX)
+    return np.flatnonzero(marks)
+
+
+def _held(domain: Domain, parts: ConnectedParts, effects: Sequence[fx.Effect]) -> Any:
+    """Parts with a support or a spring. Collective."""
+    holding = [e for e in effects if isinstance(e, (fx.Support, fx.Spring))]
+    found = [_parts_of(domain, parts, e.where, type(e).__name__) for e in holding]
+    return np.unique(np.concatenate([np.empty(0, np.int64), *found]))
+
+
+def _joined(domain: Domain, parts: ConnectedParts, effects: Sequence[fx.Effect]) -> Any:
+    """A number for each part, the same for those that rigid bodies join. Collective."""
+    links = [np.empty((2, 0), np.int64)]
+    for effect in effects:
+        if isinstance(effect, fx.Rigid):
+            own = _parts_of(domain, parts, effect.where, "Rigid")
+            links.append(np.stack([own, np.full(own.size, own[0])]))
+    a, b = np.concatenate(links, axis=1)
+    graph = coo_array((np.ones(a.size), (a, b)), (parts.count, parts.count))
+    return connected_components(graph, directed=False)[1]
+
+
+def _touching(mesh: dmesh.Mesh, parts: ConnectedParts) -> npt.NDArray[np.int64]:
+    """Pairs of parts with vertices at the same place, shape (2, pairs). Collective."""
+    mesh.topology.create_connectivity(2, 3)
+    mesh.topology.create_connectivity(2, 0)
+    mesh.topology.create_connectivity(0, 3)
+    facets = np.asarray(dmesh.exterior_facet_indices(mesh.topology), dtype=np.int32)
+    own = dmesh.compute_incident_entities(mesh.topology, facets, 2, 0)
+    nodes = np.empty(0, np.int32)
+    if own.size:  # a rank may own nothing, which DOLFINx divides by
+        nodes = dmesh.entities_to_geometry(mesh, 0, own.astype(np.int32)).reshape(-1)
+    found = mesh.comm.allgather((mesh.geometry.x[nodes], parts.of_entity[own]))
+    x = np.concatenate([points for points, _ in found])
+    part = np.concatenate([numbers for _, numbers in found])
+    size = np.linalg.norm(parts.upper - parts.lower, axis=1).min()
+    close = cKDTree(x).query_pairs(COINCIDENT * size, output_type="ndarray")
+    pairs = part[close]
+    pairs = np.sort(pairs[pairs[:, 0] != pairs[:, 1]], axis=1)
+    return np.unique(pairs, axis=0).T.reshape(2, -1)

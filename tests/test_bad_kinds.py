@@ -1,0 +1,227 @@
+"""Input of the wrong kind or shape: refused by name, where it used to be cast into something else.
+
+Run as a script under mpirun, this file goes through all cases on each rank.
+"""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import parallel
+import pytest
+from mpi4py import MPI
+
+import rigidfx as rf
+from rigidfx.base.errors import SceneError
+
+COMM = MPI.COMM_WORLD
+SOFT = rf.StVenantKirchhoff(rho=2.0, E=50.0, nu=0.3)
+CUBE = np.array([[i, j, k] for k in (0, 1) for j in (0, 1) for i in (0, 1)], dtype=float)
+ONE = np.arange(8)[None]
+TETS = np.array([[0, 1, 3, 7], [0, 1, 5, 7]])
+
+
+def _box():
+    return rf.box((0, 0, 0), (4, 1, 1), (4, 1, 1))
+
+
+def _scene(*effects, material=SOFT, domain=None, **options):
+    return rf.Scene(domain or _box(), material, effects, **options)
+
+
+def _run(*effects, **options):
+    for _ in rf.simulate(_scene(*effects, **options), 0.1, 0.3):
+        pass
+
+
+def _arrays(points, cells, *more):
+    mine = slice(None) if COMM.rank == 0 else slice(0)
+    return rf.from_arrays(points[mine], cells[mine], *more)
+
+
+def _moved(displacement, velocity=None, **window):
+    return rf.PrescribedMotion("x0", displacement=displacement, velocity=velocity, **window)
+
+
+def _path(t):
+    return (0.1 * t, 0.0, 0.0)
+
+
+def _speed(t):
+    return (0.1, 0.0, 0.0)
+
+
+def _kinked(t):
+    return (max(t - 0.2, 0.0), 0.0, 0.0)
+
+
+_kinked.breakpoints = (0.2,)
+
+# name: (what is done, part of the message)
+CASES = {
+    # Sets of cells
+    "boolean mask as cells": (
+        lambda: _box().with_cell_set("a", np.array([True, False])),
+        "whole numbers, got bool of shape (2,). Of a mask, take np.flatnonzero",
+    ),
+    "list of booleans as cells": (lambda: _box().with_cell_set("a", [True, True]), "got bool"),
+    "cells that are no whole numbers": (lambda: _box().with_cell_set("a", [0.7]), "got float64"),
+    "cells as floats": (lambda: _box().with_cell_set("a", [1.0]), "got float64"),
+    "cells as texts": (lambda: _box().with_cell_set("a", ["0"]), "got <U1"),
+    "cells in a table": (lambda: _box().with_cell_set("a", [[0, 1]]), "of shape (1, 2)"),
+    "one cell that is no list": (lambda: _box().with_cell_set("a", 0), "of shape ()"),
+    "cells beyond 32 bits": (lambda: _box().with_cell_set("a", [2**32]), "no cell 4294967296"),
+    "cell below zero": (lambda: _box().with_cell_set("a", [-1]), "no cell -1"),
+    "cell set of a number": (lambda: _box().with_cell_set(3, [0]), "name of a set must be a text"),
+    "cells without a name": (lambda: _box().with_cells("", lambda x: x[0] < 2), "not empty"),
+    "facets named None": (lambda: _box().with_facets(None, lambda x: x[0] < 2), "got None"),
+    # Markers
+    "marker of whole numbers": (
+        lambda: _box().with_cells("a", lambda x: (x[0] < 2).astype(int)),
+        "The marker of 'a' must give a boolean for each point",
+    ),
+    "marker of floats": (lambda: _box().with_facets("a", lambda x: x[0]), "it gives float64"),
+    "marker of one boolean": (lambda: _box().with_vertices("a", lambda x: True), "shape ()"),
+    "marker of every coordinate": (lambda: _box().with_vertices("a", lambda x: x > 0), "a boolean"),
+    "marker of nothing": (lambda: _box().with_cells("a", lambda x: None), "it gives object"),
+    # Arrays
+    "points in a plane": (
+        lambda: _arrays(CUBE[:, :2], ONE),
+        "points must be real numbers of shape",
+    ),
+    "points in a row": (lambda: _arrays(CUBE.reshape(-1), ONE), "of shape (24,)"),
+    "points of four numbers": (lambda: _arrays(np.c_[CUBE, CUBE[:, :1]], ONE), "(8, 4)"),
+    "complex points": (lambda: _arrays(CUBE + 0j, ONE), "got complex128"),
+    "points as texts": (lambda: _arrays(CUBE.astype(str), ONE), "points must be real numbers"),
+    "points that are booleans": (lambda: _arrays(CUBE > 0, ONE), "got bool"),
+    "point that is not finite": (lambda: _arrays(CUBE + np.inf, ONE), "points must be finite"),
+    "cells of floats": (lambda: _arrays(CUBE, ONE + 0.4), "cells must be whole numbers"),
+    "cells in one row": (lambda: _arrays(CUBE, ONE[0]), "of shape (n, 8), got int64"),
+    "cells of four corners": (lambda: _arrays(CUBE, ONE.reshape(2, 4)), "of shape (2, 4)"),
+    "tetrahedra of eight corners": (lambda: _arrays(CUBE, ONE, "tetrahedron"), "(n, 4)"),
+    "rows of different length": (
+        lambda: rf.from_arrays(CUBE, [[0, 1, 2], [3, 4]]),
+        "some of their rows differ in length",
+    ),
+    "a cell twice": (lambda: _arrays(CUBE, np.repeat(ONE, 2, axis=0)), "cell 0 is there 2 times"),
+    "a cell twice in another order": (
+        lambda: _arrays(CUBE, np.vstack([TETS, TETS[:1, [1, 3, 0, 2]]]), "tetrahedron"),
+        "cell 0 is there 2 times",
+    ),
+    "no cells": (lambda: _arrays(CUBE, ONE[:0]), "there are no cells"),
+    "kind of cell that is a list": (lambda: _arrays(CUBE, ONE, ["hexahedron"]), "cell must be"),
+    "corner of texts": (lambda: rf.box(("0", "0", "0"), (1, 1, 1), (1, 1, 1)), "three finite"),
+    "corner of complex numbers": (lambda: rf.box((0j, 0, 0), (1, 1, 1), (1, 1, 1)), "three finite"),
+    # What functions give
+    "load function of texts": (lambda: _run(rf.Gravity(lambda t: ("0", "0", "1"))), "three finite"),
+    "load function of two numbers": (lambda: _run(rf.Gravity(lambda t: (0, 1))), "three finite"),
+    "load function of a table": (lambda: _run(rf.Gravity(lambda t: np.eye(3))), "three finite"),
+    "factor that is a text": (lambda: _run(rf.Gravity(time=lambda t: "2")), "three finite"),
+    "factor of one number in a list": (lambda: _run(rf.Gravity(time=lambda t: [2.0])), "three"),
+    "factor that is complex": (lambda: _run(rf.Gravity(time=lambda t: 1j)), "three finite"),
+    "pressure that is a text": (lambda: _run(rf.Pressure("x1", lambda t: "1")), "it is nan"),
+    "factor of a pressure that is a text": (
+        lambda: _run(rf.Pressure("x1", 1.0, time=lambda t: "1")),
+        "it is nan",
+    ),
+    "factor of a resultant that is a text": (
+        lambda: _run(rf.Rigid(), rf.Resultant(force=(1, 0, 0), time=lambda t: "1")),
+        "three finite",
+    ),
+    "path of texts": (lambda: _run(_moved(lambda t: ("0", "0", "0"))), "three finite"),
+    "velocity of texts": (lambda: _run(_moved(_path, lambda t: ("0.1", "0", "0"))), "three finite"),
+    "initial velocity of texts": (
+        lambda: _run(rf.InitialVelocity(function=lambda X: X.astype(str))),
+        "it gives no real numbers",
+    ),
+    # Motions
+    "velocity of another path": (
+        lambda: _scene(_moved(_path, lambda t: (0.2, 0, 0))),
+        "at t = 0 s its velocity is [0.2 0.  0. ] m/s, and its path moves by [0.1",
+    ),
+    "velocity of the wrong sign": (
+        lambda: _scene(_moved(_path, lambda t: (-0.1, 0, 0))),
+        "Give the path's derivative, or no velocity",
+    ),
+    "velocity that is late for its kink": (
+        lambda: _scene(_moved(_kinked, lambda t: (1.0 if t > 0.2 else 0.0, 0, 0))),
+        "at t = 0.2 s its velocity is",
+    ),
+    "velocity of a path that rests": (
+        lambda: _scene(_moved(lambda t: (0, 0, 0), _speed)),
+        "and its path moves by [0. 0. 0.] m/s",
+    ),
+    "one path and two velocities": (
+        lambda: _scene(
+            _moved(_path, _speed),
+            rf.PrescribedMotion("y0", displacement=_path),
+        ),
+        "prescribe different motions of the same nodes",
+    ),
+    # Names
+    "rigid part called like a found one": (
+        lambda: _scene(
+            rf.Rigid("part 2"), domain=_box().with_cells("part 2", lambda x: x[0] < 1.5)
+        ),
+        "'part 2' is what a part that is found is called",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_is_refused(name):
+    action, message = CASES[name]
+    with pytest.raises(SceneError) as caught:
+        action()
+    assert message in str(caught.value)
+
+
+def test_what_is_right_is_taken():
+    """Neighbours of the cases above that are sound."""
+    assert _box().with_cell_set("a", np.array([0], dtype=np.uint8)).sets["a", 3].entities.size == 1
+    rf.from_arrays(CUBE.astype(np.float32), ONE.astype(np.uint16))
+    rf.from_arrays(CUBE.astype(int).tolist(), ONE.tolist())
+    rf.from_arrays(CUBE, TETS, "tetrahedron")
+    _scene(_moved(_path, _speed))
+    _scene(_moved(_path, _speed), rf.PrescribedMotion("y0", displacement=_path, velocity=_speed))
+    _scene(_moved(_kinked, lambda t: (1.0 if t >= 0.2 else 0.0, 0, 0)))
+    fast = 2 * np.pi * 3e4  # a path of 30 kHz
+    _scene(
+        _moved(
+            lambda t: (1e-6 * np.sin(fast * t), 0, 0),
+            lambda t: (1e-6 * fast * np.cos(fast * t), 0, 0),
+        )
+    )
+    _run(rf.Gravity(lambda t: [0, 0, np.float32(-1)], time=lambda t: np.array(0.5)))
+
+
+@pytest.mark.parallel
+def test_is_refused_on_two_ranks():
+    """The same message on both, and no rank waits for the other."""
+    ranks = parallel.run(__file__, 2, timeout=600)
+    assert len(ranks) == 2
+    for name, (_, message) in CASES.items():
+        first, second = (rank.get(name, ["not reached", ""]) for rank in ranks)
+        assert first[0] == "SceneError", (name, first)
+        assert message in first[1]
+        assert first == second, name
+
+
+def _script():
+    found = {}
+    for name, (action, _) in CASES.items():
+        print(f"rank {COMM.rank}: {name}", file=sys.stderr, flush=True)
+        try:
+            action()
+            found[name] = ["accepted", ""]
+        except Exception as error:
+            found[name] = [type(error).__name__, str(error)]
+        COMM.barrier()  # a rank that is still in the case would hang here
+    everybody = COMM.gather(found)
+    if COMM.rank == 0:
+        parallel.report(everybody)
+
+
+if __name__ == "__main__":
+    _script()

@@ -1,0 +1,156 @@
+"""Warnings of meshes that give what nobody wanted: cells that lock, parts that only touch.
+
+Run as a script under mpirun, this file reports what each case warns of.
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+
+import numpy as np
+import parallel
+import pytest
+from mpi4py import MPI
+
+import rigidfx as rf
+from rigidfx.domain.connected import connected_parts
+
+COMM = MPI.COMM_WORLD
+SOFT = rf.StVenantKirchhoff(rho=1.0, E=100.0, nu=0.3)
+CUBE = np.array([[i, j, k] for k in (0, 1) for j in (0, 1) for i in (0, 1)], dtype=float)
+
+
+def cubes(*corners):
+    """A mesh of unit cubes, none of which shares a node with another."""
+    if COMM.rank > 0:
+        return rf.from_arrays(np.empty((0, 3)), np.empty((0, 8), dtype=np.int64))
+    points = np.concatenate([CUBE + corner for corner in corners])
+    return rf.from_arrays(points, np.arange(len(points)).reshape(-1, 8))
+
+
+def end(domain, x, name="end"):
+    return domain.with_facets(name, lambda X: np.abs(X[0] - x) < 1e-9)
+
+
+def said(domain, *effects, order=1, mass="lumped"):
+    """What a scene warns of."""
+    with warnings.catch_warnings(record=True) as shown:
+        warnings.simplefilter("always")
+        rf.Scene(domain, SOFT, effects, order=order, mass=mass)
+    return [str(w.message) for w in shown]
+
+
+# (size, cells) of boxes, and what part of their deflection is left, where it is too little
+BOXES = [
+    ((1, 1, 1), (1, 1, 1), None),
+    ((1, 1, 1), (2, 2, 2), None),
+    ((4, 1, 1), (4, 1, 1), None),
+    ((4, 2, 1), (8, 4, 2), None),
+    ((10, 1, 1), (10, 1, 1), 0.67),
+    ((10, 1, 1), (10, 2, 2), 0.65),
+    ((10, 1, 1), (10, 3, 3), 0.65),
+    ((10, 1, 1), (40, 4, 4), None),
+    ((1, 1, 0.001), (10, 10, 1), 2e-4),
+    ((1, 1, 0.001), (10, 10, 2), 8e-4),
+    ((1, 1, 0.05), (10, 10, 1), 0.34),
+]
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+@pytest.mark.parametrize(("size", "cells", "left"), BOXES)
+def test_cells_that_lock_in_bending(size, cells, left, cell):
+    """A 10:1 cantilever of cubes bends by 0.65 of theory, without a word."""
+    found = said(rf.box((0, 0, 0), size, cells, cell))
+    assert len(found) == (0 if left is None else 1)
+    for message in found:
+        assert "first-order cells lock in bending: the part of" in message
+        estimate = float(re.search(r"leaves some (\S+) of its", message)[1])
+        assert estimate < 1.1 * left
+        assert estimate > 0.3 * left
+
+
+def test_second_order_cells_bend():
+    assert not said(rf.box((0, 0, 0), (1, 1, 0.001), (10, 10, 1)), order=2)
+
+
+def test_parts_that_touch_and_share_no_nodes():
+    """The second cube would drift off from the first, which is held."""
+    (message,) = said(end(cubes((0, 0, 0), (1, 0, 0)), 0), rf.Fixed("end"))
+    assert "the part of 1 × 1 × 1 m around (1.5, 0.5, 0.5) m touches" in message
+    assert "around (0.5, 0.5, 0.5) m, but they share no nodes" in message
+
+
+def test_three_parts_of_which_none_is_held():
+    (message,) = said(cubes((0, 0, 0), (1, 0, 0), (2, 0, 0)))
+    assert "In all, 3 parts touch like this." in message
+
+
+def test_parts_that_do_not_fall_apart_are_no_news():
+    """Free bodies apart, parts that are held each, that a spring holds, that a body joins."""
+    apart, close = cubes((0, 0, 0), (2, 0, 0)), cubes((0, 0, 0), (1, 0, 0))
+    assert not said(apart)
+    both = end(end(close, 0, "a"), 2, "b")
+    assert not said(both, rf.Fixed("a"), rf.Fixed("b"))
+    assert not said(both, rf.Fixed("a"), rf.Spring("b", 1.0))
+    assert not said(close, rf.Rigid())
+    assert not said(rf.box((0, 0, 0), (2, 1, 1), (2, 1, 1)))
+
+
+@pytest.mark.parametrize(("away", "warns"), [(1e5, False), (1e8, True), (1e13, True)])
+def test_a_mesh_far_from_the_origin(away, warns):
+    """At 10¹⁵ lengths 2 % of the mass were gone."""
+    found = said(rf.box((away, 0, 0), (away + 1, 1, 1), (2, 2, 2)))
+    assert [("reaches" in m and "Move the mesh to the origin" in m) for m in found] == [
+        True
+    ] * warns
+
+
+def test_describe_names_the_parts(capsys):
+    text = rf.Scene(cubes((0, 0, 0), (2, 0, 0)), SOFT).describe()
+    assert text.count("which shares no node with others") == 2
+    assert (
+        "node with others" not in rf.Scene(rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1)), SOFT).describe()
+    )
+
+
+def test_parts_through_facets_and_through_vertices():
+    """Cubes that share an edge are one part through vertices and two through facets."""
+    points = np.array(
+        [[i, j, k] for k in (0, 1) for j in (0, 1, 2) for i in (0, 1, 2)], dtype=float
+    )
+    if COMM.rank > 0:
+        points = points[:0]
+    cells = np.array([[0, 1, 3, 4, 9, 10, 12, 13], [4, 5, 7, 8, 13, 14, 16, 17]])
+    mesh = rf.from_arrays(points, cells if COMM.rank == 0 else cells[:0]).mesh
+    assert connected_parts(mesh, 0).count == 1
+    assert connected_parts(mesh, 2).count == 2
+
+
+def _script():
+    found = {}
+    for cell in ("hexahedron", "tetrahedron"):
+        for size, cells, _ in BOXES:
+            found[f"{cell} {size} {cells}"] = said(rf.box((0, 0, 0), size, cells, cell))
+    found["touching"] = said(end(cubes((0, 0, 0), (1, 0, 0)), 0), rf.Fixed("end"))
+    found["three"] = said(cubes((0, 0, 0), (1, 0, 0), (2, 0, 0)))
+    found["apart"] = said(cubes((0, 0, 0), (2, 0, 0)))
+    bar = rf.box((0, 0, 0), (10, 1, 1), (10, 1, 1))
+    spin = rf.InitialVelocity(angular=(1.0, 0, 0))
+    body = next(rf.simulate(rf.Scene(bar, SOFT, [rf.Rigid(), spin]), 0.1, 0.1)).bodies[0]
+    found["ratio"] = round(body.inertia_ratio, 10)
+    found["far"] = said(rf.box((1e9, 0, 0), (1e9 + 1, 1, 1), (2, 2, 2)))
+    if COMM.rank == 0:
+        parallel.report(found)
+
+
+@pytest.mark.parallel
+def test_ranks_say_the_same():
+    one, two, three = (parallel.run(__file__, n, timeout=300) for n in (1, 2, 3))
+    assert one["ratio"] == 3.0
+    assert len(one["touching"]) == 1
+    assert one == two == three
+
+
+if __name__ == "__main__":
+    _script()
