@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import importlib
-import re
 from pathlib import Path
 
 import pytest
@@ -102,22 +101,217 @@ def test_what_has_moved_says_where(name):
         importlib.reload(importlib.import_module(f"rigidfx.{name}"))
 
 
+# What of a state can be written into. The displacement goes by other names too: forms read it as
+# u0, effects as the u of a structure.
+STATE = {"t", "u", "v", "bodies", "clamped", "X"}
+OTHER_NAMES = {"u0", "_u0", "structure.u"}
+VIEWS = {"reshape", "view", "ravel", "transpose", "squeeze", "swapaxes", "asarray", "zip", "reversed"}
+WRITERS = {"fill", "sort", "put", "interpolate", "scatter_forward", "scatter_reverse", "update"}
+
+
+def _names_state(node):
+    """Whether an attribute is one of a state, by whatever name."""
+    if not isinstance(node, ast.Attribute):
+        return False
+    owner = ast.unparse(node.value).split(".")[-1]
+    return (
+        (node.attr in STATE and owner.strip("_") == "state")
+        or node.attr in OTHER_NAMES
+        or f"{owner.strip('_')}.{node.attr}" in OTHER_NAMES
+    )
+
+
+def _views(node, aliases):
+    """Whether the value of an expression may share memory with a state."""
+    if isinstance(node, ast.Name):
+        return node.id in aliases
+    if isinstance(node, ast.Attribute):
+        return _names_state(node) or _views(node.value, aliases)
+    if isinstance(node, (ast.Subscript, ast.Starred)):
+        return _views(node.value, aliases)
+    if isinstance(node, (ast.Tuple, ast.List)):
+        return any(_views(item, aliases) for item in node.elts)
+    if isinstance(node, (ast.GeneratorExp, ast.ListComp)):
+        inner = set(aliases)
+        for loop in node.generators:
+            if _views(loop.iter, inner):
+                inner |= _bound(loop.target)
+        return _views(node.elt, inner)
+    if isinstance(node, ast.Call):
+        function = node.func
+        called = getattr(function, "attr", getattr(function, "id", ""))
+        inner = [function.value] if isinstance(function, ast.Attribute) else []
+        return called in VIEWS and any(_views(item, aliases) for item in [*inner, *node.args])
+    return False
+
+
+def _bound(target):
+    """Names that an assignment binds."""
+    return {n.id for n in ast.walk(target) if isinstance(n, ast.Name)} - {"_"}
+
+
+def _pairs(node):
+    """Pairs of targets and values of a statement that binds names; values may be None."""
+    if isinstance(node, ast.Assign):
+        for target in node.targets:
+            both = isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple)
+            if both and len(target.elts) == len(node.value.elts):
+                yield from zip(target.elts, node.value.elts, strict=True)
+            else:
+                yield target, node.value
+    elif isinstance(node, (ast.AnnAssign, ast.AugAssign, ast.NamedExpr)):
+        yield node.target, node.value
+    elif isinstance(node, (ast.For, ast.comprehension)):
+        together = isinstance(node.iter, ast.Call) and ast.unparse(node.iter.func) == "zip"
+        if together and isinstance(node.target, ast.Tuple):
+            yield from zip(node.target.elts, node.iter.args, strict=False)
+        else:
+            yield node.target, node.iter
+    elif isinstance(node, ast.withitem) and node.optional_vars is not None:
+        yield node.optional_vars, node.context_expr
+
+
+def _scopes(tree):
+    """Statements and expressions of a module outside functions, and of each function."""
+    functions = [n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef)]
+    inside = {id(n) for function in functions for n in ast.walk(function)}
+    yield [n for n in ast.walk(tree) if id(n) not in inside]
+    for function in functions:
+        yield list(ast.walk(function))
+
+
+def writes_to_state(source):
+    """Lines in which a module writes to a state, or into memory that is one's, and what they say.
+
+    Names that share memory with a state are followed through assignments, loops and views.
+    """
+    found = []
+    for scope in _scopes(ast.parse(source)):
+        aliases, size = set(), -1
+        while len(aliases) != size:  # an alias of an alias may come before it, in a loop
+            size = len(aliases)
+            for node in scope:
+                for target, value in _pairs(node):
+                    if not isinstance(node, ast.AugAssign) and value and _views(value, aliases):
+                        if isinstance(target, (ast.Name, ast.Tuple)):
+                            aliases |= _bound(target)
+        for node in scope:
+            written = [t for t, _ in _pairs(node) if isinstance(t, (ast.Attribute, ast.Subscript))]
+            if isinstance(node, ast.AugAssign):
+                written = [node.target]
+            elif isinstance(node, ast.Delete):
+                written = node.targets
+            elif isinstance(node, ast.Call):
+                called = getattr(node.func, "attr", "")
+                written = [k.value for k in node.keywords if k.arg == "out"]
+                written += [node.func.value] if called in WRITERS else []
+                written += node.args[:1] if called in ("at", "copyto", "assemble_vector") else []
+            for target in written:
+                # an attribute of whatever object that is called u0 is bound, not written into
+                own = isinstance(target, ast.Attribute) and target.attr in OTHER_NAMES
+                if _views(target, aliases) and not own:
+                    found.append((node.lineno, ast.unparse(target)))
+    return sorted(set(found))
+
+
 @pytest.mark.parametrize("path", FILES, ids=_name)
 def test_one_place_writes_the_state(path):
     """No module but state.py assigns to an attribute of a state, or into its arrays."""
     if path.stem == "state":
         return
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Assign):
-            targets = node.targets
-        elif isinstance(node, ast.AugAssign):
-            targets = [node.target]
+    for line, written in writes_to_state(path.read_text(encoding="utf-8")):
+        raise AssertionError(f"{path}:{line} writes {written}")
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "state.t = 1.0",
+        "self.state.u.x.array[dofs] += d",
+        "self._state.bodies = bodies",
+        "run.stepper.state.v.x.array[:] = 0",
+        "u = state.u.x.array.reshape(-1, 3)\nu[nodes] = 0",
+        "u, v = (f.x.array[:n].reshape(-1, 3) for f in (state.u, state.v))\nv += 1",
+        "for f in (state.u, state.v):\n    f.x.array[:] = 0",
+        "for a, b in zip(arrays, [state.v.x.array], strict=True):\n    b[:] = a",
+        "both = forces.u0.x.array, forces.u1.x.array\nfor array in both:\n    array[:] = 0",
+        "def f(structure):\n    u = structure.u\n    u[0] = 1",
+        "class A:\n    def f(self):\n        self._u0[:] = 0",
+        "np.add(a, b, out=state.v.x.array)",
+        "np.add.at(state.v.x.array, dofs, 1.0)",
+        "state.u.x.array.fill(0)",
+        "state.u.interpolate(f)",
+        "del state.clamped[1]",
+        "if (v := state.v.x.array).any():\n    v[:] = 0",
+    ],
+)
+def test_a_write_to_the_state_is_seen(source):
+    """By whatever name it goes."""
+    assert writes_to_state(source)
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "v = state.v.x.array.copy()\nv[:] = 0",
+        "x = state.X + state.u.x.array\nx[0] = 1",
+        "state = stepper.state\nu = state.u",
+        "self.u0, self.u1 = u0, fem.Function(space)",
+        "dv.array[:] = state.v.x.array[dofs]",
+    ],
+)
+def test_a_look_at_the_state_is_allowed(source):
+    assert not writes_to_state(source)
+
+
+# Tests and demos use what is public ------------------------------------------------------------
+
+ROOT = Path(__file__).resolve().parent.parent
+USERS = sorted(path for folder in ("tests", "demos") for path in (ROOT / folder).rglob("*.py"))
+OF_OTHERS = {"_cpp_object"}  # DOLFINx has no other name for it
+
+
+def private(source):
+    """Lines that use an attribute or a name of somebody else's that begins with an underscore."""
+    found = []
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Attribute):
+            own = isinstance(node.value, ast.Name) and node.value.id in ("self", "cls")
+            own |= ast.unparse(node.value) == "super()"
+            names = [] if own else [node.attr]
+        elif isinstance(node, ast.ImportFrom):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.Call) and getattr(node.func, "id", node.func) in (
+            "getattr",
+            "setattr",
+            "hasattr",
+        ):
+            names = [a.value for a in node.args[1:2] if isinstance(a, ast.Constant)]
         else:
             continue
-        for target in targets:
-            written = ast.unparse(target)
-            place = re.match(r"(?:\w+\.)*state\.", written)
-            assert not place, f"{path}:{node.lineno} writes {written}"
+        hidden = [n for n in names if n.startswith("_") and not n.startswith("__")]
+        found += [(node.lineno, name) for name in hidden if name not in OF_OTHERS]
+    return found
+
+
+@pytest.mark.parametrize("path", USERS, ids=lambda path: str(path.relative_to(ROOT)))
+def test_users_use_what_is_public(path):
+    """No test and no demo pokes at what begins with an underscore."""
+    assert private(path.read_text(encoding="utf-8")) == []
+
+
+@pytest.mark.parametrize(
+    ("source", "names"),
+    [
+        ("run._state.u", ["_state"]),
+        ("self.run._state", ["_state"]),
+        ("from rigidfx.output import _lines", ["_lines"]),
+        ("getattr(run, '_state')", ["_state"]),
+        ("self._own, cls._all, super()._print, mesh._cpp_object, a.__class__, _local", []),
+    ],
+)
+def test_a_poke_is_seen(source, names):
+    assert [name for _, name in private(source)] == names
 
 
 def _isort_key(name):
