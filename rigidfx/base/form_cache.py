@@ -21,9 +21,11 @@ import ufl
 from dolfinx import fem, jit
 from mpi4py import MPI
 
-__all__ = ["compile_form"]
+__all__ = ["PATIENCE", "compile_form", "wait_or_clear"]
 
 LOCK = "rigidfx.lock"  # beside the compiled forms
+# Options for small forms, which are compiled within seconds: 10 s are few on a busy machine.
+PATIENCE = {"timeout": 60}
 
 
 def compile_form(comm: MPI.Intracomm, form: ufl.Form, options: dict[str, Any]) -> Any:
