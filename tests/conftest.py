@@ -32,7 +32,10 @@ sys.path += [str(ROOT), str(ROOT / "meshes"), str(ROOT / "demos")]
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # DOLFINx warns about packages it could use and does not find
-    import dolfinx  # noqa: F401
+    import dolfinx.jit
+
+# Another process may be compiling a form that is needed here, on a busy machine.
+dolfinx.jit.DOLFINX_DEFAULT_JIT_OPTIONS["timeout"] = (120, "")
 
 # A run compiles forms and integrates in time: neither deadlines nor a database of failures make
 # sense, and every machine is to try the same examples.

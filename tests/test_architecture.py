@@ -105,7 +105,17 @@ def test_what_has_moved_says_where(name):
 # u0, effects as the u of a structure.
 STATE = {"t", "u", "v", "bodies", "clamped", "X"}
 OTHER_NAMES = {"u0", "_u0", "structure.u"}
-VIEWS = {"reshape", "view", "ravel", "transpose", "squeeze", "swapaxes", "asarray", "zip", "reversed"}
+VIEWS = {
+    "reshape",
+    "view",
+    "ravel",
+    "transpose",
+    "squeeze",
+    "swapaxes",
+    "asarray",
+    "zip",
+    "reversed",
+}
 WRITERS = {"fill", "sort", "put", "interpolate", "scatter_forward", "scatter_reverse", "update"}
 
 

@@ -10,7 +10,8 @@ import ufl
 from mpi4py import MPI
 
 import rigidfx as rf
-from rigidfx.flexible import cache_log, kernels
+from rigidfx.base import cache_log
+from rigidfx.flexible import kernels
 from rigidfx.flexible.kernels import Kernel
 
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="one cache, one process")

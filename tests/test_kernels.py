@@ -15,7 +15,7 @@ from dolfinx import fem
 from mpi4py import MPI
 
 import rigidfx as rf
-from rigidfx.flexible.form_cache import LOCK, wait_or_clear
+from rigidfx.base.form_cache import LOCK, wait_or_clear
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.kernels import FLAGS, Kernel, jit_options
 

@@ -25,7 +25,7 @@ import ufl
 from dolfinx import fem
 from ufl.algorithms import expand_derivatives
 
-from rigidfx.flexible.form_cache import compile_form
+from rigidfx.base.form_cache import compile_form
 
 __all__ = ["FLAGS", "Kernel", "jit_options"]
 

@@ -20,6 +20,7 @@ from mpi4py import MPI
 from rigidfx import effects as fx
 from rigidfx.base import compat
 from rigidfx.base.errors import SceneError
+from rigidfx.base.form_cache import PATIENCE
 from rigidfx.base.same_input import check_same
 from rigidfx.domain.domain import Domain
 from rigidfx.mechanics.element import Element, StandardElement
@@ -240,7 +241,8 @@ class Scene:
     def nodal_weights(self, density: Any, measure: ufl.Measure) -> Array:
         """∫ density Nᵢ over a measure, per local node with ghosts, shape (nodes,). Collective."""
         test = ufl.TestFunction(self.space)
-        form = fem.form(density * ufl.dot(ufl.as_vector((1.0, 0.0, 0.0)), test) * measure)
+        integrand = density * ufl.dot(ufl.as_vector((1.0, 0.0, 0.0)), test)
+        form = fem.form(integrand * measure, jit_options=PATIENCE)
         out = fem.Function(self.space)
         fem.assemble_vector(out.x.array, form)
         out.x.scatter_reverse(la.InsertMode.add)

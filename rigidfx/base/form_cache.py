@@ -21,12 +21,14 @@ import ufl
 from dolfinx import fem, jit
 from mpi4py import MPI
 
+from rigidfx.base.cache_log import listening
 from rigidfx.base.errors import OutputError, agree
-from rigidfx.flexible.cache_log import listening
 
-__all__ = ["compile_form"]
+__all__ = ["PATIENCE", "compile_form", "wait_or_clear"]
 
 LOCK = "rigidfx.lock"  # beside the compiled forms
+# Options for small forms, which are compiled within seconds: 10 s are few on a busy machine.
+PATIENCE = {"timeout": 60}
 
 
 def compile_form(comm: MPI.Intracomm, form: ufl.Form, options: dict[str, Any]) -> Any:
