@@ -202,9 +202,10 @@ def writes_to_state(source):
             size = len(aliases)
             for node in scope:
                 for target, value in _pairs(node):
-                    if not isinstance(node, ast.AugAssign) and value and _views(value, aliases):
-                        if isinstance(target, (ast.Name, ast.Tuple)):
-                            aliases |= _bound(target)
+                    binds = isinstance(target, (ast.Name, ast.Tuple))
+                    binds &= not isinstance(node, ast.AugAssign)
+                    if binds and value and _views(value, aliases):
+                        aliases |= _bound(target)
         for node in scope:
             written = [t for t, _ in _pairs(node) if isinstance(t, (ast.Attribute, ast.Subscript))]
             if isinstance(node, ast.AugAssign):

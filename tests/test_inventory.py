@@ -38,15 +38,18 @@ POINTS = {
 }
 
 
+def near(points):
+    """Marker of vertices at some of the points."""
+    return lambda x: (np.abs(x.T[:, None] - np.array(points)) < 1e-9).all(axis=-1).any(axis=-1)
+
+
 @functools.cache
 def domain():
     out = rf.box((0, 0, 0), (6, 2, 1), (6, 2, 1))
     for name, (a, b) in PARTS.items():
         out = out.with_cells(name, lambda x, a=a, b=b: (x[0] > a - 1e-9) & (x[0] < b + 1e-9))
     for name, points in POINTS.items():
-        out = out.with_vertices(
-            name, lambda x, p=np.array(points): (np.abs(x.T[:, None] - p) < 1e-9).all(-1).any(-1)
-        )
+        out = out.with_vertices(name, near(points))
     return out
 
 

@@ -242,6 +242,7 @@ def test_bodies_apart_are_not_decided_on(given):
             assert records["tip"] is body
             assert records["left"].size == cells
             assert {change.name for change in event.changes} == {"left"}
+            assert np.isnan(run.policy.memory.back_off.rigid_since[body.cells]).all()
 
 
 # What is remembered ----------------------------------------------------------------------------

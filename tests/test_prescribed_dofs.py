@@ -1,4 +1,4 @@
-"""Dofs that supports hold: which, how they move, what bears them, and what happens where they begin.
+"""Dofs that supports hold: which, how they move, their reactions, and impacts where they begin.
 
 Run as a script under mpirun, this file reports what the ranks find.
 """
@@ -28,6 +28,11 @@ EPS = float(np.finfo(float).eps)
 SOLVED = 1e-13  # relative, by conjugate gradients to rounding
 
 
+def near(points):
+    """Marker of vertices at some of the points."""
+    return lambda x: (np.abs(x.T[:, None] - np.array(points)) < 1e-9).all(axis=-1).any(axis=-1)
+
+
 @functools.cache
 def domain():
     """A bar of 4 x 2 x 1 unit cells with names for some points and cells."""
@@ -39,9 +44,7 @@ def domain():
         "three points": [(0, 0, 0), (4, 0, 0), (0, 2, 0)],
     }
     for name, points in places.items():
-        out = out.with_vertices(
-            name, lambda x, p=np.array(points): (np.abs(x.T[:, None] - p) < 1e-9).all(-1).any(-1)
-        )
+        out = out.with_vertices(name, near(points))
     return out
 
 
@@ -360,6 +363,10 @@ HOLD = {
     ),
     "a spring that leaves a turn": (
         [rf.Fixed("three points", "z"), rf.Spring("one point", normal((1, 0, 0), (0, 1, 0)))],
+        False,
+    ),
+    "a spring that leaves a way": (
+        [rf.Fixed("three points", "z"), rf.Spring("two points", normal((0, 1, 0)))],
         False,
     ),
     "a moving face": ([rf.PrescribedMotion("x0", displacement=path)], True),
