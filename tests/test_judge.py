@@ -11,7 +11,7 @@ from rigidfx.base.errors import InversionError, StepError
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.inversion import Inversion
 from rigidfx.step.equations import Solution
-from rigidfx.step.judge import REMEDY, Attempt, Judge
+from rigidfx.step.judge import INVERTED, Attempt, Judge, remedy
 
 MATERIAL = rf.StVenantKirchhoff(rho=2.0, E=50.0, nu=0.3)
 PLACE = np.array([1.0, 2.5, -3.0])
@@ -39,7 +39,7 @@ class Look:
     """Looks for inverted cells in two unit cells, and counts how often it is asked."""
 
     def __init__(self, gradients):
-        scene = rf.Scene(rf.box((0, 0, 0), (2, 1, 1), (2, 1, 1)), MATERIAL)
+        scene = self.scene = rf.Scene(rf.box((0, 0, 0), (2, 1, 1), (2, 1, 1)), MATERIAL)
         forces = InternalForces(scene, fem.Function(scene.space))
         self.inversion = Inversion(scene, forces)
         self.inversion.bind(forces.cells())
@@ -48,6 +48,10 @@ class Look:
         x = np.einsum("nij,nj->ni", F, X - [1, 0, 0])
         forces.u1.x.array[:] = (x - X).reshape(-1)
         self.times = 0
+
+    @property
+    def judge(self):
+        return Judge(self.scene, self)
 
     def find(self):
         self.times += 1
@@ -58,20 +62,21 @@ class Look:
 def test_what_turns_cells_inside_out_is_objected_to(end):
     """Any rotation and any stretch below 10⁶ may become the state."""
     F, possible = ENDS[end]
-    objection = Judge(Look([F, F])).objection(attempt(converged=True))
+    objection = Look([F, F]).judge.objection(attempt(converged=True))
     assert possible == (objection is None)
     assert possible or isinstance(objection, InversionError)
 
 
 def test_objection_names_time_and_cell():
     look = Look([np.eye(3), ENDS["mirror image"][0]])
-    text = str(Judge(look).objection(attempt(converged=True)))
+    text = str(look.judge.objection(attempt(converged=True)))
     found = look.inversion.find()
     assert found.count == 1
     assert found.place == pytest.approx([1.5, 0.5, 0.5])
     assert text == (
         "The step from t = 0.25 s turns cells inside out, even with Δt = 0.125 s: "
-        f"cell {found.number} of the mesh around X = (1.5, 0.5, 0.5) m{REMEDY}"
+        f"cell {found.number} of the mesh around X = (1.5, 0.5, 0.5) m{INVERTED} "
+        f"{remedy(look.scene)}"
     )
 
 
@@ -79,7 +84,7 @@ def test_objection_names_time_and_cell():
 def test_what_has_not_converged_is_no_solution(end):
     """It is objected to first: whether an iterate turns cells inside out says nothing."""
     look = Look([ENDS[end][0]] * 2)
-    objection = Judge(look).objection(attempt(converged=False, place=PLACE))
+    objection = look.judge.objection(attempt(converged=False, place=PLACE))
     assert type(objection) is StepError
     assert look.times == 0
     for part in (
@@ -94,7 +99,7 @@ def test_what_has_not_converged_is_no_solution(end):
 
 def test_residuals_that_are_not_finite():
     """There is neither a list of them nor a place."""
-    judge = Judge(Look([np.eye(3)] * 2))
+    judge = Look([np.eye(3)] * 2).judge
     text = str(judge.objection(attempt(converged=False, residuals=())))
     assert "not finite N" in text
     assert "X = (nan, nan, nan) m" in text
@@ -103,7 +108,7 @@ def test_residuals_that_are_not_finite():
 def test_judge_remembers_nothing():
     """An attempt is judged by itself, whatever was objected to before."""
     look = Look([ENDS["rest"][0]] * 2)
-    judge = Judge(look)
+    judge = look.judge
     good, bad = attempt(converged=True), attempt(converged=False)
     assert judge.objection(bad) is not None
     assert judge.objection(good) is None
