@@ -362,12 +362,12 @@ def test_error_while_a_mesh_is_dropped(what):
 def test_meshes_go_when_nothing_is_left_of_them():
     gc.collect()
     _box()
-    before = len(mesh_life._kept)
+    before = mesh_life.kept()
     for _ in range(3):
         _run(rf.Gravity())
     gc.collect()
     _box()
-    assert len(mesh_life._kept) == before
+    assert mesh_life.kept() == before
 
 
 def _script():

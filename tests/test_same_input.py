@@ -13,7 +13,7 @@ import pytest
 from mpi4py import MPI
 
 import rigidfx as rf
-from rigidfx.base.same_input import _digest
+from rigidfx.base.same_input import digest
 
 COMM = MPI.COMM_WORLD
 RANK = COMM.rank
@@ -86,8 +86,8 @@ def test_what_differs_between_ranks_is_named():
     ],
 )
 def test_differences_of_plain_data_are_seen(one, other):
-    assert _digest(one) == _digest(one)
-    assert _digest(one) != _digest(other)
+    assert digest(one) == digest(one)
+    assert digest(one) != digest(other)
 
 
 def _script():

@@ -16,7 +16,7 @@ from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError
 
-__all__ = ["check_same"]
+__all__ = ["check_same", "digest"]
 
 SHOWN = 120  # characters of what a rank was given
 
@@ -37,7 +37,7 @@ def check_same(comm: MPI.Intracomm, owner: str, given: Mapping[str, Any]) -> Non
     if comm.size == 1:
         return
     items = dict(_items(given))
-    digests = comm.allgather({name: _digest(value) for name, value in items.items()})
+    digests = comm.allgather({name: digest(value) for name, value in items.items()})
     for rank, other in enumerate(digests):
         names = [*digests[0], *(name for name in other if name not in digests[0])]
         for name in names:
@@ -58,7 +58,8 @@ def _items(given: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
             yield name, value
 
 
-def _digest(value: Any) -> bytes:
+def digest(value: Any) -> bytes:
+    """A hash of what can be compared of a value: numbers, names, times of kinks of functions."""
     return hashlib.sha256(repr(_plain(value)).encode()).digest()
 
 

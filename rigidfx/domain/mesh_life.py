@@ -16,7 +16,7 @@ import atexit
 import sys
 from typing import Any
 
-__all__ = ["keep", "let_go"]
+__all__ = ["keep", "kept", "let_go"]
 
 _kept: list[Any] = []
 
@@ -36,8 +36,13 @@ def keep(mesh: Any) -> None:
     """
     let_go()
     # The object of C++, which function spaces and forms refer to as well.
-    if not any(mesh._cpp_object is kept for kept in _kept):
+    if not any(mesh._cpp_object is other for other in _kept):
         _kept.append(mesh._cpp_object)
+
+
+def kept() -> int:
+    """Number of meshes that are kept."""
+    return len(_kept)
 
 
 def let_go() -> None:

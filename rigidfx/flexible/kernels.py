@@ -88,6 +88,11 @@ class Kernel:
         self._constants = {c: c for c in form.constants()}
 
     @property
+    def library(self) -> Path:
+        """The file that the compiler has made of it."""
+        return Path(self._compiled.module.__file__)
+
+    @property
     def ids(self) -> set[int]:
         """Subdomain ids of its cell integrals."""
         parts = (i for i in self.form.integrals() if i.integral_type() == "cell")
