@@ -101,14 +101,14 @@ def _together(domain: rf.Domain, name: str, parts: list[str]) -> rf.Domain:
 def smallest_bodies(short: bool) -> Iterator[AnyRun]:
     """H, L and J to Newton's tolerance. What would be two bodies with a hinge is none at all."""
     t_end = 5.0 if short else 50.0
-    one = rf.StrainRate(0.0, 0.5, tolerances={"cell": ANY}, release=release_at(2.0))
+    one = rf.StrainRate(0.0, 0.5, tolerances={"cell": ANY}, release=release_at(2.0), min_cells=1)
 
     def is_found(history: History) -> str:
         return "" if max(history.cells) == 1 else f"{max(history.cells)} rigid cells"
 
     yield Run("one cell, adaptive", _bar(), 0.1, t_end, one, check=is_found)
     yield Run("one cell, named", _bar(SPIN, rf.Rigid("cell")), 0.1, t_end)
-    hinged = rf.StrainRate(0.0, 0.5, tolerances={"first": ANY, "second": ANY})
+    hinged = rf.StrainRate(0.0, 0.5, tolerances={"first": ANY, "second": ANY}, min_cells=1)
 
     def is_refused(history: History) -> str:
         return "" if max(history.cells) == 0 else f"{max(history.cells)} rigid cells"
@@ -161,7 +161,7 @@ def checkerboard(short: bool) -> Iterator[AnyRun]:
     def none_forms(history: History) -> str:
         return "" if max(history.cells) == 0 else f"{max(history.bodies)} bodies"
 
-    criterion = rf.StrainRate(0.0, 0.5, tolerances={"black": ANY})
+    criterion = rf.StrainRate(0.0, 0.5, tolerances={"black": ANY}, min_cells=1)
     yield Run(
         "adaptive", scene, 0.1, 3.0 if short else 30.0, criterion, check=none_forms, freezes=False
     )
