@@ -277,7 +277,7 @@ CASES = {
         "failed with KeyError",
     ),
     "marker that fails on one rank": (
-        lambda: _box().with_cells("some", _fails_on_one_rank(None)),
+        lambda: _box().with_cells("some", lambda x: _fails_on_one_rank(x[0] < 2)(x)),
         SceneError,
         "The marker of 'some' failed",
     ),

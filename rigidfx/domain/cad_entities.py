@@ -1,4 +1,4 @@
-"""What is in a CAD file: its volumes and surfaces, and a table of them."""
+"""The contents of a CAD file: its volumes and surfaces, and a table of them."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class CadEntity:
         return bool(inside.all())
 
     def __str__(self) -> str:
-        """Everything that tells it from others, in a line."""
+        """One line with all that tells it from others."""
         extent = self.upper - self.lower
         flat = extent < 1e-6 * extent.max()
         box = " × ".join(f"{x:.4g}" for x in np.where(flat, 0.0, extent))
@@ -82,7 +82,7 @@ def _triple(x: Array) -> str:
 
 @dataclass(frozen=True)
 class Cad:
-    """What is in a CAD file; printed, it is a table.
+    """The contents of a CAD file; printed, a table.
 
     Attributes:
         volumes: The volumes by increasing number.

@@ -69,7 +69,7 @@ def _groups(model: Any, header: Header) -> list[tuple[int, str, int]]:
 
 
 def take_groups(model: Any, source: str, header: Header) -> Names:
-    """Give gmsh's model one group per entity; what its names stand for.
+    """Give gmsh's model one group per entity; find the entities of each name.
 
     Args:
         model: gmsh's model, meshed.

@@ -20,7 +20,7 @@ from rigidfx.domain.gmsh_groups import Header, Names, names_in_header, take_grou
 
 __all__ = ["domain_of", "find_file", "from_gmsh", "gmsh_session", "read_msh"]
 
-# What is not a mesh yet, and the function that reads it.
+# Suffixes of geometry without a mesh, and the function that reads it.
 GEOMETRY = {".geo": "read_geo", ".geo_unrolled": "read_geo"} | dict.fromkeys(
     (".step", ".stp", ".brep", ".iges", ".igs"), "read_cad"
 )

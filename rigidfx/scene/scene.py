@@ -300,10 +300,6 @@ class Scene:
                 f"  {line}, which shares no node with others"
                 for line in parts_in_words(self.domain)
             ),
-            *(
-                f"  {line}, which shares no node with others"
-                for line in parts_in_words(self.domain)
-            ),
             "Materials",
             *(
                 f"  {in_words(material)}; {int(self.sum(own.size))} cells"
