@@ -91,8 +91,14 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     items.sort(key=lambda item: min((order.get(m.name, 9) for m in item.iter_markers()), default=9))
 
 
+@hypothesis.given(hypothesis.strategies.none())
+def _hypothesis_begins(_: None) -> None:
+    """Run hypothesis once."""
+
+
 def pytest_collection_finish() -> None:
     """Spare the collections after each test what imports have made: 0.1 s of each."""
+    _hypothesis_begins()  # it looks for who holds its random numbers, and would see nobody then
     gc.collect()
     gc.freeze()
 
