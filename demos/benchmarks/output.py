@@ -20,6 +20,7 @@ from bench import DT, MATERIAL, PUSH, Parser, bar, cells_of_bar, conclude, timed
 import rigidfx
 
 WARM = 3  # reports before the timing: the initial state and two steps
+WRITES = 6  # of each kind of record
 
 
 def scene(unknowns: int, *rigid: rigidfx.Rigid) -> rigidfx.Scene:
@@ -31,8 +32,13 @@ def scene(unknowns: int, *rigid: rigidfx.Rigid) -> rigidfx.Scene:
 
 def measure(problem: rigidfx.Scene, steps: int, folder: Path) -> dict[str, object]:
     """Steps of a run with a recorder and of one without, in turn."""
-    end = DT * (steps + 2)
-    rows = []
+    kinds = {
+        "row": {"every": 10**9},
+        "fields": {"every": 1, "stress": False},
+        "fields_and_stress": {"every": 1},
+    }
+    end = DT * (steps + 2 + WRITES * len(kinds))
+    rows, parts = [], {}
     with (
         rigidfx.Recorder(problem, folder / "default") as recorder,
         closing(rigidfx.simulate(problem, DT, end, progress=False)) as plain,
@@ -43,22 +49,19 @@ def measure(problem: rigidfx.Scene, steps: int, folder: Path) -> dict[str, objec
             step, report = timed(partial(next, recorded))
             write, _ = timed(partial(recorder.write, report))
             rows.append((alone, step, write))
+        for name, options in kinds.items():
+            with rigidfx.Recorder(problem, folder / name, **options) as other:
+                reports = (next(recorded) for _ in range(WRITES))
+                times = [timed(partial(other.write, report))[0] for report in reports]
+                parts[name] = float(np.median(times[1:]))
+        unknowns = next(plain).unknowns
     alone, step, write = np.array(rows[WARM:]).T  # s
-    parts = {}
-    for name, options in {
-        "row": {"every": 10**9},
-        "fields": {"every": 1, "stress": False},
-        "fields_and_stress": {"every": 1},
-    }.items():
-        with rigidfx.Recorder(problem, folder / name, **options) as other:
-            times = [timed(partial(other.write, report))[0] for _ in range(6)]
-            parts[name] = float(np.median(times[1:]))
     return {
         "share_of_run": float(write.sum() / (write.sum() + step.sum())),
         "recorded_to_plain_step": float(np.median(step / alone)),
         "seconds_per_step": float(np.median(step)),
         "seconds_to_write": parts,
-        "unknowns": report.unknowns,
+        "unknowns": unknowns,
     }
 
 
