@@ -4,7 +4,8 @@
 
 A change of a load or of a support releases all bodies, and a new window begins. Changes of Δt, of
 numerical damping or of the output release nothing. A policy decides and changes nothing but its own
-memory, and that only when told what has come of a step or of a decision.
+memory, and that only when told what has come of a step or of a decision (but for the warnings that
+it has given, and spectra that it need not take twice).
 """
 
 from __future__ import annotations
