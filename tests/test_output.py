@@ -540,6 +540,7 @@ if __name__ == "__main__":
         elif sys.argv[2:] == ["switches"]:
             with warnings.catch_warnings():
                 warnings.simplefilter("error")
+                warnings.filterwarnings("ignore", "Body|Scene: first-order")  # coarse cells
                 record_switches(sys.argv[1])
         else:
             record(sys.argv[1], *sys.argv[2:3], *map(int, sys.argv[3:]))

@@ -27,7 +27,7 @@ def run(folder, rigid=False, stress=True, order=1):
     bar = rf.box((0, 0, 0), (3, 1, 1), (3, 1, 1))
     bar = bar.with_cells("soft", lambda x: x[0] > 1 - 1e-9)
     scene = rf.Scene(bar, MATERIAL, [rf.InitialVelocity(angular=(0.2, 1.0, 0.1))], order=order)
-    criterion = rf.StrainRate(1e9, 0.2, never="soft") if rigid else None
+    criterion = rf.StrainRate(1e9, 0.2, never="soft", min_cells=1) if rigid else None
     shapes = Shapes(scene, [0.1, 0.5], colour="von_mises")
     with rf.Recorder(scene, folder, every=1, stress=stress) as recorder:
         for report in rf.simulate(scene, 0.1, 0.5, rigidify=criterion, progress=False):

@@ -151,7 +151,9 @@ def test_no_step_ends_in_a_grown_residual(monkeypatch):
     assert not [(level, before, last) for level, before, last in ended if last > max(level, before)]
     assert sum(r.cuts for r in reports) == 0
     assert max(r.iterations for r in reports) <= 6
-    assert H <= 1e-8  # 60 steps; forces of rounding, ε E₁, that move with the soft half
+    # Forces of rounding, ε E₁, move with the soft half: the processor's last bits decide between
+    # 1e-8 and 4e-7 in these 60 steps. It was 3e-5 where grown residuals were accepted.
+    assert H <= 2e-6
 
 
 @pytest.mark.parametrize("dt", [1e-2, 1e-4, 1e-6])
