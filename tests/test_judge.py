@@ -10,8 +10,8 @@ import rigidfx as rf
 from rigidfx.base.errors import InversionError, StepError
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.inversion import Inversion
-from rigidfx.step.equations import Solution
 from rigidfx.step.judge import INVERTED, Attempt, Judge, remedy
+from rigidfx.step.newton import Solution
 
 MATERIAL = rf.StVenantKirchhoff(rho=2.0, E=50.0, nu=0.3)
 PLACE = np.array([1.0, 2.5, -3.0])

@@ -14,6 +14,7 @@ from rigidfx.state import State
 from rigidfx.step.actions import Actions
 from rigidfx.step.equations import Equilibrium
 from rigidfx.step.first_guess import Guess
+from rigidfx.step.newton import Newton
 from rigidfx.step.rigid_motion import free_to_move
 from rigidfx.step.structure import BoundStructure
 from rigidfx.step.supports import PrescribedDofs
@@ -62,6 +63,7 @@ def apply_preload(
             Prolongation(layout, scene.comm),
             actions,
         )
+        newton = Newton(statics)
         actions.set_time(0.0, 1.0)
         full = actions.external.copy()
         if full.norm() == 0.0:
@@ -74,7 +76,8 @@ def apply_preload(
             full.copy(actions.external)
             actions.external.scale(k / preload.increments)
             nothing = np.zeros(statics.prolongation.prescribed.size)
-            solution = statics.solve(1.0, None, nothing, (rest,), state.bodies)
+            statics.begin(1.0, None, nothing, state.bodies)
+            solution = newton.solve((rest,))
             if not solution.converged:
                 raise StepError(
                     f"Preload: increment {k} of {preload.increments} did not converge "
@@ -82,7 +85,7 @@ def apply_preload(
                     "Use more increments or smaller loads."
                 )
             state.place(forces.u1.x.array)
-        for item in (statics, actions, full):
+        for item in (newton, statics, actions, full):
             item.destroy()
 
 

@@ -17,8 +17,8 @@ from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.division import Division
 from rigidfx.step.energies import Measures
-from rigidfx.step.equations import Solution
 from rigidfx.step.judge import Attempt, Judge
+from rigidfx.step.newton import Solution
 from rigidfx.step.supports import Impact, PrescribedDofs, impose_velocity, supports_of
 from rigidfx.step.system import System
 
@@ -139,7 +139,7 @@ class Stepper:
     @property
     def strain_error(self) -> float:
         """Strain that the end of Newton's iteration may leave in a cell. Collective."""
-        return self.system.equilibrium.strain_error
+        return self.system.newton.strain_error
 
     def measure(self) -> Measures:
         """Energies and momenta of the current state. Collective."""

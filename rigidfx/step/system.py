@@ -22,8 +22,9 @@ from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.actions import Actions
 from rigidfx.step.energies import Energies
-from rigidfx.step.equations import Equilibrium, Solution
+from rigidfx.step.equations import Equilibrium
 from rigidfx.step.first_guess import predict
+from rigidfx.step.newton import Newton, Solution
 from rigidfx.step.structure import BoundStructure
 from rigidfx.step.supports import PrescribedDofs
 
@@ -61,7 +62,8 @@ class System:
         structure: The division as effects see it.
         actions: What effects do to nodes and bodies.
         energies: Measures states.
-        equilibrium: Solves the equations of a step.
+        equilibrium: The equations of a step.
+        newton: Solves them.
     """
 
     def __init__(
@@ -114,6 +116,7 @@ class System:
             Prolongation(layout, scene.comm),
             self.actions,
         )
+        self.newton = Newton(self.equilibrium)
         self._v0 = rows.vector()
 
     def follow(self, acting: Sequence[Windowed]) -> bool:
@@ -134,13 +137,9 @@ class System:
         self._forces.set_time(middle, dt)
         self.actions.set_time(middle, dt)
         self._v0.array[:] = state.v.x.array[self.layout.rows.dofs]
-        return self.equilibrium.solve(
-            dt,
-            self._v0,
-            self._prescribed.increments(state.t, state.t + dt),
-            predict(self._scene, state, self.layout, state.bodies, dt),
-            state.bodies,
-        )
+        imposed = self._prescribed.increments(state.t, state.t + dt)
+        self.equilibrium.begin(dt, self._v0, imposed, state.bodies)
+        return self.newton.solve(predict(self._scene, state, self.layout, state.bodies, dt))
 
     def accept(self, state: State, dt: float, t: float) -> Work:
         """Take the found increment over into the state, which then is at time t. Collective."""
@@ -187,7 +186,8 @@ class System:
 
     def destroy(self) -> None:
         """Free all PETSc objects. Collective."""
-        for item in (self.equilibrium, self.mass, self.energies, self.actions, self._v0):
+        solved = self.newton, self.equilibrium
+        for item in (*solved, self.mass, self.energies, self.actions, self._v0):
             item.destroy()
 
 

@@ -1,0 +1,196 @@
+"""Solve the equations of one step (or of statics) with PETSc's SNES, one solve per step.
+
+Where a Krylov solver gives up, or its loose solves have misled Newton, the step is solved again,
+by a factorisation or tightly, before anybody cuts it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from petsc4py import PETSc
+
+from rigidfx.step.callbacks import errors_of_callbacks
+from rigidfx.step.equations import Equilibrium
+from rigidfx.step.first_guess import Guess
+from rigidfx.step.linear_solver import PREFIX, configure, default_options, prefers_direct
+from rigidfx.step.petsc_options import loose_solves_allowed, monitor_solves
+from rigidfx.step.stopping_test import (
+    MAX_ITERATIONS,
+    RELATIVE_TOLERANCE,
+    StoppingTest,
+    judged,
+    reason_name,
+)
+
+__all__ = ["Newton", "Solution"]
+
+MAX_FALLBACKS = 3  # direct solves in place of failed Krylov solves before Krylov is given up
+
+
+@dataclass(frozen=True)
+class Solution:
+    """How the equations of a step were solved.
+
+    Attributes:
+        converged: Whether Newton met its tolerance.
+        reason: SNES's reason in words.
+        residuals: ‖R‖ [N] at each iterate.
+        linear_iterations: Krylov iterations in total; factorisations count one.
+        solver: Linear solver used, with a remark where it is a fall-back.
+        place: Reference position of the largest residual [m], shape (3,), if not converged.
+    """
+
+    converged: bool
+    reason: str
+    residuals: tuple[float, ...]
+    linear_iterations: int
+    solver: str
+    place: npt.NDArray[np.float64] | None
+
+    @property
+    def iterations(self) -> int:
+        """Newton iterations."""
+        return len(self.residuals) - 1
+
+
+def residual(snes: PETSc.SNES, y: PETSc.Vec, r: PETSc.Vec, newton: Newton) -> None:
+    """SNES callback: R(y)."""
+    newton.equilibrium.residual(y, r)
+
+
+def tangent(snes: PETSc.SNES, y: PETSc.Vec, A: PETSc.Mat, B: PETSc.Mat, newton: Newton) -> None:
+    """SNES callback: dR/dy at the iterate of the last residual."""
+    newton.equilibrium.tangent()
+
+
+def convergence(
+    snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float], newton: Newton
+) -> int:
+    """SNES callback: the stopping test, and how far the next linear system is to be solved."""
+    reason = newton.stop(iteration, norms[2])
+    if reason == 0:
+        newton.limit_linear_error()
+    return reason
+
+
+class Newton:
+    """Newton's method for the equations of one division; `destroy` frees its PETSc objects.
+
+    Attributes:
+        equilibrium: The equations.
+        stop: The stopping test, with the history of the last solve.
+    """
+
+    def __init__(self, equilibrium: Equilibrium) -> None:
+        """Create the SNES. Collective.
+
+        Args:
+            equilibrium: The equations.
+        """
+        self.equilibrium = equilibrium
+        self._y = equilibrium.prolongation.unknowns()
+        self._r = self._y.duplicate()
+        self._krylov = equilibrium.inertial and not prefers_direct(equilibrium.prolongation.size)
+        self._fallbacks = 0
+        self._snes = self._create_snes()
+        # How loosely Krylov solves may end, first and later.
+        self._loosest = [(name, self._snes.getParamsEW()[name]) for name in ("rtol_0", "rtol_max")]
+        rtol, _, _, max_it = self._snes.getTolerances()
+        self.stop = StoppingTest(rtol, max_it)
+
+    def _create_snes(self) -> PETSc.SNES:
+        snes = PETSc.SNES().create(self.equilibrium.prolongation.comm)
+        snes.setOptionsPrefix(PREFIX)
+        snes.setType(PETSc.SNES.Type.NEWTONLS)
+        snes.setFunction(residual, self._r, args=(self,))
+        snes.setJacobian(tangent, self.equilibrium.tangent_matrix, args=(self,))
+        snes.setConvergenceTest(convergence, args=(self,))
+        snes.setTolerances(rtol=RELATIVE_TOLERANCE, max_it=MAX_ITERATIONS)
+        if self._krylov and loose_solves_allowed():
+            # Linear systems are solved no further than Newton's quadratic convergence will get:
+            # three Krylov iterations in ten are saved, for a Newton iteration in ten more at most.
+            snes.setParamsEW(version=2, rtol_0=3e-3, gamma=0.3, alpha=2.0)
+            snes.setUseEW(True)
+        with default_options(PREFIX, snes_linesearch_type="basic"):
+            snes.setFromOptions()
+        monitor_solves(snes)
+        self._configure(snes.getKSP(), not self._krylov)
+        return snes
+
+    def _configure(self, ksp: PETSc.KSP, direct: bool) -> None:
+        p = self.equilibrium.prolongation
+        configure(ksp, direct, p.size, len(p.layout.bodies) > 0)
+
+    def solve(self, guesses: Sequence[Guess]) -> Solution:
+        """Find the increment of the step that the equations have begun. Collective.
+
+        Args:
+            guesses: First guesses; the one with the smallest residual is taken.
+        """
+        krylov = self._krylov and self._fallbacks < MAX_FALLBACKS
+        reason, remark = self._iterate(guesses), ""
+        if reason == PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE and krylov:
+            # The Krylov solver gave up: repeat the step with a factorisation.
+            self._fallbacks += 1
+            self._configure(self._snes.getKSP(), True)
+            reason, remark = self._iterate(guesses), " (fall-back from Krylov)"
+            if self._fallbacks < MAX_FALLBACKS:
+                self._configure(self._snes.getKSP(), False)
+        elif reason < 0 and krylov and self._snes.getUseEW():
+            # Newton may have failed on loosely solved systems, whose errors depend on the number
+            # of ranks: before the step is cut, they are solved as if each were the last.
+            self._snes.setUseEW(False)
+            reason, remark = self._iterate(guesses), " (solved tightly)"
+            self._snes.setUseEW(True)
+        self.equilibrium.return_to(self._y, self._r)
+        ksp = self._snes.getKSP()
+        return Solution(
+            reason > 0,
+            reason_name(reason),
+            tuple(self.stop.history),
+            self._snes.getLinearSolveIterations(),
+            f"{ksp.getType()}+{ksp.getPC().getType()}{remark}",
+            None if reason > 0 else self.equilibrium.worst_place(),
+        )
+
+    def _iterate(self, guesses: Sequence[Guess]) -> int:
+        self.stop.restart()
+        norms = [self._norm_at(guess) for guess in guesses] if len(guesses) > 1 else [0.0]
+        self._start_at(guesses[int(np.argmin(np.nan_to_num(norms, nan=np.inf)))])
+        self.stop.expect_rounding(self.equilibrium.noise())
+        with errors_of_callbacks():
+            self._snes.solve(None, self._y)
+        return judged(int(self._snes.getConvergedReason()))
+
+    def _start_at(self, guess: Guess) -> None:
+        self.equilibrium.prolongation.collapse(guess.increment, guess.bodies, self._y)
+
+    def _norm_at(self, guess: Guess) -> float:
+        self._start_at(guess)
+        self.equilibrium.residual(self._y, self._r)
+        return float(self._r.norm())
+
+    def limit_linear_error(self) -> None:
+        """Have the next Krylov solve leave no more than Newton's stopping test can stand."""
+        if self._krylov:
+            limits = {name: self.stop.linear_tolerance(value) for name, value in self._loosest}
+            self._snes.setParamsEW(**limits)
+
+    @property
+    def unknowns(self) -> PETSc.Vec:
+        """Unknowns y of the last solve [m]; not to be changed."""
+        return self._y
+
+    @property
+    def strain_error(self) -> float:
+        """Strain that the last solve and rounding may leave in a cell. Collective."""
+        return self.equilibrium.strain_error(self.stop.history[-1])
+
+    def destroy(self) -> None:
+        """Free all PETSc objects. Collective."""
+        for item in (self._snes, self._y, self._r):
+            item.destroy()
