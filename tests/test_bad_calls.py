@@ -6,16 +6,13 @@ Run as a script under mpirun, this file goes through all cases on each rank.
 from __future__ import annotations
 
 import json
-import re
-import sys
-import warnings
 from functools import cache
 from pathlib import Path
 from tempfile import mkdtemp
 
 import numpy as np
-import parallel
 import pytest
+import refusals
 from mpi4py import MPI
 
 import rigidfx as rf
@@ -397,31 +394,11 @@ def test_is_refused(name):
 @pytest.mark.parallel
 def test_is_refused_on_two_ranks():
     """The same cases on two ranks: the same message on both, and no rank waits for the other."""
-    ranks = parallel.run(__file__, 2, timeout=600)
-    assert len(ranks) == 2
+    found = dict(refusals.found_on_two_ranks(__file__))
+    assert found.keys() == CASES.keys()
     for name, (_, message) in CASES.items():
-        first, second = (rank.get(name, ["not reached", ""]) for rank in ranks)
-        assert message in first[1], (name, first)
-        assert first == second, name
-
-
-def _script():
-    found = {}
-    warnings.simplefilter("ignore")
-    for name, (action, _) in CASES.items():
-        print(f"rank {COMM.rank}: {name}", file=sys.stderr, flush=True)
-        try:
-            action()
-            found[name] = ["accepted", ""]
-        except Exception as error:
-            # Where an object lies in memory is a rank's own.
-            text = re.sub(r" at 0x[0-9a-f]+", "", str(error))
-            found[name] = [type(error).__name__, text]
-        COMM.barrier()  # a rank that is still in the case would hang here
-    everybody = COMM.gather(found)
-    if COMM.rank == 0:
-        parallel.report(everybody)
+        assert message in found[name][1], (name, found[name])
 
 
 if __name__ == "__main__":
-    _script()
+    refusals.on_each_rank({name: action for name, (action, _) in CASES.items()})

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import dolfinx.mesh as dmesh
 import numpy as np
-import parallel
 import pytest
+import refusals
 from mpi4py import MPI
 
 import rigidfx as rf
@@ -317,13 +317,11 @@ def test_is_refused(name):
 @pytest.mark.parallel
 def test_is_refused_on_two_ranks():
     """The same cases on two ranks: the same message on both, and no rank waits for the other."""
-    ranks = parallel.run(__file__, 2, timeout=600)
-    assert len(ranks) == 2
+    found = dict(refusals.found_on_two_ranks(__file__))
+    assert found.keys() == CASES.keys()
     for name, (_, error, message) in CASES.items():
-        first, second = (rank.get(name, ["not reached", ""]) for rank in ranks)
-        assert first[0] == error.__name__, (name, first)
-        assert message in first[1]
-        assert first == second, name
+        assert found[name][0] == error.__name__, (name, found[name])
+        assert message in found[name][1]
 
 
 DROPPED = {
@@ -370,20 +368,5 @@ def test_meshes_go_when_nothing_is_left_of_them():
     assert mesh_life.kept() == before
 
 
-def _script():
-    found = {}
-    for name, (action, _, _) in CASES.items():
-        print(f"rank {COMM.rank}: {name}", file=sys.stderr, flush=True)
-        try:
-            action()
-            found[name] = ["accepted", ""]
-        except Exception as error:
-            found[name] = [type(error).__name__, str(error)]
-        COMM.barrier()  # a rank that is still in the case would hang here
-    everybody = COMM.gather(found)
-    if COMM.rank == 0:
-        parallel.report(everybody)
-
-
 if __name__ == "__main__":
-    _script()
+    refusals.on_each_rank({name: action for name, (action, _, _) in CASES.items()})

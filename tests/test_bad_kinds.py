@@ -5,11 +5,9 @@ Run as a script under mpirun, this file goes through all cases on each rank.
 
 from __future__ import annotations
 
-import sys
-
 import numpy as np
-import parallel
 import pytest
+import refusals
 from mpi4py import MPI
 
 import rigidfx as rf
@@ -198,30 +196,13 @@ def test_what_is_right_is_taken():
 
 @pytest.mark.parallel
 def test_is_refused_on_two_ranks():
-    """The same message on both, and no rank waits for the other."""
-    ranks = parallel.run(__file__, 2, timeout=600)
-    assert len(ranks) == 2
+    """The same cases on two ranks: the same message on both, and no rank waits for the other."""
+    found = dict(refusals.found_on_two_ranks(__file__))
+    assert found.keys() == CASES.keys()
     for name, (_, message) in CASES.items():
-        first, second = (rank.get(name, ["not reached", ""]) for rank in ranks)
-        assert first[0] == "SceneError", (name, first)
-        assert message in first[1]
-        assert first == second, name
-
-
-def _script():
-    found = {}
-    for name, (action, _) in CASES.items():
-        print(f"rank {COMM.rank}: {name}", file=sys.stderr, flush=True)
-        try:
-            action()
-            found[name] = ["accepted", ""]
-        except Exception as error:
-            found[name] = [type(error).__name__, str(error)]
-        COMM.barrier()  # a rank that is still in the case would hang here
-    everybody = COMM.gather(found)
-    if COMM.rank == 0:
-        parallel.report(everybody)
+        assert found[name][0] == "SceneError", (name, found[name])
+        assert message in found[name][1]
 
 
 if __name__ == "__main__":
-    _script()
+    refusals.on_each_rank({name: action for name, (action, _) in CASES.items()})

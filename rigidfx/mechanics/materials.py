@@ -90,41 +90,8 @@ def _mooney_rivlin(C: Any, c10: Any, c01: Any, kappa: Any) -> Any:
 
 
 @dataclass(frozen=True, kw_only=True)
-class StVenantKirchhoff(Material):
-    """St.Venant-Kirchhoff: S = λ tr(E) I + 2 μ E, linear in the Green-Lagrange strain E.
-
-    Attributes:
-        E: Young's modulus [Pa].
-        nu: Poisson's ratio, inside (-1, 1/2).
-    """
-
-    E: float
-    nu: float
-    quadratic: ClassVar[bool] = True
-
-    def __post_init__(self) -> None:
-        """Check all parameters.
-
-        Raises:
-            SceneError: If ρ0 or E is not positive, or ν outside (-1, 1/2).
-        """
-        super().__post_init__()
-        _lame(self, self.E, self.nu)
-
-    @property
-    def parameters(self) -> Mapping[str, float]:
-        """Lamé parameters λ, μ [Pa]."""
-        return _lame(self, self.E, self.nu)
-
-    @property
-    def energy(self) -> Energy:
-        """W = λ/2 tr(E)² + μ E:E."""
-        return _st_venant_kirchhoff
-
-
-@dataclass(frozen=True, kw_only=True)
-class NeoHooke(Material):
-    """Compressible neo-Hooke: W = μ/2 (tr C - 3 - 2 ln J) + λ/2 (ln J)².
+class Isotropic(Material):
+    """A material that two constants describe at small strain.
 
     Attributes:
         E: Young's modulus at small strain [Pa].
@@ -147,6 +114,23 @@ class NeoHooke(Material):
     def parameters(self) -> Mapping[str, float]:
         """Lamé parameters λ, μ [Pa]."""
         return _lame(self, self.E, self.nu)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StVenantKirchhoff(Isotropic):
+    """St.Venant-Kirchhoff: S = λ tr(E) I + 2 μ E, linear in the Green-Lagrange strain E."""
+
+    quadratic: ClassVar[bool] = True
+
+    @property
+    def energy(self) -> Energy:
+        """W = λ/2 tr(E)² + μ E:E."""
+        return _st_venant_kirchhoff
+
+
+@dataclass(frozen=True, kw_only=True)
+class NeoHooke(Isotropic):
+    """Compressible neo-Hooke: W = μ/2 (tr C - 3 - 2 ln J) + λ/2 (ln J)²."""
 
     @property
     def energy(self) -> Energy:

@@ -1,0 +1,50 @@
+"""Cases of what has to be refused, by name: one after the other, here and on two ranks.
+
+A module of such cases hands them to `on_each_rank` where it is run as a script, and asks
+`found_on_two_ranks` what became of them.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+
+import parallel
+from mpi4py import MPI
+
+Outcome = tuple[str, str]  # name of the error's class, message
+
+
+def on_each_rank(actions: Mapping[str, Callable[[], object]]) -> None:
+    """Go through all cases on every rank of this script, and report what each rank has raised."""
+    comm, found = MPI.COMM_WORLD, {}
+    warnings.simplefilter("ignore")
+    for name, action in actions.items():
+        print(f"rank {comm.rank}: {name}", file=sys.stderr, flush=True)
+        try:
+            action()
+            found[name] = "accepted", ""
+        except Exception as error:
+            # Where an object lies in memory is a rank's own.
+            found[name] = type(error).__name__, re.sub(r" at 0x[0-9a-f]+", "", str(error))
+        comm.barrier()  # a rank that is still in the case would hang here
+    everybody = comm.gather(found)
+    if comm.rank == 0:
+        parallel.report(everybody)
+
+
+def found_on_two_ranks(script: str) -> Iterator[tuple[str, Outcome]]:
+    """What each case of a script has raised, the same on both ranks.
+
+    Raises:
+        AssertionError: If the ranks differ, or one of them waits for the other.
+    """
+    ranks = parallel.run(script, 2, timeout=600)
+    assert len(ranks) == 2
+    assert ranks[0].keys() == ranks[1].keys()
+    for name in ranks[0]:
+        first, second = (tuple(rank[name]) for rank in ranks)
+        assert first == second, name
+        yield name, first
