@@ -351,7 +351,7 @@ PRODUCTS = "MatPtAPNumeric", "MatPtAPSymbolic", "MatMatMultNum", "MatTrnMatMultN
 
 
 def products_in_steps(scene, steps=3, dt=0.1):
-    """How often PETSc has multiplied matrices, by event, and Newton's iterations. Collective."""
+    """How often PETSc has multiplied matrices, by event, and tangents assembled. Collective."""
     PETSc.Log.begin()
     with prepared(scene, dt) as run:
 
@@ -359,11 +359,11 @@ def products_in_steps(scene, steps=3, dt=0.1):
             return [PETSc.Log.Event(name).getPerfInfo()["count"] for name in PRODUCTS]
 
         step(run, dt)  # a consistent mass is condensed in the first step
-        before, iterations = counts(), 0
+        before, tangents = counts(), 0
         for _ in range(steps):
-            iterations += step(run, dt).solution.iterations
+            tangents += step(run, dt).solution.tangents
         made = {name: b - a for name, a, b in zip(PRODUCTS, before, counts(), strict=True)}
-    return made, iterations
+    return made, tangents
 
 
 @MASSES
@@ -371,14 +371,14 @@ def products_in_steps(scene, steps=3, dt=0.1):
 def test_one_matptap_condenses_each_tangent(mass, bodies):
     """Its pattern is there from the start, and no other product of matrices takes part."""
     scene = scene_with(bodies, "hexahedron", *PUSHES, mass=mass)
-    made, iterations = products_in_steps(scene)
-    assert iterations >= 6
-    assert made == {name: iterations if name == "MatPtAPNumeric" else 0 for name in PRODUCTS}
+    made, tangents = products_in_steps(scene)
+    assert tangents >= 6
+    assert made == {name: tangents if name == "MatPtAPNumeric" else 0 for name in PRODUCTS}
 
 
 def test_without_bodies_nothing_is_condensed():
-    made, iterations = products_in_steps(scene_with([], "hexahedron", *PUSHES[1:4]))
-    assert iterations >= 6
+    made, tangents = products_in_steps(scene_with([], "hexahedron", *PUSHES[1:4]))
+    assert tangents >= 6
     assert not any(made.values())
 
 
@@ -402,10 +402,10 @@ def test_condensed_matrices_on_several_ranks(on_ranks, ranks):
         assert max(e["PKP"], e["LKP"]) <= 1e-13, e
         assert e["least singular value"] > 0.1, e
     assert found["spans"] > 0  # bodies across ranks
-    for made, iterations in found["products"]:  # of each rank
-        assert iterations >= 6
-        assert made["MatPtAPNumeric"] == iterations
-        assert sum(made.values()) == iterations
+    for made, tangents in found["products"]:  # of each rank
+        assert tangents >= 6
+        assert made["MatPtAPNumeric"] == tangents
+        assert sum(made.values()) == tangents
 
 
 def main():

@@ -32,7 +32,7 @@ ENDS = {
 def attempt(converged, place=None, residuals=(3.0, 0.5)):
     """An attempt from 0.25 s on."""
     reason = "tolerance met" if converged else "too many iterations"
-    return Attempt(0.25, 0.125, Solution(converged, reason, residuals, 1, "LU", place))
+    return Attempt(0.25, 0.125, Solution(converged, reason, residuals, 1, 1, "LU", place))
 
 
 class Look:

@@ -15,7 +15,7 @@ from .case import ANY, History, between, case, near, release_at
 from .case import Run as AnyRun
 
 # Newton is as fast as without bodies, and what it leaves does not add up.
-Run = partial(AnyRun, energy=1e-11, momentum=1e-11, iterations=4)
+Run = partial(AnyRun, energy=1e-11, momentum=1e-11, tangents=4)
 SVK = rf.StVenantKirchhoff
 SOFT = SVK(E=300.0, nu=0.3, rho=1.0)
 SPIN = rf.InitialVelocity(linear=(0.3, 0.2, -0.1), angular=(0.3, 0.2, 0.5))
@@ -145,7 +145,7 @@ def nodes_on_a_line(short: bool) -> Iterator[AnyRun]:
         return "" if max(history.cells) == 0 else "it has become a body"
 
     yield Run("adaptive", scene(), 0.1, 1.0, rf.StrainRate(ANY, 0.2), energy=1e-9,
-              iterations=8, check=stays_flexible, freezes=False)  # fmt: skip
+              tangents=8, check=stays_flexible, freezes=False)  # fmt: skip
 
 
 @case("rigid bodies", "every second cell qualifies, as on a checkerboard")

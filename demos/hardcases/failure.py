@@ -29,7 +29,7 @@ def inversion(short: bool) -> Iterator[Run]:
     criterion = rf.StrainRate(ANY, 0.1)  # what is not beside a support
     for way, rigidify, cell in (("flexible", None, "cell"), ("adaptive", criterion, "cell 3 of")):
         yield Run(way, _bar(MATERIALS["St.Venant-Kirchhoff"], push), 0.05, 2.0, rigidify,
-                  energy=1e-8, momentum=None, iterations=25, fails=rf.InversionError,
+                  energy=1e-8, momentum=None, tangents=25, fails=rf.InversionError,
                   says=("inside out", cell, "X = (", "from t = 0."))  # fmt: skip
 
 
@@ -39,7 +39,7 @@ def step_that_cannot_converge(short: bool) -> Iterator[Run]:
     material = MATERIALS["St.Venant-Kirchhoff"]
     pull = rf.Traction("x1", (1e20, 0.0, 0.0), since=0.25)
     for way, rigidify in (("flexible", None), ("adaptive", rf.StrainRate(ANY, 0.1))):
-        yield Run(way, _bar(material, pull), 0.05, 1.0, rigidify, momentum=None, iterations=25,
+        yield Run(way, _bar(material, pull), 0.05, 1.0, rigidify, momentum=None, tangents=25,
                   fails=rf.StepError, says=("from t = 0.25 s", "X = ("))  # fmt: skip
 
 
@@ -48,7 +48,7 @@ def load_beyond_all_bounds(short: bool) -> Iterator[Run]:
     """An error that names the time and the place; no number that is not finite is reported."""
     pull = rf.Traction("x1", (1e100, 0.0, 0.0), since=0.25)
     yield Run("flexible", _bar(MATERIALS["neo-Hooke"], pull), 0.05, 1.0, momentum=None,
-              iterations=25, fails=rf.StepError, says=("from t = 0.25 s", "X = ("))  # fmt: skip
+              tangents=25, fails=rf.StepError, says=("from t = 0.25 s", "X = ("))  # fmt: skip
 
 
 @case("failure", "a load that is NaN from some time on, on the last rank only")

@@ -46,7 +46,7 @@ def stiff_half_as_a_body(short: bool) -> Iterator[Run]:
     for way, rho in (("equally heavy", 10.0), ("1e6 times as light", 1e-5)):
         stiff = rf.StVenantKirchhoff(E=1e12, nu=0.3, rho=rho)
         scene = _two_halves(short, stiff, soft, spin, rf.Rigid("stiff"))
-        yield Run(f"{way}, named rigid", scene, 0.1, 2.0 if short else 20.0, iterations=5)
+        yield Run(f"{way}, named rigid", scene, 0.1, 2.0 if short else 20.0, tangents=5)
 
 
 LENGTH, FORCE = 10.0, 10.0  # m, N

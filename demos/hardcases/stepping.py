@@ -51,7 +51,7 @@ def large_rotation_per_step(short: bool) -> Iterator[Run]:
     skew = np.array([0.1, 0.2, 1.0]) / np.linalg.norm([0.1, 0.2, 1.0])
     for about, axis in (("principal axis", (0.0, 0.0, 1.0)), ("skew axis", skew)):
         spin = rf.InitialVelocity(angular=tuple(_spin(2.5, dt) * np.asarray(axis)))
-        cut = {"iterations": 25, "cuts": round(2 * t_end / dt)} if about == "skew axis" else {}
+        cut = {"tangents": 25, "cuts": round(2 * t_end / dt)} if about == "skew axis" else {}
         domain = rf.box((0, 0, 0), (4, 1, 1), (4, 1, 1))
         domain = domain.with_cells("left", lambda x: x[0] <= 2 + 1e-9)
         free = rf.Scene(domain, SVK(E=1e9, nu=0.3, rho=1.0), [spin])
@@ -92,7 +92,7 @@ def shock_within_one_step(short: bool) -> Iterator[Run]:
         [blow],
     )
     t_end = 1.0 if short else 5.0
-    yield Run("flexible", scene, dt, t_end, momentum=None, iterations=12, cuts=2)
+    yield Run("flexible", scene, dt, t_end, momentum=None, tangents=12, cuts=2)
     adaptive = rf.StrainRate(ANY, 0.04, release=release_at(0.5))
     yield Run("adaptive", scene, dt, t_end, adaptive, momentum=None)
 
@@ -176,7 +176,7 @@ def snap_through(short: bool) -> Iterator[Run]:
         )
 
     t_end = 1.5 if short else 5.0
-    options = {"momentum": None, "iterations": 12, "check": snaps}
+    options = {"momentum": None, "tangents": 12, "check": snaps}
     yield Run("flexible", scene(), 0.02, t_end, **options)
     damped = scene(rf.NumericalDamping(0.3))
     calm = rf.StrainRate(0.05, 0.1)

@@ -33,7 +33,8 @@ __all__ = ["components", "history_columns", "history_row", "read_history"]
 Array = npt.NDArray[np.float64]
 
 SCALARS = (
-    *("step", "t", "dt", "iterations", "linear_iterations", "cuts", "unknowns"),
+    *("step", "t", "dt", "iterations", "tangents", "linear_iterations", "cuts"),
+    "unknowns",
     *("kinetic", "strain", "stored", "springs", "energy", "work_of_loads", "work_of_supports"),
 )
 

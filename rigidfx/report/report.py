@@ -39,6 +39,7 @@ class Report:
         dt: Its length [s]; 0 for the initial state.
         iterations: Newton iterations.
         residuals: ‖R‖ [N] at each Newton iterate.
+        tangents: Tangents assembled; fewer than iterations where one is kept.
         linear_iterations: Krylov iterations in total.
         solver: Linear solver used.
         cuts: How often the step was cut before it converged.
@@ -75,6 +76,7 @@ class Report:
     dt: float
     iterations: int
     residuals: tuple[float, ...]
+    tangents: int
     linear_iterations: int
     solver: str
     cuts: int
@@ -176,6 +178,7 @@ def report_of(
         t=state.t,
         dt=result.dt if result else 0.0,
         iterations=solution.iterations if solution else 0,
+        tangents=solution.tangents if solution else 0,
         residuals=solution.residuals if solution else (),
         linear_iterations=solution.linear_iterations if solution else 0,
         solver=solution.solver if solution else "",

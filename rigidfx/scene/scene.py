@@ -7,6 +7,7 @@ first step, as it takes bodies and supports together in time; on all ranks alike
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from functools import cached_property
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -22,6 +23,7 @@ from rigidfx.base import compat
 from rigidfx.base.errors import SceneError
 from rigidfx.base.form_cache import PATIENCE
 from rigidfx.base.same_input import check_same
+from rigidfx.domain.connected import ConnectedParts, connected_parts
 from rigidfx.domain.domain import Domain
 from rigidfx.mechanics.element import Element, StandardElement
 from rigidfx.mechanics.materials import Material
@@ -230,6 +232,11 @@ class Scene:
         n = self.owned_nodes
         m, X = self.nodal_mass[:n], self.space.tabulate_dof_coordinates()[:n]
         return np.asarray(self.sum(m @ X)) / self.sum(m.sum())
+
+    @cached_property
+    def parts(self) -> ConnectedParts:
+        """Connected parts of the mesh, those that share no nodes. Collective."""
+        return connected_parts(self.mesh, 0)
 
     @property
     def mean_cell_size(self) -> float:

@@ -40,6 +40,7 @@ class Equilibrium:
     Attributes:
         prolongation: Map between unknowns and dofs.
         inertial: Whether masses resist; not in statics.
+        dt: Δt of the present step [s].
         d: Increments of the active nodes at the iterate of the last residual [m].
         forces_out_of_balance: Residual at the active nodes there [N]; at held dofs it is what the
             supports exert.
@@ -77,7 +78,7 @@ class Equilibrium:
         )
         self._moments: Array = np.empty((0, 4, 3))
         self._last: Array = np.empty(0)  # unknowns that d and u₁ belong to
-        self._dt = 0.0
+        self.dt = 0.0
         self._v0: PETSc.Vec = None
         self._step = prolongation.increments.step
         self._imposed: Array = np.empty(0)
@@ -95,7 +96,7 @@ class Equilibrium:
             start: The bodies at the start of the step.
         """
         self._step = Step(start, dt)
-        self._dt, self._v0, self._imposed = dt, v0, imposed
+        self.dt, self._v0, self._imposed = dt, v0, imposed
 
     def _expand(self, y: PETSc.Vec) -> None:
         """Set d and the forms' u₁ from the unknowns."""
@@ -136,10 +137,10 @@ class Equilibrium:
         if self._mass is not None:
             # M (v₁ - v₀)/Δt with v₁ = 2 d/Δt - v₀, rounded as the update of the velocity is.
             self._v0.copy(self._work)
-            self._work.axpby(2 / self._dt, -2.0, self.d)
+            self._work.axpby(2 / self.dt, -2.0, self.d)
             self._mass.mult(self._work, self._inertia)
-            f.axpy(1 / self._dt, self._inertia)
-        self._actions.resist_nodes(self.d, self._dt, f)
+            f.axpy(1 / self.dt, self._inertia)
+        self._actions.resist_nodes(self.d, self.dt, f)
         self.prolongation.collapse(f.array_r, self._body_forces(), r)
 
     def _body_forces(self) -> Array:
@@ -159,8 +160,8 @@ class Equilibrium:
         K = self._tangent
         K.assemble()
         if self._mass is not None:
-            self._mass.add_to(K, 2 / self._dt**2, self.prolongation)
-        self._actions.stiffen_nodes(K, self._dt, self.prolongation)
+            self._mass.add_to(K, 2 / self.dt**2, self.prolongation)
+        self._actions.stiffen_nodes(K, self.dt, self.prolongation)
         K.finish(self._blocks() if self.prolongation.layout.bodies else None)
 
     def _blocks(self) -> Array:
@@ -175,10 +176,19 @@ class Equilibrium:
         """The reduced tangent as `tangent` has left it [N/m]."""
         return self._tangent.matrix
 
+    @property
+    def start(self) -> Array:
+        """Displacements of the active nodes at the start of the step [m]."""
+        return np.asarray(self._forces.u0.x.array[self._rows.dofs])
+
+    def waves(self, dt: float) -> float:
+        """How many cells a wave passes in a step of Δt [s], about. Collective."""
+        return self._rounding.waves(dt)
+
     def noise(self) -> float:
         """Size of what the last residual is the small difference of [N]. Collective."""
         external = self._actions.external
-        return self._rounding.in_residual(self._dt, self._v0, external, self._step.start)
+        return self._rounding.in_residual(self.dt, self._v0, external, self._step.start)
 
     def strain_error(self, residual: float) -> float:
         """Strain that rounding, and a residual ‖R‖ [N], may leave in a cell. Collective."""

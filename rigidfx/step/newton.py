@@ -13,7 +13,9 @@ import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
+from rigidfx.domain.connected import ConnectedParts
 from rigidfx.step.callbacks import errors_of_callbacks
+from rigidfx.step.chord import Chord, pays
 from rigidfx.step.equations import Equilibrium
 from rigidfx.step.first_guess import Guess
 from rigidfx.step.linear_solver import PREFIX, configure, default_options, prefers_direct
@@ -39,6 +41,7 @@ class Solution:
         converged: Whether Newton met its tolerance.
         reason: SNES's reason in words.
         residuals: ‖R‖ [N] at each iterate.
+        tangents: Tangents assembled.
         linear_iterations: Krylov iterations in total; factorisations count one.
         solver: Linear solver used, with a remark where it is a fall-back.
         place: Reference position of the largest residual [m], shape (3,), if not converged.
@@ -47,6 +50,7 @@ class Solution:
     converged: bool
     reason: str
     residuals: tuple[float, ...]
+    tangents: int
     linear_iterations: int
     solver: str
     place: npt.NDArray[np.float64] | None
@@ -63,8 +67,8 @@ def residual(snes: PETSc.SNES, y: PETSc.Vec, r: PETSc.Vec, newton: Newton) -> No
 
 
 def tangent(snes: PETSc.SNES, y: PETSc.Vec, A: PETSc.Mat, B: PETSc.Mat, newton: Newton) -> None:
-    """SNES callback: dR/dy at the iterate of the last residual."""
-    newton.equilibrium.tangent()
+    """SNES callback: dR/dy at the iterate of the last residual, unless an older one is kept."""
+    newton.renew_tangent()
 
 
 def convergence(
@@ -85,11 +89,12 @@ class Newton:
         stop: The stopping test, with the history of the last solve.
     """
 
-    def __init__(self, equilibrium: Equilibrium) -> None:
+    def __init__(self, equilibrium: Equilibrium, parts: ConnectedParts) -> None:
         """Create the SNES. Collective.
 
         Args:
             equilibrium: The equations.
+            parts: Connected parts of the mesh.
         """
         self.equilibrium = equilibrium
         self._y = equilibrium.prolongation.unknowns()
@@ -101,6 +106,9 @@ class Newton:
         self._loosest = [(name, self._snes.getParamsEW()[name]) for name in ("rtol_0", "rtol_max")]
         rtol, _, _, max_it = self._snes.getTolerances()
         self.stop = StoppingTest(rtol, max_it)
+        self._chord = Chord(equilibrium, parts, rtol) if pays(equilibrium) else None
+        self._keeping = False  # whether the present solve is by the chord method
+        self._tangents = 0
 
     def _create_snes(self) -> PETSc.SNES:
         snes = PETSc.SNES().create(self.equilibrium.prolongation.comm)
@@ -131,7 +139,31 @@ class Newton:
         Args:
             guesses: First guesses; the one with the smallest residual is taken.
         """
+        if self._chord is not None and self._chord.trusted:
+            found = self._solve_by_chord(self._chord, guesses)
+            if found.converged:
+                return found
+        return self._solve_by_newton(guesses)
+
+    def _solve_by_chord(self, chord: Chord, guesses: Sequence[Guess]) -> Solution:
+        """Solve with a tangent that is kept."""
+        own, loose = (self._snes.getKSP(), self.stop), self._snes.getUseEW()
+        self._snes.setKSP(chord.ksp)
+        self._snes.setUseEW(False)
+        self.stop, self._keeping = chord.stop, True
+        chord.begin(self.equilibrium.dt)
+        reason = self._iterate(guesses)
+        chord.end(reason > 0)
+        found = self._solution(reason, chord.tangents, chord.linear_iterations, chord.solver)
+        self._snes.setKSP(own[0])
+        self._snes.setUseEW(loose)
+        self.stop, self._keeping = own[1], False
+        return found
+
+    def _solve_by_newton(self, guesses: Sequence[Guess]) -> Solution:
+        """Solve with a new tangent in each iteration."""
         krylov = self._krylov and self._fallbacks < MAX_FALLBACKS
+        self._tangents = 0
         reason, remark = self._iterate(guesses), ""
         if reason == PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE and krylov:
             # The Krylov solver gave up: repeat the step with a factorisation.
@@ -146,16 +178,30 @@ class Newton:
             self._snes.setUseEW(False)
             reason, remark = self._iterate(guesses), " (solved tightly)"
             self._snes.setUseEW(True)
+        ksp, linear = self._snes.getKSP(), self._snes.getLinearSolveIterations()
+        solver = f"{ksp.getType()}+{ksp.getPC().getType()}{remark}"
+        return self._solution(reason, self._tangents, linear, solver)
+
+    def _solution(self, reason: int, tangents: int, linear: int, solver: str) -> Solution:
+        """What has been found. Collective."""
         self.equilibrium.return_to(self._y, self._r)
-        ksp = self._snes.getKSP()
         return Solution(
             reason > 0,
             reason_name(reason),
             tuple(self.stop.history),
-            self._snes.getLinearSolveIterations(),
-            f"{ksp.getType()}+{ksp.getPC().getType()}{remark}",
+            tangents,
+            linear,
+            solver,
             None if reason > 0 else self.equilibrium.worst_place(),
         )
+
+    def renew_tangent(self) -> None:
+        """Have the tangent ready that the next linear system takes. Collective."""
+        if self._keeping and self._chord is not None:
+            self._chord.renew()
+        else:
+            self.equilibrium.tangent()
+            self._tangents += 1
 
     def _iterate(self, guesses: Sequence[Guess]) -> int:
         self.stop.restart()
@@ -176,7 +222,7 @@ class Newton:
 
     def limit_linear_error(self) -> None:
         """Have the next Krylov solve leave no more than Newton's stopping test can stand."""
-        if self._krylov:
+        if self._krylov and not self._keeping:
             limits = {name: self.stop.linear_tolerance(value) for name, value in self._loosest}
             self._snes.setParamsEW(**limits)
 
@@ -192,5 +238,6 @@ class Newton:
 
     def destroy(self) -> None:
         """Free all PETSc objects. Collective."""
-        for item in (self._snes, self._y, self._r):
-            item.destroy()
+        for item in (self._snes, self._chord, self._y, self._r):
+            if item is not None:
+                item.destroy()

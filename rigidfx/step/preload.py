@@ -63,7 +63,7 @@ def apply_preload(
             Prolongation(layout, scene.comm),
             actions,
         )
-        newton = Newton(statics)
+        newton = Newton(statics, scene.parts)
         actions.set_time(0.0, 1.0)
         full = actions.external.copy()
         if full.norm() == 0.0:

@@ -55,6 +55,7 @@ class Rounding:
         self._cell_size = scene.mean_cell_size
         self._comm, rows = prolongation.comm, prolongation.layout.rows
         self._dofs, self._momentum = rows.dofs[prolongation.free], rows.vector()
+        self._own_mass = 3 * float(prolongation.layout.masses.sum())
         # Per unknown of this rank, as a step of infinite length has it, and what 1/Δt adds.
         forces.set_rate(0.0)
         self._elastic = self._stiffness = self._undeformed(tangent)  # [N/m]
@@ -107,6 +108,12 @@ class Rounding:
         moved = residual / total[0] * np.sqrt(total[1]) if total[0] > 0 else 0.0
         eps = float(np.finfo(np.float64).eps)
         return float(moved / self._cell_size + eps * self._forces.strain_noise)
+
+    def waves(self, dt: float) -> float:
+        """How many cells a wave passes in a step of Δt [s], about. Collective."""
+        free = float(self._elastic[: self._dofs.size].sum())
+        stiffness, mass = self._comm.allreduce(np.array([free, self._own_mass]))
+        return float(dt * np.sqrt(stiffness / mass)) if mass > 0 else 0.0
 
     def _undeformed(self, tangent: CondensedMatrix) -> Array:
         """Diagonal of the tangent without deformation, at the present rate. Collective."""

@@ -1,0 +1,140 @@
+"""Newton's method with a tangent that is kept over steps, the chord method: where it pays, and how.
+
+It pays where a tangent costs more than some iterations: where solving takes a factorisation, as in
+parts of metal with the time steps that their slow motions need, or where assembly and incomplete
+factors cost more than the few iterations of GMRES that a soft part takes. Which of the two solvers
+serves better is known beforehand, from the size and from how far a wave runs in a step.
+"""
+
+from __future__ import annotations
+
+from petsc4py import PETSc
+
+from rigidfx.domain.connected import ConnectedParts
+from rigidfx.step.chord_test import ChordTest
+from rigidfx.step.equations import Equilibrium
+from rigidfx.step.frames import Frames
+from rigidfx.step.kept_tangent import KeptTangent
+from rigidfx.step.linear_solver import PREFIX, configure
+from rigidfx.step.refresh import Refresh
+
+__all__ = ["Chord", "pays"]
+
+SMALLEST = 1500  # unknowns; below, a new tangent costs as much as a residual
+DIRECT_UP_TO = 50_000  # unknowns; beyond, factors fill too much
+DIRECT_FROM = 15.0  # cells that a wave passes in a step; before, incomplete factors serve better
+MAX_FAILURES = 3
+INNER_RTOL = 0.02  # left by GMRES with kept incomplete factors
+OF_SOLVERS = "ksp_", "pc_", "mat_", "sub_", "mg_", "snes_lag_"
+
+
+class Chord:
+    """Keeps the tangent of the equations of one division; `destroy` frees its PETSc objects.
+
+    Attributes:
+        stop: Stopping test.
+        ksp: Linear solver for SNES.
+        tangents: How many have been made in the last solve.
+    """
+
+    def __init__(self, equilibrium: Equilibrium, parts: ConnectedParts, rtol: float) -> None:
+        """Create the solver. Collective.
+
+        Args:
+            equilibrium: The equations.
+            parts: Connected parts of the mesh.
+            rtol: Reduction of ‖R‖ that ends a step.
+        """
+        self.stop = ChordTest(rtol)
+        self.tangents = 0
+        self._equilibrium, p = equilibrium, equilibrium.prolongation
+        self._size, self._bodies = p.size, len(p.layout.bodies) > 0
+        self._failures = 0
+        self._direct: bool | None = None  # not chosen yet
+        self._inner = PETSc.KSP().create(p.comm)
+        like = p.unknowns()
+        self._kept = KeptTangent(self._inner, Frames(p, parts), like)
+        like.destroy()
+        self._refresh = Refresh(0.0)
+        self.ksp = PETSc.KSP().create(p.comm)
+        self.ksp.setType(PETSc.KSP.Type.PREONLY)
+        self.ksp.getPC().setType(PETSc.PC.Type.PYTHON)
+        self.ksp.getPC().setPythonContext(self._kept)
+
+    @property
+    def solver(self) -> str:
+        """Linear solver, in words."""
+        return f"kept {self._inner.getType()}+{self._inner.getPC().getType()}"
+
+    @property
+    def linear_iterations(self) -> int:
+        """Krylov iterations of the last solve in total; solves with factors count one."""
+        return self._kept.iterations
+
+    def begin(self, dt: float) -> None:
+        """Begin a step, or an attempt at it. Collective.
+
+        Args:
+            dt: Δt [s].
+        """
+        if not self._kept.fits(dt):
+            self._choose(dt)
+        self._kept.begin(self._equilibrium.start, dt)
+        self._refresh.begin()
+        self.tangents = 0
+
+    def _choose(self, dt: float) -> None:
+        """Choose the solver for steps of Δt [s]; the next one has a new tangent. Collective."""
+        direct = self._size <= DIRECT_UP_TO and self._equilibrium.waves(dt) >= DIRECT_FROM
+        self._refresh = Refresh(tangent_cost(self._size, direct))
+        if direct == self._direct:
+            return
+        self._direct = direct
+        configure(self._inner, direct, self._size, self._bodies)
+        self._inner.setOperators(self._equilibrium.tangent_matrix)
+        if not direct:
+            self._inner.setTolerances(rtol=INNER_RTOL)
+
+    def renew(self) -> None:
+        """Assemble the tangent at the last iterate, if that is worth it. Collective."""
+        if self._refresh.wanted(self.stop.history, self.stop.target):
+            self._equilibrium.tangent()
+            self._kept.renewed()
+            self.stop.renewed()
+            self._refresh.renewed(self.stop.history)
+            self.tangents += 1
+
+    def end(self, converged: bool) -> None:
+        """Take note of how the solve ended.
+
+        Args:
+            converged: Whether a solution was found; if not, Newton's method takes over, and makes
+                tangents of its own.
+        """
+        if converged:
+            self._failures = 0
+            self._refresh.accepted(len(self.stop.history) - 1)
+        else:
+            self._failures += 1
+            self._refresh.due = True
+
+    @property
+    def trusted(self) -> bool:
+        """Whether it has not failed several times in a row."""
+        return self._failures < MAX_FAILURES
+
+    def destroy(self) -> None:
+        """Free the solvers. Collective."""
+        self.ksp.destroy()  # and with it what has been kept
+
+
+def pays(equilibrium: Equilibrium) -> bool:
+    """Whether the tangent of these equations is worth keeping, and PETSc's options leave it so."""
+    given = PETSc.Options(PREFIX).getAll()
+    told = any(name.startswith(OF_SOLVERS) for name in given)
+    return equilibrium.inertial and equilibrium.prolongation.size >= SMALLEST and not told
+
+
+def tangent_cost(unknowns: int, direct: bool) -> float:
+    """What a new tangent costs, in iterations with a kept one."""
+    return 4 + unknowns / 1500 if direct else 4.0

@@ -1,0 +1,284 @@
+"""A tangent that is kept and turned along: the rules, and the same motions as by Newton's method.
+
+Run as a script under mpirun, this file reports histories of motions with tangents that are kept.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import parallel
+import pytest
+from histories import EPS, column, drift, show
+from mpi4py import MPI
+from scipy.spatial.transform import Rotation
+
+import rigidfx as rf
+from rigidfx.coupling.dof_layout import dof_layout
+from rigidfx.coupling.prolongation import Prolongation
+from rigidfx.mechanics.bodies import Bodies
+from rigidfx.step import chord
+from rigidfx.step.chord_test import MAX_ITERATIONS, ChordTest
+from rigidfx.step.frames import Frames
+from rigidfx.step.kept_tangent import KeptTangent
+from rigidfx.step.refresh import Refresh
+from rigidfx.step.stopping_test import ROUNDING
+
+STEEL = rf.StVenantKirchhoff(E=2e11, nu=0.3, rho=7800.0)
+DT = 1.2e-4  # s; some 25 to a period of the bar's first bending motion
+SPIN = rf.InitialVelocity(angular=(100.0, 400.0, 50.0))  # 0.05 rad per step
+NEWTON = {"snes_lag_jacobian": 1}  # who says how tangents are used, is obeyed
+
+
+# Rules -----------------------------------------------------------------------------------------
+
+
+def test_first_step_needs_a_tangent():
+    rule = Refresh(cost=10)
+    rule.begin()
+    assert rule.wanted([1.0], 1e-12)
+    rule.renewed([1.0])
+    assert not rule.wanted([1.0, 0.9], 1e-12)  # one iteration tells nothing
+
+
+@pytest.mark.parametrize(
+    ("history", "wanted"),
+    [
+        ([1e6, 1e4, 1e2], False),  # 12 decades at 2 each: less than a tangent and three more
+        ([1e6, 1e6, 3e5], True),  # at half a decade, more
+        ([1e6, 1e4, 6e3], True),  # it hardly falls
+        ([1e6, 1e4, 2e4], True),
+        ([1e6, 1e-5, 9e-6], False),  # nothing is left that would tell
+    ],
+)
+def test_a_tangent_is_renewed_in_a_step_where_it_does_not_fit(history, wanted):
+    rule = Refresh(cost=8)
+    rule.renewed([1.0])
+    rule.accepted(4)
+    rule.begin()
+    assert rule.wanted(history, target=1e-4) == wanted
+
+
+def test_a_tangent_is_renewed_where_further_steps_would_raise_the_average():
+    rule = Refresh(cost=10)
+    rule.renewed([1.0])
+    due = []
+    for iterations in (4, 4, 5, 6, 7, 8):
+        rule.begin()
+        rule.accepted(iterations)
+        due.append(rule.due)
+    # (10 + 4 + 4 + 5 + 6 + 7)/5 is 7.2; a sixth step of 8 raises it.
+    assert due == [False] * 5 + [True]
+
+
+def level(rounding=1e-6, **options):
+    stop = ChordTest(**options)
+    stop.expect_rounding(rounding / (ROUNDING * EPS))
+    return stop
+
+
+def end(norms, stop, renewed=()):
+    """Iterate at which a sequence of norms ends; -1 if it does not."""
+    stop.restart()
+    for k, norm in enumerate(norms):
+        if stop(k, norm):
+            return k
+        if k in renewed:
+            stop.renewed()
+    return -1
+
+
+def test_linear_convergence_goes_on_below_rounding():
+    """What is left falls by a tenth each time, though it does not show."""
+    falling = [1e2, 1e1, 1e0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5]
+    assert end([*falling, 1e-6, 5e-7, 5e-7, 5e-7, 5e-7], level()) == 11
+    assert end([*falling, 1e-6, 1e-7, 1e-8, 1e-9], level(1e-7)) == -1  # it still falls
+
+
+def test_slow_convergence_is_no_stall_unless_the_tangent_is_new():
+    slow = [1e2, 1e-4, 1e-5, 9e-6]
+    assert end(slow, level()) == -1
+    stop = level()
+    assert end(slow, stop, renewed=[2]) == 3
+    # Where rounding has been met is remembered: the next step needs no new tangent for that.
+    assert stop.target == pytest.approx(9e-6)
+    assert end([1e2, 1e0, 1e-2, 1e-4, 9e-6, 9e-6], stop) == 5
+
+
+def test_reduction_ends_a_step_well_below_that_of_newton():
+    assert end([1e7, 1e1, 1e-5, 1e-6, 1e-7], level(0.0)) == 4
+    assert end([1.0] * 50, level(0.0)) == MAX_ITERATIONS
+
+
+# Frames ----------------------------------------------------------------------------------------
+
+
+def _frames(scene, held=None):
+    mask = np.zeros(3 * scene.owned_nodes, dtype=bool)
+    if held is not None:
+        mask[held] = True
+    owned = np.arange(scene.mesh.topology.index_map(3).size_local, dtype=np.int32)
+    layout = dof_layout(scene, {0: owned}, Bodies.of_each([]).of, mask)
+    return layout, Prolongation(layout, scene.comm)
+
+
+def _turned(layout, R):
+    X = layout.rows.X
+    return (X @ R.T + [3.0, -2.0, 5.0] - X).reshape(-1)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.3, 3.1])
+def test_a_rotation_is_found_whatever_is_strained_and_moved(angle):
+    scene = rf.Scene(rf.box((0, 0, 0), (4, 1, 1), (4, 2, 1)), STEEL)
+    layout, prolongation = _frames(scene)
+    frames = Frames(prolongation, scene.parts)
+    R = Rotation.from_rotvec(angle * np.array([0.6, 0.0, 0.8])).as_matrix()
+    assert frames.rotations(_turned(layout, R))[0] == pytest.approx(R, abs=1e-14)
+    stretched = R @ np.diag([1.3, 0.9, 1.1])
+    assert frames.rotations(_turned(layout, stretched))[0] == pytest.approx(R, abs=1e-14)
+
+
+def test_unknowns_turn_as_vectors_and_single_components_do_not():
+    scene = rf.Scene(rf.box((0, 0, 0), (2, 1, 1), (2, 1, 1)), STEEL)
+    Q = Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix()[None]
+    for held in (None, [4, 9]):
+        _, prolongation = _frames(scene, held)
+        y = np.random.default_rng(1).standard_normal(prolongation.size)
+        turned = y.copy()
+        Frames(prolongation, scene.parts).turn(turned, Q)
+        if held is None:
+            assert turned == pytest.approx((y.reshape(-1, 3) @ Q[0].T).reshape(-1), abs=1e-15)
+            continue
+        assert turned[:3] == pytest.approx(Q[0] @ y[:3], abs=1e-15)
+        assert np.array_equal(turned[3:5], y[3:5])  # of node 1, whose second component is held
+        assert turned[5:8] == pytest.approx(Q[0] @ y[5:8], abs=1e-15)
+        assert np.array_equal(turned[8:10], y[8:10])
+
+
+def test_what_has_no_direction_is_not_turned():
+    scene = rf.Scene(rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1)), STEEL)
+    held = np.arange(24)[np.r_[3:24]]  # all but one node
+    layout, prolongation = _frames(scene, held)
+    frames = Frames(prolongation, scene.parts)
+    collapsed = -layout.rows.X.copy()  # all nodes on a line
+    collapsed[:, 0] = 0.0
+    assert np.array_equal(frames.rotations(collapsed.reshape(-1))[0], np.eye(3))
+
+
+# Motions ---------------------------------------------------------------------------------------
+
+
+def _bar(*effects, **options):
+    bar = rf.box((0, 0, 0), (1, 0.2, 0.2), (8, 2, 2))
+    for name, low, high in (("end", 0.8, 1.1), ("middle", 0.3, 0.6)):
+        bar = bar.with_cells(name, lambda x, a=low, b=high: (a < x[0]) & (x[0] < b))
+    return rf.Scene(bar, STEEL, effects, probes={"tip": (1, 0.1, 0.1)}, **options)
+
+
+def _shaken(t):
+    return (0.0, 0.0, 1e-3 * np.sin(2e3 * t))
+
+
+PUSH = rf.Traction("x1", (0.0, 0.0, 2e7), until=6 * DT)
+MOTIONS = {
+    "clamped": lambda: _bar(rf.Fixed("x0"), PUSH),
+    "turning": lambda: _bar(SPIN, PUSH),
+    "consistent": lambda: _bar(SPIN, PUSH, mass="consistent"),
+    "held in part": lambda: _bar(rf.Fixed("x0", components="x"), PUSH),
+    "springs": lambda: _bar(rf.Spring("x0", stiffness=1e7), rf.NumericalDamping(0.02), PUSH, SPIN),
+    "pressure": lambda: _bar(rf.Pressure("z0", 1e7, until=10 * DT), SPIN),
+    "moved": lambda: _bar(rf.PrescribedMotion("x0", displacement=_shaken)),
+    "rigid end": lambda: _bar(rf.Rigid("end"), SPIN, rf.Traction("x0", (0, 0, 2e7), until=6 * DT)),
+    "rigid middle": lambda: _bar(rf.Rigid("middle"), SPIN, PUSH, mass="consistent"),
+}
+STEPS = 30
+
+
+def follow(name, options, dt=DT):
+    return list(rf.simulate(MOTIONS[name](), dt, STEPS * DT, petsc_options=options))
+
+
+@pytest.fixture
+def _keeping(monkeypatch):
+    """Tangents are kept however small a scene is."""
+    monkeypatch.setattr(chord, "SMALLEST", 0)
+
+
+@pytest.mark.usefixtures("_keeping")
+@pytest.mark.parametrize("name", MOTIONS)
+def test_the_motion_is_that_of_newtons_method(name):
+    kept, newton = follow(name, {}), follow(name, NEWTON)
+    assert newton[-1].tangents == newton[-1].iterations
+    assert all(r.solver.startswith("kept") for r in kept[1:])
+    tangents = sum(r.tangents for r in kept)
+    tips = [np.array([r.probes["tip"] for r in run]) for run in (kept, newton)]
+    apart = np.abs(tips[0] - tips[1]).max() / np.abs(tips[1]).max()
+    H = [column(run, "energy")[12:] for run in (kept, newton)]
+    J = [column(run, "angular_momentum")[12:] for run in (kept, newton)]
+    show(tangents=tangents, apart=apart, H=drift(H[0]), J=drift(J[0]))
+    assert tangents <= STEPS / 2
+    assert apart <= 1e-11
+    for mine, other in ((H[0], H[1]), (J[0], J[1])):
+        assert drift(mine) <= 2 * drift(other) + 2e-14
+
+
+@pytest.mark.usefixtures("_keeping")
+def test_a_change_of_the_time_step_is_followed():
+    changed = {0.0: DT, 8 * DT: 1.05 * DT, (8 + 8 * 1.05) * DT: 2 * DT}
+    kept, newton = (follow("clamped", options, changed) for options in ({}, NEWTON))
+    assert column(kept, "t") == pytest.approx(column(newton, "t"), rel=1e-12)
+    assert kept[-1].probes["tip"] == pytest.approx(newton[-1].probes["tip"], rel=1e-10)
+    by_dt = [[r.tangents for r in kept[1:] if r.dt == pytest.approx(f * DT)] for f in (1, 1.05, 2)]
+    assert by_dt[1][0] == 0  # near enough
+    assert by_dt[2][0] >= 1
+
+
+@pytest.mark.usefixtures("_keeping")
+def test_what_fails_is_left_to_newtons_method(monkeypatch):
+    """No step is cut that Newton's method can take."""
+
+    def useless(self, pc, r, z):
+        r.copy(z)
+
+    monkeypatch.setattr(KeptTangent, "apply", useless)
+    reports = follow("turning", {})
+    assert not any(r.solver.startswith("kept") for r in reports)
+    assert max(r.cuts for r in reports) == 0
+    newton = follow("turning", NEWTON)
+    assert reports[-1].probes["tip"] == pytest.approx(newton[-1].probes["tip"], rel=1e-10)
+
+
+@pytest.mark.parametrize("options", [{"ksp_type": "preonly", "pc_type": "lu"}, NEWTON])
+@pytest.mark.usefixtures("_keeping")
+def test_who_chooses_a_solver_is_obeyed(options):
+    reports = follow("clamped", options)
+    assert all(r.tangents == r.iterations for r in reports)
+
+
+def test_small_systems_do_not_keep_tangents():
+    """They would not gain by it."""
+    assert all(r.tangents == r.iterations for r in follow("clamped", {}))
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_several_ranks_move_as_one(ranks):
+    one, several = histories(), parallel.run(__file__, ranks, 300)
+    for name, found in several.items():
+        assert np.abs(np.array(found) - one[name]).max() <= 1e-11 * np.abs(one[name]).max()
+
+
+def histories():
+    out = {}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(chord, "SMALLEST", 0)
+        for name in ("turning", "rigid middle", "held in part"):
+            reports = follow(name, {})
+            assert sum(r.tangents for r in reports) <= STEPS / 2
+            out[name] = [[r.kinetic, r.strain, *r.angular_momentum] for r in reports]
+    return out
+
+
+if __name__ == "__main__":
+    found = histories()
+    if MPI.COMM_WORLD.rank == 0:
+        parallel.report(found)
