@@ -6,7 +6,8 @@ support that begins by `kick`, a static preload by `place`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Iterable, Mapping, Sequence, Set
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -66,6 +67,30 @@ class State:
     def stored(self) -> float:
         """Energy that the bodies keep for their release [J]."""
         return self.bodies.stored
+
+    def gap(self, bodies: Iterable[Body], at: Iterable[npt.NDArray[Any]]) -> float:
+        """Largest difference of velocities between bodies and nodes of theirs on this rank [m/s].
+
+        Args:
+            bodies: Bodies.
+            at: Of each body, which of its nodes are looked at.
+        """
+        v, largest = self.v.x.array.reshape(-1, 3), 0.0
+        for body, some in zip(bodies, at, strict=True):
+            own = body.motion.velocities(body.data.offsets[some])
+            apart = np.linalg.norm(v[body.data.nodes[some]] - own, axis=1)
+            largest = max(largest, float(apart.max(initial=0.0)))
+        return largest
+
+    def interface_mismatch(self) -> float:
+        """Largest difference of velocities where flexible cells meet bodies [m/s]. Collective.
+
+        Zero with a lumped mass, whose nodes have one velocity each.
+        """
+        all_nodes = (np.arange(body.nodes.size) for body in self.bodies.of.records)
+        beside = map(np.setdiff1d, all_nodes, self._following)
+        gap = self.gap(self.bodies, beside)
+        return self.v.function_space.mesh.comm.allreduce(gap, op=MPI.MAX)
 
     def body_numbers(self) -> npt.NDArray[np.int32]:
         """For each owned cell the number of the body or clamped part it is in, else 0."""

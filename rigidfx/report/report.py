@@ -144,6 +144,20 @@ class Report:
         return self._indicator.values
 
     @property
+    def interface_mismatch(self) -> float:
+        """Largest difference of velocities where flexible cells meet bodies [m/s]. Collective.
+
+        With a consistent mass the two sides of an interface have velocities of their own; as
+        displacements are the same, these differ by what the time integration leaves, of second
+        order in Δt. Computed when it is asked for; zero with a lumped mass.
+
+        Raises:
+            SceneError: If the run has gone on.
+        """
+        self._check("interface_mismatch")
+        return self._state.interface_mismatch()
+
+    @property
     def finds_bodies(self) -> bool:
         """Whether the run looks for parts that become rigid."""
         return self._indicator is not None

@@ -8,7 +8,8 @@ of the mass, on the fields P y that are rigid in the bodies:
 
 What is projected out has no momenta, for rigid motions of the whole are among the P y, and its
 energy is exactly the difference; both are kept by the new body. The flexible side of an interface,
-which has a velocity of its own between switches, gets that of the body. At a release the kept field
+which has a velocity of its own between switches, gets that of the body: otherwise the difference
+would ring, with the other sign after each step. At a release the kept field
 rotates with the body, brought into the range of the P that is valid then, made orthogonal to the
 range valid before, so that it adds no momenta, and scaled by the one number that restores the
 energy.
@@ -31,9 +32,10 @@ from rigidfx.coupling.rows import Rows
 from rigidfx.decide.decision import PlannedBody
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
-from rigidfx.mechanics.rigid_body import Frozen
+from rigidfx.mechanics.rigid_body import Body, Frozen
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
+from rigidfx.step.division import Division
 from rigidfx.step.linear_solver import conjugate_gradients
 from rigidfx.switch.exchange import freeze
 
@@ -43,6 +45,7 @@ Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
 NEGLIGIBLE = 1e-15  # of the largest: difference velocities that need not be kept
+CONTINUOUS = 1e-13  # of the largest: difference of velocities at an interface that is only rounding
 ROUNDING = 1e-13  # of the energy: what is too little to find the scale of a field by
 
 
@@ -185,30 +188,67 @@ class ConsistentExchange:
 
     def freeze(self, state: State, what: PlannedBody, prescribed: Bools) -> bool:
         """See `rigidfx.switch.exchange.Exchange`."""
-        present = self._present(state)
         body = freeze(self._scene, self._forces, state, what)
         if body is not None:
-            of_given = np.einsum("kij,kj->ki", _given_blocks(state.bodies), state.bodies.six)
-            others = list(state.bodies)
-            state.group(Bodies.of_each([*others, body]))
-            fields = RigidFields(self._scene, state.bodies, prescribed, present.mass)
-            new = fields.project(
-                present.momenta, np.vstack([of_given, np.zeros(6)]), present.nodal[prescribed]
-            )
-            lost: Array = np.reshape(present.nodal - new.nodal, (-1, 3))
-            size: Array = np.sqrt((lost**2).sum(axis=1))
-            most = self._scene.comm.allreduce(float(size.max(initial=0.0)), op=MPI.MAX)
-            nodes = np.flatnonzero(size > NEGLIGIBLE * most).astype(np.int32)
-            energy = present.energy - 0.5 * fields.product(new, new)
-            # Beside a support that moves, what is taken out is not orthogonal to its motion: the
-            # energy may be less than zero, and is kept as it is.
-            frozen = Frozen(nodes, lost[nodes], body.data.frozen.strain, energy)
-            body = replace(body, data=replace(body.data, frozen=frozen))
-            state.group(Bodies.of_each([*others, body]))
-            _take(state, new)
-            fields.destroy()
-        present.destroy()
+            self._include(state, body, prescribed)
         return body is not None
+
+    def settle(self, state: State, division: Division, prescribed: Bools) -> None:
+        """See `rigidfx.switch.exchange.Exchange`."""
+        there = {body.data.number for body in state.bodies}
+        new = [body for body in division.bodies if body.data.number not in there]
+        if not new or self._continuous(state, division, new):
+            state.group(division.bodies)
+            return
+        # Those of given mass all at once: their momenta are known, and not those of their cells.
+        # They keep nothing, as they are never released.
+        given = {body.data.number for body in new if body.data.given}
+        first = [b for b in division.bodies if b.data.number in there | given]
+        state.group(Bodies.of_each(first))
+        if given:
+            present = self._present(state)
+            fields = RigidFields(self._scene, state.bodies, prescribed, present.mass)
+            of_given = fields.given_momenta(present.bodies)
+            _take(state, fields.project(present.momenta, of_given, present.nodal[prescribed]))
+            fields.destroy()
+            present.destroy()
+        for body in new:
+            if not body.data.given:
+                self._include(state, body, prescribed)
+        settled = {body.data.number: body for body in state.bodies}
+        state.group(Bodies.of_each(settled[b.number] for b in division.bodies.of.records))
+
+    def _continuous(self, state: State, division: Division, bodies: list[Body]) -> bool:
+        """Whether flexible cells and bodies have one velocity where they meet. Collective."""
+        meet = nodes_of(self._scene, division.flexible)
+        gap = state.gap(bodies, [np.flatnonzero(meet[body.data.nodes]) for body in bodies])
+        largest = float(np.abs(state.v.x.array).max(initial=0.0))
+        gap, largest = np.max(self._scene.comm.allgather((gap, largest)), axis=0)
+        return bool(gap <= CONTINUOUS * largest)
+
+    def _include(self, state: State, body: Body, prescribed: Bools) -> None:
+        """Have one more body, which keeps what it takes out of the motion. Collective."""
+        present = self._present(state)
+        of_given = np.einsum("kij,kj->ki", _given_blocks(state.bodies), state.bodies.six)
+        others = list(state.bodies)
+        state.group(Bodies.of_each([*others, body]))
+        fields = RigidFields(self._scene, state.bodies, prescribed, present.mass)
+        new = fields.project(
+            present.momenta, np.vstack([of_given, np.zeros(6)]), present.nodal[prescribed]
+        )
+        lost: Array = np.reshape(present.nodal - new.nodal, (-1, 3))
+        size: Array = np.sqrt((lost**2).sum(axis=1))
+        most = self._scene.comm.allreduce(float(size.max(initial=0.0)), op=MPI.MAX)
+        nodes = np.flatnonzero(size > NEGLIGIBLE * most).astype(np.int32)
+        energy = present.energy - 0.5 * fields.product(new, new)
+        # Beside a support that moves, what is taken out is not orthogonal to its motion: the
+        # energy may be less than zero, and is kept as it is.
+        frozen = Frozen(nodes, lost[nodes], body.data.frozen.strain, energy)
+        body = replace(body, data=replace(body.data, frozen=frozen))
+        state.group(Bodies.of_each([*others, body]))
+        _take(state, new)
+        fields.destroy()
+        present.destroy()
 
     def _present(self, state: State) -> Present:
         return Present(self._scene, self._forces, state)

@@ -30,6 +30,7 @@ from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body, BodyMotion, Frozen, RigidBody
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
+from rigidfx.step.division import Division
 from rigidfx.switch.mass_properties import excess_of_lumping, mass_properties
 
 __all__ = ["Exchange", "LumpedExchange", "freeze"]
@@ -54,6 +55,17 @@ class Exchange(Protocol):
         Args:
             state: Gains the body. Displacement and velocity of its nodes are up to date.
             what: Cells and nodes.
+            prescribed: For each owned dof, whether a support prescribes it.
+        """
+        ...
+
+    def settle(self, state: State, division: Division, prescribed: npt.NDArray[np.bool_]) -> None:
+        """Have the bodies of a division, momenta and energy kept. Collective.
+
+        Args:
+            state: Gets these bodies. Those of them that it has not had, parts that are named
+                rigid, have the momenta of their own mass.
+            division: The division.
             prescribed: For each owned dof, whether a support prescribes it.
         """
         ...
@@ -140,3 +152,7 @@ class LumpedExchange:
             return False
         state.group(Bodies.of_each([*state.bodies, body]))
         return True
+
+    def settle(self, state: State, division: Division, prescribed: npt.NDArray[np.bool_]) -> None:
+        """See `Exchange`."""
+        state.group(division.bodies)

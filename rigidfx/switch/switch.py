@@ -5,14 +5,15 @@ Decision → exchange of momenta and energy → inventory of bodies → stepper 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from rigidfx.base.errors import InversionError
 from rigidfx.decide.decision import Decision
 from rigidfx.effects import Preload
-from rigidfx.mechanics.rigid_body import RigidBody
+from rigidfx.mechanics.rigid_body import Body, RigidBody
 from rigidfx.report.events import BodyChange, Event
 from rigidfx.scene.timeline import Timeline
 from rigidfx.state import initial_velocity
@@ -53,6 +54,15 @@ class Switch:
         later = (b for b in self._stepper.scene.breakpoints if b > self._timeline.after(t))
         return (*later, np.inf)
 
+    def _bind(self, found: Sequence[Body]) -> None:
+        """Bind the stepper to named bodies and to those found. Collective."""
+        stepper = self._stepper
+        scene, state, supports = stepper.scene, stepper.state, supports_of(self.acting)
+        division = divide(scene, stepper.forces, state, supports, found)
+        prescribed = PrescribedDofs(scene, supports, division.driven_nodes).mask
+        self._exchange.settle(state, division, prescribed)
+        stepper.bind(replace(division, bodies=state.bodies), self.acting)
+
     def begin(self) -> Impact | None:
         """Bring the state into its initial one, and bind the stepper. Collective.
 
@@ -71,7 +81,7 @@ class Switch:
         supports = supports_of(self.acting)
         apply_preload(scene, stepper.forces, state, PrescribedDofs(scene, supports))
         state.move(velocity.reshape(-1))
-        stepper.bind(divide(scene, stepper.forces, state, supports), self.acting)
+        self._bind([])
         impact = stepper.meet(supports, dt, stepper.measure())
         if scene.named(Preload) and (turned := stepper.inverted()) is not None:
             found = f"The static preload turns cells inside out: {turned}{INVERTED}"
@@ -107,9 +117,7 @@ class Switch:
             state.rebuild()
             # A support may take named bodies over, and others do not outlast its start and end.
             same = supports_of(self.acting) == supports_of(before)
-            found = list(state.bodies) if same else []
-            supports = supports_of(self.acting)
-            stepper.bind(divide(scene, stepper.forces, state, supports, found), self.acting)
+            self._bind(list(state.bodies) if same else [])
         return None if measures is None else stepper.meet(jumping, dt, measures)
 
     def apply(self, decision: Decision) -> Event | None:
@@ -122,7 +130,7 @@ class Switch:
             What happened; None if nothing did.
         """
         stepper = self._stepper
-        state, scene = stepper.state, stepper.scene
+        state = stepper.state
         old = {b.number: b for b in state.bodies.of.records if b.name not in decision.apart}
         kept = {body.number for body in decision.bodies if body.kept}
         if len(kept) == len(decision.bodies) == len(old):
@@ -134,8 +142,7 @@ class Switch:
             if not body.kept:
                 self._exchange.freeze(state, body, prescribed)
         found = [body for body in state.bodies if body.data.name not in decision.apart]
-        supports = supports_of(self.acting)
-        stepper.bind(divide(scene, stepper.forces, state, supports, found), self.acting)
+        self._bind(found)
         changes = _changes(old, {body.data.number: body.data for body in found})
         if not changes:  # what was to freeze could not be a body
             return None
