@@ -212,10 +212,18 @@ def test_clamped_body_follows_its_motion(mass):
     assert r.work_of_supports == pytest.approx(s.work_of_supports, rel=1e-8)
 
 
+def bent(X):
+    """Velocities that the rigid end keeps in part."""
+    return np.array([0 * X[0], 0.1 * X[0] ** 2, 0.2 * X[0] * X[2]])
+
+
 @MASSES
-def test_clamp_that_begins_and_ends(mass):
+@pytest.mark.parametrize(
+    "start", [MOVING, rf.InitialVelocity(function=bent)], ids=["rigid", "bent"]
+)
+def test_clamp_that_begins_and_ends(mass, start):
     """A free body is stopped at 0.5 s and let go at 1 s: impact and balance of every step."""
-    scene = bar(rf.Fixed("x0", since=0.5, until=1.0), MOVING, mass=mass)
+    scene = bar(rf.Fixed("x0", since=0.5, until=1.0), start, mass=mass)
     before, impacts, seen = None, [], set()
     for r in rf.simulate(scene, 0.1, 2.0):
         if before is not None:

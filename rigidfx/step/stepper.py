@@ -203,19 +203,22 @@ class Stepper:
             before: Energies and momenta before the supports began.
 
         Returns:
-            The difference; None if no velocity changed.
+            The difference; None if nothing changed.
         """
         if not supports:
             return None
         velocities = self.prescribed.velocities(self.state.t, dt)
         system = self.system
-        if not impose_velocity(self.scene, self.state, system.mass, system.layout, velocities):
+        changed = impose_velocity(self.scene, self.state, system.mass, system.layout, velocities)
+        # A body that a support takes over loses what it has kept to the same impact.
+        kept = self.state.stored - before.stored
+        if not changed and kept == 0.0:
             return None
         after = self.measure()
         return Impact(
             self.state.t,
             tuple(support.where for support in supports),
-            after.kinetic - before.kinetic,
+            after.kinetic - before.kinetic + kept,
             after.linear_momentum - before.linear_momentum,
             after.angular_momentum - before.angular_momentum,
         )

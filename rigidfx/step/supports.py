@@ -35,7 +35,8 @@ class Impact:
     Attributes:
         t: Time [s].
         supports: Names of the supports that caused it.
-        energy: Change of kinetic energy [J]; negative is lost.
+        energy: Change of kinetic energy, and of what a body has kept that a support takes over [J];
+            negative is lost.
         impulse: Impulse exerted on the structure, shape (3,) [N s].
         angular_impulse: Its moment about the origin, shape (3,) [N m s].
     """
