@@ -16,6 +16,7 @@ from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError, agree, together
 from rigidfx.base.inputs import numbers
+from rigidfx.base.taken import read_only
 from rigidfx.effects import InitialVelocity
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body
@@ -48,7 +49,7 @@ class State:
         self.v = fem.Function(scene.space, name="velocity")
         self.bodies = Bodies.of_each(())
         self.clamped: Mapping[int, Nodes] = {}
-        self.X: Array = scene.space.tabulate_dof_coordinates()
+        self.X: Array = read_only(scene.space.tabulate_dof_coordinates())
         self._following: tuple[Nodes, ...] = ()
 
     # What is asked ------------------------------------------------------------------------------
@@ -253,7 +254,7 @@ def _evaluate(effect: InitialVelocity, scene: Scene, X: Array) -> Array:
     assert effect.function is not None
     problem, values = None, np.zeros_like(X)
     try:
-        given = effect.function(X.T)
+        given = effect.function(X.copy().T)  # it may change the positions in place
         values = numbers(given).T
         if values.size == 0 and np.size(given):
             raise TypeError("it gives no real numbers")

@@ -243,6 +243,16 @@ CASES = {
         "its loads are zero at t = 0",
     ),
     "probe outside": (lambda: _run(probes={"p": (9, 9, 9)}), SceneError, "lies in no cell"),
+    "probe of texts": (
+        lambda: _run(probes={"p": ("0", "0", "0")}),
+        SceneError,
+        "probe 'p' must be three finite numbers, got ('0', '0', '0')",
+    ),
+    "probes in a list": (
+        lambda: _run(probes=[(0, 0, 0)]),
+        SceneError,
+        "probes must be a dict of names",
+    ),
     "missing mesh file": (
         lambda: rf.read_msh(_path("nothing.msh")),
         SceneError,

@@ -94,15 +94,15 @@ def path_of(owner: str, name: str, value: Any) -> Path:
 
 
 def numbers(value: Any) -> npt.NDArray[np.float64]:
-    """The given value as an array; an empty one if it is ragged, or not of real numbers.
+    """A copy of the given value as an array; an empty one if it is ragged, or not of real numbers.
 
     Args:
-        value: The given value.
+        value: The given value; a function may change it in place before it gives it again.
     """
     try:
         array = np.asarray(value)
         if array.dtype.kind in "biufO":  # neither text nor complex numbers, which NumPy would cast
-            return array.astype(np.float64)
+            return array.astype(np.float64, copy=True)
     except (TypeError, ValueError):
         pass
     return np.empty(0)

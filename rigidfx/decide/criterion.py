@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import inf
-from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import number, positive, whole
+from rigidfx.base.taken import take_fields
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.strain_rate import StrainRates
@@ -113,7 +113,7 @@ class StrainRate:
     until: float = field(default=inf, kw_only=True)
 
     def __post_init__(self) -> None:
-        """Check the record.
+        """Check all values, and take them.
 
         Raises:
             SceneError: If a number or a name cannot be used.
@@ -140,7 +140,6 @@ class StrainRate:
         for name, tol in self.tolerances.items():
             if not number(owner, f"the tolerance of '{name}'", tol) >= 0:
                 raise SceneError(f"StrainRate: the tolerance of '{name}' must be ≥ 0, got {tol!r}.")
-        object.__setattr__(self, "tolerances", MappingProxyType(dict(self.tolerances)))
         if not isinstance(self.never, Iterable):
             raise SceneError(f"StrainRate: never must be names of cell sets, got {self.never!r}.")
         never = (self.never,) if isinstance(self.never, str) else tuple(self.never)
@@ -159,6 +158,7 @@ class StrainRate:
             raise SceneError(
                 f"StrainRate: needs since < until, got {self.since!r} … {self.until!r}."
             )
+        take_fields(self)  # at last, so that messages show what was given
 
     @property
     def releases(self) -> tuple[Release, ...]:

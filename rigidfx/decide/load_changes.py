@@ -73,7 +73,7 @@ class LoadChanges:
     def _signals(self, t: float) -> list[Array]:
         dt = self._timeline.dt
         values = together(
-            self._comm, "A load", lambda: [np.asarray(e.signal(t, dt)) for e in self._loads]
+            self._comm, "A load", lambda: [np.array(e.signal(t, dt)) for e in self._loads]
         )
         # Functions cannot be compared: were theirs to differ, so would what ranks decide by them.
         return list(self._comm.bcast(values))

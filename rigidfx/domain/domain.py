@@ -17,6 +17,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError, agree, together
+from rigidfx.base.taken import take_fields
 from rigidfx.domain.cell_quality import check_cells
 from rigidfx.domain.mesh_life import keep, let_go
 
@@ -41,6 +42,10 @@ class EntitySet:
     name: str
     dim: int
     entities: npt.NDArray[np.int32]
+
+    def __post_init__(self) -> None:
+        """Take the numbers over."""
+        take_fields(self)
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError, together
 from rigidfx.base.inputs import number, numbers
+from rigidfx.base.taken import take_fields
 from rigidfx.effects.action import Action, FormTerm, Structure
 
 __all__ = [
@@ -51,6 +52,7 @@ class Table:
         Raises:
             SceneError: If lengths differ, times do not increase or a number is not finite.
         """
+        take_fields(self)
         times, values = numbers(self.times), numbers(self.values)
         if times.ndim != 1 or times.shape != values.shape or times.size == 0:
             raise SceneError(
@@ -73,17 +75,18 @@ class Table:
 
 @dataclass(frozen=True)
 class Effect:
-    """Anything a scene may name."""
+    """Anything a scene may name; it keeps its values as they were given."""
 
     is_load: ClassVar[bool] = False  # whether its windows and changes are changes of a load
     is_dead: ClassVar[bool] = False  # whether it is but forces that the motion does not change
 
     def __post_init__(self) -> None:
-        """Check where it acts, if it acts somewhere.
+        """Take its values, and check where it acts, if it acts somewhere.
 
         Raises:
             SceneError: If that is no name of a set; None will do where it is the default.
         """
+        take_fields(self)
         for place in (f for f in fields(self) if f.name == "where"):
             where = getattr(self, "where", None)
             if not isinstance(where, str) and (where is not None or place.default is not None):

@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.base.taken import read_only, seal
 from rigidfx.mechanics.rigid_body import Body, BodyMotion, RigidBody, at_rest
 from rigidfx.mechanics.rotation import UNIT_SKEWS
 
@@ -50,6 +51,7 @@ class Ensemble:
         self.square_length = (self.length**2)[:, None, None]
         self.skews = UNIT_SKEWS / -self.length[:, None, None]
         self.frames = np.tile(TRANSLATIONS, (self.mass.size, 1, 1))
+        seal(self)
 
     def __len__(self) -> int:
         """Number of bodies."""
@@ -62,7 +64,7 @@ class Ensemble:
 
 
 class Bodies:
-    """The rigid bodies at an instant, a value: nothing changes them.
+    """The rigid bodies at an instant, a value: nothing changes them, and arrays are read-only.
 
     Attributes:
         of: Their constant data.
@@ -77,9 +79,10 @@ class Bodies:
         self, of: Ensemble, pose: Array, velocity: Array, angular_velocity_body: Array
     ) -> None:
         """Take arrays over, from then on not to be changed."""
-        self.of, self.pose = of, pose
-        self.R = pose[:, 1:].swapaxes(1, 2)
-        self.velocity, self.angular_velocity_body = velocity, angular_velocity_body
+        self.of, self.pose = of, read_only(pose)
+        self.R = self.pose[:, 1:].swapaxes(1, 2)
+        self.velocity = read_only(velocity)
+        self.angular_velocity_body = read_only(angular_velocity_body)
 
     @classmethod
     def of_each(cls, bodies: Iterable[Body]) -> Bodies:
@@ -143,22 +146,22 @@ class Bodies:
     @cached_property
     def momentum(self) -> Array:
         """Momenta m ṙ, shape (bodies, 3) [kg m/s]."""
-        return self.of.mass[:, None] * self.velocity
+        return read_only(self.of.mass[:, None] * self.velocity)
 
     @cached_property
     def own_momentum(self) -> Array:
         """J W in the bodies' frames, shape (bodies, 3) [kg m²/s]."""
-        return times(self.of.inertia, self.angular_velocity_body)
+        return read_only(times(self.of.inertia, self.angular_velocity_body))
 
     @cached_property
     def angular_momentum(self) -> Array:
         """π = R J W about the centres of mass, shape (bodies, 3) [kg m²/s]."""
-        return times(self.R, self.own_momentum)
+        return read_only(times(self.R, self.own_momentum))
 
     @cached_property
     def rotated_inertia(self) -> Array:
         """J Rᵀ, shape (bodies, 3, 3) [kg m²]."""
-        return self.of.inertia @ self.R.swapaxes(1, 2)
+        return read_only(self.of.inertia @ self.R.swapaxes(1, 2))
 
     @property
     def kinetic(self) -> float:

@@ -12,13 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import Any, ClassVar
 
 import ufl
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import number, positive
+from rigidfx.base.taken import take_fields
 
 __all__ = ["Hyperelastic", "Material", "MooneyRivlin", "NeoHooke", "StVenantKirchhoff"]
 
@@ -50,11 +50,12 @@ class Material:
     quadratic: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        """Check the density.
+        """Take all values, and check the density.
 
         Raises:
             SceneError: If ρ0 is not a finite number above zero.
         """
+        take_fields(self)
         positive(type(self).__name__, "rho", self.rho)
 
     @property
@@ -200,7 +201,7 @@ class Hyperelastic(Material):
     label: str = "Hyperelastic"
 
     def __post_init__(self) -> None:
-        """Check the density and the parameters, and make them read-only.
+        """Check the density and the parameters.
 
         Raises:
             SceneError: If ρ0 is not positive, W cannot be called or a parameter is not finite.
@@ -210,7 +211,6 @@ class Hyperelastic(Material):
             raise SceneError(f"{self.label}: W must be a function of C giving UFL, got {self.W!r}.")
         for name, value in self.values.items():
             number(self.label, f"parameter {name}", value)
-        object.__setattr__(self, "values", MappingProxyType(dict(self.values)))
 
     @property
     def parameters(self) -> Mapping[str, float]:

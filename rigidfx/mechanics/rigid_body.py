@@ -12,6 +12,8 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.base.taken import seal
+
 __all__ = ["Body", "BodyMotion", "Frozen", "RigidBody", "at_rest"]
 
 Array = npt.NDArray[np.float64]
@@ -33,6 +35,10 @@ class Frozen:
     velocities: Array
     strain: float
     vibration: float
+
+    def __post_init__(self) -> None:
+        """Let nobody change the arrays: reports show them."""
+        seal(self)
 
     @property
     def energy(self) -> float:
@@ -76,6 +82,10 @@ class RigidBody:
     given: bool = False
     frozen: Frozen = NOTHING
     excess: Array = field(default_factory=lambda: np.zeros((3, 3)))
+
+    def __post_init__(self) -> None:
+        """Let nobody change the arrays: reports show them."""
+        seal(self)
 
     @cached_property
     def length(self) -> float:

@@ -17,6 +17,7 @@ from mpi4py import MPI
 
 from rigidfx.base.errors import OutputError, SceneError, agree
 from rigidfx.base.inputs import number, numbers, path_of
+from rigidfx.base.taken import take_fields
 from rigidfx.output.history import read_history
 
 __all__ = ["Curve", "check_time", "curves", "figure_of", "histories", "on_first_rank", "save"]
@@ -178,11 +179,12 @@ class Curve:
     broken: bool = False
 
     def __post_init__(self) -> None:
-        """Check the points.
+        """Take the points, and check them.
 
         Raises:
             SceneError: If there are none, or as many abscissae as ordinates are not.
         """
+        take_fields(self)
         x, y = numbers(self.x), numbers(self.y)
         if x.ndim != 1 or x.shape != y.shape or x.size == 0:
             raise SceneError(

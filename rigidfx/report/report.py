@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
+from rigidfx.base.taken import read_only
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.report.body_report import BodyReport, body_reports
@@ -141,7 +142,7 @@ class Report:
         if self._indicator is None:
             return None
         self._check("strain_rate")
-        return self._indicator.values
+        return read_only(self._indicator.values)
 
     @property
     def interface_mismatch(self) -> float:

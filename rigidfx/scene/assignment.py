@@ -9,6 +9,7 @@ import numpy.typing as npt
 import ufl
 
 from rigidfx.base.errors import SceneError
+from rigidfx.base.taken import read_only
 from rigidfx.domain.domain import Domain
 from rigidfx.mechanics.materials import Material
 
@@ -36,7 +37,7 @@ def assign(
         if isinstance(item, Material):
             _check_energy(item)
     if isinstance(material, Material):
-        return ((material, np.arange(owned, dtype=np.int32)),)
+        return ((material, read_only(np.arange(owned, dtype=np.int32))),)
     if not isinstance(material, Mapping) or not material:
         raise SceneError(
             f"Scene: material must be a Material or a dict of cell-set names to materials, "
@@ -50,7 +51,7 @@ def assign(
         entities = domain.find(name, (3,), "Scene (material)").entities
         cells = entities[entities < owned]
         times_used[cells] += 1
-        pairs.append((m, cells))
+        pairs.append((m, read_only(cells)))
     none, several = (
         int(domain.comm.allreduce(int(np.count_nonzero(c))))
         for c in (times_used == 0, times_used > 1)

@@ -11,6 +11,8 @@ import numpy.typing as npt
 
 from rigidfx.base import compat
 from rigidfx.base.errors import SceneError, agree
+from rigidfx.base.inputs import numbers
+from rigidfx.base.taken import read_only
 from rigidfx.base.warning import warn
 from rigidfx.effects import Rigid
 from rigidfx.scene.conflicts import overlap
@@ -118,18 +120,19 @@ def check_supports(scene: Any) -> None:
 
 
 def points(probes: Mapping[str, Sequence[float]]) -> dict[str, Array]:
-    """Probes as arrays, shape (3,) each [m].
+    """Probes as read-only arrays, shape (3,) each [m].
 
     Raises:
         SceneError: If one is not three finite numbers.
     """
-    try:
-        found = {name: np.asarray(p, dtype=np.float64) for name, p in probes.items()}
-    except (AttributeError, TypeError, ValueError):
+    if not isinstance(probes, Mapping):
         raise SceneError(
             f"Scene: probes must be a dict of names to three numbers each, got {probes!r}."
-        ) from None
-    for name, point in found.items():
+        )
+    found: dict[str, Array] = {}
+    for name, given in probes.items():
+        point = numbers(given)
         if point.shape != (3,) or not np.isfinite(point).all():
-            raise SceneError(f"Scene: probe '{name}' must be three finite numbers, got {point}.")
+            raise SceneError(f"Scene: probe '{name}' must be three finite numbers, got {given!r}.")
+        found[name] = read_only(point)
     return found

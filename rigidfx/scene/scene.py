@@ -23,6 +23,7 @@ from rigidfx.base import compat
 from rigidfx.base.errors import SceneError
 from rigidfx.base.form_cache import PATIENCE
 from rigidfx.base.same_input import check_same
+from rigidfx.base.taken import read_only
 from rigidfx.domain.connected import ConnectedParts, connected_parts
 from rigidfx.domain.domain import Domain
 from rigidfx.mechanics.element import Element, StandardElement
@@ -48,7 +49,7 @@ Nodes = npt.NDArray[np.int32]
 
 
 class Scene:
-    """A problem of structural dynamics.
+    """A problem of structural dynamics, made of values as they are now; arrays are read-only.
 
     Attributes:
         domain: Mesh and names.
@@ -103,9 +104,10 @@ class Scene:
         if isinstance(effects, str) or not isinstance(effects, Iterable):
             raise SceneError(f"Scene: effects must be a list of effects, got {effects!r}.")
         self.effects = tuple(effects)
-        own: dict[str, Any] = {"material": material, "order": order, "mass": mass, "scheme": scheme}
-        own |= {"probes": probes, "names": sorted(domain.sets), "effects": self.effects}
-        check_same(domain.comm, "Scene", own)
+        given: dict[str, Any] = {"material": material, "order": order, "mass": mass}
+        given |= {"scheme": scheme, "probes": probes}
+        given |= {"names": sorted(domain.sets), "effects": self.effects}
+        check_same(domain.comm, "Scene", given)
         self.order, self.mass = order, mass
         self.scheme: Scheme = EnergyMomentum() if scheme is None else scheme
         if isinstance(scheme, type) or not hasattr(self.scheme, "virtual_work"):
@@ -120,12 +122,14 @@ class Scene:
         self.materials = assign(domain, material)
         warn_of_locking(self)
         self.space = fem.functionspace(domain.mesh, ("Lagrange", order, (3,)))
-        self.point_masses = self._point_masses()
+        self.point_masses = read_only(self._point_masses())
         # Two degrees above the integrand of an affine cell, for cells that are not.
         measure = ufl.dx(domain=self.mesh, metadata={"quadrature_degree": 2 * order + 2})
-        self.nodal_mass = self.nodal_weights(self.density(), measure) + self.point_masses
+        own = self.nodal_weights(self.density(), measure)
+        self.nodal_mass = read_only(own + self.point_masses)
         check_masses(self)
-        self.supports = tuple((s, self.nodes(s.where, s.kind)) for s in self.named(fx.Support))
+        supports = self.named(fx.Support)
+        self.supports = tuple((s, read_only(self.nodes(s.where, s.kind))) for s in supports)
         check_supports(self)
         for effect in self.effects:
             effect.check(self)

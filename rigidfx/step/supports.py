@@ -87,7 +87,7 @@ class PrescribedDofs:
 
     def increments(self, t0: float, t1: float) -> Array:
         """Prescribed increments of the held dofs from t0 to t1 [m]. Collective."""
-        return self._ask(lambda s: s.displacement_at(t1) - s.displacement_at(t0), t1)
+        return self._ask(lambda s: _increment(s, t0, t1), t1)
 
     def velocities(self, t: float, dt: float) -> Array:
         """Prescribed velocities of the held dofs just after t [m/s]. Collective."""
@@ -141,6 +141,12 @@ class PrescribedDofs:
         for support, total in zip(self.active, np.asarray(self._scene.sum(sums)), strict=True):
             out[support.where] = out.get(support.where, 0.0) + total
         return {k: v[:3] for k, v in out.items()}, {k: v[3:] for k, v in out.items()}
+
+
+def _increment(support: Support, t0: float, t1: float) -> Array:
+    """Its increment from t0 to t1, also where it changes one array in place [m]."""
+    before = np.array(support.displacement_at(t0))
+    return np.asarray(support.displacement_at(t1) - before)
 
 
 def supports_of(acting: Sequence[Windowed]) -> tuple[Support, ...]:
