@@ -243,6 +243,11 @@ CASES = {
         "its loads are zero at t = 0",
     ),
     "probe outside": (lambda: _run(probes={"p": (9, 9, 9)}), SceneError, "lies in no cell"),
+    "probes of one text": (
+        lambda: _run(probes={1: (0, 0, 0), "1": (1, 1, 1)}),
+        SceneError,
+        "the probes 1 and '1' would have the same columns 'u_1' in history.csv",
+    ),
     "probe of texts": (
         lambda: _run(probes={"p": ("0", "0", "0")}),
         SceneError,

@@ -123,16 +123,24 @@ def points(probes: Mapping[str, Sequence[float]]) -> dict[str, Array]:
     """Probes as read-only arrays, shape (3,) each [m].
 
     Raises:
-        SceneError: If one is not three finite numbers.
+        SceneError: If one is not three finite numbers, or two names are the same text, by which
+            files and pictures know them.
     """
     if not isinstance(probes, Mapping):
         raise SceneError(
             f"Scene: probes must be a dict of names to three numbers each, got {probes!r}."
         )
     found: dict[str, Array] = {}
+    called: dict[str, Any] = {}
     for name, given in probes.items():
         point = numbers(given)
         if point.shape != (3,) or not np.isfinite(point).all():
             raise SceneError(f"Scene: probe '{name}' must be three finite numbers, got {given!r}.")
+        if str(name) in called:
+            raise SceneError(
+                f"Scene: the probes {called[str(name)]!r} and {name!r} would have the same columns "
+                f"'u_{name}' in history.csv. Give one of them another name."
+            )
+        called[str(name)] = name
         found[name] = read_only(point)
     return found
