@@ -109,6 +109,7 @@ class Newton:
         self._chord = Chord(equilibrium, parts, rtol) if pays(equilibrium) else None
         self._keeping = False  # whether the present solve is by the chord method
         self._tangents = 0
+        self._left = 0.0  # ‖R‖ of the last solution [N]
 
     def _create_snes(self) -> PETSc.SNES:
         snes = PETSc.SNES().create(self.equilibrium.prolongation.comm)
@@ -185,6 +186,7 @@ class Newton:
     def _solution(self, reason: int, tangents: int, linear: int, solver: str) -> Solution:
         """What has been found. Collective."""
         self.equilibrium.return_to(self._y, self._r)
+        self._left = self.stop.history[-1]
         return Solution(
             reason > 0,
             reason_name(reason),
@@ -234,7 +236,7 @@ class Newton:
     @property
     def strain_error(self) -> float:
         """Strain that the last solve and rounding may leave in a cell. Collective."""
-        return self.equilibrium.strain_error(self.stop.history[-1])
+        return self.equilibrium.strain_error(self._left)
 
     def destroy(self) -> None:
         """Free all PETSc objects. Collective."""
