@@ -147,7 +147,8 @@ def test_history_has_full_precision_and_a_column_for_everything(tmp_path):
                      "momentum_scale"):  # fmt: skip
             assert float(row[name]) == getattr(r, name)
         assert float(row["dissipated"]) == sum(r.dissipated.values())
-        vectors = {"L": r.linear_momentum, "J": r.angular_momentum, "u_tip": r.probes["tip"]}
+        vectors = {"L": r.linear_momentum, "J": r.angular_momentum, "u_tip": r.probes["tip"],
+                   "impulse": r.impulse, "angular_impulse": r.angular_impulse}  # fmt: skip
         for where in ("z0", "x0"):
             vectors[f"reaction_{where}"] = r.reactions.get(where, np.zeros(3))
         for name, vector in vectors.items():
@@ -428,7 +429,9 @@ def test_events_have_a_row_for_each_body(tmp_path):
             assert float(row[column]) == getattr(event, column)
         for column in ("number", "cells_before", "cells_after", "stored_before", "stored_after"):
             assert float(row[column]) == getattr(change, column)
-    assert len(rows[0]) == 16
+        for name in ("impulse", "angular_impulse"):
+            assert [float(row[f"{name}_{axis}"]) for axis in "xyz"] == list(getattr(event, name))
+    assert len(rows[0]) == 22
     h = rf.read_history(recorder.history)
     np.testing.assert_array_equal(h["bodies"], [len(r.bodies) for r in reports])
     np.testing.assert_array_equal(h["stored"], [r.stored for r in reports])

@@ -14,7 +14,7 @@ import parallel
 import pytest
 import ufl
 from dolfinx import fem
-from histories import EPS, show
+from histories import EPS, NEWTON, show
 from mpi4py import MPI
 from runs import prepared, regroup, step
 
@@ -539,6 +539,56 @@ def test_energy_beside_a_support_that_moves(mass, window):
     assert [e.kind for r in reports for e in r.events] == ["freeze", "release"] * 2 + ["freeze"]
     supplied = sum(r.work_of_supports for r in reports[1:])
     assert abs(reports[-1].energy - reports[0].energy - supplied) <= 1e-11 * reports[-1].energy
+
+
+@MASSES
+@pytest.mark.parametrize("moves", [False, True], ids=["held", "moved"])
+def test_table_accounts_for_all_momentum(tmp_path, mass, moves):
+    """L and J grow by what reactions and impulses give, also where cells beside a support freeze.
+
+    With a consistent mass the support has its share in a freeze; with a lumped one it has not.
+    """
+    block = rf.box((0, 0, 0), (4, 1, 1), (4, 1, 1)).with_cells("b", lambda x: x[0] >= 0.99)
+    path = (lambda t: (0.0, 0.0, t)) if moves else (lambda t: (0.0, 0.0, 0.0))
+    effects = [
+        rf.PrescribedMotion("x0", displacement=path, until=1.2),
+        rf.PrescribedMotion("x0", displacement=lambda t: (0.0, t, 0.0), since=1.2),
+    ]
+    push = rf.Traction("x1", (0.0, 4.0, 1.0), until=0.1)
+    scene = rf.Scene(
+        block, rf.StVenantKirchhoff(E=1e3, nu=0.3, rho=100.0), [*effects, push], mass=mass
+    )
+    release = rf.Release(at=(0.35, 0.65))
+    criterion = rf.StrainRate(0.0, 0.1, tolerances={"b": ANY}, release=release)
+    with warnings.catch_warnings(), rf.Recorder(scene, tmp_path) as recorder:
+        warnings.simplefilter("ignore", rf.RigidfxWarning)  # the window is short
+        reports = []
+        for r in rf.simulate(scene, 0.05, 1.5, rigidify=criterion):
+            recorder.write(r)
+            reports.append(r)
+    h = rf.read_history(recorder.history)
+
+    def vector(name):
+        return np.stack([h[f"{name}_{axis}"] for axis in "xyz"], axis=1)
+
+    # From 0.1 s on nothing but the support acts.
+    late = h["t"] > 0.1 + 1e-9
+    turned = np.array([r.reaction_moments.get("x0", np.zeros(3)) for r in reports])
+    for name, given, at_once, lever in (
+        ("L", vector("reaction_x0"), "impulse", 1.0),
+        ("J", turned, "angular_impulse", 5.0),
+    ):
+        gained = np.diff(vector(name), axis=0, prepend=np.zeros((1, 3)))
+        gap = (gained - h["dt"][:, None] * given - vector(at_once))[late]
+        size = h["momentum_scale"].max() * lever
+        show(**{name: np.abs(gap).max() / size})
+        assert np.abs(gap).max() <= NEWTON * size
+    switches = events(reports)
+    assert len(switches) >= 4
+    for event in switches:
+        assert_balanced(event, reports[-1])
+    given = max(np.abs(e.impulse).max() for e in switches)
+    assert given == 0.0 if mass == "lumped" else given > 1e-3 * reports[-1].momentum_scale
 
 
 @short_windows

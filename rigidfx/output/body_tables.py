@@ -2,8 +2,9 @@
 
 Columns of events.csv, a row per body that was frozen, changed or released: t, kind, reason,
 unknowns_before, unknowns_after of the event; energy_frozen, energy_released, energy_lost [J],
-linear_momentum_error [kg m/s], angular_momentum_error [kg m²/s] of the event; name, number,
-cells_before, cells_after, stored_before, stored_after of the body [J].
+linear_momentum_error [kg m/s], angular_momentum_error [kg m²/s] of the event; impulse_x … [N s] and
+angular_impulse_x … [N m s] that supports exerted at it; name, number, cells_before, cells_after,
+stored_before, stored_after of the body [J].
 
 Columns of bodies.csv, a row per body at each time of the fields: t, number, name, cells, mass [kg],
 centre_x … of mass [m], velocity_x … of it [m/s], angular_velocity_x … [rad/s], rotation_x …, the
@@ -28,7 +29,8 @@ EVENT = (
     *("linear_momentum_error", "angular_momentum_error"),
 )
 CHANGE = ("name", "number", "cells_before", "cells_after", "stored_before", "stored_after")
-EVENT_COLUMNS = (*EVENT, *CHANGE)
+IMPULSES = ("impulse", "angular_impulse")
+EVENT_COLUMNS = (*EVENT, *(f"{name}_{axis}" for name in IMPULSES for axis in "xyz"), *CHANGE)
 
 BODY = ("number", "name", "cells", "mass")
 VECTORS = ("centre", "velocity", "angular_velocity", "rotation")
@@ -39,8 +41,10 @@ BODY_COLUMNS = ("t", *BODY, *(f"{v}_{axis}" for v in VECTORS for axis in "xyz"),
 def event_rows(report: Report) -> Iterator[dict[str, Any]]:
     """Rows of events.csv for what was switched around a step."""
     for event in report.events:
+        of_event = {name: getattr(event, name) for name in EVENT}
+        for name in IMPULSES:
+            of_event |= components(name, getattr(event, name))
         for change in event.changes:
-            of_event = {name: getattr(event, name) for name in EVENT}
             yield of_event | {name: getattr(change, name) for name in CHANGE}
 
 

@@ -9,7 +9,10 @@ Columns, in SI units; a vector has one column for each of x, y, z:
     impact_energy                            change of energy where a support began [J]
     momentum_scale, L_x …                    Σ m|v| and linear momentum [kg m/s]
     J_x …                                    angular momentum about the origin [kg m²/s]
-    bodies, J_rigid_x …                      number of rigid bodies, and their part of it
+    impulse_x …                              by supports at instants, where they or bodies begin or
+                                             end, besides their reactions [N s]
+    angular_impulse_x …                      its moment about the origin [N m s]
+    bodies, J_rigid_x …                      number of rigid bodies, and their part of J
     reaction_NAME_x …                        of each support [N], zero while it does not act
     u_NAME_x …                               displacement of each probe [m]
     wall                                     wall time of the step [s]
@@ -47,7 +50,7 @@ def history_columns(supports: Iterable[str], probes: Iterable[str]) -> list[str]
         probes: Names of the probes.
     """
     named = [*(f"reaction_{s}" for s in supports), *(f"u_{p}" for p in probes)]
-    vectors = ["L", "J", "J_rigid", *named]
+    vectors = ["L", "J", "impulse", "angular_impulse", "J_rigid", *named]
     names = [f"{vector}_{axis}" for vector in vectors for axis in "xyz"]
     return [*SCALARS, "dissipated", "impact_energy", "momentum_scale", "bodies", *names, "wall"]
 
@@ -65,6 +68,8 @@ def history_row(report: Report, supports: Sequence[str]) -> dict[str, float]:
     row["momentum_scale"] = report.momentum_scale
     row |= components("L", report.linear_momentum)
     row |= components("J", report.angular_momentum)
+    row |= components("impulse", report.impulse)
+    row |= components("angular_impulse", report.angular_impulse)
     row["bodies"] = len(report.bodies)
     row |= components("J_rigid", sum((b.angular_momentum for b in report.bodies), np.zeros(3)))
     for name in supports:

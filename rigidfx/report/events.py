@@ -5,7 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+import numpy.typing as npt
+
 __all__ = ["BodyChange", "Event"]
+
+Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -43,9 +48,11 @@ class Event:
         energy_frozen: Energy taken out of the motion and stored in bodies [J].
         energy_released: Stored energy given back to the motion [J].
         energy_lost: Total energy before less total energy after, everything stored counted [J].
-        linear_momentum_error: |L after - L before| [kg m/s]. With a consistent mass a support
-            holds nodes whose mass is coupled to those of bodies: there this is its impulse.
-        angular_momentum_error: |J after - J before| about the origin [kg m²/s]; likewise.
+        impulse: What supports exert on the structure at the event, shape (3,) [N s]: zero with a
+            lumped mass; a consistent one couples nodes that they hold to those of bodies.
+        angular_impulse: Its moment about the origin, shape (3,) [N m s].
+        linear_momentum_error: |L after - L before - impulse| [kg m/s].
+        angular_momentum_error: |J after - J before - angular impulse| about the origin [kg m²/s].
     """
 
     t: float
@@ -57,5 +64,7 @@ class Event:
     energy_frozen: float
     energy_released: float
     energy_lost: float
+    impulse: Array
+    angular_impulse: Array
     linear_momentum_error: float
     angular_momentum_error: float

@@ -108,6 +108,24 @@ class Report:
         """H = kinetic + strain + stored + springs [J]."""
         return self.kinetic + self.strain + self.stored + self.springs
 
+    @property
+    def impulse(self) -> Array:
+        """What supports gave the structure at instants, shape (3,) [N s].
+
+        By the impact at the step's start, and by the events; what they gave in the step itself is
+        Δt times their reactions.
+        """
+        return self._at_instants("impulse")
+
+    @property
+    def angular_impulse(self) -> Array:
+        """Its moment about the origin, shape (3,) [N m s]."""
+        return self._at_instants("angular_impulse")
+
+    def _at_instants(self, name: str) -> Array:
+        instants = (*self.events, *([self.impact] if self.impact else []))
+        return np.asarray(sum((getattr(instant, name) for instant in instants), np.zeros(3)))
+
     @cached_property
     def bodies(self) -> tuple[BodyReport, ...]:
         """The rigid bodies."""

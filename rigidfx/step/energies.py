@@ -16,7 +16,7 @@ from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.actions import Actions
 
-__all__ = ["Energies", "Measures"]
+__all__ = ["Energies", "Measures", "Momenta"]
 
 Array = npt.NDArray[np.float64]
 
@@ -50,6 +50,19 @@ class Measures:
         return self.kinetic + self.strain + self.stored + self.springs
 
 
+@dataclass(frozen=True)
+class Momenta:
+    """Linear and angular momentum.
+
+    Attributes:
+        linear: L, shape (3,) [kg m/s].
+        angular: J about the origin, shape (3,) [kg m²/s].
+    """
+
+    linear: Array
+    angular: Array
+
+
 class Energies:
     """Measures states of a scene."""
 
@@ -66,14 +79,12 @@ class Energies:
         self._scene, self._mass, self._rows = scene, mass, layout.rows
         self._energy = forces.bind_energy(layout.flexible)
         self._v, self._p = self._rows.vector(), self._rows.vector()
+        self._held = layout.prescribed[self._rows.dofs]
 
     def measure(self, state: State) -> Measures:
         """Energies and momenta of the state that the forms' u₀ belongs to. Collective."""
         dofs = self._rows.dofs
-        self._v.array[:] = state.v.x.array[dofs]
-        self._mass.mult(self._v, self._p)
-        p = self._p.array_r.reshape(-1, 3)
-        x = self._rows.X + state.u.x.array[dofs].reshape(-1, 3)
+        p, x = self._momenta(state)
         local = np.empty(10)
         local[0] = 0.5 * float(self._v.array_r @ self._p.array_r)
         local[1] = fem.assemble_scalar(self._energy)
@@ -98,6 +109,20 @@ class Energies:
             angular_momentum=total[5:8],
             momentum_scale=float(total[8]),
         )
+
+    def held_momenta(self, state: State) -> Momenta:
+        """What of the momenta is that of dofs which supports hold. Collective."""
+        p, x = self._momenta(state)
+        held = np.where(self._held, p.reshape(-1), 0.0).reshape(-1, 3)
+        total = np.asarray(self._scene.sum(np.concatenate([held.sum(axis=0), axial(x.T @ held)])))
+        return Momenta(total[:3], total[3:])
+
+    def _momenta(self, state: State) -> tuple[Array, Array]:
+        """M v and x of the active nodes, shapes (nodes, 3) [kg m/s, m]. Collective."""
+        dofs = self._rows.dofs
+        self._v.array[:] = state.v.x.array[dofs]
+        self._mass.mult(self._v, self._p)
+        return self._p.array_r.reshape(-1, 3), self._rows.X + state.u.x.array[dofs].reshape(-1, 3)
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""

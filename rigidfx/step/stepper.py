@@ -16,7 +16,7 @@ from rigidfx.flexible.inversion import Inversion, InvertedCells
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.division import Division
-from rigidfx.step.energies import Measures
+from rigidfx.step.energies import Measures, Momenta
 from rigidfx.step.judge import Attempt, Judge
 from rigidfx.step.newton import Solution
 from rigidfx.step.supports import Impact, PrescribedDofs, impose_velocity, supports_of
@@ -144,6 +144,10 @@ class Stepper:
     def measure(self) -> Measures:
         """Energies and momenta of the current state. Collective."""
         return self.system.energies.measure(self.state)
+
+    def held_momenta(self) -> Momenta:
+        """What of the momenta is that of dofs which supports hold. Collective."""
+        return self.system.energies.held_momenta(self.state)
 
     def inverted(self) -> InvertedCells | None:
         """Cells that the last solution has turned inside out. Collective."""

@@ -136,6 +136,7 @@ class Switch:
         if len(kept) == len(decision.bodies) == len(old):
             return None
         before, unknowns = stepper.measure(), stepper.unknowns
+        held_before = stepper.held_momenta()
         prescribed = stepper.prescribed.mask
         self._exchange.release(state, old.keys() - kept, prescribed)
         for body in decision.bodies:
@@ -146,9 +147,12 @@ class Switch:
         changes = _changes(old, {body.data.number: body.data for body in found})
         if not changes:  # what was to freeze could not be a body
             return None
-        after = stepper.measure()
-        linear = after.linear_momentum - before.linear_momentum
-        angular = after.angular_momentum - before.angular_momentum
+        after, held = stepper.measure(), stepper.held_momenta()
+        # Bodies and free nodes keep their momenta: what held dofs gain is what supports give.
+        impulse = held.linear - held_before.linear
+        angular_impulse = held.angular - held_before.angular
+        linear = after.linear_momentum - before.linear_momentum - impulse
+        angular = after.angular_momentum - before.angular_momentum - angular_impulse
         return Event(
             t=state.t,
             kind=decision.kind,
@@ -159,6 +163,8 @@ class Switch:
             energy_frozen=max(after.stored - before.stored, 0.0),
             energy_released=max(before.stored - after.stored, 0.0),
             energy_lost=before.energy - after.energy,
+            impulse=impulse,
+            angular_impulse=angular_impulse,
             linear_momentum_error=float(np.linalg.norm(linear)),
             angular_momentum_error=float(np.linalg.norm(angular)),
         )
