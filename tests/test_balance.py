@@ -77,6 +77,7 @@ def test_a_balance_that_is_lost_is_named_while_it_happens():
     reports = []
     with warnings.catch_warnings(record=True) as shown:
         warnings.simplefilter("always")
+        warnings.filterwarnings("ignore", ".*rad per step")
         try:
             for report in rf.simulate(scene, 0.1, 30.0):
                 reports.append((report.t, report.energy, len(shown)))

@@ -473,6 +473,7 @@ def test_large_rotation_in_one_step(seed):
     assert after.kinetic(body) == pytest.approx(motion.kinetic(body), rel=1000 * EPS)
 
 
+@pytest.mark.filterwarnings("ignore:.*rad per step:rigidfx.RigidfxWarning")
 def test_large_rotation_through_simulate():
     """The same for all cells rigid: no step is cut."""
     effects = [

@@ -19,6 +19,7 @@ from rigidfx.step.division import Division
 from rigidfx.step.energies import Measures, Momenta
 from rigidfx.step.judge import Attempt, Judge
 from rigidfx.step.newton import Solution
+from rigidfx.step.rotation_per_step import RotationPerStep
 from rigidfx.step.supports import Impact, PrescribedDofs, impose_velocity, supports_of
 from rigidfx.step.system import System
 
@@ -84,6 +85,7 @@ class Stepper:
         self.scene, self.state, self.forces, self.indicator = scene, state, forces, indicator
         self._inversion = Inversion(scene, forces)
         self._judge = Judge(scene, self._inversion)
+        self._rotation = RotationPerStep(scene, forces)
         self._trial = np.inf  # length of the next attempt after a cut ...
         self._whole = np.inf  # ... of a step of this length
         self.system: System
@@ -100,7 +102,7 @@ class Stepper:
         self.state.clamp(division.clamped)
         self.prescribed = PrescribedDofs(self.scene, supports_of(acting), division.driven_nodes)
         self._division = division
-        for observer in (self.indicator, self._inversion):
+        for observer in (self.indicator, self._inversion, self._rotation):
             if observer is not None:
                 observer.bind(division.flexible)
         self.system = System(
@@ -186,6 +188,7 @@ class Stepper:
         """Let the state, and all else that remembers, take an attempt over. Collective."""
         if self.indicator is not None:  # before u₀ becomes u₁
             self.indicator.measure(attempt.dt)
+        self._rotation.look(attempt.t, attempt.dt, self.system.equilibrium.prolongation.increments)
         work = self.system.accept(self.state, attempt.dt, t)
         return StepResult(
             dt=attempt.dt,
