@@ -18,6 +18,7 @@ from rigidfx.state import State
 from rigidfx.step.division import Division
 from rigidfx.step.energies import Measures, Momenta
 from rigidfx.step.judge import Attempt, Judge
+from rigidfx.step.jumps import Jumps
 from rigidfx.step.newton import Solution
 from rigidfx.step.rotation_per_step import RotationPerStep
 from rigidfx.step.supports import Impact, PrescribedDofs, impose_velocity, supports_of
@@ -86,6 +87,7 @@ class Stepper:
         self._inversion = Inversion(scene, forces)
         self._judge = Judge(scene, self._inversion)
         self._rotation = RotationPerStep(scene, forces)
+        self._jumps = Jumps(scene)
         self._trial = np.inf  # length of the next attempt after a cut ...
         self._whole = np.inf  # ... of a step of this length
         self.system: System
@@ -100,7 +102,9 @@ class Stepper:
             self.system.destroy()
         self.state.group(division.bodies)
         self.state.clamp(division.clamped)
-        self.prescribed = PrescribedDofs(self.scene, supports_of(acting), division.driven_nodes)
+        self.prescribed = PrescribedDofs(
+            self.scene, supports_of(acting), division.driven_nodes, self._jumps
+        )
         self._division = division
         for observer in (self.indicator, self._inversion, self._rotation):
             if observer is not None:

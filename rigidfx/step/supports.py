@@ -21,6 +21,7 @@ from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects import Support, Windowed
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
+from rigidfx.step.jumps import Jumps
 from rigidfx.step.linear_solver import conjugate_gradients
 
 __all__ = ["Impact", "PrescribedDofs", "impose_velocity", "supports_of"]
@@ -61,6 +62,7 @@ class PrescribedDofs:
         scene: Scene,
         active: tuple[Support, ...],
         driven: Mapping[int, npt.NDArray[np.int32]] | None = None,
+        jumps: Jumps | None = None,
     ) -> None:
         """Find the dofs of the supports that act.
 
@@ -68,9 +70,11 @@ class PrescribedDofs:
             scene: The problem.
             active: Supports.
             driven: Further owned nodes, of bodies that a support moves, by its number.
+            jumps: What looks at the paths of steps, if anything.
         """
         self._scene = scene
         self.active = active
+        self._jumps = jumps
         owner = np.full(3 * scene.owned_nodes, -1, dtype=np.int32)
         for k, support in reversed(list(enumerate(self.active))):
             owner[dofs_of(scene, support)] = k
@@ -87,7 +91,19 @@ class PrescribedDofs:
 
     def increments(self, t0: float, t1: float) -> Array:
         """Prescribed increments of the held dofs from t0 to t1 [m]. Collective."""
-        return self._ask(lambda s: _increment(s, t0, t1), t1)
+
+        def gained(support: Support) -> Array:
+            u0 = np.array(support.displacement_at(t0))  # a path may change one array in place
+            u1 = np.array(support.displacement_at(t1))
+            whole = np.shape(u0) == np.shape(u1) == (3,)  # if not, that is an error below
+            if self._jumps is not None and support.moves and whole:
+                self._jumps.look(support, t0, t1, u0, u1)
+            return np.asarray(u1 - u0)
+
+        out = self._ask(gained, t1)
+        if self._jumps is not None:
+            self._jumps.tell()
+        return out
 
     def velocities(self, t: float, dt: float) -> Array:
         """Prescribed velocities of the held dofs just after t [m/s]. Collective."""
@@ -141,12 +157,6 @@ class PrescribedDofs:
         for support, total in zip(self.active, np.asarray(self._scene.sum(sums)), strict=True):
             out[support.where] = out.get(support.where, 0.0) + total
         return {k: v[:3] for k, v in out.items()}, {k: v[3:] for k, v in out.items()}
-
-
-def _increment(support: Support, t0: float, t1: float) -> Array:
-    """Its increment from t0 to t1, also where it changes one array in place [m]."""
-    before = np.array(support.displacement_at(t0))
-    return np.asarray(support.displacement_at(t1) - before)
 
 
 def supports_of(acting: Sequence[Windowed]) -> tuple[Support, ...]:

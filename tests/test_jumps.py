@@ -1,0 +1,129 @@
+"""A warning of prescribed paths that jump, and none of those that only bend or hurry."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+
+import rigidfx as rf
+from rigidfx.step.jumps import jump_of
+
+DT = 0.1
+
+
+def moved(x, velocity=None, **window):
+    """A bar of two cells whose end follows a path along x."""
+    path = rf.PrescribedMotion(
+        "x0",
+        displacement=lambda t: (x(t), 0.0, 0.0),
+        velocity=None if velocity is None else lambda t: (velocity(t), 0.0, 0.0),
+        **window,
+    )
+    material = rf.NeoHooke(E=1e3, nu=0.0, rho=10.0)
+    return rf.Scene(rf.box((0, 0, 0), (2, 1, 1), (2, 1, 1)), material, [path])
+
+
+def run(scene, t_end=1.0):
+    return list(rf.simulate(scene, DT, t_end))
+
+
+def velocities(reports):
+    """Of the nodes that are moved, along x, step by step [m/s]."""
+    return [r.state.v.x.array.reshape(-1, 3)[r.state.X[:, 0] == 0, 0].copy() for r in reports]
+
+
+JUMPS = {
+    "once": (lambda t: 0.1 * (t >= 0.45), 0.45),
+    "at the end of a step": (lambda t: 0.1 * (t >= 0.3), 0.3),
+    "while it moves": (lambda t: 0.2 * t + 0.1 * (t > 0.72), 0.72),
+    "back, as saws": (lambda t: 0.4 * (t % 0.55), 0.55),
+    "often": (lambda t: 0.02 * np.floor(t / 0.07 + 1e-9), 0.07),
+}
+
+
+@pytest.mark.parametrize("name", JUMPS)
+def test_a_jump_is_warned_of_once(name):
+    path, t = JUMPS[name]
+    with pytest.warns(rf.RigidfxWarning, match="its path jumps by") as shown:
+        run(moved(path))
+    (said,) = [str(w.message) for w in shown if "jumps" in str(w.message)]
+    assert float(said.split("at t = ")[1].split(" s")[0]) == pytest.approx(t, abs=1e-6)
+
+
+def test_what_the_warning_says_of_the_nodes():
+    """Twice the jump over Δt, with alternating sign, and half of Δt doubles it."""
+    for dt in (DT, DT / 2):
+        with pytest.warns(rf.RigidfxWarning, match=f"a velocity of {0.02 / dt:.3g} m/s"):
+            found = velocities(rf.simulate(moved(lambda t: 0.01 * (t > 0.42)), dt, 0.8))
+        late = np.array(found)[-4:]
+        signs = np.array([1, -1, 1, -1])[:, None] * np.sign(late[0])
+        np.testing.assert_allclose(late, signs * 0.02 / dt, rtol=1e-9)
+
+
+def ramp(begin, length):
+    """From 0 to 0.1 m within so long a time."""
+    return lambda t: 0.1 * min(max((t - begin) / length, 0.0), 1.0)
+
+
+SOUND = {
+    "sine, ten steps a period": lambda t: 0.05 * np.sin(2 * np.pi * t),
+    "sine, 2.3 steps a period": lambda t: 0.01 * np.sin(2 * np.pi * t / 0.23),
+    "cosine from its top": lambda t: 0.05 * np.cos(2 * np.pi * t),
+    "sudden ramp": ramp(0.3, 0.5),
+    "sudden ramp within a step": ramp(0.3999, 0.5),
+    "ramp that begins at a rounded time": ramp(0.1 + 0.2, 0.5),
+    "ramp of a thousandth of a step": ramp(0.42, 1e-4),
+    "smooth step": lambda t: 0.05 * np.tanh((t - 0.5) / 0.02),
+    "root": lambda t: 0.05 * np.sqrt(max(t - 0.31, 0.0)),
+    "far away": lambda t: 1e6 + 0.05 * np.sin(2 * np.pi * t),
+    "held far away": lambda t: 1e6 * (1 + 1e-16 * np.sin(1e3 * t)),
+    "table": rf.Table((0.0, 0.31, 0.62, 1.0), (0.0, 0.1, -0.1, 0.0)),
+    "begins elsewhere": lambda t: 0.1 + 0.05 * t,
+}
+
+
+@pytest.mark.parametrize("name", SOUND)
+def test_other_paths_pass(name):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", rf.RigidfxWarning)
+        run(moved(SOUND[name]))
+
+
+def test_only_increments_of_a_path_count():
+    """One that begins elsewhere moves its nodes as one that begins at zero."""
+
+    def ends(offset):
+        return run(moved(lambda t: offset + 0.05 * t))[-1].state.u.x.array.copy()
+
+    np.testing.assert_allclose(ends(0.7), ends(0.0), atol=1e-12)
+
+
+def test_components_that_are_not_held_may_jump():
+    scene = moved(lambda t: 0.1 * (t >= 0.45), components="yz")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", rf.RigidfxWarning)
+        run(scene)
+
+
+def test_a_path_is_asked_no_more_than_it_has_to_be():
+    """Twice a step where it is smooth: what it is asked beside that is as good as nothing."""
+    asked = []
+
+    def path(t):
+        asked.append(t)
+        return 0.05 * np.sin(t)
+
+    run(moved(path, velocity=lambda t: 0.05 * np.cos(t)), t_end=0.1)
+    first = len(asked)
+    run(moved(path, velocity=lambda t: 0.05 * np.cos(t)), t_end=1.0)
+    assert len(asked) - 2 * first == 2 * 9
+
+
+def test_where_a_path_jumps():
+    found = jump_of(
+        lambda t: np.array([3.0 * (t > 0.7), t]), 0.0, 1.0, np.zeros(2), np.array([3.0, 1])
+    )
+    assert found == pytest.approx((0.7, 3.0), abs=1e-5)
+    assert jump_of(lambda t: np.array([t]), 0.0, 1.0, np.zeros(1), np.ones(1)) is None
