@@ -11,7 +11,7 @@ from rigidfx.base.errors import InversionError, StepError
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.inversion import Inversion
 from rigidfx.step.judge import INVERTED, Attempt, Judge, remedy
-from rigidfx.step.newton import Solution
+from rigidfx.step.solution import Solution
 
 MATERIAL = rf.StVenantKirchhoff(rho=2.0, E=50.0, nu=0.3)
 PLACE = np.array([1.0, 2.5, -3.0])
@@ -32,7 +32,7 @@ ENDS = {
 def attempt(converged, place=None, residuals=(3.0, 0.5)):
     """An attempt from 0.25 s on."""
     reason = "tolerance met" if converged else "too many iterations"
-    return Attempt(0.25, 0.125, Solution(converged, reason, residuals, 1, 1, "LU", place))
+    return Attempt(0.25, 0.125, Solution(converged, reason, residuals, 1, 1, "LU", place, 0.0, 0.0))
 
 
 class Look:

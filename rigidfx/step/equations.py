@@ -190,6 +190,10 @@ class Equilibrium:
         external = self._actions.external
         return self._rounding.in_residual(self.dt, self._v0, external, self._step.start)
 
+    def left(self, residual: PETSc.Vec) -> float:
+        """How far what is left of R [N] moves an unknown by itself [m], at most. Collective."""
+        return self._rounding.left(residual)
+
     def strain_error(self, residual: float) -> float:
         """Strain that rounding, and a residual ‖R‖ [N], may leave in a cell. Collective."""
         return self._rounding.in_strain(residual)

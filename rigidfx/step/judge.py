@@ -14,7 +14,7 @@ from rigidfx.base.errors import InversionError, StepError
 from rigidfx.flexible.inversion import Inversion
 from rigidfx.mechanics.materials import StVenantKirchhoff
 from rigidfx.scene.scene import Scene
-from rigidfx.step.newton import Solution
+from rigidfx.step.solution import Solution
 
 __all__ = ["INVERTED", "Attempt", "Judge", "remedy"]
 

@@ -7,10 +7,8 @@ by a factorisation or tightly, before anybody cuts it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from petsc4py import PETSc
 
 from rigidfx.domain.connected import ConnectedParts
@@ -20,6 +18,7 @@ from rigidfx.step.equations import Equilibrium
 from rigidfx.step.first_guess import Guess
 from rigidfx.step.linear_solver import PREFIX, configure, default_options, prefers_direct
 from rigidfx.step.petsc_options import loose_solves_allowed, monitor_solves
+from rigidfx.step.solution import Solution
 from rigidfx.step.stopping_test import (
     MAX_ITERATIONS,
     RELATIVE_TOLERANCE,
@@ -28,37 +27,9 @@ from rigidfx.step.stopping_test import (
     reason_name,
 )
 
-__all__ = ["Newton", "Solution"]
+__all__ = ["Newton"]
 
 MAX_FALLBACKS = 3  # direct solves in place of failed Krylov solves before Krylov is given up
-
-
-@dataclass(frozen=True)
-class Solution:
-    """How the equations of a step were solved.
-
-    Attributes:
-        converged: Whether Newton met its tolerance.
-        reason: SNES's reason in words.
-        residuals: ‖R‖ [N] at each iterate.
-        tangents: Tangents assembled.
-        linear_iterations: Krylov iterations in total; factorisations count one.
-        solver: Linear solver used, with a remark where it is a fall-back.
-        place: Reference position of the largest residual [m], shape (3,), if not converged.
-    """
-
-    converged: bool
-    reason: str
-    residuals: tuple[float, ...]
-    tangents: int
-    linear_iterations: int
-    solver: str
-    place: npt.NDArray[np.float64] | None
-
-    @property
-    def iterations(self) -> int:
-        """Newton iterations."""
-        return len(self.residuals) - 1
 
 
 def residual(snes: PETSc.SNES, y: PETSc.Vec, r: PETSc.Vec, newton: Newton) -> None:
@@ -195,6 +166,8 @@ class Newton:
             linear,
             solver,
             None if reason > 0 else self.equilibrium.worst_place(),
+            float(self._y.norm(PETSc.NormType.INFINITY)),
+            self.equilibrium.left(self._r) if self.stop.at_rounding(reason) else 0.0,
         )
 
     def renew_tangent(self) -> None:

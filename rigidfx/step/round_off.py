@@ -45,12 +45,13 @@ class Rounding:
             scene: The problem.
             forces: Owner of the coefficients that the forms read.
             undeformed: The tangent without deformation, over interior and interface cells.
-            tangent: Matrix of such a form; overwritten.
+            tangent: Matrix of such a form, overwritten; that of the steps later on.
             mass: Mass operator, or None for statics.
             prolongation: Map between unknowns and dofs.
             actions: What acts on nodes and bodies.
         """
         self._forces, self._mass, self._actions = forces, mass, actions
+        self._tangent = tangent
         self._rest = undeformed
         self._cell_size = scene.mean_cell_size
         self._comm, rows = prolongation.comm, prolongation.layout.rows
@@ -114,6 +115,18 @@ class Rounding:
         free = float(self._elastic[: self._dofs.size].sum())
         stiffness, mass = self._comm.allreduce(np.array([free, self._own_mass]))
         return float(dt * np.sqrt(stiffness / mass)) if mass > 0 else 0.0
+
+    def left(self, residual: PETSc.Vec) -> float:
+        """Largest |Rᵢ|/Kᵢᵢ: how far a residual moves an unknown by itself [m]. Collective.
+
+        Args:
+            residual: R, against which the last tangent that was assembled stands [N].
+        """
+        diagonal = self._tangent.matrix.getDiagonal()
+        K, R = np.abs(diagonal.array_r), np.abs(residual.array_r)
+        most = float((R[K > 0] / K[K > 0]).max(initial=0.0))
+        diagonal.destroy()
+        return float(self._comm.allreduce(most, op=MPI.MAX))
 
     def _undeformed(self, tangent: CondensedMatrix) -> Array:
         """Diagonal of the tangent without deformation, at the present rate. Collective."""

@@ -19,10 +19,11 @@ from rigidfx.step.division import Division
 from rigidfx.step.energies import Measures, Momenta
 from rigidfx.step.judge import Attempt, Judge
 from rigidfx.step.jumps import Jumps
-from rigidfx.step.newton import Solution
 from rigidfx.step.rotation_per_step import RotationPerStep
+from rigidfx.step.solution import Solution
 from rigidfx.step.supports import Impact, PrescribedDofs, impose_velocity, supports_of
 from rigidfx.step.system import System
+from rigidfx.step.unresolved import Unresolved
 
 __all__ = ["StepResult", "Stepper"]
 
@@ -88,6 +89,7 @@ class Stepper:
         self._judge = Judge(scene, self._inversion)
         self._rotation = RotationPerStep(scene, forces)
         self._jumps = Jumps(scene)
+        self._unresolved = Unresolved(scene)
         self._trial = np.inf  # length of the next attempt after a cut ...
         self._whole = np.inf  # ... of a step of this length
         self.system: System
@@ -192,6 +194,7 @@ class Stepper:
         """Let the state, and all else that remembers, take an attempt over. Collective."""
         if self.indicator is not None:  # before u₀ becomes u₁
             self.indicator.measure(attempt.dt)
+        self._unresolved.look(attempt.t, attempt.solution)
         self._rotation.look(attempt.t, attempt.dt, self.system.equilibrium.prolongation.increments)
         work = self.system.accept(self.state, attempt.dt, t)
         return StepResult(

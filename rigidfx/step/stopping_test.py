@@ -87,6 +87,11 @@ class StoppingTest:
             return int(Reason.DIVERGED_MAX_IT)
         return 0
 
+    @staticmethod
+    def at_rounding(reason: int) -> bool:
+        """Whether it was for rounding that Newton stopped."""
+        return reason == int(PETSc.SNES.ConvergedReason.CONVERGED_FNORM_ABS)
+
     def linear_tolerance(self, loosest: float) -> float:
         """Relative residual that the next linear solve may leave.
 

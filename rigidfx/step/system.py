@@ -24,7 +24,8 @@ from rigidfx.step.actions import Actions
 from rigidfx.step.energies import Energies
 from rigidfx.step.equations import Equilibrium
 from rigidfx.step.first_guess import predict
-from rigidfx.step.newton import Newton, Solution
+from rigidfx.step.newton import Newton
+from rigidfx.step.solution import Solution
 from rigidfx.step.structure import BoundStructure
 from rigidfx.step.supports import PrescribedDofs
 

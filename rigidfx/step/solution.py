@@ -1,0 +1,45 @@
+"""How the equations of a step were solved."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["Solution"]
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Solution:
+    """How the equations of a step were solved.
+
+    Attributes:
+        converged: Whether Newton met its tolerance.
+        reason: SNES's reason in words.
+        residuals: ‖R‖ [N] at each iterate.
+        tangents: Tangents assembled; fewer than iterations where one is kept.
+        linear_iterations: Krylov iterations in total; factorisations count one.
+        solver: Linear solver used, with a remark where it is a fall-back.
+        place: Reference position of the largest residual [m], shape (3,), if not converged.
+        moved: Largest increment of an unknown [m].
+        left: How far what is left of the residual moves an unknown against its own stiffness and
+            inertia, the largest of all [m]; 0 if Newton has met its relative tolerance.
+    """
+
+    converged: bool
+    reason: str
+    residuals: tuple[float, ...]
+    tangents: int
+    linear_iterations: int
+    solver: str
+    place: Array | None
+    moved: float
+    left: float
+
+    @property
+    def iterations(self) -> int:
+        """Newton iterations."""
+        return len(self.residuals) - 1

@@ -1,0 +1,76 @@
+"""A warning where rounding in a stiff part is as large as the forces of a soft one."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+from histories import show
+
+import rigidfx as rf
+
+SOFT = rf.StVenantKirchhoff(E=1e3, nu=0.3, rho=1.0)
+
+
+def tip(stiff, *supports):
+    """Displacements of the end of a bar whose left half is stiff, or held."""
+    domain = (
+        rf.box((0, 0, 0), (4, 1, 1), (4, 1, 1))
+        .with_cells("hard", lambda X: X[0] <= 2 + 1e-9)
+        .with_cells("soft", lambda X: X[0] >= 2 - 1e-9)
+    )
+    push = rf.Traction("x1", (1.0, 3.0, 0.0), until=0.3)
+    materials = {"hard": stiff, "soft": SOFT}
+    scene = rf.Scene(domain, materials, [*supports, push], probes={"tip": (4, 0.5, 0.5)})
+    return np.array([r.probes["tip"] for r in rf.simulate(scene, 0.05, 0.6)])
+
+
+def ratio(factor):
+    return rf.StVenantKirchhoff(E=1e3 * factor, nu=0.3, rho=1.0)
+
+
+@pytest.fixture(scope="module")
+def exact():
+    """That of a bar whose left half does not move at all."""
+    return tip(SOFT, rf.Fixed("hard"))
+
+
+def error(found, exact):
+    return np.abs(found - exact).max() / np.abs(exact).max()
+
+
+@pytest.mark.filterwarnings("ignore:.*balance of energy is off")  # in the end, at 1e16
+@pytest.mark.parametrize("factor", [1e14, 1e16])
+def test_a_soft_part_that_is_off_is_warned_of_once(exact, factor):
+    with pytest.warns(rf.RigidfxWarning, match="before softer ones were in balance") as shown:
+        found = tip(ratio(factor), rf.Fixed("x0"))
+    assert sum("softer" in str(w.message) for w in shown) == 1
+    show(off=error(found, exact))
+    assert error(found, exact) > 1e-6
+
+
+@pytest.mark.parametrize("factor", [1.0, 1e4, 1e8, 1e10, 1e12])
+def test_ratios_that_do_no_harm_pass(exact, factor):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", rf.RigidfxWarning)
+        found = tip(ratio(factor), rf.Fixed("x0"))
+    show(off=error(found, exact))
+    assert error(found, exact) <= 25 / factor + 1e-8
+
+
+def test_a_stiff_free_body_passes():
+    """Its flight needs no forces: all that is left is rounding, and does no harm."""
+    start = rf.InitialVelocity(linear=(0.1, 0, 0), angular=(0.1, 0.2, 0.5))
+    steel = rf.StVenantKirchhoff(E=2.1e11, nu=0.3, rho=7850.0)
+    scene = rf.Scene(rf.box((0, 0, 0), (4, 1, 1), (4, 1, 1)), steel, [start])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", rf.RigidfxWarning)
+        list(rf.simulate(scene, 0.05, 1.0))
+
+
+def test_rest_passes():
+    scene = rf.Scene(rf.box((0, 0, 0), (2, 1, 1), (2, 1, 1)), ratio(1e8), [rf.Gravity((0, 0, 0))])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", rf.RigidfxWarning)
+        list(rf.simulate(scene, 0.05, 0.2))
