@@ -1,0 +1,137 @@
+"""What a step of a metal part costs with tangents that are kept, against one with a new one each.
+
+Steel, second-order tetrahedra, consistent mass and 15 to 40 steps to the period of the first
+bending motion, as users have it: waves pass some hundred cells in a step, Krylov methods give up,
+and what a step costs is factorisations. Each part is clamped at one end, or spins freely by 0.05
+rad per step, and is pushed at the other end for half a period. Beside each runs the same with a
+factorisation in each Newton iteration; the two take their steps in turn.
+
+    ./fenicsx python3 demos/benchmarks/metal_part.py
+
+`ratio_to_factoring_always` and `ratio_turning` are the worst of the clamped and of the turning
+parts, each the time of all its steps, those with new tangents among them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from bench import Parser, Turns, conclude
+
+import rigidfx as rf
+
+STEEL = rf.StVenantKirchhoff(E=2e11, nu=0.3, rho=7800.0)  # Pa, 1, kg/m³
+ALWAYS = {"ksp_type": "preonly", "pc_type": "lu", "pc_factor_mat_solver_type": "mumps"}
+TURN = 0.05  # rad per step
+
+
+@dataclass(frozen=True)
+class Part:
+    """A box of steel with some motion.
+
+    Attributes:
+        name: For the summary.
+        size: Edges [m].
+        cells: Cells along them, cut into tetrahedra.
+        per_period: Steps per period of the first bending motion.
+        turning: Whether it spins freely, or is clamped.
+    """
+
+    name: str
+    size: tuple[float, float, float]
+    cells: tuple[int, int, int]
+    per_period: int
+    turning: bool = False
+
+    @property
+    def dt(self) -> float:
+        """Δt [s], by the theory of beams."""
+        length, _, thickness = self.size
+        frequency = 0.1615 * thickness / length**2 * np.sqrt(STEEL.E / STEEL.rho)
+        return float(1 / frequency / self.per_period)
+
+    def scene(self) -> rf.Scene:
+        """The problem."""
+        box = rf.box((0, 0, 0), self.size, self.cells, cell="tetrahedron")
+        _, y, z = self.size
+        # Bends a cantilever by about a hundredth of its length.
+        pressure = 0.01 * STEEL.E * (z / self.size[0]) ** 2 / 4
+        push = rf.Traction("x1", (0, 0, pressure), until=self.per_period / 2 * self.dt)
+        rate = TURN / self.dt
+        spin = rf.InitialVelocity(angular=(0.2 * rate, rate, 0.1 * rate))
+        return rf.Scene(
+            box,
+            STEEL,
+            [push, spin if self.turning else rf.Fixed("x0")],
+            order=2,
+            mass="consistent",
+            probes={"tip": (self.size[0], y / 2, z / 2)},
+        )
+
+
+BAR, PLATE, BLOCK = (1.0, 0.2, 0.2), (1.0, 0.8, 0.1), (1.0, 0.5, 0.4)
+PARTS = (
+    Part("clamped bar", BAR, (20, 4, 4), 40),
+    Part("clamped bar, finer", BAR, (28, 5, 5), 25),
+    Part("clamped plate", PLATE, (16, 12, 2), 25),
+    Part("clamped block", BLOCK, (14, 7, 6), 15),
+    Part("turning bar", BAR, (20, 4, 4), 25, turning=True),
+    Part("turning block", BLOCK, (14, 7, 6), 25, turning=True),
+)
+COARSE = (
+    Part("clamped bar", BAR, (10, 2, 2), 25),
+    Part("turning bar", BAR, (10, 2, 2), 25, turning=True),
+)
+
+
+def measure(part: Part, steps: int) -> dict[str, object]:
+    """The two runs of a part."""
+    runs = {
+        name: rf.simulate(part.scene(), part.dt, 1e6, progress=False, petsc_options=options)
+        for name, options in (("kept", {}), ("always", ALWAYS))
+    }
+    with Turns(runs) as turns:
+        for _ in range(steps):
+            turns.take()
+    kept, always = turns.reports["kept"], turns.reports["always"]
+    tips = [np.array([report.probes["tip"] for report in run]) for run in (kept, always)]
+    apart = float(np.abs(tips[0] - tips[1]).max() / np.abs(tips[1]).max())
+    assert apart <= 1e-8, f"{part.name}: the probe differs by {apart:.1e}"
+    return {
+        "case": part.name,
+        "unknowns": kept[-1].unknowns,
+        "steps_per_period": part.per_period,
+        "ratio": sum(turns.seconds["kept"]) / sum(turns.seconds["always"]),
+        "ratio_of_medians": turns.median("kept") / turns.median("always"),
+        "seconds_per_step": {name: sum(s) / steps for name, s in turns.seconds.items()},
+        "factors_per_step": sum(report.tangents for report in kept) / steps,
+        "newton_per_step": {name: turns.newton(name) for name in runs},
+        "probe_apart": apart,
+        "solver": kept[-1].solver,
+    }
+
+
+def main() -> None:
+    """Run the comparison and write its summary."""
+    parser = Parser(__file__, __doc__.splitlines()[0], short="1700 unknowns, few steps")
+    parser.add_argument("--steps", type=int, default=120, help="timed steps of each part")
+    options = parser.read(steps=12)
+    cases = []
+    for part in COARSE if options.short else PARTS:
+        cases.append(measure(part, options.steps))
+        print(cases[-1])
+
+    def worst(turning: bool) -> float:
+        return max(case["ratio"] for case in cases if ("turning" in case["case"]) == turning)
+
+    summary = {
+        "ratio_to_factoring_always": worst(turning=False),
+        "ratio_turning": worst(turning=True),
+        "cases": cases,
+    }
+    conclude(options.out, summary)
+
+
+if __name__ == "__main__":
+    main()
