@@ -23,7 +23,7 @@ __all__ = ["Chord", "pays"]
 SMALLEST = 1500  # unknowns; below, a new tangent costs as much as a residual
 DIRECT_UP_TO = 50_000  # unknowns; beyond, factors fill too much
 DIRECT_FROM = 15.0  # cells that a wave passes in a step; before, incomplete factors serve better
-MAX_FAILURES = 3
+MAX_FAILURES = 3  # solves in a row after which Newton's method is left alone
 INNER_RTOL = 0.02  # left by GMRES with kept incomplete factors
 OF_SOLVERS = "ksp_", "pc_", "mat_", "sub_", "mg_", "snes_lag_"
 
@@ -37,15 +37,15 @@ class Chord:
         tangents: How many have been made in the last solve.
     """
 
-    def __init__(self, equilibrium: Equilibrium, parts: ConnectedParts, rtol: float) -> None:
+    def __init__(self, equilibrium: Equilibrium, parts: ConnectedParts, stop: ChordTest) -> None:
         """Create the solver. Collective.
 
         Args:
             equilibrium: The equations.
             parts: Connected parts of the mesh.
-            rtol: Reduction of ‖R‖ that ends a step.
+            stop: Stopping test.
         """
-        self.stop = ChordTest(rtol)
+        self.stop = stop
         self.tangents = 0
         self._equilibrium, p = equilibrium, equilibrium.prolongation
         self._size, self._bodies = p.size, len(p.layout.bodies) > 0

@@ -11,11 +11,16 @@ one does no better, rounding is met, and where that is is remembered.
 
 from __future__ import annotations
 
-from rigidfx.step.stopping_test import MARGIN, RELATIVE_TOLERANCE, STALL, StoppingTest
+from rigidfx.step.stopping_test import (
+    MARGIN,
+    MAX_ITERATIONS,
+    RELATIVE_TOLERANCE,
+    STALL,
+    StoppingTest,
+)
 
 __all__ = ["ChordTest"]
 
-MAX_ITERATIONS = 40  # of all kinds
 HIDDEN = 0.01  # of a residual of rounding, what truncation may be
 UNKNOWN = 0.3  # contraction of a tangent that has not shown any
 NEWTON_ERROR = 2.0  # contraction of a tangent, times that of the first iteration with it
@@ -24,9 +29,9 @@ NEWTON_ERROR = 2.0  # contraction of a tangent, times that of the first iteratio
 class ChordTest(StoppingTest):
     """The stopping test of solves with tangents that are kept."""
 
-    def __init__(self, rtol: float = RELATIVE_TOLERANCE) -> None:
+    def __init__(self, rtol: float = RELATIVE_TOLERANCE, max_it: int = MAX_ITERATIONS) -> None:
         """Begin with no tangent."""
-        super().__init__(HIDDEN * rtol, MAX_ITERATIONS)
+        super().__init__(HIDDEN * rtol, max_it)
         self._contraction = 0.0  # the worst that the present tangent has shown ...
         self._before = 0.0  # ... until the last iterate
         self._renewed_at = -1  # iterate; -1 if the tangent is an earlier step's

@@ -11,9 +11,10 @@ from collections.abc import Sequence
 import numpy as np
 from petsc4py import PETSc
 
-from rigidfx.domain.connected import ConnectedParts
+from rigidfx.scene.scene import Scene
 from rigidfx.step.callbacks import errors_of_callbacks
 from rigidfx.step.chord import Chord, pays
+from rigidfx.step.chord_test import ChordTest
 from rigidfx.step.equations import Equilibrium
 from rigidfx.step.first_guess import Guess
 from rigidfx.step.linear_solver import PREFIX, configure, default_options, prefers_direct
@@ -60,12 +61,12 @@ class Newton:
         stop: The stopping test, with the history of the last solve.
     """
 
-    def __init__(self, equilibrium: Equilibrium, parts: ConnectedParts) -> None:
+    def __init__(self, equilibrium: Equilibrium, scene: Scene) -> None:
         """Create the SNES. Collective.
 
         Args:
             equilibrium: The equations.
-            parts: Connected parts of the mesh.
+            scene: The problem.
         """
         self.equilibrium = equilibrium
         self._y = equilibrium.prolongation.unknowns()
@@ -77,7 +78,9 @@ class Newton:
         self._loosest = [(name, self._snes.getParamsEW()[name]) for name in ("rtol_0", "rtol_max")]
         rtol, _, _, max_it = self._snes.getTolerances()
         self.stop = StoppingTest(rtol, max_it)
-        self._chord = Chord(equilibrium, parts, rtol) if pays(equilibrium) else None
+        self._chord: Chord | None = None
+        if pays(equilibrium):
+            self._chord = Chord(equilibrium, scene.parts, ChordTest(rtol, max_it))
         self._keeping = False  # whether the present solve is by the chord method
         self._tangents = 0
         self._left = 0.0  # ‖R‖ of the last solution [N]

@@ -63,7 +63,7 @@ def apply_preload(
             Prolongation(layout, scene.comm),
             actions,
         )
-        newton = Newton(statics, scene.parts)
+        newton = Newton(statics, scene)
         actions.set_time(0.0, 1.0)
         full = actions.external.copy()
         if full.norm() == 0.0:

@@ -117,7 +117,7 @@ class System:
             Prolongation(layout, scene.comm),
             self.actions,
         )
-        self.newton = Newton(self.equilibrium, scene.parts)
+        self.newton = Newton(self.equilibrium, scene)
         self._v0 = rows.vector()
 
     def follow(self, acting: Sequence[Windowed]) -> bool:
