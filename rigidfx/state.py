@@ -37,6 +37,7 @@ class State:
         v: Velocity [m/s].
         bodies: Rigid bodies that move freely.
         clamped: Owned cells of each named part that a support moves, by the part's number.
+        changes: How often it has been written into.
         X: Reference positions of the local nodes, shape (nodes, 3) [m].
 
     Between outputs u and v of nodes inside bodies lag behind; `rebuild` brings them up to date.
@@ -50,6 +51,7 @@ class State:
         self.bodies = Bodies.of_each(())
         self.clamped: Mapping[int, Nodes] = {}
         self.X: Array = read_only(scene.space.tabulate_dof_coordinates())
+        self.changes = 0
         self._following: tuple[Nodes, ...] = ()
 
     # What is asked ------------------------------------------------------------------------------
@@ -124,6 +126,7 @@ class State:
             attached: Of each body, which of its nodes took part: they are put exactly where the
                 body is, as increments would add up rounding.
         """
+        self.changes += 1
         self.u.x.array[dofs] += d
         self.v.x.array[dofs] = v
         self.bodies, self.t = bodies, t
@@ -152,15 +155,18 @@ class State:
 
     def place(self, u: Array) -> None:
         """Take over the displacement of a static preload at all local dofs [m]."""
+        self.changes += 1
         self.u.x.array[:] = u
 
     def move(self, v: Array) -> None:
         """Take over a velocity at all local dofs, or at the owned ones [m/s]. Collective."""
+        self.changes += 1
         self.v.x.array[: v.size] = v
         self.v.x.scatter_forward()
 
     def kick(self, dofs: npt.NDArray[np.int64], dv: Array, bodies: Bodies) -> None:
         """Change velocities of owned dofs [m/s], and those of the bodies. Collective."""
+        self.changes += 1
         self.v.x.array[dofs] += dv
         self.bodies = bodies
         self.v.x.scatter_forward()
@@ -170,6 +176,7 @@ class State:
 
         What becomes of their nodes is for the caller to say.
         """
+        self.changes += 1
         self.bodies = bodies
 
     def clamp(self, clamped: Mapping[int, Nodes]) -> None:
@@ -185,6 +192,7 @@ class State:
         Returns:
             These bodies.
         """
+        self.changes += 1
         gone = [body for body in self.bodies if body.data.number in numbers]
         self.bodies = Bodies.of_each(
             body for body in self.bodies if body.data.number not in numbers

@@ -76,15 +76,19 @@ def pytest_cmdline_main(config: pytest.Config) -> None:
     cores = len(os.sched_getaffinity(0))
     if option.numprocesses is None and folders and not watched and cores >= WORKERS:
         option.numprocesses = WORKERS
-    if option.numprocesses and option.dist == "no":
+    # What shares a fixture goes to one process; xdist may have said "load" before.
+    if option.numprocesses and option.dist in ("no", "load"):
         option.dist = "loadgroup"
 
 
+@pytest.hookimpl(tryfirst=True)  # before xdist looks for groups
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Long tests first, so that no process is left with one; fixtures of a module made once."""
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        config.option.loadgroup = True  # a worker knows the command line only
     for item in items:
         fixtures = item._fixtureinfo.name2fixturedefs.values()
-        shared = any(definition.scope != "function" for (*_, definition) in fixtures)
+        shared = any(definition.scope == "module" for (*_, definition) in fixtures)
         if shared and config.pluginmanager.hasplugin("xdist"):
             item.add_marker(pytest.mark.xdist_group(item.path.name))
     order = {name: place for place, name in enumerate(LONG)}

@@ -10,7 +10,12 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 RESULT = "RIGIDFX_TEST_RESULT"  # names the file; standard output mixes what the ranks print
+on_1_to_3_ranks = pytest.mark.parametrize(
+    "ranks", [1, *(pytest.param(n, marks=pytest.mark.parallel) for n in (2, 3))]
+)
 ROOT = Path(__file__).resolve().parent.parent
 
 

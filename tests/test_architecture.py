@@ -30,6 +30,7 @@ FLOW = [
 MOVED = ["files", "shapes", "stress"]  # of one release: they warn, and point to where they are
 
 PACKAGE = Path(rigidfx.__file__).parent
+OFFERS = sorted(PACKAGE.glob("*/__init__.py"))
 FILES = sorted(path for path in PACKAGE.rglob("*.py") if path.stem not in ("__init__", *MOVED))
 
 
@@ -70,6 +71,24 @@ def test_imports_run_one_way(path):
     allowed = FLOW[: FLOW.index(_room(path)) + 1]
     for module in _imports(path):
         assert module.split(".")[1] in allowed, f"{path} imports {module}, which is not above it"
+
+
+@pytest.mark.parametrize("path", OFFERS, ids=_name)
+def test_folders_offer_what_is_theirs(path):
+    """The file of a folder imports from folders above and from its own."""
+    test_imports_run_one_way(path)
+
+
+@pytest.mark.parametrize("path", [*FILES, *OFFERS], ids=_name)
+def test_imports_can_be_read(path):
+    """Neither by name, nor all of the package at once, which is made of everything."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            assert "rigidfx" not in [a.name for a in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module == "rigidfx":
+            assert all(_exists(f"rigidfx.{a.name}") for a in node.names)
+        elif isinstance(node, ast.Call):
+            assert "import" not in ast.unparse(node.func)
 
 
 def test_modules_of_a_folder_do_not_import_in_a_circle():

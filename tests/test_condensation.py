@@ -1,6 +1,6 @@
 """The reduced system against SciPy, its tangent against differences of its residual, its MatPtAPs.
 
-Run as a script under mpirun, this file compares condensed matrices of some random partitions with
+Run as a script under mpirun, this file compares condensed matrices of some random divisions with
 products of gathered ones on rank 0, and reports the largest relative errors and how often MatPtAP
 has condensed.
 """
@@ -409,7 +409,7 @@ def test_condensed_matrices_on_several_ranks(on_ranks, ranks):
 
 
 def main():
-    """Some partitions on the ranks that there are."""
+    """Some divisions on the ranks that there are."""
     comm = MPI.COMM_WORLD
     errors, spans = [], 0
     for seed in range(6):

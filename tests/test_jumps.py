@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import rigidfx as rf
-from rigidfx.step.jumps import jump_of
+from rigidfx.step.jumps import Jumps, jump_of
 
 DT = 0.1
 
@@ -127,3 +127,22 @@ def test_where_a_path_jumps():
     )
     assert found == pytest.approx((0.7, 3.0), abs=1e-5)
     assert jump_of(lambda t: np.array([t]), 0.0, 1.0, np.zeros(1), np.ones(1)) is None
+
+
+def test_an_attempt_that_becomes_no_step_is_forgotten():
+    """Neither warned of, nor what the next one is compared with."""
+    jumps = Jumps(moved(lambda t: 0.0))
+    support = rf.PrescribedMotion("x0", displacement=lambda t: (0.1 * (t >= 0.5), 0.0, 0.0))
+
+    def attempt(t0, t1):
+        jumps.begin()
+        jumps.look(support, t0, t1, *map(support.displacement_at, (t0, t1)))
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        attempt(0.4, 0.6)
+        attempt(0.4, 0.45)
+        jumps.accept()
+    attempt(0.45, 0.6)
+    with pytest.warns(rf.RigidfxWarning, match="its path jumps by"):
+        jumps.accept()

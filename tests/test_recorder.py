@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import resource
 import signal
 import subprocess
@@ -52,6 +53,29 @@ def test_fields_of_a_report_that_the_run_has_left_behind_are_not_made_up(tmp_pat
                 recorder.write(report)
     assert rf.read_history(recorder.history)["step"].tolist() == [0, 2, 4]
     assert recorder.series.read_text().count("DataSet") == 1  # at t = 0
+
+
+def test_a_report_whose_state_a_step_in_vain_has_changed_says_so():
+    """Time is the same, but what was released ahead of the step is no longer in the state."""
+    scene = make_scene()
+    report = next(rf.simulate(scene, 0.1, 0.5))
+    state = report.state
+    state.group(state.bodies)
+    assert report.t == state.t
+    assert not report.current
+    with pytest.raises(rf.SceneError, match="the run has gone on"):
+        _ = report.state
+
+
+def test_intervals_are_met_late_in_a_run(tmp_path):
+    """A tolerance for times that is a part of them would there be several steps long."""
+    late, dt = 2.0**16, 2.0**-20  # s
+    scene = make_scene()
+    with rf.Recorder(scene, tmp_path, interval=4 * dt) as recorder:
+        for report in rf.simulate(scene, {0.0: late, late: dt}, late + 12 * dt):
+            recorder.write(report)
+    times = [float(t) for t in re.findall('timestep="([^"]*)"', recorder.series.read_text())]
+    assert [(t - late) / dt for t in times if t >= late] == [0.0, 4.0, 8.0, 12.0]
 
 
 def test_a_report_of_another_scene_is_refused(tmp_path):

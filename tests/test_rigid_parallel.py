@@ -173,7 +173,6 @@ def _ownership(scene):
 
 @pytest.fixture(scope="module")
 def histories():
-    """Histories of all scenes by the number of ranks."""
     return {n: parallel.run(__file__, n, timeout=600) for n in (1, 2, 3)}
 
 

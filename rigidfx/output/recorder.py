@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import ExitStack, closing, suppress
 from functools import cached_property
-from math import floor
+from math import floor, ulp
 from pathlib import Path
 from types import TracebackType
 
@@ -203,9 +203,11 @@ class Recorder:
     def _due(self, report: Report) -> bool:
         if self._interval is None:
             return report.step % self._every == 0
-        if report.t < self._next * (1 - 1e-9):
+        # The same instant: far less than a step apart, or some numbers.
+        t = report.t + max(1e-6 * min(report.dt, self._interval), 4 * ulp(report.t))
+        if t < self._next:
             return False
-        self._next = (floor(report.t / self._interval * (1 + 1e-9)) + 1) * self._interval
+        self._next = (floor(t / self._interval) + 1) * self._interval
         return True
 
     def _write_rows(self, report: Report) -> None:

@@ -101,6 +101,7 @@ class Report:
     probes: Mapping[str, Array]
     wall: float
     _state: State
+    _changes: int
     _indicator: Indicator | None
 
     @property
@@ -134,7 +135,7 @@ class Report:
     @property
     def current(self) -> bool:
         """Whether the run has not gone on since."""
-        return self._state.t == self.t
+        return self._state.changes == self._changes
 
     @property
     def state(self) -> State:
@@ -230,13 +231,15 @@ def report_of(
         probes=probes.displacements(state),
         wall=0.0,
         _state=state,
+        _changes=state.changes,
         _indicator=stepper.indicator,
     )
 
 
 def amended(report: Report, stepper: Stepper, events: Sequence[Event], closeness: float) -> Report:
     """A report after what was switched around its step. Collective."""
-    report = replace(report, events=tuple(events), closeness=closeness)
+    changes = stepper.state.changes
+    report = replace(report, events=tuple(events), closeness=closeness, _changes=changes)
     if not any(event.t == report.t for event in events):
         return report
     return replace(report, **_measured(stepper.measure()), rigid=stepper.state.bodies)

@@ -104,19 +104,15 @@ class Chord:
             self._refresh.renewed(self.stop.history)
             self.tangents += 1
 
-    def end(self, converged: bool) -> None:
-        """Take note of how the solve ended.
+    def fail(self) -> None:
+        """Take note that Newton's method takes over, and makes tangents of its own."""
+        self._failures += 1
+        self._refresh.due = True
 
-        Args:
-            converged: Whether a solution was found; if not, Newton's method takes over, and makes
-                tangents of its own.
-        """
-        if converged:
-            self._failures = 0
-            self._refresh.accepted(len(self.stop.history) - 1)
-        else:
-            self._failures += 1
-            self._refresh.due = True
+    def accept(self) -> None:
+        """Take note that the last solve has become a step."""
+        self._failures = 0
+        self._refresh.accepted(len(self.stop.history) - 1)
 
     @property
     def trusted(self) -> bool:

@@ -39,12 +39,14 @@ class Jumps:
         """
         self._comm = scene.comm
         self._least = NEGLIGIBLE * scene.mean_cell_size
-        self._before: dict[int, float] = {}  # by identity: what each path gained in its last step
+        # By identity, what each path gained in its last step, and in the attempt under way.
+        self._before: dict[int, float] = {}
+        self._now: dict[int, float] = {}
         self._found = ""
         self._waits = True
 
     def look(self, support: Support, t0: float, t1: float, u0: Array, u1: Array) -> None:
-        """Look at a step of a support; what its path raises goes through.
+        """Look at an attempt at a step of a support; what its path raises goes through.
 
         Args:
             support: A support that moves.
@@ -59,7 +61,7 @@ class Jumps:
         gain = float(np.abs(u1 - u0)[axes].max())
         least = max(self._least, ROUNDING * float(np.abs(u1).max()))
         before = self._before.get(id(support), 0.0)
-        self._before[id(support)] = gain
+        self._now[id(support)] = gain
         if not gain > max(SUDDEN * before, least):
             return
         jump = jump_of(lambda t: support.displacement_at(t)[axes], t0, t1, u0[axes], u1[axes])
@@ -73,8 +75,13 @@ class Jumps:
                 "kinks by its attribute breakpoints."
             )
 
-    def tell(self) -> None:
-        """Warn of what has been found."""
+    def begin(self) -> None:
+        """Begin an attempt at a step: what the last one has found is forgotten."""
+        self._found = ""
+
+    def accept(self) -> None:
+        """Take note that the last attempt has become a step, and warn of what it has found."""
+        self._before |= self._now
         if self._found and self._waits:
             self._waits = False
             warn(self._comm, self._found)

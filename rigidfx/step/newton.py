@@ -81,7 +81,8 @@ class Newton:
         self._chord: Chord | None = None
         if pays(equilibrium):
             self._chord = Chord(equilibrium, scene.parts, ChordTest(rtol, max_it))
-        self._keeping = False  # whether the present solve is by the chord method
+        self._keeping = False  # whether the present solve is by the chord method ...
+        self._kept = False  # ... and whether that has found the last solution
         self._tangents = 0
         self._left = 0.0  # ‖R‖ of the last solution [N]
 
@@ -114,6 +115,7 @@ class Newton:
         Args:
             guesses: First guesses; the one with the smallest residual is taken.
         """
+        self._kept = False
         if self._chord is not None and self._chord.trusted:
             found = self._solve_by_chord(self._chord, guesses)
             if found.converged:
@@ -128,7 +130,9 @@ class Newton:
         self.stop, self._keeping = chord.stop, True
         chord.begin(self.equilibrium.dt)
         reason = self._iterate(guesses)
-        chord.end(reason > 0)
+        self._kept = reason > 0
+        if not self._kept:
+            chord.fail()
         found = self._solution(reason, chord.tangents, chord.linear_iterations, chord.solver)
         self._snes.setKSP(own[0])
         self._snes.setUseEW(loose)
@@ -203,6 +207,11 @@ class Newton:
         if self._krylov and not self._keeping:
             limits = {name: self.stop.linear_tolerance(value) for name, value in self._loosest}
             self._snes.setParamsEW(**limits)
+
+    def accept(self) -> None:
+        """Take note that the last solution has become a step."""
+        if self._chord is not None and self._kept:
+            self._chord.accept()
 
     @property
     def unknowns(self) -> PETSc.Vec:

@@ -100,10 +100,14 @@ class PrescribedDofs:
                 self._jumps.look(support, t0, t1, u0, u1)
             return np.asarray(u1 - u0)
 
-        out = self._ask(gained, t1)
         if self._jumps is not None:
-            self._jumps.tell()
-        return out
+            self._jumps.begin()
+        return self._ask(gained, t1)
+
+    def accept(self) -> None:
+        """Take note that the last increments have become a step."""
+        if self._jumps is not None:
+            self._jumps.accept()
 
     def velocities(self, t: float, dt: float) -> Array:
         """Prescribed velocities of the held dofs just after t [m/s]. Collective."""

@@ -145,6 +145,8 @@ class System:
     def accept(self, state: State, dt: float, t: float) -> Work:
         """Take the found increment over into the state, which then is at time t. Collective."""
         work = self._work(state, dt)
+        self.newton.accept()
+        self._prescribed.accept()
         d = self.equilibrium.d.array_r
         state.advance(
             t,
