@@ -152,6 +152,8 @@ def run(demo, ranks, *arguments):
 def test_demo(tmp_path, demo, ranks):
     if demo.stem == "accuracy_vs_time" and ranks > 1:
         pytest.skip("many runs of what other demos run on two ranks")
+    if demo.stem == "spatial_frame" and ranks == 1:
+        pytest.skip("a long one, which runs on two ranks, and on one for the study above")
     # On one rank each hard case has a test of its own.
     some = ["--only", "failure"] if demo.stem == "hard_cases" and ranks == 1 else []
     code, text = run(demo, ranks, "--short", *some, "--out", tmp_path / "out")
