@@ -164,6 +164,8 @@ def prepare(
         SceneError: If the initial state is in conflict.
         StepError: If a static preload does not converge.
     """
+    for support, _ in scene.supports:
+        support.check_run(scene, timeline.t_end)
     probes, state = Probes(scene), State(scene)
     starts = {0.0, *(t for t in scene.breakpoints if t > 0)}
     acting = [scene.acting(timeline.after(t)) for t in sorted(starts, reverse=True)]

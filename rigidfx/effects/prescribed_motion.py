@@ -13,12 +13,10 @@ import numpy.typing as npt
 from rigidfx.base.errors import SceneError, together
 from rigidfx.base.inputs import numbers
 from rigidfx.effects.base import Vector
+from rigidfx.effects.path_velocity import PathAndVelocity
 from rigidfx.effects.support import Support
 
 __all__ = ["PrescribedMotion"]
-
-AGREES = 1e-2  # of a velocity: difference from a quotient of the path
-ROUNDING = 16 * float(np.finfo(np.float64).eps)  # of a difference of displacements
 
 
 @dataclass(frozen=True)
@@ -29,7 +27,8 @@ class PrescribedMotion(Support):
         displacement: Function t → three components of the displacement [m]; only its increments
             count. An attribute `breakpoints` of it names the instants of its kinks.
         velocity: Its derivative [m/s]; by a one-sided second-order difference if None. It is
-            used where the motion begins and after each breakpoint.
+            used where the motion begins and after each breakpoint, and its changes are changes of
+            a load. Both are compared: there by the scene, and before a run at some instants of it.
     """
 
     moves: ClassVar[bool] = True
@@ -60,36 +59,9 @@ class PrescribedMotion(Support):
         """The given velocity at t, or the difference quotient of the path just after t."""
         if self.velocity is not None:
             return numbers(self.velocity(t))
-        return self._quotient(t, 1e-3 * dt)
-
-    def _quotient(self, t: float, h: float) -> npt.NDArray[np.float64]:
-        """One-sided difference quotient of the path, of second order in h [s]."""
+        h = 1e-3 * dt
         u0, u1, u2 = (self.displacement_at(t + k * h) for k in range(3))
         return np.asarray((4 * u1 - 3 * u0 - u2) / (2 * h))
-
-    def contradiction(self, t: float) -> str:
-        """In what the given velocity contradicts the path just after t; "" if in nothing.
-
-        The time in which a path changes is not known: the velocity is right if a difference
-        quotient over any of several spans comes near it.
-
-        Args:
-            t: Time [s].
-        """
-        if self.velocity is None:
-            return ""
-        v = self.velocity_at(t, 1.0)
-        size = np.abs(self.displacement_at(t)).max()
-        quotients = []
-        for h in 10.0 ** -np.arange(1, 10):
-            q = self._quotient(t, h)
-            noise = ROUNDING * (size + np.abs(q).max() * h) / h
-            if np.abs(q - v).max() <= AGREES * np.abs(v).max() + noise:
-                return ""
-            quotients.append(q)
-        off = [np.abs(a - b).max() for a, b in pairwise(quotients)]
-        q = quotients[int(np.argmin(off))]  # where two spans agree best
-        return f"at t = {t:g} s its velocity is {v} m/s, and its path moves by {q} m/s"
 
     def same_motion(self, other: Support) -> bool:
         """The same path and the same velocity, given by the same functions."""
@@ -102,16 +74,41 @@ class PrescribedMotion(Support):
     def check(self, scene: Any) -> None:
         """See whether path and velocity can be used, and go together at the start and at kinks."""
         super().check(scene)
-        together(scene.comm, f"{self.owner}: its path or velocity", self._check_velocity)
+        together(scene.comm, f"{self.owner}: its path or velocity", self._check_starts)
 
-    def _check_velocity(self) -> None:
-        for t in sorted({self.start, *(t for t in self.breakpoints if t > 0)}):
-            wrong = self.contradiction(t) if t < self.until else ""
-            if wrong:
-                raise SceneError(
-                    f"PrescribedMotion on '{self.where}': {wrong}. Give the path's derivative, or "
-                    "no velocity at all."
-                )
+    def check_run(self, scene: Any, t_end: float) -> None:
+        """See whether path and velocity go together in a run."""
+        end = min(self.until, t_end)
+        both = self._both
+        if both is not None and self.start < end:
+            together(
+                scene.comm,
+                f"{self.owner}: its path or velocity",
+                lambda: self._refuse(both.contradiction_within(self.start, end, self.breakpoints)),
+            )
+
+    @property
+    def _both(self) -> PathAndVelocity | None:
+        """Path and given velocity, of the held components; None without such a velocity."""
+        if self.velocity is None:
+            return None
+        velocity = self.velocity
+        return PathAndVelocity(self.displacement_at, lambda t: numbers(velocity(t)), self.axes)
+
+    def _check_starts(self) -> None:
+        both = self._both
+        if both is None:
+            return
+        starts = sorted({self.start, *(t for t in self.breakpoints if self.start < t < self.until)})
+        for t, end in pairwise([*starts, self.until]):
+            self._refuse(both.contradiction_at(t, end) if t < end else "")
+
+    def _refuse(self, wrong: str) -> None:
+        if wrong:
+            raise SceneError(
+                f"PrescribedMotion on '{self.where}': {wrong}. Give the path's derivative, or "
+                "no velocity at all."
+            )
 
     def signal(self, t: float, dt: float) -> npt.NDArray[np.float64]:
         """The velocity, while it acts."""

@@ -72,3 +72,14 @@ class Support(Windowed):
         start = self.since if isfinite(self.since) else 0.0
         check_vector(scene, self.owner, start, partial(self.displacement_at, start))
         check_vector(scene, self.owner, start, partial(self.velocity_at, start, 1.0))
+
+    def check_run(self, scene: Any, t_end: float) -> None:
+        """See whether its motion can be used in a run; by itself it can. Collective.
+
+        Args:
+            scene: The scene that names it.
+            t_end: When the run ends [s].
+
+        Raises:
+            SceneError: On every rank, if it cannot.
+        """
