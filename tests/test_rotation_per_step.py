@@ -51,6 +51,15 @@ def test_a_large_rotation_is_warned_of_once(effects, angle):
     assert turned(reports) == pytest.approx(angle / DT * fine, rel=0.01)
 
 
+def test_a_body_that_turns_too_far_for_some_steps_is_warned_of():
+    """It spins up and down between two looks at flexible cells: bodies are looked at always."""
+    torque = rf.Table((0.0, 2 * DT, 4 * DT, 6 * DT), (1.0, 1.0, -1.0, 0.0))
+    couple = rf.Resultant("all", torque=(0, 0, 100.0), time=torque)
+    with pytest.warns(rf.RigidfxWarning, match="body 'all' turns at .* rad per step"):
+        reports = list(rf.simulate(spinning(0.0, rf.Rigid("all"), couple), DT, 7 * DT))
+    assert len(reports) == 8
+
+
 def test_the_angle_is_that_of_the_fastest_part():
     """One of two bars that turn against each other, so that the whole has no angular momentum."""
     domain = rf.box((0, 0, 0), (5, 1, 1), (5, 1, 1))

@@ -25,12 +25,12 @@ Array = npt.NDArray[np.float64]
 
 WORTH_A_WARNING = 1.0  # |θ|, where a free rotation is 7 % too slow
 ONE_PER_CENT = 0.33  # |θ| where, also after Δt is rounded for a message, it is 1 % too slow
-EVERY = 8  # steps: what turns too far does so for long, and a look costs what inversion costs
+EVERY = 8  # steps: cells that turn too far do so for long, and a look costs what inversion's does
 CORNERS = {"hexahedron": [0, 3, 5, 6], "tetrahedron": [0, 1, 2, 3]}  # a tetrahedron in each cell
 
 
 class RotationPerStep:
-    """Looks at the rigid bodies and flexible cells of each accepted step; warns once."""
+    """Looks at rigid bodies in each accepted step, at flexible cells in some; warns once."""
 
     def __init__(self, scene: Scene, forces: InternalForces) -> None:
         """Begin before the first step. Collective.
@@ -63,11 +63,13 @@ class RotationPerStep:
             increments: Those of the rigid bodies.
         """
         self._steps += 1
-        if not self._waits or self._steps % EVERY != 1:
+        if not self._waits:
             return
-        turned, cell = self._cell()
-        most = self._comm.allreduce(turned, op=MPI.MAX)
         of_bodies = np.linalg.norm(increments.theta, axis=1)
+        turned, cell, most = 0.0, -1, 0.0
+        if self._steps % EVERY == 1:
+            turned, cell = self._cell()
+            most = self._comm.allreduce(turned, op=MPI.MAX)
         angle = max(most, float(of_bodies.max(initial=0.0)))
         if angle <= WORTH_A_WARNING:
             return
