@@ -134,17 +134,19 @@ def components(members, near, groups=()):
     return found
 
 
-def reference(cell, case, seen=None):
+def reference(cell, case, seen=None, numbers=None):
     """The rules as they are written: theory.md, section 4.
 
     Args:
         cell: Kind of cell.
         case: Rigid, existing, barred, min_cells.
         seen: Counts how often each rule decided something.
+        numbers: Of the cells in the mesh file; their own if None.
     """
     rigid, existing, barred, min_cells = case
     nodes = [set(corners) for corners in arrays(cell)[1].tolist()]
     seen = {} if seen is None else seen
+    number = np.arange(len(nodes)) if numbers is None else numbers
 
     def count(rule, times):
         seen[rule] = seen.get(rule, 0) + times
@@ -158,13 +160,19 @@ def reference(cell, case, seen=None):
         count("too small", len(small))
         new -= set().union(*small)
         bodies = [body for body in bodies if body not in small]
-        at = [{n for c in body for n in nodes[c]} for body in bodies]
-        hinges = {n for a, b in combinations(at, 2) for n in a & b}
-        loose = {c for c in new if nodes[c] & hinges}
-        if not loose:
+        bodies.sort(key=lambda body: (not body & old, -len(body), min(number[c] for c in body)))
+        giving = []  # who gives up cells, for whose sake, and which
+        for node in {n for c in set().union(*bodies) for n in nodes[c]}:
+            round_it = {k: {c for c in body if node in nodes[c]} for k, body in enumerate(bodies)}
+            meeting = [k for k, here in round_it.items() if here]
+            best = next((k for k in meeting if round_it[k] & old), meeting[0])
+            giving += [(k, best, round_it[k]) for k in meeting if k != best]
+        if not giving:
             break
         count("hinge", 1)
-        new -= loose
+        losers = {k for k, _, _ in giving}
+        final = [cells for _, m, cells in giving if m not in losers]
+        new -= set().union(*(final or [cells for _, _, cells in giving]))
     count("merge", sum(sum(bool(group & body) for group in groups) > 1 for body in bodies))
     count("growth", sum(bool(old & body) and bool(new & body) for body in bodies))
     count("two bodies", len(bodies) > 1)
@@ -179,22 +187,51 @@ def reference(cell, case, seen=None):
     return found
 
 
-def test_a_splinter_costs_a_big_body_nothing():
-    """Two layers of a box, and a cell that touches them at an edge: it used to take cells along."""
+def hinged(*parts):
+    """Cells that may be rigid in the box of hexahedra: those with middles in any of these boxes."""
     points, cells = arrays("hexahedron")
     middle = points[cells].mean(axis=1)
-    big = middle[:, 0] < 2
-    splinter = (np.abs(middle - [2.5, 0.5, 0.5]) < 0.1).all(axis=1)
-    touching = (np.abs(middle - [2.5, 3.5, 2.5]) < 0.1).all(axis=1)
-    for extra in (splinter, touching):
-        away = big & (np.abs(middle - middle[extra]) < 1.1).all(axis=1)
-        face = away & (np.abs(middle[:, 1:] - middle[extra, 1:]) < 0.1).all(axis=1)
-        rigid = (big & ~face) | extra  # at edges and corners only
-        nothing = np.full(len(cells), NONE), np.zeros(len(cells), dtype=bool)
-        one = found_regions(box_graph("hexahedron"), (rigid, *nothing, 2))
-        assert max(len(body) for body in one) >= np.count_nonzero(big & ~face)
-        both = found_regions(box_graph("hexahedron"), (rigid, *nothing, 1))
-        assert max(len(body) for body in both) < np.count_nonzero(big & ~face)
+    inside = [((middle > low) & (middle < high)).all(axis=1) for low, high in parts]
+    nothing = np.full(len(cells), NONE), np.zeros(len(cells), dtype=bool)
+    return [frozenset(np.flatnonzero(part).tolist()) for part in inside], (
+        np.any(inside, axis=0),
+        *nothing,
+    )
+
+
+def test_a_splinter_costs_a_big_body_nothing():
+    """A block of eight cells, and a cell, or two, that touch it at an edge or at a corner."""
+    block = (0, 0, 0), (2, 2, 2)
+    for splinter in (((2, 2, 0), (3, 3, 1)), ((2, 2, 0), (3, 4, 1)), ((2, 2, 2), (4, 3, 3))):
+        (big, small), case = hinged(block, splinter)
+        for min_cells in (1, 2, len(small)):
+            found = found_regions(box_graph("hexahedron"), (*case, min_cells))
+            assert found[0] == big
+            # What is left of the splinter does not touch the block.
+            assert [len(body) for body in found[1:]] == [1] * (min_cells < len(small))
+
+
+def test_of_two_equal_parts_on_a_hinge_the_first_is_a_body():
+    (one, other), case = hinged(((0, 0, 0), (2, 1, 1)), ((2, 1, 0), (4, 2, 1)))
+    assert len(one) == len(other) == 2
+    assert found_regions(box_graph("hexahedron"), (*case, 2)) == [min(one, other, key=min)]
+
+
+def test_an_existing_body_goes_before_a_larger_part():
+    """Also where it only touches it with a cell that is to join it."""
+    block, row = ((0, 0, 0), (2, 2, 2)), ((2, 2, 0), (5, 3, 1))
+    (_, small), (rigid, existing, barred) = hinged(block, row)
+    existing[max(small)] = 0
+    found = found_regions(box_graph("hexahedron"), (rigid, existing, barred, 2))
+    assert small in found
+    assert sorted(map(len, found)) == [3, 6]
+
+
+def test_what_gives_up_cells_takes_none():
+    """A part between a large and a small one is gone, and the small one whole."""
+    parts = ((0, 0, 0), (2, 2, 2)), ((2, 2, 0), (3, 4, 1)), ((3, 1, 1), (4, 2, 3))
+    (big, _, small), case = hinged(*parts)
+    assert set(found_regions(box_graph("hexahedron"), (*case, 2))) == {big, small}
 
 
 # Properties ------------------------------------------------------------------------------------
@@ -257,7 +294,8 @@ def test_numbering_does_not_matter(cell, seed):
     rigid, existing, barred, min_cells = case
     other = found_regions(graph, (rigid[order], existing[order], barred[order], min_cells))
     back = {frozenset(order[list(body)].tolist()) for body in other}
-    assert back == set(found_regions(box_graph(cell), case))
+    # The order of cells decides between parts on a hinge that have as many of them, and only there.
+    assert back == set(reference(cell, case, numbers=np.argsort(order)))
 
 
 @pytest.mark.parallel

@@ -5,9 +5,13 @@ The rules of bodies that never form a hinge or a chain:
 1. Bodies are the connected components, through facets, of the cells that may be rigid. Existing
    bodies are kept whole: they can only grow or merge.
 2. Components of too few cells are no bodies, unless they hold an existing one.
-3. No two bodies share a node, which would be a hinge: all new cells round such a node are taken
-   out at once, so that no order of cells matters. Then both rules are applied again, until nothing
-   changes: what is too small to be a body costs no other its cells.
+3. No two bodies share a node, which would be a hinge. One component keeps its cells there, the
+   new cells of all others round the node are taken out: what has a cell of an existing body at the
+   node goes before all else, then what holds an existing body anywhere, then what has more cells,
+   then what has the cell that comes first in the mesh file. A component that has to give up cells
+   itself takes none from others at the same time, unless nothing else is left to do. What is taken
+   out is so at once, so that no order of cells matters; then the rules are applied again, until
+   nothing changes. So what is large stays whole, and a splinter costs it nothing.
 4. A cell all of whose nodes belong to one body cannot strain: it joins it.
 
 Components are named by the least of their cells' numbers in the mesh file, so that neither the
@@ -119,6 +123,10 @@ class CellGraph:
         x.scatter_forward()
         return x.array[::3].copy()
 
+    def largest_round_cells(self, values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """The same at the nodes of each owned cell, shape (owned, nodes of a cell). Collective."""
+        return self.largest_at_nodes(values)[self._nodes[: self.owned]]
+
     def nodes_with_ghosts(self, marks: Bools) -> Bools:
         """Marks of owned nodes as marks of all local nodes. Collective."""
         x = self._node_field.x
@@ -169,18 +177,14 @@ class CellGraph:
             if not self.comm.allreduce(changed, op=MPI.LOR):
                 return own
 
-    def nodes_of(self, labels: Labels) -> tuple[Labels, Bools]:
-        """The body each local node belongs to, and whether it joins two. Collective.
+    def nodes_of(self, labels: Labels) -> Labels:
+        """The body each local node belongs to, NONE without one. Collective.
 
         Args:
-            labels: Per owned cell.
+            labels: Per owned cell; no two bodies share a node.
         """
-        values = labels.astype(np.float64)
-        most = self.largest_at_nodes(np.where(labels >= 0, values, -np.inf))
-        least = -self.largest_at_nodes(np.where(labels >= 0, -values, -np.inf))
-        taken = np.isfinite(most)
-        body = np.where(taken, least, NONE).astype(np.int64)
-        return body, taken & (most != least)
+        most = self.largest_at_nodes(np.where(labels >= 0, labels.astype(np.float64), -np.inf))
+        return np.where(np.isfinite(most), most, NONE).astype(np.int64)
 
     def sizes(self, labels: Labels) -> dict[int, int]:
         """Number of cells of each body, over all ranks, in the order of the labels. Collective."""
@@ -199,7 +203,7 @@ class CellGraph:
 
     def clusters(self, labels: Labels) -> tuple[Cluster, ...]:
         """The bodies as cells and nodes, ordered by label. Collective."""
-        body_of_node = self.nodes_of(labels)[0][: self._owned_nodes]
+        body_of_node = self.nodes_of(labels)[: self._owned_nodes]
         return tuple(
             Cluster(
                 np.flatnonzero(labels == label).astype(np.int32),
@@ -234,25 +238,53 @@ def find_clusters(
     old = existing >= 0
     new = rigid & ~barred & ~old
     while True:
-        labels = _large_enough(graph, graph.components(old | new, existing), old, min_cells)
+        labels, precedence = _large_enough(
+            graph, graph.components(old | new, existing), old, min_cells
+        )
         new &= labels != NONE
-        _, hinges = graph.nodes_of(labels)
-        loose = new & graph.touching(hinges)
+        loose = _loose(graph, labels, precedence, old)
         if not graph.comm.allreduce(bool(loose.any()), op=MPI.LOR):
             break
         new &= ~loose
-    body_of_node, _ = graph.nodes_of(labels)
+    body_of_node = graph.nodes_of(labels)
     joining = graph.enclosed(labels, body_of_node)
     labels = np.where((joining >= 0) & ~barred, joining, labels)
     return graph.clusters(labels)
 
 
-def _large_enough(graph: CellGraph, labels: Labels, old: Bools, min_cells: int) -> Labels:
-    """Labels without the components of too few cells that hold no existing body. Collective."""
+def _large_enough(
+    graph: CellGraph, labels: Labels, old: Bools, min_cells: int
+) -> tuple[Labels, Labels]:
+    """What is left without components of too few cells that hold no existing body. Collective.
+
+    Returns:
+        Labels, and the labels that are left in the order of precedence, the last goes first.
+    """
     kept = set(np.concatenate(graph.comm.allgather(np.unique(labels[old]))).tolist())
-    small = [
-        label
-        for label, size in graph.sizes(labels).items()
-        if size < min_cells and label not in kept
-    ]
-    return np.where(np.isin(labels, small), NONE, labels)
+    left = {k: n for k, n in graph.sizes(labels).items() if n >= min_cells or k in kept}
+    precedence = sorted(left, key=lambda label: (label in kept, left[label], -label))
+    order = np.array(precedence, dtype=np.int64)
+    return np.where(np.isin(labels, order), labels, NONE), order
+
+
+def _loose(graph: CellGraph, labels: Labels, precedence: Labels, old: Bools) -> Bools:
+    """Owned cells to be taken out for the sake of others that they share a node with. Collective.
+
+    Args:
+        graph: Neighbours of the cells.
+        labels: Component of each owned cell.
+        precedence: Their labels; the last goes first.
+        old: Owned cells of existing bodies; these are never taken out.
+    """
+    count = max(len(precedence), 1)
+    by_label = np.argsort(precedence)
+    mine = np.full(graph.owned, NONE, dtype=np.int64)
+    member = labels != NONE
+    mine[member] = by_label[np.searchsorted(precedence[by_label], labels[member])]
+    claims = np.where(member, mine + count * old, float(NONE))
+    first = np.where(member[:, None], graph.largest_round_cells(claims) % count, NONE)
+    losing = first != mine[:, None]
+    parts = graph.comm.allgather(np.unique(mine[losing.any(axis=1)]))
+    giving = losing & ~np.isin(first, np.concatenate(parts))
+    some = graph.comm.allreduce(bool(giving.any()), op=MPI.LOR)
+    return np.asarray((giving if some else losing).any(axis=1))
