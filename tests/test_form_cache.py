@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import logging
 import shutil
+from pathlib import Path
 
 import pytest
 import ufl
 from mpi4py import MPI
 
 import rigidfx as rf
-from rigidfx.base import cache_log
+from rigidfx.base import cache_log, form_cache
 from rigidfx.flexible import kernels
 from rigidfx.flexible.kernels import Kernel
 
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="one cache, one process")
+
+OPTIONS = kernels.jit_options
 
 
 @pytest.fixture
@@ -94,3 +97,54 @@ def test_the_log_of_ffcx_is_as_before(cache, caplog):
     with caplog.at_level(logging.INFO, logger="ffcx"):
         compile_form()
     assert any("Cached C file" in message for message in caplog.messages)
+
+
+@pytest.fixture
+def small(tmp_path, monkeypatch):
+    """The same for forms that are not bound anew."""
+    folder = tmp_path / "small"
+    options = {"cache_dir": str(folder), "timeout": 2, "cffi_extra_compile_args": ["-O0"]}
+    monkeypatch.setattr(form_cache, "SMALL", options)
+    return folder
+
+
+def make_scene():
+    return rf.Scene(
+        rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1)), rf.StVenantKirchhoff(E=1.0, nu=0.3, rho=2.0)
+    )
+
+
+def test_the_forms_of_a_scene_are_cleared_too(small, monkeypatch):
+    """Of masses: a stopped compilation, and a library that is gone."""
+    mass = make_scene().nodal_mass.sum()
+    sources = list(small.glob("*.c"))
+    assert sources
+    for file in small.iterdir():
+        if file not in sources:
+            file.unlink()
+    assert make_scene().nodal_mass.sum() == mass
+    for library in small.glob("*.so"):
+        library.unlink()
+    assert make_scene().nodal_mass.sum() == mass
+    assert len(list(small.glob("*.so"))) == len(sources)
+
+
+def test_all_forms_go_by_the_cache():
+    """Whoever calls DOLFINx's own functions waits in vain for what was stopped."""
+    package = Path(rf.__file__).parent
+    direct = ("fem.form(", "fem.compile_form(", "fem.Expression(")
+    found = {
+        str(path.relative_to(package))
+        for path in package.rglob("*.py")
+        if any(call in path.read_text(encoding="utf-8") for call in direct)
+    }
+    assert found == {"base/form_cache.py"}
+
+
+@pytest.mark.parametrize("flags", ["-fno-such-thing", "-O2 'left open"])
+def test_wrong_flags_are_named(cache, monkeypatch, flags):
+    monkeypatch.setattr(kernels, "jit_options", lambda: OPTIONS() | {"cache_dir": str(cache)})
+    monkeypatch.setenv(kernels.FLAGS, flags)
+    with pytest.raises(rf.SceneError, match=kernels.FLAGS) as error:
+        compile_form()
+    assert flags in str(error.value)

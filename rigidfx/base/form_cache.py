@@ -12,7 +12,7 @@ from __future__ import annotations
 import fcntl
 import logging
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -24,11 +24,10 @@ from mpi4py import MPI
 from rigidfx.base.cache_log import listening
 from rigidfx.base.errors import OutputError, agree
 
-__all__ = ["PATIENCE", "compile_form", "wait_or_clear"]
+__all__ = ["compile_form", "form_on", "wait_or_clear"]
 
 LOCK = "rigidfx.lock"  # beside the compiled forms
-# Options for small forms, which are compiled within seconds: 10 s are few on a busy machine.
-PATIENCE = {"timeout": 60}
+SMALL = {"timeout": 10}  # options for small forms; who holds the lock is waited for longer
 
 
 def compile_form(comm: MPI.Intracomm, form: ufl.Form, options: dict[str, Any]) -> Any:
@@ -42,13 +41,31 @@ def compile_form(comm: MPI.Intracomm, form: ufl.Form, options: dict[str, Any]) -
     Raises:
         OutputError: On every rank, if a file that is in the way cannot be removed.
     """
-    heard = {"verbosity": logging.INFO}  # what `listening` is to hear
+    return _past_the_cache(comm, options, lambda **how: fem.compile_form(comm, form, **how))
+
+
+def form_on(comm: MPI.Intracomm, form: ufl.Form) -> fem.Form:
+    """A small form for one use, bound to the cells or facets of its measures. Collective.
+
+    Args:
+        comm: Communicator of its mesh, whose rank 0 compiles.
+        form: UFL form.
+
+    Raises:
+        OutputError: On every rank, if a file that is in the way cannot be removed.
+    """
+    return _past_the_cache(comm, SMALL, lambda **how: fem.form(form, **how))
+
+
+def _past_the_cache(
+    comm: MPI.Intracomm, options: dict[str, Any], compiled: Callable[..., Any]
+) -> Any:
+    """What a compilation gives, repeated until nothing is in its way. Collective."""
     while True:
+        heard = {"verbosity": logging.INFO}  # what `listening` is to hear
         with _may_compile(comm, options), listening() as log:
             try:
-                return fem.compile_form(
-                    comm, form, form_compiler_options=heard, jit_options=options
-                )
+                return compiled(form_compiler_options=heard, jit_options=options)
             except (RuntimeError, TimeoutError, ImportError) as error:
                 found = [source for source in comm.allgather(log.source) if source is not None]
                 if not found:

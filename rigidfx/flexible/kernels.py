@@ -22,9 +22,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import ufl
+from cffi import VerificationError
 from dolfinx import fem
 from ufl.algorithms import expand_derivatives
 
+from rigidfx.base.errors import SceneError
 from rigidfx.base.form_cache import compile_form
 
 __all__ = ["FLAGS", "Kernel", "jit_options"]
@@ -47,8 +49,11 @@ def jit_options() -> dict[str, Any]:
     The default's floating-point flags allow sums to be regrouped, which is what lets a tangent
     kernel use the vector units (a third off its time); they keep NaN and infinity meaningful and
     leave the handling of denormal numbers alone, unlike -ffast-math.
+
+    Raises:
+        SceneError: If the environment's flags cannot be told apart, as a quote is left open.
     """
-    flags = shlex.split(os.environ.get(FLAGS, "")) or [
+    flags = _flags_given() or [
         "-O3",
         "-march=native",
         "-fno-math-errno",
@@ -61,6 +66,17 @@ def jit_options() -> dict[str, Any]:
     if any(flag.endswith("=native") for flag in flags):
         flags.append(f"-DRIGIDFX_PROCESSOR_{_processor()}")
     return {"timeout": 10, "cffi_extra_compile_args": flags}
+
+
+def _flags_given() -> list[str]:
+    given = os.environ.get(FLAGS, "")
+    try:
+        return shlex.split(given)
+    except ValueError as error:
+        raise SceneError(
+            f"The environment variable {FLAGS} must hold the C compiler's flags as in a shell, "
+            f"such as '-O2 -g0', got {given!r}: {error}."
+        ) from None
 
 
 class Kernel:
@@ -76,12 +92,25 @@ class Kernel:
     """
 
     def __init__(self, form: ufl.Form, arguments: list[Any], mesh: Any) -> None:
-        """Compile the form. Collective."""
+        """Compile the form. Collective.
+
+        Raises:
+            SceneError: If the C compiler fails with the environment's flags.
+        """
         # DOLFINx binds coefficients by their place in the form given, FFCx numbers those that are
         # left once derivatives are applied: without this, a tangent that has lost the coefficient
         # u₀ (the trapezoidal rule's) would read u₀ in place of u₁.
         self.form = form = expand_derivatives(form)
-        self._compiled = compile_form(mesh.comm, form, jit_options())
+        try:
+            self._compiled = compile_form(mesh.comm, form, jit_options())
+        except (VerificationError, RuntimeError) as error:  # the latter on several ranks
+            given = os.environ.get(FLAGS)
+            if not given:
+                raise
+            raise SceneError(
+                f"The C compiler cannot make a kernel with the flags {given!r}, which the "
+                f"environment variable {FLAGS} holds: correct or unset it. ({error})"
+            ) from error
         self._arguments = arguments
         self._mesh = mesh
         self._coefficients = {w: w for w in form.coefficients()}

@@ -13,7 +13,7 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
-from rigidfx.base.form_cache import PATIENCE
+from rigidfx.base.form_cache import form_on
 from rigidfx.flexible.internal_forces import Cells, InternalForces
 from rigidfx.flexible.kernels import Kernel
 from rigidfx.scene.scene import Scene
@@ -80,6 +80,6 @@ class StrainRates:
 def _volumes(space: fem.FunctionSpace) -> Array:
     """V0 of each local cell [m³], by the number of its unknown in the space."""
     volume = fem.Function(space)
-    form = fem.form(ufl.TestFunction(space) * ufl.dx, jit_options=PATIENCE)
+    form = form_on(space.mesh.comm, ufl.TestFunction(space) * ufl.dx)
     fem.assemble_vector(volume.x.array, form)
     return volume.x.array.copy()

@@ -21,7 +21,7 @@ from mpi4py import MPI
 from rigidfx import effects as fx
 from rigidfx.base import compat
 from rigidfx.base.errors import SceneError
-from rigidfx.base.form_cache import PATIENCE
+from rigidfx.base.form_cache import form_on
 from rigidfx.base.same_input import check_same
 from rigidfx.base.taken import read_only
 from rigidfx.domain.connected import ConnectedParts, connected_parts
@@ -253,7 +253,7 @@ class Scene:
         """∫ density Nᵢ over a measure, per local node with ghosts, shape (nodes,). Collective."""
         test = ufl.TestFunction(self.space)
         integrand = density * ufl.dot(ufl.as_vector((1.0, 0.0, 0.0)), test)
-        form = fem.form(integrand * measure, jit_options=PATIENCE)
+        form = form_on(self.comm, integrand * measure)
         out = fem.Function(self.space)
         fem.assemble_vector(out.x.array, form)
         out.x.scatter_reverse(la.InsertMode.add)
