@@ -92,3 +92,45 @@ def test_a_balance_that_is_lost_is_named_while_it_happens():
     assert f"At t = {t:.6g} s the energy was {energy:.3g} J" in lost
     assert energy > 2 * reports[0][1]
     assert all(e <= 2 * reports[0][1] * (1 + 1e-9) for when, e, _ in reports if when < t)
+
+
+def halves(material, ratio, effects=()):
+    """A bar that spins, one half of it as soft as before and one stiffer."""
+    bar = rf.box((0, 0, 0), (2, 1, 1), (2, 1, 1))
+    bar = bar.with_cells("left", lambda X: X[0] < 1.5).with_cells("right", lambda X: X[0] > 0.5)
+    soft = rf.NeoHooke(E=1e4, nu=0.3, rho=100)
+    stiff = material(E=1e4 * ratio, nu=0.3, rho=100)
+    spin = rf.InitialVelocity(angular=(0.3, 0.5, 2.0))
+    return rf.Scene(bar, {"left": soft, "right": stiff}, [spin, *effects])
+
+
+def test_what_rounding_in_the_stiffest_material_takes_is_told():
+    """Where nothing but a softer scene would help: a fifth of the energy."""
+    reports = []
+    with warnings.catch_warnings(record=True) as shown:
+        warnings.simplefilter("always")
+        for report in rf.simulate(halves(rf.NeoHooke, 1e14), 0.05, 1.0):
+            reports.append((abs(report.energy / 323.25 - 1), len(shown)))
+    (message,) = (str(w.message) for w in shown)
+    assert "of the largest energy. The energy of NeoHooke" in message
+    assert (
+        "a ratio of stiffness of 1e+14 is too much for so little energy. Make that part" in message
+    )
+    assert max(off for off, _ in reports) > 0.1
+    assert all(off < 0.02 for off, told in reports if not told)
+
+
+@pytest.mark.parametrize(
+    ("material", "ratio", "effects"),
+    [
+        (rf.NeoHooke, 1e10, []),
+        (rf.StVenantKirchhoff, 1e12, []),
+        (rf.NeoHooke, 1e14, [rf.Rigid("right")]),
+    ],
+)
+def test_what_is_advised_helps(material, ratio, effects):
+    with warnings.catch_warnings(record=True) as shown:
+        warnings.simplefilter("always")
+        reports = list(rf.simulate(halves(material, ratio, effects), 0.05, 1.0))
+    assert not [w for w in shown if "balance" in str(w.message)]
+    assert abs(reports[-1].energy / reports[0].energy - 1) < 1e-4

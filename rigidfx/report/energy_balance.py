@@ -7,8 +7,11 @@ so loose that what is left of the residual does work. Nothing else in a report w
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
+from rigidfx import effects as fx
 from rigidfx.base.errors import StepError
 from rigidfx.base.warning import warn
 from rigidfx.report.report import Report
@@ -17,8 +20,11 @@ from rigidfx.scene.scene import Scene
 __all__ = ["EnergyBalance"]
 
 WORTH_A_WARNING = 1e-4  # of the largest energy; four orders above what Newton's tolerance leaves
+LARGE = 1e-2  # of the largest energy; what a stiff part's rounding may not take in silence
 LOST = 1.0  # of all that was ever accounted for: as much again has come from nowhere
-ROUNDING = 1e3 * float(np.finfo(np.float64).eps)  # of numbers near one that energies are made of
+TINY = float(np.finfo(np.float64).tiny)
+EPS = float(np.finfo(np.float64).eps)
+ROUNDING = 1e3 * EPS  # of numbers near one that energies are made of
 
 
 class EnergyBalance:
@@ -35,7 +41,7 @@ class EnergyBalance:
             scene: The problem; schemes that do not conserve energy are not followed.
         """
         self._expected = self._scale = self._known = 0.0
-        self._noise = _rounding(scene)
+        self._rounding = _rounding(scene)
         self._comm = scene.comm
         self._follows = scene.scheme.conserving
         self._warned = False
@@ -57,17 +63,21 @@ class EnergyBalance:
             self._expected += work - taken + (report.impact.energy if report.impact else 0.0)
         self._known = max(self._known, abs(self._expected), abs(work), taken)
         self._scale = max(self._scale, report.energy, abs(work), taken)
-        off = abs(report.energy - self._expected)
-        if off > WORTH_A_WARNING * self._scale + self._noise and not self._warned:
+        off, rounding = abs(report.energy - self._expected), self._rounding
+        beyond_rounding = off > WORTH_A_WARNING * self._scale + rounding.all
+        if (beyond_rounding or off > LARGE * self._scale + rounding.softest) and not self._warned:
             self._warned = True
+            why = (
+                "Rounding in parts that are very stiff or very light for their stiffness may be "
+                "why: make these Rigid, or take less extreme numbers. If -rigidfx_snes_rtol is "
+                "set, make it smaller."
+            )
             warn(
                 self._comm,
                 f"At t = {report.t:.6g} s the balance of energy is off by {off / self._scale:.1e} "
-                "of the largest energy. Rounding in parts that are very stiff or very light for "
-                "their stiffness may be why: make these Rigid, or take less extreme numbers. If "
-                "-rigidfx_snes_rtol is set, make it smaller.",
+                f"of the largest energy. {why if beyond_rounding else rounding.why}",
             )
-        if off > LOST * self._known + self._noise:
+        if off > LOST * self._known + rounding.softest:
             self._lost = (
                 f"At t = {report.t:.6g} s the energy was {report.energy:.3g} J where "
                 f"{self._expected:.3g} J are accounted for"
@@ -91,16 +101,46 @@ class EnergyBalance:
         return type(error)(error.found, f"{self._lost}: look for the cause of that first.")
 
 
-def _rounding(scene: Scene) -> float:
-    """What rounding may leave in the strain energy of a scene whatever moves [J]. Collective.
+@dataclass(frozen=True)
+class _Rounding:
+    """What rounding may leave in the strain energy of a scene whatever moves.
+
+    Attributes:
+        all: With its materials as they are [J].
+        softest: If all were like the one whose energy is known best [J]: what is within that is
+            rounding wherever one looks.
+        why: For a warning where the stiffest material alone is to blame.
+    """
+
+    all: float
+    softest: float
+    why: str
+
+
+def _rounding(scene: Scene) -> _Rounding:
+    """What rounding may leave. Collective.
 
     An energy like neo-Hooke's, tr C - 3 - ln det C, is the small difference of numbers near one, so
-    that it is known to ε E V only; one that is quadratic in the strain, to ε² E V at least.
+    that it is known to ε E V only; one that is quadratic in the strain, to ε² E V at least. Parts
+    named rigid have none.
     """
-    energies = [
-        max(map(abs, material.parameters.values()), default=0.0)
-        * cells.size
-        * (ROUNDING**2 if material.quadratic else ROUNDING)
-        for material, cells in scene.materials
-    ]
-    return float(scene.sum(sum(energies))) * scene.mean_cell_size**3
+    bodies = [scene.owned_cells(body.where, "Rigid") for body in scene.named(fx.Rigid)]
+    rigid = np.concatenate([np.empty(0, np.int32), *bodies])
+    counts = scene.sum([np.setdiff1d(cells, rigid).size for _, cells in scene.materials])
+    size = scene.mean_cell_size**3
+    materials = [material for (material, _), n in zip(scene.materials, counts, strict=True) if n]
+    if not materials:
+        return _Rounding(0.0, 0.0, "")
+    volumes = counts[counts > 0] * size
+    stiffness = np.array([max(map(abs, m.parameters.values()), default=0.0) for m in materials])
+    densities = stiffness * [ROUNDING**2 if m.quadratic else ROUNDING for m in materials]
+    worst = int(np.argmax(densities * volumes))
+    known = EPS * stiffness[worst] * volumes[worst]
+    why = (
+        f"The energy of {type(materials[worst]).__name__}, a small difference of numbers near one "
+        f"times up to {stiffness[worst]:.1e} Pa, is known to some {known:.1e} J only, whatever the "
+        f"step and the tolerances, and softer parts share it: a ratio of stiffness of "
+        f"{stiffness[worst] / max(stiffness.min(), TINY):.0e} is too much for so little "
+        "energy. Make that part Rigid, or StVenantKirchhoff, or its stiffness smaller."
+    )
+    return _Rounding(float(densities @ volumes), float(densities.min() * volumes.sum()), why)
