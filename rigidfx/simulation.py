@@ -206,6 +206,8 @@ def _reports(
                 report = report_of(step, stepper, run.probes, result, impact)
                 now, closeness = run.after(report)
                 report = amended(report, stepper, [*events, *now], closeness)
+            if report.iterations > 0:
+                solver.warn_of_unasked(stepper.scene.comm)
             balance.follow(report)
             lumping.follow(report)
             bar.update(result.dt)

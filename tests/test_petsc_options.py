@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import warnings
 
 import pytest
 
@@ -84,6 +85,7 @@ REFUSED = {
     "snes_stol": 1e-8,
     "snes_divergence_tolerance": 10,
     "snes_convergence_test": "default",
+    "snes_max_funcs": 1,
     "snes_type": "ksponly",
     "snes_mf_operator": None,
     "snes_mf": True,
@@ -148,3 +150,29 @@ def test_options_that_are_none_are_refused(given, message):
 def test_a_monitor_is_a_function(monitor):
     with pytest.raises(rf.SceneError, match="monitor must be a function"):
         run(monitor=monitor)
+
+
+def said(**options):
+    """What a run warns of that concerns its options."""
+    with warnings.catch_warnings(record=True) as shown:
+        warnings.simplefilter("always")
+        run(**options)
+    return [str(w.message) for w in shown if "petsc_options" in str(w.message)]
+
+
+@pytest.mark.parametrize(
+    "given", [{"ksp_rtoll": 1e-3}, {"mat_foo": 1}, {"mat_type": "dense"}, {"snes_divtol": 1}]
+)
+def test_what_nobody_asks_for_is_named_once(given):
+    (message,) = said(petsc_options=given | {"ksp_rtol": 1e-8})
+    assert f"no solver at work has asked for '{next(iter(given))}', which" in message
+
+
+def test_what_solvers_ask_for_is_no_news(petsc_options):
+    """At once, when they are set up, or later; and what an option from elsewhere is before."""
+    known = {"snes_rtol": 1e-11, "snes_max_it": 20, "ksp_atol": 1e-30, "ksp_gmres_restart": 20}
+    assert not said(petsc_options=known | {"ksp_max_it": 90, "pc_factor_levels": 1})
+    hybrid = {"pc_type": "bjacobi", "sub_pc_type": "ilu", "sub_ksp_type": "preonly"}
+    assert not said(petsc_options=hybrid | {"mat_mumps_icntl_14": 50, "snes_lag_jacobian": 1})
+    petsc_options["ksp_rtol"] = "1e-9"
+    assert not said(petsc_options={"ksp_rtol": 1e-8, "snes_linesearch_type": "basic"})

@@ -7,7 +7,8 @@ one that has it, from
 2. the environment: PETSC_OPTIONS="-rigidfx_ksp_type bcgs";
 3. `simulate(…, petsc_options={"ksp_type": "bcgs"})`, without the prefix, for this run only.
 
-What would be ignored, or end in an error of PETSc's own, is refused by name.
+What is known to be ignored, or ends in an error of PETSc's own, is refused by name. Of other
+options from Python a run warns if none of PETSc's objects has asked for them once it has solved.
 """
 
 from __future__ import annotations
@@ -21,9 +22,12 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from rigidfx.base.errors import SceneError
+from rigidfx.base.warning import warn
+from rigidfx.step.asked_options import asked
 from rigidfx.step.linear_solver import PREFIX, default_options
 
 __all__ = [
@@ -42,6 +46,7 @@ REFUSED = {
     "snes_atol": OWN_TEST,
     "snes_stol": OWN_TEST,
     "snes_divergence_tolerance": OWN_TEST,
+    "snes_max_funcs": OWN_TEST,
     "snes_convergence_test": OWN_TEST,
     "snes_mf": ASSEMBLED,
     "snes_mf_operator": ASSEMBLED,
@@ -49,6 +54,7 @@ REFUSED = {
     "snes_fd_color": ASSEMBLED,
 }
 NEWTON = "newtonls"
+LATE = ("mat_mumps_", "pc_factor_")  # asked for by LU, to which a later step may have to turn
 
 
 @dataclass(frozen=True)
@@ -62,6 +68,7 @@ class SolverOptions:
 
     options: Mapping[str, Any] = field(default_factory=dict)
     monitor: Monitor | None = None
+    _unasked: set[str] = field(default_factory=set, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         """Check the record, and the options from elsewhere.
@@ -81,6 +88,7 @@ class SolverOptions:
             )
         values = {name: _text(name, value) for name, value in self.options.items()}
         object.__setattr__(self, "options", MappingProxyType(values))
+        self._unasked.update(name for name in values if not name.startswith(LATE))
         _check(PETSc.Options(PREFIX).getAll() | values)
 
     @contextmanager
@@ -97,8 +105,28 @@ class SolverOptions:
                     yield
                 except PETSc.Error as error:
                     raise _named(error) from None
+                finally:  # the marks go with the options
+                    found = asked(PREFIX + name for name in self._unasked)
+                    self._unasked.difference_update(name.removeprefix(PREFIX) for name in found)
         finally:
             _monitor.reset(token)
+
+    def warn_of_unasked(self, comm: MPI.Intracomm) -> None:
+        """Warn, once, of options that nobody has asked for; after linear systems were solved.
+
+        Args:
+            comm: Ranks that take part.
+        """
+        if not self._unasked:
+            return
+        names = ", ".join(f"'{name}'" for name in sorted(self._unasked))
+        self._unasked.clear()
+        warn(
+            comm,
+            f"simulate: petsc_options: no solver at work has asked for {names}, which therefore "
+            "had no effect: misspelt, or an option of another solver, or of none (PETSc's "
+            "manual pages of SNES, KSP and PC say which there are).",
+        )
 
 
 _monitor: ContextVar[Monitor | None] = ContextVar("monitor", default=None)
