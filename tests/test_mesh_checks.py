@@ -81,6 +81,47 @@ def test_parts_that_touch_and_share_no_nodes():
     assert "around (0.5, 0.5, 0.5) m, but they share no nodes" in message
 
 
+# The least corner and the size of a second box, and whether it touches or overlaps a unit cube.
+NEIGHBOURS = {
+    "shifted": ((1, 0.3, 0.4), 1.0, True),
+    "smaller": ((1, 0.2, 0.2), 0.5, True),
+    "larger": ((1, -1, -1), 3.0, True),
+    "overlapping": ((0.99, 0, 0), 1.0, True),
+    "inside": ((0.3, 0.3, 0.3), 0.4, True),
+    "far below the tolerance": ((1 + 1e-9, 0.3, 0.4), 1.0, True),
+    "near": ((1.0001, 0.3, 0.4), 1.0, False),
+    "near a corner": ((1.0001, 1.0001, 1.0001), 1.0, False),
+}
+
+
+def beside(corner, size):
+    """The warning of a cube that is held and another one beside it."""
+    boxes = np.concatenate([CUBE, CUBE * size + corner])
+    if COMM.rank > 0:
+        boxes = boxes[:0]
+    domain = rf.from_arrays(boxes, np.arange(len(boxes)).reshape(-1, 8))
+    return said(end(domain, 0), rf.Fixed("end"))
+
+
+@pytest.mark.parametrize("name", NEIGHBOURS)
+def test_parts_that_touch_where_nodes_do_not_match(name):
+    corner, size, touches = NEIGHBOURS[name]
+    assert [("touches, or overlaps, the part of" in m) for m in beside(corner, size)] == [
+        True
+    ] * touches
+
+
+def test_tetrahedra_that_touch_in_the_middle_of_a_face():
+    """The tip of one on a face of the other, and a little above it."""
+    first = np.array([[0, 0, 0], [3, 0, 0], [0, 3, 0], [0, 0, -3.0]])
+    second = np.array([[0, 0, 0], [1, 0, 2], [0, 1, 2], [-1, -1, 2.0]])
+    for gap, count in ((0.0, 1), (1e-4, 0)):
+        points = np.concatenate([first, second + np.array([0.8, 0.9, gap])])
+        domain = rf.from_arrays(points, np.arange(8).reshape(-1, 4), "tetrahedron")
+        held = domain.with_vertices("low", lambda X: X[2] < -1)
+        assert len(said(held, rf.Fixed("low"))) == count
+
+
 def test_three_parts_of_which_none_is_held():
     (message,) = said(cubes((0, 0, 0), (1, 0, 0), (2, 0, 0)))
     assert "In all, 3 parts touch like this." in message
@@ -134,6 +175,8 @@ def _script():
             found[f"{cell} {size} {cells}"] = said(rf.box((0, 0, 0), size, cells, cell))
     found["touching"] = said(end(cubes((0, 0, 0), (1, 0, 0)), 0), rf.Fixed("end"))
     found["three"] = said(cubes((0, 0, 0), (1, 0, 0), (2, 0, 0)))
+    for name, (corner, size, _) in NEIGHBOURS.items():
+        found[name] = beside(corner, size)
     found["apart"] = said(cubes((0, 0, 0), (2, 0, 0)))
     bar = rf.box((0, 0, 0), (10, 1, 1), (10, 1, 1))
     spin = rf.InitialVelocity(angular=(1.0, 0, 0))

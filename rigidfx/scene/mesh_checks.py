@@ -11,7 +11,6 @@ import numpy.typing as npt
 from mpi4py import MPI
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from rigidfx import effects as fx
 from rigidfx.base.compat import cell_geometry_dofs
@@ -19,10 +18,10 @@ from rigidfx.base.warning import warn
 from rigidfx.domain.connected import ConnectedParts, connected_parts
 from rigidfx.domain.domain import Domain
 from rigidfx.domain.thin import thin_parts
+from rigidfx.domain.touching import touching
 
 __all__ = ["parts_in_words", "warn_of_bending", "warn_of_distance", "warn_of_gaps"]
 
-COINCIDENT = 1e-6  # of the size of what touches
 DIGITS = 1e-9  # error of a cell's size that is warned of
 
 
@@ -49,7 +48,7 @@ def warn_of_bending(domain: Domain) -> None:
 def warn_of_gaps(domain: Domain, effects: Sequence[fx.Effect]) -> None:
     """Warn of parts that nothing holds, and that touch others without sharing nodes. Collective.
 
-    Parts that fly freely on their own are none of these: coincident vertices show that parts touch.
+    Parts that fly freely on their own are none of these, however near they are.
     A support, a spring, or a rigid body that has cells of several parts, holds or joins them.
 
     Args:
@@ -61,9 +60,9 @@ def warn_of_gaps(domain: Domain, effects: Sequence[fx.Effect]) -> None:
         return
     group = _joined(domain, parts, effects)
     loose = ~np.isin(group, group[_held(domain, parts, effects)])
-    pairs = _touching(domain.mesh, parts)
-    pairs = pairs[:, group[pairs[0]] != group[pairs[1]]]
-    pairs = pairs[:, loose[pairs].any(axis=0)]
+    if not loose.any():
+        return
+    pairs = touching(domain.mesh, parts, group, loose)
     if pairs.size == 0:
         return
     a, b = pairs[:, 0] if loose[pairs[0, 0]] else pairs[::-1, 0]
@@ -71,9 +70,10 @@ def warn_of_gaps(domain: Domain, effects: Sequence[fx.Effect]) -> None:
     more = f" In all, {many} parts touch like this." if many > 2 else ""
     warn(
         domain.comm,
-        f"Scene: {parts.place(int(a))} touches {parts.place(int(b))}, but they share no nodes, and "
-        f"no support or spring holds it: they will part without resistance.{more} Mesh them as "
-        "one (glue=True of read_cad, Coherence or BooleanFragments in gmsh), or keep the gap open.",
+        f"Scene: {parts.place(int(a))} touches, or overlaps, {parts.place(int(b))}, but they share "
+        "no nodes, and no support or spring holds it: they will part without resistance."
+        f"{more} Mesh them as one (glue=True of read_cad, Coherence or BooleanFragments in gmsh), "
+        "or keep the gap open.",
     )
 
 
@@ -148,23 +148,3 @@ def _joined(domain: Domain, parts: ConnectedParts, effects: Sequence[fx.Effect])
     a, b = np.concatenate(links, axis=1)
     graph = coo_array((np.ones(a.size), (a, b)), (parts.count, parts.count))
     return connected_components(graph, directed=False)[1]
-
-
-def _touching(mesh: dmesh.Mesh, parts: ConnectedParts) -> npt.NDArray[np.int64]:
-    """Pairs of parts with vertices at the same place, shape (2, pairs). Collective."""
-    mesh.topology.create_connectivity(2, 3)
-    mesh.topology.create_connectivity(2, 0)
-    mesh.topology.create_connectivity(0, 3)
-    facets = np.asarray(dmesh.exterior_facet_indices(mesh.topology), dtype=np.int32)
-    own = dmesh.compute_incident_entities(mesh.topology, facets, 2, 0)
-    nodes = np.empty(0, np.int32)
-    if own.size:  # a rank may own nothing, which DOLFINx divides by
-        nodes = dmesh.entities_to_geometry(mesh, 0, own.astype(np.int32)).reshape(-1)
-    found = mesh.comm.allgather((mesh.geometry.x[nodes], parts.of_entity[own]))
-    x = np.concatenate([points for points, _ in found])
-    part = np.concatenate([numbers for _, numbers in found])
-    size = np.linalg.norm(parts.upper - parts.lower, axis=1).min()
-    close = cKDTree(x).query_pairs(COINCIDENT * size, output_type="ndarray")
-    pairs = part[close]
-    pairs = np.sort(pairs[pairs[:, 0] != pairs[:, 1]], axis=1)
-    return np.unique(pairs, axis=0).T.reshape(2, -1)
