@@ -5,6 +5,8 @@ Run as a script under mpirun, this file goes through all cases on each rank.
 
 from __future__ import annotations
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
 import refusals
@@ -55,6 +57,32 @@ def _kinked(t):
 
 
 _kinked.breakpoints = (0.2,)
+
+
+def _material(E):
+    return rf.StVenantKirchhoff(rho=2.0, E=E, nu=0.3)
+
+
+def _own(values):
+    return rf.Hyperelastic(rho=1.0, W=lambda C, mu: C[0, 0] * mu, values=values)
+
+
+def _texts(*shape):
+    return np.full(shape, "1", dtype=object)
+
+
+def _later(wrong):
+    """A path that is sound at first."""
+    return _moved(lambda t: wrong if t > 0.15 else (0.0, 0.0, 0.0))
+
+
+def _breaking(breakpoints):
+    def factor(t):
+        return 1.0
+
+    factor.breakpoints = breakpoints
+    return rf.Gravity(time=factor)
+
 
 # name: (what is done, part of the message)
 CASES = {
@@ -133,6 +161,69 @@ CASES = {
         lambda: _run(rf.InitialVelocity(function=lambda X: X.astype(str))),
         "it gives no real numbers",
     ),
+    "vector of texts and numbers": (
+        lambda: rf.Traction("x1", ("1", Fraction(1, 2), 2)),
+        "Traction: value must be three finite numbers, got ('1',",
+    ),
+    "vector of texts as objects": (lambda: rf.Traction("x1", _texts(3)), "three finite numbers"),
+    "vector of truth values": (lambda: rf.Traction("x1", (True, False, True)), "three finite"),
+    "vector with a truth value": (lambda: rf.Traction("x1", (True, 0.5, 1)), "three finite"),
+    "vector beyond all numbers": (lambda: rf.Traction("x1", (10**400, 0, 0)), "three finite"),
+    "vector that Python cannot write": (lambda: rf.Traction("x1", (10**5000, 0, 0)), "type tuple"),
+    "vector that is masked": (
+        lambda: rf.Traction("x1", np.ma.array([1.0, 2, 3], mask=[0, 1, 0])),
+        "three finite",
+    ),
+    "velocity of texts as objects": (
+        lambda: rf.InitialVelocity(linear=_texts(3)),
+        "linear must be three finite numbers",
+    ),
+    "table of texts as objects": (lambda: rf.Table([0, 1], _texts(2)), "lists of numbers"),
+    "table of truth values": (lambda: rf.Table([0, 1], [True, False]), "lists of numbers"),
+    "inertia of texts as objects": (lambda: rf.Rigid(inertia=_texts(3, 3)), "symmetric 3×3"),
+    "stiffness of texts as objects": (lambda: rf.Spring("x0", _texts(3)), "stiffness must be"),
+    "stiffness that is true": (lambda: rf.Spring("x0", True), "stiffness must be a number"),
+    "corner of texts as objects": (lambda: rf.box(_texts(3), (2, 2, 2), (1, 1, 1)), "three finite"),
+    "load function of texts as objects": (
+        lambda: _run(rf.Gravity(lambda t: _texts(3))),
+        "three finite",
+    ),
+    "load function of truth values": (
+        lambda: _run(rf.Gravity(lambda t: (True, False, False))),
+        "three finite",
+    ),
+    "path of texts as objects": (lambda: _run(_moved(lambda t: _texts(3))), "three finite"),
+    "path that later gives two numbers": (
+        lambda: _run(_later((0.1, 0.2))),
+        "its path or velocity is not three finite numbers but [0.1 0.2]",
+    ),
+    "initial velocity of texts as objects": (
+        lambda: _run(rf.InitialVelocity(function=lambda X: _texts(*X.shape))),
+        "it gives no real numbers",
+    ),
+    "breakpoints that are no list": (lambda: _breaking(0.5), "breakpoints of time must be a list"),
+    "breakpoints as texts": (lambda: _breaking(["1"]), "t must be a finite number, got '1'"),
+    # Numbers
+    "complex modulus": (lambda: _material(np.complex128(2e7 + 5j)), "E must be a finite number"),
+    "true modulus": (lambda: _material(np.True_), "E must be a finite number, got np.True_"),
+    "modulus of bytes": (lambda: _material(b"2e7"), "E must be a finite number, got b'2e7'"),
+    "modulus that is a span of time": (lambda: _material(np.timedelta64(5)), "E must be a finite"),
+    "modulus beyond all numbers": (lambda: _material(10**400), "E must be a finite number"),
+    "parameter of bytes": (lambda: _own({"mu": b"3"}), "parameter mu must be a finite number"),
+    "parameters in a list": (lambda: _own([("mu", 3)]), "values must be a dict of names"),
+    "damping of bytes": (lambda: rf.NumericalDamping(b"0.1"), "xi must be a finite number"),
+    "tolerance of bytes": (lambda: rf.StrainRate(b"1e-3", 0.1), "tol must be a finite number"),
+    "step of bytes": (lambda: next(rf.simulate(_scene(), b"0.1", 1.0)), "dt must be a finite"),
+    "interval of bytes": (
+        lambda: rf.Recorder(_scene(), "nowhere", interval=b"1"),
+        "interval must be a finite number",
+    ),
+    "release at bytes": (lambda: rf.Release(at=b"12"), "at must be a finite number, got b'12'"),
+    "order that is true": (lambda: _scene(order=True), "order must be 1 or 2, got True"),
+    "masked cells": (
+        lambda: _box().with_cell_set("a", np.ma.array([0, 1], mask=[0, 1])),
+        "Some are masked; take compressed()",
+    ),
     # Motions
     "velocity of another path": (
         lambda: _scene(_moved(_path, lambda t: (0.2, 0, 0))),
@@ -192,6 +283,11 @@ def test_what_is_right_is_taken():
         )
     )
     _run(rf.Gravity(lambda t: [0, 0, np.float32(-1)], time=lambda t: np.array(0.5)))
+    assert rf.Traction("x1", (Fraction(1, 2), 1, 2)).intensity(0.0).tolist() == [0.5, 1, 2]
+    assert rf.Gravity((0, 0, 1), time=lambda t: t < 1).intensity(0.5)[2] == 1.0  # a switch
+    whole = np.ma.array([1.0, 2, 3])
+    assert rf.Traction("x1", whole).intensity(0.0).tolist() == [1, 2, 3]
+    assert rf.Gravity(time=np.poly1d([2.0, 1.0])).intensity(1.0)[2] == pytest.approx(-3 * 9.81)
 
 
 @pytest.mark.parallel

@@ -134,7 +134,7 @@ def test_nodes_of_a_driven_body_move_with_its_support():
     [
         (lambda t: path(t) if t < 1 else {}["off the path"], "failed near t = 2 s with KeyError"),
         (lambda t: path(t) if t < 1 else (0.0, np.inf, 0.0), "not three finite numbers"),
-        (lambda t: path(t) if t < 1 else (0.0, 0.0), "failed near t = 2 s with ValueError"),
+        (lambda t: path(t) if t < 1 else (0.0, 0.0), "not three finite numbers but .0. 0.."),
     ],
 )
 def test_path_that_cannot_be_used(displacement, words):

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import copy
+import ctypes
 import inspect
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
+from fractions import Fraction
 
 import numpy as np
 import pytest
+from dolfinx import fem
 
 import rigidfx as rf
 from rigidfx.base.taken import taken
@@ -135,6 +138,123 @@ def test_functions_and_what_cannot_change_are_not_copied():
     assert taken(never_ending) is never_ending
     with pytest.raises(rf.SceneError, match="three finite numbers"):
         rf.InitialVelocity(linear=never_ending)
+
+
+class _Held:
+    """What is a number or an array to others, and can be changed."""
+
+    def __init__(self, content):
+        self.content = content
+
+
+class _Number(_Held):
+    def __float__(self):
+        return self.content
+
+
+class _Array(_Held):
+    def __array__(self, dtype=None, copy=None):
+        return self.content
+
+
+class _Interface(_Held):
+    @property
+    def __array_interface__(self):
+        return self.content.__array_interface__
+
+
+class _Numbered(_Held):
+    def __len__(self):
+        return len(self.content)
+
+    def __getitem__(self, k):
+        return self.content[k]
+
+
+def _spoil_content(held):
+    if isinstance(held.content, float):
+        held.content = -1.0
+    else:
+        held.content[:] = [7.0] * 3
+
+
+NUMBERS = {
+    "a number of another kind": lambda: (_Number(5.0), _spoil_content),
+    "a number of C": lambda: (ctypes.c_double(5.0), lambda c: setattr(c, "value", -1.0)),
+    "an array without a dimension": lambda: (np.array(5.0, dtype=object), _spoil),
+}
+VECTORS = {
+    "an array of C": lambda: ((ctypes.c_double * 3)(1, 2, 3), lambda c: c.__setitem__(0, 7.0)),
+    "an array of another kind": lambda: (_Array(np.array([1.0, 2, 3])), _spoil_content),
+    "an array's interface": lambda: (_Interface(np.array([1.0, 2, 3])), _spoil_content),
+    "what is numbered": lambda: (_Numbered([1.0, 2, 3]), _spoil_content),
+    "an array of objects": lambda: (np.array([Fraction(1), 2, 3.0]), _spoil),
+    "a list of numbers of another kind": lambda: (
+        given := [_Number(1.0), 2.0, 3.0],
+        lambda _: _spoil_content(given[0]),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", NUMBERS)
+def test_number_of_any_kind_is_taken(name):
+    """What passes for a number is one from then on; stiffness takes any."""
+    given, spoil = NUMBERS[name]()
+    spring = rf.Spring("x1", given)
+    spoil(given)
+    assert type(spring.stiffness) is float
+    assert spring.K[0, 0] == 5.0
+
+
+@pytest.mark.parametrize("name", VECTORS)
+def test_vector_of_any_kind_is_taken(name):
+    given, spoil = VECTORS[name]()
+    load = rf.Traction("x1", given)
+    spoil(given)
+    assert _fixed(load.value)
+    assert load.intensity(0.0).tolist() == [1.0, 2.0, 3.0]
+
+
+def test_constant_of_dolfinx_is_a_number():
+    """It can be called, as can all of UFL; its kinetic energy was negative once it changed."""
+    domain = rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1))
+    constant = fem.Constant(domain.mesh, 50.0)
+    effects = [rf.PointMass("x1", constant), rf.InitialVelocity(linear=(1.0, 0, 0))]
+    rigid, pressure = rf.Rigid(mass=constant), rf.Pressure("x1", constant)
+    constant.value = -50.0
+    assert rigid.mass == pressure.value == pressure.intensity(0.0) == 50.0
+    reports = rf.simulate(rf.Scene(domain, SOFT, effects), 0.1, 0.1)
+    assert next(reports).kinetic == pytest.approx(0.5 * (50.0 + 2.0), rel=1e-14)
+    reports.close()
+    with pytest.raises(rf.SceneError, match="time must be a function of t"):
+        rf.Traction("x1", (0, 0, 1), time=constant)
+
+
+def test_single_precision_is_that_of_the_value_only():
+    """Parameters that are computed from it have all digits."""
+    given = rf.NeoHooke(rho=1.0, E=np.float32(50.0), nu=0.3)
+    assert given.parameters == rf.NeoHooke(rho=1.0, E=50.0, nu=0.3).parameters
+
+
+def test_breakpoints_of_a_function_are_taken():
+    def pushed(t):
+        return (t, 0.0, 0.0)
+
+    pushed.breakpoints = instants = [0.2]
+    load = rf.Traction("x1", pushed, until=2.0)
+    motion = rf.PrescribedMotion("x1", displacement=pushed, since=0.1)
+    instants.append(0.3)
+    pushed.breakpoints = [0.4]
+    assert load.breakpoints == (2.0, 0.2)
+    assert motion.breakpoints == (0.1, 0.2)
+    assert load.value is motion.displacement is pushed
+
+
+def test_names_in_a_set_have_an_order():
+    """That of a set is another one on each rank."""
+    names = {f"part {k}" for k in range(9)}
+    assert rf.StrainRate(1.0, 1.0, never=names).never == tuple(sorted(names))
+    assert rf.StrainRate(1.0, 1.0, never=["b", "a"]).never == ("b", "a")
 
 
 # Functions that change one array in place -------------------------------------------------------

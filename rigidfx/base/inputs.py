@@ -3,16 +3,28 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from math import isfinite, isnan
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
 
-__all__ = ["check_factor", "number", "numbers", "path_of", "positive", "scalar", "vector", "whole"]
+__all__ = [
+    "check_factor",
+    "is_function",
+    "number",
+    "numbers",
+    "path_of",
+    "positive",
+    "scalar",
+    "shown",
+    "vector",
+    "whole",
+]
 
 
 def number(owner: str, name: str, value: Any, *, infinite: bool = False) -> float:
@@ -27,14 +39,13 @@ def number(owner: str, name: str, value: Any, *, infinite: bool = False) -> floa
     Raises:
         SceneError: If it is no number, or not finite where it has to be.
     """
-    if not isinstance(value, (str, bool)) and value is not None and np.ndim(value) == 0:
-        try:
-            result = float(value)
-        except (TypeError, ValueError):
-            result = float("nan")
-        if isfinite(result) or (infinite and not isnan(result)):
-            return result
-    raise SceneError(f"{owner}: {name} must be a finite number, got {value!r}.")
+    try:
+        result = _real(value)
+    except Exception:  # whatever a foreign kind of number may raise
+        result = float("nan")
+    if isfinite(result) or (infinite and not isnan(result)):
+        return result
+    raise SceneError(f"{owner}: {name} must be a finite number, got {shown(value)}.")
 
 
 def positive(owner: str, name: str, value: Any, *, infinite: bool = False) -> float:
@@ -53,7 +64,7 @@ def positive(owner: str, name: str, value: Any, *, infinite: bool = False) -> fl
     if result > 0:
         return result
     kind = "number" if infinite else "finite number"
-    raise SceneError(f"{owner}: {name} must be a {kind} > 0, got {value!r}.")
+    raise SceneError(f"{owner}: {name} must be a {kind} > 0, got {shown(value)}.")
 
 
 def whole(owner: str, name: str, value: Any, *, least: int) -> int:
@@ -93,6 +104,24 @@ def path_of(owner: str, name: str, value: Any) -> Path:
     raise SceneError(f"{owner}: {name} must be the name of a file or folder, got {value!r}.")
 
 
+def _real(value: Any) -> float:
+    """A real number as a float; what else could be cast into one is none.
+
+    Raises:
+        TypeError: If it is a truth value, a text, complex, masked, several or no number at all.
+    """
+    if isinstance(value, (np.generic, np.ndarray)) or hasattr(type(value), "__array__"):
+        array = np.asarray(value)
+        if array.ndim == 0 and not np.ma.is_masked(value):
+            if array.dtype.kind in "iuf":
+                return float(array)
+            if array.dtype.kind == "O":
+                return _real(array.item())
+    elif not isinstance(value, (bool, str, bytes, bytearray)):
+        return float(value)
+    raise TypeError(f"{shown(value)} is no real number")
+
+
 def numbers(value: Any) -> npt.NDArray[np.float64]:
     """A copy of the given value as an array; an empty one if it is ragged, or not of real numbers.
 
@@ -101,19 +130,31 @@ def numbers(value: Any) -> npt.NDArray[np.float64]:
     """
     try:
         array = np.asarray(value)
-        if array.dtype.kind in "biufO":  # neither text nor complex numbers, which NumPy would cast
-            return array.astype(np.float64, copy=True)
-    except (TypeError, ValueError):
+        if not (np.ma.is_masked(value) or _has_truth(value)):
+            if array.dtype.kind in "iuf":  # nothing else that NumPy would cast
+                return array.astype(np.float64, copy=True)
+            if array.dtype.kind == "O":
+                return np.array([_real(item) for item in array.flat]).reshape(array.shape)
+    except Exception:  # whatever a foreign kind of array or number may raise
         pass
     return np.empty(0)
+
+
+def _has_truth(value: Any) -> bool:
+    """Whether there is a truth value in lists, which NumPy makes a number beside others."""
+    if isinstance(value, (list, tuple)):
+        return any(map(_has_truth, value))
+    return isinstance(value, bool) or getattr(value, "dtype", None) == np.bool_
 
 
 def scalar(value: Any) -> float:
     """What a function gave as a number; NaN if it is not one real number, such as a text.
 
     Args:
-        value: What was given.
+        value: What was given; a truth value, such as t < 1, is 1 or 0.
     """
+    if isinstance(value, (bool, np.bool_)):
+        return float(value)
     array = numbers(value)
     return float(array) if array.ndim == 0 else float("nan")
 
@@ -132,9 +173,32 @@ def vector(owner: object, name: str, value: Any) -> npt.NDArray[np.float64]:
     array = numbers(value)
     if array.shape != (3,) or not np.isfinite(array).all():
         raise SceneError(
-            f"{type(owner).__name__}: {name} must be three finite numbers, got {value!r}."
+            f"{type(owner).__name__}: {name} must be three finite numbers, got {shown(value)}."
         )
     return array
+
+
+def is_function(value: Any) -> TypeGuard[Callable[..., Any]]:
+    """Whether a value can be a function of time.
+
+    What is a number as well, such as a constant of DOLFINx, which UFL lets be called, is a number.
+
+    Args:
+        value: What was given.
+    """
+    return callable(value) and (isinstance(value, type) or not hasattr(value, "__float__"))
+
+
+def shown(value: Any) -> str:
+    """What was given, for a message, whatever it is.
+
+    Args:
+        value: What was given.
+    """
+    try:
+        return repr(value)
+    except Exception:  # Python writes no whole number of more than 4300 digits
+        return f"something of type {type(value).__name__}"
 
 
 def check_factor(owner: object, time: Any) -> None:
@@ -147,5 +211,6 @@ def check_factor(owner: object, time: Any) -> None:
     Raises:
         SceneError: If it is neither a function nor None.
     """
-    if time is not None and not callable(time):
-        raise SceneError(f"{type(owner).__name__}: time must be a function of t, got {time!r}.")
+    if time is not None and not is_function(time):
+        given = shown(time)
+        raise SceneError(f"{type(owner).__name__}: time must be a function of t, got {given}.")

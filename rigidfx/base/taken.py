@@ -3,6 +3,9 @@
 A record that is checked once must not change afterwards: what it was made from is copied when it is
 taken, and what it holds can be read only. A function of time is called later by its nature; what it
 gives is copied by `inputs.numbers`.
+
+What is a number or an array of them to someone else, such as a constant of DOLFINx, an array of C
+or a tensor of another package, could be changed later too: it becomes a float, an array or a tuple.
 """
 
 from __future__ import annotations
@@ -15,19 +18,22 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.base.inputs import is_function, numbers
+
 __all__ = ["read_only", "seal", "take_fields", "taken"]
 
 Entry = TypeVar("Entry", bound=np.generic)
 
-PLAIN = (bool, int, float, complex, str, bytes, np.generic)  # what cannot change
+PLAIN = (bool, int, float, complex, str, bytes)  # what cannot change
+ARRAY = ("__array__", "__array_interface__", "__array_struct__")  # what NumPy makes an array of
 
 
 def taken(value: Any) -> Any:
     """A value that follows no later change of what was given.
 
-    Arrays become read-only copies, of no dimension a number; lists become tuples, dicts read-only
-    ones, sets frozen ones, and so does what is in them. Functions, records and whatever else there
-    is stay what they are.
+    Arrays become read-only copies, of no dimension a number; other kinds of numbers floats; lists
+    become tuples, dicts read-only ones, sets frozen ones, and so does what is in them. Functions,
+    records and whatever else there is stay what they are.
 
     Args:
         value: What was given.
@@ -39,25 +45,60 @@ def taken(value: Any) -> Any:
 
 
 def _taken(value: Any) -> Any:
-    if value is None or isinstance(value, PLAIN) or callable(value):
+    if value is None or isinstance(value, PLAIN) or is_function(value):
         return value
-    if hasattr(type(value), "__array__"):  # an array, or a column of a table
+    if any(hasattr(value, name) for name in ARRAY) or _is_buffer(value):
         return _array(value)
+    if hasattr(value, "__float__"):
+        return _float(value)
     if isinstance(value, Mapping):
         return MappingProxyType({name: _taken(item) for name, item in value.items()})
     if isinstance(value, Set):
         return frozenset(value)
     if isinstance(value, Sequence):
         return tuple(map(_taken, value))
+    if not callable(value) and hasattr(value, "__len__") and hasattr(value, "__getitem__"):
+        return _items(value)
     return value
+
+
+def _is_buffer(value: Any) -> bool:
+    """Whether a value lends its memory, as arrays of C do."""
+    try:
+        memoryview(value).release()
+    except (TypeError, ValueError, BufferError):
+        return False
+    return True
 
 
 def _array(value: Any) -> Any:
     try:
-        array = np.array(value)
-    except (TypeError, ValueError, RuntimeError):
+        # A copy of what is asked for: a foreign kind may not care whether one is asked for.
+        array = (np.asanyarray if np.ma.is_masked(value) else np.asarray)(value).copy()
+    except Exception:  # whatever a foreign kind of array may raise
         return value  # a check says what was expected
-    return read_only(array) if array.ndim else array[()]
+    if array.dtype == object:  # whose items may change
+        real = numbers(array)
+        array = real if real.shape == array.shape else array
+    if array.ndim:
+        return read_only(array)
+    return array.item() if array.dtype.kind in "iuf" and array.dtype.itemsize <= 8 else array[()]
+
+
+def _float(value: Any) -> Any:
+    """A foreign kind of number, such as a fraction, as a float."""
+    try:
+        return float(value)
+    except Exception:  # such as an expression that has no value
+        return value  # a check says what was expected
+
+
+def _items(value: Any) -> Any:
+    """What is numbered like a list, as a tuple."""
+    try:
+        return tuple(_taken(value[k]) for k in range(len(value)))
+    except Exception:  # numbered in another way
+        return value
 
 
 def take_fields(record: Any) -> None:

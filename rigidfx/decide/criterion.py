@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from math import inf
 from typing import Any, Literal
 
-import numpy as np
-
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import number, positive, whole
-from rigidfx.base.taken import take_fields
+from rigidfx.base.taken import take_fields, taken
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.strain_rate import StrainRates
@@ -44,14 +42,13 @@ class Release:
         Raises:
             SceneError: If there is neither a time nor a condition, or one cannot be used.
         """
-        several = isinstance(self.at, Iterable) and not (
-            isinstance(self.at, (str, np.ndarray)) and np.ndim(self.at) == 0
-        )
-        times: Any = tuple(self.at) if several else (self.at,)  # type: ignore[arg-type]
+        at: Any = taken(self.at)
+        several = isinstance(at, Iterable) and not isinstance(at, (str, bytes))
+        times = tuple(at) if several else (at,)
         for t in times:
             if not number("Release", "at", t) > 0:
                 raise SceneError(f"Release: at must be later than the start, got {t!r}.")
-        object.__setattr__(self, "at", tuple(float(t) for t in times))
+        object.__setattr__(self, "at", tuple(number("Release", "at", t) for t in times))
         if self.where is not None and not isinstance(self.where, str):
             raise SceneError(f"Release: where must be the name of a set, got {self.where!r}.")
         if self.when is not None and not callable(self.when):
@@ -143,9 +140,11 @@ class StrainRate:
         if not isinstance(self.never, Iterable):
             raise SceneError(f"StrainRate: never must be names of cell sets, got {self.never!r}.")
         never = (self.never,) if isinstance(self.never, str) else tuple(self.never)
-        object.__setattr__(self, "never", never)
         if not all(isinstance(name, str) for name in never):
             raise SceneError(f"StrainRate: never must be names of cell sets, got {self.never!r}.")
+        # A set has another order on each rank, as texts are hashed with a random number.
+        never = tuple(sorted(never)) if isinstance(self.never, Set) else never
+        object.__setattr__(self, "never", never)
         whole(owner, "min_cells", self.min_cells, least=1)
         listed = isinstance(self.release, (Release, Sequence))
         if not listed or not all(isinstance(release, Release) for release in self.releases):

@@ -206,12 +206,14 @@ class Domain:
         """
         _check_name(name)
         given = np.asarray(cells)
+        hidden = bool(np.ma.is_masked(cells))
         whole = given.size == 0 or (given.ndim == 1 and given.dtype.kind in "iu")
         masked = " Of a mask, take np.flatnonzero." if given.dtype == np.bool_ else ""
+        masked = " Some are masked; take compressed()." if hidden else masked
         agree(
             self.comm,
             None
-            if whole
+            if whole and not hidden
             else f"Cell set '{name}': cells must be a list of whole numbers, got {given.dtype} of "
             f"shape {given.shape}.{masked}",
         )

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError, together
-from rigidfx.base.inputs import number, numbers
+from rigidfx.base.inputs import number, numbers, shown
 from rigidfx.base.taken import take_fields
 from rigidfx.effects.action import Action, FormTerm, Structure
 
@@ -186,6 +186,20 @@ class Windowed(Effect):
                 f"{self.kind}: the time window needs since < until, "
                 f"got {self.since!r} … {self.until!r}."
             )
+        kinks = [t for own in fields(self) for t in self._kinks_of(own.name)]
+        object.__setattr__(self, "_kinks", tuple(t for t in kinks if since < t < until))
+
+    def _kinks_of(self, name: str) -> tuple[float, ...]:
+        """Instants that a function among its fields names now."""
+        given = getattr(getattr(self, name), "breakpoints", ())
+        owner = f"{self.kind}: an instant among the breakpoints of {name}"
+        try:
+            return tuple(number(owner, "t", t, infinite=True) for t in given)
+        except TypeError:
+            raise SceneError(
+                f"{self.kind}: the attribute breakpoints of {name} must be a list of instants, got "
+                f"{shown(given)}."
+            ) from None
 
     @property
     def start(self) -> float:
@@ -204,6 +218,4 @@ class Windowed(Effect):
     @property
     def breakpoints(self) -> tuple[float, ...]:
         """Instants at which a step must end [s]: ends of the window, kinks of functions in it."""
-        functions = (getattr(self, own.name) for own in fields(self))
-        kinks = (t for f in functions for t in getattr(f, "breakpoints", ()))
-        return (*self.ends, *(t for t in kinks if self.since < t < self.until))
+        return (*self.ends, *self._kinks)  # type: ignore[attr-defined]

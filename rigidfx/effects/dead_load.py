@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rigidfx.base.errors import SceneError
-from rigidfx.base.inputs import check_factor, numbers, scalar, vector
+from rigidfx.base.inputs import check_factor, is_function, numbers, scalar, vector
 from rigidfx.effects.action import Action, Array, Structure
 from rigidfx.effects.base import TimeFunction, Windowed, check_vector
 
@@ -43,7 +43,7 @@ class DeadLoad(Windowed):
         """
         super().__post_init__()
         value = getattr(self, "value", None)
-        if not callable(value):
+        if not is_function(value):
             vector(self, "value", value)
         check_factor(self, self.time)
 
@@ -56,7 +56,7 @@ class DeadLoad(Windowed):
         if not self.acts(t):
             return np.zeros(3)
         value = getattr(self, "value", (0.0, 0.0, 0.0))
-        vector = numbers(value(t) if callable(value) else value)
+        vector = numbers(value(t) if is_function(value) else value)
         return vector if self.time is None else vector * scalar(self.time(t))
 
     def weights(self, scene: Any) -> Array:

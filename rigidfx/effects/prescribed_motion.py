@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError, together
-from rigidfx.base.inputs import numbers
+from rigidfx.base.inputs import is_function, numbers, shown
 from rigidfx.effects.base import Vector
 from rigidfx.effects.path_velocity import PathAndVelocity
 from rigidfx.effects.support import Support
@@ -45,10 +45,10 @@ class PrescribedMotion(Support):
         super().__post_init__()
         for name in ("displacement", "velocity"):
             f = getattr(self, name)
-            if not callable(f) and not (name == "velocity" and f is None):
+            if not is_function(f) and not (name == "velocity" and f is None):
                 raise SceneError(
                     f"PrescribedMotion on '{self.where}': {name} must be a function of t, "
-                    f"got {f!r}."
+                    f"got {shown(f)}."
                 )
 
     def displacement_at(self, t: float) -> npt.NDArray[np.float64]:
@@ -60,7 +60,10 @@ class PrescribedMotion(Support):
         if self.velocity is not None:
             return numbers(self.velocity(t))
         h = 1e-3 * dt
-        u0, u1, u2 = (self.displacement_at(t + k * h) for k in range(3))
+        u0, u1, u2 = u = [self.displacement_at(t + k * h) for k in range(3)]
+        for given in u:
+            if given.shape != (3,):
+                return given  # which is told by its name where it is looked at
         return np.asarray((4 * u1 - 3 * u0 - u2) / (2 * h))
 
     def same_motion(self, other: Support) -> bool:

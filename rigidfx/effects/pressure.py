@@ -20,7 +20,7 @@ import ufl
 from dolfinx import fem
 
 from rigidfx.base.errors import SceneError, together
-from rigidfx.base.inputs import check_factor, number, scalar
+from rigidfx.base.inputs import check_factor, is_function, number, scalar
 from rigidfx.effects.action import Action, Array, FormTerm, Structure
 from rigidfx.effects.base import TimeFunction, Windowed
 from rigidfx.mechanics.body_step import Increments
@@ -56,7 +56,7 @@ class Pressure(Windowed):
             SceneError: If one of them cannot be used.
         """
         super().__post_init__()
-        if not callable(self.value):
+        if not is_function(self.value):
             number("Pressure", "value", self.value)
         check_factor(self, self.time)
 
@@ -71,7 +71,7 @@ class Pressure(Windowed):
         """
         if not self.acts(t):
             return 0.0
-        value = self.value(t) if callable(self.value) else self.value
+        value = self.value(t) if is_function(self.value) else self.value
         pressure = scalar(value) * (1.0 if self.time is None else scalar(self.time(t)))
         if not isfinite(pressure):
             raise SceneError(

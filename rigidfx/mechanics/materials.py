@@ -204,11 +204,16 @@ class Hyperelastic(Material):
         """Check the density and the parameters.
 
         Raises:
-            SceneError: If ρ0 is not positive, W cannot be called or a parameter is not finite.
+            SceneError: If ρ0 is not positive, W cannot be called, or values are no finite numbers
+                by their names.
         """
         super().__post_init__()
         if not callable(self.W):
             raise SceneError(f"{self.label}: W must be a function of C giving UFL, got {self.W!r}.")
+        if not isinstance(self.values, Mapping) or not all(isinstance(n, str) for n in self.values):
+            raise SceneError(
+                f"{self.label}: values must be a dict of names to numbers, got {self.values!r}."
+            )
         for name, value in self.values.items():
             number(self.label, f"parameter {name}", value)
 

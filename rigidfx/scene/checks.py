@@ -41,7 +41,8 @@ def check_discretisation(scene: Any) -> None:
         SceneError: If they cannot be used.
     """
     order, mass = scene.order, scene.mass
-    if not isinstance(order, (int, np.integer)) or order not in STIFFNESS_DEGREE:
+    whole = isinstance(order, (int, np.integer)) and not isinstance(order, bool)
+    if not whole or order not in STIFFNESS_DEGREE:
         raise SceneError(f"Scene: order must be 1 or 2, got {order!r}.")
     if mass not in ("lumped", "consistent"):
         raise SceneError(f"Scene: mass must be 'lumped' or 'consistent', got {mass!r}.")

@@ -95,8 +95,10 @@ class PrescribedDofs:
         def gained(support: Support) -> Array:
             u0 = np.array(support.displacement_at(t0))  # a path may change one array in place
             u1 = np.array(support.displacement_at(t1))
-            whole = np.shape(u0) == np.shape(u1) == (3,)  # if not, that is an error below
-            if self._jumps is not None and support.moves and whole:
+            for given in (u0, u1):
+                if given.shape != (3,):
+                    return given  # which is an error below
+            if self._jumps is not None and support.moves:
                 self._jumps.look(support, t0, t1, u0, u1)
             return np.asarray(u1 - u0)
 
