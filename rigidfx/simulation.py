@@ -17,6 +17,7 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError, StepError
 from rigidfx.base.same_input import check_same
@@ -63,7 +64,8 @@ def simulate(
         petsc_options: Options of PETSc's solvers for this run, by name without a prefix:
             {"ksp_type": "bcgs", "pc_type": "hypre"}. Those of the command line and of the
             environment win; see `rigidfx.step.petsc_options`.
-        monitor: Called with the number of each Newton iterate and ‖R‖ [N] there, on every rank.
+        monitor: Called with the number of each Newton iterate and ‖R‖ [N] there, on every rank
+            that gives one; what it raises ends the run on all ranks.
 
     Returns:
         A generator of reports, the first of them of the initial state. Everything it holds is
@@ -93,11 +95,17 @@ def simulate(
             f"simulate: {type(scene.scheme).__name__} does not couple to rigid bodies; take "
             "EnergyMomentum or Midpoint."
         )
+    if scene.comm.allreduce(monitor is not None, op=MPI.LOR) and monitor is None:
+        monitor = _unheard
     solver = SolverOptions({} if petsc_options is None else petsc_options, monitor)
     with solver.at_work():
         run, impact = prepare(scene, timeline, rigidify)
     timeline.stop_at(scene.breakpoints)
     return _reports(run, impact, progress, solver)
+
+
+def _unheard(iteration: int, norm: float) -> None:
+    """The monitor of a rank that has none where another has one: they are called together."""
 
 
 @dataclass(frozen=True)

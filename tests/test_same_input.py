@@ -6,6 +6,8 @@ Run as a script under mpirun, this file goes through all cases on each rank.
 from __future__ import annotations
 
 import sys
+import tempfile
+from pathlib import Path
 
 import numpy as np
 import parallel
@@ -13,7 +15,7 @@ import pytest
 from mpi4py import MPI
 
 import rigidfx as rf
-from rigidfx.base.same_input import digest
+from rigidfx.base.same_input import digest, excerpts
 
 COMM = MPI.COMM_WORLD
 RANK = COMM.rank
@@ -21,11 +23,55 @@ STEEL = rf.StVenantKirchhoff(rho=2.0, E=50.0, nu=0.3)
 CRITERION = rf.StrainRate(10.0, 0.2)
 
 
-def _run(*effects, dt=0.1, t_end=1.0, rigidify=CRITERION, **options):
+def _run(*effects, dt=0.1, t_end=1.0, rigidify=CRITERION, monitor=None, **options):
     domain = rf.box((0, 0, 0), (4, 1, 1), (4, 2, 2))
     scene = rf.Scene(domain, STEEL, effects, **options)
-    reports = list(rf.simulate(scene, dt, t_end, rigidify=rigidify, progress=False))
+    run = rf.simulate(scene, dt, t_end, rigidify=rigidify, progress=False, monitor=monitor)
+    reports = list(run)
     return [(r.t, r.unknowns, [e.kind for e in r.events]) for r in reports]
+
+
+def _scene():
+    return rf.Scene(rf.box((0, 0, 0), (4, 1, 1), (4, 1, 1)), STEEL)
+
+
+def _record(**options):
+    """A recorder whose folder is a rank's own, which is nobody's business but rank 0's."""
+    with tempfile.TemporaryDirectory() as folder:
+        rf.Recorder(_scene(), folder, **options).close()
+
+
+def _write(path):
+    scene = _scene()
+    reports = rf.simulate(scene, 0.1, 0.1)
+    try:
+        rf.write_bodies(path, scene, next(reports))
+    finally:
+        reports.close()
+
+
+def _listen(iteration, norm):
+    if RANK == 1:
+        raise KeyError("on rank 1")
+
+
+def _monitor():
+    """The one rank raises what the function has, the other what it is told of it."""
+    try:
+        _run(rf.Traction("x1", (1, 0, 0)), monitor=_listen)
+    except KeyError as error:
+        raise rf.SceneError(f"simulate: monitor failed with KeyError: {error}") from None
+
+
+def _materials():
+    """Two materials, named in another order on each rank."""
+    domain = rf.box((0, 0, 0), (4, 1, 1), (4, 1, 1))
+    domain = domain.with_cells("a", lambda x: x[0] < 2 + 1e-9)
+    domain = domain.with_cells("b", lambda x: x[0] > 2 - 1e-9)
+    given = {"a": STEEL, "b": rf.NeoHooke(rho=1.0, E=50.0, nu=0.3)}
+    names = list(given)[:: 1 - 2 * RANK]
+    scene = rf.Scene(domain, {name: given[name] for name in names})
+    return [material.rho for material, _ in scene.materials]
 
 
 def _of_rank(t):
@@ -57,6 +103,23 @@ REFUSED = {
     "an order": (lambda: _run(order=1 + RANK), "order is not the same"),
     "a mass": (lambda: _run(mass="consistent" if RANK else "lumped"), "mass is not the same"),
     "a scheme": (lambda: _run(scheme=rf.Midpoint() if RANK else None), "scheme is not the same"),
+    "late in a table": (
+        lambda: _run(rf.Gravity(time=rf.Table([*range(60), 60.25 + RANK / 8], [1] * 61))),
+        "60.25), values=",
+    ),
+    "late in an array": (
+        lambda: _run(rf.Gravity(time=rf.Table(np.r_[:2000, 2000.25 + RANK / 8], [1] * 2001))),
+        "2000.25",
+    ),
+    "a number of steps": (lambda: _record(every=1 + RANK), "every is not the same"),
+    "an interval": (lambda: _record(interval=0.1 + RANK), "interval is not the same"),
+    "stresses": (lambda: _record(stress=RANK == 0), "stress is not the same"),
+    "no folder": (
+        lambda: rf.Recorder(_scene(), "nowhere" if RANK else None),
+        "folder must be the name",
+    ),
+    "no file": (lambda: _write("nowhere.json" if RANK else None), "path must be the name"),
+    "a monitor that fails": (_monitor, "simulate: monitor failed with KeyError: 'on rank 1'"),
     "a probe": (lambda: _run(probes={"tip": (RANK, 1, 1)}), "probes is not the same"),
 }
 
@@ -72,6 +135,7 @@ def test_what_differs_between_ranks_is_named():
     first, second = (rank["a load that is decided on one rank"] for rank in ranks)
     assert first == second
     assert any("release" in kinds for _, _, kinds in first)
+    assert [rank["accepted"] for rank in ranks] == [[[2.0, 1.0], 2]] * 2
 
 
 @pytest.mark.parametrize(
@@ -83,11 +147,26 @@ def test_what_differs_between_ranks_is_named():
         ({1, 2}, {1, 3}),
         (rf.Table([0, 1], [0, 1]), rf.Table([0, 2], [0, 1])),
         ([1.0, 2.0], [1.0]),
+        (Path("a"), Path("b")),
     ],
 )
 def test_differences_of_plain_data_are_seen(one, other):
     assert digest(one) == digest(one)
     assert digest(one) != digest(other)
+
+
+@pytest.mark.parametrize("at", [0, 30, 500, 990])
+def test_texts_are_shown_from_where_they_differ(at):
+    one = "x" * 1000
+    other = one[:at] + "y" + one[at + 1 :]
+    shown = excerpts(one, other)
+    assert shown[0] != shown[1]
+    assert "y" in shown[1]
+    assert max(map(len, shown)) < 150
+
+
+def test_what_looks_the_same_is_told():
+    assert "looks the same" in excerpts("a", "a")[1]
 
 
 def _script():
@@ -101,6 +180,11 @@ def _script():
             found[name] = str(error)
         COMM.barrier()  # a rank that is still in the case would hang here
     found["a load that is decided on one rank"] = _run(rf.Traction("x1", _of_rank))
+    _record()
+    heard = set()
+    listen = (lambda k, norm: heard.add(k)) if RANK == 0 else None
+    _run(rf.Traction("x1", (1, 0, 0)), t_end=0.1, monitor=listen)
+    found["accepted"] = [_materials(), COMM.bcast(min(len(heard), 2))]
     everybody = COMM.gather(found)
     if RANK == 0:
         parallel.report(everybody)

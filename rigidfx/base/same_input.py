@@ -7,6 +7,9 @@ ranks would take different decisions and then wait for each other for ever.
 from __future__ import annotations
 
 import hashlib
+import os
+import re
+import sys
 from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import fields, is_dataclass
 from typing import Any
@@ -15,10 +18,12 @@ import numpy as np
 from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError
+from rigidfx.base.inputs import shown
 
-__all__ = ["check_same", "digest"]
+__all__ = ["check_same", "digest", "excerpts"]
 
-SHOWN = 120  # characters of what a rank was given
+SHOWN = 120  # characters of what a rank was given, from a little before where it differs
+BEFORE = 40
 
 
 def check_same(comm: MPI.Intracomm, owner: str, given: Mapping[str, Any]) -> None:
@@ -42,12 +47,40 @@ def check_same(comm: MPI.Intracomm, owner: str, given: Mapping[str, Any]) -> Non
         names = [*digests[0], *(name for name in other if name not in digests[0])]
         for name in names:
             if digests[0].get(name) != other.get(name):
-                shown = comm.allgather(repr(items[name])[:SHOWN] if name in items else "nothing")
+                texts = comm.allgather(_text(items[name]) if name in items else "nothing")
+                first, second = excerpts(texts[0], texts[rank])
                 raise SceneError(
-                    f"{owner}: {name} is not the same on all ranks: {shown[0]} on rank 0, "
-                    f"{shown[rank]} on rank {rank}. What is random, or read from a file, has to "
+                    f"{owner}: {name} is not the same on all ranks: {first} on rank 0, "
+                    f"{second} on rank {rank}. What is random, or read from a file, has to "
                     "be found on one rank and broadcast."
                 )
+
+
+def _text(value: Any) -> str:
+    """A value in full, without where something lies in a rank's memory."""
+    # Each number by itself: NumPy would write all of an array with as many digits as one needs.
+    with np.printoptions(threshold=sys.maxsize, formatter={"float_kind": lambda x: repr(float(x))}):
+        return re.sub(r" at 0x[0-9a-f]+", "", shown(value))
+
+
+def excerpts(first: str, second: str) -> tuple[str, str]:
+    """Of two texts what is around the place from which on they differ.
+
+    Args:
+        first: One text.
+        second: The other.
+    """
+    if first == second:
+        return first[:SHOWN], "what looks the same but has other breakpoints, or another kind,"
+    pairs = zip(first, second, strict=False)
+    alike = next((k for k, (a, b) in enumerate(pairs) if a != b), min(len(first), len(second)))
+    start = max(0, alike - BEFORE)
+    if max(len(first), len(second)) <= SHOWN:
+        start = 0
+    parts = (text[start : start + SHOWN] for text in (first, second))
+    before, ends = "… " if start else "", [start + SHOWN < len(t) for t in (first, second)]
+    one, other = (before + part + " …" * end for part, end in zip(parts, ends, strict=True))
+    return one, other
 
 
 def _items(given: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
@@ -67,17 +100,24 @@ def _plain(value: Any) -> Any:
     """What can be compared of a value."""
     if value is None or isinstance(value, (bool, int, float, complex, str, bytes)):
         return value
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
     if isinstance(value, (np.ndarray, np.generic)):
         array = np.asarray(value)
         content = array.tolist() if array.dtype == object else array.tobytes()
         return array.shape, str(array.dtype), content
     name = type(value).__qualname__
     if is_dataclass(value):
-        return name, [(f.name, _plain(getattr(value, f.name, None))) for f in fields(value)]
+        own = [(f.name, _plain(getattr(value, f.name, None))) for f in fields(value)]
+        return name, own, _breakpoints(value)
     if isinstance(value, Mapping):
         return name, [(_plain(key), _plain(item)) for key, item in value.items()]
     if isinstance(value, Sequence):
         return name, [_plain(item) for item in value]
     if isinstance(value, Set):
         return name, sorted(repr(_plain(item)) for item in value)
-    return name, [float(t) for t in getattr(value, "breakpoints", ())]
+    return name, _breakpoints(value)
+
+
+def _breakpoints(value: Any) -> list[float]:
+    return [float(t) for t in getattr(value, "breakpoints", ())]

@@ -32,4 +32,6 @@ def write_text(comm: MPI.Intracomm, path: str | Path, text: str) -> None:
             part.replace(path)
         except OSError as error:
             problem = f"'{path}' cannot be written: {error.strerror or error}."
+        except UnicodeError as error:
+            problem = f"{str(path)!a} can be the name of no file: {error}."
     agree(comm, problem, OutputError)

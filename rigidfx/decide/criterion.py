@@ -157,6 +157,8 @@ class StrainRate:
             raise SceneError(
                 f"StrainRate: needs since < until, got {self.since!r} … {self.until!r}."
             )
+        # In one order on all ranks, as the sets are looked up on all at a time.
+        object.__setattr__(self, "tolerances", dict(sorted(self.tolerances.items())))
         take_fields(self)  # at last, so that messages show what was given
 
     @property

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError, together
-from rigidfx.base.inputs import number, positive
+from rigidfx.base.inputs import number, path_of, positive
 from rigidfx.domain.cad_entities import Cad, CadEntity, Which
 from rigidfx.domain.cad_names import named_surfaces, named_volumes, numbers_of
 from rigidfx.domain.domain import Domain
@@ -50,6 +50,7 @@ def list_cad(
     Raises:
         SceneError: If the file is missing or unreadable, or holds no volume.
     """
+    path = path_of("list_cad", "path", path)
     metres = _metres(path, positive("list_cad", "scale", scale))
 
     def read() -> Cad | None:
@@ -114,6 +115,7 @@ def read_cad(
         SceneError: If the file is missing, unreadable, without volumes or cannot be meshed; if a
             name picks nothing or a volume has no name. The message lists the choice.
     """
+    path = path_of("read_cad", "path", path)
     metres = _metres(path, positive("read_cad", "scale", scale))
     largest = None if size is None else positive("read_cad", "size", size)
     if not number("read_cad", "per_circle", per_circle) >= 0:

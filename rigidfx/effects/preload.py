@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Sequence, Set
 from dataclasses import dataclass
 from typing import Any
 
@@ -37,7 +37,8 @@ class Preload(Effect):
         """
         super().__post_init__()
         given = (self.loads,) if isinstance(self.loads, DeadLoad) else self.loads
-        loads = tuple(given) if isinstance(given, Iterable) else ()
+        listed = isinstance(given, Iterable) and not isinstance(given, Set)
+        loads = tuple(given) if listed else ()
         if not loads or not all(isinstance(load, DeadLoad) for load in loads):
             raise SceneError(f"Preload: loads must be one or more dead loads, got {given!r}.")
         object.__setattr__(self, "loads", loads)

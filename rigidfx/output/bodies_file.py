@@ -52,9 +52,13 @@ def write_bodies(path: str | Path, scene: Scene, report: Report) -> None:
         SceneError: If the report is none, of another scene, or the run has gone on since.
         OutputError: On every rank, if the file cannot be written.
     """
-    path = path_of("write_bodies", "path", path)
     check_scene("write_bodies", scene)
-    check_report("write_bodies", scene, report)
+
+    def check() -> Path:
+        check_report("write_bodies", scene, report)
+        return path_of("write_bodies", "path", path)
+
+    path = together(scene.comm, "write_bodies", check)
     state, comm = report.state, scene.comm
     numbers = np.asarray(scene.mesh.topology.original_cell_index)
     attached = _touching_flexible(scene, state.body_numbers())

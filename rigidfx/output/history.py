@@ -91,8 +91,7 @@ def read_history(path: str | Path) -> dict[str, Array]:
         path: The file; it may be that of a run that goes on, or was killed.
 
     Raises:
-        FileNotFoundError: If it is not there.
-        OutputError: If it is no table of numbers, or cannot be read.
+        OutputError: If it is not there, is no table of numbers, or cannot be read.
         SceneError: If path is none.
     """
     path = path_of("read_history", "path", path)
@@ -102,8 +101,8 @@ def read_history(path: str | Path) -> dict[str, Array]:
         with path.open(newline="", encoding="utf-8") as file:
             lines = list(csv.reader([line for line in file if line.endswith("\n")]))
     except FileNotFoundError:
-        raise
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise OutputError(f"read_history: there is no file '{path}'.") from None
+    except (OSError, UnicodeError, csv.Error) as error:
         raise OutputError(f"read_history: '{path}' cannot be read: {error}.") from error
     if not lines:
         raise OutputError(f"read_history: '{path}' has no whole line: no run has written to it.")

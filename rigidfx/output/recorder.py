@@ -25,8 +25,9 @@ from types import TracebackType
 
 import numpy as np
 
-from rigidfx.base.errors import OutputError, SceneError, StepError, agree
+from rigidfx.base.errors import OutputError, SceneError, StepError, agree, together
 from rigidfx.base.inputs import path_of, positive, whole
+from rigidfx.base.same_input import check_same
 from rigidfx.output.body_tables import BODY_COLUMNS, EVENT_COLUMNS, body_rows, event_rows
 from rigidfx.output.csv_file import CsvFile
 from rigidfx.output.fields import Fields
@@ -77,15 +78,20 @@ class Recorder:
         Raises:
             OutputError: On every rank, if the folder cannot be written to, or another recorder
                 writes to it.
-            SceneError: If every or interval cannot be used.
+            SceneError: On every rank, if every, interval or stress cannot be used, or is not the
+                same on all ranks.
         """
         check_scene("Recorder", scene)
+        given = {"every": every, "interval": interval, "stress": stress}
+        check_same(scene.comm, "Recorder", given)
         if not isinstance(stress, (bool, np.bool_)):
             raise SceneError(f"Recorder: stress must be True or False, got {stress!r}.")
         self._every = whole("Recorder", "every", every, least=1)
         self._interval = None if interval is None else positive("Recorder", "interval", interval)
         self._next = 0.0
-        self.folder = path_of("Recorder", "folder", folder)
+        self.folder = together(
+            scene.comm, "Recorder", lambda: path_of("Recorder", "folder", folder)
+        )
         self._scene, self._comm = scene, scene.comm
         self._supports = tuple(dict.fromkeys(support.where for support, _ in scene.supports))
         self._fields = Fields(scene, stress)
@@ -232,11 +238,13 @@ class Recorder:
         if self._comm.rank == 0:
             try:
                 action()
-            except OSError as error:
+            except (OSError, UnicodeError) as error:
                 problem = self._problem(error)
         agree(self._comm, problem, OutputError)
 
-    def _problem(self, error: OSError) -> str:
+    def _problem(self, error: OSError | UnicodeError) -> str:
+        if isinstance(error, UnicodeError):
+            return f"Recorder: no folder can be called {str(self.folder)!a}: {error}."
         if isinstance(error, BlockingIOError):
             return (
                 f"Recorder: another recorder writes to the folder '{self.folder}', in this process "

@@ -45,7 +45,11 @@ def assign(
         )
     times_used = np.zeros(owned, dtype=np.int32)
     pairs = []
-    for name, m in material.items():
+    if not all(isinstance(name, str) for name in material):
+        raise SceneError(f"Scene: materials are given by names of cell sets, got {material!r}.")
+    # The sets are looked up on all ranks at a time, and a dict may be ordered otherwise on each.
+    for name in domain.comm.bcast(list(material)):
+        m = material[name]
         if not isinstance(m, Material):
             raise SceneError(f"Scene: the material of '{name}' must be a Material, got {m!r}.")
         entities = domain.find(name, (3,), "Scene (material)").entities

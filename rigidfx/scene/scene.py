@@ -6,7 +6,7 @@ first step, as it takes bodies and supports together in time; on all ranks alike
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Set
 from functools import cached_property
 from types import MappingProxyType
 from typing import Any, Literal
@@ -101,10 +101,13 @@ class Scene:
                 f"DOLFINx mesh), got {type(domain).__name__}."
             )
         self.domain = domain
-        if isinstance(effects, str) or not isinstance(effects, Iterable):
+        if isinstance(effects, (str, Set)) or not isinstance(effects, Iterable):
             raise SceneError(f"Scene: effects must be a list of effects, got {effects!r}.")
         self.effects = tuple(effects)
-        given: dict[str, Any] = {"material": material, "order": order, "mass": mass}
+        materials: Any = material
+        if isinstance(material, Mapping):  # their order does not matter
+            materials = {name: material[name] for name in sorted(material, key=repr)}
+        given: dict[str, Any] = {"material": materials, "order": order, "mass": mass}
         given |= {"scheme": scheme, "probes": probes}
         given |= {"names": sorted(domain.sets), "effects": self.effects}
         check_same(domain.comm, "Scene", given)

@@ -25,7 +25,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from rigidfx.base.errors import SceneError
+from rigidfx.base.errors import SceneError, agree
 from rigidfx.base.warning import warn
 from rigidfx.step.asked_options import asked
 from rigidfx.step.linear_solver import PREFIX, default_options
@@ -139,8 +139,18 @@ def monitor_solves(snes: PETSc.SNES) -> None:
 
     def show(snes: PETSc.SNES, iteration: int, norm: float) -> None:
         monitor = _monitor.get()
-        if monitor is not None:
+        if monitor is None:
+            return
+        own: Exception | None = None
+        try:
             monitor(iteration, norm)
+        except Exception as error:  # whatever a user's function may raise
+            own = error
+        problem = f"simulate: monitor failed with {type(own).__name__}: {own}" if own else None
+        try:
+            agree(snes.comm.tompi4py(), problem)
+        except SceneError as told:
+            raise (own or told) from None
 
     snes.setMonitor(show)
 
