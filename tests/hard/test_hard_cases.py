@@ -30,7 +30,7 @@ def test_hard_case(case):
 @pytest.mark.slow
 @pytest.mark.parametrize("ranks", [3])  # the demo runs on two, see test_demos
 def test_hard_cases_on_several_ranks(ranks):
-    """Ranks without cells, or with frozen ones only: the same on all, and no rank waits for ever."""
+    """Ranks without cells, or with frozen ones: the same on all, and no rank waits for ever."""
     problems = parallel.run(__file__, ranks, 600)
     assert problems == []
 
