@@ -106,6 +106,8 @@ def _plain(value: Any) -> Any:
         array = np.asarray(value)
         content = array.tolist() if array.dtype == object else array.tobytes()
         return array.shape, str(array.dtype), content
+    if isinstance(value, type):  # a record's class has no breakpoints, but the property
+        return value.__qualname__
     name = type(value).__qualname__
     if is_dataclass(value):
         own = [(f.name, _plain(getattr(value, f.name, None))) for f in fields(value)]
