@@ -20,12 +20,7 @@ from mpi4py import MPI
 
 WORKERS = 2  # more get in each other's way, as tests start ranks of their own
 LAUNCHED = "OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK"  # what mpirun tells its ranks
-LONG = (
-    "demo",
-    "slow",
-    "parallel",
-    "convergence",
-)  # markers of tests that come first, in this order
+LONG = "parallel", "demo", "slow", "convergence"  # markers of tests that come first, in this order
 
 # Ranks that wait for each other let others work meanwhile. Beside a busy process two ranks that did
 # not took five times the processor time and six times as long.
@@ -83,13 +78,20 @@ def pytest_cmdline_main(config: pytest.Config) -> None:
 
 @pytest.hookimpl(tryfirst=True)  # before xdist looks for groups
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Long tests first, so that no process is left with one; fixtures of a module made once."""
+    """Long tests first, so that no process is left with one; fixtures of a module made once.
+
+    One process alone starts ranks: five or six ranks at a time on two cores wait for each other
+    most of theirs.
+    """
     if "PYTEST_XDIST_WORKER" in os.environ:
         config.option.loadgroup = True  # a worker knows the command line only
-    for item in items:
+    of_ranks = {item.path for item in items if item.get_closest_marker("parallel")}
+    for item in items if config.pluginmanager.hasplugin("xdist") else ():
         fixtures = item._fixtureinfo.name2fixturedefs.values()
         shared = any(definition.scope == "module" for (*_, definition) in fixtures)
-        if shared and config.pluginmanager.hasplugin("xdist"):
+        if item.get_closest_marker("parallel") or (shared and item.path in of_ranks):
+            item.add_marker(pytest.mark.xdist_group("ranks"))
+        elif shared:
             item.add_marker(pytest.mark.xdist_group(item.path.name))
     order = {name: place for place, name in enumerate(LONG)}
     items.sort(key=lambda item: min((order.get(m.name, 9) for m in item.iter_markers()), default=9))

@@ -446,6 +446,7 @@ def test_pressure_that_fails_later():
 SCRIPT = Path(__file__).parent / "effects_on_ranks.py"
 
 
+@pytest.mark.parallel
 @pytest.mark.parametrize(("mass", "ranks"), [("lumped", 2), ("consistent", 3)])
 def test_the_same_on_several_ranks(mass, ranks):
     """Histories of a scene with every effect, with and without a rigid part."""
