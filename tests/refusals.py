@@ -14,6 +14,8 @@ from collections.abc import Callable, Iterator, Mapping
 import parallel
 from mpi4py import MPI
 
+import rigidfx as rf
+
 Outcome = tuple[str, str]  # name of the error's class, message
 
 
@@ -33,6 +35,15 @@ def on_each_rank(actions: Mapping[str, Callable[[], object]]) -> None:
     everybody = comm.gather(found)
     if comm.rank == 0:
         parallel.report(everybody)
+
+
+def write_bodies_of(scene: rf.Scene, path: object) -> None:
+    """Write the bodies of a scene's first report, and free its run whatever becomes of that."""
+    reports = rf.simulate(scene, 0.1, 0.1)
+    try:
+        rf.write_bodies(path, scene, next(reports))
+    finally:
+        reports.close()
 
 
 def found_on_two_ranks(script: str) -> Iterator[tuple[str, Outcome]]:

@@ -109,12 +109,7 @@ def _history(content):
 
 
 def _write(path):
-    scene = _scene()
-    reports = rf.simulate(scene, 0.1, 0.1)
-    try:
-        rf.write_bodies(path, scene, next(reports))
-    finally:
-        reports.close()
+    refusals.write_bodies_of(_scene(), path)
 
 
 def _rate(*arguments, **options):

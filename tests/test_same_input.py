@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import parallel
 import pytest
+import refusals
 from mpi4py import MPI
 
 import rigidfx as rf
@@ -42,12 +43,7 @@ def _record(**options):
 
 
 def _write(path):
-    scene = _scene()
-    reports = rf.simulate(scene, 0.1, 0.1)
-    try:
-        rf.write_bodies(path, scene, next(reports))
-    finally:
-        reports.close()
+    refusals.write_bodies_of(_scene(), path)
 
 
 def _listen(iteration, norm):
