@@ -116,7 +116,7 @@ class Newton:
             guesses: First guesses; the one with the smallest residual is taken.
         """
         self._kept = False
-        if self._chord is not None and self._chord.trusted:
+        if self._chord is not None and self._chord.serves(self.equilibrium.dt):
             found = self._solve_by_chord(self._chord, guesses)
             if found.converged:
                 return found
