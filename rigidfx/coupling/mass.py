@@ -13,6 +13,7 @@ import numpy.typing as npt
 import ufl
 from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
+from scipy.sparse import csr_matrix
 
 from rigidfx.coupling.condensed_tangent import CondensedMatrix
 from rigidfx.coupling.prolongation import Prolongation
@@ -138,6 +139,7 @@ class ConsistentMass:
             # A node of no counted cell has no entry in the pattern yet.
             rows.add_diagonal(self._matrix, self._points.array_r)
         self._matrix.assemble()
+        self._matrix = _without_zeros(self._matrix)
         self._condensed: CondensedMatrix | None = None
 
     def mult(self, v: PETSc.Vec, out: PETSc.Vec) -> None:
@@ -169,6 +171,20 @@ class ConsistentMass:
             self._points.destroy()
         if self._condensed is not None:
             self._condensed.destroy()
+
+
+def _without_zeros(A: PETSc.Mat) -> PETSc.Mat:
+    """A matrix that holds what is not zero of another, which is destroyed. Collective.
+
+    Masses do not couple directions: two thirds of the assembled entries are zeros.
+    """
+    rows, columns = A.getSizes()
+    offsets, places, values = A.getValuesCSR()
+    csr = csr_matrix((values, places, offsets), shape=(rows[0], columns[1]))
+    csr.eliminate_zeros()
+    B = PETSc.Mat().createAIJ([rows, columns], csr=(csr.indptr, csr.indices, csr.data), comm=A.comm)
+    A.destroy()
+    return B
 
 
 def mass_operator(

@@ -1,9 +1,10 @@
-"""Newton's method with a tangent that is kept over steps, the chord method: where it pays, and how.
+"""Newton's method with factors that are kept over steps, the chord method: where it pays, and how.
 
-It pays where a tangent costs more than some iterations: where solving takes a factorisation, as in
-parts of metal with the time steps that their slow motions need, or where assembly and incomplete
-factors cost more than the few iterations of GMRES that a soft part takes. Which of the two solvers
-serves better is known beforehand, from the size and from how far a wave runs in a step.
+It pays where solving takes a factorisation, which costs more than some iterations: in parts of
+metal with the time steps that their slow motions need. That is known beforehand, from the size and
+from how far a wave runs in a step. (Kept incomplete factors saved a soft part two thirds of a step,
+too; but what GMRES leaves is no rounding, and in the 520 s of the main demo angular momentum
+drifted by 8e-13 with them.)
 """
 
 from __future__ import annotations
@@ -20,15 +21,12 @@ from rigidfx.step.refresh import Refresh
 
 __all__ = ["Chord", "pays"]
 
-# A soft bar of 1725 unknowns took 0.43 of the time of Newton's method, of 26862 0.31. Smaller ones
-# take milliseconds a step anyhow, and were not measured.
-SMALLEST = 1500  # unknowns
+SMALLEST = 1500  # unknowns; a step of fewer takes milliseconds anyhow, and was not measured
 DIRECT_UP_TO = 50_000  # unknowns; beyond, factors fill too much
 # Cells that a wave passes in a step, as the diagonals of stiffness and mass estimate them. From a
 # prototype that counted them by the material's wave speed; not measured again for the diagonals.
 DIRECT_FROM = 15.0
 MAX_FAILURES = 3  # solves in a row after which Newton's method is left alone
-INNER_RTOL = 0.02  # left by GMRES with kept incomplete factors
 OF_SOLVERS = "ksp_", "pc_", "mat_", "sub_", "mg_", "snes_lag_"
 
 
@@ -52,14 +50,14 @@ class Chord:
         self.stop = stop
         self.tangents = 0
         self._equilibrium, p = equilibrium, equilibrium.prolongation
-        self._size, self._bodies = p.size, len(p.layout.bodies) > 0
         self._failures = 0
-        self._direct: bool | None = None  # not chosen yet
         self._inner = PETSc.KSP().create(p.comm)
+        configure(self._inner, True, p.size, len(p.layout.bodies) > 0)
+        self._inner.setOperators(equilibrium.tangent_matrix)
         like = p.unknowns()
         self._kept = KeptTangent(self._inner, Frames(p, parts), like)
         like.destroy()
-        self._refresh = Refresh(0.0)
+        self._refresh = Refresh(tangent_cost(p.size))
         self.ksp = PETSc.KSP().create(p.comm)
         self.ksp.setType(PETSc.KSP.Type.PREONLY)
         self.ksp.getPC().setType(PETSc.PC.Type.PYTHON)
@@ -72,7 +70,7 @@ class Chord:
 
     @property
     def linear_iterations(self) -> int:
-        """Krylov iterations of the last solve in total; solves with factors count one."""
+        """Linear solves with the factors that the last solve took."""
         return self._kept.iterations
 
     def begin(self, dt: float) -> None:
@@ -82,22 +80,10 @@ class Chord:
             dt: Δt [s].
         """
         if not self._kept.fits(dt):
-            self._choose(dt)
+            self._refresh.due = True
         self._kept.begin(self._equilibrium.start, dt)
         self._refresh.begin()
         self.tangents = 0
-
-    def _choose(self, dt: float) -> None:
-        """Choose the solver for steps of Δt [s]; the next one has a new tangent. Collective."""
-        direct = self._size <= DIRECT_UP_TO and self._equilibrium.waves(dt) >= DIRECT_FROM
-        self._refresh = Refresh(tangent_cost(self._size, direct))
-        if direct == self._direct:
-            return
-        self._direct = direct
-        configure(self._inner, direct, self._size, self._bodies)
-        self._inner.setOperators(self._equilibrium.tangent_matrix)
-        if not direct:
-            self._inner.setTolerances(rtol=INNER_RTOL)
 
     def renew(self) -> None:
         """Assemble the tangent at the last iterate, if that is worth it. Collective."""
@@ -107,6 +93,11 @@ class Chord:
             self.stop.renewed()
             self._refresh.renewed(self.stop.history)
             self.tangents += 1
+
+    @property
+    def due(self) -> bool:
+        """Whether the next step begins with a new tangent."""
+        return self._refresh.due
 
     def fail(self) -> None:
         """Take note that Newton's method takes over, and makes tangents of its own."""
@@ -119,13 +110,8 @@ class Chord:
         self._refresh.accepted(len(self.stop.history) - 1)
 
     def serves(self, dt: float) -> bool:
-        """Whether factors are worth keeping in steps of Δt [s]. Collective.
-
-        Kept incomplete factors saved two thirds of a soft part's step, but in the 520 s of the main
-        demo angular momentum drifted by 8e-13 with them: they are left out.
-        """
-        direct = self._size <= DIRECT_UP_TO and self._equilibrium.waves(dt) >= DIRECT_FROM
-        return direct and self._failures < MAX_FAILURES
+        """Whether factors are worth keeping in steps of Δt [s]. Collective."""
+        return self._failures < MAX_FAILURES and self._equilibrium.waves(dt) >= DIRECT_FROM
 
     def destroy(self) -> None:
         """Free the solvers. Collective."""
@@ -133,16 +119,17 @@ class Chord:
 
 
 def pays(equilibrium: Equilibrium) -> bool:
-    """Whether the tangent of these equations is worth keeping, and PETSc's options leave it so."""
+    """Whether factors may be worth keeping, and PETSc's options leave it so."""
     given = PETSc.Options(PREFIX).getAll()
     told = any(name.startswith(OF_SOLVERS) for name in given)
-    return equilibrium.inertial and equilibrium.prolongation.size >= SMALLEST and not told
+    sizes = SMALLEST <= equilibrium.prolongation.size <= DIRECT_UP_TO
+    return equilibrium.inertial and sizes and not told
 
 
-def tangent_cost(unknowns: int, direct: bool) -> float:
+def tangent_cost(unknowns: int) -> float:
     """What a new tangent costs, in iterations with a kept one: an estimate, not a fit.
 
     A bar of second-order tetrahedra and 4704 unknowns took 9 (0.077 s and 0.009 s); where a
     tangent is renewed depends on it weakly.
     """
-    return 4 + unknowns / 1500 if direct else 4.0
+    return 4 + unknowns / 1500

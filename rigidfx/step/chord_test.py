@@ -11,6 +11,9 @@ one does no better, rounding is met, and where that is is remembered.
 
 from __future__ import annotations
 
+import math
+
+from rigidfx.step.refresh import SLOW
 from rigidfx.step.stopping_test import (
     MARGIN,
     MAX_ITERATIONS,
@@ -67,13 +70,21 @@ class ChordTest(StoppingTest):
 
     def _learn(self, norm: float) -> None:
         """See how fast the residual falls, and what must be left of it."""
-        last = self.history[-1]
-        first = len(self.history) - 1 == self._renewed_at
         self._before = self._contraction
         if norm > self._level:
-            seen = norm / last * (NEWTON_ERROR if first else 1.0)
-            self._contraction = max(self._contraction, min(seen, 1.0))
+            self._contraction = max(self._contraction, min(self._seen(norm), 1.0))
         self._left = min(norm, (self._contraction or UNKNOWN) * self._left)
+
+    def _seen(self, norm: float) -> float:
+        """By how much the residual falls in an iteration."""
+        n, last = len(self.history), self.history[-1]
+        if n - 1 == self._renewed_at:
+            return NEWTON_ERROR * norm / last
+        if n - 2 <= max(self._renewed_at, 0) or norm > SLOW * last:
+            return norm / last
+        # Over two iterations, as what is left of strains and of rotations may take turns; the first
+        # one falls by more than those after it.
+        return math.sqrt(norm / self.history[-2])
 
     def _at_rounding(self) -> bool:
         """Whether all that is left of the residual is rounding."""

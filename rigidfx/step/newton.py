@@ -83,6 +83,7 @@ class Newton:
             self._chord = Chord(equilibrium, scene.parts, ChordTest(rtol, max_it))
         self._keeping = False  # whether the present solve is by the chord method ...
         self._kept = False  # ... and whether that has found the last solution
+        self._offered, self._best = 0, 0  # first guesses of the last choice, and what it was
         self._tangents = 0
         self._left = 0.0  # ‖R‖ of the last solution [N]
 
@@ -125,10 +126,12 @@ class Newton:
     def _solve_by_chord(self, chord: Chord, guesses: Sequence[Guess]) -> Solution:
         """Solve with a tangent that is kept."""
         own, loose = (self._snes.getKSP(), self.stop), self._snes.getUseEW()
+        chord.begin(self.equilibrium.dt)
+        if len(guesses) == self._offered and not chord.due:  # the better one costs two residuals
+            guesses = guesses[self._best :][:1]
         self._snes.setKSP(chord.ksp)
         self._snes.setUseEW(False)
         self.stop, self._keeping = chord.stop, True
-        chord.begin(self.equilibrium.dt)
         reason = self._iterate(guesses)
         self._kept = reason > 0
         if not self._kept:
@@ -187,8 +190,11 @@ class Newton:
 
     def _iterate(self, guesses: Sequence[Guess]) -> int:
         self.stop.restart()
-        norms = [self._norm_at(guess) for guess in guesses] if len(guesses) > 1 else [0.0]
-        self._start_at(guesses[int(np.argmin(np.nan_to_num(norms, nan=np.inf)))])
+        if len(guesses) > 1:
+            norms = [self._norm_at(guess) for guess in guesses]
+            self._offered, self._best = len(norms), int(np.argmin(np.nan_to_num(norms, nan=np.inf)))
+            guesses = guesses[self._best :]
+        self._start_at(guesses[0])
         self.stop.expect_rounding(self.equilibrium.noise())
         with errors_of_callbacks():
             self._snes.solve(None, self._y)

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-__all__ = ["Refresh"]
+__all__ = ["SLOW", "Refresh"]
 
 SLOW = 0.5  # contraction of the residual beyond which a tangent does not fit
 TAKEN_ANYHOW = 3  # iterations that a new tangent needs as well
@@ -45,12 +45,13 @@ class Refresh:
         """
         if self.due:
             return True
-        last, norm = history[-2:] if len(history) > 1 else (0.0, 0.0)
-        if len(history) - 1 - self._since < 2 or norm <= target:
+        if len(history) - 1 - self._since < 2 or history[-1] <= target:
             return False  # nothing is known yet, or nothing left that would show
+        before, last, norm = history[-3:]
         if norm > SLOW * last:
             return True
-        left = math.log(max(norm / max(target, 1e-300), 1.0)) / math.log(last / max(norm, 1e-300))
+        # Over two iterations, as what is left of strains and of rotations may take turns.
+        left = 2 * math.log(norm / max(target, 1e-300)) / math.log(before / norm)
         return left > self.cost + TAKEN_ANYHOW
 
     def renewed(self, history: Sequence[float]) -> None:
