@@ -33,9 +33,10 @@ from rigidfx.report.probes import Probes
 from rigidfx.report.report import Report, amended, report_of
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
+from rigidfx.shadow.shadow import Shadow
 from rigidfx.state import State
 from rigidfx.step.petsc_options import SolverOptions
-from rigidfx.step.stepper import Stepper
+from rigidfx.step.stepper import Stepper, StepResult
 from rigidfx.step.supports import Impact
 from rigidfx.switch.switch import Switch
 
@@ -118,6 +119,7 @@ class Run:
         switch: Applies decisions, and follows effects that begin or end.
         policy: Decides what becomes rigid and flexible; None if nothing does.
         probes: Points that are reported.
+        shadow: What bodies withhold; None if forces wake none.
     """
 
     timeline: Timeline
@@ -125,6 +127,41 @@ class Run:
     switch: Switch
     policy: Policy | None
     probes: Probes
+    shadow: Shadow | None
+
+    def advance(self, target: float) -> tuple[StepResult, list[Event]]:
+        """Advance to the target time, or towards it; where bodies wake, once more. Collective.
+
+        Args:
+            target: Time at which the step is to end [s].
+
+        Returns:
+            What the step did, and what happened in it.
+        """
+        stepper, policy, shadow = self.stepper, self.policy, self.shadow
+        attempt = stepper.attempt(target)
+        if policy is None or shadow is None:
+            return stepper.accept(attempt), []
+        strains, events = shadow.look(attempt.t, attempt.dt), []
+        if strains is not None:
+            seen = Observation(stepper, attempt.dt)
+            decision = policy.woken(seen, strains.rates, strains.total)
+            events = self._switched(policy, decision, seen)
+        if events:
+            attempt = stepper.attempt(target)
+            shadow.look(attempt.t, attempt.dt)
+        result = stepper.accept(attempt)
+        shadow.accept()
+        return result, events
+
+    def __enter__(self) -> Run:
+        """Nothing to do: what it has was made before."""
+        return self
+
+    def __exit__(self, *of_error: object) -> None:
+        """Free what the shadow has of PETSc. Collective."""
+        if self.shadow is not None:
+            self.shadow.destroy()
 
     def ahead(self, target: float) -> list[Event]:
         """Decide before a step and switch; what happened. Collective."""
@@ -185,8 +222,11 @@ def prepare(
         switch = Switch(stepper, timeline)
         impact = switch.begin()
         policy = None if rigidify is None else Policy(scene, rigidify, timeline)
+        shadow = None
+        if rigidify is not None and rigidify.wake == "local":
+            shadow = Shadow(stepper, rigidify.indicator(scene, forces), rigidify.settling)
         stack.pop_all()
-    return Run(timeline, stepper, switch, policy, probes), impact
+    return Run(timeline, stepper, switch, policy, probes, shadow), impact
 
 
 def _reports(
@@ -195,7 +235,7 @@ def _reports(
     """Advance → report → decide → switch, step by step."""
     timeline, stepper, switch, state = run.timeline, run.stepper, run.switch, run.stepper.state
     balance, lumping = EnergyBalance(stepper.scene), LumpedInertia(stepper.scene)
-    with stepper, _progress_bar(stepper.scene, timeline.t_end, progress) as bar:
+    with stepper, run, _progress_bar(stepper.scene, timeline.t_end, progress) as bar:
         report = report_of(0, stepper, run.probes, None, impact)
         balance.follow(report)
         lumping.follow(report)
@@ -208,12 +248,12 @@ def _reports(
                 events = run.ahead(target)
                 impact = switch.follow_effects(target - state.t)
                 try:
-                    result = stepper.advance(target)
+                    result, woken = run.advance(target)
                 except StepError as error:
                     raise balance.explained(error) from None
                 report = report_of(step, stepper, run.probes, result, impact)
                 now, closeness = run.after(report)
-                report = amended(report, stepper, [*events, *now], closeness)
+                report = amended(report, stepper, [*events, *woken, *now], closeness)
             if report.iterations > 0:
                 solver.warn_of_unasked(stepper.scene.comm)
             balance.follow(report)

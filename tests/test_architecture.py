@@ -20,6 +20,7 @@ FLOW = [
     "state",
     "coupling",
     "step",
+    "shadow",
     "report",
     "decide",
     "switch",

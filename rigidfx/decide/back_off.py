@@ -43,6 +43,11 @@ class BackOff:
         self.observed = np.zeros(cells)
         self.rigid_since = np.full(cells, np.nan)
 
+    @property
+    def rigid(self) -> Bools:
+        """Which cells were rigid when that was told last."""
+        return ~np.isnan(self.rigid_since)
+
     def needed(self) -> Array:
         """Windows in a row in which each cell has to qualify."""
         return self._growth ** np.maximum(self.hasty - 1, 0)
@@ -83,7 +88,7 @@ class BackOff:
         Returns:
             Whether a cell has to wait longer from now on.
         """
-        was = ~np.isnan(self.rigid_since)
+        was = self.rigid
         released, frozen = was & ~rigid, rigid & ~was
         soon = released & (t - self.rigid_since < self.observed * (1 - 1e-9))
         if counts:

@@ -18,6 +18,9 @@ from rigidfx.scene.scene import Scene
 __all__ = ["Release", "StrainRate"]
 
 
+SETTLING = 5.0  # windows in which the vibration of a body's shadow is damped out
+
+
 @dataclass(frozen=True)
 class Release:
     """Bodies become flexible again, at given times or on a condition.
@@ -90,6 +93,13 @@ class StrainRate:
         load_change: A load, or the velocity of a support, that differs from what it was at the last
             freeze by more than this fraction of its largest value so far has changed; infinity lets
             only jumps, kinks and windows count.
+        wake: What ends a body. "all": any change of a load or of a support releases all of them,
+            the paper's rule. "local": what the forces on a body would strain, were it flexible,
+            is computed in each step; cells that it would strain at more than `kappa` times their
+            tolerance are released with a ring of cells round them, and the step is solved again. A
+            change of a load releases nothing by itself. "none": nothing, but what `release` asks
+            for.
+        kappa: κ ≥ 1 of "local".
         patience: Factor γ ≥ 1 by which cells have to qualify in more windows, one after the other,
             each time they are released sooner than they were observed, from the second time in a
             row on; 1 lets them never wait. Planned releases (`Release(at=…)`) do not count.
@@ -105,6 +115,8 @@ class StrainRate:
     min_cells: int = field(default=2, kw_only=True)
     release: Sequence[Release] | Release = field(default=(), kw_only=True)
     load_change: float = field(default=0.1, kw_only=True)
+    wake: Literal["all", "local", "none"] = field(default="all", kw_only=True)
+    kappa: float = field(default=3.0, kw_only=True)
     patience: float = field(default=2.0, kw_only=True)
     since: float = field(default=0.0, kw_only=True)
     until: float = field(default=inf, kw_only=True)
@@ -150,6 +162,12 @@ class StrainRate:
         if not listed or not all(isinstance(release, Release) for release in self.releases):
             raise SceneError(f"StrainRate: release must be Release records, got {self.release!r}.")
         positive(owner, "load_change", self.load_change, infinite=True)
+        if self.wake not in ("all", "local", "none"):
+            raise SceneError(
+                f"StrainRate: wake must be 'all', 'local' or 'none', got {self.wake!r}."
+            )
+        if not number(owner, "kappa", self.kappa) >= 1:
+            raise SceneError(f"StrainRate: kappa must be ≥ 1, got {self.kappa!r}.")
         if not number(owner, "patience", self.patience) >= 1:
             raise SceneError(f"StrainRate: patience must be ≥ 1, got {self.patience!r}.")
         since = number(owner, "since", self.since)
@@ -170,6 +188,11 @@ class StrainRate:
     def breakpoints(self) -> tuple[float, ...]:
         """Times of planned releases [s], at which steps end."""
         return tuple(sorted({t for release in self.releases for t in release.times}))
+
+    @property
+    def settling(self) -> float:
+        """Time in which the vibration of shadows is damped out [s]; infinite for auto windows."""
+        return inf if isinstance(self.window, str) else SETTLING * self.window
 
     def indicator(self, scene: Scene, forces: InternalForces) -> Indicator:
         """What measures the cells. Collective.

@@ -57,6 +57,8 @@ class Decision:
         closeness: How close the nearest decision was: the least |e/tol - 1| of any cell; NaN if
             no window ends.
         loads_changed: Whether a change of a load or a support is the reason.
+        woken: Owned cells that forces on their bodies would strain too much; None if another reason
+            is behind it.
         loads_at: Time whose loads are those of the bodies from now on [s]; None if these stay.
     """
 
@@ -68,6 +70,7 @@ class Decision:
     qualified: Bools | None = None
     closeness: float = nan
     loads_changed: bool = False
+    woken: npt.NDArray[np.int32] | None = None
     loads_at: float | None = None
 
 

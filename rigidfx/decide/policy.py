@@ -39,6 +39,7 @@ Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 Ints = npt.NDArray[np.int64]
 
+WOKEN = "forces would strain it"  # reason of a release
 MARGIN = 1.25  # an automatic window in longest periods
 FEWEST = 8  # steps of an automatic window
 
@@ -122,7 +123,7 @@ class Policy:
             seen: The state before it.
             middle: Time at its midpoint [s].
         """
-        if all(body.name in self._apart for body in seen.bodies):
+        if self._criterion.wake != "all" or all(b.name in self._apart for b in seen.bodies):
             return None
         changed = self.memory.loads.ahead(middle)
         if not changed:
@@ -139,12 +140,34 @@ class Policy:
         """
         t = seen.t
         reasons, cells = self._releases.asked(t, report, seen.bodies)
-        if self.memory.loads.declared(t):
+        if self._criterion.wake == "all" and self.memory.loads.declared(t):
             decision = self._release(seen, "a load or a support changes", self._all)
             return replace(decision, loads_changed=True)
         if cells is not None:
             return self._release(seen, ", ".join(reasons), cells)
         return self._freeze(seen) if self._window_ends(seen) else None
+
+    def woken(self, seen: Observation, rates: Array, strains: Array) -> Decision | None:
+        """Decide which cells of bodies wake in a step that has been solved. Collective.
+
+        Args:
+            seen: The state before it.
+            rates: Strain rate that rigidity withholds, per owned cell [1/s].
+            strains: Strain that it withholds [1].
+
+        Returns:
+            The release; None if no cell wakes.
+        """
+        limit = self._criterion.kappa * self._tol
+        window = self._criterion.window
+        length = MARGIN * self.memory.signals.period() if isinstance(window, str) else window
+        above = (rates > limit) | (strains > limit * length)
+        above &= self._numbers(seen) != NONE
+        if not self._graph.comm.allreduce(bool(above.any()), op=MPI.LOR):
+            return None
+        round_them = self._graph.largest_at_nodes(above.astype(np.float64)) > 0
+        decision = self._release(seen, WOKEN, self._graph.touching(round_them))
+        return replace(decision, woken=np.flatnonzero(above).astype(np.int32))
 
     @property
     def _all(self) -> Bools:
@@ -167,7 +190,10 @@ class Policy:
         memory, t = self.memory, seen.t
         self._check_window(seen)
         qualified, closeness = qualify(
-            memory.window.worst, self._tol, seen.flexible, self._graph.comm
+            memory.window.worst,
+            self._tol,
+            seen.flexible & memory.window.whole,
+            self._graph.comm,
         )
         able = memory.back_off.lasting(qualified)
         existing = self._numbers(seen)
@@ -257,6 +283,7 @@ class Policy:
             memory.back_off.window_ended(decision.qualified, t - memory.window.start)
         if changed:
             rigid = self._numbers(seen) != NONE
+            memory.window.whole &= rigid | ~memory.back_off.rigid
             hasty = memory.back_off.switched(rigid, t, counts=decision.reason != PLANNED)
             if self._graph.comm.allreduce(hasty, op=MPI.LOR):
                 self._warn(
@@ -271,6 +298,8 @@ class Policy:
             return  # only bodies that are rigid always: a load that goes on changing ends nothing
         if decision.loads_changed:
             memory.signals.restart()
+        if decision.woken is not None:
+            return
         if not freezes:
             memory.back_off.restart()
         memory.window = self._new_window(t)
@@ -278,7 +307,9 @@ class Policy:
     def _check_window(self, seen: Observation) -> None:
         """Warn of a window shorter than a period, and of a tolerance below noise. Collective."""
         window, period = self._criterion.window, self.memory.signals.period()
-        if not isinstance(window, str) and window < period:
+        # Where forces wake cells, those that have qualified at the turn of a vibration wake again.
+        looks_on = self._criterion.wake == "local"
+        if not isinstance(window, str) and window < period and not looks_on:
             self._warn(
                 f"the window of observation, {window:.3g} s, is shorter than the longest "
                 f"period seen, {period:.3g} s: cells may qualify at the turn of a vibration. Take "

@@ -17,6 +17,7 @@ class Window:
         start: Time at which it began [s].
         worst: Per owned cell [1/s].
         steps: Number of steps observed.
+        whole: Whether a cell has been flexible in all of them.
     """
 
     def __init__(self, cells: int, start: float) -> None:
@@ -27,6 +28,7 @@ class Window:
             start: Time [s].
         """
         self.start, self.worst, self.steps = start, np.zeros(cells), 0
+        self.whole = np.ones(cells, dtype=bool)
 
     def add(self, cells: npt.NDArray[np.int32], rates: Array) -> None:
         """Observe a step.

@@ -6,6 +6,7 @@ from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
+from dolfinx import fem
 
 from rigidfx.flexible.internal_forces import Cells
 
@@ -25,11 +26,14 @@ class Indicator(Protocol):
     cells: npt.NDArray[np.int32]
     values: Array
 
-    def bind(self, flexible: Cells) -> None:
+    def bind(
+        self, flexible: Cells, between: tuple[fem.Function, fem.Function] | None = None
+    ) -> None:
         """Measure these cells from now on.
 
         Args:
             flexible: Owned cells by subdomain id.
+            between: Displacements at the ends of a step, in place of the forms' u₀ and u₁.
         """
         ...
 

@@ -9,7 +9,6 @@ the forms, compiled at the start.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,6 +18,7 @@ from dolfinx import fem
 
 from rigidfx.base.errors import together
 from rigidfx.effects import Effect, FormTerm, NumericalDamping
+from rigidfx.flexible.bound_forces import BoundForces, Taken, Variant
 from rigidfx.flexible.kernels import Kernel
 from rigidfx.flexible.material_classes import MaterialClass, material_classes
 from rigidfx.flexible.surface import Surface
@@ -29,58 +29,11 @@ from rigidfx.mechanics.schemes import (
 )
 from rigidfx.scene.scene import Scene
 
-__all__ = ["BoundForces", "InternalForces", "Taken"]
+__all__ = ["Cells", "Facets", "InternalForces"]
 
 Cells = Mapping[int, npt.NDArray[np.int32]]
 Facets = Mapping[int, npt.NDArray[np.int32]]
 Terms = tuple[bool, tuple[int, ...]]  # whether ξ acts, and which of the effects' terms
-
-
-@dataclass(frozen=True)
-class BoundForces:
-    """Forms over the flexible cells and those of their facets that loads act on.
-
-    Attributes:
-        residual: Force vector.
-        interior: Its derivative by the unknown displacement, over cells that touch no rigid body.
-        interface: The same over those that do.
-        undeformed: Both derivatives where nothing is displaced, whatever the coefficients hold.
-    """
-
-    residual: fem.Form
-    interior: fem.Form
-    interface: fem.Form
-    undeformed: tuple[fem.Form, fem.Form]
-
-
-@dataclass(frozen=True)
-class Taken:
-    """Energy that terms of the forms take out of the motion in a step [J].
-
-    Attributes:
-        dissipated: By each kind of damping.
-        against_loads: What cells do against loads; no form if there are none.
-    """
-
-    dissipated: Mapping[str, fem.Form]
-    against_loads: Sequence[fem.Form]
-
-
-@dataclass(frozen=True)
-class Variant:
-    """Compiled forms of a step with the terms that act at a time.
-
-    Attributes:
-        residual: Virtual work.
-        tangent: Its derivative by the unknown displacement.
-        dissipated: Energy that damping takes in a step [J], by the kind of damping.
-        against_loads: Energy that goes into loads on facets [J].
-    """
-
-    residual: Kernel
-    tangent: Kernel
-    dissipated: Mapping[str, Kernel]
-    against_loads: Kernel | None
 
 
 class InternalForces:
@@ -128,7 +81,7 @@ class InternalForces:
         for together_ in acting:
             self.select(together_)
         self._energy = Kernel(
-            self._integrate(lambda i, c: stored_energy(self._element, c.law, self.u0)),
+            self.integrate(lambda i, c: stored_energy(self._element, c.law, self.u0)),
             [],
             scene.mesh,
         )
@@ -187,7 +140,7 @@ class InternalForces:
                     work += term.virtual_work(*step, test)
             return work
 
-        work = self._integrate(virtual_work)
+        work = self.integrate(virtual_work)
         for k, term in on_facets:
             integrand = term.virtual_work(self._element, self.u0, self.u1, test)
             work += integrand * scene.boundary_measure(k + 1)
@@ -218,15 +171,15 @@ class InternalForces:
 
             return integrand
 
-        forms = {NumericalDamping.__name__: self._integrate(numerical)} if damped else {}
-        forms |= {kind: self._integrate(of(kind)) for kind in {t.kind for _, t in acts}}
+        forms = {NumericalDamping.__name__: self.integrate(numerical)} if damped else {}
+        forms |= {kind: self.integrate(of(kind)) for kind in {t.kind for _, t in acts}}
         return {
             kind: Kernel(form, [], self._scene.mesh)
             for kind, form in forms.items()
             if not form.empty()
         }
 
-    def _integrate(self, integrand: Callable[[int, MaterialClass], Any]) -> ufl.Form:
+    def integrate(self, integrand: Callable[[int, MaterialClass], Any]) -> ufl.Form:
         """Sum over the classes, by subdomain id, of an integrand, which may be None."""
         parts = ((i, integrand(i, c)) for i, c in enumerate(self._classes, start=1))
         return sum((part * self._dx(i) for i, part in parts if part is not None), ufl.Form([]))
@@ -286,10 +239,35 @@ class InternalForces:
         undeformed = tangent.bind(*parts[0], rest), tangent.bind(*parts[1], rest)
         return BoundForces(residual, interior, interface, undeformed)
 
+    def bind_loads(self, cells: Cells, u0: fem.Function, u1: fem.Function) -> fem.Form | None:
+        """Forces of the loads on facets of cells, less those of the cells; None if none act.
+
+        Args:
+            cells: Owned cells of any kind, rigid ones too.
+            u0: Displacement at the start of a step, in place of `u0`.
+            u1: Displacement at its end.
+        """
+        facets = self._facets_of(cells)
+        if not facets:
+            return None
+        none = {i: own[:0] for i, own in cells.items()}
+        residual = self._variants[self._acting].residual
+        return residual.bind(none, facets, {self.u0: u0, self.u1: u1})
+
     @property
     def residual_form(self) -> ufl.Form:
         """The virtual work as it is compiled for the effects that act."""
         return self._variants[self._acting].residual.form
+
+    @property
+    def viscous_terms(self) -> list[tuple[int, FormTerm]]:
+        """The viscous stresses that act, each with its number."""
+        terms = ((k, self._terms[k][1]) for k in self._acting[1])
+        return [(k, term) for k, term in terms if term.viscous]
+
+    def meets(self, term: int, subdomain: int) -> bool:
+        """Whether a term of this number acts on the cells of a subdomain id."""
+        return term in self._of_class[subdomain - 1]
 
     @property
     def viscous(self) -> bool:
@@ -309,9 +287,7 @@ class InternalForces:
         """Static internal forces at `u1` over the given cells; compiled when first asked for."""
         V, mesh = self._scene.space, self._scene.mesh
         test, trial = ufl.TestFunction(V), ufl.TrialFunction(V)
-        work = self._integrate(
-            lambda i, c: static_virtual_work(self._element, c.law, self.u1, test)
-        )
+        work = self.integrate(lambda i, c: static_virtual_work(self._element, c.law, self.u1, test))
         tangent = Kernel(ufl.derivative(work, self.u1, trial), [V, V], mesh)
         none = {i: own[:0] for i, own in cells.items()}
         return self._bound(Kernel(work, [V], mesh).bind(cells), tangent, [(cells, {}), (none, {})])

@@ -36,6 +36,7 @@ class StrainRates:
             forces: Internal forces, whose u₀ and u₁ hold the ends of a step.
             measure: See `rigidfx.decide.criterion.StrainRate`.
         """
+        self._forces = forces
         space = fem.functionspace(scene.mesh, ("DG", 0))
         dx, C = scene.cell_measure, scene.element.right_cauchy_green
         dE = (C(forces.u1) - C(forces.u0)) / 2
@@ -47,15 +48,19 @@ class StrainRates:
         self._volume = _volumes(space)[self._dofs]
         self.values = np.zeros(scene.mesh.topology.index_map(3).size_local)
 
-    def bind(self, flexible: Cells) -> None:
+    def bind(
+        self, flexible: Cells, between: tuple[fem.Function, fem.Function] | None = None
+    ) -> None:
         """Measure these cells from now on; all others have the strain rate zero.
 
         Cells that were bound before keep the strain rate of the last step.
 
         Args:
             flexible: Owned cells by subdomain id.
+            between: Displacements at the ends of a step, in place of u₀ and u₁.
         """
-        self._form = self._kernel.bind(flexible)
+        ends = dict(zip((self._forces.u0, self._forces.u1), between or (), strict=False))
+        self._form = self._kernel.bind(flexible, instead=ends)
         self.cells = np.sort(np.concatenate([np.empty(0, np.int32), *flexible.values()]))
         self._own = self._dofs[self.cells]
         self._divisor = self._volume[self.cells] ** (self._power / 2)

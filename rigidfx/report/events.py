@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -53,6 +53,8 @@ class Event:
         angular_impulse: Its moment about the origin, shape (3,) [N m s].
         linear_momentum_error: |L after - L before - impulse| [kg m/s].
         angular_momentum_error: |J after - J before - angular impulse| about the origin [kg m²/s].
+        woken: Owned cells on this rank that forces on their bodies would have strained too much;
+            the others of a release that they cause lie round them, or could not stay a body.
     """
 
     t: float
@@ -68,3 +70,4 @@ class Event:
     angular_impulse: Array
     linear_momentum_error: float
     angular_momentum_error: float
+    woken: npt.NDArray[np.int32] = field(default_factory=lambda: np.empty(0, np.int32))

@@ -22,7 +22,8 @@ from petsc4py import PETSc
 from rigidfx.coupling.condensed_tangent import CondensedMatrix
 from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.prolongation import Prolongation
-from rigidfx.flexible.internal_forces import BoundForces, InternalForces
+from rigidfx.flexible.bound_forces import BoundForces
+from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Step
 from rigidfx.scene.scene import Scene

@@ -30,11 +30,15 @@ class Attempt:
         t: Time at its start [s].
         dt: Its length [s].
         solution: How its equations were solved.
+        end: Time at its end [s].
+        cuts: How often the step was cut before.
     """
 
     t: float
     dt: float
     solution: Solution
+    end: float = np.nan
+    cuts: int = 0
 
 
 class Judge:

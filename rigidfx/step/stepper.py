@@ -168,6 +168,16 @@ class Stepper:
 
         Args:
             target: Time at which the step is to end [s].
+        """
+        return self.accept(self.attempt(target))
+
+    def attempt(self, target: float) -> Attempt:
+        """Solve a step to the target time, or as far towards it as a cut one gets. Collective.
+
+        The state stays as it is until `accept`.
+
+        Args:
+            target: Time at which the step is to end [s].
 
         Raises:
             SceneError: If a load takes a value that is not finite.
@@ -180,27 +190,28 @@ class Stepper:
         cuts = 0
         while True:
             dt = left if self._trial >= left * (1 - 1e-9) else self._trial
-            attempt = Attempt(self.state.t, dt, self.system.solve(self.state, dt))
+            end = target if dt == left else self.state.t + dt
+            attempt = Attempt(self.state.t, dt, self.system.solve(self.state, dt), end, cuts)
             objection = self._judge.objection(attempt)
             if objection is None:
                 self._trial = np.inf if dt == left and cuts == 0 else 2 * dt
-                return self._accept(attempt, target if dt == left else self.state.t + dt, cuts)
+                return attempt
             if dt <= self._whole / 2**MAX_CUTS * (1 + 1e-9):
                 raise objection
             cuts += 1
             self._trial = dt / 2
 
-    def _accept(self, attempt: Attempt, t: float, cuts: int) -> StepResult:
+    def accept(self, attempt: Attempt) -> StepResult:
         """Let the state, and all else that remembers, take an attempt over. Collective."""
         if self.indicator is not None:  # before u₀ becomes u₁
             self.indicator.measure(attempt.dt)
         self._unresolved.look(attempt.t, attempt.solution)
         self._rotation.look(attempt.t, attempt.dt, self.system.equilibrium.prolongation.increments)
-        work = self.system.accept(self.state, attempt.dt, t)
+        work = self.system.accept(self.state, attempt.dt, attempt.end)
         return StepResult(
             dt=attempt.dt,
             solution=attempt.solution,
-            cuts=cuts,
+            cuts=attempt.cuts,
             work_of_loads=work.loads,
             work_of_supports=work.supports,
             dissipated=work.dissipated,

@@ -167,6 +167,7 @@ class Switch:
             angular_impulse=angular_impulse,
             linear_momentum_error=float(np.linalg.norm(linear)),
             angular_momentum_error=float(np.linalg.norm(angular)),
+            woken=np.empty(0, np.int32) if decision.woken is None else decision.woken,
         )
 
 

@@ -1,0 +1,84 @@
+"""Stiffness and viscosity of cells about a shape that they are frozen in.
+
+The stiffness is the material's part of the tangent, ∫ δE : ∂S/∂E : ΔE. The part of the stresses is
+left out: it ends the rigid motions' kernel, and under compression it is indefinite.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import ufl
+from dolfinx import fem
+
+from rigidfx.flexible.internal_forces import Cells, InternalForces
+from rigidfx.flexible.kernels import Kernel
+from rigidfx.flexible.material_classes import MaterialClass
+from rigidfx.mechanics.schemes import second_piola_kirchhoff, static_virtual_work
+from rigidfx.scene.scene import Scene
+
+__all__ = ["LinearForms"]
+
+
+class LinearForms:
+    """Compiled forms about a shape; viscous ones when first asked for.
+
+    Attributes:
+        shape: The displacement that makes the shape [m].
+    """
+
+    def __init__(self, scene: Scene, forces: InternalForces) -> None:
+        """Compile the stiffness and the frozen forces. Collective.
+
+        Args:
+            scene: The problem.
+            forces: Internal forces, which know the materials.
+        """
+        V = scene.space
+        self.shape = fem.Function(V)
+        self._scene, self._forces = scene, forces
+        self._test, self._trial = ufl.TestFunction(V), ufl.TrialFunction(V)
+        self._viscous: dict[tuple[int, ...], tuple[fem.Function, Kernel]] = {}
+        element, strained = scene.element, fem.Function(V)
+
+        def stiff(i: int, c: MaterialClass) -> Any:
+            C = element.right_cauchy_green(strained)
+            S = second_piola_kirchhoff(c.law.energy, C, c.law.parameters)
+            F = element.deformation_gradient(self.shape)
+            return ufl.inner(F * S, ufl.grad(self._test))
+
+        def strains(i: int, c: MaterialClass) -> Any:
+            return static_virtual_work(element, c.law, self.shape, self._test)
+
+        work = ufl.derivative(forces.integrate(stiff), strained, self._trial)
+        self._strained = strained
+        self._stiffness = Kernel(work, [V, V], scene.mesh)
+        self._force = Kernel(forces.integrate(strains), [V], scene.mesh)
+
+    def stiffness(self, cells: Cells) -> fem.Form:
+        """∫ δE : ∂S/∂E : ΔE over cells."""
+        return self._stiffness.bind(cells, instead={self._strained: self.shape})
+
+    def force(self, cells: Cells) -> fem.Form:
+        """Internal forces of cells in their shape."""
+        return self._force.bind(cells)
+
+    def viscosity(self, cells: Cells) -> fem.Form | None:
+        """∫ δE : η ΔE over cells, times the rate that the forces have; None without damping."""
+        terms = self._forces.viscous_terms
+        if not terms:
+            return None
+        numbers = tuple(k for k, _ in terms)
+        if numbers not in self._viscous:
+            V, element = self._scene.space, self._scene.element
+            ahead = fem.Function(V)
+
+            def stress(i: int, c: MaterialClass) -> Any:
+                here = [term for k, term in terms if self._forces.meets(k, i)]
+                step = element, self.shape, ahead, self._test
+                return sum(term.virtual_work(*step) for term in here) if here else None
+
+            work = ufl.derivative(self._forces.integrate(stress), ahead, self._trial)
+            self._viscous[numbers] = ahead, Kernel(work, [V, V], self._scene.mesh)
+        ahead, kernel = self._viscous[numbers]
+        return kernel.bind({i: cells[i] for i in kernel.ids}, instead={ahead: self.shape})

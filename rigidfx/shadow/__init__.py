@@ -1,0 +1,1 @@
+"""Shadows of rigid bodies: how they would strain if they were flexible."""

@@ -1,0 +1,128 @@
+"""The linear equations of bodies that strain a little, each in its frame."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx.fem import petsc as fem_petsc
+from petsc4py import PETSc
+
+from rigidfx.coupling.mass import Mass
+from rigidfx.flexible.linear_forms import LinearForms
+from rigidfx.shadow.parts import Parts
+from rigidfx.step.linear_solver import default_options
+
+__all__ = ["LinearPart"]
+
+Array = npt.NDArray[np.float64]
+
+PREFIX = "rigidfx_shadow_"
+
+
+class LinearPart:
+    """M δ̈ + C δ̇ + K δ = ρ, and K δ = ρ, with kept factors; `destroy` frees them."""
+
+    def __init__(self, parts: Parts, mass: Mass, linear: LinearForms) -> None:
+        """Assemble the matrices and factor the static one. Collective.
+
+        Args:
+            parts: The bodies.
+            mass: Mass operator of the rows.
+            linear: Forms, whose shape is that of the bodies.
+        """
+        self._mass = mass
+        rows = parts.rows
+        self._K = _assembled(rows.matrix(), linear.stiffness(parts.cells))
+        self._M = mass.matrix()
+        viscosity = linear.viscosity(parts.cells)
+        self._viscosity = None if viscosity is None else _assembled(rows.matrix(), viscosity)
+        held = parts.held().astype(PETSc.IntType)
+        first, last = self._K.getOwnershipRange()
+        self._held = held[(held >= first) & (held < last)] - first
+        still = self._K.copy()
+        scale = float(self._K.getDiagonal().norm()) / np.sqrt(max(rows.comm.allreduce(1), 1))
+        still.zeroRowsColumns(held[(held >= first) & (held < last)], diag=scale)
+        self._static = _solver(still)
+        self._dynamic: PETSc.KSP | None = None
+        self._made_for: tuple[float, float, float] | None = None
+        self._right, self._found, self._work = (rows.vector() for _ in range(3))
+
+    def at_rest(self, force: Array) -> Array:
+        """K⁺ρ: how the bodies strain under a steady force, but for a rigid motion. Collective.
+
+        Args:
+            force: ρ on the nodes of the rows, in balance, shape (nodes, 3) [N].
+
+        Returns:
+            Displacements in the bodies' frames, shape (nodes, 3) [m].
+        """
+        self._right.array[:] = force.reshape(-1)
+        self._right.array[self._held] = 0.0
+        self._static.solve(self._right, self._found)
+        return self._found.array_r.reshape(-1, 3).copy()
+
+    def increment(
+        self, force: Array, u: Array, v: Array, dt: float, drag: float, xi: float
+    ) -> Array:
+        """Increment of a step, by the midpoint rule. Collective.
+
+        Args:
+            force: ρ at its middle, shape (nodes, 3) [N].
+            u: δ at its start [m].
+            v: δ̇ at its start [m/s].
+            dt: Its length [s].
+            drag: α of a force -α M δ̇ [1/s].
+            xi: ξ of the numerical damping.
+
+        Returns:
+            Δδ, shape (nodes, 3) [m].
+        """
+        if self._made_for != (dt, drag, xi):
+            self._factor(dt, drag, xi)
+        right, work, found = self._right, self._work, self._found
+        work.array[:] = v.reshape(-1) * (2 / dt)
+        self._mass.mult(work, right)
+        right.array[:] += force.reshape(-1)
+        work.array[:] = u.reshape(-1)
+        self._K.mult(work, found)
+        right.axpy(-1.0, found)
+        assert self._dynamic is not None
+        self._dynamic.solve(right, found)
+        return found.array_r.reshape(-1, 3).copy()
+
+    def _factor(self, dt: float, drag: float, xi: float) -> None:
+        if self._dynamic is not None:
+            self._dynamic.destroy()
+        A = self._K.copy()
+        A.scale(0.5 + xi)
+        A.axpy(2 / dt**2 + drag / dt, self._M, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+        if self._viscosity is not None:
+            A.axpy(1 / dt, self._viscosity, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+        self._dynamic = _solver(A)
+        self._made_for = dt, drag, xi
+
+    def destroy(self) -> None:
+        """Free the PETSc objects. Collective."""
+        own = self._K, self._M, self._viscosity, self._static, self._dynamic
+        for item in (*own, self._right, self._found, self._work):
+            if item is not None:
+                item.destroy()
+
+
+def _assembled(A: PETSc.Mat, form: object) -> PETSc.Mat:
+    fem_petsc.assemble_matrix(A, form)
+    A.assemble()
+    return A
+
+
+def _solver(A: PETSc.Mat) -> PETSc.KSP:
+    """A solver that keeps the factors of a symmetric positive definite matrix, and owns it."""
+    A.setOption(PETSc.Mat.Option.SPD, True)
+    ksp = PETSc.KSP().create(A.comm)
+    ksp.setOptionsPrefix(PREFIX)
+    ksp.setOperators(A)
+    given = {"ksp_type": "preonly", "pc_type": "cholesky", "pc_factor_mat_solver_type": "mumps"}
+    with default_options(PREFIX, **given):
+        ksp.setFromOptions()
+    A.destroy()  # its solver holds it
+    return ksp

@@ -1,0 +1,139 @@
+"""The force that rigidity takes over from stiffness, at the nodes of bodies.
+
+A body's nodes would have to resist, by straining,
+
+    ρ = R̄ᵀ (f_ext - f_flexible - M (v₁ - v₀)/Δt) - f⁰
+
+in its frame: what loads and the flexible cells exert on them, less what moves them as they do move,
+less the internal forces f⁰ of the shape that the body keeps. R̄ is the rotation halfway through the
+step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem, la
+
+from rigidfx.coupling.mass import Mass
+from rigidfx.effects import Windowed
+from rigidfx.flexible.linear_forms import LinearForms
+from rigidfx.mechanics.bodies import Bodies
+from rigidfx.shadow.parts import Parts
+from rigidfx.step.actions import Actions
+from rigidfx.step.stepper import Stepper
+from rigidfx.step.structure import BoundStructure
+
+__all__ = ["Withheld"]
+
+Array = npt.NDArray[np.float64]
+
+
+class Withheld:
+    """The force on the nodes of some bodies of a division; `destroy` frees its PETSc objects."""
+
+    def __init__(self, stepper: Stepper, parts: Parts, mass: Mass, linear: LinearForms) -> None:
+        """Bind the effects to the bodies' nodes. Collective.
+
+        Args:
+            stepper: Solves the steps.
+            parts: The bodies.
+            mass: Mass operator of the rows.
+            linear: Forms, whose shape is that of the bodies.
+        """
+        self._stepper, self._parts, self._mass = stepper, parts, mass
+        scene, forces = stepper.scene, stepper.forces
+        layout = stepper.system.layout
+        numbers = [body.number for body in layout.bodies]
+        self._of = [numbers.index(body.number) for body in parts.bodies]
+        self._attached = []
+        for k, at in zip(self._of, parts.at, strict=True):
+            nodes = layout.attached[k]
+            self._attached.append((at[nodes], layout.rows.positions(layout.bodies[k].nodes[nodes])))
+        self._u0, self._u1 = fem.Function(scene.space), fem.Function(scene.space)
+        self._b = fem.Function(scene.space)
+        fem.assemble_vector(self._b.x.array, linear.force(parts.cells))
+        self._b.x.scatter_reverse(la.InsertMode.add)
+        self._frozen = self._b.x.array[parts.rows.dofs].copy()
+        self._loads = forces.bind_loads(parts.cells, self._u0, self._u1)
+        self._structure = BoundStructure(
+            scene=scene,
+            rows=parts.rows,
+            own=np.ones(parts.rows.nodes.size, dtype=bool),
+            bodies=Bodies.of_each(()),
+            mass=mass,
+            u=self._u0.x.array,
+            surface=forces.surface,
+        )
+        self._place(self._u0, stepper.state.bodies)
+        self._acting: Sequence[Windowed] = stepper.system.acting
+        self._actions = Actions(self._structure, scene.effects, self._acting)
+        self._d, self._f, self._a = (parts.rows.vector() for _ in range(3))
+
+    def _place(self, u: fem.Function, bodies: Bodies) -> None:
+        """Set the displacement of the rows where bodies are. Collective."""
+        x = np.empty_like(self._parts.V)
+        for k, at in zip(self._of, self._parts.at, strict=True):
+            x[at] = bodies.r[k] + self._parts.V[at] @ bodies.R[k].T
+        u.x.array[self._parts.rows.dofs] = (x - self._parts.rows.X).reshape(-1)
+        u.x.scatter_forward()
+
+    def _velocities(self, bodies: Bodies) -> Array:
+        """Velocities of the rows' nodes, shape (nodes, 3) [m/s]."""
+        v = np.empty_like(self._parts.V)
+        for k, at in zip(self._of, self._parts.at, strict=True):
+            arms = self._parts.V[at] @ bodies.R[k].T
+            v[at] = bodies.velocity[k] + np.cross(bodies.angular_velocity[k], arms)
+        return v
+
+    def force(self, t: float, dt: float) -> Array:
+        """ρ of the step that has been solved last, in the bodies' frames. Collective.
+
+        Args:
+            t: Time at its start [s].
+            dt: Its length [s].
+
+        Returns:
+            Forces on the nodes of the rows, without what would move a body, shape (nodes, 3) [N].
+        """
+        system, parts, f = self._stepper.system, self._parts, self._f
+        if system.acting is not self._acting:
+            self._acting = system.acting
+            self._actions.select(self._acting)
+        increments = system.equilibrium.prolongation.increments
+        start, end = increments.start, increments.end()
+        self._place(self._u0, start)
+        self._place(self._u1, end)
+        dofs = parts.rows.dofs
+        self._d.array[:] = self._u1.x.array[dofs] - self._u0.x.array[dofs]
+        self._actions.set_time(t + dt / 2, dt)
+        # The residual of the nodes if they were flexible, but for what their own cells do.
+        self._a.array[:] = (self._velocities(end) - self._velocities(start)).reshape(-1) / dt
+        self._mass.mult(self._a, f)
+        f.axpy(-1.0, self._actions.external)
+        self._actions.resist_nodes(self._d, dt, f)
+        if self._loads is not None:
+            b = self._b.x
+            b.array[:] = 0.0
+            fem.assemble_vector(b.array, self._loads)
+            b.scatter_reverse(la.InsertMode.add)
+            f.array[:] += b.array[dofs]
+        residual = f.array.reshape(-1, 3)
+        of_flexible = system.equilibrium.forces_out_of_balance.array_r.reshape(-1, 3)
+        for own, active in self._attached:
+            residual[own] += of_flexible[active]
+        out = np.empty_like(parts.V)
+        frozen = self._frozen.reshape(-1, 3)
+        for k, at in zip(self._of, parts.at, strict=True):
+            W, _, Vt = np.linalg.svd(increments.R_av[k])
+            out[at] = -residual[at] @ (W @ Vt) - frozen[at]
+        parts.balance(out)
+        return out
+
+    def destroy(self) -> None:
+        """Free the PETSc objects. Collective."""
+        self._actions.destroy()
+        for vector in (self._d, self._f, self._a):
+            vector.destroy()

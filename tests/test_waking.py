@@ -1,0 +1,270 @@
+"""Rigid while loads act: what forces on bodies would strain, and what they wake.
+
+Run as a script under mpirun, this file reports histories with wakes.
+"""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from functools import cache
+
+import numpy as np
+import parallel
+import pytest
+from mpi4py import MPI
+
+import rigidfx as rf
+from rigidfx.base.errors import SceneError
+from rigidfx.shadow.shadow import Shadow
+
+COMM = MPI.COMM_WORLD
+DT, WINDOW = 0.02, 20  # s, steps
+NOTHING = rf.StrainRate(0.0, 1e9)  # nothing qualifies; rates are measured
+SOFT, STIFF = (rf.StVenantKirchhoff(E=E, nu=0.3, rho=1000.0) for E in (1e6, 1e8))
+
+chatter = pytest.mark.filterwarnings("ignore:StrainRate. bodies are:rigidfx.RigidfxWarning")
+
+
+def sine(t):
+    return np.sin(2 * np.pi * t / 4.0) * min(1.0, t / 4.0)
+
+
+def blow(t):
+    return float(1.0 < t < 1.2) * np.sin(np.pi * (t - 1.0) / 0.2) ** 2
+
+
+def bar(*effects, block=STIFF, **options):
+    """A bar of 16 × 1 × 1 cells: a soft stalk, clamped, and what is on it."""
+    box = rf.box(
+        (0, 0, 0), (8, 1, 1), options.pop("cells", (16, 1, 1)), options.pop("cell", "hexahedron")
+    )
+    box = box.with_cells("stalk", lambda x: x[0] <= 4 + 1e-9)
+    box = box.with_cells("block", lambda x: x[0] >= 4 - 1e-9)
+    materials = {"stalk": SOFT, "block": block}
+    return rf.Scene(box, materials, effects, probes={"tip": (8, 0.5, 0.5)}, **options)
+
+
+def on_a_block(*effects, **options):
+    """The bar under a gentle sine, and more."""
+    push = rf.Traction("x1", (0, 0, 200.0), time=sine)
+    return bar(rf.Fixed("x0"), push, rf.MassDamping(1.0), *effects, **options)
+
+
+STRIKES = {
+    "traction": rf.Traction("z1", (0, 0, -3000.0), time=blow),
+    "pressure": rf.Pressure("z1", 3000.0, time=blow),
+    "gravity": rf.Gravity((0, 0, -3.0), time=blow),
+}
+
+
+def run(scene, t_end, rule=NOTHING):
+    """Tips, strain rates of the cells, which of them are rigid, and events."""
+    tips, rates, rigid, events = [], [], [], []
+    for report in rf.simulate(scene, DT, t_end, rigidify=rule, progress=False):
+        tips.append(report.probes["tip"])
+        rates.append(report.strain_rate.copy())
+        rigid.append(report.state.body_numbers() > 0)
+        events += report.events
+    return np.array(tips), np.array(rates), np.array(rigid), events
+
+
+def local(tol, **options):
+    return rf.StrainRate(tol, WINDOW * DT, wake="local", **options)
+
+
+def error(tips, twin):
+    return np.abs(tips - twin).max() / np.abs(twin - twin[0]).max()
+
+
+@cache
+def gentle():
+    """The twin of the bar under the sine, and a tolerance of a hundredth of its peak rate."""
+    twin = run(on_a_block(), 8.0)
+    return twin, 0.01 * twin[1].max()
+
+
+def test_a_block_stays_rigid_while_a_slow_load_acts():
+    (tips, *_), tol = gentle()
+    found, _, rigid, events = run(on_a_block(), 8.0, local(tol))
+    assert rigid.mean() >= 0.45  # of the half that could be
+    assert error(found, tips) <= 3e-3
+    assert events[0].kind == "freeze"
+
+
+@chatter
+def test_the_papers_rule_releases_it_at_each_change_of_the_load():
+    _, tol = gentle()
+    *_, rigid, events = run(on_a_block(), 4.0, rf.StrainRate(tol, WINDOW * DT))
+    assert rigid.mean() <= 0.1
+    assert {event.reason for event in events if event.kind == "release"} == {
+        "Traction on 'x1' changes"
+    }
+
+
+@pytest.mark.parametrize("kind", STRIKES)
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"mass": "consistent"},
+        {"cell": "tetrahedron", "order": 2, "mass": "consistent", "cells": (8, 1, 1)},
+    ],
+    ids=["lumped", "consistent", "tetrahedra"],
+)
+@chatter
+def test_a_blow_wakes_what_it_strains(kind, options):
+    """Before it strains what stays rigid by more than twice κ tol, momenta and energy kept."""
+    scene = on_a_block(STRIKES[kind], **options)
+    tips, rates, _, _ = run(scene, 1.4)
+    tol = 0.05 * rates.max()
+    found, _, rigid, events = run(scene, 1.4, local(tol))
+    (first, *_) = (event for event in events if event.woken.size)
+    assert first.kind == "release"
+    assert 1.0 - 1e-9 <= first.t <= 1.0 + 4 * DT
+    assert rigid[round(0.9 / DT)].any()
+    blow = slice(round(1.0 / DT), round(1.2 / DT))
+    assert not (rigid[blow] & (rates[blow] > 6 * tol)).any()
+    for event in events:
+        assert event.linear_momentum_error <= 1e-10
+        assert abs(event.energy_lost) <= 1e-10
+    asleep = run(scene, 1.4, rf.StrainRate(tol, WINDOW * DT, wake="none"))
+    assert error(found, tips) <= 0.3 * error(asleep[0], tips)
+
+
+def test_a_wave_wakes_the_half_that_it_runs_into():
+    push = rf.Traction("x1", (-3000.0, 0, 0), time=blow)
+    scene = bar(rf.Fixed("x0"), push, rf.MassDamping(0.1), block=SOFT)
+    tips, rates, _, _ = run(scene, 2.0)
+    tol = 0.005 * rates.max()
+    found, _, rigid, events = run(scene, 2.0, local(tol))
+    assert rigid[round(0.9 / DT)].mean() > 0.9
+    assert any(event.woken.size for event in events)
+    assert error(found, tips) <= 5e-3
+    asleep = run(scene, 2.0, rf.StrainRate(tol, WINDOW * DT, wake="none"))
+    assert error(asleep[0], tips) >= 0.1
+
+
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+def test_a_shadow_begins_as_a_linear_twin(mass, monkeypatch):
+    """All of a free bar freezes while it vibrates: its shadow goes on with the vibration."""
+
+    def shape(x):
+        z = np.cos(np.pi * x[0] / 8.0)
+        return np.stack([1e-3 * z, 0 * z, 0 * z])
+
+    scene = bar(rf.InitialVelocity(function=shape), block=SOFT, mass=mass)
+    seen = []
+    look = Shadow.look
+
+    def watch(self, t, dt):
+        strains = look(self, t, dt)
+        if strains is not None:
+            seen.append((t + dt, strains.rates))
+        return strains
+
+    monkeypatch.setattr(Shadow, "look", watch)
+    t_end = 1.4
+    _, rates, _, _ = run(scene, t_end)
+    # No drag on the shadow but a little: the window is as long as the run.
+    rule = rf.StrainRate(1e9, 0.3, wake="local", release=rf.Release(at=[1e3]))
+    run(scene, t_end, rule)
+    times, shadows = zip(*seen, strict=True)
+    twin = np.array([rates[round(t / DT)] for t in times])
+    strong = twin > 0.3 * twin.max()
+    early = np.array(times) < 0.6
+    ratio = (np.array(shadows) / np.where(strong, twin, np.nan))[early]
+    assert np.isfinite(ratio).sum() > 20
+    assert np.nanmin(ratio) >= 0.8
+    assert np.nanmax(ratio) <= 1.05
+
+
+@chatter
+def test_growth_of_a_body_does_not_wake_it():
+    """What the shadow of a body did where it grows would tear the new cells."""
+    push = rf.NodalForce("x1", (0, 0, 40.0), time=blow)
+    scene = bar(rf.Fixed("x0"), push, rf.MassDamping(3.0), rf.KelvinVoigt(2e4), block=SOFT)
+    _, rates, _, _ = run(scene, 6.0)
+    *_, events = run(scene, 6.0, local(0.02 * rates.max()))
+    grown = [
+        event.t
+        for event in events
+        for change in event.changes
+        if 0 < change.cells_before < change.cells_after
+    ]
+    assert grown
+    woken = np.array([event.t for event in events if event.woken.size])
+    assert not any((np.abs(woken - t) < 1.5 * DT).any() for t in grown)
+
+
+@chatter
+def test_a_slow_load_wakes_by_what_it_has_withheld():
+    """Its rate is below the threshold at all times; its strain grows."""
+    push = rf.Traction("x1", (0, 0, 100.0), time=lambda t: t / 20.0)
+    scene = bar(rf.Fixed("x0"), push, rf.MassDamping(3.0), block=SOFT)
+    _, rates, _, _ = run(scene, 10.0)
+    tol = 1.2 * rates[50:].max()
+    _, _, rigid, events = run(scene, 10.0, local(tol))
+    assert rigid.any()
+    assert sum(bool(event.woken.size) for event in events) >= 2
+
+
+def test_named_parts_never_wake():
+    scene = on_a_block(STRIKES["traction"], rf.Rigid("block"))
+    *_, rigid, events = run(scene, 1.4, local(1e-9))
+    assert rigid[:, -1].all()
+    assert not events
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"wake": "some"}, "wake must be 'all', 'local' or 'none', got 'some'"),
+        ({"wake": None}, "wake must be 'all', 'local' or 'none', got None"),
+        ({"wake": ["local"]}, "wake must be 'all', 'local' or 'none', got"),
+        ({"kappa": 0.5}, "kappa must be ≥ 1, got 0.5"),
+        ({"kappa": "3"}, "kappa"),
+        ({"kappa": float("nan")}, "kappa"),
+    ],
+)
+def test_is_refused(options, message):
+    with pytest.raises(SceneError, match=message):
+        rf.StrainRate(1.0, 1.0, **options)
+
+
+# Several ranks ---------------------------------------------------------------------------------
+
+
+def histories():
+    """Tips and events of two runs, by their names."""
+    out = {}
+    for mass in ("lumped", "consistent"):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            tips, _, _, events = run(on_a_block(STRIKES["traction"], mass=mass), 2.4, local(2e-4))
+        told = [
+            (e.t, e.kind, [(c.name, c.cells_before, c.cells_after) for c in e.changes])
+            for e in events
+        ]
+        out[mass] = [tips.tolist(), told]
+    return out
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_several_ranks_wake_as_one(ranks):
+    one, several = histories(), parallel.run(__file__, ranks, 300)
+    for mass, (tips, told) in one.items():
+        assert any(kind == "release" for _, kind, _ in told)
+        assert np.abs(np.array(several[mass][0]) - tips).max() <= 1e-9 * np.abs(tips).max()
+        assert [list(map(str, event[1:])) for event in several[mass][1]] == [
+            list(map(str, [kind, [list(c) for c in changes]])) for _, kind, changes in told
+        ]
+        assert [event[0] for event in several[mass][1]] == pytest.approx([t for t, *_ in told])
+
+
+if __name__ == "__main__":
+    found = histories()
+    if COMM.rank == 0:
+        parallel.report(found)
+    sys.exit()
