@@ -1,18 +1,31 @@
-"""Run a script on several ranks and read what rank 0 found."""
+"""Run a script on several ranks and read what rank 0 found.
+
+Ranks that have run a script wait for the next one: to import what they need took them longer than
+most scripts. Each script is the main module of its own, and finds its ranks by MPI.COMM_WORLD as if
+mpirun had started it. Ranks of which one fails end all together, and the next script has new ones.
+
+Run as a script under mpirun, this file is what the ranks do.
+"""
 
 from __future__ import annotations
 
+import atexit
+import gc
 import json
 import os
+import runpy
 import subprocess
 import sys
 import tempfile
+import time
+import warnings
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 RESULT = "RIGIDFX_TEST_RESULT"  # names the file; standard output mixes what the ranks print
+NAP = 0.01  # s, between two looks for what the other side has left in their folder
 on_1_to_3_ranks = pytest.mark.parametrize(
     "ranks", [1, *(pytest.param(n, marks=pytest.mark.parallel) for n in (2, 3))]
 )
@@ -36,30 +49,118 @@ def run(script: str | Path, ranks: int, timeout: float, *arguments: str) -> Any:
     Raises:
         AssertionError: If the script fails or hangs.
     """
-    # `-m mpi4py` aborts all ranks where one fails. This process may itself be a rank of MPI, of
-    # which mpirun must know nothing.
-    command = ["mpirun", "--oversubscribe", "-n", str(ranks), sys.executable, "-m", "mpi4py"]
-    mine = ("OMPI_COMM", "OMPI_UNIVERSE", "OMPI_APP", "OMPI_NUM", "OMPI_FIRST", "OMPI_FILE",
-            "PMIX_", "PMI_", "PRTE_", "HYDRA_")  # fmt: skip
-    kept = {k: v for k, v in os.environ.items() if not k.startswith(mine)}
-    folders = [ROOT, *(ROOT / name for name in ("meshes", "tests", "demos"))]
-    path = [os.environ.get("PYTHONPATH", ""), *map(str, folders)]
-    kept["PYTHONPATH"] = os.pathsep.join(p for p in path if p)
-    with tempfile.TemporaryDirectory() as folder:
-        result = Path(folder, "result.json")
-        kept[RESULT] = str(result)
-        with subprocess.Popen(
-            [*command, str(script), *arguments],
-            env=kept,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        ) as process:
-            try:
-                out, err = process.communicate(timeout=timeout)
-            except subprocess.TimeoutExpired:
-                process.terminate()  # mpirun ends its ranks
-                out, err = process.communicate()
-                raise AssertionError(f"hangs after {timeout} s\n{out}\n{err}") from None
-        assert process.returncode == 0, f"{out}\n{err}"
+    if ranks not in _waiting:
+        _waiting[ranks] = Ranks(ranks)
+    try:
+        return _waiting[ranks].run(str(script), timeout, *arguments)
+    except BaseException:  # a keyboard's, too: nobody knows what the ranks are at
+        _waiting.pop(ranks).end()
+        raise
+
+
+class Ranks:
+    """Ranks that run scripts, one after the other."""
+
+    def __init__(self, ranks: int) -> None:
+        """Start them."""
+        # `-m mpi4py` aborts all ranks where one fails. This process may itself be a rank of MPI, of
+        # which mpirun must know nothing.
+        command = ["mpirun", "--oversubscribe", "-n", str(ranks), sys.executable, "-m", "mpi4py"]
+        mine = ("OMPI_COMM", "OMPI_UNIVERSE", "OMPI_APP", "OMPI_NUM", "OMPI_FIRST", "OMPI_FILE",
+                "PMIX_", "PMI_", "PRTE_", "HYDRA_")  # fmt: skip
+        kept = {k: v for k, v in os.environ.items() if not k.startswith(mine)}
+        folders = [ROOT, *(ROOT / name for name in ("meshes", "tests", "demos"))]
+        path = [os.environ.get("PYTHONPATH", ""), *map(str, folders)]
+        kept["PYTHONPATH"] = os.pathsep.join(p for p in path if p)
+        self._temporary = tempfile.TemporaryDirectory()
+        self._folder = Path(self._temporary.name)
+        self._jobs = 0
+        with (self._folder / "told").open("w", encoding="utf-8") as told:
+            self._process = subprocess.Popen(
+                [*command, __file__, str(self._folder), str(os.getpid())],
+                env=kept,
+                stdin=subprocess.DEVNULL,
+                stdout=told,
+                stderr=subprocess.STDOUT,
+            )
+
+    def run(self, script: str, timeout: float, *arguments: str) -> Any:
+        """What a script reported; None if nothing.
+
+        Raises:
+            AssertionError: If the script fails or hangs.
+        """
+        told, before = self._folder / "told", (self._folder / "told").stat().st_size
+        self._jobs += 1
+        job, done, result = (self._folder / f"{self._jobs}.{k}" for k in ("job", "done", "result"))
+        asked = {"argv": [script, *arguments], "result": str(result)}
+        _written_at_once(job, json.dumps(asked))
+        end = time.monotonic() + timeout
+        while not done.exists():
+            problem = f"hangs after {timeout} s" if time.monotonic() > end else ""
+            if self._process.poll() is not None:
+                problem = f"fails with {self._process.returncode}"
+            if problem:
+                self.end()
+                raise AssertionError(f"{script} {problem}\n{told.read_text()[before:]}")
+            time.sleep(NAP)
         return json.loads(result.read_text(encoding="utf-8")) if result.exists() else None
+
+    def end(self) -> None:
+        """Have mpirun end the ranks."""
+        self._process.terminate()
+        self._process.wait()
+
+
+_waiting: dict[int, Ranks] = {}
+
+
+@atexit.register
+def _end_all() -> None:
+    for ranks in _waiting.values():
+        ranks.end()
+
+
+def _written_at_once(path: Path, text: str) -> None:
+    """So that nobody reads half of it."""
+    path.with_suffix(".part").write_text(text, encoding="utf-8")
+    path.with_suffix(".part").rename(path)
+
+
+def _awaited(job: Path, starter: int) -> bool:
+    """Wait for a job without asking other ranks, which would take all of a core's time.
+
+    Returns:
+        Whether there is one; False as soon as who starts jobs is gone.
+    """
+    while not job.exists():
+        if not (job.parent.exists() and Path(f"/proc/{starter}").exists()):
+            return False
+        time.sleep(NAP)
+    return True
+
+
+def _run_scripts(folder: Path, starter: int) -> None:
+    """Run what is left in a folder, until nobody will leave anything any more. Collective."""
+    from mpi4py import MPI
+
+    comm, environment, path = MPI.COMM_WORLD, dict(os.environ), list(sys.path)
+    number = 1
+    while _awaited(folder / f"{number}.job", starter):
+        job = json.loads((folder / f"{number}.job").read_text(encoding="utf-8"))
+        script = job["argv"][0]
+        sys.argv[:], sys.path[:] = job["argv"], [str(Path(script).parent), *path]
+        os.environ[RESULT] = job["result"]
+        with warnings.catch_warnings():
+            runpy.run_path(script, run_name="__main__")
+        os.environ.clear()
+        os.environ.update(environment)
+        gc.collect()  # PETSc's objects at the same place on all ranks
+        comm.barrier()
+        if comm.rank == 0:
+            _written_at_once(folder / f"{number}.done", "")
+        number += 1
+
+
+if __name__ == "__main__":
+    _run_scripts(Path(sys.argv[1]), int(sys.argv[2]))
