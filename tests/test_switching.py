@@ -229,9 +229,9 @@ def test_centrifugal_strain_comes_back():
 
 @short_windows
 @pytest.mark.slow
-@pytest.mark.parametrize(("mass", "cycles"), [("lumped", 1000), ("consistent", 100)])
+@pytest.mark.parametrize(("mass", "cycles"), [("lumped", 200), ("consistent", 50)])
 def test_many_cycles(mass, cycles):
-    """Half of a vibrating bar frozen and released again and again: the issue's bounds."""
+    """Half of a vibrating bar frozen and released again and again: 1e-9 and 1e-11 in a thousand."""
     kick = rf.InitialVelocity(function=lambda x: 0.3 * np.sin([7 * x[0], 5 * x[1] + x[0], x[2]]))
     scene = bar(SPIN, kick, cells=(8, 1, 1), mass=mass)
     t_end = 2 * DT * cycles
@@ -254,8 +254,8 @@ def test_many_cycles(mass, cycles):
         "J": np.linalg.norm(np.array(J) - J[0], axis=1).max() / np.linalg.norm(J[0]),
     }
     show(**found)
-    assert found["energy"] <= 1e-9
-    assert max(found["L"], found["J"]) <= 1e-11
+    assert found["energy"] <= 1e-12 * cycles
+    assert max(found["L"], found["J"]) <= 1e-14 * cycles
 
 
 @MASSES
