@@ -130,8 +130,9 @@ def sway(x: Points) -> float:
 # The base: elements of second order, 15 to 40 steps per period of the main vibration, lumped mass,
 # Newton's iteration to 10⁻⁶, a tolerance at which much of the damped structures becomes rigid, and
 # little of the tumbling L, which nothing damps. The reference is finer in everything: cells of half
-# the size, a fourth of Δt (in the short version half), a consistent mass, Newton's iteration to
-# 10⁻¹², and nothing in it becomes rigid. So the errors include those of the base's mesh.
+# the size, a fourth of Δt (in the short version the same cells and half of Δt), a consistent mass,
+# Newton's iteration to 10⁻¹², and nothing in it becomes rigid. So the errors include those of the
+# base's mesh.
 
 # +
 STRUCTURES = [

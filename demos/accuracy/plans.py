@@ -34,7 +34,7 @@ def plan(
             base,
             tol=0.0,
             mass="consistent",
-            refine=2,
+            refine=1 if short else 2,
             dt=base.dt / 2 if short else base.dt / 4,
             newton=1e-12,
         ),
