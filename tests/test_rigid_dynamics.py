@@ -88,7 +88,7 @@ def quadratic(residuals, floor):
 @CELLS
 @MASSES
 def test_tumbling_bar(mass, cell, speed):
-    """H, L and J to 1e-11 in a thousand steps, no step cut, Newton quadratic and quick, strains of 1 to 2 %."""
+    """H, L and J to 1e-11 in 1000 steps, none cut, Newton quadratic and quick, strains 1 to 2 %."""
     scene = tumble(mass, cell, speed)
     strain, reports, peak = PeakStrain(scene), [], 0.0
     for r in rf.simulate(scene, DT, STEPS * DT):

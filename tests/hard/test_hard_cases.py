@@ -28,7 +28,7 @@ def test_hard_case(case):
 @alone
 @pytest.mark.parallel
 @pytest.mark.slow
-@pytest.mark.parametrize("ranks", [3])  # the demo runs on two, see test_demos
+@pytest.mark.parametrize("ranks", [3])  # the demo runs others on two, see test_demos
 def test_hard_cases_on_several_ranks(ranks):
     """Ranks without cells, or with frozen ones: the same on all, and no rank waits for ever."""
     problems = parallel.run(__file__, ranks, 600)
