@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 from mpi4py import MPI
 
+import rigidfx as rf
 from rigidfx.output.history import read_history
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -331,17 +332,22 @@ def test_benchmark(tmp_path, benchmark):
     assert BENCHMARK_SUMMARY.get(benchmark.stem, set()) <= set(summary)
 
 
-@pytest.mark.parametrize(
-    ("demo", "ranks"),
-    [
-        *((demo, 1) for demo in DEMOS),
-        pytest.param(DEMOS[0].with_stem("hard_cases"), 2, marks=pytest.mark.parallel),
-    ],
-    ids=lambda value: getattr(value, "stem", value),
-)
-def test_demo_fails_without_a_folder(tmp_path, demo, ranks):
-    """On all ranks: all demos write by the same functions."""
+@pytest.mark.parametrize("demo", DEMOS, ids=lambda demo: demo.stem)
+def test_demo_fails_without_a_folder(tmp_path, monkeypatch, capfd, demo):
+    """By the error itself, or by telling it and leaving with status 1."""
     (tmp_path / "file").touch()
-    code, text = run(demo, ranks, "--short", "--out", tmp_path / "file")
+    monkeypatch.setattr(sys, "argv", [str(demo), "--short", "--out", str(tmp_path / "file")])
+    with pytest.raises((rf.OutputError, SystemExit)) as end:
+        runpy.run_path(str(demo), run_name="__main__")
+    if isinstance(end.value, SystemExit):
+        assert end.value.code == 1
+        assert "OutputError" in capfd.readouterr().err
+
+
+@pytest.mark.parallel
+def test_demo_fails_on_all_ranks_without_a_folder(tmp_path):
+    """One for all, which write by the same functions."""
+    (tmp_path / "file").touch()
+    code, text = run(ROOT / "demos" / "tumbling_l.py", 2, "--short", "--out", tmp_path / "file")
     assert code not in (0, None)
     assert "OutputError" in text
