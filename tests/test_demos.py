@@ -119,7 +119,7 @@ FILES = {
         "bodies.json",
         "energy_unknowns.png",
         "spectrum.png",
-        "evolution_2.4s_tol_5e-05.png",
+        "evolution_1.6s_tol_5e-05.png",
     ],
     "robot_arm": ["events.csv", "fields.pvd", "motion.png", "rigid_parts.png"],
     "custom_geometry": ["events.csv", "fields.pvd", "energy_unknowns.png", "rigid_parts.png"],
