@@ -46,16 +46,18 @@ def _middles(domain: rf.Domain) -> np.ndarray:
 @case("parallel", "a body of one cell: all ranks but one have none")
 def rank_without_cells(short: bool) -> Iterator[Run]:
     """The history is that on one rank to 1e-9, with all balances."""
+    t_end = 3.0 if short else 5.0
     check = _compare()
     for way, comm in BOTH.items():
         domain = rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1), comm=comm)
         criterion = rf.StrainRate(ANY, 0.5, release=release_at(2.0), min_cells=1)
-        yield Run(way, rf.Scene(domain, MATERIAL, [SPIN]), 0.1, 5.0, criterion, check=check)
+        yield Run(way, rf.Scene(domain, MATERIAL, [SPIN]), 0.1, t_end, criterion, check=check)
 
 
 @case("parallel", "the last rank has frozen cells only")
 def rank_with_frozen_cells_only(short: bool) -> Iterator[Run]:
     """The history is that on one rank to 1e-9, with all balances."""
+    t_end = 3.0 if short else 5.0
     world = MPI.COMM_WORLD
     size, cells = (8.0, 2.0, 1.0), (8, 2, 1)
     on_all = rf.box((0, 0, 0), size, cells)
@@ -75,7 +77,7 @@ def rank_with_frozen_cells_only(short: bool) -> Iterator[Run]:
             domain = domain.with_cell_set("frozen", among(_with_ghosts(domain)))
             rigid = [rf.Rigid("frozen")] if kind == "named" else []
             criterion = rf.StrainRate(0.0, 0.5, tolerances={"frozen": ANY})
-            yield Run(f"{kind}, {way}", rf.Scene(domain, MATERIAL, [SPIN, *rigid]), 0.1, 5.0,
+            yield Run(f"{kind}, {way}", rf.Scene(domain, MATERIAL, [SPIN, *rigid]), 0.1, t_end,
                       criterion if kind == "adaptive" else None, check=check)  # fmt: skip
 
 
@@ -89,6 +91,7 @@ def _with_ghosts(domain: rf.Domain) -> np.ndarray:
 @case("parallel", "one body has cells on every rank")
 def body_across_all_ranks(short: bool) -> Iterator[Run]:
     """The history is that on one rank to 1e-9, with all balances."""
+    t_end = 3.0 if short else 5.0
     for kind in ("named", "adaptive"):
         check = _compare()
         for way, comm in BOTH.items():
@@ -96,5 +99,5 @@ def body_across_all_ranks(short: bool) -> Iterator[Run]:
             domain = domain.with_cells("core", between(1, 8))
             rigid = [rf.Rigid("core")] if kind == "named" else []
             criterion = rf.StrainRate(0.0, 0.5, tolerances={"core": ANY}, release=release_at(2.0))
-            yield Run(f"{kind}, {way}", rf.Scene(domain, MATERIAL, [SPIN, *rigid]), 0.1, 5.0,
+            yield Run(f"{kind}, {way}", rf.Scene(domain, MATERIAL, [SPIN, *rigid]), 0.1, t_end,
                       criterion if kind == "adaptive" else None, check=check)  # fmt: skip
