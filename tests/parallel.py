@@ -101,7 +101,6 @@ class Ranks:
             if self._process.poll() is not None:
                 problem = f"fails with {self._process.returncode}"
             if problem:
-                self.end()
                 raise AssertionError(f"{script} {problem}\n{told.read_text()[before:]}")
             time.sleep(NAP)
         return json.loads(result.read_text(encoding="utf-8")) if result.exists() else None
@@ -110,6 +109,7 @@ class Ranks:
         """Have mpirun end the ranks."""
         self._process.terminate()
         self._process.wait()
+        self._temporary.cleanup()
 
 
 _waiting: dict[int, Ranks] = {}
@@ -134,7 +134,9 @@ def _awaited(job: Path, starter: int) -> bool:
         Whether there is one; False as soon as who starts jobs is gone.
     """
     while not job.exists():
-        if not (job.parent.exists() and Path(f"/proc/{starter}").exists()):
+        try:
+            os.kill(starter, 0)  # asks only
+        except ProcessLookupError:
             return False
         time.sleep(NAP)
     return True
