@@ -5,7 +5,6 @@ Run as a script under mpirun, this file reports histories with wakes.
 
 from __future__ import annotations
 
-import sys
 import warnings
 from functools import cache
 
@@ -209,11 +208,18 @@ def test_a_slow_load_wakes_by_what_it_has_withheld():
     assert sum(bool(event.woken.size) for event in events) >= 2
 
 
-def test_named_parts_never_wake():
+def test_named_parts_never_wake_but_it_is_said_what_they_withhold():
     scene = on_a_block(STRIKES["traction"], rf.Rigid("block"))
-    *_, rigid, events = run(scene, 1.4, local(1e-9))
+    with pytest.warns(rf.RigidfxWarning, match="strain the part 'block' that is named Rigid"):
+        *_, rigid, events = run(scene, 1.4, local(1e-4, never="stalk"))
     assert rigid[:, -1].all()
     assert not events
+
+
+def test_named_parts_that_withhold_little_are_not_spoken_of():
+    scene = on_a_block(STRIKES["traction"], rf.Rigid("block"))
+    *_, rigid, _ = run(scene, 1.4, local(1.0, min_cells=17))
+    assert rigid[:, -1].all()
 
 
 @pytest.mark.parametrize(
@@ -267,4 +273,3 @@ if __name__ == "__main__":
     found = histories()
     if COMM.rank == 0:
         parallel.report(found)
-    sys.exit()

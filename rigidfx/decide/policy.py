@@ -39,7 +39,7 @@ Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 Ints = npt.NDArray[np.int64]
 
-WOKEN = "forces would strain it"  # reason of a release
+WOKEN = "checked: forces would strain them"  # reason of a release
 MARGIN = 1.25  # an automatic window in longest periods
 FEWEST = 8  # steps of an automatic window
 
@@ -98,9 +98,12 @@ class Policy:
         loaded = {r.body for r in scene.named(Resultant)}
         rigid = scene.named(Rigid)
         self._apart = frozenset(r.name for r in rigid if r.given or r.name in loaded)
-        self._always = {
+        self._always: dict[str, npt.NDArray[np.int32]] = {
             r.name: scene.owned_cells(r.where, "Rigid") for r in rigid if r.name not in self._apart
         }
+        self._named = np.zeros(self._graph.owned, dtype=bool)
+        for own in self._always.values():
+            self._named[own] = True
         self.memory = Memory(
             window=self._new_window(0.0),
             signals=Signals(scene),
@@ -161,13 +164,34 @@ class Policy:
         limit = self._criterion.kappa * self._tol
         window = self._criterion.window
         length = MARGIN * self.memory.signals.period() if isinstance(window, str) else window
-        above = (rates > limit) | (strains > limit * length)
-        above &= self._numbers(seen) != NONE
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = np.fmax(rates / limit, strains / (limit * length))
+        above = ratio > 1
+        self._warn_of_named(seen, ratio)
+        above &= (self._numbers(seen) != NONE) & ~self._named
         if not self._graph.comm.allreduce(bool(above.any()), op=MPI.LOR):
             return None
         round_them = self._graph.largest_at_nodes(above.astype(np.float64)) > 0
         decision = self._release(seen, WOKEN, self._graph.touching(round_them))
         return replace(decision, woken=np.flatnonzero(above).astype(np.int32))
+
+    def _warn_of_named(self, seen: Observation, ratio: Array) -> None:
+        """Warn, once each, of parts named rigid that withhold too much. Collective.
+
+        Args:
+            seen: The state.
+            ratio: What each owned cell would strain, over what wakes it.
+        """
+        apart = {body.name: body.cells for body in seen.bodies if body.name in self._apart}
+        for name, own in {**self._always, **apart}.items():
+            largest = self._graph.comm.allreduce(float(ratio[own].max(initial=0.0)), op=MPI.MAX)
+            if largest > 1:
+                self._warn(
+                    f"forces would strain the part '{name}' that is named Rigid, at {largest:.2g} "
+                    f"times what wakes other cells (kappa · tol) at t = {seen.t:.6g} s. It stays "
+                    "rigid, and what follows lacks these strains: do not name it, or give its "
+                    "cells a larger tolerance (tolerances) if that is meant."
+                )
 
     @property
     def _all(self) -> Bools:
@@ -205,10 +229,7 @@ class Policy:
     def _release(self, seen: Observation, reason: str, cells: Bools) -> Decision:
         """Release owned cells from their bodies; what is left of these stays rigid. Collective."""
         numbers = self._numbers(seen)
-        always = np.zeros_like(cells)
-        for own in self._always.values():
-            always[own] = True
-        leaving = cells & (numbers != NONE) & ~always
+        leaving = cells & (numbers != NONE) & ~self._named
         mine = np.unique(numbers[leaving]).tolist()
         concerned = sorted({k for part in self._graph.comm.allgather(mine) for k in part})
         inside = np.isin(numbers, concerned)

@@ -59,11 +59,14 @@ class Motion:
         u: δ [m].
         v: δ̇ [m/s].
         still: K⁺ρ of the last step [m]; NaN where there is none yet.
+        mean: Its mean over the last two steps [m], in which forces that change their sign from step
+            to step do not count; NaN likewise.
     """
 
     u: Array
     v: Array
     still: Array
+    mean: Array
 
 
 class Shadow:
@@ -84,7 +87,7 @@ class Shadow:
         self._system: object = None
         self._bodies = Bodies.of_each(())  # of the last accepted step
         self._parts: Parts | None = None
-        self._motion = self._next = Motion(*(np.empty((0, 3)) for _ in range(3)))
+        self._motion = self._next = Motion(*(np.empty((0, 3)) for _ in range(4)))
         self._grown: list[npt.NDArray[np.int64]] = []  # rows of bodies that have just grown
         self._mass: Mass | None = None
         self._part: LinearPart | None = None
@@ -93,8 +96,8 @@ class Shadow:
     # Which bodies -------------------------------------------------------------------------------
 
     def _watched(self) -> list[RigidBody]:
-        """The bodies that may wake: those that were found, with their own mass and inertia."""
-        return [b for b in self._stepper.state.bodies.of.records if not b.named and not b.given]
+        """The bodies with the mass and inertia of their cells."""
+        return [body for body in self._stepper.state.bodies.of.records if not body.given]
 
     def follow(self, dt: float) -> None:
         """Have the shadows of the present bodies; their motion is carried over. Collective.
@@ -122,11 +125,11 @@ class Shadow:
         self._bodies = stepper.state.bodies
 
     def _carried(self) -> tuple[set[int], Array]:
-        """Which bodies have a shadow, and its motion in space, shape (4, owned nodes, 3).
+        """Which bodies have a shadow, and its motion in space, shape (5, owned nodes, 3).
 
         The last is the velocity of the bodies themselves; NaN where there is no shadow.
         """
-        moved = np.full((4, self._stepper.scene.owned_nodes, 3), np.nan)
+        moved = np.full((5, self._stepper.scene.owned_nodes, 3), np.nan)
         if self._parts is None:
             return set(), moved
         of = dict(zip(map(id, self._parts.bodies), self._parts.at, strict=True))
@@ -134,7 +137,8 @@ class Shadow:
         for body in self._bodies:
             if id(body.data) in of:
                 at, R = of[id(body.data)], body.motion.R
-                own = np.stack([motion.u[at], motion.v[at], motion.still[at]]) @ R.T
+                fields = motion.u, motion.v, motion.still, motion.mean
+                own = np.stack([field[at] for field in fields]) @ R.T
                 moved[:, body.data.nodes] = [*own, body.velocities]
         return set(of), moved
 
@@ -158,8 +162,8 @@ class Shadow:
         move rigidly: what its shadow did there would tear them. So that begins anew, at rest under
         the forces that act.
         """
-        motion = Motion(*(np.zeros((parts.rows.nodes.size, 3)) for _ in range(3)))
-        motion.still[:] = np.nan
+        motion = Motion(*(np.zeros((parts.rows.nodes.size, 3)) for _ in range(4)))
+        motion.still[:] = motion.mean[:] = np.nan
         bodies = {id(body.data): body for body in self._stepper.state.bodies}
         known = ~np.isnan(moved[0, :, 0])
         local = [[known[data.nodes].sum(), data.nodes.size] for data in parts.bodies]
@@ -167,7 +171,7 @@ class Shadow:
         self._grown = []
         for data, at, (old, every) in zip(parts.bodies, parts.at, counts, strict=True):
             body, here = bodies[id(data)], known[data.nodes, None]
-            u, v, still, whole = moved[:, data.nodes]
+            u, v, still, mean, whole = moved[:, data.nodes]
             if old < every:
                 v = whole - body.velocities
                 self._grown += [at] if old else []
@@ -175,7 +179,7 @@ class Shadow:
                 motion.u[at] = u @ body.motion.R
             motion.v[at] = np.where(here, v @ body.motion.R, _frozen_velocities(data))
             if id(data) in before:
-                motion.still[at] = still @ body.motion.R
+                motion.still[at], motion.mean[at] = still @ body.motion.R, mean @ body.motion.R
         return motion
 
     # Steps --------------------------------------------------------------------------------------
@@ -206,12 +210,11 @@ class Shadow:
             motion.u[at] = still[at]
         self._grown = []
         d = self._part.increment(force, motion.u, motion.v, dt, drag + 2 / self._settling, xi)
-        self._next = Motion(motion.u + d, 2 / dt * d - motion.v, still)
-        new = np.isnan(motion.still)
-        rates = np.maximum(
-            self._measured(d, dt), self._measured(np.where(new, 0.0, still - motion.still), dt)
-        )
-        return Strains(rates, self._measured(still, 1.0))
+        mean = 0.5 * (still + motion.still)
+        self._next = Motion(motion.u + d, 2 / dt * d - motion.v, still, mean)
+        slow = np.nan_to_num(mean - motion.mean)
+        rates = np.maximum(self._measured(d, dt), self._measured(slow, dt))
+        return Strains(rates, self._measured(np.nan_to_num(mean), 1.0))
 
     def _measured(self, change: Array, dt: float) -> Array:
         """Strain rates of all owned cells, for a change of the frozen shape. Collective."""
