@@ -142,14 +142,13 @@ class Run:
         attempt = stepper.attempt(target)
         if policy is None or shadow is None:
             return stepper.accept(attempt), []
-        strains, events = shadow.look(attempt.t, attempt.dt), []
-        if strains is not None:
+        ratio, events = shadow.look(attempt.t, attempt.dt, *policy.limits), []
+        if ratio is not None:
             seen = Observation(stepper, attempt.dt)
-            decision = policy.woken(seen, strains.rates, strains.total)
-            events = self._switched(policy, decision, seen)
+            events = self._switched(policy, policy.woken(seen, ratio), seen)
         if events:
             attempt = stepper.attempt(target)
-            shadow.look(attempt.t, attempt.dt)
+            shadow.look(attempt.t, attempt.dt, *policy.limits)
         result = stepper.accept(attempt)
         shadow.accept()
         return result, events

@@ -150,22 +150,26 @@ class Policy:
             return self._release(seen, ", ".join(reasons), cells)
         return self._freeze(seen) if self._window_ends(seen) else None
 
-    def woken(self, seen: Observation, rates: Array, strains: Array) -> Decision | None:
+    @property
+    def limits(self) -> tuple[Array, float]:
+        """Strain rates that wake cells [1/s], and the time in which they make a strain that does.
+
+        The rates are per owned cell; the time is the window's, infinite while that is not known.
+        """
+        window = self._criterion.window
+        period = MARGIN * self.memory.signals.period() if isinstance(window, str) else window
+        return self._criterion.kappa * self._tol, np.inf if np.isnan(period) else float(period)
+
+    def woken(self, seen: Observation, ratio: Array) -> Decision | None:
         """Decide which cells of bodies wake in a step that has been solved. Collective.
 
         Args:
             seen: The state before it.
-            rates: Strain rate that rigidity withholds, per owned cell [1/s].
-            strains: Strain that it withholds [1].
+            ratio: What each owned cell of a body would strain, over what wakes it.
 
         Returns:
             The release; None if no cell wakes.
         """
-        limit = self._criterion.kappa * self._tol
-        window = self._criterion.window
-        length = MARGIN * self.memory.signals.period() if isinstance(window, str) else window
-        with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = np.fmax(rates / limit, strains / (limit * length))
         above = ratio > 1
         self._warn_of_named(seen, ratio)
         above &= (self._numbers(seen) != NONE) & ~self._named

@@ -17,6 +17,7 @@ __all__ = ["LinearPart"]
 Array = npt.NDArray[np.float64]
 
 PREFIX = "rigidfx_shadow_"
+KINDS = 2  # of steps whose factors are kept: short and long ones
 
 
 class LinearPart:
@@ -43,8 +44,7 @@ class LinearPart:
         scale = float(self._K.getDiagonal().norm()) / np.sqrt(max(rows.comm.allreduce(1), 1))
         still.zeroRowsColumns(held[(held >= first) & (held < last)], diag=scale)
         self._static = _solver(still)
-        self._dynamic: PETSc.KSP | None = None
-        self._made_for: tuple[float, float, float] | None = None
+        self._dynamic: dict[tuple[float, float, float], PETSc.KSP] = {}
         self._right, self._found, self._work = (rows.vector() for _ in range(3))
 
     def at_rest(self, force: Array) -> Array:
@@ -77,8 +77,7 @@ class LinearPart:
         Returns:
             Δδ, shape (nodes, 3) [m].
         """
-        if self._made_for != (dt, drag, xi):
-            self._factor(dt, drag, xi)
+        solver = self._solver_for(dt, drag, xi)
         right, work, found = self._right, self._work, self._found
         work.array[:] = v.reshape(-1) * (2 / dt)
         self._mass.mult(work, right)
@@ -86,24 +85,26 @@ class LinearPart:
         work.array[:] = u.reshape(-1)
         self._K.mult(work, found)
         right.axpy(-1.0, found)
-        assert self._dynamic is not None
-        self._dynamic.solve(right, found)
+        solver.solve(right, found)
         return found.array_r.reshape(-1, 3).copy()
 
-    def _factor(self, dt: float, drag: float, xi: float) -> None:
-        if self._dynamic is not None:
-            self._dynamic.destroy()
-        A = self._K.copy()
-        A.scale(0.5 + xi)
-        A.axpy(2 / dt**2 + drag / dt, self._M, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
-        if self._viscosity is not None:
-            A.axpy(1 / dt, self._viscosity, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
-        self._dynamic = _solver(A)
-        self._made_for = dt, drag, xi
+    def _solver_for(self, dt: float, drag: float, xi: float) -> PETSc.KSP:
+        """The factors of a step; those of two kinds of steps are kept."""
+        kind = dt, drag, xi
+        if kind not in self._dynamic:
+            if len(self._dynamic) == KINDS:
+                self._dynamic.pop(next(iter(self._dynamic))).destroy()
+            A = self._K.copy()
+            A.scale(0.5 + xi)
+            A.axpy(2 / dt**2 + drag / dt, self._M, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+            if self._viscosity is not None:
+                A.axpy(1 / dt, self._viscosity, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+            self._dynamic[kind] = _solver(A)
+        return self._dynamic[kind]
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
-        own = self._K, self._M, self._viscosity, self._static, self._dynamic
+        own = self._K, self._M, self._viscosity, self._static, *self._dynamic.values()
         for item in (*own, self._right, self._found, self._work):
             if item is not None:
                 item.destroy()

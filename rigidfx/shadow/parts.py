@@ -85,6 +85,18 @@ class Parts:
         for inverse, total, m, at in zip(self._inverse, sums, modes, self.at, strict=True):
             force[at] -= self._weights[at, None] * (m @ (inverse @ total))
 
+    def size(self, force: Array) -> float:
+        """Size of forces on the rows' nodes, by masses: sqrt(Σ f·f/m) [N/√kg]. Collective.
+
+        Where a node has no mass, its force is left out.
+
+        Args:
+            force: Shape (nodes, 3) [N].
+        """
+        massive = self._weights > 0
+        square = (force[massive] ** 2).sum(axis=1) / self._weights[massive]
+        return float(np.sqrt(self._scene.sum(square.sum())))
+
     def held(self) -> Ints:
         """Numbers of six rows of each body, on all ranks, that keep it from moving. Collective."""
         out = []

@@ -5,16 +5,20 @@ Two responses to the force that rigidity takes over tell what is withheld: the *
     M δ̈ + C δ̇ + K δ = ρ,    δ̇ = R ΔV at the freeze, the velocities that it took out of the motion,
 
 which sees waves and resonance, and the response K⁺ρ to a load slower than the body, which sees what
-a shadow that is damped does not. The larger of their strain rates is each cell's.
+a shadow that is damped does not. The larger of their strain rates is each cell's. Shadows that are
+calm take long steps, see `pace`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from rigidfx.coupling.mass import Mass, mass_operator
@@ -24,11 +28,12 @@ from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.shadow.linear_part import LinearPart
+from rigidfx.shadow.pace import Pace
 from rigidfx.shadow.parts import Parts
 from rigidfx.shadow.withheld import Withheld
 from rigidfx.step.stepper import Stepper
 
-__all__ = ["Shadow", "Strains"]
+__all__ = ["Shadow"]
 
 Array = npt.NDArray[np.float64]
 
@@ -38,17 +43,9 @@ _REGROUPING = PETSc.Log.Event("rigidfxShadowNew")
 _LOOKING = PETSc.Log.Event("rigidfxShadow")
 
 
-@dataclass(frozen=True)
-class Strains:
-    """What the bodies withhold in a step, per owned cell; zero outside them.
-
-    Attributes:
-        rates: Strain rates [1/s].
-        total: Strains since the freeze under loads slower than the body [1].
-    """
-
-    rates: Array
-    total: Array
+# Looks in a row in which a slow load has to strain a cell. Where cells have just become flexible, or
+# rigid, the forces of the next step tell of nothing but that.
+LASTING = 2
 
 
 @dataclass
@@ -61,12 +58,16 @@ class Motion:
         still: K⁺ρ of the last step [m]; NaN where there is none yet.
         mean: Its mean over the last two steps [m], in which forces that change their sign from step
             to step do not count; NaN likewise.
+        of_still: Time that `still` belongs to, the middle of the last step [s].
+        of_mean: Time that `mean` belongs to [s].
     """
 
     u: Array
     v: Array
     still: Array
     mean: Array
+    of_still: float = 0.0
+    of_mean: float = 0.0
 
 
 class Shadow:
@@ -87,7 +88,10 @@ class Shadow:
         self._system: object = None
         self._bodies = Bodies.of_each(())  # of the last accepted step
         self._parts: Parts | None = None
-        self._motion = self._next = Motion(*(np.empty((0, 3)) for _ in range(4)))
+        self._motion = _at_rest(0)
+        self._pace = Pace()
+        self._slow: list[Array] = []
+        self._accepting: Callable[[], None] | None = None
         self._grown: list[npt.NDArray[np.int64]] = []  # rows of bodies that have just grown
         self._mass: Mass | None = None
         self._part: LinearPart | None = None
@@ -111,6 +115,7 @@ class Shadow:
         self._system = stepper.system
         records = self._watched()
         if old is None or [*map(id, records)] != [*map(id, old.bodies)]:
+            self._catch_up()
             carried = self._carried()
             self._release()
             self._parts = Parts(stepper.scene, stepper.forces, records) if records else None
@@ -123,6 +128,15 @@ class Shadow:
             assert self._mass is not None
             self._withheld = Withheld(stepper, self._parts, self._mass, self._linear)
         self._bodies = stepper.state.bodies
+
+    def _catch_up(self) -> None:
+        """Take the steps that calm shadows have not taken. Collective."""
+        begin = self._stepper.state.t - sum(span for _, span in self._pace.waiting)
+        for force, span in self._pace.waiting:
+            self._motion = self._stepped(self._motion, force, begin + span / 2, span)
+            begin += span
+        self._pace = Pace()
+        self._accepting = None
 
     def _carried(self) -> tuple[set[int], Array]:
         """Which bodies have a shadow, and its motion in space, shape (5, owned nodes, 3).
@@ -162,8 +176,8 @@ class Shadow:
         move rigidly: what its shadow did there would tear them. So that begins anew, at rest under
         the forces that act.
         """
-        motion = Motion(*(np.zeros((parts.rows.nodes.size, 3)) for _ in range(4)))
-        motion.still[:] = motion.mean[:] = np.nan
+        motion = _at_rest(parts.rows.nodes.size)
+        motion.of_still, motion.of_mean = self._motion.of_still, self._motion.of_mean
         bodies = {id(body.data): body for body in self._stepper.state.bodies}
         known = ~np.isnan(moved[0, :, 0])
         local = [[known[data.nodes].sum(), data.nodes.size] for data in parts.bodies]
@@ -184,37 +198,67 @@ class Shadow:
 
     # Steps --------------------------------------------------------------------------------------
 
-    def look(self, t: float, dt: float) -> Strains | None:
-        """What the bodies withhold in the step that has been solved; None without any. Collective.
+    def look(self, t: float, dt: float, limit: Array, length: float) -> Array | None:
+        """What the bodies withhold in the step that has been solved. Collective.
 
         Args:
             t: Time at its start [s].
             dt: Its length [s].
+            limit: Strain rate that wakes each owned cell [1/s].
+            length: Time in which that rate makes the strain that wakes it [s].
+
+        Returns:
+            Largest part of either that each owned cell would strain, above 1 where it wakes; zero
+            outside bodies. None without bodies, or where calm shadows take no step.
         """
         with _REGROUPING:
             self.follow(dt)
-        if self._parts is None:
+        if self._parts is None or self._withheld is None:
             return None
         with _LOOKING:
-            return self._strains(t, dt)
+            force = self._withheld.force(t, dt)
+            change = self._parts.size(force - self._pace.before(force))
+            if not self._pace.due(force, dt, change):
+                self._accepting = partial(self._pace.wait, force, dt, change)
+                return None
+            motion = self._motion
+            begin = t - sum(length for _, length in self._pace.waiting)
+            for mean, span in self._pace.stretches(force, dt):
+                start, motion = motion, self._stepped(motion, mean, begin + span / 2, span)
+                begin += span
+            ratio = self._ratio(start, motion, span, limit, length)
+            most = float(ratio.max(initial=0.0))
+            largest = self._stepper.scene.comm.allreduce(most, op=MPI.MAX)
+            self._accepting = partial(self._take, motion, force, change, largest)
+            return ratio
 
-    def _strains(self, t: float, dt: float) -> Strains:
-        assert self._withheld is not None
+    def _take(self, motion: Motion, force: Array, change: float, ratio: float) -> None:
+        self._motion = motion
+        self._pace.taken(force, change, ratio)
+
+    def _stepped(self, motion: Motion, force: Array, t: float, dt: float) -> Motion:
+        """The motion after a step. Collective."""
         assert self._part is not None
-        force, motion = self._withheld.force(t, dt), self._motion
         scene = self._stepper.scene
-        drag = sum(e.alpha for e in scene.named(MassDamping) if e.acts(t + dt / 2))
-        xi = sum(e.xi for e in scene.named(NumericalDamping) if e.acts(t + dt / 2))
+        drag = sum(e.alpha for e in scene.named(MassDamping) if e.acts(t))
+        xi = sum(e.xi for e in scene.named(NumericalDamping) if e.acts(t))
         still = self._part.at_rest(force)
         for at in self._grown:
             motion.u[at] = still[at]
         self._grown = []
         d = self._part.increment(force, motion.u, motion.v, dt, drag + 2 / self._settling, xi)
         mean = 0.5 * (still + motion.still)
-        self._next = Motion(motion.u + d, 2 / dt * d - motion.v, still, mean)
-        slow = np.nan_to_num(mean - motion.mean)
-        rates = np.maximum(self._measured(d, dt), self._measured(slow, dt))
-        return Strains(rates, self._measured(np.nan_to_num(mean), 1.0))
+        u, v = motion.u + d, 2 / dt * d - motion.v
+        return Motion(u, v, still, mean, t, 0.5 * (t + motion.of_still))
+
+    def _ratio(self, start: Motion, end: Motion, dt: float, limit: Array, length: float) -> Array:
+        """Largest part of what wakes each owned cell. Collective."""
+        slow = self._measured(np.nan_to_num(end.mean - start.mean), end.of_mean - start.of_mean)
+        self._slow = [*self._slow, slow][-LASTING:]
+        rates = np.maximum(self._measured(end.u - start.u, dt), np.min(self._slow, axis=0))
+        total = self._measured(np.nan_to_num(end.mean), 1.0)
+        with np.errstate(divide="ignore", invalid="ignore"):  # nothing is left of nothing
+            return np.nan_to_num(np.fmax(rates / limit, total / (limit * length)), posinf=np.inf)
 
     def _measured(self, change: Array, dt: float) -> Array:
         """Strain rates of all owned cells, for a change of the frozen shape. Collective."""
@@ -229,7 +273,9 @@ class Shadow:
 
     def accept(self) -> None:
         """Take note that the step is one."""
-        self._motion = self._next
+        if self._accepting is not None:
+            self._accepting()
+        self._accepting = None
         self._bodies = self._stepper.state.bodies
 
     # Life ---------------------------------------------------------------------------------------
@@ -243,6 +289,13 @@ class Shadow:
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
         self._release()
+
+
+def _at_rest(nodes: int) -> Motion:
+    """A motion of so many nodes of which nothing is known."""
+    u, v = np.zeros((2, nodes, 3))
+    still, mean = np.full((2, nodes, 3), np.nan)
+    return Motion(u, v, still, mean)
 
 
 def _frozen_velocities(body: RigidBody) -> Array:
