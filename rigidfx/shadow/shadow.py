@@ -43,9 +43,9 @@ _REGROUPING = PETSc.Log.Event("rigidfxShadowNew")
 _LOOKING = PETSc.Log.Event("rigidfxShadow")
 
 
-# Looks in a row in which a slow load has to strain a cell. Where cells have just become flexible, or
-# rigid, the forces of the next step tell of nothing but that.
-LASTING = 2
+# Looks after a change of the bodies in which the shadow alone tells: where cells have just become
+# flexible, or rigid, steady forces would have to be those of that change.
+UNSETTLED = 4
 
 
 @dataclass
@@ -90,7 +90,7 @@ class Shadow:
         self._parts: Parts | None = None
         self._motion = _at_rest(0)
         self._pace = Pace()
-        self._slow: list[Array] = []
+        self._looks = 0  # since the bodies have changed
         self._accepting: Callable[[], None] | None = None
         self._grown: list[npt.NDArray[np.int64]] = []  # rows of bodies that have just grown
         self._mass: Mass | None = None
@@ -120,6 +120,7 @@ class Shadow:
             self._release()
             self._parts = Parts(stepper.scene, stepper.forces, records) if records else None
             if self._parts is not None:
+                self._looks = 0
                 self._assemble(self._parts, dt)
                 self._motion = self._adopted(self._parts, *carried)
         elif self._withheld is not None:
@@ -254,8 +255,10 @@ class Shadow:
     def _ratio(self, start: Motion, end: Motion, dt: float, limit: Array, length: float) -> Array:
         """Largest part of what wakes each owned cell. Collective."""
         slow = self._measured(np.nan_to_num(end.mean - start.mean), end.of_mean - start.of_mean)
-        self._slow = [*self._slow, slow][-LASTING:]
-        rates = np.maximum(self._measured(end.u - start.u, dt), np.min(self._slow, axis=0))
+        rates = self._measured(end.u - start.u, dt)
+        self._looks += 1
+        if self._looks > UNSETTLED:
+            rates = np.maximum(rates, slow)
         total = self._measured(np.nan_to_num(end.mean), 1.0)
         with np.errstate(divide="ignore", invalid="ignore"):  # nothing is left of nothing
             return np.nan_to_num(np.fmax(rates / limit, total / (limit * length)), posinf=np.inf)
