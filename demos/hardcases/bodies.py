@@ -281,3 +281,27 @@ def load_on_a_frozen_part(short: bool) -> Iterator[AnyRun]:
     yield Run("flexible", scene(), 0.1, t_end, momentum=None, check=remember)
     criterion = rf.StrainRate(1e-6, 0.5, until=2.0)
     yield Run("adaptive", scene(), 0.1, t_end, criterion, momentum=None, check=is_the_same)
+
+
+@case(
+    "rigid bodies", "a wake where a load begins between two steps, and a support where all is rigid"
+)
+def wakes_at_breakpoints(short: bool) -> Iterator[AnyRun]:
+    """H to Newton's tolerance. Momenta change by what load and support give."""
+    push = rf.Traction("x1", (0, 0, 10.0), since=1.03, until=1.51)
+    drag = rf.KelvinVoigt(20.0)
+    rule = rf.StrainRate(0.05, 0.4, wake="local")
+
+    def wakes(history: History) -> str:
+        woken = [event.t for event in history.events if event.woken.size]
+        return "" if any(near("a wake", t, 1.03, 1e-9) == "" for t in woken) else f"wakes: {woken}"
+
+    def is_released(history: History) -> str:
+        times = [event.t for event in history.events if event.kind == "release"]
+        return near("the release", times[0], 1.07, 1e-9) if times else "it is never released"
+
+    for mass in ("lumped", "consistent"):
+        scene = _bar(SPIN, push, drag, mass=mass)
+        yield Run(f"load, {mass}", scene, 0.1, 4.0, rule, check=wakes, momentum=None)
+        scene = _bar(SPIN, rf.Fixed("x0", since=1.07), drag, mass=mass)
+        yield Run(f"support, {mass}", scene, 0.1, 4.0, rule, check=is_released, momentum=None)

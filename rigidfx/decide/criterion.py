@@ -98,7 +98,7 @@ class StrainRate:
             is computed in each step; cells that it would strain at more than `kappa` times their
             tolerance are released with a ring of cells round them, and the step is solved again. A
             change of a load releases nothing by itself. "none": nothing, but what `release` asks
-            for.
+            for. In any case all bodies are released where a support begins or ends.
         kappa: κ ≥ 1 of "local".
         patience: Factor γ ≥ 1 by which cells have to qualify in more windows, one after the other,
             each time they are released sooner than they were observed, from the second time in a

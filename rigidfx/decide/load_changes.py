@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.errors import together
-from rigidfx.effects import Windowed
+from rigidfx.effects import Support, Windowed
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
 
@@ -40,6 +40,7 @@ class LoadChanges:
         self._comm, self._fraction, self._timeline = scene.comm, fraction, timeline
         windowed = [effect for effect in scene.named(Windowed) if effect.is_load]
         self._breakpoints = np.unique([t for effect in windowed for t in effect.breakpoints])
+        self._supports = np.unique([t for effect in scene.named(Support) for t in effect.ends])
         self._loads = windowed
         self.reference = self._signals(0.0)
         self.largest = [float(np.linalg.norm(q)) for q in self.reference]
@@ -47,6 +48,10 @@ class LoadChanges:
     def declared(self, t: float) -> bool:
         """Whether a load or a support has a breakpoint at t [s]."""
         return any(self._timeline.same(t, b) for b in self._breakpoints)
+
+    def support_changes(self, t: float) -> bool:
+        """Whether a support begins or ends at t [s]."""
+        return any(self._timeline.same(t, end) for end in self._supports)
 
     def remember(self, t: float) -> None:
         """Take the loads at t [s] as those of the present bodies. Collective."""

@@ -146,6 +146,8 @@ class Policy:
         if self._criterion.wake == "all" and self.memory.loads.declared(t):
             decision = self._release(seen, "a load or a support changes", self._all)
             return replace(decision, loads_changed=True)
+        if self._criterion.wake != "all" and self.memory.loads.support_changes(t):
+            return self._release(seen, "a support begins or ends", self._all)
         if cells is not None:
             return self._release(seen, ", ".join(reasons), cells)
         return self._freeze(seen) if self._window_ends(seen) else None

@@ -54,9 +54,10 @@ _supports = st.fixed_dictionaries(
 )
 _criteria = st.fixed_dictionaries(
     {
-        "tol": _choice(0.0, 1e-6, 1e-2, ANY, ANY),
+        "tol": _choice(0.0, 1e-6, 1e-2, 0.3, 10.0, ANY, ANY),
         "window": _choice("auto", 2, 5),
         "measure": _choice("rms", "printed"),
+        "wake": _choice("all", "local", "none"),
         "tolerances": st.dictionaries(_sets, _choice(0.0, ANY), max_size=2),
         "never": st.lists(_sets, max_size=1),
         "release": st.lists(_number(1, 20), max_size=2),
@@ -181,6 +182,7 @@ def _criterion(draft: Draft | None, dt: float) -> rf.StrainRate | None:
         draft["tol"],
         window if window == "auto" else window * dt,
         measure=draft["measure"],
+        wake=draft["wake"],
         tolerances=draft["tolerances"],
         never=draft["never"],
         release=release,
