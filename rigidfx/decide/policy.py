@@ -10,7 +10,6 @@ it has given, and spectra that it need not take twice).
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -18,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from rigidfx.base.errors import RigidfxWarning
+from rigidfx.decide.advice import Advice
 from rigidfx.decide.back_off import BackOff
 from rigidfx.decide.clusters import NONE, CellGraph, find_clusters
 from rigidfx.decide.criterion import StrainRate
@@ -54,7 +53,6 @@ class Memory:
         back_off: How long cells have to wait.
         loads: The loads of the present bodies, and the largest so far.
         next_number: First number that no body has had.
-        warned: What has been warned of.
     """
 
     window: Window
@@ -62,7 +60,6 @@ class Memory:
     back_off: BackOff
     loads: LoadChanges
     next_number: int
-    warned: set[str]
 
 
 class Policy:
@@ -104,13 +101,13 @@ class Policy:
         self._named = np.zeros(self._graph.owned, dtype=bool)
         for own in self._always.values():
             self._named[own] = True
+        self._advice = Advice(scene.comm, criterion)
         self.memory = Memory(
             window=self._new_window(0.0),
             signals=Signals(scene),
             back_off=BackOff(self._graph.owned, criterion.patience),
             loads=LoadChanges(scene, criterion.load_change, timeline),
             next_number=len(rigid) + 1,
-            warned=set(),
         )
 
     def _new_window(self, t: float) -> Window:
@@ -173,31 +170,14 @@ class Policy:
             The release; None if no cell wakes.
         """
         above = ratio > 1
-        self._warn_of_named(seen, ratio)
+        apart = {body.name: body.cells for body in seen.bodies if body.name in self._apart}
+        self._advice.of_named({**self._always, **apart}, ratio, seen.t)
         above &= (self._numbers(seen) != NONE) & ~self._named
         if not self._graph.comm.allreduce(bool(above.any()), op=MPI.LOR):
             return None
         round_them = self._graph.largest_at_nodes(above.astype(np.float64)) > 0
         decision = self._release(seen, WOKEN, self._graph.touching(round_them))
         return replace(decision, woken=np.flatnonzero(above).astype(np.int32))
-
-    def _warn_of_named(self, seen: Observation, ratio: Array) -> None:
-        """Warn, once each, of parts named rigid that withhold too much. Collective.
-
-        Args:
-            seen: The state.
-            ratio: What each owned cell would strain, over what wakes it.
-        """
-        apart = {body.name: body.cells for body in seen.bodies if body.name in self._apart}
-        for name, own in {**self._always, **apart}.items():
-            largest = self._graph.comm.allreduce(float(ratio[own].max(initial=0.0)), op=MPI.MAX)
-            if largest > 1:
-                self._warn(
-                    f"forces would strain the part '{name}' that is named Rigid, at {largest:.2g} "
-                    f"times what wakes other cells (kappa · tol) at t = {seen.t:.6g} s. It stays "
-                    "rigid, and what follows lacks these strains: do not name it, or give its "
-                    "cells a larger tolerance (tolerances) if that is meant."
-                )
 
     @property
     def _all(self) -> Bools:
@@ -218,7 +198,7 @@ class Policy:
     def _freeze(self, seen: Observation) -> Decision:
         """Freeze what has qualified in the window. Collective."""
         memory, t = self.memory, seen.t
-        self._check_window(seen)
+        self._advice.of_window(memory.signals.period(), self._tol, seen.noise)
         qualified, closeness = qualify(
             memory.window.worst,
             self._tol,
@@ -313,11 +293,7 @@ class Policy:
             memory.window.whole &= rigid | ~memory.back_off.rigid
             hasty = memory.back_off.switched(rigid, t, counts=decision.reason != PLANNED)
             if self._graph.comm.allreduce(hasty, op=MPI.LOR):
-                self._warn(
-                    "bodies are released again and again, sooner than they were observed: their "
-                    "cells have to qualify for longer and longer now (patience). Take a longer "
-                    "window, a larger load_change, or look at the conditions of Release."
-                )
+                self._advice.of_haste()
         freezes = decision.kind == "freeze"
         if decision.loads_at is not None and (changed or not freezes):
             memory.loads.remember(decision.loads_at)
@@ -330,31 +306,3 @@ class Policy:
         if not freezes:
             memory.back_off.restart()
         memory.window = self._new_window(t)
-
-    def _check_window(self, seen: Observation) -> None:
-        """Warn of a window shorter than a period, and of a tolerance below noise. Collective."""
-        window, period = self._criterion.window, self.memory.signals.period()
-        # Where forces wake cells, those that have qualified at the turn of a vibration wake again.
-        looks_on = self._criterion.wake == "local"
-        if not isinstance(window, str) and window < period and not looks_on:
-            self._warn(
-                f"the window of observation, {window:.3g} s, is shorter than the longest "
-                f"period seen, {period:.3g} s: cells may qualify at the turn of a vibration. Take "
-                f"window ≥ {period:.3g}, or 'auto'."
-            )
-        positive = self._tol[self._tol > 0].min(initial=np.inf)
-        least = self._graph.comm.allreduce(positive, op=MPI.MIN)
-        noise = seen.noise
-        if least < noise:
-            self._warn(
-                f"the tolerance {least:.3g} 1/s is below what the end of Newton's "
-                f"iteration may leave in the strain rates, {noise:.3g} 1/s: decisions are at "
-                "random. Take a larger tolerance or a larger Δt."
-            )
-
-    def _warn(self, message: str) -> None:
-        """Warn once of each thing, on rank 0."""
-        kind = message.split(",")[0]
-        if kind not in self.memory.warned and self._scene.comm.rank == 0:
-            warnings.warn(f"StrainRate: {message}", RigidfxWarning, stacklevel=2)
-        self.memory.warned.add(kind)

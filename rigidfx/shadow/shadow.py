@@ -42,7 +42,6 @@ Array = npt.NDArray[np.float64]
 _REGROUPING = PETSc.Log.Event("rigidfxShadowNew")
 _LOOKING = PETSc.Log.Event("rigidfxShadow")
 
-
 # Looks after a change of the bodies in which the shadow alone tells: where cells have just become
 # flexible, or rigid, steady forces would have to be those of that change.
 UNSETTLED = 4

@@ -1,0 +1,90 @@
+"""What a policy warns of, once each, and what helps."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from rigidfx.base.errors import RigidfxWarning
+from rigidfx.decide.criterion import StrainRate
+
+__all__ = ["Advice"]
+
+Array = npt.NDArray[np.float64]
+
+
+class Advice:
+    """Warns on rank 0, of each thing once."""
+
+    def __init__(self, comm: MPI.Intracomm, criterion: StrainRate) -> None:
+        """Nothing has been said yet.
+
+        Args:
+            comm: Communicator of the mesh.
+            criterion: What the user states.
+        """
+        self._comm, self._criterion = comm, criterion
+        self._said: set[str] = set()
+
+    def of_window(self, period: float, tol: Array, noise: float) -> None:
+        """Of a window shorter than a period, and of a tolerance below noise. Collective.
+
+        Args:
+            period: Longest period seen [s].
+            tol: Tolerance of each owned cell [1/s].
+            noise: Strain rate that the end of Newton's iteration may leave [1/s].
+        """
+        window = self._criterion.window
+        # Where forces wake cells, those that have qualified at the turn of a vibration wake again.
+        looks_on = self._criterion.wake == "local"
+        if not isinstance(window, str) and window < period and not looks_on:
+            self._say(
+                f"the window of observation, {window:.3g} s, is shorter than the longest "
+                f"period seen, {period:.3g} s: cells may qualify at the turn of a vibration. Take "
+                f"window ≥ {period:.3g}, or 'auto'."
+            )
+        least = self._comm.allreduce(tol[tol > 0].min(initial=np.inf), op=MPI.MIN)
+        if least < noise:
+            self._say(
+                f"the tolerance {least:.3g} 1/s is below what the end of Newton's "
+                f"iteration may leave in the strain rates, {noise:.3g} 1/s: decisions are at "
+                "random. Take a larger tolerance or a larger Δt."
+            )
+
+    def of_haste(self) -> None:
+        """Of bodies that are released soon after each freeze."""
+        helps = {"all": "a larger load_change", "local": "a larger tol or kappa"}
+        self._say(
+            "bodies are released again and again, sooner than they were observed: their "
+            "cells have to qualify for longer and longer now (patience). Take a longer "
+            f"window, {helps.get(self._criterion.wake, 'fewer releases')}, or look at the "
+            "conditions of Release."
+        )
+
+    def of_named(self, parts: Mapping[str, npt.NDArray[np.int32]], ratio: Array, t: float) -> None:
+        """Of parts that are named rigid and withhold too much. Collective.
+
+        Args:
+            parts: Owned cells of each, by name.
+            ratio: What each owned cell would strain, over what wakes it.
+            t: Time [s].
+        """
+        for name, own in parts.items():
+            largest = self._comm.allreduce(float(ratio[own].max(initial=0.0)), op=MPI.MAX)
+            if largest > 1:
+                self._say(
+                    f"forces would strain the part '{name}' that is named Rigid, at {largest:.2g} "
+                    f"times what wakes other cells (kappa · tol) at t = {t:.6g} s. It stays "
+                    "rigid, and what follows lacks these strains: do not name it, or give its "
+                    "cells a larger tolerance (tolerances) if that is meant."
+                )
+
+    def _say(self, message: str) -> None:
+        kind = message.split(",")[0]
+        if kind not in self._said and self._comm.rank == 0:
+            warnings.warn(f"StrainRate: {message}", RigidfxWarning, stacklevel=2)
+        self._said.add(kind)
