@@ -4,8 +4,8 @@ It pays where solving takes a factorisation, which costs more than some iteratio
 metal with the time steps that their slow motions need. That is known beforehand, from the size and
 from how far a wave runs in a step. Soft parts would gain by it, too: bars of 700 to 27000 unknowns
 took 0.48 to 0.69 of a step by GMRES with new incomplete factors. They are left out as long as it is
-not known what large strains make of that. (Kept incomplete factors saved a soft part two thirds of a step,
-too; but what GMRES leaves is no rounding, and in the 520 s of the main demo angular momentum
+not known what large strains make of that. (Kept incomplete factors saved a soft part two thirds of
+a step; but what GMRES leaves is no rounding, and in the 520 s of the main demo angular momentum
 drifted by 8e-13 with them.)
 """
 
