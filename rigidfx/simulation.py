@@ -222,8 +222,9 @@ def prepare(
         impact = switch.begin()
         policy = None if rigidify is None else Policy(scene, rigidify, timeline)
         shadow = None
-        if rigidify is not None and rigidify.wake == "local":
-            shadow = Shadow(stepper, rigidify.indicator(scene, forces), rigidify.settling)
+        if rigidify is not None and policy is not None and rigidify.wake == "local":
+            measure = rigidify.indicator(scene, forces)
+            shadow = Shadow(stepper, measure, rigidify.settling, policy.in_pieces)
         stack.pop_all()
     return Run(timeline, stepper, switch, policy, probes, shadow), impact
 

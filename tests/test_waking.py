@@ -15,6 +15,8 @@ from mpi4py import MPI
 
 import rigidfx as rf
 from rigidfx.base.errors import SceneError
+from rigidfx.shadow import pace
+from rigidfx.shadow.pace import LONG, LOOKS, Pace
 from rigidfx.shadow.shadow import Shadow
 
 COMM = MPI.COMM_WORLD
@@ -41,6 +43,11 @@ def bar(*effects, block=STIFF, **options):
     box = box.with_cells("stalk", lambda x: x[0] <= 4 + 1e-9)
     box = box.with_cells("block", lambda x: x[0] >= 4 - 1e-9)
     materials = {"stalk": SOFT, "block": block}
+    if options.pop("pieces", False):
+        box = box.with_cells("first", lambda x: (x[0] >= 4 - 1e-9) & (x[0] <= 5 + 1e-9))
+        box = box.with_cells("last", lambda x: x[0] >= 7 - 1e-9)
+        ends = [box.find(name, (3,), "test").entities for name in ("first", "last")]
+        box = box.with_cell_set("pieces", np.concatenate(ends))
     return rf.Scene(box, materials, effects, probes={"tip": (8, 0.5, 0.5)}, **options)
 
 
@@ -163,9 +170,10 @@ def test_a_shadow_begins_as_a_linear_twin(mass, monkeypatch):
         return ratio
 
     monkeypatch.setattr(Shadow, "look", watch)
+    monkeypatch.setattr(pace, "CALM", 0.0)  # no step is left out
     t_end = 1.4
     _, rates, _, _ = run(scene, t_end)
-    # Every cell qualifies and none wakes, but they are not so calm that a step is left out.
+    # Every cell qualifies and none wakes.
     rule = rf.StrainRate(rates.max(), 0.3, wake="local", kappa=2.0)
     run(scene, t_end, rule)
     times, shadows = zip(*seen, strict=True)
@@ -220,6 +228,40 @@ def test_named_parts_that_withhold_little_are_not_spoken_of():
     scene = on_a_block(STRIKES["traction"], rf.Rigid("block"))
     *_, rigid, _ = run(scene, 1.4, local(1.0, min_cells=17))
     assert rigid[:, -1].all()
+
+
+def test_named_parts_in_pieces_are_not_spoken_of():
+    """Nothing tells what one piece exerts on the other."""
+    scene = on_a_block(rf.Rigid("pieces"), pieces=True)
+    *_, rigid, _ = run(scene, 1.0, local(1.0, never="stalk"))
+    assert rigid[:, -1].all()
+
+
+def test_calm_shadows_take_one_step_in_four():
+    """Lengths of steps differ in their last digits, as times at their ends are rounded."""
+    calm, force = Pace(), np.ones((2, 3))
+    for _ in range(LOOKS):
+        calm.taken(force, 1.0, 0.1)
+    lengths = np.diff(0.02 * np.arange(5))
+    assert len(set(lengths.tolist())) > 1
+    for dt in lengths[:-1]:
+        assert not calm.due(force, dt, 1.0)
+        calm.wait(force, dt, 1.0)
+    assert calm.due(force, lengths[-1], 1.0)
+    ((mean, span),) = calm.stretches(force, lengths[-1])
+    assert span == pytest.approx(0.08)
+    assert (mean == force).all()
+
+
+def test_a_force_that_changes_ends_that_whenever_it_comes():
+    for waited in range(LONG):
+        alarmed = Pace()
+        for _ in range(LOOKS):
+            alarmed.taken(np.ones((2, 3)), 1.0, 0.1)
+        for _ in range(waited):
+            alarmed.wait(np.ones((2, 3)), 0.02, 1.0)
+        assert alarmed.due(np.full((2, 3), 9.0), 0.02, 8.0)
+        assert len(alarmed.stretches(np.full((2, 3), 9.0), 0.02)) == waited + 1
 
 
 @pytest.mark.parametrize(

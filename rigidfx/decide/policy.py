@@ -11,6 +11,7 @@ it has given, and spectra that it need not take twice).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -148,6 +149,20 @@ class Policy:
         if cells is not None:
             return self._release(seen, ", ".join(reasons), cells)
         return self._freeze(seen) if self._window_ends(seen) else None
+
+    @cached_property
+    def in_pieces(self) -> frozenset[str]:
+        """Parts named rigid whose cells are not connected through facets. Collective."""
+        none = np.full(self._graph.owned, NONE)
+        found = set()
+        for name, own in self._always.items():
+            cells = np.zeros(self._graph.owned, dtype=bool)
+            cells[own] = True
+            clusters = find_clusters(self._graph, cells, none, ~cells, 1)
+            every = self._graph.comm.allreduce(own.size)
+            if len(clusters) != 1 or clusters[0].size != every:
+                found.add(name)
+        return frozenset(found)
 
     @property
     def limits(self) -> tuple[Array, float]:

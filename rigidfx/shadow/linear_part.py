@@ -90,7 +90,7 @@ class LinearPart:
 
     def _solver_for(self, dt: float, drag: float, xi: float) -> PETSc.KSP:
         """The factors of a step; those of two kinds of steps are kept."""
-        kind = dt, drag, xi
+        kind = float(f"{dt:.9g}"), drag, xi  # times at the ends of steps are rounded
         if kind not in self._dynamic:
             if len(self._dynamic) == KINDS:
                 self._dynamic.pop(next(iter(self._dynamic))).destroy()

@@ -9,16 +9,20 @@ ends that at once.
 
 from __future__ import annotations
 
+from collections import deque
+
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["LONG", "Pace", "Stretch"]
+__all__ = ["LONG", "LOOKS", "Pace", "Stretch"]
 
 Array = npt.NDArray[np.float64]
 Stretch = tuple[Array, float]  # ρ [N] in a time, and the length of that [s]
 
 LONG = 4  # steps that a calm shadow takes as one
+LOOKS = 8  # of which the largest counts: what vibrates is at rest twice in a period
 CALM = 0.25  # part of what wakes cells below which shadows are calm
+LEAST = 1e-3  # part of it that is taken for what is less, as nothing tells nothing
 ALARMING = 0.5  # part of it that the changes of a force may let expect
 
 
@@ -34,7 +38,8 @@ class Pace:
         self.waiting: list[Stretch] = []
         self._before: Array | None = None  # last force
         self._usual = self._largest = 0.0  # change of a force per step: until a look, and since
-        self._ratio = np.inf
+        self._ratios: deque[float] = deque([np.inf], maxlen=LOOKS)
+        self._alarmed = False  # whether the present force has changed too much
 
     def due(self, force: Array, dt: float, change: float) -> bool:
         """Whether shadows take their steps now.
@@ -44,11 +49,11 @@ class Pace:
             dt: Its length [s].
             change: Size of its change since the last step, equal on all ranks.
         """
-        if self._ratio >= CALM or len(self.waiting) + 1 >= LONG:
+        ratio = max(self._ratios)
+        self._alarmed = change * max(ratio, LEAST) > ALARMING * self._usual
+        if self._alarmed or ratio >= CALM or len(self.waiting) + 1 >= LONG:
             return True
-        if any(length != dt for _, length in self.waiting):
-            return True
-        return change * self._ratio > ALARMING * self._usual
+        return not all(_same(length, dt) for _, length in self.waiting)
 
     def before(self, force: Array) -> Array:
         """The force of the last step; the present one if there is none."""
@@ -68,12 +73,19 @@ class Pace:
             ratio: What strains cells over what wakes them, the largest of all.
         """
         self.waiting = []
-        self._before, self._ratio = force, ratio
+        self._before = force
+        self._ratios.append(ratio)
         self._usual, self._largest = max(self._largest, change), 0.0
 
     def stretches(self, force: Array, dt: float) -> list[Stretch]:
         """Steps that shadows have to take: one long one, if nothing is against it."""
         steps = [*self.waiting, (force, dt)]
-        if len(steps) == LONG and all(length == dt for _, length in steps):
+        even = len(steps) == LONG and all(_same(length, dt) for _, length in steps)
+        if even and not self._alarmed:
             return [(np.mean([f for f, _ in steps], axis=0), LONG * dt)]
         return steps
+
+
+def _same(a: float, b: float) -> bool:
+    """Whether two lengths of steps are one but for rounding of the times at their ends."""
+    return abs(a - b) <= 1e-9 * b

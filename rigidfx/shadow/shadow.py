@@ -12,7 +12,7 @@ calm take long steps, see `pace`.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -72,14 +72,23 @@ class Motion:
 class Shadow:
     """The shadows of the bodies of a run; `destroy` frees the PETSc objects."""
 
-    def __init__(self, stepper: Stepper, indicator: Indicator, settling: float) -> None:
+    def __init__(
+        self,
+        stepper: Stepper,
+        indicator: Indicator,
+        settling: float,
+        in_pieces: frozenset[str] = frozenset(),
+    ) -> None:
         """Compile the forms. Collective.
 
         Args:
             stepper: Solves the steps.
             indicator: A measure of its own for the bodies' cells.
             settling: Time in which a drag takes the shadows' vibration out [s].
+            in_pieces: Parts named rigid whose cells are not connected through facets: nothing
+                tells what goes from piece to piece, and their bodies have no shadow.
         """
+        self._in_pieces = in_pieces
         self._stepper, self._indicator = stepper, indicator
         self._linear = LinearForms(stepper.scene, stepper.forces)
         self._ends = fem.Function(stepper.scene.space), fem.Function(stepper.scene.space)
@@ -89,6 +98,7 @@ class Shadow:
         self._parts: Parts | None = None
         self._motion = _at_rest(0)
         self._pace = Pace()
+        self._viscous: list[int] = []  # viscous stresses that act
         self._looks = 0  # since the bodies have changed
         self._accepting: Callable[[], None] | None = None
         self._grown: list[npt.NDArray[np.int64]] = []  # rows of bodies that have just grown
@@ -99,8 +109,12 @@ class Shadow:
     # Which bodies -------------------------------------------------------------------------------
 
     def _watched(self) -> list[RigidBody]:
-        """The bodies with the mass and inertia of their cells."""
-        return [body for body in self._stepper.state.bodies.of.records if not body.given]
+        """The bodies that can have a shadow, with the mass and inertia of their cells."""
+        return [
+            body
+            for body in self._stepper.state.bodies.of.records
+            if not body.given and self._in_pieces.isdisjoint(body.named)
+        ]
 
     def follow(self, dt: float) -> None:
         """Have the shadows of the present bodies; their motion is carried over. Collective.
@@ -112,8 +126,10 @@ class Shadow:
         if stepper.system is self._system:
             return
         self._system = stepper.system
-        records = self._watched()
-        if old is None or [*map(id, records)] != [*map(id, old.bodies)]:
+        records, viscous = self._watched(), [k for k, _ in stepper.forces.viscous_terms]
+        same = old is not None and [*map(id, records)] == [*map(id, old.bodies)]
+        if not same or viscous != self._viscous:
+            self._viscous = viscous
             self._catch_up()
             carried = self._carried()
             self._release()
@@ -221,20 +237,31 @@ class Shadow:
             if not self._pace.due(force, dt, change):
                 self._accepting = partial(self._pace.wait, force, dt, change)
                 return None
-            motion = self._motion
-            begin = t - sum(length for _, length in self._pace.waiting)
+            motion = self._begun(self._motion, force)
+            begin = t - sum(span for _, span in self._pace.waiting)
+            ratio = np.zeros_like(limit)
             for mean, span in self._pace.stretches(force, dt):
                 start, motion = motion, self._stepped(motion, mean, begin + span / 2, span)
+                np.maximum(ratio, self._ratio(start, motion, span, limit, length), out=ratio)
                 begin += span
-            ratio = self._ratio(start, motion, span, limit, length)
             most = float(ratio.max(initial=0.0))
             largest = self._stepper.scene.comm.allreduce(most, op=MPI.MAX)
             self._accepting = partial(self._take, motion, force, change, largest)
             return ratio
 
     def _take(self, motion: Motion, force: Array, change: float, ratio: float) -> None:
-        self._motion = motion
+        self._motion, self._grown = motion, []
         self._pace.taken(force, change, ratio)
+
+    def _begun(self, motion: Motion, force: Array) -> Motion:
+        """The motion, where bodies have just grown that at rest under the forces. Collective."""
+        if not self._grown:
+            return motion
+        assert self._part is not None
+        u, still = motion.u.copy(), self._part.at_rest(force)
+        for at in self._grown:
+            u[at] = still[at]
+        return replace(motion, u=u)
 
     def _stepped(self, motion: Motion, force: Array, t: float, dt: float) -> Motion:
         """The motion after a step. Collective."""
@@ -243,9 +270,6 @@ class Shadow:
         drag = sum(e.alpha for e in scene.named(MassDamping) if e.acts(t))
         xi = sum(e.xi for e in scene.named(NumericalDamping) if e.acts(t))
         still = self._part.at_rest(force)
-        for at in self._grown:
-            motion.u[at] = still[at]
-        self._grown = []
         d = self._part.increment(force, motion.u, motion.v, dt, drag + 2 / self._settling, xi)
         mean = 0.5 * (still + motion.still)
         u, v = motion.u + d, 2 / dt * d - motion.v
@@ -253,14 +277,17 @@ class Shadow:
 
     def _ratio(self, start: Motion, end: Motion, dt: float, limit: Array, length: float) -> Array:
         """Largest part of what wakes each owned cell. Collective."""
-        slow = self._measured(np.nan_to_num(end.mean - start.mean), end.of_mean - start.of_mean)
+        known = ~np.isnan(start.mean)
+        slow = self._measured(
+            np.where(known, end.mean - start.mean, 0.0), end.of_mean - start.of_mean
+        )
         rates = self._measured(end.u - start.u, dt)
         self._looks += 1
         if self._looks > UNSETTLED:
             rates = np.maximum(rates, slow)
-        total = self._measured(np.nan_to_num(end.mean), 1.0)
-        with np.errstate(divide="ignore", invalid="ignore"):  # nothing is left of nothing
-            return np.nan_to_num(np.fmax(rates / limit, total / (limit * length)), posinf=np.inf)
+        known = ~np.isnan(start.still)
+        total = self._measured(np.where(known, end.mean, 0.0), 1.0)
+        return np.maximum(_over(rates, limit), _over(total, limit * length))
 
     def _measured(self, change: Array, dt: float) -> Array:
         """Strain rates of all owned cells, for a change of the frozen shape. Collective."""
@@ -291,6 +318,15 @@ class Shadow:
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
         self._release()
+
+
+def _over(strain: Array, limit: Array) -> Array:
+    """What part of a limit it is; nothing is no part of any, and a failed solve exceeds all."""
+    out = np.zeros_like(strain)
+    some = ~(strain == 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        out[some] = np.nan_to_num(strain[some] / limit[some], nan=np.inf, posinf=np.inf)
+    return out
 
 
 def _at_rest(nodes: int) -> Motion:

@@ -57,13 +57,13 @@ _criteria = st.fixed_dictionaries(
         "tol": _choice(0.0, 1e-6, 1e-2, 0.3, 10.0, ANY, ANY),
         "window": _choice("auto", 2, 5),
         "measure": _choice("rms", "printed"),
-        "wake": _choice("all", "local", "none"),
         "tolerances": st.dictionaries(_sets, _choice(0.0, ANY), max_size=2),
         "never": st.lists(_sets, max_size=1),
         "release": st.lists(_number(1, 20), max_size=2),
         "condition": st.booleans(),
         "min_cells": _choice(1, 1, 3),
         "load_change": _choice(0.1, np.inf),
+        "wake": _choice("all", "local", "none"),
     }
 )
 drafts = st.fixed_dictionaries(
