@@ -21,7 +21,6 @@ from rigidfx.step.chord_test import ChordTest
 from rigidfx.step.frames import Frames
 from rigidfx.step.kept_tangent import KeptTangent
 from rigidfx.step.refresh import Refresh
-from rigidfx.step.secants import Secants
 from rigidfx.step.stopping_test import MAX_ITERATIONS, ROUNDING
 
 STEEL = rf.StVenantKirchhoff(E=2e11, nu=0.3, rho=7800.0)
@@ -108,37 +107,6 @@ def test_slow_convergence_is_no_stall_unless_the_tangent_is_new():
 def test_reduction_ends_a_step_well_below_that_of_newton():
     assert end([1e7, 1e1, 1e-5, 1e-6, 1e-7], level(0.0)) == 4
     assert end([1.0] * 50, level(0.0)) == MAX_ITERATIONS
-
-
-# Secants ---------------------------------------------------------------------------------------
-
-
-def _iterations(A, A0, improved):
-    """How many solves with A0 it takes to solve with A to rounding."""
-    secants, x, b = Secants(MPI.COMM_SELF), np.zeros(len(A)), np.arange(1.0, len(A) + 1)
-    for k in range(60):
-        r = A @ x - b
-        if np.linalg.norm(r) <= 1e-12 * np.linalg.norm(b):
-            return k
-        z = np.linalg.solve(A0, r)
-        if improved:
-            secants.improve(z)
-        x -= z
-    return 60
-
-
-def test_secants_find_out_what_a_kept_tangent_misses():
-    """A missing part of rank one is known after one correction along it."""
-    A0 = np.diag([1.0, 2.0, 3.0, 4.0])
-    a = np.array([0.5, -0.3, 0.4, 0.2])
-    A = A0 + np.outer(a, a)
-    assert _iterations(A, A0, improved=False) >= 12
-    assert _iterations(A, A0, improved=True) <= 4
-
-
-def test_secants_leave_a_tangent_alone_that_fits():
-    A = np.diag([1.0, 2.0, 3.0])
-    assert _iterations(A, A, improved=True) == 1
 
 
 # Frames ----------------------------------------------------------------------------------------

@@ -12,7 +12,7 @@ strain rates of the flexible twin judge the other run, in windows of 20 steps:
 - time_ratio: wall time over that of the twin; prediction_share: the part of it in which shadows
   take their steps; shadow_factor_share: that in which they are made and factored.
 
-    ./fenicsx python3 demos/benchmarks/waking.py --unknowns 5000
+    ./fenicsx python3 demos/benchmarks/waking.py --across 6
 """
 
 from __future__ import annotations
@@ -75,7 +75,6 @@ class Case:
         dt: Δt [s].
         t_end: End [s].
         damping: α of the drag [1/s].
-        window: Length of the window [s]; that of 20 steps if None.
     """
 
     effects: Callable[[], Effects]

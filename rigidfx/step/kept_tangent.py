@@ -8,8 +8,7 @@ own frame: corrections are
 
 with the rotation R of each connected part at the start of the step, see `frames`, and R₀ that of
 the step in which A₀ was assembled. Newton's method then converges linearly, and as fast as the
-tangent still fits. For a steadily turning body the fit is exact. What the iterations of a step tell
-of the tangent improves it for the rest of that step, see `secants`.
+tangent still fits. For a steadily turning body the fit is exact.
 """
 
 from __future__ import annotations
@@ -19,7 +18,6 @@ import numpy.typing as npt
 from petsc4py import PETSc
 
 from rigidfx.step.frames import Frames
-from rigidfx.step.secants import Secants
 
 __all__ = ["KeptTangent"]
 
@@ -49,7 +47,6 @@ class KeptTangent:
         self._Q: Array | None = None
         self._factor = 1.0
         self._dt = self._assembled_for = 0.0
-        self._secants = Secants(y.comm.tompi4py())
         self.iterations = 0
 
     def fits(self, dt: float) -> bool:
@@ -64,7 +61,6 @@ class KeptTangent:
             dt: Δt [s].
         """
         self.iterations = 0
-        self._secants.restart()
         self._now = self._frames.rotations(u)
         self._Q = self._now @ self._then.swapaxes(1, 2)
         # The inertial part of a tangent goes with 1/Δt², the elastic one stays: this is right in
@@ -74,7 +70,6 @@ class KeptTangent:
     def renewed(self) -> None:
         """Take note that the tangent has just been assembled, in this step."""
         self._then, self._Q = self._now, None
-        self._secants.restart()
         self._assembled_for, self._factor = self._dt, 1.0
 
     def apply(self, pc: PETSc.PC, r: PETSc.Vec, z: PETSc.Vec) -> None:
@@ -88,7 +83,6 @@ class KeptTangent:
             self._frames.turn(z.array, self._Q)
         if self._factor != 1.0:
             z.scale(self._factor)
-        self._secants.improve(z.array)
         self.iterations += max(1, self._solver.getIterationNumber())
 
     def destroy(self, pc: PETSc.PC) -> None:

@@ -128,7 +128,7 @@ class Newton:
         own, loose = (self._snes.getKSP(), self.stop), self._snes.getUseEW()
         chord.begin(self.equilibrium.dt)
         if len(guesses) == self._offered and not chord.due:  # the better one costs two residuals
-            guesses = guesses[self._best :][:1]
+            guesses = [guesses[self._best]]
         self._snes.setKSP(chord.ksp)
         self._snes.setUseEW(False)
         self.stop, self._keeping = chord.stop, True
@@ -193,7 +193,7 @@ class Newton:
         if len(guesses) > 1:
             norms = [self._norm_at(guess) for guess in guesses]
             self._offered, self._best = len(norms), int(np.argmin(np.nan_to_num(norms, nan=np.inf)))
-            guesses = guesses[self._best :]
+            guesses = [guesses[self._best]]
         self._start_at(guesses[0])
         self.stop.expect_rounding(self.equilibrium.noise())
         with errors_of_callbacks():
