@@ -117,7 +117,7 @@ def test_state_before_a_failed_step_is_kept():
 def test_newton_converges_quadratically():
     """Steps of the tumbling L take three iterations; each squares the residual, or nearly."""
     scene = tumbling(rf.StVenantKirchhoff(rho=10.0, E=1e4, nu=0.3))
-    *_, last = rf.simulate(scene, 0.1, 3.0)
+    *_, last = rf.simulate(scene, 0.1, 3.0, petsc_options={"snes_lag_jacobian": 1})
     r = np.array(last.residuals) / last.residuals[0]
     assert last.iterations <= 4
     assert r[2] <= 10 * r[1] ** 2

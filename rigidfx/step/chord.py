@@ -1,12 +1,11 @@
 """Newton's method with factors that are kept over steps, the chord method: where it pays, and how.
 
-It pays where solving takes a factorisation, which costs more than some iterations: in parts of
-metal with the time steps that their slow motions need. That is known beforehand, from the size and
-from how far a wave runs in a step. Soft parts would gain by it, too: bars of 700 to 27000 unknowns
-took 0.48 to 0.69 of a step by GMRES with new incomplete factors. They are left out as long as it is
-not known what large strains make of that. (Kept incomplete factors saved a soft part two thirds of
-a step; but what GMRES leaves is no rounding, and in the 520 s of the main demo angular momentum
-drifted by 8e-13 with them.)
+Parts of metal, with the time steps that their slow motions need, take a factorisation in any case,
+and that costs more than some iterations with kept factors. Soft parts have GMRES with incomplete
+factors instead; they gain as long as kept factors fit, which large strains end. So for them the
+factors' cost is counted, and where it is not worth it, Newton's method takes over for a while.
+(Kept incomplete factors saved a soft part two thirds of a step; but what GMRES leaves is no
+rounding, and in the 520 s of the main demo angular momentum drifted by 8e-13 with them.)
 """
 
 from __future__ import annotations
@@ -19,12 +18,14 @@ from rigidfx.step.equations import Equilibrium
 from rigidfx.step.frames import Frames
 from rigidfx.step.kept_tangent import KeptTangent
 from rigidfx.step.linear_solver import PREFIX, configure
+from rigidfx.step.pause import Pause
 from rigidfx.step.refresh import Refresh
 
 __all__ = ["Chord", "pays"]
 
-SMALLEST = 1500  # unknowns; a step of fewer takes milliseconds anyhow, and was not measured
+SMALLEST = 500  # unknowns; where both ways cost the same
 DIRECT_UP_TO = 50_000  # unknowns; beyond, factors fill too much
+SOFT_UP_TO = 30_000  # unknowns
 # Cells that a wave passes in a step, as the diagonals of stiffness and mass estimate them. From a
 # prototype that counted them by the material's wave speed; not measured again for the diagonals.
 DIRECT_FROM = 15.0
@@ -53,6 +54,7 @@ class Chord:
         self.tangents = 0
         self._equilibrium, p = equilibrium, equilibrium.prolongation
         self._failures = 0
+        self._pause = Pause()
         self._inner = PETSc.KSP().create(p.comm)
         configure(self._inner, True, p.size, len(p.layout.bodies) > 0)
         self._inner.setOperators(equilibrium.tangent_matrix)
@@ -109,11 +111,21 @@ class Chord:
     def accept(self) -> None:
         """Take note that the last solve has become a step."""
         self._failures = 0
-        self._refresh.accepted(len(self.stop.history) - 1)
+        iterations = len(self.stop.history) - 1
+        self._refresh.accepted(iterations)
+        self._pause.kept(iterations + self._refresh.cost * self.tangents)
+
+    def accept_newton(self) -> None:
+        """Take note that a solve by Newton's method has become a step."""
+        self._pause.passed()
+        self._refresh.due = True
 
     def serves(self, dt: float) -> bool:
         """Whether factors are worth keeping in steps of Δt [s]. Collective."""
-        return self._failures < MAX_FAILURES and self._equilibrium.waves(dt) >= DIRECT_FROM
+        if self._failures >= MAX_FAILURES:
+            return False
+        soft = self._equilibrium.waves(dt) < DIRECT_FROM
+        return not soft or (self._pause.over and self._equilibrium.prolongation.size <= SOFT_UP_TO)
 
     def destroy(self) -> None:
         """Free the solvers. Collective."""
@@ -129,9 +141,10 @@ def pays(equilibrium: Equilibrium) -> bool:
 
 
 def tangent_cost(unknowns: int) -> float:
-    """What a new tangent costs, in iterations with a kept one: an estimate, not a fit.
+    """What a new tangent costs, in iterations with a kept one, of one rank.
 
-    A bar of second-order tetrahedra and 4704 unknowns took 9 (0.077 s and 0.009 s); where a
-    tangent is renewed depends on it weakly.
+    Between what was measured of slender and of compact parts: bars took 7 at 10³ unknowns and 9 at
+    5·10³, blocks 13 at 2·10³ and 28 at 1.5·10⁴, an L 6, 12, 16 and 23 at 670, 4·10³, 1.2·10⁴ and
+    2.7·10⁴. Where a tangent is renewed depends on it weakly.
     """
-    return 4 + unknowns / 1500
+    return 0.6 * unknowns**0.36

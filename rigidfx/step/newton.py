@@ -216,8 +216,12 @@ class Newton:
 
     def accept(self) -> None:
         """Take note that the last solution has become a step."""
-        if self._chord is not None and self._kept:
+        if self._chord is None:
+            return
+        if self._kept:
             self._chord.accept()
+        else:
+            self._chord.accept_newton()
 
     @property
     def unknowns(self) -> PETSc.Vec:
