@@ -1,8 +1,8 @@
 """The reduced system against SciPy, its tangent against differences of its residual, its MatPtAPs.
 
 Run as a script under mpirun, this file compares condensed matrices of some random divisions with
-products of gathered ones on rank 0, and reports the largest relative errors and how often MatPtAP
-has condensed.
+products of gathered ones on rank 0, and reports the largest relative errors, how often MatPtAP has
+condensed and how often PETSc had to make room.
 """
 
 from __future__ import annotations
@@ -155,9 +155,11 @@ def condensation_errors(scene, seed):
             condensed.assemble()
             condensed.matrix.assemble()
             condensed.finish()
+        info = condensed.matrix.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)
+        errors["mallocs"], errors["not needed"] = info["mallocs"], info["nz_unneeded"]
         reduced = {"LKP": gathered(condensed.matrix)}
         condensed.destroy()
-        K = part.rows.matrix()
+        K = part.rows.matrix(whole.interior)
         fem_petsc.assemble_matrix(K, whole.interior)
         K.assemble()
         PKP = prolongation.condense(K)
@@ -218,6 +220,8 @@ def test_condensed_matrices_are_the_products(cell, seed):
     assert e["LKP"] <= 1e-13, e
     assert e["least singular value"] > 0.1, e
     assert e["asymmetry"] > 0.1, e  # or the two products would be the same
+    assert e["mallocs"] == 0, e  # rows are known to be long enough beforehand ...
+    assert boxes or e["not needed"] == 0, e  # ... and no longer
 
 
 # The whole tangent -----------------------------------------------------------------------------
@@ -401,6 +405,7 @@ def test_condensed_matrices_on_several_ranks(on_ranks, ranks):
         assert max(e["L"], e["P"]) <= 1e-13, e
         assert max(e["PKP"], e["LKP"]) <= 1e-13, e
         assert e["least singular value"] > 0.1, e
+        assert e["mallocs"] == 0, e
     assert found["spans"] > 0  # bodies across ranks
     for made, tangents in found["products"]:  # of each rank
         assert tangents >= 6

@@ -44,10 +44,10 @@ SAME_SOLVER = {
 LU_BELOW = 50_000  # unknowns; beyond, a factorisation takes gigabytes and most of a minute
 
 
-def scene(refine: int) -> rigidfx.Scene:
+def scene(refine: int, domain: rigidfx.Domain | None = None) -> rigidfx.Scene:
     """The tumbling L with cells of edge 1/refine under a constant pair of tractions."""
     return rigidfx.Scene(
-        tumbling_l(refine),
+        domain or tumbling_l(refine),
         rigidfx.StVenantKirchhoff(E=E, nu=NU, rho=RHO),
         [
             rigidfx.Traction("top", tuple(TRACTION)),

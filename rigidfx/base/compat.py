@@ -17,6 +17,7 @@ __all__ = [
     "create_mesh",
     "ghosted_partitioner",
     "integration_facets",
+    "known_columns",
     "model_to_mesh",
 ]
 
@@ -74,6 +75,11 @@ def model_to_mesh(model: Any, comm: MPI.Intracomm) -> tuple[Any, Any, Any]:
         from dolfinx.io import gmsh as gmsh_io
     data = gmsh_io.model_to_mesh(model, comm, 0, gdim=3, partitioner=ghosted_partitioner())
     return data[0], data[1], data[2]
+
+
+def known_columns(pattern: Any) -> Any:
+    """Index map of the columns of a finished sparsity pattern, ghosts of other ranks included."""
+    return pattern.column_index_map() if VERSION < (0, 11) else pattern.index_map(1)
 
 
 def assemble_unrolled(A: Any, form: Any) -> None:

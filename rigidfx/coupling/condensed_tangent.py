@@ -20,6 +20,7 @@ from petsc4py import PETSc
 from rigidfx.base.compat import assemble_unrolled
 from rigidfx.coupling.interface import Interface
 from rigidfx.coupling.prolongation import Prolongation
+from rigidfx.coupling.row_lengths import condensed_row_lengths
 
 __all__ = ["CondensedMatrix"]
 
@@ -49,7 +50,8 @@ class CondensedMatrix:
         self._prolongation, self._interior = prolongation, interior
         own = sum(cells.size for cells in prolongation.layout.interior.values())
         self._has_interior = prolongation.comm.allreduce(own) > 0
-        self.matrix = prolongation.empty_matrix()
+        lengths = condensed_row_lengths(prolongation, interior, interface)
+        self.matrix = prolongation.empty_matrix(lengths)
         self._insert(interior)
         self._interface = Interface(prolongation, interface) if prolongation.touched else None
         if self._interface is not None:

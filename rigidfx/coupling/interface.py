@@ -22,15 +22,13 @@ own, nodes of other ranks included, and PETSc adds up what they put into the red
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem, la
+from dolfinx import fem
 from petsc4py import PETSc
 from scipy.sparse import bsr_array, csr_array, eye_array, kron
 
+from rigidfx.coupling.moved_nodes import MovedNodes, moved_nodes
 from rigidfx.coupling.product_blocks import BlockPlaces, ProductBlocks
 from rigidfx.coupling.prolongation import Prolongation
 
@@ -41,25 +39,6 @@ Ints = npt.NDArray[np.int64]
 Int = PETSc.IntType
 
 ALGORITHM = "matptap_via"  # option of PETSc
-
-
-@dataclass(frozen=True)
-class Nodes:
-    """What moves some nodes.
-
-    Attributes:
-        unknowns: Number of each of a node's dofs as an unknown, -1 if it is none, shape (n, 3).
-        body: Body that moves the node, -1 if none.
-        coordinates: [1, V] in the frame of that body, shape (n, 4) [1, m].
-    """
-
-    unknowns: Ints
-    body: Ints
-    coordinates: Array
-
-    def __getitem__(self, chosen: Ints) -> Nodes:
-        """Some of them."""
-        return Nodes(self.unknowns[chosen], self.body[chosen], self.coordinates[chosen])
 
 
 class Interface:
@@ -74,7 +53,7 @@ class Interface:
         """
         self._prolongation, self._form = prolongation, form
         self._assembled = fem.create_matrix(form)
-        nodes = _nodes(prolongation, self._assembled.index_map(1))
+        nodes = moved_nodes(prolongation, self._assembled.index_map(1))
         indptr, column = self._assembled.indptr, self._assembled.indices
         row = np.repeat(np.arange(indptr.size - 1), np.diff(indptr))
         alone = (nodes.body[row] < 0) & (nodes.body[column] < 0)
@@ -119,22 +98,6 @@ class Interface:
             matrix.destroy()
 
 
-def _nodes(prolongation: Prolongation, columns: Any) -> Nodes:
-    """What moves the nodes of an index map, ghosts included. Collective."""
-    layout = prolongation.layout
-    known = la.vector(columns, 7)
-    values = known.array.reshape(-1, 7)  # three unknowns, body, V
-    values[:, :4] = -1.0
-    own = layout.rows.dofs[prolongation.free]
-    values[own // 3, own % 3] = prolongation.first_column + np.arange(own.size)
-    for k, (body, at) in enumerate(zip(layout.bodies, layout.attached, strict=True)):
-        values[body.nodes[at], 3] = k
-        values[body.nodes[at], 4:] = body.offsets[at]
-    known.scatter_forward()
-    numbers, V = values[:, :4].astype(np.int64), values[:, 4:]
-    return Nodes(numbers[:, :3], numbers[:, 3], np.c_[np.ones(len(V)), V])
-
-
 def _expanded(row: Ints, column: Ints, block: Ints) -> tuple[Ints, Ints, Ints, Ints]:
     """The scalar CSR matrix of 3×3 blocks, without rows of nodes that have none.
 
@@ -155,7 +118,7 @@ def _expanded(row: Ints, column: Ints, block: Ints) -> tuple[Ints, Ints, Ints, I
     return nodes, expanded.indptr.astype(Int), expanded.indices.astype(Int), expanded.data
 
 
-def _master_slave(nodes: Nodes, bodies: Ints) -> PETSc.Mat:
+def _master_slave(nodes: MovedNodes, bodies: Ints) -> PETSc.Mat:
     """A, in each direction [1, V] for nodes of bodies and 1 for others."""
     others, slaves = np.flatnonzero(nodes.body < 0), np.flatnonzero(nodes.body >= 0)
     masters = others.size + 4 * np.searchsorted(bodies, nodes.body[slaves])

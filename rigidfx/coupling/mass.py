@@ -130,7 +130,7 @@ class ConsistentMass:
         if driven is not None:
             counted = {i: np.union1d(own, driven[i]) for i, own in cells.items()}
         bound = self._kernel.bind(counted)
-        self._matrix = rows.matrix()
+        self._matrix = rows.matrix(bound)
         fem_petsc.assemble_matrix(self._matrix, bound)
         self._points: PETSc.Vec | None = None
         if points is not None and scene.named(PointMass):

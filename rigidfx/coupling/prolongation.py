@@ -29,6 +29,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_array
 
+from rigidfx.coupling.couplings import Lengths
 from rigidfx.coupling.dof_layout import DofLayout
 from rigidfx.coupling.rows import mapped_matrix
 from rigidfx.mechanics.bodies import TRANSLATIONS, Bodies
@@ -51,6 +52,7 @@ class Prolongation:
         free: Rows of this rank that are unknowns, sorted.
         prescribed: Rows of this rank whose increments are given, sorted.
         size: Number of unknowns over all ranks.
+        owned: Number of this rank's.
         nodal: Whether free dofs come in whole nodes, three at a time.
         increments: Trial step of the bodies, set by `rotate` and `expand`; equal on all ranks.
         touched: Whether flexible cells touch any body.
@@ -73,13 +75,13 @@ class Prolongation:
         self.free = np.flatnonzero(free)
         self.prescribed = np.flatnonzero(layout.prescribed[rows.dofs])
         self.owned_bodies = np.flatnonzero(_owners(layout, comm) == comm.rank)
-        self._columns = self.free.size + 6 * self.owned_bodies.size
-        self.size = int(comm.allreduce(self._columns))
+        self.owned = self.free.size + 6 * self.owned_bodies.size
+        self.size = int(comm.allreduce(self.owned))
         self.pose(layout.ensemble.at_rest)
         by_node = free.reshape(-1, 3)
         broken = int(np.count_nonzero(by_node.any(axis=1) & ~by_node.all(axis=1)))
         self.nodal = comm.allreduce(broken) == 0
-        self.first_column: int = comm.exscan(self._columns) or 0
+        self.first_column: int = comm.exscan(self.owned) or 0
         self.body_columns = self._number_bodies()
         own = self.body_columns[self.owned_bodies].astype(Int)
         self._own_rows = own.reshape(-1)
@@ -116,7 +118,7 @@ class Prolongation:
     def unknowns(self) -> PETSc.Vec:
         """A new vector of unknowns; the caller destroys it."""
         y = PETSc.Vec().create(self.comm)
-        y.setSizes((self._columns, None))
+        y.setSizes((self.owned, None))
         y.setType(PETSc.Vec.Type.STANDARD)
         return y
 
@@ -214,12 +216,17 @@ class Prolongation:
 
     # Matrices -----------------------------------------------------------------------------------
 
-    def empty_matrix(self) -> PETSc.Mat:
+    def rank_of(self, unknowns: Ints) -> Ints:
+        """Rank of each of some unknowns, -1 where that is below zero. Collective."""
+        firsts = np.array(self.comm.allgather(self.first_column))
+        return np.searchsorted(firsts, unknowns, side="right") - 1
+
+    def empty_matrix(self, lengths: Lengths) -> PETSc.Mat:
         """A reduced matrix without entries; see `rows.mapped_matrix`. Collective."""
         kind, block = (PETSc.Mat.Type.BAIJ, 3) if self.nodal else (PETSc.Mat.Type.AIJ, 1)
         dofs = self.layout.rows.dofs[self.free]
         numbers = self.first_column + np.arange(self.free.size)
-        return mapped_matrix(self.layout.space, dofs, numbers, self._columns, kind, block)
+        return mapped_matrix(self.layout.space, dofs, numbers, lengths, kind, block)
 
     def trial(self) -> PETSc.Mat:
         """P where L is, as a new matrix, which the caller destroys. Collective."""
@@ -237,7 +244,7 @@ class Prolongation:
         P = self._A @ _sparse(entries, (self._A.shape[1], self.size))
         P.sort_indices()
         out = PETSc.Mat().createAIJ(
-            [(P.shape[0], None), (self._columns, None)],
+            [(P.shape[0], None), (self.owned, None)],
             csr=(P.indptr.astype(Int), P.indices.astype(Int), P.data),
             comm=self.comm,
         )

@@ -14,6 +14,8 @@ import numpy.typing as npt
 from dolfinx import fem
 from petsc4py import PETSc
 
+from rigidfx.coupling.couplings import Lengths, row_lengths
+
 __all__ = ["Rows", "mapped_matrix"]
 
 Int = PETSc.IntType
@@ -49,10 +51,11 @@ class Rows:
         out.setType(PETSc.Vec.Type.STANDARD)
         return out
 
-    def matrix(self, kind: str = PETSc.Mat.Type.AIJ) -> PETSc.Mat:
-        """A new matrix without entries; see `mapped_matrix`. Collective."""
+    def matrix(self, form: fem.Form) -> PETSc.Mat:
+        """A new matrix without entries, and room for those of a form. Collective."""
+        lengths, kind = row_lengths(form, self.nodes), PETSc.Mat.Type.AIJ
         numbers = self.first + np.arange(self.dofs.size)
-        return mapped_matrix(self._space, self.dofs, numbers, self.dofs.size, kind, 3)
+        return mapped_matrix(self._space, self.dofs, numbers, lengths, kind, 3)
 
     def add_diagonal(self, A: PETSc.Mat, values: npt.NDArray[np.float64]) -> None:
         """Add to the diagonal of a matrix of these rows that is not assembled yet.
@@ -74,19 +77,17 @@ def mapped_matrix(
     space: Any,
     dofs: npt.NDArray[np.int64],
     numbers: npt.NDArray[np.int64],
-    size: int,
+    lengths: Lengths,
     kind: str,
     block: int,
 ) -> PETSc.Mat:
     """A square matrix without entries that maps local nodes (or dofs) to rows. Collective.
 
-    Its first assembly finds the pattern.
-
     Args:
         space: Function space of the displacement.
         dofs: Owned dofs that have a row; entries of all others are dropped.
         numbers: Row of each.
-        size: Rows of this rank.
+        lengths: Of the matrix's rows, or rows of blocks; longer ones cost time, no more.
         kind: Type of the matrix.
         block: 3 if rows come in whole nodes, else 1.
     """
@@ -100,10 +101,12 @@ def mapped_matrix(
         np.where(local >= 0, local // block, -1).astype(Int), bsize=block, comm=comm
     )
     A = PETSc.Mat().create(comm)
-    A.setSizes([(size, None)] * 2)
+    blocked = block if kind == PETSc.Mat.Type.BAIJ else 1
+    A.setSizes([(blocked * lengths[0].size, None)] * 2)
     A.setType(kind)
     A.setBlockSize(block)
     A.setLGMap(mapping, mapping)
-    A.setUp()
+    A.setPreallocationNNZ(lengths)
+    A.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
     mapping.destroy()
     return A

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 
 from rigidfx.coupling.mass import Mass
+from rigidfx.coupling.rows import Rows
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.shadow.parts import Parts
 from rigidfx.step.linear_solver import default_options
@@ -33,10 +35,10 @@ class LinearPart:
         """
         self._mass = mass
         rows = parts.rows
-        self._K = _assembled(rows.matrix(), linear.stiffness(parts.cells))
+        self._K = _assembled(rows, linear.stiffness(parts.cells))
         self._M = mass.matrix()
         viscosity = linear.viscosity(parts.cells)
-        self._viscosity = None if viscosity is None else _assembled(rows.matrix(), viscosity)
+        self._viscosity = None if viscosity is None else _assembled(rows, viscosity)
         held = parts.held().astype(PETSc.IntType)
         first, last = self._K.getOwnershipRange()
         self._held = held[(held >= first) & (held < last)] - first
@@ -110,7 +112,8 @@ class LinearPart:
                 item.destroy()
 
 
-def _assembled(A: PETSc.Mat, form: object) -> PETSc.Mat:
+def _assembled(rows: Rows, form: fem.Form) -> PETSc.Mat:
+    A = rows.matrix(form)
     fem_petsc.assemble_matrix(A, form)
     A.assemble()
     return A

@@ -1,0 +1,57 @@
+"""What moves the nodes that a rank knows, its ghosts included: unknowns of their own, or a body."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import la
+
+from rigidfx.coupling.prolongation import Prolongation
+
+__all__ = ["MovedNodes", "moved_nodes"]
+
+Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class MovedNodes:
+    """What moves some nodes.
+
+    Attributes:
+        unknowns: Number of each of a node's dofs as an unknown, -1 if it is none, shape (n, 3).
+        body: Body that moves the node, -1 if none.
+        coordinates: [1, V] in the frame of that body, shape (n, 4) [1, m].
+    """
+
+    unknowns: Ints
+    body: Ints
+    coordinates: Array
+
+    def __getitem__(self, chosen: Ints) -> MovedNodes:
+        """Some of them."""
+        return MovedNodes(self.unknowns[chosen], self.body[chosen], self.coordinates[chosen])
+
+
+def moved_nodes(prolongation: Prolongation, known: Any) -> MovedNodes:
+    """What moves the nodes of an index map, ghosts included. Collective.
+
+    Args:
+        prolongation: Map between unknowns and dofs.
+        known: Index map of nodes whose owned ones are those of the displacement's space.
+    """
+    layout = prolongation.layout
+    found = la.vector(known, 7)
+    values = found.array.reshape(-1, 7)  # three unknowns, body, V
+    values[:, :4] = -1.0
+    own = layout.rows.dofs[prolongation.free]
+    values[own // 3, own % 3] = prolongation.first_column + np.arange(own.size)
+    for k, (body, at) in enumerate(zip(layout.bodies, layout.attached, strict=True)):
+        values[body.nodes[at], 3] = k
+        values[body.nodes[at], 4:] = body.offsets[at]
+    found.scatter_forward()
+    numbers, V = values[:, :4].astype(np.int64), values[:, 4:]
+    return MovedNodes(numbers[:, :3], numbers[:, 3], np.c_[np.ones(len(V)), V])
