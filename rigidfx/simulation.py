@@ -149,9 +149,7 @@ class Run:
         if events:
             attempt = stepper.attempt(target)
             shadow.look(attempt.t, attempt.dt, *policy.limits)
-        result = stepper.accept(attempt)
-        shadow.accept()
-        return result, events
+        return stepper.accept(attempt), events
 
     def __enter__(self) -> Run:
         """Nothing to do: what it has was made before."""
@@ -225,6 +223,7 @@ def prepare(
         if rigidify is not None and policy is not None and rigidify.wake == "local":
             measure = rigidify.indicator(scene, forces)
             shadow = Shadow(stepper, measure, rigidify.settling, policy.in_pieces)
+            stepper.watches.append(shadow)
         stack.pop_all()
     return Run(timeline, stepper, switch, policy, probes, shadow), impact
 

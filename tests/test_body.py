@@ -322,7 +322,7 @@ def advance(body, start, dt, guess, most=30):
         if np.abs(step).max() <= EPS * body.length:
             break
     trial = step_of(body, start, dr, theta, dt)
-    return trial.end()[0].motion, theta, sizes
+    return trial.end[0].motion, theta, sizes
 
 
 def spin(body, omega, dt, t_end):

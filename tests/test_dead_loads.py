@@ -205,7 +205,7 @@ def work_error():
         six = np.random.default_rng(7).standard_normal((len(start), 6))
         increments = Increments(Step(start, 0.1), six)
         work = 0.0
-        for a, b in zip(start, increments.end(), strict=True):
+        for a, b in zip(start, increments.end, strict=True):
             moved = b.positions - a.positions
             work += sum(w(X[a.data.nodes]) @ (moved @ Q) for _, w in LOADS.values())
         wanted = scene.sum(work)

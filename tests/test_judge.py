@@ -10,10 +10,13 @@ import rigidfx as rf
 from rigidfx.base.errors import InversionError, StepError
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.inversion import Inversion
+from rigidfx.mechanics.bodies import Bodies
+from rigidfx.mechanics.body_step import Increments, Step
 from rigidfx.step.judge import INVERTED, Attempt, Judge, remedy
 from rigidfx.step.solution import Solution
 
 MATERIAL = rf.StVenantKirchhoff(rho=2.0, E=50.0, nu=0.3)
+NO_BODIES = Increments(Step(Bodies.of_each(()), 0.125), np.empty((0, 6)))
 PLACE = np.array([1.0, 2.5, -3.0])
 
 # Deformation gradients, and whether a body can get there.
@@ -32,7 +35,8 @@ ENDS = {
 def attempt(converged, place=None, residuals=(3.0, 0.5)):
     """An attempt from 0.25 s on."""
     reason = "tolerance met" if converged else "too many iterations"
-    return Attempt(0.25, 0.125, Solution(converged, reason, residuals, 1, 1, "LU", place, 0.0, 0.0))
+    solution = Solution(converged, reason, residuals, 1, 1, "LU", place, 0.0, 0.0)
+    return Attempt(0.25, 0.125, solution, 0.375, NO_BODIES)
 
 
 class Look:

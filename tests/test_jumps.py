@@ -8,9 +8,15 @@ import numpy as np
 import pytest
 
 import rigidfx as rf
+from rigidfx.mechanics.bodies import Bodies
+from rigidfx.mechanics.body_step import Increments, Step
+from rigidfx.step.judge import Attempt
 from rigidfx.step.jumps import Jumps, jump_of
+from rigidfx.step.solution import Solution
 
 DT = 0.1
+SOLVED = Solution(True, "", (0.0,), 1, 1, "LU", None, 0.0, 0.0)
+NO_BODIES = Increments(Step(Bodies.of_each(()), DT), np.empty((0, 6)))
 
 
 def moved(x, velocity=None, **window):
@@ -137,12 +143,12 @@ def test_an_attempt_that_becomes_no_step_is_forgotten():
     def attempt(t0, t1):
         jumps.begin()
         jumps.look(support, t0, t1, *map(support.displacement_at, (t0, t1)))
+        return Attempt(t0, t1 - t0, SOLVED, t1, NO_BODIES)
 
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         attempt(0.4, 0.6)
-        attempt(0.4, 0.45)
-        jumps.accept()
-    attempt(0.45, 0.6)
+        jumps.accept(attempt(0.4, 0.45))
+    late = attempt(0.45, 0.6)
     with pytest.warns(rf.RigidfxWarning, match="its path jumps by"):
-        jumps.accept()
+        jumps.accept(late)

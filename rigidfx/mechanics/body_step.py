@@ -126,6 +126,7 @@ class Increments:
         gained = self.theta[:, None] @ self.step.spun
         return times(self.R1, gained[:, 0] - self.start.own_momentum)
 
+    @cached_property
     def end(self) -> Bodies:
         """The bodies at the end of the step."""
         pose = np.empty((len(self), 4, 3))

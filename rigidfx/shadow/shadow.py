@@ -31,7 +31,9 @@ from rigidfx.shadow.linear_part import LinearPart
 from rigidfx.shadow.pace import Pace
 from rigidfx.shadow.parts import Parts
 from rigidfx.shadow.withheld import Withheld
+from rigidfx.step.judge import Attempt
 from rigidfx.step.stepper import Stepper
+from rigidfx.step.watch import Watch
 
 __all__ = ["Shadow"]
 
@@ -69,7 +71,7 @@ class Motion:
     of_mean: float = 0.0
 
 
-class Shadow:
+class Shadow(Watch):
     """The shadows of the bodies of a run; `destroy` frees the PETSc objects."""
 
     def __init__(
@@ -300,12 +302,12 @@ class Shadow:
         self._indicator.measure(dt)
         return self._indicator.values.copy()
 
-    def accept(self) -> None:
-        """Take note that the step is one."""
+    def accept(self, attempt: Attempt) -> None:
+        """See `Watch`."""
         if self._accepting is not None:
             self._accepting()
         self._accepting = None
-        self._bodies = self._stepper.state.bodies
+        self._bodies = attempt.increments.end
 
     # Life ---------------------------------------------------------------------------------------
 

@@ -103,7 +103,7 @@ class Withheld:
             self._acting = system.acting
             self._actions.select(self._acting)
         increments = system.equilibrium.prolongation.increments
-        start, end = increments.start, increments.end()
+        start, end = increments.start, increments.end
         self._place(self._u0, start)
         self._place(self._u1, end)
         dofs = parts.rows.dofs

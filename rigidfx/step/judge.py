@@ -13,6 +13,7 @@ import numpy as np
 
 from rigidfx.base.errors import InversionError, StepError
 from rigidfx.flexible.inversion import Inversion
+from rigidfx.mechanics.body_step import Increments
 from rigidfx.mechanics.materials import StVenantKirchhoff
 from rigidfx.scene.scene import Scene
 from rigidfx.step.solution import Solution
@@ -31,13 +32,15 @@ class Attempt:
         dt: Its length [s].
         solution: How its equations were solved.
         end: Time at its end [s].
+        increments: Those of the rigid bodies.
         cuts: How often the step was cut before.
     """
 
     t: float
     dt: float
     solution: Solution
-    end: float = np.nan
+    end: float
+    increments: Increments
     cuts: int = 0
 
 

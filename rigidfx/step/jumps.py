@@ -14,9 +14,10 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx.base.warning import warn
 from rigidfx.effects import Support
 from rigidfx.scene.scene import Scene
+from rigidfx.step.judge import Attempt
+from rigidfx.step.watch import WarnsOnce
 
 __all__ = ["Jumps", "jump_of"]
 
@@ -28,7 +29,7 @@ NEGLIGIBLE = 1e-9  # of a cell's size: what rounding of times may make of a ramp
 ROUNDING = 64 * float(np.finfo(np.float64).eps)  # of a displacement
 
 
-class Jumps:
+class Jumps(WarnsOnce):
     """Looks at the paths of supports, step by step; warns once."""
 
     def __init__(self, scene: Scene) -> None:
@@ -37,13 +38,12 @@ class Jumps:
         Args:
             scene: The problem.
         """
-        self._comm = scene.comm
+        super().__init__(scene.comm)
         self._least = NEGLIGIBLE * scene.mean_cell_size
         # By identity, what each path gained in its last step, and in the attempt under way.
         self._before: dict[int, float] = {}
         self._now: dict[int, float] = {}
         self._found = ""
-        self._waits = True
 
     def look(self, support: Support, t0: float, t1: float, u0: Array, u1: Array) -> None:
         """Look at an attempt at a step of a support; what its path raises goes through.
@@ -55,7 +55,7 @@ class Jumps:
             u0: Path at its start, shape (3,) [m].
             u1: Path at its end, likewise.
         """
-        if not self._waits:
+        if not self.waits:
             return
         axes = list(support.axes)
         gain = float(np.abs(u1 - u0)[axes].max())
@@ -79,12 +79,11 @@ class Jumps:
         """Begin an attempt at a step: what the last one has found is forgotten."""
         self._found = ""
 
-    def accept(self) -> None:
-        """Take note that the last attempt has become a step, and warn of what it has found."""
+    def accept(self, attempt: Attempt) -> None:
+        """Take note that the last attempt becomes a step, and warn of what it has found."""
         self._before |= self._now
-        if self._found and self._waits:
-            self._waits = False
-            warn(self._comm, self._found)
+        if self._found and self.waits:
+            self.say(self._found)
 
 
 def jump_of(

@@ -14,10 +14,10 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from rigidfx.base.warning import warn
 from rigidfx.flexible.internal_forces import Cells, InternalForces
-from rigidfx.mechanics.body_step import Increments
 from rigidfx.scene.scene import Scene
+from rigidfx.step.judge import Attempt
+from rigidfx.step.watch import WarnsOnce
 
 __all__ = ["RotationPerStep", "cell_rotations"]
 
@@ -29,7 +29,7 @@ EVERY = 8  # steps: cells that turn too far do so for long, and a look costs wha
 CORNERS = {"hexahedron": [0, 3, 5, 6], "tetrahedron": [0, 1, 2, 3]}  # a tetrahedron in each cell
 
 
-class RotationPerStep:
+class RotationPerStep(WarnsOnce):
     """Looks at rigid bodies in each accepted step, at flexible cells in some; warns once."""
 
     def __init__(self, scene: Scene, forces: InternalForces) -> None:
@@ -39,31 +39,23 @@ class RotationPerStep:
             scene: The problem.
             forces: Internal forces, whose u₀ and u₁ hold start and end of a step.
         """
-        self._mesh, self._comm, self._forces = scene.mesh, scene.comm, forces
+        super().__init__(scene.comm)
+        self._mesh, self._forces = scene.mesh, forces
         self._X: Array = scene.space.tabulate_dof_coordinates()
         self._corners = scene.space.dofmap.list[:, CORNERS[scene.mesh.topology.cell_name()]].T
-        self._waits, self._steps = True, 0
+        self._steps = 0
         self.bind({})
 
     def bind(self, flexible: Cells) -> None:
-        """Look at these cells from now on.
-
-        Args:
-            flexible: Flexible owned cells by subdomain id.
-        """
+        """See `Watch`."""
         self._cells = np.concatenate([np.empty(0, np.int32), *flexible.values()])
         self._nodes = self._corners[:, self._cells]
 
-    def look(self, t: float, dt: float, increments: Increments) -> None:
-        """Look at a step before the state takes it over. Collective.
-
-        Args:
-            t: Time at its start [s].
-            dt: Its length [s].
-            increments: Those of the rigid bodies.
-        """
+    def accept(self, attempt: Attempt) -> None:
+        """See `Watch`."""
+        dt, increments = attempt.dt, attempt.increments
         self._steps += 1
-        if not self._waits:
+        if not self.waits:
             return
         of_bodies = np.linalg.norm(increments.theta, axis=1)
         turned, cell, most = 0.0, -1, 0.0
@@ -73,14 +65,12 @@ class RotationPerStep:
         angle = max(most, float(of_bodies.max(initial=0.0)))
         if angle <= WORTH_A_WARNING:
             return
-        self._waits = False
         if angle > most:
             name = f"body '{increments.start.of.records[int(np.argmax(of_bodies))].name}'"
         else:
             name = self._named(cell if turned == most else None)
-        warn(
-            self._comm,
-            f"In the step from t = {t:.6g} s {name} turns at {angle / dt:.3g} rad/s: by "
+        self.say(
+            f"In the step from t = {attempt.t:.6g} s {name} turns at {angle / dt:.3g} rad/s: by "
             f"{angle:.3g} rad per step with Δt = {dt:.3g} s. A step turns by 2 atan(ωΔt/2) "
             f"instead, {2 * np.arctan(angle / 2):.3g} rad, and never by half a revolution. Energy "
             "and momenta are conserved all the same, but it lags behind the true motion. With "

@@ -24,6 +24,7 @@ from rigidfx.step.solution import Solution
 from rigidfx.step.supports import Impact, PrescribedDofs, impose_velocity, supports_of
 from rigidfx.step.system import System
 from rigidfx.step.unresolved import Unresolved
+from rigidfx.step.watch import Measuring, Watch
 
 __all__ = ["StepResult", "Stepper"]
 
@@ -67,6 +68,7 @@ class Stepper:
         indicator: What measures flexible cells in each step; None if nothing does.
         prescribed: Dofs that supports hold, of the division it is bound to.
         system: Everything that is bound to that division.
+        watches: What takes notice of attempts that become steps; more may be added.
     """
 
     def __init__(
@@ -87,9 +89,10 @@ class Stepper:
         self.scene, self.state, self.forces, self.indicator = scene, state, forces, indicator
         self._inversion = Inversion(scene, forces)
         self._judge = Judge(scene, self._inversion)
-        self._rotation = RotationPerStep(scene, forces)
         self._jumps = Jumps(scene)
-        self._unresolved = Unresolved(scene)
+        measuring = () if indicator is None else (Measuring(indicator),)
+        others = Unresolved(scene), RotationPerStep(scene, forces), self._jumps
+        self.watches: list[Watch] = [*measuring, *others]
         self._trial = np.inf  # length of the next attempt after a cut ...
         self._whole = np.inf  # ... of a step of this length
         self.system: System
@@ -108,9 +111,9 @@ class Stepper:
             self.scene, supports_of(acting), division.driven_nodes, self._jumps
         )
         self._division = division
-        for observer in (self.indicator, self._inversion, self._rotation):
-            if observer is not None:
-                observer.bind(division.flexible)
+        self._inversion.bind(division.flexible)
+        for watch in self.watches:
+            watch.bind(division.flexible)
         self.system = System(
             self.scene,
             self.forces,
@@ -191,7 +194,8 @@ class Stepper:
         while True:
             dt = left if self._trial >= left * (1 - 1e-9) else self._trial
             end = target if dt == left else self.state.t + dt
-            attempt = Attempt(self.state.t, dt, self.system.solve(self.state, dt), end, cuts)
+            solution = self.system.solve(self.state, dt)
+            attempt = Attempt(self.state.t, dt, solution, end, self.system.increments, cuts)
             objection = self._judge.objection(attempt)
             if objection is None:
                 self._trial = np.inf if dt == left and cuts == 0 else 2 * dt
@@ -203,10 +207,8 @@ class Stepper:
 
     def accept(self, attempt: Attempt) -> StepResult:
         """Let the state, and all else that remembers, take an attempt over. Collective."""
-        if self.indicator is not None:  # before u₀ becomes u₁
-            self.indicator.measure(attempt.dt)
-        self._unresolved.look(attempt.t, attempt.solution)
-        self._rotation.look(attempt.t, attempt.dt, self.system.equilibrium.prolongation.increments)
+        for watch in self.watches:  # before u₀ becomes u₁
+            watch.accept(attempt)
         work = self.system.accept(self.state, attempt.dt, attempt.end)
         return StepResult(
             dt=attempt.dt,

@@ -106,11 +106,6 @@ class PrescribedDofs:
             self._jumps.begin()
         return self._ask(gained, t1)
 
-    def accept(self) -> None:
-        """Take note that the last increments have become a step."""
-        if self._jumps is not None:
-            self._jumps.accept()
-
     def velocities(self, t: float, dt: float) -> Array:
         """Prescribed velocities of the held dofs just after t [m/s]. Collective."""
         return self._ask(lambda s: s.velocity_at(t, dt), t)

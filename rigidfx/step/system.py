@@ -18,6 +18,7 @@ from rigidfx.coupling.mass import mass_operator
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects import Windowed
 from rigidfx.flexible.internal_forces import Cells, InternalForces
+from rigidfx.mechanics.body_step import Increments
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.actions import Actions
@@ -142,18 +143,22 @@ class System:
         self.equilibrium.begin(dt, self._v0, imposed, state.bodies)
         return self.newton.solve(predict(self._scene, state, self.layout, state.bodies, dt))
 
+    @property
+    def increments(self) -> Increments:
+        """What the last solution moves the rigid bodies by."""
+        return self.equilibrium.prolongation.increments
+
     def accept(self, state: State, dt: float, t: float) -> Work:
         """Take the found increment over into the state, which then is at time t. Collective."""
         work = self._work(state, dt)
         self.newton.accept()
-        self._prescribed.accept()
         d = self.equilibrium.d.array_r
         state.advance(
             t,
             self.layout.rows.dofs,
             d,
             2 / dt * d - self._v0.array_r,
-            self.equilibrium.prolongation.increments.end(),
+            self.increments.end,
             self.layout.attached,
         )
         return work

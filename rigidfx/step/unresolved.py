@@ -12,9 +12,9 @@ tells, from 1e13 on.
 
 from __future__ import annotations
 
-from rigidfx.base.warning import warn
 from rigidfx.scene.scene import Scene
-from rigidfx.step.solution import Solution
+from rigidfx.step.judge import Attempt
+from rigidfx.step.watch import WarnsOnce
 
 __all__ = ["Unresolved"]
 
@@ -22,7 +22,7 @@ WORTH_A_WARNING = 1e-6  # of the largest increment so far
 NEGLIGIBLE = 1e-10  # of a cell's size: what rounding in displacements may be
 
 
-class Unresolved:
+class Unresolved(WarnsOnce):
     """Looks at what each accepted solution leaves; warns once."""
 
     def __init__(self, scene: Scene) -> None:
@@ -31,25 +31,18 @@ class Unresolved:
         Args:
             scene: The problem.
         """
-        self._comm = scene.comm
+        super().__init__(scene.comm)
         self._least = NEGLIGIBLE * scene.mean_cell_size
         self._moved = 0.0
-        self._waits = True
 
-    def look(self, t: float, solution: Solution) -> None:
-        """Look at the solution of a step.
-
-        Args:
-            t: Time at its start [s].
-            solution: How it was solved, equal on all ranks.
-        """
+    def accept(self, attempt: Attempt) -> None:
+        """See `Watch`."""
+        solution = attempt.solution
         self._moved = max(self._moved, solution.moved)
-        if not self._waits or solution.left <= max(self._least, WORTH_A_WARNING * self._moved):
+        if not self.waits or solution.left <= max(self._least, WORTH_A_WARNING * self._moved):
             return
-        self._waits = False
-        warn(
-            self._comm,
-            f"In the step from t = {t:.6g} s rounding in the stiffest parts ended Newton's "
+        self.say(
+            f"In the step from t = {attempt.t:.6g} s rounding in the stiffest parts ended Newton's "
             "iteration before softer ones were in balance: what is left there moves a node by "
             f"about {solution.left / self._moved:.1e} of the largest increment of a step, and "
             "displacements are no better than that. Make what is so stiff Rigid, or let "
