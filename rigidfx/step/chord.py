@@ -121,7 +121,7 @@ class Chord:
         self._refresh.due = True
 
     def serves(self, dt: float) -> bool:
-        """Whether factors are worth keeping in steps of Δt [s]. Collective."""
+        """Whether factors are worth keeping in steps of Δt [s]."""
         if self._failures >= MAX_FAILURES:
             return False
         soft = self._equilibrium.waves(dt) < DIRECT_FROM

@@ -183,7 +183,7 @@ class Equilibrium:
         return np.asarray(self._forces.u0.x.array[self._rows.dofs])
 
     def waves(self, dt: float) -> float:
-        """How many cells a wave passes in a step of Δt [s], about. Collective."""
+        """How many cells a wave passes in a step of Δt [s], about."""
         return self._rounding.waves(dt)
 
     def noise(self) -> float:

@@ -56,7 +56,6 @@ class Rounding:
         self._cell_size = scene.mean_cell_size
         self._comm, rows = prolongation.comm, prolongation.layout.rows
         self._dofs, self._momentum = rows.dofs[prolongation.free], rows.vector()
-        self._own_mass = 3 * float(prolongation.layout.masses.sum())
         # Per unknown of this rank, as a step of infinite length has it, and what 1/Δt adds.
         forces.set_rate(0.0)
         self._elastic = self._stiffness = self._undeformed(tangent)  # [N/m]
@@ -64,6 +63,10 @@ class Rounding:
         if forces.viscous:
             forces.set_rate(1.0)
             self._viscous = self._undeformed(tangent) - self._elastic
+        free = float(self._elastic[: self._dofs.size].sum())
+        own_mass = 3 * float(prolongation.layout.masses.sum())
+        stiffness, inertia = self._comm.allreduce(np.array([free, own_mass]))
+        self._frequency = float(np.sqrt(stiffness / inertia)) if inertia > 0 else 0.0  # [1/s]
 
     def in_residual(
         self,
@@ -111,10 +114,8 @@ class Rounding:
         return float(moved / self._cell_size + eps * self._forces.strain_noise)
 
     def waves(self, dt: float) -> float:
-        """How many cells a wave passes in a step of Δt [s], about. Collective."""
-        free = float(self._elastic[: self._dofs.size].sum())
-        stiffness, mass = self._comm.allreduce(np.array([free, self._own_mass]))
-        return float(dt * np.sqrt(stiffness / mass)) if mass > 0 else 0.0
+        """How many cells a wave passes in a step of Δt [s], about."""
+        return dt * self._frequency
 
     def left(self, residual: PETSc.Vec) -> float:
         """Largest |Rᵢ|/Kᵢᵢ: how far a residual moves an unknown by itself [m]. Collective.
