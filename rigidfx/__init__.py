@@ -21,6 +21,8 @@ from rigidfx.domain.gmsh_model import from_gmsh, read_msh
 from rigidfx.domain.gmsh_script import read_geo
 from rigidfx.effects import (
     BodyForce,
+    Contact,
+    Cylinder,
     Fixed,
     Gravity,
     InitialVelocity,
@@ -28,12 +30,14 @@ from rigidfx.effects import (
     MassDamping,
     NodalForce,
     NumericalDamping,
+    Plane,
     PointMass,
     Preload,
     PrescribedMotion,
     Pressure,
     Resultant,
     Rigid,
+    Sphere,
     Spring,
     Table,
     Traction,
@@ -55,6 +59,8 @@ from rigidfx.simulation import simulate
 
 __all__ = [
     "BodyForce",
+    "Contact",
+    "Cylinder",
     "Domain",
     "EnergyMomentum",
     "Fixed",
@@ -71,6 +77,7 @@ __all__ = [
     "NodalForce",
     "NumericalDamping",
     "OutputError",
+    "Plane",
     "PointMass",
     "Preload",
     "PrescribedMotion",
@@ -84,6 +91,7 @@ __all__ = [
     "RigidfxWarning",
     "Scene",
     "SceneError",
+    "Sphere",
     "Spring",
     "StVenantKirchhoff",
     "StepError",

@@ -35,6 +35,7 @@ from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
 from rigidfx.shadow.shadow import Shadow
 from rigidfx.state import State
+from rigidfx.step.first_touch import FirstTouch
 from rigidfx.step.petsc_options import SolverOptions
 from rigidfx.step.stepper import Stepper, StepResult
 from rigidfx.step.supports import Impact
@@ -120,6 +121,7 @@ class Run:
         policy: Decides what becomes rigid and flexible; None if nothing does.
         probes: Points that are reported.
         shadow: What bodies withhold; None if forces wake none.
+        touch: What foresees the first touch of a contact.
     """
 
     timeline: Timeline
@@ -128,6 +130,7 @@ class Run:
     policy: Policy | None
     probes: Probes
     shadow: Shadow | None
+    touch: FirstTouch
 
     def advance(self, target: float) -> tuple[StepResult, list[Event]]:
         """Advance to the target time, or towards it; where bodies wake, once more. Collective.
@@ -140,15 +143,19 @@ class Run:
         """
         stepper, policy, shadow = self.stepper, self.policy, self.shadow
         attempt = stepper.attempt(target)
-        if policy is None or shadow is None:
+        if policy is None:
             return stepper.accept(attempt), []
-        ratio, events = shadow.look(attempt.t, attempt.dt, *policy.limits), []
-        if ratio is not None:
-            seen = Observation(stepper, attempt.dt)
-            events = self._switched(policy, policy.woken(seen, ratio), seen)
+        seen = Observation(stepper, attempt.dt)
+        if shadow is None:
+            decision = policy.struck(seen, stepper.touches())
+        else:
+            ratio = shadow.look(attempt.t, attempt.dt, *policy.limits)
+            decision = None if ratio is None else policy.woken(seen, ratio)
+        events = self._switched(policy, decision, seen)
         if events:
             attempt = stepper.attempt(target)
-            shadow.look(attempt.t, attempt.dt, *policy.limits)
+            if shadow is not None:
+                shadow.look(attempt.t, attempt.dt, *policy.limits)
         return stepper.accept(attempt), events
 
     def __enter__(self) -> Run:
@@ -225,7 +232,7 @@ def prepare(
             shadow = Shadow(stepper, measure, rigidify.settling, policy.in_pieces)
             stepper.watches.append(shadow)
         stack.pop_all()
-    return Run(timeline, stepper, switch, policy, probes, shadow), impact
+    return Run(timeline, stepper, switch, policy, probes, shadow, FirstTouch(stepper)), impact
 
 
 def _reports(
@@ -246,6 +253,7 @@ def _reports(
             with solver.at_work():
                 events = run.ahead(target)
                 impact = switch.follow_effects(target - state.t)
+                target = run.touch.before(target)
                 try:
                     result, woken = run.advance(target)
                 except StepError as error:

@@ -58,6 +58,17 @@ RECORDS = {
         "stiffness": np.eye(3),
         "damping": [[1.0, 0, 0], [0, 1.0, 0], np.array([0, 0, 1.0])],
     },
+    rf.Contact: lambda: {
+        "where": "x0",
+        "against": rf.Plane((0, 0, 0), (0, 0, 1)),
+        "stiffness": np.array(2.0),
+        "friction": np.array(0.1),
+        "creep": np.array(0.1),
+        **_window(),
+    },
+    rf.Plane: lambda: {"point": np.array([1.0, 0, 0]), "normal": [0.0, 0.0, 1.0]},
+    rf.Sphere: lambda: {"centre": np.array([1.0, 0, 0]), "radius": np.array(2.0)},
+    rf.Cylinder: lambda: {"centre": [1.0, 0, 0], "radius": 2.0, "axis": np.array([1.0, 0, 0])},
     rf.Release: lambda: {"at": np.array([1.0, 2.0])},
     rf.StrainRate: lambda: {
         "tol": np.array(0.1),

@@ -10,6 +10,7 @@ it has given, and spectra that it need not take twice).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -21,6 +22,7 @@ from mpi4py import MPI
 from rigidfx.decide.advice import Advice
 from rigidfx.decide.back_off import BackOff
 from rigidfx.decide.clusters import NONE, CellGraph, find_clusters
+from rigidfx.decide.contact_changes import ContactChanges
 from rigidfx.decide.criterion import StrainRate
 from rigidfx.decide.decision import Decision, plan_bodies, qualify
 from rigidfx.decide.load_changes import LoadChanges
@@ -28,7 +30,7 @@ from rigidfx.decide.observation import Observation
 from rigidfx.decide.releases import PLANNED, Releases
 from rigidfx.decide.signals import Signals
 from rigidfx.decide.window import Window
-from rigidfx.effects import Resultant, Rigid
+from rigidfx.effects import Resultant, Rigid, Touch
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
@@ -53,6 +55,7 @@ class Memory:
         signals: The motion and the loads since the last change.
         back_off: How long cells have to wait.
         loads: The loads of the present bodies, and the largest so far.
+        contacts: The same of contacts.
         next_number: First number that no body has had.
     """
 
@@ -60,6 +63,7 @@ class Memory:
     signals: Signals
     back_off: BackOff
     loads: LoadChanges
+    contacts: ContactChanges
     next_number: int
 
 
@@ -108,6 +112,7 @@ class Policy:
             signals=Signals(scene),
             back_off=BackOff(self._graph.owned, criterion.patience),
             loads=LoadChanges(scene, criterion.load_change, timeline),
+            contacts=ContactChanges(criterion.load_change),
             next_number=len(rigid) + 1,
         )
 
@@ -132,6 +137,25 @@ class Policy:
         decision = self._release(seen, f"{changed} changes", self._all)
         return replace(decision, loads_changed=True, loads_at=middle)
 
+    def struck(self, seen: Observation, touches: Mapping[str, Touch]) -> Decision | None:
+        """Decide whether contacts release bodies in a step that has been solved. Collective.
+
+        Args:
+            seen: The state before it.
+            touches: What contacts did in it.
+
+        Returns:
+            The release; None if none closes or changes, or nothing can be released.
+        """
+        changed = self.memory.contacts.changed(touches) if self._criterion.wake == "all" else ""
+        if not changed:
+            return None
+        able = (self._numbers(seen) != NONE) & ~self._named
+        if not self._graph.comm.allreduce(bool(able.any()), op=MPI.LOR):
+            return None
+        decision = self._release(seen, f"the contact '{changed}' changes", self._all)
+        return replace(decision, loads_changed=True)
+
     def after(self, seen: Observation, report: Report) -> Decision | None:
         """Decide on a release or a freeze after a step; None if there is none. Collective.
 
@@ -140,6 +164,7 @@ class Policy:
             report: What a user's condition is given.
         """
         t = seen.t
+        self.memory.contacts.follow(report.touches)
         reasons, cells = self._releases.asked(t, report, seen.bodies)
         if self._criterion.wake == "all" and self.memory.loads.declared(t):
             decision = self._release(seen, "a load or a support changes", self._all)
@@ -304,6 +329,7 @@ class Policy:
         if decision.qualified is not None:
             memory.back_off.window_ended(decision.qualified, t - memory.window.start)
         if changed:
+            memory.contacts.remember()
             rigid = self._numbers(seen) != NONE
             memory.window.whole &= rigid | ~memory.back_off.rigid
             hasty = memory.back_off.switched(rigid, t, counts=decision.reason != PLANNED)

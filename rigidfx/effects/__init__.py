@@ -5,9 +5,11 @@ which instants it changes abruptly; steps end exactly there. An effect that a sc
 adds nothing to the compiled forms, and no action to a step: see `action`.
 """
 
-from rigidfx.effects.action import Action, FormTerm, Structure
+from rigidfx.effects.action import Action, FormTerm, Structure, Touch
 from rigidfx.effects.base import Effect, Table, Windowed
 from rigidfx.effects.body_force import BodyForce
+from rigidfx.effects.contact import Contact
+from rigidfx.effects.contacts.obstacles import Cylinder, Obstacle, Plane, Sphere
 from rigidfx.effects.dead_load import DeadLoad
 from rigidfx.effects.fixed import Fixed
 from rigidfx.effects.gravity import Gravity
@@ -29,6 +31,8 @@ from rigidfx.effects.traction import Traction
 __all__ = [
     "Action",
     "BodyForce",
+    "Contact",
+    "Cylinder",
     "DeadLoad",
     "Effect",
     "Fixed",
@@ -39,16 +43,20 @@ __all__ = [
     "MassDamping",
     "NodalForce",
     "NumericalDamping",
+    "Obstacle",
+    "Plane",
     "PointMass",
     "Preload",
     "PrescribedMotion",
     "Pressure",
     "Resultant",
     "Rigid",
+    "Sphere",
     "Spring",
     "Structure",
     "Support",
     "Table",
+    "Touch",
     "Traction",
     "Windowed",
 ]

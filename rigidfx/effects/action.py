@@ -10,6 +10,7 @@ Effects know nothing of the system they are part of but a `Structure`.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
@@ -19,7 +20,7 @@ from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments
 from rigidfx.mechanics.element import Element
 
-__all__ = ["Action", "FormTerm", "Structure"]
+__all__ = ["Action", "FormTerm", "Structure", "Touch"]
 
 Array = npt.NDArray[np.float64]
 
@@ -93,6 +94,44 @@ class Structure(Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class Touch:
+    """What a contact did in a step; those of ranks and parts add up.
+
+    Attributes:
+        name: Title of the contact.
+        force: On the structure at the step's midpoint, shape (3,) [N].
+        moment: Its moment about the origin, likewise [N m].
+        energy: Stored in the contact at its end [J].
+        work: Work of a moving obstacle on the structure [J].
+        dissipated: Energy that friction took [J].
+        penetration: Greatest penetration at its end [m].
+        nodes: Number of nodes that touch at its end.
+    """
+
+    name: str
+    force: Array = field(default_factory=lambda: np.zeros(3))
+    moment: Array = field(default_factory=lambda: np.zeros(3))
+    energy: float = 0.0
+    work: float = 0.0
+    dissipated: float = 0.0
+    penetration: float = 0.0
+    nodes: int = 0
+
+    def __add__(self, other: Touch) -> Touch:
+        """Both together."""
+        return Touch(
+            self.name,
+            self.force + other.force,
+            self.moment + other.moment,
+            self.energy + other.energy,
+            self.work + other.work,
+            self.dissipated + other.dissipated,
+            max(self.penetration, other.penetration),
+            self.nodes + other.nodes,
+        )
+
+
 class Action:
     """An effect bound to the dofs and bodies of a division; forces are in N, moments in N m.
 
@@ -101,10 +140,12 @@ class Action:
 
     Attributes:
         kind: Name of the effect's class.
+        title: Name of a contact.
         rounding: Size of a force that the machine precision is to be multiplied with [N].
     """
 
     kind: str = ""
+    title: str = ""
     rounding: float = 0.0
 
     def set_time(self, t: float, dt: float) -> None:
@@ -159,6 +200,30 @@ class Action:
     def dissipated_by_bodies(self, increments: Increments) -> float:
         """Energy that bodies lose in a step [J]."""
         return 0.0
+
+    # Contacts: asked where there are any.
+
+    def stored_in_contact(self, u: Array, bodies: Bodies, t: float) -> float:
+        """Energy stored on this rank in contact at t [s], at displacements u of the rows [J]."""
+        return 0.0
+
+    def touch(self) -> Touch:
+        """What the contact did on this rank in the step that has been solved."""
+        raise NotImplementedError
+
+    def closes_after(self, v: Array, t: float, dt: float, bodies: Bodies) -> float:
+        """Time from t until a node of this rank touches, at constant velocities [s].
+
+        Args:
+            v: Velocities of the rows [m/s].
+            t: Time [s].
+            dt: Length of the next step [s].
+            bodies: The bodies at t.
+
+        Returns:
+            Infinity if none does, a negative number if one touches already.
+        """
+        return np.inf
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""

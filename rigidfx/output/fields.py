@@ -1,6 +1,7 @@
 """The fields of a run for ParaView.
 
-They are displacement [m] and velocity [m/s] on the nodes, and on the cells the Cauchy stress
+They are displacement [m] and velocity [m/s] on the nodes, in scenes with contacts their pressure
+[Pa] and gap [m] there (NaN off their surfaces), and on the cells the Cauchy stress
 (nine components) and von Mises' [Pa], both as `stress` defines them, the number of the material,
 and, where there are rigid bodies or may be, the number of the body (0 outside bodies), a flag
 (1 rigid, 0 flexible) and, where parts are found, the strain rate of the step [1/s], zero in bodies.
@@ -13,11 +14,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx.effects import Rigid
+from rigidfx.effects import Contact, Rigid
 from rigidfx.flexible.stress import CauchyStress, von_mises
 from rigidfx.output.paraview import Body
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
+from rigidfx.state import State
 
 __all__ = ["Fields"]
 
@@ -41,6 +43,7 @@ class Fields:
         self.body = Body(scene.space)
         self._materials = self.body.on_cells(_material_numbers(scene))
         self._stress = CauchyStress(scene) if stress else None
+        self._scene, self._contacts = scene, scene.named(Contact)
         self._may_be_rigid = bool(scene.named(Rigid))
 
     def may_have_bodies(self, report: Report) -> bool:
@@ -51,7 +54,21 @@ class Fields:
         """Fields on the nodes, whole on rank 0. Collective."""
         state = report.state
         state.rebuild()
-        return {f.name: self.body.on_nodes(f) for f in (state.u, state.v)}
+        fields = {f.name: self.body.on_nodes(f) for f in (state.u, state.v)}
+        if self._contacts:
+            fields |= self._of_contacts(state)
+        return fields
+
+    def _of_contacts(self, state: State) -> Values:
+        """Pressure of contacts [Pa] and the least gap [m], NaN off their surfaces. Collective."""
+        x = state.X + state.u.x.array.reshape(-1, 3)
+        pressure, gap = np.full((2, len(x)), np.nan)
+        for contact in self._contacts:
+            on, own_gap, own_pressure = contact.at_nodes(self._scene, x, state.t)
+            gap[on] = np.fmin(gap[on], own_gap)
+            pressure[on] = np.nan_to_num(pressure[on]) + own_pressure
+        values = {"contact_pressure": pressure, "gap": gap}
+        return {name: self.body.on_nodes(array) for name, array in values.items()}
 
     def on_cells(self, report: Report) -> Values:
         """Fields on the cells, whole on rank 0. Collective."""

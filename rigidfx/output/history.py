@@ -15,13 +15,17 @@ Columns, in SI units; a vector has one column for each of x, y, z:
     bodies, J_rigid_x …                      number of rigid bodies, and their part of J
     reaction_NAME_x …                        of each support [N], zero while it does not act
     u_NAME_x …                               displacement of each probe [m]
+    contact                                  stored in contacts at t [J]; in scenes with contacts
+    contact_NAME_force_x …, _moment_x …      of each contact [N, N m], zero while it does not act
+    contact_NAME_energy, _dissipated         stored at t, taken by friction in the step [J]
+    contact_NAME_penetration, _nodes         greatest [m], number of nodes that touch, at t
     wall                                     wall time of the step [s]
 """
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +33,7 @@ import numpy.typing as npt
 
 from rigidfx.base.errors import OutputError
 from rigidfx.base.inputs import path_of
+from rigidfx.effects import Touch
 from rigidfx.report.report import Report
 
 __all__ = ["components", "history_columns", "history_row", "read_history"]
@@ -42,25 +47,32 @@ SCALARS = (
 )
 
 
-def history_columns(supports: Iterable[str], probes: Iterable[str]) -> list[str]:
+def history_columns(
+    supports: Iterable[str], probes: Iterable[str], contacts: Sequence[str] = ()
+) -> list[str]:
     """Names of the columns.
 
     Args:
         supports: Names of the sets that supports hold.
         probes: Names of the probes.
+        contacts: Titles of the contacts.
     """
     named = [*(f"reaction_{s}" for s in supports), *(f"u_{p}" for p in probes)]
     vectors = ["L", "J", "impulse", "angular_impulse", "J_rigid", *named]
     names = [f"{vector}_{axis}" for vector in vectors for axis in "xyz"]
-    return [*SCALARS, "dissipated", "impact_energy", "momentum_scale", "bodies", *names, "wall"]
+    first = [*SCALARS, "dissipated", "impact_energy", "momentum_scale", "bodies"]
+    return [*first, *names, *(["contact"] if contacts else []), *_of_contacts(contacts, {}), "wall"]
 
 
-def history_row(report: Report, supports: Sequence[str]) -> dict[str, float]:
+def history_row(
+    report: Report, supports: Sequence[str], contacts: Sequence[str] = ()
+) -> dict[str, float]:
     """The row of a step, by the names of the columns.
 
     Args:
         report: The step.
         supports: Names of the sets that supports hold, now or at another time.
+        contacts: Titles of the contacts, likewise.
     """
     row = {name: getattr(report, name) for name in SCALARS}
     row["dissipated"] = sum(report.dissipated.values())
@@ -76,7 +88,21 @@ def history_row(report: Report, supports: Sequence[str]) -> dict[str, float]:
         row |= components(f"reaction_{name}", report.reactions.get(name, np.zeros(3)))
     for name, displacement in report.probes.items():
         row |= components(f"u_{name}", displacement)
+    if contacts:
+        row |= {"contact": report.contact, **_of_contacts(contacts, report.touches)}
     return row | {"wall": report.wall}
+
+
+def _of_contacts(contacts: Sequence[str], touches: Mapping[str, Touch]) -> dict[str, float]:
+    """The columns of contacts and their values, by their titles."""
+    out: dict[str, float] = {}
+    for title in contacts:
+        touch = touches.get(title, Touch(title))
+        out |= components(f"contact_{title}_force", touch.force)
+        out |= components(f"contact_{title}_moment", touch.moment)
+        for name in ("energy", "dissipated", "penetration", "nodes"):
+            out[f"contact_{title}_{name}"] = float(getattr(touch, name))
+    return out
 
 
 def components(name: str, vector: Iterable[float]) -> dict[str, float]:

@@ -28,6 +28,7 @@ import numpy as np
 from rigidfx.base.errors import OutputError, SceneError, StepError, agree, together
 from rigidfx.base.inputs import path_of, positive, whole
 from rigidfx.base.same_input import check_same
+from rigidfx.effects import Contact
 from rigidfx.output.body_tables import BODY_COLUMNS, EVENT_COLUMNS, body_rows, event_rows
 from rigidfx.output.csv_file import CsvFile
 from rigidfx.output.fields import Fields
@@ -94,6 +95,7 @@ class Recorder:
         )
         self._scene, self._comm = scene, scene.comm
         self._supports = tuple(dict.fromkeys(support.where for support, _ in scene.supports))
+        self._contacts = tuple(contact.title for contact in scene.named(Contact))
         self._fields = Fields(scene, stress)
         self._last: Report | None = None
         self._fields_at, self._closed = -1, False
@@ -103,7 +105,9 @@ class Recorder:
 
     def _start(self, probes: list[str]) -> None:
         self.folder.mkdir(parents=True, exist_ok=True)
-        self._history = self._csv_file(self.history, history_columns(self._supports, probes))
+        self._history = self._csv_file(
+            self.history, history_columns(self._supports, probes, self._contacts)
+        )
         self.events.unlink(missing_ok=True)
         self.bodies.unlink(missing_ok=True)
         self._series = Series(self.series, self._fields.body)
@@ -217,7 +221,7 @@ class Recorder:
         return True
 
     def _write_rows(self, report: Report) -> None:
-        self._history.add([history_row(report, self._supports)])
+        self._history.add([history_row(report, self._supports, self._contacts)])
         if report.finds_bodies:
             self._events.add(event_rows(report))
 

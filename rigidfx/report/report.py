@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.taken import read_only
+from rigidfx.effects import Touch
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.report.body_report import BodyReport, body_reports
@@ -50,6 +51,7 @@ class Report:
         stored: Energy that bodies keep for their release: their strain energy, and the kinetic
             energy of what they vibrated when they were frozen [J].
         springs: Potential energy of springs to ground [J].
+        contact: Energy stored in contacts [J].
         linear_momentum: L, shape (3,) [kg m/s].
         angular_momentum: J about the origin, shape (3,) [kg m²/s].
         momentum_scale: Σ |(M v)ᵢ| [kg m/s], what L is to be compared with; a body counts with
@@ -61,6 +63,8 @@ class Report:
         reactions: Force of each support on the structure at the step's midpoint, by the name of
             its set, shape (3,) [N].
         reaction_moments: Its moment about the origin, likewise [N m].
+        touches: What each contact did in this step, by its title: see
+            `rigidfx.effects.action.Touch`.
         impact: What the start of a support, or a jump of its velocity, did at the step's start; at
             t = 0 in the report of the initial state.
         rigid: The rigid bodies at its end, as arrays.
@@ -86,6 +90,7 @@ class Report:
     strain: float
     stored: float
     springs: float
+    contact: float
     linear_momentum: Array
     angular_momentum: Array
     momentum_scale: float
@@ -94,6 +99,7 @@ class Report:
     dissipated: Mapping[str, float]
     reactions: Mapping[str, Array]
     reaction_moments: Mapping[str, Array]
+    touches: Mapping[str, Touch]
     impact: Impact | None
     rigid: Bodies
     events: tuple[Event, ...]
@@ -106,8 +112,8 @@ class Report:
 
     @property
     def energy(self) -> float:
-        """H = kinetic + strain + stored + springs [J]."""
-        return self.kinetic + self.strain + self.stored + self.springs
+        """H = kinetic + strain + stored + springs + contact [J]."""
+        return self.kinetic + self.strain + self.stored + self.springs + self.contact
 
     @property
     def impulse(self) -> Array:
@@ -204,6 +210,8 @@ def report_of(
         stepper: What has made it.
         probes: Points that are reported.
         result: What the step did; None for the initial state.
+        touches: What each contact did in this step, by its title: see
+            `rigidfx.effects.action.Touch`.
         impact: What the start of a support did at the start of the step.
     """
     state, solution = stepper.state, result.solution if result else None
@@ -224,6 +232,7 @@ def report_of(
         dissipated=result.dissipated if result else {},
         reactions=result.reactions if result else {},
         reaction_moments=result.reaction_moments if result else {},
+        touches=result.touches if result else {},
         impact=impact,
         rigid=state.bodies,
         events=(),

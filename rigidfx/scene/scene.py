@@ -267,9 +267,9 @@ class Scene:
         """∫ density Nᵢ dV over owned cells, per local node with ghosts. Collective."""
         return self.nodal_weights(density, self._measure("dx", cells))
 
-    def facet_weights(self, name: str, wanted_by: str) -> Array:
-        """∫ Nᵢ dA over the boundary facets of a set, per local node with ghosts. Collective."""
-        return self.nodal_weights(1.0, self._measure("ds", self.boundary(name, wanted_by)))
+    def facet_weights(self, name: str, wanted_by: str, density: Any = 1.0) -> Array:
+        """∫ density Nᵢ dA over a set's boundary facets, per local node with ghosts. Collective."""
+        return self.nodal_weights(density, self._measure("ds", self.boundary(name, wanted_by)))
 
     def _measure(self, kind: str, where: Nodes) -> ufl.Measure:
         """The measure of loads over owned cells (dx), or owned cells and facets in them (ds)."""

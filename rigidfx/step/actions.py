@@ -6,17 +6,18 @@ store energy is found once, when effects begin or end.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from rigidfx.base.errors import together
 from rigidfx.coupling.condensed_tangent import CondensedMatrix
 from rigidfx.coupling.prolongation import Prolongation
-from rigidfx.effects import Action, Effect, Windowed
+from rigidfx.effects import Action, Effect, Touch, Windowed
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments
 from rigidfx.step.structure import BoundStructure
@@ -74,6 +75,7 @@ class Actions:
         self._stiffen_nodes = _that(every, "stiffen_nodes")
         self._potential = _that(every, "potential")
         self._dissipated = _that(every, "dissipated")
+        self._contacts = _that(every, "touch")
         on_bodies = every if self._with_bodies else []
         self._load_bodies = _that(on_bodies, "load_bodies")
         self._resist_bodies = _that(on_bodies, "resist_bodies")
@@ -161,6 +163,41 @@ class Actions:
     def potential_of_bodies(self, bodies: Bodies) -> float:
         """Potential energy of the bodies [J]."""
         return sum(action.potential_of_bodies(bodies) for action in self._potential_of_bodies)
+
+    # Contacts -----------------------------------------------------------------------------------
+
+    def touches(self) -> Mapping[str, Touch]:
+        """What contacts did in the step that has been solved, by their titles. Collective."""
+        if not self._contacts:
+            return {}
+        local = [action.touch() for action in self._contacts]
+        every = [local] if self._comm.size == 1 else self._comm.allgather(local)
+        return {
+            touch.name: sum(parts, Touch(touch.name))
+            for touch, parts in zip(local, zip(*every, strict=True), strict=True)
+        }
+
+    def stored_in_contact(self, u: Array, bodies: Bodies, t: float) -> float:
+        """Energy stored on this rank in contact at t [s], at displacements u of the rows [J]."""
+        return sum(action.stored_in_contact(u, bodies, t) for action in self._contacts)
+
+    def closing(self, v: Array, t: float, dt: float, bodies: Bodies) -> dict[str, float]:
+        """Time until each contact closes at constant velocities, by titles [s]. Collective.
+
+        It is infinite where none does, and negative where it is closed already.
+
+        Args:
+            v: Velocities of the rows [m/s].
+            t: Time [s].
+            dt: Length of the next step [s].
+            bodies: The bodies at t.
+        """
+        if not self._contacts:
+            return {}
+        times = np.array([a.closes_after(v, t, dt, bodies) for a in self._contacts])
+        self._comm.Allreduce(MPI.IN_PLACE, times, op=MPI.MIN)
+        pairs = zip(self._contacts, times, strict=True)
+        return {action.title: float(time) for action, time in pairs}
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""

@@ -30,6 +30,7 @@ class Measures:
         strain: ∫ W dV of the flexible cells [J].
         stored: Energy that bodies keep for their release [J].
         springs: Potential energy of springs to ground [J].
+        contact: Energy stored in contacts [J].
         linear_momentum: L = Σ (M v)ᵢ, shape (3,) [kg m/s].
         angular_momentum: J = Σ xᵢ × (M v)ᵢ about the origin, shape (3,) [kg m²/s].
         momentum_scale: Σ |(M v)ᵢ| [kg m/s], what L is to be compared with; a body counts with
@@ -40,14 +41,15 @@ class Measures:
     strain: float
     stored: float
     springs: float
+    contact: float
     linear_momentum: Array
     angular_momentum: Array
     momentum_scale: float
 
     @property
     def energy(self) -> float:
-        """H = kinetic + strain + stored + springs [J]."""
-        return self.kinetic + self.strain + self.stored + self.springs
+        """H = kinetic + strain + stored + springs + contact [J]."""
+        return self.kinetic + self.strain + self.stored + self.springs + self.contact
 
 
 @dataclass(frozen=True)
@@ -85,15 +87,16 @@ class Energies:
         """Energies and momenta of the state that the forms' u₀ belongs to. Collective."""
         dofs = self._rows.dofs
         p, x = self._momenta(state)
-        local = np.empty(10)
+        u, bodies = state.u.x.array[dofs], state.bodies
+        local = np.empty(11)
         local[0] = 0.5 * float(self._v.array_r @ self._p.array_r)
         local[1] = fem.assemble_scalar(self._energy)
         local[2:5] = p.sum(axis=0)
         local[5:8] = axial(x.T @ p)
         local[8] = np.sqrt((p * p).sum(axis=1)).sum()
-        local[9] = self._actions.potential(state.u.x.array[dofs])
+        local[9] = self._actions.potential(u)
+        local[10] = self._actions.stored_in_contact(u, bodies, state.t)
         total = np.asarray(self._scene.sum(local))
-        bodies = state.bodies
         if len(bodies):
             total[0] += bodies.kinetic
             total[2:5] += bodies.momentum.sum(axis=0)
@@ -105,6 +108,7 @@ class Energies:
             strain=float(total[1]),
             stored=state.stored,
             springs=float(total[9]),
+            contact=float(total[10]),
             linear_momentum=total[2:5],
             angular_momentum=total[5:8],
             momentum_scale=float(total[8]),

@@ -9,7 +9,7 @@ from types import TracebackType
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx.effects import Support, Windowed
+from rigidfx.effects import Contact, Support, Touch, Windowed
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.inversion import Inversion, InvertedCells
@@ -44,6 +44,7 @@ class StepResult:
         dissipated: Energy taken by each kind of damping [J].
         reactions: Force each support exerts on the structure at the midpoint, shape (3,) [N].
         reaction_moments: Its moment about the origin, shape (3,) [N m].
+        touches: What each contact did, by its title.
     """
 
     dt: float
@@ -54,6 +55,7 @@ class StepResult:
     dissipated: Mapping[str, float]
     reactions: Mapping[str, npt.NDArray[np.float64]]
     reaction_moments: Mapping[str, npt.NDArray[np.float64]]
+    touches: Mapping[str, Touch]
 
 
 class Stepper:
@@ -164,6 +166,20 @@ class Stepper:
         """Cells that the last solution has turned inside out. Collective."""
         return self._inversion.find()
 
+    def closing(self, dt: float) -> Mapping[str, float]:
+        """Time until each contact closes at constant velocities, by titles [s]. Collective.
+
+        Args:
+            dt: Length of the next step [s].
+        """
+        state, system = self.state, self.system
+        v = state.v.x.array[system.layout.rows.dofs]
+        return system.actions.closing(v, state.t, dt, state.bodies)
+
+    def touches(self) -> Mapping[str, Touch]:
+        """What contacts did in the last attempt, by their titles. Collective."""
+        return self.system.actions.touches()
+
     # Steps --------------------------------------------------------------------------------------
 
     def advance(self, target: float) -> StepResult:
@@ -219,6 +235,7 @@ class Stepper:
             dissipated=work.dissipated,
             reactions=work.reactions,
             reaction_moments=work.reaction_moments,
+            touches=work.touches,
         )
 
     def meet(self, supports: Sequence[Support], dt: float, before: Measures) -> Impact | None:
@@ -249,6 +266,22 @@ class Stepper:
             after.linear_momentum - before.linear_momentum,
             after.angular_momentum - before.angular_momentum,
         )
+
+    def press(self, contacts: Sequence[Contact], before: Measures) -> Impact | None:
+        """The energy that contacts which begin or end bring in, or take away. Collective.
+
+        Args:
+            contacts: These contacts.
+            before: Energies before they did.
+
+        Returns:
+            The difference; None if there is none.
+        """
+        gained = self.measure().contact - before.contact if contacts else 0.0
+        if gained == 0.0:
+            return None
+        titles = tuple(contact.title for contact in contacts)
+        return Impact(self.state.t, titles, gained, np.zeros(3), np.zeros(3))
 
     # Life ---------------------------------------------------------------------------------------
 

@@ -31,13 +31,13 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Impact:
-    """Velocity taken over from a support at an instant.
+    """Velocity taken over from a support at an instant; or energy of a contact that begins or ends.
 
     Attributes:
         t: Time [s].
-        supports: Names of the supports that caused it.
-        energy: Change of kinetic energy, and of what a body has kept that a support takes over [J];
-            negative is lost.
+        supports: Names of the supports that caused it, titles of the contacts.
+        energy: Change of kinetic energy, and of what a body has kept that a support takes over, and
+            of what contacts store [J]; negative is lost.
         impulse: Impulse exerted on the structure, shape (3,) [N s].
         angular_impulse: Its moment about the origin, shape (3,) [N m s].
     """
@@ -47,6 +47,16 @@ class Impact:
     energy: float
     impulse: Array
     angular_impulse: Array
+
+    def __add__(self, other: Impact) -> Impact:
+        """Both of one instant."""
+        return Impact(
+            self.t,
+            (*self.supports, *other.supports),
+            self.energy + other.energy,
+            self.impulse + other.impulse,
+            self.angular_impulse + other.angular_impulse,
+        )
 
 
 class PrescribedDofs:

@@ -16,7 +16,7 @@ from dolfinx import fem
 from rigidfx.coupling.dof_layout import dof_layout
 from rigidfx.coupling.mass import mass_operator
 from rigidfx.coupling.prolongation import Prolongation
-from rigidfx.effects import Windowed
+from rigidfx.effects import Touch, Windowed
 from rigidfx.flexible.internal_forces import Cells, InternalForces
 from rigidfx.mechanics.body_step import Increments
 from rigidfx.scene.scene import Scene
@@ -41,10 +41,11 @@ class Work:
 
     Attributes:
         loads: Work of the loads [J].
-        supports: Work of the reactions [J].
+        supports: Work of the reactions, and of obstacles that move [J].
         dissipated: Energy taken by each kind of damping [J].
         reactions: Force of each support on the structure, by the name of its set, shape (3,) [N].
         reaction_moments: Its moment about the origin, at the midpoint, shape (3,) [N m].
+        touches: What each contact did, by its title.
     """
 
     loads: float
@@ -52,6 +53,7 @@ class Work:
     dissipated: Mapping[str, float]
     reactions: Mapping[str, Array]
     reaction_moments: Mapping[str, Array]
+    touches: Mapping[str, Touch]
 
 
 class System:
@@ -190,7 +192,9 @@ class System:
         ):
             dissipated[kind] = dissipated.get(kind, 0.0) + energy
         loads = dead + followed + actions.work_on_bodies(increments)
-        return Work(loads, supports, dissipated, reactions, moments)
+        touches = actions.touches()
+        supports += sum(touch.work for touch in touches.values())
+        return Work(loads, supports, dissipated, reactions, moments, touches)
 
     def destroy(self) -> None:
         """Free all PETSc objects. Collective."""

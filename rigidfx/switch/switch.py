@@ -12,7 +12,7 @@ import numpy as np
 
 from rigidfx.base.errors import InversionError
 from rigidfx.decide.decision import Decision
-from rigidfx.effects import Preload
+from rigidfx.effects import Contact, Preload, Windowed
 from rigidfx.mechanics.rigid_body import Body, RigidBody
 from rigidfx.report.events import BodyChange, Event
 from rigidfx.scene.timeline import Timeline
@@ -112,13 +112,18 @@ class Switch:
         )
         # A body that a support takes over must count as the body here: interface nodes of the
         # flexible side have velocities of their own.
-        measures = stepper.measure() if jumping else None
+        contacts = _in_one_only(before, self.acting)
+        measures = stepper.measure() if jumping or contacts else None
         if not stepper.follow(self.acting):
             state.rebuild()
             # A support may take named bodies over, and others do not outlast its start and end.
             same = supports_of(self.acting) == supports_of(before)
             self._bind(list(state.bodies) if same else [])
-        return None if measures is None else stepper.meet(jumping, dt, measures)
+        if measures is None:
+            return None
+        begun = stepper.press(contacts, measures)
+        impact = stepper.meet(jumping, dt, measures)
+        return impact + begun if impact and begun else impact or begun
 
     def apply(self, decision: Decision) -> Event | None:
         """Release and freeze, so that the bodies are those of a decision. Collective.
@@ -169,6 +174,13 @@ class Switch:
             angular_momentum_error=float(np.linalg.norm(angular)),
             woken=np.empty(0, np.int32) if decision.woken is None else decision.woken,
         )
+
+
+def _in_one_only(before: Sequence[Windowed], after: Sequence[Windowed]) -> list[Contact]:
+    """Contacts that begin or end."""
+    both = {id(e) for e in before} & {id(e) for e in after}
+    every = (e for e in (*before, *after) if id(e) not in both)
+    return [e for e in every if isinstance(e, Contact)]
 
 
 def _changes(old: Mapping[int, RigidBody], new: Mapping[int, RigidBody]) -> tuple[BodyChange, ...]:

@@ -1,0 +1,61 @@
+"""Contacts that close or change: changes of a load that no function of time tells.
+
+The force of a contact is known when a step has been solved. If it differs from that under which the
+present bodies were frozen by more than a given fraction of its largest value so far, bodies are
+released and that step is solved again: what is struck is flexible in the step in which it is
+struck. A first touch is such a change; what rattles by less is none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.effects import Touch
+
+__all__ = ["ContactChanges"]
+
+Array = npt.NDArray[np.float64]
+NOTHING = np.zeros(3)
+
+
+class ContactChanges:
+    """Watches the forces of contacts."""
+
+    def __init__(self, fraction: float) -> None:
+        """Begin without any.
+
+        Args:
+            fraction: Change that counts, relative to the largest force of that contact so far.
+        """
+        self._fraction = fraction
+        self._last: dict[str, Array] = {}
+        self._reference: dict[str, Array] = {}
+        self._largest: dict[str, float] = {}
+
+    def changed(self, touches: Mapping[str, Touch]) -> str:
+        """The first contact that differs too much in a step that has been solved, "" if none.
+
+        Args:
+            touches: What contacts did in it.
+        """
+        if not np.isfinite(self._fraction):
+            return ""
+        for title, touch in touches.items():
+            change = np.linalg.norm(touch.force - self._reference.get(title, NOTHING))
+            if change > self._fraction * self._largest.get(title, 0.0):
+                return title
+        return ""
+
+    def follow(self, touches: Mapping[str, Touch]) -> None:
+        """Take note of a step that was accepted."""
+        self._last = {title: touch.force for title, touch in touches.items()}
+        for title, force in self._last.items():
+            size = float(np.linalg.norm(force))
+            self._largest[title] = max(size, self._largest.get(title, 0.0))
+
+    def remember(self) -> None:
+        """Take the last forces as those of the present bodies."""
+        self._reference = dict(self._last)

@@ -1,0 +1,145 @@
+"""Contact of a named surface: what it meets may not come in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.base.errors import SceneError
+from rigidfx.base.inputs import number, positive, shown
+from rigidfx.base.warning import warn
+from rigidfx.effects.action import Action, Structure
+from rigidfx.effects.base import Windowed, check_vector
+from rigidfx.effects.contacts.against_obstacle import ObstacleForces
+from rigidfx.effects.contacts.obstacles import Obstacle
+from rigidfx.effects.contacts.pressing import Friction
+from rigidfx.effects.contacts.surface import surface_of
+
+__all__ = ["Contact"]
+
+Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+NEGLIGIBLE = 1e-6  # of the distance of nodes: overlap at the start that is not worth a word
+TOO_DEEP = 0.5  # of it: overlap that is refused
+
+
+@dataclass(frozen=True)
+class Contact(Windowed):
+    """Keeps a surface out of an obstacle, by a penalty that stores and gives back all it takes.
+
+    The nodes of the surface press with ½ k A g₋², A being their areas and g their gaps. Energy,
+    with what is stored in the contact, is exact at any time step. A body is pressed at its nodes.
+
+    Attributes:
+        where: Name of a set of boundary facets.
+        against: A `Plane`, `Sphere` or `Cylinder`, at rest or moving.
+        stiffness: k [N/m³]; five times that of a layer of the cells behind if None.
+        friction: Coefficient of Coulomb friction μ ≥ 0.
+        creep: Speed ε below which what sticks creeps [m/s]; to be given with friction.
+        title: Name in reports and tables; made of both sides if None.
+    """
+
+    is_load: ClassVar[bool] = True
+
+    where: str
+    against: Obstacle = field(kw_only=True)
+    stiffness: float | None = field(default=None, kw_only=True)
+    friction: float = field(default=0.0, kw_only=True)
+    creep: float | None = field(default=None, kw_only=True)
+    title: str = field(default="", kw_only=True)
+
+    def __post_init__(self) -> None:
+        """Check window, obstacle and numbers.
+
+        Raises:
+            SceneError: If one of them cannot be used.
+        """
+        super().__post_init__()
+        if not isinstance(self.against, Obstacle):
+            raise SceneError(
+                f"{self.owner}: against must be a Plane, Sphere or Cylinder, got "
+                f"{shown(self.against)}."
+            )
+        if self.stiffness is not None:
+            positive(self.owner, "stiffness", self.stiffness)
+        if number(self.owner, "friction", self.friction) < 0:
+            raise SceneError(f"{self.owner}: friction must be ≥ 0, got {self.friction!r}.")
+        if self.creep is not None:
+            positive(self.owner, "creep", self.creep)
+        elif self.friction > 0:
+            raise SceneError(
+                f"{self.owner}: friction needs creep, the speed [m/s] below which what sticks may "
+                "creep; a thousandth of the speeds that matter, say."
+            )
+        if not isinstance(self.title, str):
+            raise SceneError(f"{self.owner}: title must be a text, got {shown(self.title)}.")
+        if not self.title:
+            object.__setattr__(self, "title", f"{self.where}_{self.against.kind.lower()}")
+
+    def _kinks_of(self, name: str) -> tuple[float, ...]:
+        """Those of the obstacle's path too."""
+        if name != "against" or not isinstance(self.against, Obstacle):
+            return super()._kinks_of(name)
+        return tuple(float(t) for t in getattr(self.against.path, "breakpoints", ()))
+
+    def friction_in(self, dt: float) -> Friction | None:
+        """Friction in a step of length dt [s]; None without."""
+        if not self.friction or self.creep is None:
+            return None
+        return Friction(float(self.friction), float(self.creep) * dt)
+
+    def check(self, scene: Any) -> None:
+        """Look its facets up, and see where they are at the start. Collective."""
+        if [contact.title for contact in scene.named(Contact)].count(self.title) > 1:
+            raise SceneError(
+                f"{self.owner}: two contacts are called '{self.title}'; give one a title of its "
+                "own."
+            )
+        surface = surface_of(scene, self.where, self.stiffness, self.owner)
+        start = self.start
+        check_vector(scene, self.owner, start, lambda: self.against.displacement(start))
+        if start > 0.0:
+            return  # nobody knows where it will be
+        n = scene.owned_nodes
+        own = np.flatnonzero(surface.area[:n] > 0)
+        X = scene.space.tabulate_dof_coordinates()[:n][own]
+        depth = -self.against.gap(X - self.against.displacement(start))
+        k = int(np.argmax(depth)) if depth.size else -1
+        mine = (float(depth[k]), tuple(X[k].tolist())) if depth.size else (-np.inf, ())
+        worst, place = max(scene.comm.allgather(mine))
+        if worst <= NEGLIGIBLE * surface.size:
+            return
+        x, y, z = place
+        found = (
+            f"{self.owner}: at the start it is {worst:.3g} m inside the {self.against.kind} at "
+            f"({x:.6g}, {y:.6g}, {z:.6g}) m"
+        )
+        if worst > TOO_DEEP * surface.size:
+            raise SceneError(f"{found}: move one of them, or turn the normal or inside around.")
+        warn(scene.comm, f"{found}; the contact begins with the energy of that.")
+
+    def at_nodes(self, scene: Any, x: Array, t: float) -> tuple[Ints, Array, Array]:
+        """Gap and pressure at the nodes of its surface, while it acts.
+
+        Args:
+            scene: The problem.
+            x: Positions of the local nodes, shape (nodes, 3) [m].
+            t: Time [s].
+
+        Returns:
+            These local nodes, their gaps [m] and their pressures [Pa].
+        """
+        surface = surface_of(scene, self.where, self.stiffness, self.owner)
+        on = np.flatnonzero(surface.area > 0) if self.acts(t) else np.empty(0, np.int64)
+        gap = self.against.gap(x[on] - self.against.displacement(t))
+        pressure = surface.stiffness[on] / surface.area[on] * np.maximum(-gap, 0.0)
+        return on, gap, pressure
+
+    def bind(self, structure: Structure) -> Action:
+        """Its forces on nodes and bodies."""
+        surface = surface_of(structure.scene, self.where, self.stiffness, self.owner)
+        return ObstacleForces(self, self.against, surface, structure)

@@ -1,0 +1,240 @@
+"""Obstacles: what is in the way and does not deform, at rest or moving along a path.
+
+The gap of a point is taken in a variable that is at most quadratic in its position, so that the
+increment of the gap in a step is an exact product m·Δy, with y the position relative to the
+obstacle and
+
+    plane              m = n
+    sphere, cylinder   m = ± 2 z½/(|z₀| + |z₁|),    z = P (y - c),
+
+P the projection across the cylinder's axis (the identity for a sphere), minus where the inside of
+the obstacle is free.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.base.errors import SceneError
+from rigidfx.base.inputs import is_function, numbers, positive, shown, vector
+from rigidfx.base.taken import take_fields
+
+__all__ = ["Approach", "Cylinder", "Obstacle", "Plane", "Sphere"]
+
+Array = npt.NDArray[np.float64]
+Vector = tuple[float, float, float]
+TINY = float(np.finfo(np.float64).tiny)
+
+
+@dataclass(frozen=True)
+class Approach:
+    """How the gaps of points change in a step: g₁ = g₀ + m·Δy.
+
+    Attributes:
+        m: Directions, shape (n, 3); of length one but for curved obstacles.
+        dm: Their derivatives by y₁, shape (n, 3, 3) [1/m]; zero, for all, if None.
+        dg: Derivatives of g₁ by y₁, shape (n, 3).
+    """
+
+    m: Array
+    dm: Array | None
+    dg: Array
+
+
+@dataclass(frozen=True)
+class Obstacle:
+    """The base of all obstacles.
+
+    Attributes:
+        path: Function t → three components of its displacement [m], for one that moves; None for
+            one at rest. An attribute `breakpoints` of it names the instants of its kinks.
+    """
+
+    path: Callable[[float], Vector] | None = field(default=None, kw_only=True)
+
+    def __post_init__(self) -> None:
+        """Take the values, and check the path.
+
+        Raises:
+            SceneError: If it is no function.
+        """
+        take_fields(self)
+        if self.path is not None and not is_function(self.path):
+            raise SceneError(f"{self.kind}: path must be a function of t, got {shown(self.path)}.")
+
+    @property
+    def kind(self) -> str:
+        """Its name."""
+        return type(self).__name__
+
+    def displacement(self, t: float) -> Array:
+        """How far it has moved at t [s], shape (3,) [m]."""
+        return np.zeros(3) if self.path is None else numbers(self.path(t))
+
+    def gap(self, y: Array) -> Array:
+        """Distances of points, negative inside, shape (n,) [m].
+
+        Args:
+            y: Positions less its displacement, shape (n, 3) [m].
+        """
+        raise NotImplementedError
+
+    def outward(self, y: Array) -> Array:
+        """Directions in which the gap grows, shape (n, 3), likewise."""
+        raise NotImplementedError
+
+    def approach(self, y0: Array, y1: Array) -> Approach:
+        """How gaps change from y0 to y1, shapes (n, 3) [m]."""
+        raise NotImplementedError
+
+    def __str__(self) -> str:
+        """Its kind, in words of a table."""
+        return self.kind if self.path is None else f"moving {self.kind}"
+
+
+@dataclass(frozen=True)
+class Plane(Obstacle):
+    """A plane that keeps points on the side its normal points to.
+
+    Attributes:
+        point: Any point of it [m].
+        normal: Its normal, of any length.
+    """
+
+    point: Vector
+    normal: Vector
+
+    def __post_init__(self) -> None:
+        """Check point and normal.
+
+        Raises:
+            SceneError: If one is no vector, or the normal has no direction.
+        """
+        super().__post_init__()
+        vector(self, "point", self.point)
+        _direction(self, "normal", self.normal)
+
+    @property
+    def _n(self) -> Array:
+        return _direction(self, "normal", self.normal)
+
+    def gap(self, y: Array) -> Array:
+        """See `Obstacle`."""
+        return np.asarray((y - np.asarray(self.point)) @ self._n)
+
+    def outward(self, y: Array) -> Array:
+        """See `Obstacle`."""
+        return np.broadcast_to(self._n, y.shape)
+
+    def approach(self, y0: Array, y1: Array) -> Approach:
+        """See `Obstacle`."""
+        n = self.outward(y0)
+        return Approach(n, None, n)
+
+
+@dataclass(frozen=True)
+class Round(Obstacle):
+    """What sphere and cylinder have in common: a centre, a radius and an inside.
+
+    Attributes:
+        centre: Centre of the sphere, or any point of the axis [m].
+        radius: Radius [m].
+        inside: Whether points are kept inside instead of outside.
+    """
+
+    centre: Vector
+    radius: float
+    inside: bool = field(default=False, kw_only=True)
+
+    def __post_init__(self) -> None:
+        """Check centre and radius.
+
+        Raises:
+            SceneError: If one cannot be used.
+        """
+        super().__post_init__()
+        vector(self, "centre", self.centre)
+        positive(self.kind, "radius", self.radius)
+        if not isinstance(self.inside, (bool, np.bool_)):
+            raise SceneError(f"{self.kind}: inside must be True or False, got {self.inside!r}.")
+
+    @property
+    def _sign(self) -> float:
+        return -1.0 if self.inside else 1.0
+
+    @property
+    def _P(self) -> Array:
+        return np.eye(3)
+
+    def _arms(self, y: Array) -> Array:
+        return np.asarray((y - np.asarray(self.centre)) @ self._P)
+
+    def gap(self, y: Array) -> Array:
+        """See `Obstacle`."""
+        distance = np.linalg.norm(self._arms(y), axis=1)
+        return np.asarray(self._sign * (distance - self.radius))
+
+    def outward(self, y: Array) -> Array:
+        """See `Obstacle`."""
+        z = self._arms(y)
+        length = np.maximum(np.linalg.norm(z, axis=1, keepdims=True), TINY)
+        return np.asarray(self._sign * z / length)
+
+    def approach(self, y0: Array, y1: Array) -> Approach:
+        """See `Obstacle`."""
+        z0, z1 = self._arms(y0), self._arms(y1)
+        ends = np.linalg.norm(z0, axis=1), np.linalg.norm(z1, axis=1)
+        both = np.maximum(ends[0] + ends[1], TINY)[:, None]
+        m = self._sign * (z0 + z1) / both
+        end = z1 / np.maximum(ends[1], TINY)[:, None]
+        dm = (self._sign * self._P - m[:, :, None] * end[:, None]) / both[:, :, None]
+        return Approach(m, dm, self._sign * end)
+
+
+@dataclass(frozen=True)
+class Sphere(Round):
+    """A sphere, or a hollow one that keeps points inside."""
+
+
+@dataclass(frozen=True)
+class Cylinder(Round):
+    """An infinite circular cylinder, or a tube that keeps points inside.
+
+    Attributes:
+        axis: Direction of its axis, of any length.
+    """
+
+    axis: Vector = (0.0, 0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        """Check the axis.
+
+        Raises:
+            SceneError: If it has no direction.
+        """
+        super().__post_init__()
+        _direction(self, "axis", self.axis)
+
+    @property
+    def _P(self) -> Array:
+        a = _direction(self, "axis", self.axis)
+        return np.asarray(np.eye(3) - np.outer(a, a))
+
+
+def _direction(owner: Any, name: str, value: Any) -> Array:
+    """A unit vector.
+
+    Raises:
+        SceneError: If the given one has no direction.
+    """
+    given = vector(owner, name, value)
+    size = np.abs(given).max()
+    if not size > 0:
+        raise SceneError(f"{owner.kind}: {name} must have a direction, got {shown(value)}.")
+    given = given / size
+    return np.asarray(given / np.linalg.norm(given))

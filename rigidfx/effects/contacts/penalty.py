@@ -1,0 +1,43 @@
+"""The penalty U(g) = ½ k g₋² of a gap g, and its secant [U] = (U₁ - U₀)/(g₁ - g₀).
+
+A force -[U] in a variable whose increment is exact takes out of the motion exactly what U gains, at
+any step (T. A. Laursen and V. Chawla, IJNME 40 (1997) 863). Where one end is open the denominator
+exceeds the penetration at the other: nothing is 0/0, and nothing needs a guard.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["secant", "stored"]
+
+Array = npt.NDArray[np.float64]
+
+
+def stored(k: Array, g: Array) -> Array:
+    """U of gaps g [m] with stiffnesses k [N/m], shape (n,) [J]."""
+    return np.asarray(0.5 * k * np.minimum(g, 0.0) ** 2)
+
+
+def secant(k: Array, g0: Array, g1: Array) -> tuple[Array, Array]:
+    """[U], and its derivative by g₁.
+
+    Args:
+        k: Stiffnesses, shape (n,) [N/m].
+        g0: Gaps at the start of a step, shape (n,) [m].
+        g1: Gaps at its end, likewise.
+
+    Returns:
+        Shapes (n,) [N] and (n,) [N/m]; the first is never positive, the second never negative.
+    """
+    closes, opens = (g0 >= 0) & (g1 < 0), (g0 < 0) & (g1 >= 0)
+    apart = np.where(closes | opens, g1 - g0, 1.0)
+    share0, share1 = g0 / apart, g1 / apart
+    half = np.where((g0 < 0) & (g1 < 0), 0.5 * k, 0.0)
+    value, slope = half * (g0 + g1), half
+    value = np.where(closes, 0.5 * k * g1 * share1, value)
+    slope = np.where(closes, 0.5 * k * share1 * (2 - share1), slope)
+    value = np.where(opens, -0.5 * k * g0 * share0, value)
+    slope = np.where(opens, 0.5 * k * share0**2, slope)
+    return value, slope

@@ -1,0 +1,184 @@
+"""Forces between points and an obstacle in a step: penalty by its secant, and Coulomb friction.
+
+With y the position relative to the obstacle, the resistance of a point is
+
+    [U] m + μ N Δg_T/√(|Δg_T|² + (ε Δt)²),    N = -[U] |m|,    Δg_T = (I - n nᵀ) Δy,  n = m/|m|.
+
+The first does the work U₁ - U₀ on Δy, exactly; the second is across it and takes energy in every
+step in which the point slides, μ N |Δg_T| where it slides faster than ε.
+
+Newton's method on x/√(x² + e²) runs away where |x| > e, as it is in every step in which something
+comes to stick. Linearised as a system, with t = x/√(x² + e²) as an unknown of its own, it does not:
+the derivative becomes (I - t xᵀ/√)/√ with t kept from iterate to iterate and |t| ≤ 1 (T. F. Chan,
+G. H. Golub and P. Mulet, SIAM J. Sci. Comput. 20 (1999) 1964), which is the true one in the end.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.effects.contacts.obstacles import Approach, Obstacle
+from rigidfx.effects.contacts.penalty import secant
+
+__all__ = ["Friction", "Points", "Pressed", "Sliding"]
+
+Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+IDENTITY = np.eye(3)
+
+
+@dataclass(frozen=True)
+class Friction:
+    """Coulomb friction in a step.
+
+    Attributes:
+        mu: Coefficient μ.
+        slip: Displacement ε Δt below which points creep [m].
+    """
+
+    mu: float
+    slip: float
+
+
+@dataclass(frozen=True)
+class Pressed:
+    """The points that an obstacle presses at an iterate.
+
+    Attributes:
+        at: Which of the points they are.
+        force: Their resistance, shape (n, 3) [N].
+        moved: Δy, shape (n, 3) [m].
+        normal: [U] and its derivative by g₁, shapes (n,) [N] and [N/m].
+        approach: How their gaps change.
+        sliding: None without friction.
+    """
+
+    at: Ints
+    force: Array
+    moved: Array
+    normal: tuple[Array, Array]
+    approach: Approach
+    sliding: Sliding | None
+
+    @property
+    def stiffness(self) -> Array:
+        """Derivative of the resistance by y₁, shape (n, 3, 3) [N/m]."""
+        (value, slope), a = self.normal, self.approach
+        out = slope[:, None, None] * a.m[:, :, None] * a.dg[:, None]
+        if a.dm is not None:
+            out = out + value[:, None, None] * a.dm
+        return out if self.sliding is None else out + self._of_friction(self.sliding)
+
+    def _of_friction(self, s: Sliding) -> Array:
+        (value, slope), a = self.normal, self.approach
+        n, length = s.n, s.length
+        along = np.einsum("ni,ni->n", n, self.moved)
+        # How N, and Δg_T, change with y₁.
+        dN = -(slope * length)[:, None] * a.dg
+        dg = IDENTITY - n[:, :, None] * n[:, None]
+        if a.dm is not None:
+            dlength = np.einsum("ni,nij->nj", n, a.dm)
+            dN = dN - value[:, None] * dlength
+            dn = (a.dm - n[:, :, None] * dlength[:, None]) / length[:, None, None]
+            of_n = np.einsum("ni,nij->nj", self.moved, dn)
+            dg = dg - n[:, :, None] * of_n[:, None] - along[:, None, None] * dn
+        direction = s.slid / s.root[:, None]
+        across = IDENTITY - s.t[:, :, None] * direction[:, None]
+        turned = (-value * length / s.root)[:, None, None] * (across @ dg)
+        return np.asarray(s.mu * (direction[:, :, None] * dN[:, None] + turned))
+
+    @property
+    def dissipated(self) -> float:
+        """Energy that friction takes [J]."""
+        if self.sliding is None:
+            return 0.0
+        s, N = self.sliding, -self.normal[0] * self.sliding.length
+        return s.mu * float((N / s.root) @ (s.slid * s.slid).sum(axis=1))
+
+
+@dataclass(frozen=True)
+class Sliding:
+    """How pressed points slide at an iterate.
+
+    Attributes:
+        mu: Coefficient μ.
+        n: Normals, shape (n, 3).
+        length: |m|, shape (n,).
+        slid: Δg_T, shape (n, 3) [m].
+        root: √(|Δg_T|² + (ε Δt)²), shape (n,) [m].
+        t: What stands for Δg_T over that in derivatives, shape (n, 3).
+    """
+
+    mu: float
+    n: Array
+    length: Array
+    slid: Array
+    root: Array
+    t: Array
+
+
+class Points:
+    """Points that an obstacle may press; what they remember belongs to one step.
+
+    Attributes:
+        k: Stiffnesses, shape (n,) [N/m].
+        y0: Positions relative to the obstacle at the start of the step, shape (n, 3) [m].
+        g0: Gaps there, shape (n,) [m].
+        pressed: Those that are pressed, at the last iterate.
+    """
+
+    def __init__(self, obstacle: Obstacle, k: Array) -> None:
+        """Take the stiffnesses over."""
+        self._obstacle, self.k = obstacle, k
+        self.begin(np.empty((0, 3)), None)
+
+    def begin(self, y0: Array, friction: Friction | None) -> None:
+        """Begin a step, or an attempt at it.
+
+        Args:
+            y0: Positions relative to the obstacle, shape (n, 3) [m].
+            friction: None without.
+        """
+        self.y0, self._friction = y0, friction
+        self.g0 = self._obstacle.gap(y0)
+        self.pressed: Pressed | None = None
+        self._t = np.zeros_like(y0)
+        self._before = np.zeros_like(y0), np.ones(len(y0))  # slid and root of the last iterate ...
+        self._known = np.zeros(len(y0), dtype=bool)  # ... if there is one
+
+    def press(self, moved: Array) -> Pressed:
+        """The forces at an iterate.
+
+        Args:
+            moved: Δy of all points, shape (n, 3) [m].
+        """
+        y1 = self.y0 + moved
+        at = np.flatnonzero((self.g0 < 0) | (self._obstacle.gap(y1) < 0))
+        y1, moved, k, g0 = y1[at], moved[at], self.k[at], self.g0[at]
+        approach = self._obstacle.approach(self.y0[at], y1)
+        value, slope = secant(k, g0, self._obstacle.gap(y1))
+        force, sliding = value[:, None] * approach.m, None
+        if self._friction is not None:
+            sliding = self._sliding(self._friction, at, approach, moved)
+            grip = -sliding.mu * value * sliding.length / sliding.root
+            force = force + grip[:, None] * sliding.slid
+        self.pressed = Pressed(at, force, moved, (value, slope), approach, sliding)
+        return self.pressed
+
+    def _sliding(self, friction: Friction, at: Ints, approach: Approach, moved: Array) -> Sliding:
+        """How points slide; t follows from the linearised system of the last iterate."""
+        length = np.linalg.norm(approach.m, axis=1)
+        n = approach.m / length[:, None]
+        slid = moved - n * np.einsum("ni,ni->n", n, moved)[:, None]
+        root = np.sqrt((slid * slid).sum(axis=1) + friction.slip**2)
+        before, size, t = self._before[0][at], self._before[1][at], self._t[at]
+        change = np.einsum("ni,ni->n", before, slid - before) / size
+        t = (slid - t * change[:, None]) / size[:, None]
+        t /= np.maximum(np.linalg.norm(t, axis=1, keepdims=True), 1.0)
+        t[~self._known[at]] = 0.0
+        self._t[at], self._before[0][at], self._before[1][at] = t, slid, root
+        self._known[at] = True
+        return Sliding(friction.mu, n, length, slid, root, t)

@@ -1,0 +1,198 @@
+"""The surface that a contact acts on: its nodes, their areas and their stiffnesses.
+
+Contact acts at nodes. Their areas are ∫ Nᵢ dA, but for second-order triangles, whose corners would
+have none and go through anything: those are taken for the four flat triangles that their six nodes
+make. By default the stiffness is that of a layer of the cells behind, `LAYERS` (λ + 2μ)/h for an
+area, h being their thickness there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import basix
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem, la
+from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
+
+from rigidfx.base.errors import SceneError, agree
+from rigidfx.base.form_cache import form_on
+from rigidfx.mechanics.materials import Material
+
+__all__ = ["ContactSurface", "surface_of", "triangles_of"]
+
+Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+LAYERS = 5.0  # default stiffness in those of a layer of cells
+STRAIN = 1e-4  # at which a material's modulus is measured
+
+_known: WeakKeyDictionary[Any, dict[tuple[str, float | None], ContactSurface]] = WeakKeyDictionary()
+
+
+@dataclass(frozen=True)
+class ContactSurface:
+    """Nodal data of a surface, per local node with ghosts.
+
+    Attributes:
+        area: Reference area [m²]; zero off the surface.
+        stiffness: Stiffness [N/m]; zero off the surface.
+        size: A typical distance of its nodes [m], equal on all ranks.
+    """
+
+    area: Array
+    stiffness: Array
+    size: float
+
+
+def surface_of(scene: Any, where: str, stiffness: float | None, owner: str) -> ContactSurface:
+    """The surface of a set of facets; found once for a scene. Collective.
+
+    Args:
+        scene: The problem.
+        where: Name of a set of boundary facets.
+        stiffness: Stiffness of an area [N/m³]; by the material if None.
+        owner: Who asks, for messages.
+
+    Raises:
+        SceneError: If the set is unknown, has facets inside the mesh or none, or a material tells
+            no stiffness.
+    """
+    known = _known.setdefault(scene, {})
+    key = where, stiffness
+    if key not in known:
+        known[key] = _found(scene, where, stiffness, owner)
+    return known[key]
+
+
+def _found(scene: Any, where: str, stiffness: float | None, owner: str) -> ContactSurface:
+    area = _weights(scene, where, owner)
+    if stiffness is not None:
+        k = stiffness * area
+    else:
+        k = _weights(scene, where, owner, _layers(scene, where, owner))
+    own = area[: scene.owned_nodes]
+    total, count = scene.sum([own.sum(), np.count_nonzero(own)])
+    agree(scene.comm, None if count else f"{owner}: '{where}' has no facets.", SceneError)
+    return ContactSurface(area, k, float(np.sqrt(total / count)))
+
+
+def _weights(scene: Any, where: str, owner: str, density: fem.Function | None = None) -> Array:
+    """Areas of nodes, times a density of the cells behind if there is one. Collective."""
+    if not (scene.simplex and scene.order == 2):
+        return np.asarray(scene.facet_weights(where, owner, 1.0 if density is None else density))
+    out = fem.Function(scene.space)
+    nodal, X = out.x.array.reshape(-1, 3)[:, 0], scene.space.tabulate_dof_coordinates()
+    cells, nodes = triangles_of(scene, where, owner)
+    share = _triangle_areas(X[nodes]) / 3
+    if density is not None:
+        share *= density.x.array[density.function_space.dofmap.list[cells, 0]]
+    np.add.at(nodal, nodes, share[:, None])
+    out.x.scatter_reverse(la.InsertMode.add)
+    out.x.scatter_forward()
+    return out.x.array[::3].copy()
+
+
+def triangles_of(scene: Any, where: str, owner: str) -> tuple[Ints, Ints]:
+    """Flat triangles between the nodes of a set's owned facets. Collective.
+
+    Args:
+        scene: The problem.
+        where: Name of a set of boundary facets.
+        owner: Who asks, for messages.
+
+    Returns:
+        The cell behind each, shape (n,), and its three local nodes, shape (n, 3).
+    """
+    facets, dofs = scene.boundary(where, owner), scene.space.dofmap.list
+    cells, nodes = [np.empty(0, np.int64)], [np.empty((0, 3), np.int64)]
+    for number, triangles in enumerate(_reference_triangles(scene)):
+        mine = facets[facets[:, 1] == number, 0]
+        cells.append(np.repeat(mine, len(triangles)))
+        nodes.append(dofs[mine][:, triangles].reshape(-1, 3))
+    return np.concatenate(cells), np.concatenate(nodes)
+
+
+def _reference_triangles(scene: Any) -> list[Ints]:
+    """For each local facet of a cell, triangles between its nodes, as places in a cell's dofs."""
+    cell = basix.CellType.tetrahedron if scene.simplex else basix.CellType.hexahedron
+    vertices, edges = basix.topology(cell)[2], basix.topology(cell)[1]
+    layout = scene.space.dofmap.dof_layout
+    corner = [layout.entity_dofs(0, v)[0] for v in range(len(basix.topology(cell)[0]))]
+
+    def between(a: int, b: int) -> int:
+        return int(layout.entity_dofs(1, edges.index(sorted((a, b))))[0])
+
+    out = []
+    for f, own in enumerate(vertices):
+        c = [corner[v] for v in own]
+        if scene.simplex and scene.order == 1:
+            out.append([c])
+        elif scene.simplex:
+            (a, b, d), e = c, [between(own[i], own[j]) for i, j in ((0, 1), (1, 2), (0, 2))]
+            out.append([[a, e[0], e[2]], [e[0], b, e[1]], [e[2], e[1], d], e])
+        else:
+            grid = np.reshape(c, (2, 2))
+            if scene.order == 2:
+                e = [between(own[i], own[j]) for i, j in ((0, 1), (0, 2), (1, 3), (2, 3))]
+                middle = layout.entity_dofs(2, f)[0]
+                grid = np.array([[c[0], e[0], c[1]], [e[1], middle, e[2]], [c[2], e[3], c[3]]])
+            quads = [grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]]
+            q = np.stack([part.reshape(-1) for part in quads], axis=1)
+            out.append(np.concatenate([q[:, [0, 1, 2]], q[:, [0, 2, 3]]]))
+    return [np.asarray(triangles, dtype=np.int64) for triangles in out]
+
+
+def _triangle_areas(corners: Array) -> Array:
+    """Areas of triangles, shape (n, 3, 3) [m²]."""
+    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    return np.asarray(0.5 * np.linalg.norm(np.cross(a, b), axis=1))
+
+
+def _layers(scene: Any, where: str, owner: str) -> fem.Function:
+    """Stiffness of a layer of cells for an area, (λ + 2μ)/h, in cells of a set of facets [N/m³].
+
+    h is the volume of a cell by the area of its facets in the set, three times that in tetrahedra:
+    their height. Collective.
+    """
+    space = fem.functionspace(scene.mesh, ("DG", 0))
+    test, facets = ufl.TestFunction(space), scene.boundary(where, owner)
+    ds = ufl.Measure("ds", domain=scene.mesh, subdomain_data=[(1, facets.reshape(-1))])(1)
+    forms = test * ufl.dx(domain=scene.mesh), test * ds
+    volume, area = (fem.assemble_vector(form_on(scene.comm, form)).array for form in forms)
+    count = np.bincount(space.dofmap.list[facets[:, 0], 0], minlength=volume.size)
+    out = scene.cellwise([(_modulus(scene, m, owner), cells) for m, cells in scene.materials])
+    thickness = (3.0 if scene.simplex else 1.0) * volume * count
+    out.x.array[:] *= LAYERS * np.divide(area, thickness, where=count > 0, out=np.zeros(area.size))
+    out.x.scatter_forward()
+    return out
+
+
+def _modulus(scene: Any, material: Material, owner: str) -> float:
+    """λ + 2μ of a material at rest, by its stored energy [Pa]. Collective.
+
+    Raises:
+        SceneError: On every rank, if its energy cannot be evaluated, or does not grow.
+    """
+
+    def energy(strain: float) -> float:
+        C = ufl.as_matrix(np.diag([1 + 2 * strain, 1.0, 1.0]).tolist())
+        W = ufl.as_ufl(material.energy(C, **material.parameters))
+        return float(apply_algebra_lowering(W)((0.0, 0.0, 0.0)))
+
+    try:
+        modulus = (energy(STRAIN) - 2 * energy(0.0) + energy(-STRAIN)) / STRAIN**2
+    except Exception:  # whatever UFL may raise about a user's energy
+        modulus = np.nan
+    problem = (
+        None
+        if modulus > 0
+        else f"{owner}: {type(material).__name__} does not tell how stiff contact is to be; give "
+        "stiffness [N/m³], some ten times (λ + 2μ)/h of a cell of size h."
+    )
+    agree(scene.comm, problem, SceneError)
+    return float(modulus)

@@ -1,0 +1,390 @@
+"""Contact with obstacles: exact energy and momenta, waves, rebounds, friction, waking, refusals.
+
+Run as a script under mpirun, this file reports histories of scenes with contacts.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import parallel
+import pytest
+from mpi4py import MPI
+
+import rigidfx as rf
+from rigidfx.effects.contacts.penalty import secant, stored
+from rigidfx.effects.contacts.pressing import Friction, Points
+
+SOFT = rf.StVenantKirchhoff(rho=1000.0, E=1e6, nu=0.3)
+FLOOR = rf.Plane((0, 0, 0), (0, 0, 1))
+BALL = rf.Sphere((0.2, 0.1, -0.5), 0.5)
+OBSTACLES = {
+    "plane": FLOOR,
+    "tilted": rf.Plane((0, 0, 0), (0.1, 0.2, 3)),
+    "sphere": BALL,
+    "in a sphere": rf.Sphere((0.2, 0.1, 0.12), 0.26, inside=True),
+    "cylinder": rf.Cylinder((0.2, 0.1, -0.5), 0.5, axis=(0, 1, 0)),
+    "in a tube": rf.Cylinder((0.2, 0.1, 0.2), 0.3, axis=(2, 1, 0), inside=True),
+    "shaken": rf.Plane((0, 0, 0), (0, 0, 1), path=lambda t: (0.2 * t, 0, 0.01 * np.sin(30 * t))),
+}
+PARTS = {"flexible": [], "mixed": [rf.Rigid("part")], "rigid": [rf.Rigid()]}
+NO_WARNINGS = pytest.mark.filterwarnings("ignore:Body")  # of few cells, whose lumped mass shows
+
+
+def block(*effects, cell="hexahedron", material=SOFT, above=0.02, cells=(4, 2, 2), **options):
+    """A block that falls and turns, all of its boundary named."""
+    domain = rf.box((0, 0, above), (0.4, 0.2, above + 0.2), cells, cell)
+    domain = domain.with_cells("part", lambda x: x[0] <= 0.2 + 1e-9)
+    domain = domain.with_cells("all", lambda x: x[0] > -1)
+    domain = domain.with_facets("skin", lambda x: np.full(x.shape[1], True))
+    return rf.Scene(domain, material, effects, **options)
+
+
+THROWN = rf.InitialVelocity(linear=(0.3, 0, -1.0), angular=(1, 2, 0.5))
+
+
+def books(scene, dt, t_end, **options):
+    """Reports of a run, and how far energy and momenta are from balance, relative."""
+    reports = list(rf.simulate(scene, dt, t_end, **options))
+    energy, linear, angular, expected = 0.0, 0.0, 0.0, reports[0].energy
+    scale = max(r.energy for r in reports)
+    size = max(r.momentum_scale for r in reports)
+    for before, r in pairwise(reports):
+        expected += r.work_of_loads + r.work_of_supports - sum(r.dissipated.values())
+        expected += r.impact.energy if r.impact else 0.0
+        energy = max(energy, abs(r.energy - expected) / scale)
+        force = sum(touch.force for touch in r.touches.values())
+        moment = sum(touch.moment for touch in r.touches.values())
+        gained = r.linear_momentum - before.linear_momentum - r.dt * force
+        turned = r.angular_momentum - before.angular_momentum - r.dt * moment
+        linear = max(linear, float(np.abs(gained).max()) / size)
+        angular = max(angular, float(np.abs(turned).max()) / size)
+    return reports, energy, max(linear, angular)
+
+
+# The law ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("friction", [None, Friction(0.5, 0.05)])
+@pytest.mark.parametrize("name", [name for name in OBSTACLES if name != "shaken"])
+def test_forces_do_the_work_that_the_penalty_stores_and_friction_takes(name, friction):
+    """Point by point, whatever the step; and the stiffness is the derivative of the forces."""
+    rng, obstacle, n = np.random.default_rng(1), OBSTACLES[name], 300
+    y0 = 0.2 + 0.3 * rng.normal(size=(n, 3))
+    moved, k = 0.1 * rng.normal(size=(n, 3)), rng.uniform(1, 2, n)
+    points = Points(obstacle, k)
+
+    def forces(moved):
+        out = np.zeros((n, 3))
+        pressed = points.press(moved)
+        out[pressed.at] = pressed.force
+        return out, pressed
+
+    points.begin(y0, friction)
+    for _ in range(3):  # then what friction's derivative remembers is what is true
+        f, pressed = forces(moved)
+    assert 0 < pressed.at.size < n
+    gained = stored(k, obstacle.gap(y0 + moved)) - stored(k, points.g0)
+    work = np.einsum("ni,ni->n", f, moved)
+    if friction is None:
+        np.testing.assert_allclose(work, gained, atol=1e-15)
+    assert work.sum() == pytest.approx(gained.sum() + pressed.dissipated, abs=1e-13)
+    assert (pressed.dissipated > 0) == (friction is not None)
+    K, h = pressed.stiffness, 1e-6
+    for j, e in enumerate(np.eye(3)):
+        change = (forces(moved + h * e)[0] - forces(moved - h * e)[0])[pressed.at] / (2 * h)
+        np.testing.assert_allclose(change, K[:, :, j], atol=1e-6)
+
+
+def test_a_gap_that_opens_or_closes_divides_by_nothing():
+    """At gaps of zero and next to it, both ends."""
+    tiny = np.finfo(float).tiny
+    gaps = np.array([-1.0, -tiny, 0.0, tiny, 1.0])
+    g0, g1 = (g.reshape(-1) for g in np.meshgrid(gaps, gaps))
+    with np.errstate(divide="raise", invalid="raise"):
+        value, slope = secant(np.ones(g0.size), g0, g1)
+    assert (value <= 0).all()
+    assert (slope >= 0).all()
+    assert (value[(g0 >= 0) & (g1 >= 0)] == 0).all()
+
+
+# Energy and momenta ----------------------------------------------------------------------------
+
+
+@NO_WARNINGS
+@pytest.mark.parametrize(
+    ("name", "parts", "mu"),
+    [
+        *((name, "mixed", 0.4) for name in OBSTACLES),
+        *(("plane", parts, 0.0) for parts in PARTS),
+        *(("in a tube", parts, 0.4) for parts in ("flexible", "rigid")),
+    ],
+)
+def test_energy_and_momenta_balance(name, parts, mu):
+    """Of blocks that fly against all obstacles; forces and moments are those that are reported."""
+    contact = rf.Contact("skin", against=OBSTACLES[name], friction=mu, creep=1e-3)
+    scene = block(contact, THROWN, *PARTS[parts])
+    reports, energy, momenta = books(scene, 2e-3, 0.12)
+    assert max(t.nodes for r in reports for t in r.touches.values()) > 0
+    assert energy <= 1e-12
+    assert momenta <= 1e-12
+    assert all(r.dissipated.get("Contact", 0.0) >= 0 for r in reports)
+    lost = sum(r.dissipated.get("Contact", 0.0) for r in reports)
+    assert (lost > 1e-3 * reports[0].energy) == (mu > 0)
+
+
+@NO_WARNINGS
+@pytest.mark.parametrize(
+    ("cell", "order", "mass", "material"),
+    [
+        ("hexahedron", 2, "lumped", SOFT),
+        ("tetrahedron", 1, "lumped", SOFT),
+        ("tetrahedron", 2, "consistent", SOFT),
+        ("hexahedron", 1, "consistent", rf.NeoHooke(rho=1000.0, E=1e6, nu=0.3)),
+    ],
+)
+def test_any_cell_and_mass(cell, order, mass, material):
+    """A part of the block is rigid; weights of all nodes make up the area."""
+    contact, cells = rf.Contact("skin", against=FLOOR), (2, 1, 1) if order == 2 else (4, 2, 2)
+    options = {"cell": cell, "order": order, "mass": mass, "material": material, "cells": cells}
+    scene = block(contact, THROWN, PARTS["mixed"][0], **options)
+    reports, energy, momenta = books(scene, 2e-3, 0.1)
+    assert max(t.nodes for r in reports for t in r.touches.values()) > 0
+    assert energy <= 1e-11
+    assert momenta <= 1e-11
+    nodes = contact.at_nodes(scene, scene.space.tabulate_dof_coordinates(), 0.0)[0]
+    assert nodes.size > 0
+
+
+def test_corners_of_second_order_triangles_are_stopped():
+    """They have no area by their shape functions: the corner would go in first."""
+    contact = rf.Contact("skin", against=rf.Plane((0, 0, 0), (1, 1, 1)))
+    options = {"cell": "tetrahedron", "order": 2, "mass": "consistent", "cells": (2, 1, 1)}
+    scene = block(contact, rf.InitialVelocity(linear=(-1, -1, -1)), above=1e-3, **options)
+    reports = list(rf.simulate(scene, 1e-3, 0.01))
+    assert max(r.touches[contact.title].nodes for r in reports[1:5]) == 1
+    assert max(r.touches[contact.title].penetration for r in reports[1:]) < 5e-3
+
+
+def test_a_rigid_block_regains_its_height():
+    """It falls flat, by steps in which it goes deep, or not, as they come.
+
+    Its inertia is so large that rounding does not make it rock.
+    """
+    g, height = 10.0, 0.05
+    contact = rf.Contact("skin", against=FLOOR)
+    heavy = rf.Rigid("all", mass=16.0, inertia=1e9 * np.eye(3))
+    scene = block(contact, rf.Gravity((0, 0, -g)), heavy, above=height)
+    fall = np.sqrt(2 * height / g)
+    mass = 0.4 * 0.2 * 0.2 * 1000.0
+    tops, bounces, rises = [], 0, False
+    for r in rf.simulate(scene, 5e-3, 25 * fall):
+        v = r.linear_momentum[2] / mass
+        if rises and v <= 0:
+            # Between steps, as free flight goes on: v²/2g above where it is.
+            lowest = r.rigid.r[0, 2] - (0.1 + height)
+            tops.append(lowest + v * v / (2 * g))
+            bounces += 1
+        rises = v > 0
+    assert bounces >= 11
+    np.testing.assert_allclose(tops, 0.0, atol=1e-12)
+
+
+# Waves -----------------------------------------------------------------------------------------
+
+
+def test_a_bar_rebounds_as_plane_waves_do():
+    """Force ρ c v S for 2 L/c, lateral motion blocked, and all of its speed comes back."""
+    n, v, rho, nu, E = 100, 2e-3, 1.0, 0.3, 1.0
+    c = np.sqrt(E * (1 - nu) / ((1 + nu) * (1 - 2 * nu)) / rho)
+    bar = rf.box((0, 0, 0), (1, 0.02, 0.02), (n, 1, 1)).with_cells("all", lambda x: x[0] > -1)
+    wall = rf.Contact("x0", against=rf.Plane((0, 0, 0), (1, 0, 0)))
+    effects = [wall, rf.Fixed("all", "yz"), rf.InitialVelocity(linear=(-v, 0, 0))]
+    scene = rf.Scene(bar, rf.StVenantKirchhoff(rho=rho, E=E, nu=nu), effects)
+    dt = 0.01 / c
+    reports, energy, _ = books(scene, dt, 2.6 / c)
+    force = np.array([r.touches[wall.title].force[0] for r in reports[1:]])
+    t = np.array([r.t for r in reports[1:]])
+    pressed = t[force > 0]
+    duration = pressed[-1] - pressed[0] + dt
+    within = (t > 0.4 / c) & (t < 1.6 / c)
+    assert force[within].mean() == pytest.approx(rho * c * v * 0.02**2, rel=0.03)
+    assert duration == pytest.approx(2 / c, rel=0.05)
+    after = reports[-1].linear_momentum[0] / (rho * 0.02**2)
+    assert after == pytest.approx(v, rel=0.03)
+    assert energy <= 1e-12
+
+
+# Friction --------------------------------------------------------------------------------------
+
+
+def test_a_block_slides_as_far_as_coulomb_says():
+    """v²/(2 μ g), resting on the floor from the start at the depth of its weight."""
+    mu, g, v, k = 0.3, 10.0, 0.5, 1e8
+    depth = 1000.0 * 0.2 * g / k
+    contact = rf.Contact("z0", against=FLOOR, stiffness=k, friction=mu, creep=1e-4)
+    effects = [contact, rf.Rigid(), rf.InitialVelocity(linear=(v, 0, 0)), rf.Gravity((0, 0, -g))]
+    with pytest.warns(rf.RigidfxWarning, match="at the start it is 2e-05 m inside the Plane"):
+        scene = block(*effects, above=-depth)
+    reports, energy, _ = books(scene, 2e-3, 0.25)
+    way = v**2 / (2 * mu * g)
+    assert reports[-1].rigid.r[0, 0] - 0.2 == pytest.approx(way, rel=0.01)
+    assert energy <= 1e-12
+    assert sum(r.dissipated.get("Contact", 0.0) for r in reports) == pytest.approx(
+        reports[0].kinetic, rel=1e-2
+    )
+
+
+def test_a_block_on_a_slope_creeps_no_faster_than_told():
+    """ε tan φ/√(μ² - tan² φ) below the angle of friction."""
+    mu, slope, creep, g, k = 0.5, 0.4, 1e-3, 10.0, 1e8
+    down = g * np.array([np.sin(np.arctan(slope)), 0, -np.cos(np.arctan(slope))])
+    contact = rf.Contact("z0", against=FLOOR, stiffness=k, friction=mu, creep=creep)
+    depth = -1000.0 * 0.2 * down[2] / k
+    with pytest.warns(rf.RigidfxWarning, match="at the start"):
+        scene = block(contact, rf.Rigid(), rf.Gravity(tuple(down)), above=-depth)
+    reports = list(rf.simulate(scene, 2e-3, 0.1))
+    begin, end = reports[10], reports[-1]  # velocities at the ends of steps swing about the mean
+    speed = (end.rigid.r - begin.rigid.r)[0, 0] / (end.t - begin.t)
+    fastest = creep * slope / np.sqrt(mu**2 - slope**2)
+    assert speed == pytest.approx(fastest, rel=1e-2)
+
+
+# Waking ----------------------------------------------------------------------------------------
+
+
+@NO_WARNINGS
+@pytest.mark.parametrize("wake", ["all", "local"])
+def test_what_is_struck_is_flexible_in_that_very_step(wake):
+    """A block flies as one body, is struck, rebounds and flies as a body again."""
+    contact = rf.Contact("skin", against=FLOOR)
+    scene = block(contact, rf.InitialVelocity(linear=(0, 0, -1.0)), above=0.0605)
+    rule = rf.StrainRate(1e-2, 0.01, wake=wake, patience=1.0)
+    reports, energy, _ = books(scene, 1e-3, 0.1, rigidify=rule)
+    touching = [r for r in reports if r.step and r.touches[contact.title].energy > 0]
+    before = [r for r in reports if r.t < touching[0].t]
+    assert before[-1].unknowns == 6
+    assert touching[0].unknowns > 6
+    assert before[-1].t == pytest.approx(0.0605, abs=1e-9)  # a step ends where it touches
+    assert any(e.kind == "release" for e in touching[0].events)
+    assert energy <= 1e-12
+
+
+@NO_WARNINGS
+def test_what_rests_does_not_chatter():
+    """After a fall it rocks on the floor, damped: it freezes once and stays so."""
+    contact = rf.Contact("z0", against=FLOOR)
+    damped = rf.MassDamping(20.0), rf.KelvinVoigt(2e3)
+    scene = block(contact, *damped, rf.Gravity((0, 0, -10.0)), above=0.01)
+    rule = rf.StrainRate(2e-2, 0.05)
+    reports, energy, _ = books(scene, 5e-3, 1.5, rigidify=rule)
+    events = [e for r in reports for e in r.events if r.t > 0.2]
+    assert reports[-1].unknowns == 6
+    assert reports[-1].touches[contact.title].nodes > 0
+    assert len(events) <= 6
+    assert energy <= 1e-11
+
+
+# Windows, tables, absence ----------------------------------------------------------------------
+
+
+@NO_WARNINGS
+@pytest.mark.parametrize("parts", PARTS)
+def test_energy_of_a_contact_that_ends_is_told(parts):
+    """The floor vanishes under a block that presses on it, and comes back under its skin."""
+    ends = rf.Contact("skin", against=FLOOR, until=0.03, title="first")
+    begins = rf.Contact("skin", against=FLOOR, since=0.035, until=0.05, title="second")
+    reports, energy, _ = books(block(ends, begins, THROWN, *PARTS[parts]), 1e-3, 0.06)
+    told = [r.impact for r in reports if r.impact]
+    assert {impact.supports for impact in told} >= {("first",)}
+    assert energy <= 1e-11
+
+
+def test_histories_and_fields_tell_of_contacts(tmp_path):
+    """A column for everything, gap and pressure at nodes of the skin."""
+    contact = rf.Contact("skin", against=FLOOR, title="floor")
+    scene = block(contact, THROWN)
+    with rf.Recorder(scene, tmp_path, every=1) as recorder:
+        reports = []
+        for r in rf.simulate(scene, 2e-3, 0.05):
+            recorder.write(r)
+            reports.append(r)
+    h = rf.read_history(recorder.history)
+    touches = [r.touches["floor"] for r in reports[1:]]
+    np.testing.assert_array_equal(h["contact"], [r.contact for r in reports])
+    for name in ("energy", "dissipated", "penetration", "nodes"):
+        expected = [getattr(touch, name) for touch in touches]
+        np.testing.assert_array_equal(h[f"contact_floor_{name}"][1:], expected)
+    np.testing.assert_array_equal(h["contact_floor_force_z"][1:], [t.force[2] for t in touches])
+    np.testing.assert_allclose(h["contact_floor_energy"], h["contact"], atol=1e-15)
+    assert h["contact"].max() > 0
+
+
+def test_a_scene_without_contact_asks_for_none():
+    """No action, no column, no energy."""
+    reports = list(rf.simulate(block(THROWN), 2e-3, 6e-3))
+    assert all(not r.touches and r.contact == 0.0 for r in reports)
+
+
+# Refusals --------------------------------------------------------------------------------------
+
+REFUSED = {
+    "no normal": (lambda: rf.Plane((0, 0, 0), (0, 0, 0)), "normal must have a direction"),
+    "no radius": (lambda: rf.Sphere((0, 0, 0), 0.0), "radius must be a finite number > 0"),
+    "no axis": (lambda: rf.Cylinder((0, 0, 0), 1.0, axis=(0, 0, 0)), "axis must have a direction"),
+    "inside": (lambda: rf.Sphere((0, 0, 0), 1.0, inside=2), "inside must be True or False"),
+    "path": (lambda: rf.Plane((0, 0, 0), (0, 0, 1), path=(0, 0, 1)), "must be a function of t"),
+    "nothing": (lambda: rf.Contact("skin", against=None), "against must be a Plane, Sphere or"),
+    "friction": (lambda: rf.Contact("skin", against=FLOOR, friction=-0.1), "friction must be ≥ 0"),
+    "creep": (lambda: rf.Contact("skin", against=FLOOR, friction=0.1), "friction needs creep"),
+    "stiffness": (lambda: rf.Contact("skin", against=FLOOR, stiffness=0), "stiffness must be a"),
+    "name": (lambda: block(rf.Contact("skim", against=FLOOR)), "'skim'"),
+    "twice": (lambda: block(*[rf.Contact("skin", against=FLOOR)] * 2), "title of its own"),
+    "overlap": (
+        lambda: block(rf.Contact("skin", against=FLOOR), above=-0.1),
+        r"at the start it is 0\.1 m inside the Plane at \(.*, -0\.1\) m: move one of them",
+    ),
+    "path fails": (
+        lambda: block(rf.Contact("skin", against=rf.Plane((0, 0, 0), (0, 0, 1), path=lambda t: 1))),
+        "three finite components are expected",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_is_refused(case):
+    action, message = REFUSED[case]
+    with pytest.raises(rf.SceneError, match=message):
+        action()
+
+
+# Several ranks ---------------------------------------------------------------------------------
+
+
+def histories():
+    """Numbers of runs with contacts of all kinds of parts."""
+    rows = []
+    for parts in PARTS.values():
+        contact = rf.Contact("skin", against=BALL, friction=0.3, creep=1e-3)
+        reports, *_ = books(block(contact, THROWN, *parts), 2e-3, 0.08)
+        for r in reports[1:]:
+            touch = r.touches[contact.title]
+            rows.append([r.kinetic, r.strain, r.contact, *r.linear_momentum, *r.angular_momentum,
+                         *touch.force, *touch.moment, touch.penetration, touch.nodes])  # fmt: skip
+    return rows
+
+
+@NO_WARNINGS
+@pytest.mark.parallel
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its ranks itself")
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_the_same_on_several_ranks(ranks):
+    one, several = np.array(histories()), np.array(parallel.run(__file__, ranks, 300))
+    assert (np.abs(several - one).max(axis=0) <= 1e-9 * np.abs(one).max(axis=0)).all()
+
+
+if __name__ == "__main__":
+    found = histories()
+    if MPI.COMM_WORLD.rank == 0:
+        parallel.report(found)
