@@ -1,9 +1,9 @@
 """Hard cases: small scenes at the ends of what a method can be asked, with bounds for each."""
 
-from . import bodies, failure, material, ranks, shape, stepping, units
+from . import bodies, contact, failure, material, ranks, shape, stepping, units
 from .case import CASES, Case, Result, Run, carry_out, follow, judge
 
 __all__ = [
-    "CASES", "Case", "Result", "Run", "bodies", "carry_out", "failure", "follow", "judge",
-    "material", "ranks", "shape", "stepping", "units",
+    "CASES", "Case", "Result", "Run", "bodies", "carry_out", "contact", "failure", "follow",
+    "judge", "material", "ranks", "shape", "stepping", "units",
 ]  # fmt: skip

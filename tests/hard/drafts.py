@@ -52,6 +52,15 @@ _supports = st.fixed_dictionaries(
         "window": _window,
     }
 )
+_contacts = st.fixed_dictionaries(
+    {
+        "kind": _choice("plane", "sphere", "tube"),
+        "where": _choice(*FACES),
+        "away": _number(-0.1, 1.0),  # of the way in ten steps
+        "friction": _choice(0.0, 0.0, 0.3),
+        "window": _window,
+    }
+)
 _criteria = st.fixed_dictionaries(
     {
         "tol": _choice(0.0, 1e-6, 1e-2, 0.3, 10.0, ANY, ANY),
@@ -84,6 +93,7 @@ drafts = st.fixed_dictionaries(
         "loads": st.lists(_loads, max_size=2),
         "supports": st.lists(_supports, max_size=2),
         "rigid": st.lists(_sets, max_size=2, unique=True),
+        "contacts": st.lists(_contacts, max_size=1),
         "xi": _choice(0.0, 0.0, 0.1, 0.5),
         "criterion": st.one_of(st.none(), _criteria),
     }
@@ -128,6 +138,8 @@ def build(draft: Draft) -> tuple[rf.Scene, float, float, rf.StrainRate | None]:
         effects.append(_load(load, dt, pressure, size, max(rho)))
     for support in draft["supports"]:
         effects.append(_support(support, dt, slow))
+    for contact in draft["contacts"]:
+        effects.append(_contact(contact, dt, slow, size))
     effects += [rf.Rigid(name) for name in draft["rigid"]]
     scene = rf.Scene(domain, material, effects, mass=draft["mass"])
     return scene, dt, draft["steps"] * dt, _criterion(draft["criterion"], dt)
@@ -169,6 +181,30 @@ def _support(support: Draft, dt: float, slow: float) -> rf.Effect:
         velocity=lambda t: tuple(value),
         **times,
     )
+
+
+def _contact(contact: Draft, dt: float, slow: float, size: Any) -> rf.Effect:
+    """A face against an obstacle before it, or a little inside it; deeper is refused."""
+    axis, high = "xyz".index(contact["where"][0]), contact["where"][1] == "1"
+    n = np.zeros(3)
+    n[axis] = -1.0 if high else 1.0
+    gap = contact["away"] * 10 * dt * slow
+    middle = 0.5 * np.asarray(size)
+    foot = middle.copy()
+    foot[axis] = size[axis] if high else 0.0
+    foot -= gap * n
+    radius = 4 * float(np.max(size))
+    obstacle: Any = rf.Plane(tuple(foot), tuple(n))
+    if contact["kind"] == "sphere":
+        obstacle = rf.Sphere(tuple(foot - radius * n), radius)
+    elif contact["kind"] == "tube":
+        across = tuple(np.roll(n, 1))
+        room = float(np.linalg.norm(size)) + gap
+        obstacle = rf.Cylinder(tuple(middle), room, axis=across, inside=True)
+    times = _times(contact["window"], dt)
+    friction = contact["friction"]
+    return rf.Contact(contact["where"], against=obstacle, friction=friction, creep=0.01 * slow,
+                      **times)  # fmt: skip
 
 
 def _criterion(draft: Draft | None, dt: float) -> rf.StrainRate | None:

@@ -1,0 +1,54 @@
+"""Contact: what falls deep in one step, a corner first, between walls, stuck and torn loose."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+import rigidfx as rf
+
+from .case import ANY, History, Run, case
+
+SOFT = rf.StVenantKirchhoff(E=1e6, nu=0.3, rho=1000.0)
+FLOOR = rf.Plane((0, 0, 0), (0, 0, 1))
+
+
+def _block(*effects: rf.Effect, above: float = 0.02) -> rf.Scene:
+    domain = rf.box((0, 0, above), (0.4, 0.2, above + 0.2), (4, 2, 2))
+    domain = domain.with_facets("skin", lambda x: np.full(x.shape[1], True))
+    return rf.Scene(domain, SOFT, effects, mass="consistent")
+
+
+@case("contact", "a penalty of a thousand layers of cells, and steps that a wave passes forty of")
+def stiff_contact_in_long_steps(short: bool) -> Iterator[Run]:
+    """H to Newton's tolerance at any stiffness and any step; momentum changes by the forces."""
+    options = {"energy": 1e-10, "momentum": None, "cuts": 20, "tangents": 25}
+    thrown = rf.InitialVelocity(linear=(0.3, 0.0, -1.0), angular=(1.0, 2.0, 0.5))
+    for factor in (1e-3, 1.0, 1e3):
+        contact = rf.Contact("skin", against=FLOOR, stiffness=factor * 1.35e7)
+        for dt in (2e-3, 0.1):
+            scene, t_end = _block(contact, thrown), (20 if short else 200) * dt
+            way = f"{factor:g} layers, Δt = {dt:g} s"
+            yield Run(f"{way}, flexible", scene, dt, t_end, **options)
+            if not short:
+                adaptive = rf.StrainRate(ANY, 5 * dt)
+                yield Run(f"{way}, adaptive", scene, dt, t_end, adaptive, freezes=False, **options)
+
+
+@case("contact", "a tumbling block between the walls of a tube, which grips it")
+def rattle_in_a_tube(short: bool) -> Iterator[Run]:
+    """H and what friction has taken to Newton's tolerance; friction never gives anything back."""
+    tube = rf.Cylinder((0.2, 0.1, 0.1), 0.25, axis=(0.0, 1.0, 0.0), inside=True)
+    contact = rf.Contact("skin", against=tube, friction=0.3, creep=1e-3)
+    thrown = rf.InitialVelocity(linear=(0.7, 0.2, -1.0), angular=(1.0, 9.0, 0.5))
+
+    def slows(history: History) -> str:
+        H = np.array(history.energy)
+        return "" if np.all(np.diff(H) <= 1e-10 * H[0]) and H[-1] < 0.99 * H[0] else "H rises"
+
+    options = {"energy": 1e-10, "momentum": None, "cuts": 20, "tangents": 25, "check": slows}
+    steps = 60 if short else 1000
+    for rigid in ([], [rf.Rigid()]):
+        way = "rigid" if rigid else "flexible"
+        yield Run(way, _block(contact, thrown, *rigid, above=0.0), 2e-3, steps * 2e-3, **options)
