@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 import warnings
 
+import dolfinx.mesh as dmesh
 import numpy as np
 import parallel
 import pytest
@@ -122,6 +123,37 @@ def test_tetrahedra_that_touch_in_the_middle_of_a_face():
         assert len(said(held, rf.Fixed("low"))) == count
 
 
+# Two long bars of one cell each, across each other: place and size of the second, and whether they
+# touch. One without a width stands on its edge.
+CROSSINGS = {
+    "one on the other": ((0, 0, 1), (1, 9, 1), True),
+    "one in the other": ((0, 0, 0.5), (1, 9, 1), True),
+    "through the other": ((0.25, 0, 0.25), (0.5, 9, 0.5), True),
+    "edge on face": ((0, 0, 1 + 1e-9), (0, 9, 0), True),
+    "one above the other": ((0, 0, 1.001), (1, 9, 1), False),
+}
+
+
+def crossing(name):
+    """The warning of a bar along x that is held, and of one along y that is not."""
+    place, size, _ = CROSSINGS[name]
+    first = CUBE * (9, 1, 1)
+    turned = np.array([[1, 0, 1], [0, 1, 0], [-1, 0, 1]])  # a bar that stands on its edge
+    unit = CUBE - (0.5, 0.5, 0.5)
+    second = unit @ turned * (1, 9, 1) + (0, 0, 1) if size[0] == 0 else unit * size
+    middle = (4.5, 0.5, place[2] + (size[2] / 2 if size[0] else 0))
+    points = np.concatenate([first, second + middle])[: 16 if COMM.rank == 0 else 0]
+    domain = rf.from_arrays(points, np.arange(len(points)).reshape(-1, 8))
+    return [m for m in said(end(domain, 0), rf.Fixed("end")) if "lock" not in m]
+
+
+@pytest.mark.parametrize("name", CROSSINGS)
+def test_bars_that_cross_edge_over_edge(name):
+    """No vertex and no middle of a face of either is near the other."""
+    touches = CROSSINGS[name][2]
+    assert ["touches, or overlaps, the part of" in m for m in crossing(name)] == [True] * touches
+
+
 def test_three_parts_of_which_none_is_held():
     (message,) = said(cubes((0, 0, 0), (1, 0, 0), (2, 0, 0)))
     assert "In all, 3 parts touch like this." in message
@@ -168,8 +200,30 @@ def test_parts_through_facets_and_through_vertices():
     assert connected_parts(mesh, 2).count == 2
 
 
+def islands():
+    """Of a row of cells some that are looked at: how many parts they are, and which."""
+    mesh = rf.box((0, 0, 0), (7, 1, 1), (7, 1, 1)).mesh
+    count = mesh.topology.index_map(3).size_local + mesh.topology.index_map(3).num_ghosts
+    x = dmesh.compute_midpoints(mesh, 3, np.arange(count, dtype=np.int32))[:, 0]
+    among = np.isin(np.floor(x), [0, 1, 3, 6])
+    parts = connected_parts(mesh, 0, among)
+    own = slice(mesh.topology.index_map(3).size_local)
+    pairs = zip(np.floor(x[own]).tolist(), parts.of_cell[own].tolist(), strict=True)
+    return parts.count, sorted(pair for rank in COMM.allgather(list(pairs)) for pair in rank)
+
+
+def test_connected_parts_among_some_cells():
+    """Those that are not looked at count as one part, however many they are."""
+    count, pairs = islands()
+    part = dict(pairs)
+    assert count == 4
+    assert part[0] == part[1]
+    assert part[2] == part[4] == part[5]
+    assert len({part[k] for k in (0, 2, 3, 6)}) == 4
+
+
 def _script():
-    found = {}
+    found = {"islands": list(map(str, islands()))}
     for cell in ("hexahedron", "tetrahedron"):
         for size, cells, _ in BOXES:
             found[f"{cell} {size} {cells}"] = said(rf.box((0, 0, 0), size, cells, cell))
@@ -177,6 +231,8 @@ def _script():
     found["three"] = said(cubes((0, 0, 0), (1, 0, 0), (2, 0, 0)))
     for name, (corner, size, _) in NEIGHBOURS.items():
         found[name] = beside(corner, size)
+    for name in CROSSINGS:
+        found[name] = crossing(name)
     found["apart"] = said(cubes((0, 0, 0), (2, 0, 0)))
     bar = rf.box((0, 0, 0), (10, 1, 1), (10, 1, 1))
     spin = rf.InitialVelocity(angular=(1.0, 0, 0))

@@ -8,6 +8,7 @@ the partition of the mesh cannot be seen in the result.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import dolfinx.mesh as dmesh
 import numpy as np
@@ -54,34 +55,73 @@ class ConnectedParts:
         return f"the part of {size} m around ({middle}) m"
 
 
-def connected_parts(mesh: dmesh.Mesh, dim: int) -> ConnectedParts:
+def connected_parts(
+    mesh: dmesh.Mesh, dim: int, among: npt.NDArray[np.bool_] | None = None
+) -> ConnectedParts:
     """Find the connected parts. Collective.
 
     Args:
         mesh: A mesh.
         dim: Dimension of the entities through which cells are joined: 2 or 0.
+        among: For each local cell, ghosts included, whether it is looked at; all are if None. The
+            others count as one part together.
     """
     topology, comm = mesh.topology, mesh.comm
     topology.create_entities(dim)
     topology.create_connectivity(3, dim)
     graph = topology.connectivity(3, dim)
     cells, entities = graph.num_nodes, topology.index_map(dim)
-    rows = np.repeat(np.arange(cells), np.diff(graph.offsets))
     n = cells + entities.size_local + entities.num_ghosts
-    links = coo_array((np.ones(rows.size), (rows, cells + graph.array)), (n, n))
+    rows, columns = np.repeat(np.arange(cells), np.diff(graph.offsets)), cells + graph.array
+    if among is not None:
+        rows, columns = _apart(rows, columns, among, la.vector(entities, 1, dtype=np.float64), n)
+        n += 1
+    links = coo_array((np.ones(rows.size), (rows, columns)), (n, n))
     found, local = connected_components(links, directed=False)
     first = comm.exscan(found) or 0
     local = local + first
     shared = la.vector(entities, 1, dtype=np.float64)
-    shared.array[:] = local[cells:]
+    own = local[cells : cells + shared.array.size]
+    shared.array[:] = own
     shared.scatter_forward()
-    ties = np.unique(np.stack([local[cells:], shared.array.astype(np.int64)]), axis=1)
+    ties = np.unique(np.stack([own, shared.array.astype(np.int64)]), axis=1)
+    if among is not None:
+        rest = [[local[-1]], [comm.bcast(int(local[-1]))]]
+        ties = np.concatenate([ties, np.array(rest)], axis=1)
     a, b = np.concatenate(comm.allgather(ties[:, ties[0] != ties[1]]), axis=1)
     total = comm.allreduce(found)
     tied = coo_array((np.ones(a.size), (a, b)), (total, total))
     count, number = connected_components(tied, directed=False)
     part = number[local]
-    return _numbered(mesh, int(count), part[:cells], part[cells:])
+    return _numbered(mesh, int(count), part[:cells], part[cells : cells + own.size])
+
+
+def _apart(
+    rows: Labels,
+    columns: Labels,
+    among: npt.NDArray[np.bool_],
+    marks: Any,
+    rest: int,
+) -> tuple[Labels, Labels]:
+    """Links among some cells; all other cells, and entities of these alone, to one more node.
+
+    Args:
+        rows: Cells of the links of all.
+        columns: Their entities, numbered after the cells.
+        among: Of each local cell, whether it counts.
+        marks: A vector over the entities, overwritten. Collective.
+        rest: Number of the further node.
+    """
+    inside = among[rows]
+    marks.array[:] = 0.0
+    marks.array[columns[inside] - among.size] = 1.0
+    marks.scatter_reverse(la.InsertMode.add)
+    marks.scatter_forward()
+    others = np.concatenate([np.flatnonzero(~among), among.size + np.flatnonzero(marks.array == 0)])
+    return (
+        np.concatenate([rows[inside], others]),
+        np.concatenate([columns[inside], np.full(others.size, rest)]),
+    )
 
 
 def _numbered(mesh: dmesh.Mesh, count: int, of_cell: Labels, of_entity: Labels) -> ConnectedParts:

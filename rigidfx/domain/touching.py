@@ -1,18 +1,19 @@
 """Parts of a mesh that share no nodes and touch or overlap nonetheless.
 
-A vertex, or the middle of a facet, on the surface of a part touches another part where it lies in
-one of its cells. Which cells may hold it is asked of a tree of boxes, the rest of planes: of the
-facets of hexahedra, which need not be flat, those parallel to both diagonals through the middle.
-Edges that cross, with no such point of either part in the other, are not found.
+Of two cells that meet, an edge of one passes through the other, or lies in it, or grazes it. So the
+edges on the surface of each part are cut with the cells of others: with the planes of their facets,
+of which those of hexahedra need not be flat and stand for planes parallel to both diagonals.
 """
 
 from __future__ import annotations
+
+from collections.abc import Iterator
 
 import basix
 import dolfinx.mesh as dmesh
 import numpy as np
 import numpy.typing as npt
-from dolfinx import geometry
+from scipy.spatial import KDTree
 
 from rigidfx.base.compat import cell_geometry_dofs
 from rigidfx.domain.connected import ConnectedParts
@@ -20,6 +21,7 @@ from rigidfx.domain.connected import ConnectedParts
 __all__ = ["touching"]
 
 COINCIDENT = 1e-6  # of the size of a cell; what is further apart than that does not touch
+AT_ONCE = 4096  # edges whose cells are looked at together
 
 Array = npt.NDArray[np.float64]
 Labels = npt.NDArray[np.int64]
@@ -36,53 +38,73 @@ def touching(
         group: A number for each part; between parts with the same one, nothing is looked for.
         loose: Whether a part is one that matters; one of each pair is.
     """
-    found = mesh.comm.allgather(_surface(mesh, parts))
-    x = np.concatenate([points for points, _ in found])
+    found = mesh.comm.allgather(_edges(mesh, parts))
+    ends = np.concatenate([points for points, _ in found])
     part = np.concatenate([numbers for _, numbers in found])
-    pairs = np.empty((0, 2), np.int64)
+    pairs = [np.empty((0, 2), np.int64)]
     owned = mesh.topology.index_map(3).size_local
-    if owned and x.size:
-        cells = np.arange(owned, dtype=np.int32)
+    if owned and part.size:
         corners = mesh.geometry.x[cell_geometry_dofs(mesh)[:owned]]
-        margin = COINCIDENT * float(np.ptp(corners, axis=1).max())
-        tree = geometry.bb_tree(mesh, 3, entities=cells, padding=margin)
-        boxed = geometry.compute_collisions_points(tree, x)
-        points = np.repeat(np.arange(len(x)), np.diff(boxed.offsets))
-        a, b = part[points], parts.of_cell[boxed.array]
-        wanted = (group[a] != group[b]) & (loose[a] | loose[b])
-        points, near = points[wanted], boxed.array[wanted]
-        inside = _inside(mesh, corners[near], x[points])
-        pairs = np.unique(np.stack([a, b], axis=1)[wanted][inside], axis=0)
-    pairs = np.sort(np.concatenate(mesh.comm.allgather(pairs)), axis=1)
-    return np.unique(pairs, axis=0).T.reshape(2, -1)
+        for edges, cells in _near(ends, corners):
+            a, b = part[edges], parts.of_cell[cells]
+            wanted = (group[a] != group[b]) & (loose[a] | loose[b])
+            edges, cells = edges[wanted], cells[wanted]
+            meets = _meets(mesh, corners[cells], ends[edges])
+            pairs.append(np.unique(np.stack([a, b], axis=1)[wanted][meets], axis=0))
+    every = mesh.comm.allgather(np.concatenate(pairs))
+    return np.unique(np.sort(np.concatenate(every), axis=1), axis=0).T.reshape(2, -1)
 
 
-def _surface(mesh: dmesh.Mesh, parts: ConnectedParts) -> tuple[Array, Labels]:
-    """Vertices and middles of this rank's boundary facets, shape (n, 3), and their parts."""
-    mesh.topology.create_connectivity(2, 3)
-    mesh.topology.create_connectivity(2, 0)
-    mesh.topology.create_connectivity(0, 3)
-    facets = np.asarray(dmesh.exterior_facet_indices(mesh.topology), dtype=np.int32)
+def _edges(mesh: dmesh.Mesh, parts: ConnectedParts) -> tuple[Array, Labels]:
+    """Edges of this rank's boundary facets by their ends, shape (n, 2, 3), and their parts."""
+    topology = mesh.topology
+    topology.create_entities(1)
+    for one, other in ((2, 3), (2, 1), (1, 0), (1, 3)):
+        topology.create_connectivity(one, other)
+    facets = np.asarray(dmesh.exterior_facet_indices(topology), dtype=np.int32)
     if not facets.size:  # a rank may own nothing, which DOLFINx divides by
-        return np.empty((0, 3)), np.empty(0, np.int64)
-    own = dmesh.compute_incident_entities(mesh.topology, facets, 2, 0).astype(np.int32)
-    nodes = dmesh.entities_to_geometry(mesh, 0, own).reshape(-1)
-    first = mesh.topology.connectivity(2, 3)
-    cells = first.array[first.offsets[facets]]
-    x = np.concatenate([mesh.geometry.x[nodes], dmesh.compute_midpoints(mesh, 2, facets)])
-    return x, np.concatenate([parts.of_entity[own], parts.of_cell[cells]])
+        return np.empty((0, 2, 3)), np.empty(0, np.int64)
+    own = dmesh.compute_incident_entities(topology, facets, 2, 1).astype(np.int32)
+    nodes = dmesh.entities_to_geometry(mesh, 1, own)[:, :2]  # without nodes between them
+    first = topology.connectivity(1, 0)
+    return mesh.geometry.x[nodes], parts.of_entity[first.array[first.offsets[own]]]
 
 
-def _inside(mesh: dmesh.Mesh, corners: Array, x: Array) -> npt.NDArray[np.bool_]:
-    """Whether points lie in cells, or on them.
+def _near(ends: Array, corners: Array) -> Iterator[tuple[Labels, Labels]]:
+    """Edges and cells whose boxes overlap, some at a time.
+
+    Args:
+        ends: Of edges, shape (edges, 2, 3).
+        corners: Of cells, shape (cells, corners, 3).
+    """
+    margin = COINCIDENT * np.ptp(corners, axis=1).max(axis=1)[:, None]
+    lower, upper = corners.min(axis=1) - margin, corners.max(axis=1) + margin
+    tree = KDTree((lower + upper) / 2)
+    reach = float(np.linalg.norm(upper - lower, axis=1).max()) / 2
+    least, most = ends.min(axis=1), ends.max(axis=1)
+    around = np.flatnonzero(
+        ((most >= lower.min(axis=0)) & (least <= upper.max(axis=0))).all(axis=1)
+    )
+    for some in np.array_split(around, max(1, -(-around.size // AT_ONCE))):
+        radius = np.linalg.norm(most[some] - least[some], axis=1) / 2 + reach
+        hits = tree.query_ball_point((least[some] + most[some]) / 2, radius)
+        edges = np.repeat(some, [len(own) for own in hits])
+        cells = np.concatenate([np.empty(0, np.int64), *(np.asarray(h, np.int64) for h in hits)])
+        over = ((most[edges] >= lower[cells]) & (least[edges] <= upper[cells])).all(axis=1)
+        yield edges[over], cells[over]
+
+
+def _meets(mesh: dmesh.Mesh, corners: Array, ends: Array) -> npt.NDArray[np.bool_]:
+    """Whether some point of an edge lies in a cell, or on it.
 
     Args:
         mesh: For the kind of its cells.
-        corners: Of one cell for each point, shape (n, corners, 3).
-        x: Points, shape (n, 3).
+        corners: Of one cell for each edge, shape (n, corners, 3).
+        ends: Of the edges, shape (n, 2, 3).
     """
     margin = COINCIDENT * np.ptp(corners, axis=1).max(axis=1)
-    inside = np.ones(len(x), dtype=bool)
+    begin: Array = np.zeros(len(ends))  # what is left of each edge, from 0 ...
+    end: Array = np.ones(len(ends))  # ... to 1
     middle = corners.mean(axis=1)
     for facet in basix.topology(basix.CellType[mesh.topology.cell_type.name])[2]:
         p = corners[:, facet]
@@ -91,6 +113,10 @@ def _inside(mesh: dmesh.Mesh, corners: Array, x: Array) -> npt.NDArray[np.bool_]
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
         centre = p.mean(axis=1)
         outwards = np.sign(np.einsum("ni,ni->n", normal, centre - middle))
-        height = np.einsum("ni,ni->n", normal, x - centre) * outwards
-        inside &= height <= margin
-    return inside
+        heights = np.einsum("ni,nki->nk", normal, ends - centre[:, None]) * outwards[:, None]
+        a, b = (heights - margin[:, None]).T  # above the facet where positive
+        with np.errstate(divide="ignore", invalid="ignore"):
+            crossing = a / (a - b)
+        begin = np.where(a > 0, np.where(b > 0, np.inf, np.fmax(begin, crossing)), begin)
+        end = np.where((b > 0) & (a <= 0), np.fmin(end, crossing), end)
+    return begin <= end
