@@ -216,12 +216,13 @@ class State:
 CONTRADICTION = 1e-5
 
 
-def initial_velocity(scene: Scene, dt: float) -> Array:
+def initial_velocity(scene: Scene, dt: float, start: float) -> Array:
     """Velocity at the start per local node with ghosts, shape (nodes, 3) [m/s]. Collective.
 
     Args:
         scene: The problem.
         dt: Nominal Δt [s], the scale for velocities of supports that are known by their path only.
+        start: Time just after t = 0 [s], at which what begins there acts.
 
     Raises:
         SceneError: If a given velocity is not finite, or contradicts a support that acts at the
@@ -237,7 +238,7 @@ def initial_velocity(scene: Scene, dt: float) -> Array:
             v += _evaluate(effect, scene, X)
     scale = scene.comm.allreduce(float(np.abs(v).max(initial=0.0)), op=MPI.MAX)
     for support, nodes in scene.supports if given else ():
-        if not support.acts(0.0):
+        if not support.acts(start):
             continue
         wanted = together(
             scene.comm,

@@ -49,7 +49,7 @@ def test_rounding_at_small_strains_is_no_loss(material, load):
         warnings.simplefilter("always")  # another one says that the window is short
         reports = list(rf.simulate(scene, 0.01, 0.2, rigidify=rf.StrainRate(1e-3, 0.02)))
     assert [e.kind for r in reports for e in r.events][:2] == ["freeze", "release"]
-    assert not [w for w in shown if "balance" in str(w.message)]
+    assert not [w for w in shown if "balance of energy" in str(w.message)]
 
 
 @pytest.mark.parametrize("scheme", [None, rf.Midpoint()])
@@ -110,8 +110,9 @@ def test_what_rounding_in_the_stiffest_material_takes_is_told():
     with warnings.catch_warnings(record=True) as shown:
         warnings.simplefilter("always")
         for report in rf.simulate(halves(rf.NeoHooke, 1e14), 0.05, 1.0):
-            reports.append((abs(report.energy / 323.25 - 1), len(shown)))
-    (message,) = (str(w.message) for w in shown)
+            told = [str(w.message) for w in shown if "balance of energy" in str(w.message)]
+            reports.append((abs(report.energy / 323.25 - 1), len(told)))
+    (message,) = told
     assert "of the largest energy. The energy of NeoHooke" in message
     assert (
         "a ratio of stiffness of 1e+14 is too much for so little energy. Make that part" in message
@@ -132,5 +133,5 @@ def test_what_is_advised_helps(material, ratio, effects):
     with warnings.catch_warnings(record=True) as shown:
         warnings.simplefilter("always")
         reports = list(rf.simulate(halves(material, ratio, effects), 0.05, 1.0))
-    assert not [w for w in shown if "balance" in str(w.message)]
+    assert not [w for w in shown if "balance of energy" in str(w.message)]
     assert abs(reports[-1].energy / reports[0].energy - 1) < 1e-4

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 import rigidfx as rf
 from rigidfx.base.errors import SceneError
+from rigidfx.base.instants import resolution
 
 MATERIAL = rf.NeoHooke(rho=2.0, E=50.0, nu=0.3)
 MOVING = rf.InitialVelocity(linear=(0.3, 0.2, -0.1), angular=(0.1, 0.2, 0.3))
@@ -187,7 +188,7 @@ def test_books_of_any_prescribed_motion(mass, size, frequency, begin, length, dt
     motion = rf.PrescribedMotion(
         "x1", "xy", displacement=path, velocity=velocity, since=begin, until=begin + length
     )
-    start = () if begin == 0 else (MOVING,)
+    start = () if begin <= resolution(0.0, dt) else (MOVING,)  # or it contradicts the path
     gravity = np.array([0.0, -1.0, 0.5])
     scene = _bar(motion, rf.Gravity(tuple(gravity)), *start, mass=mass, cells=(2, 1, 1))
     held, books, place = scene.nodes("x1", "test"), Books(), None
@@ -349,6 +350,7 @@ def test_initial_velocity_that_contradicts_a_support():
         (rf.Fixed("x0"), MOVING),
         (rf.Fixed("x0", "y"), rf.InitialVelocity(linear=(0, 1.0, 0))),
         (moves, rf.InitialVelocity(linear=(0.9, 0, 0))),
+        (rf.Fixed("x0", since=1e-12), MOVING),  # which is the start, but for rounding
     ):
         with pytest.raises(SceneError, match="contradicts"):
             next(rf.simulate(_bar(support, start), 0.1, 1.0))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 import warnings
+from pathlib import Path
 
 import dolfinx.mesh as dmesh
 import numpy as np
@@ -678,7 +679,9 @@ def test_window_that_is_shorter_than_the_period():
     t_end = 20 * PERIOD
     with pytest.warns(rf.RigidfxWarning, match="shorter than the longest period") as caught:
         run(swinging(), rf.StrainRate(0.0, 0.6 * PERIOD), t_end=t_end, dt=PERIOD / 20)
-    (message,) = (str(w.message) for w in caught if "StrainRate" in str(w.message))  # once
+    (warning,) = (w for w in caught if "StrainRate" in str(w.message))  # once
+    message = str(warning.message)
+    assert Path(warning.filename).parent == Path(__file__).parent
     (seen,) = re.findall(r"period seen, (\S+) s", message)
     # at the first window's end at which CYCLES cycles have been seen
     assert float(seen) == pytest.approx(PERIOD, rel=1 / (4 * CYCLES))

@@ -59,6 +59,38 @@ def test_ratios_that_do_no_harm_pass(exact, factor):
     assert error(found, exact) <= 25 / factor + 1e-8
 
 
+def floating(*effects, middle=SOFT, cells=(6, 1, 1)):
+    """Displacements of the end of a bar whose middle third is of another material, or rigid."""
+    domain = (
+        rf.box((0, 0, 0), (6, 1, 1), cells)
+        .with_cells("first", lambda X: X[0] <= 2 + 1e-9)
+        .with_cells("middle", lambda X: (X[0] >= 2 - 1e-9) & (X[0] <= 4 + 1e-9))
+        .with_cells("last", lambda X: X[0] >= 4 - 1e-9)
+    )
+    push = rf.Traction("x1", (1.0, 3.0, 0.0), until=0.3)
+    materials = {"first": SOFT, "middle": middle, "last": SOFT}
+    supports = [rf.Fixed("x0"), push, *effects]
+    scene = rf.Scene(domain, materials, supports, probes={"tip": (6, 0.5, 0.5)})
+    return np.array([r.probes["tip"] for r in rf.simulate(scene, 0.05, 0.6)])
+
+
+@pytest.mark.parametrize("cells", [(6, 1, 1), (12, 2, 2)])
+def test_a_stiff_part_that_floats_is_warned_of(cells):
+    """Of its motion as a whole neither the residual nor its own stiffness tells."""
+    with pytest.warns(rf.RigidfxWarning, match="before softer ones were in balance"):
+        found = floating(middle=ratio(1e12), cells=cells)
+    off = error(found, floating(rf.Rigid("middle"), cells=cells))
+    show(off=off)
+    assert off <= 1e-4
+
+
+def test_a_stiff_part_that_floats_and_does_no_harm_passes():
+    with warnings.catch_warnings():
+        warnings.filterwarnings("error", "In the step from", rf.RigidfxWarning)
+        found = floating(middle=ratio(1e8))
+    assert error(found, floating(rf.Rigid("middle"))) <= 1e-6
+
+
 def test_a_stiff_free_body_passes():
     """Its flight needs no forces: all that is left is rounding, and does no harm."""
     start = rf.InitialVelocity(linear=(0.1, 0, 0), angular=(0.1, 0.2, 0.5))

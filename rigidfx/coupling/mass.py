@@ -18,7 +18,6 @@ from scipy.sparse import csr_matrix
 from rigidfx.coupling.condensed_tangent import CondensedMatrix
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.coupling.rows import Rows
-from rigidfx.effects import PointMass
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.flexible.kernels import Kernel
 from rigidfx.scene.scene import Scene
@@ -133,7 +132,7 @@ class ConsistentMass:
         self._matrix = rows.matrix(bound)
         fem_petsc.assemble_matrix(self._matrix, bound)
         self._points: PETSc.Vec | None = None
-        if points is not None and scene.named(PointMass):
+        if points is not None and scene.sum(np.count_nonzero(points)) > 0:
             self._points = rows.vector()
             self._points.array[:] = np.repeat(points, 3)
             # A node of no counted cell has no entry in the pattern yet.

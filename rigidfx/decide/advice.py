@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from rigidfx.base.errors import RigidfxWarning
+from rigidfx.base.warning import warn
 from rigidfx.decide.criterion import StrainRate
 
 __all__ = ["Advice"]
@@ -20,15 +19,15 @@ Array = npt.NDArray[np.float64]
 class Advice:
     """Warns on rank 0, of each thing once."""
 
-    def __init__(self, comm: MPI.Intracomm, criterion: StrainRate) -> None:
-        """Nothing has been said yet.
+    def __init__(self, comm: MPI.Intracomm, criterion: StrainRate, said: set[str]) -> None:
+        """Take over what has been said.
 
         Args:
             comm: Communicator of the mesh.
             criterion: What the user states.
+            said: Kinds of warnings that were given; those of this one are added.
         """
-        self._comm, self._criterion = comm, criterion
-        self._said: set[str] = set()
+        self._comm, self._criterion, self._said = comm, criterion, said
 
     def of_window(self, period: float, tol: Array, noise: float) -> None:
         """Of a window shorter than a period, and of a tolerance below noise. Collective.
@@ -85,6 +84,6 @@ class Advice:
 
     def _say(self, message: str) -> None:
         kind = message.split(",")[0]
-        if kind not in self._said and self._comm.rank == 0:
-            warnings.warn(f"StrainRate: {message}", RigidfxWarning, stacklevel=2)
-        self._said.add(kind)
+        if kind not in self._said:
+            self._said.add(kind)
+            warn(self._comm, f"StrainRate: {message}")

@@ -14,6 +14,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.base.instants import longer
+
 __all__ = ["BackOff"]
 
 Array = npt.NDArray[np.float64]
@@ -63,7 +65,7 @@ class BackOff:
         Args:
             able: Cells that have qualified in the window that ends now.
         """
-        return able & (self.windows + 1 >= self.needed() * (1 - 1e-9))
+        return able & ~longer(self.needed(), self.windows + 1)
 
     def window_ended(self, able: Bools, length: float) -> None:
         """Take notice of the end of a window.
@@ -90,7 +92,7 @@ class BackOff:
         """
         was = self.rigid
         released, frozen = was & ~rigid, rigid & ~was
-        soon = released & (t - self.rigid_since < self.observed * (1 - 1e-9))
+        soon = released & longer(self.observed, t - self.rigid_since)
         if counts:
             self.hasty[soon] += 1
             self.hasty[released & ~soon] = 0

@@ -11,7 +11,7 @@ it has given, and spectra that it need not take twice).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
 
@@ -57,6 +57,7 @@ class Memory:
         loads: The loads of the present bodies, and the largest so far.
         contacts: The same of contacts.
         next_number: First number that no body has had.
+        said: Kinds of warnings that were given.
     """
 
     window: Window
@@ -65,6 +66,7 @@ class Memory:
     loads: LoadChanges
     contacts: ContactChanges
     next_number: int
+    said: set[str] = field(default_factory=set)
 
 
 class Policy:
@@ -106,7 +108,6 @@ class Policy:
         self._named = np.zeros(self._graph.owned, dtype=bool)
         for own in self._always.values():
             self._named[own] = True
-        self._advice = Advice(scene.comm, criterion)
         self.memory = Memory(
             window=self._new_window(0.0),
             signals=Signals(scene),
@@ -115,6 +116,11 @@ class Policy:
             contacts=ContactChanges(criterion.load_change),
             next_number=len(rigid) + 1,
         )
+
+    @property
+    def _advice(self) -> Advice:
+        """Warnings, of each thing once."""
+        return Advice(self._scene.comm, self._criterion, self.memory.said)
 
     def _new_window(self, t: float) -> Window:
         """A new window from t [s] on, or from when observation begins."""

@@ -79,6 +79,9 @@ class Effect:
 
     is_load: ClassVar[bool] = False  # whether its windows and changes are changes of a load
     is_dead: ClassVar[bool] = False  # whether it is but forces that the motion does not change
+    is_lasting: ClassVar[bool] = False  # whether its forces act at all times, in statics too
+    holds: ClassVar[bool] = False  # whether what it acts on cannot drift away
+    is_rigid: ClassVar[bool] = False  # whether the cells it names never strain
 
     def __post_init__(self) -> None:
         """Take its values, and check where it acts, if it acts somewhere.
@@ -125,6 +128,29 @@ class Effect:
             dt: Time step [s], the scale of a difference quotient where one is needed.
         """
         return np.empty(0)
+
+    @property
+    def mass_damping(self) -> float:
+        """α of a drag α M v that it is, for linear twins [1/s]."""
+        return 0.0
+
+    @property
+    def numerical_damping(self) -> float | None:
+        """ξ of the time integration scheme; None if it has no say in that."""
+        return None
+
+    @property
+    def ground_stiffness(self) -> Array | None:
+        """Total stiffness against the ground, shape (3, 3) [N/m]; None if it has none."""
+        return None
+
+    def nodal_mass(self, scene: Any) -> Array | None:
+        """Mass that it adds to each local node, ghosts included [kg]; None if none. Collective.
+
+        Args:
+            scene: The scene that names it, whose mesh and space are known already.
+        """
+        return None
 
     def bind(self, structure: Structure) -> Action | None:
         """Its action on nodes and bodies of a division; None if it has none. Collective."""

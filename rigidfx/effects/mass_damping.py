@@ -39,6 +39,11 @@ class MassDamping(Windowed):
         super().__post_init__()
         positive("MassDamping", "alpha", self.alpha)
 
+    @property
+    def mass_damping(self) -> float:
+        """α [1/s]."""
+        return float(self.alpha)
+
     def bind(self, structure: Structure) -> Action:
         """The drag on nodes and bodies."""
         return Drag(float(self.alpha), structure)

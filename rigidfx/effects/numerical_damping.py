@@ -32,3 +32,8 @@ class NumericalDamping(Windowed):
         super().__post_init__()
         if not 0 <= number("NumericalDamping", "xi", self.xi) <= 0.5:
             raise SceneError(f"NumericalDamping: xi must lie in [0, 1/2], got {self.xi!r}.")
+
+    @property
+    def numerical_damping(self) -> float:
+        """ξ."""
+        return float(self.xi)

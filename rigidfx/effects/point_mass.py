@@ -35,6 +35,6 @@ class PointMass(Effect):
         super().__post_init__()
         positive("PointMass", "mass", self.mass)
 
-    def nodal(self, scene: Any) -> Array:
+    def nodal_mass(self, scene: Any) -> Array:
         """Mass of each local node, ghosts included, shape (nodes,) [kg]. Collective."""
         return float(self.mass) * scene.shares(self.where, self.kind)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from rigidfx.base.errors import SceneError
-from rigidfx.base.inputs import number
+from rigidfx.base.inputs import whole
 from rigidfx.effects.base import Effect
 from rigidfx.effects.dead_load import DeadLoad
 
@@ -42,12 +42,8 @@ class Preload(Effect):
         if not loads or not all(isinstance(load, DeadLoad) for load in loads):
             raise SceneError(f"Preload: loads must be one or more dead loads, got {given!r}.")
         object.__setattr__(self, "loads", loads)
-        increments = number("Preload", "increments", self.increments)
-        if increments < 1 or not increments.is_integer():
-            raise SceneError(
-                f"Preload: increments must be an integer ≥ 1, got {self.increments!r}."
-            )
-        object.__setattr__(self, "increments", int(increments))
+        increments = whole("Preload", "increments", self.increments, least=1)
+        object.__setattr__(self, "increments", increments)
 
     def check(self, scene: Any) -> None:
         """Check its loads."""

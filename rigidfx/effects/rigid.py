@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -30,6 +31,8 @@ class Rigid(Effect):
         inertia: Inertia about the centre of mass in place of the computed one, shape (3, 3)
             [kg m²].
     """
+
+    is_rigid: ClassVar[bool] = True
 
     where: str | None = None
     mass: float | None = None
@@ -69,3 +72,7 @@ class Rigid(Effect):
                 f"Rigid: no body has the principal moments of inertia {a:.3g}, {b:.3g}, {c:.3g}: "
                 "they must be positive and none above the sum of the others."
             )
+
+    def check(self, scene: Any) -> None:
+        """Look its cells up."""
+        scene.owned_cells(self.where, self.kind)

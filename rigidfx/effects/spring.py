@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -36,6 +36,9 @@ class Spring(Effect):
         damping: *Total* C [N s/m], likewise; none by default.
     """
 
+    is_lasting: ClassVar[bool] = True
+    holds: ClassVar[bool] = True
+
     where: str
     stiffness: Stiffness
     damping: Stiffness = 0.0
@@ -59,6 +62,11 @@ class Spring(Effect):
     def C(self) -> npt.NDArray[np.float64]:
         """Total damping, shape (3, 3) [N s/m]."""
         return _tensor(self.where, "damping", self.damping)
+
+    @property
+    def ground_stiffness(self) -> npt.NDArray[np.float64]:
+        """K [N/m]."""
+        return self.K
 
     def check(self, scene: Any) -> None:
         """Look its nodes up."""

@@ -26,6 +26,7 @@ class Support(Windowed):
     """
 
     is_load: ClassVar[bool] = True
+    holds: ClassVar[bool] = True
     moves: ClassVar[bool] = False  # whether its motion is a user's function of time
 
     where: str

@@ -17,7 +17,7 @@ import ufl
 from dolfinx import fem
 
 from rigidfx.base.errors import together
-from rigidfx.effects import Effect, FormTerm, NumericalDamping
+from rigidfx.effects import Effect, FormTerm
 from rigidfx.flexible.bound_forces import BoundForces, Taken, Variant
 from rigidfx.flexible.kernels import Kernel
 from rigidfx.flexible.material_classes import MaterialClass, material_classes
@@ -33,7 +33,7 @@ __all__ = ["Cells", "Facets", "InternalForces"]
 
 Cells = Mapping[int, npt.NDArray[np.int32]]
 Facets = Mapping[int, npt.NDArray[np.int32]]
-Terms = tuple[bool, tuple[int, ...]]  # whether ξ acts, and which of the effects' terms
+Terms = tuple[str, tuple[int, ...]]  # the kind of what gives ξ, if it acts; terms of effects
 
 
 class InternalForces:
@@ -97,7 +97,9 @@ class InternalForces:
             acting: The effects that act.
         """
         here = {id(effect) for effect in acting}
-        damped = any(isinstance(effect, NumericalDamping) for effect in acting)
+        damping = {e.kind: e.numerical_damping for e in acting if e.numerical_damping is not None}
+        damped = next(iter(damping), "")
+        self._xi.value = sum(damping.values())
         terms = tuple(k for k, (effect, _) in enumerate(self._terms) if id(effect) in here)
         self._acting = (damped, terms)
         if self._acting not in self._variants:
@@ -113,10 +115,7 @@ class InternalForces:
         Raises:
             SceneError: On every rank, if a user's function fails on any.
         """
-        damped, acting = self._acting
-        if damped:
-            damping = self._scene.named(NumericalDamping)
-            self._xi.value = sum(d.xi for d in damping if d.acts(t))
+        _, acting = self._acting
         if acting:
 
             def evaluate() -> None:
@@ -125,7 +124,7 @@ class InternalForces:
 
             together(self._scene.comm, "An effect", evaluate)
 
-    def _compile(self, damped: bool, acting: tuple[int, ...]) -> Variant:
+    def _compile(self, damped: str, acting: tuple[int, ...]) -> Variant:
         scene, V, mesh = self._scene, self._scene.space, self._scene.mesh
         test, trial = ufl.TestFunction(V), ufl.TrialFunction(V)
         xi = self._xi if damped else None
@@ -155,7 +154,7 @@ class InternalForces:
             Kernel(loads, [], mesh) if on_facets else None,
         )
 
-    def _dissipated(self, damped: bool, acts: Sequence[tuple[int, FormTerm]]) -> dict[str, Kernel]:
+    def _dissipated(self, damped: str, acts: Sequence[tuple[int, FormTerm]]) -> dict[str, Kernel]:
         """Energy that damping takes in a step, by its kind."""
         element, u0, u1 = self._element, self.u0, self.u1
         dE = element.strain_increment(u0, u1)
@@ -171,7 +170,7 @@ class InternalForces:
 
             return integrand
 
-        forms = {NumericalDamping.__name__: self.integrate(numerical)} if damped else {}
+        forms = {damped: self.integrate(numerical)} if damped else {}
         forms |= {kind: self.integrate(of(kind)) for kind in {t.kind for _, t in acts}}
         return {
             kind: Kernel(form, [], self._scene.mesh)

@@ -64,6 +64,11 @@ class Material:
         raise NotImplementedError
 
     @property
+    def stiffness(self) -> float:
+        """Its largest parameter: about how stiff it is [Pa]."""
+        return float(max(map(abs, self.parameters.values()), default=0.0))
+
+    @property
     def energy(self) -> Energy:
         """Stored energy W(C, **parameters) [J/m³] in UFL; equal functions share a kernel."""
         raise NotImplementedError

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx.effects import Contact, Rigid
+from rigidfx.effects import Contact
 from rigidfx.flexible.stress import CauchyStress, von_mises
 from rigidfx.output.paraview import Body
 from rigidfx.report.report import Report
@@ -44,7 +44,7 @@ class Fields:
         self._materials = self.body.on_cells(_material_numbers(scene))
         self._stress = CauchyStress(scene) if stress else None
         self._scene, self._contacts = scene, scene.named(Contact)
-        self._may_be_rigid = bool(scene.named(Rigid))
+        self._may_be_rigid = any(effect.is_rigid for effect in scene.effects)
 
     def may_have_bodies(self, report: Report) -> bool:
         """Whether there are rigid bodies in a run, or may be."""

@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import ExitStack, closing, suppress
 from functools import cached_property
-from math import floor, ulp
+from math import floor
 from pathlib import Path
 from types import TracebackType
 
@@ -27,6 +27,7 @@ import numpy as np
 
 from rigidfx.base.errors import OutputError, SceneError, StepError, agree, together
 from rigidfx.base.inputs import path_of, positive, whole
+from rigidfx.base.instants import at_latest
 from rigidfx.base.same_input import check_same
 from rigidfx.effects import Contact
 from rigidfx.output.body_tables import BODY_COLUMNS, EVENT_COLUMNS, body_rows, event_rows
@@ -213,8 +214,7 @@ class Recorder:
     def _due(self, report: Report) -> bool:
         if self._interval is None:
             return report.step % self._every == 0
-        # The same instant: far less than a step apart, or some numbers.
-        t = report.t + max(1e-6 * min(report.dt, self._interval), 4 * ulp(report.t))
+        t = float(at_latest(report.t, min(report.dt, self._interval)))
         if t < self._next:
             return False
         self._next = (floor(t / self._interval) + 1) * self._interval

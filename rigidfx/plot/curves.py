@@ -17,6 +17,7 @@ from mpi4py import MPI
 
 from rigidfx.base.errors import OutputError, SceneError, agree
 from rigidfx.base.inputs import number, numbers, path_of
+from rigidfx.base.instants import reached
 from rigidfx.base.taken import take_fields
 from rigidfx.output.history import read_history
 
@@ -141,7 +142,7 @@ def _components(ax: Any, t: Array, h: Mapping[str, Array], name: str) -> None:
 
 def _drifts(ax: Any, h: Mapping[str, Array], free_since: float) -> None:
     """Relative deviations from the values at a time; none is shown below the rounding unit."""
-    free = h["t"] >= free_since * (1 - 1e-9)
+    free = reached(h["t"], free_since, np.diff(h["t"], prepend=h["t"][0]))
     t, H = h["t"][free], h["energy"][free]
     J = np.stack([h[f"J_{axis}"][free] for axis in "xyz"], axis=1)
     L = np.stack([h[f"L_{axis}"][free] for axis in "xyz"], axis=1)

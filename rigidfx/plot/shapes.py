@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import number, path_of, whole
+from rigidfx.base.instants import reached
 from rigidfx.flexible.stress import CauchyStress, von_mises
 from rigidfx.output.paraview import Body
 from rigidfx.plot.curves import on_first_rank
@@ -94,7 +95,7 @@ class Shapes:
         """
         check_report("Shapes.add", self._scene, report)
         due = 0
-        while due < len(self._times) and report.t >= self._times[due] * (1 - 1e-9):
+        while due < len(self._times) and reached(report.t, self._times[due], report.dt):
             due += 1
         if not due:
             return

@@ -8,10 +8,10 @@ so loose that what is left of the residual does work. Nothing else in a report w
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from rigidfx import effects as fx
 from rigidfx.base.errors import StepError
 from rigidfx.base.warning import warn
 from rigidfx.report.report import Report
@@ -124,7 +124,8 @@ def _rounding(scene: Scene) -> _Rounding:
     that it is known to ε E V only; one that is quadratic in the strain, to ε² E V at least. Parts
     named rigid have none.
     """
-    bodies = [scene.owned_cells(body.where, "Rigid") for body in scene.named(fx.Rigid)]
+    named: list[Any] = [effect for effect in scene.effects if effect.is_rigid]
+    bodies = [scene.owned_cells(effect.where, effect.kind) for effect in named]
     rigid = np.concatenate([np.empty(0, np.int32), *bodies])
     counts = scene.sum([np.setdiff1d(cells, rigid).size for _, cells in scene.materials])
     size = scene.mean_cell_size**3
@@ -132,7 +133,7 @@ def _rounding(scene: Scene) -> _Rounding:
     if not materials:
         return _Rounding(0.0, 0.0, "")
     volumes = counts[counts > 0] * size
-    stiffness = np.array([max(map(abs, m.parameters.values()), default=0.0) for m in materials])
+    stiffness = np.array([material.stiffness for material in materials])
     densities = stiffness * [ROUNDING**2 if m.quadratic else ROUNDING for m in materials]
     worst = int(np.argmax(densities * volumes))
     known = EPS * stiffness[worst] * volumes[worst]

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 
 from rigidfx.base import compat
 from rigidfx.base.errors import SceneError, agree
 from rigidfx.base.inputs import numbers
 from rigidfx.base.taken import read_only
 from rigidfx.base.warning import warn
-from rigidfx.effects import Rigid
 from rigidfx.scene.conflicts import overlap
 from rigidfx.scene.mesh_checks import warn_of_bending
 
@@ -23,6 +23,7 @@ __all__ = [
     "check_discretisation",
     "check_masses",
     "check_supports",
+    "in_order",
     "points",
     "warn_of_locking",
 ]
@@ -71,7 +72,7 @@ def warn_of_locking(scene: Any) -> None:
             f"Scene: first-order cells lock at ν = {nu:g}: they keep their volume at the price "
             "of hardly bending at all. Take order=2, or a smaller ν.",
         )
-    if not any(rigid.where is None for rigid in scene.named(Rigid)):
+    if not any(effect.is_rigid and effect.where is None for effect in scene.effects):
         warn_of_bending(scene.domain)
 
 
@@ -120,8 +121,19 @@ def check_supports(scene: Any) -> None:
             )
 
 
-def points(probes: Mapping[str, Sequence[float]]) -> dict[str, Array]:
-    """Probes as read-only arrays, shape (3,) each [m].
+def in_order(given: Any) -> Any:
+    """A dict in an order that is the same on all ranks, in which its own does not matter."""
+    if not isinstance(given, Mapping):
+        return given
+    return {name: given[name] for name in sorted(given, key=repr)}
+
+
+def points(comm: MPI.Intracomm, probes: Mapping[str, Sequence[float]]) -> dict[str, Array]:
+    """Probes as read-only arrays, shape (3,) each [m], in the order of rank 0. Collective.
+
+    Args:
+        comm: Ranks that have the same probes, in whatever order.
+        probes: Name → point.
 
     Raises:
         SceneError: If one is not three finite numbers, or two names are the same text, by which
@@ -137,6 +149,10 @@ def points(probes: Mapping[str, Sequence[float]]) -> dict[str, Array]:
         point = numbers(given)
         if point.shape != (3,) or not np.isfinite(point).all():
             raise SceneError(f"Scene: probe '{name}' must be three finite numbers, got {given!r}.")
+        if not str(name) or not str(name).isprintable():
+            raise SceneError(
+                f"Scene: the name of a probe must be one that can be printed, got {name!r}."
+            )
         if str(name) in called:
             raise SceneError(
                 f"Scene: the probes {called[str(name)]!r} and {name!r} would have the same columns "
@@ -144,4 +160,4 @@ def points(probes: Mapping[str, Sequence[float]]) -> dict[str, Array]:
             )
         called[str(name)] = name
         found[name] = read_only(point)
-    return found
+    return {called[text]: found[called[text]] for text in comm.bcast(list(called))}

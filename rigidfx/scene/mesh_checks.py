@@ -133,18 +133,18 @@ def _parts_of(
 
 def _held(domain: Domain, parts: ConnectedParts, effects: Sequence[fx.Effect]) -> Any:
     """Parts with a support or a spring. Collective."""
-    holding = [e for e in effects if isinstance(e, (fx.Support, fx.Spring))]
-    found = [_parts_of(domain, parts, e.where, type(e).__name__) for e in holding]
+    holding: list[Any] = [e for e in effects if e.holds]
+    found = [_parts_of(domain, parts, e.where, e.kind) for e in holding]
     return np.unique(np.concatenate([np.empty(0, np.int64), *found]))
 
 
 def _joined(domain: Domain, parts: ConnectedParts, effects: Sequence[fx.Effect]) -> Any:
     """A number for each part, the same for those that rigid bodies join. Collective."""
     links = [np.empty((2, 0), np.int64)]
-    for effect in effects:
-        if isinstance(effect, fx.Rigid):
-            own = _parts_of(domain, parts, effect.where, "Rigid")
-            links.append(np.stack([own, np.full(own.size, own[0])]))
+    rigid: list[Any] = [e for e in effects if e.is_rigid]
+    for effect in rigid:
+        own = _parts_of(domain, parts, effect.where, effect.kind)
+        links.append(np.stack([own, np.full(own.size, own[0])]))
     a, b = np.concatenate(links, axis=1)
     graph = coo_array((np.ones(a.size), (a, b)), (parts.count, parts.count))
     return connected_components(graph, directed=False)[1]

@@ -35,11 +35,13 @@ from rigidfx.scene.checks import (
     check_discretisation,
     check_masses,
     check_supports,
+    in_order,
     points,
     warn_of_locking,
 )
 from rigidfx.scene.conflicts import check_together
 from rigidfx.scene.mesh_checks import parts_in_words, warn_of_distance, warn_of_gaps
+from rigidfx.scene.stiffness import stiff_parts
 from rigidfx.scene.summary import effects_table, in_words, phases
 
 __all__ = ["Scene"]
@@ -104,21 +106,19 @@ class Scene:
         if isinstance(effects, (str, Set)) or not isinstance(effects, Iterable):
             raise SceneError(f"Scene: effects must be a list of effects, got {effects!r}.")
         self.effects = tuple(effects)
-        materials: Any = material
-        if isinstance(material, Mapping):  # their order does not matter
-            materials = {name: material[name] for name in sorted(material, key=repr)}
-        given: dict[str, Any] = {"material": materials, "order": order, "mass": mass}
-        given |= {"scheme": scheme, "probes": probes}
+        given: dict[str, Any] = {"material": in_order(material), "order": order, "mass": mass}
+        given |= {"scheme": scheme, "probes": in_order(probes)}
         given |= {"names": sorted(domain.sets), "effects": self.effects}
         check_same(domain.comm, "Scene", given)
         self.order, self.mass = order, mass
         self.scheme: Scheme = EnergyMomentum() if scheme is None else scheme
-        if isinstance(scheme, type) or not hasattr(self.scheme, "virtual_work"):
+        asked = "virtual_work", "conserving", "damps", "couples"
+        if isinstance(scheme, type) or not all(hasattr(self.scheme, name) for name in asked):
             raise SceneError(
                 f"Scene: scheme must be EnergyMomentum(), Midpoint() or Trapezoidal(), got "
                 f"{scheme!r}."
             )
-        self.probes = MappingProxyType(points(probes or {}))
+        self.probes = MappingProxyType(points(domain.comm, probes or {}))
         self.element: Element = StandardElement()
         check_discretisation(self)
         check_together(self.effects, self.scheme)
@@ -245,6 +245,11 @@ class Scene:
         """Connected parts of the mesh, those that share no nodes. Collective."""
         return connected_parts(self.mesh, 0)
 
+    @cached_property
+    def stiff_parts(self) -> ConnectedParts | None:
+        """Connected parts of cells much stiffer than others; None if there are none. Collective."""
+        return stiff_parts(self)
+
     @property
     def mean_cell_size(self) -> float:
         """Cube root of the mean volume of a cell [m]. Collective."""
@@ -279,8 +284,9 @@ class Scene:
 
     def _point_masses(self) -> Array:
         total = np.zeros(self.space.tabulate_dof_coordinates().shape[0])
-        for point in self.named(fx.PointMass):
-            total += point.nodal(self)
+        for effect in self.effects:
+            own = effect.nodal_mass(self)
+            total += 0.0 if own is None else own
         return total
 
     def density(self) -> fem.Function:
@@ -322,8 +328,8 @@ class Scene:
             "Effects" if self.effects else "Effects: none",
             *(f"  {line}" for line in effects_table(self.effects)),
         ]
-        if self.named(fx.Windowed) or self.named(fx.Spring):
-            lines += ["Acting", *(f"  {line}" for line in phases(self.effects))]
+        if acting := phases(self.effects):
+            lines += ["Acting", *(f"  {line}" for line in acting)]
         text = "\n".join(lines)
         if self.comm.rank == 0:
             print(text, flush=True)  # noqa: T201 - it is what this is for

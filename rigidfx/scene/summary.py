@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rigidfx.effects import Effect, Spring, Table, Windowed
+from rigidfx.effects import Effect, Table, Windowed
 
 __all__ = ["effects_table", "in_words", "phases"]
 
@@ -34,9 +34,11 @@ def effects_table(effects: Sequence[Effect]) -> list[str]:
 def phases(effects: Sequence[Effect]) -> list[str]:
     """A line for each span of time in which the same effects act, from t = 0 on.
 
-    Springs have no time window: they act in all of them.
+    Springs have no time window: they act in all of them. None if nothing of the kind is there.
     """
     windowed = [e for e in effects if isinstance(e, Windowed)]
+    if not windowed and not any(e.is_lasting for e in effects):
+        return []
     ends = {t for e in windowed for t in (e.since, e.until) if isfinite(t) and t > 0}
     lines = []
     starts = [0.0, *sorted(ends)]
@@ -44,7 +46,7 @@ def phases(effects: Sequence[Effect]) -> list[str]:
         acting = [
             _short(e)
             for e in effects
-            if isinstance(e, Spring) or (isinstance(e, Windowed) and e.acts(begin))
+            if e.is_lasting or (isinstance(e, Windowed) and e.acts(begin))
         ]
         span = f"from {begin:g} s on" if end == inf else f"{begin:g} … {end:g} s"
         lines.append(f"{span}: {', '.join(acting) or 'nothing'}")

@@ -8,6 +8,7 @@ from math import floor, ulp
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import number, positive
+from rigidfx.base.instants import resolution
 
 __all__ = ["Timeline"]
 
@@ -63,7 +64,7 @@ class Timeline:
                 f"{self.t_end:.9g} s, where numbers are {apart:.2g} s apart. Take dt ≥ "
                 f"{LEAST * apart:.2g} s, or a run of its own that begins at 0."
             )
-        return max(1e-9 * finest, 4 * apart)
+        return float(resolution(self.t_end, finest))
 
     def stop_at(self, times: Iterable[float]) -> None:
         """Add breakpoints [s]."""

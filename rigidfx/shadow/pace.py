@@ -14,6 +14,8 @@ from collections import deque
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.base.instants import same_length
+
 __all__ = ["LONG", "LOOKS", "Pace", "Stretch"]
 
 Array = npt.NDArray[np.float64]
@@ -53,7 +55,7 @@ class Pace:
         self._alarmed = change * max(ratio, LEAST) > ALARMING * self._usual
         if self._alarmed or ratio >= CALM or len(self.waiting) + 1 >= LONG:
             return True
-        return not all(_same(length, dt) for _, length in self.waiting)
+        return not all(same_length(length, dt) for _, length in self.waiting)
 
     def before(self, force: Array) -> Array:
         """The force of the last step; the present one if there is none."""
@@ -80,12 +82,7 @@ class Pace:
     def stretches(self, force: Array, dt: float) -> list[Stretch]:
         """Steps that shadows have to take: one long one, if nothing is against it."""
         steps = [*self.waiting, (force, dt)]
-        even = len(steps) == LONG and all(_same(length, dt) for _, length in steps)
+        even = len(steps) == LONG and all(same_length(length, dt) for _, length in steps)
         if even and not self._alarmed:
             return [(np.mean([f for f, _ in steps], axis=0), LONG * dt)]
         return steps
-
-
-def _same(a: float, b: float) -> bool:
-    """Whether two lengths of steps are one but for rounding of the times at their ends."""
-    return abs(a - b) <= 1e-9 * b

@@ -22,7 +22,6 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from rigidfx.coupling.mass import Mass, mass_operator
-from rigidfx.effects import MassDamping, NumericalDamping
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.mechanics.bodies import Bodies
@@ -269,8 +268,9 @@ class Shadow(Watch):
         """The motion after a step. Collective."""
         assert self._part is not None
         scene = self._stepper.scene
-        drag = sum(e.alpha for e in scene.named(MassDamping) if e.acts(t))
-        xi = sum(e.xi for e in scene.named(NumericalDamping) if e.acts(t))
+        acting = scene.acting(t)
+        drag = sum(effect.mass_damping for effect in acting)
+        xi = sum(effect.numerical_damping or 0.0 for effect in acting)
         still = self._part.at_rest(force)
         d = self._part.increment(force, motion.u, motion.v, dt, drag + 2 / self._settling, xi)
         mean = 0.5 * (still + motion.still)

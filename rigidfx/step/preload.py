@@ -7,7 +7,7 @@ import numpy as np
 from rigidfx.base.errors import SceneError, StepError
 from rigidfx.coupling.dof_layout import DofLayout, dof_layout
 from rigidfx.coupling.prolongation import Prolongation
-from rigidfx.effects import Preload, Rigid, Spring
+from rigidfx.effects import Preload
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
@@ -23,7 +23,7 @@ __all__ = ["apply_preload"]
 
 
 def apply_preload(
-    scene: Scene, forces: InternalForces, state: State, prescribed: PrescribedDofs
+    scene: Scene, forces: InternalForces, state: State, prescribed: PrescribedDofs, start: float
 ) -> None:
     """Bring the state into the static equilibrium that the scene asks for, if it does. Collective.
 
@@ -32,27 +32,14 @@ def apply_preload(
         forces: Internal forces.
         state: The state at rest; its displacement is changed.
         prescribed: Dofs held by supports at the start.
+        start: Time just after t = 0 [s], at which what begins there acts.
 
     Raises:
         SceneError: If the supports leave a rigid motion free, or bodies are rigid from the start.
         StepError: If an increment does not converge.
     """
     for preload in scene.named(Preload):
-        if scene.named(Rigid):
-            raise SceneError("Preload: statics with parts that are Rigid is not supported.")
-        idle = [load for load in preload.loads if not load.acts(0.0)]
-        if idle:
-            raise SceneError(
-                f"Preload: {idle[0].owner} does not act at t = 0, when the statics are. Give it no "
-                "time window, or leave it out."
-            )
-        free = free_to_move(scene, prescribed)
-        if free:
-            raise SceneError(
-                "Preload: the supports that act at the start, and springs, leave a rigid motion "
-                f"free, of {free}, so there is no static equilibrium. Add supports or drop the "
-                "preload."
-            )
+        _check(scene, preload, prescribed, start)
         layout = dof_layout(scene, forces.cells(), state.bodies.of, prescribed.mask)
         actions = _actions(scene, forces, state, layout, preload)
         statics = Equilibrium(
@@ -89,6 +76,25 @@ def apply_preload(
             item.destroy()
 
 
+def _check(scene: Scene, preload: Preload, prescribed: PrescribedDofs, start: float) -> None:
+    """Refuse statics that have no solution. Collective."""
+    if any(effect.is_rigid for effect in scene.effects):
+        raise SceneError("Preload: statics with parts that are Rigid is not supported.")
+    idle = [load for load in preload.loads if not load.acts(start)]
+    if idle:
+        raise SceneError(
+            f"Preload: {idle[0].owner} does not act at t = 0, when the statics are. Give it no "
+            "time window, or leave it out."
+        )
+    free = free_to_move(scene, prescribed)
+    if free:
+        raise SceneError(
+            "Preload: the supports that act at the start, and springs, leave a rigid motion "
+            f"free, of {free}, so there is no static equilibrium. Add supports or drop the "
+            "preload."
+        )
+
+
 def _actions(
     scene: Scene, forces: InternalForces, state: State, layout: DofLayout, preload: Preload
 ) -> Actions:
@@ -103,4 +109,5 @@ def _actions(
         surface=forces.surface,
         static=True,
     )
-    return Actions(structure, [*preload.loads, *scene.named(Spring)], preload.loads)
+    lasting = [effect for effect in scene.effects if effect.is_lasting]
+    return Actions(structure, [*preload.loads, *lasting], preload.loads)

@@ -12,7 +12,6 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.domain.connected import ConnectedParts, connected_parts
-from rigidfx.effects import Spring
 from rigidfx.scene.scene import Scene
 from rigidfx.step.supports import PrescribedDofs
 
@@ -41,9 +40,12 @@ def free_to_move(scene: Scene, prescribed: PrescribedDofs) -> str:
     held = np.flatnonzero(prescribed.mask)
     rows = _motions(X[held // 3], part[held // 3], parts)[np.arange(held.size), held % 3]
     _add(gram, rows[:, None], part[held // 3])
-    for spring in scene.named(Spring):
-        own = np.flatnonzero(scene.shares(spring.where, "Spring")[:n] > 0)
-        values, vectors = np.linalg.eigh(spring.K / max(float(np.linalg.norm(spring.K)), 1e-300))
+    for effect in scene.effects:
+        K = effect.ground_stiffness
+        if K is None:
+            continue
+        own = np.flatnonzero(scene.shares(getattr(effect, "where", ""), effect.kind)[:n] > 0)
+        values, vectors = np.linalg.eigh(K / max(float(np.linalg.norm(K)), 1e-300))
         root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
         _add(gram, root @ _motions(X[own], part[own], parts), part[own])
     gram = np.asarray(scene.sum(gram))

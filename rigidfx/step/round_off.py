@@ -20,6 +20,7 @@ from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.scene.scene import Scene
 from rigidfx.step.actions import Actions
+from rigidfx.step.stiff_parts import StiffParts
 
 __all__ = ["Rounding"]
 
@@ -55,6 +56,7 @@ class Rounding:
         self._rest = undeformed
         self._cell_size = scene.mean_cell_size
         self._comm, rows = prolongation.comm, prolongation.layout.rows
+        self._stiff_parts = StiffParts(scene, prolongation)
         self._dofs, self._momentum = rows.dofs[prolongation.free], rows.vector()
         # Per unknown of this rank, as a step of infinite length has it, and what 1/Δt adds.
         forces.set_rate(0.0)
@@ -118,7 +120,9 @@ class Rounding:
         return dt * self._frequency
 
     def left(self, residual: PETSc.Vec) -> float:
-        """Largest |Rᵢ|/Kᵢᵢ: how far a residual moves an unknown by itself [m]. Collective.
+        """How far a residual moves an unknown by itself, or a stiff part, at most [m]. Collective.
+
+        That is |Rᵢ|/Kᵢᵢ of an unknown.
 
         Args:
             residual: R, against which the last tangent that was assembled stands [N].
@@ -127,7 +131,8 @@ class Rounding:
         K, R = np.abs(diagonal.array_r), np.abs(residual.array_r)
         most = float((R[K > 0] / K[K > 0]).max(initial=0.0))
         diagonal.destroy()
-        return float(self._comm.allreduce(most, op=MPI.MAX))
+        of_parts = self._stiff_parts.left(self._tangent.matrix, residual, self._forces.u1.x.array)
+        return max(float(self._comm.allreduce(most, op=MPI.MAX)), of_parts)
 
     def _undeformed(self, tangent: CondensedMatrix) -> Array:
         """Diagonal of the tangent without deformation, at the present rate. Collective."""

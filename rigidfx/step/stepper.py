@@ -9,6 +9,7 @@ from types import TracebackType
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.base.instants import longer
 from rigidfx.effects import Contact, Support, Touch, Windowed
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import InternalForces
@@ -208,7 +209,7 @@ class Stepper:
             self._whole = left
         cuts = 0
         while True:
-            dt = left if self._trial >= left * (1 - 1e-9) else self._trial
+            dt = self._trial if longer(left, self._trial) else left
             end = target if dt == left else self.state.t + dt
             solution = self.system.solve(self.state, dt)
             attempt = Attempt(self.state.t, dt, solution, end, self.system.increments, cuts)
@@ -216,7 +217,7 @@ class Stepper:
             if objection is None:
                 self._trial = np.inf if dt == left and cuts == 0 else 2 * dt
                 return attempt
-            if dt <= self._whole / 2**MAX_CUTS * (1 + 1e-9):
+            if not longer(dt, self._whole / 2**MAX_CUTS):
                 raise objection
             cuts += 1
             self._trial = dt / 2

@@ -76,10 +76,11 @@ class Switch:
         """
         stepper, dt = self._stepper, self._timeline.dt
         scene, state = stepper.scene, stepper.state
-        velocity = initial_velocity(scene, dt)
+        start = self._timeline.after(0.0)
+        velocity = initial_velocity(scene, dt, start)
         check_clamps(scene, self._timeline)
         supports = supports_of(self.acting)
-        apply_preload(scene, stepper.forces, state, PrescribedDofs(scene, supports))
+        apply_preload(scene, stepper.forces, state, PrescribedDofs(scene, supports), start)
         state.move(velocity.reshape(-1))
         self._bind([])
         impact = stepper.meet(supports, dt, stepper.measure())

@@ -1,0 +1,90 @@
+"""How far what is left of the residual moves stiff parts as a whole.
+
+A part that is much stiffer than all around it, and floats there, moves against the stiffness of its
+surroundings and its inertia, of which no diagonal entry of its own unknowns tells. Neither does the
+residual's norm: rounding in the part's own forces is all of that, and a linear solve loses as many
+digits of its motion as the stiffnesses are apart. But rounding of stresses adds up to nothing over
+the part: the forces and moments on its six rigid motions, and the tangent's stiffness against them,
+are known well, so that one 6 × 6 system for each part says how far it is from where it belongs.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from rigidfx.coupling.prolongation import Prolongation
+from rigidfx.scene.scene import Scene
+
+__all__ = ["StiffParts"]
+
+Array = npt.NDArray[np.float64]
+
+
+class StiffParts:
+    """The stiff parts of a scene among the unknowns of a division."""
+
+    def __init__(self, scene: Scene, prolongation: Prolongation) -> None:
+        """Find their unknowns. Collective.
+
+        Args:
+            scene: The problem.
+            prolongation: Map between unknowns and dofs.
+        """
+        self._comm, self._count = scene.comm, 0
+        parts = scene.stiff_parts
+        if parts is None:
+            return
+        self._count = parts.count
+        dofmap = scene.space.dofmap.list
+        part = np.full(len(scene.space.tabulate_dof_coordinates()), -1)
+        stiff = np.flatnonzero(parts.of_cell >= 0)
+        part[dofmap[stiff]] = parts.of_cell[stiff, None]
+        rows, free = prolongation.layout.rows, prolongation.free
+        of_free = part[rows.nodes[free // 3]]
+        self._at = np.flatnonzero(of_free >= 0)
+        self._part = of_free[self._at]
+        self._dofs, self._axis = rows.dofs[free[self._at]], free[self._at] % 3
+        self._X = rows.X[free[self._at] // 3]
+        self._middle = 0.5 * (parts.lower + parts.upper)
+        self._size = 0.5 * np.linalg.norm(parts.upper - parts.lower, axis=1)
+
+    def left(self, A: PETSc.Mat, R: PETSc.Vec, u: Array) -> float:
+        """Largest motion of an unknown by Σ b (b·A b)⁻¹ (b·R), b the rigid motions [m]. Collective.
+
+        Args:
+            A: The tangent [N/m].
+            R: The residual [N].
+            u: Displacements of all local dofs, about which stiff parts move [m].
+        """
+        if self._count == 0:
+            return 0.0
+        modes = self._motions(u)
+        b, image = R.duplicate(), R.duplicate()
+        sums = np.zeros((self._count, 6, 7))
+        for k in range(6):
+            b.set(0.0)
+            b.array[self._at] = modes[:, k]
+            A.mult(b, image)
+            np.add.at(sums[:, :, k], self._part, modes * image.array_r[self._at, None])
+        np.add.at(sums[:, :, 6], self._part, modes * R.array_r[self._at, None])
+        b.destroy()
+        image.destroy()
+        sums = np.asarray(self._comm.allreduce(sums, op=MPI.SUM))
+        moved = np.stack([np.linalg.lstsq(own[:, :6], own[:, 6])[0] for own in sums])
+        most = float(np.abs((modes * moved[self._part]).sum(axis=1)).max(initial=0.0))
+        return float(self._comm.allreduce(most, op=MPI.MAX))
+
+    def _motions(self, u: Array) -> Array:
+        """Translations, and rotations by 1/size, of the unknowns, shape (unknowns, 6)."""
+        node = self._dofs // 3
+        x = self._X + u.reshape(-1, 3)[node]
+        arms = (x - self._middle[self._part]) / self._size[self._part, None]
+        out = np.zeros((len(self._at), 6))
+        own = np.arange(len(self._at))
+        out[own, self._axis] = 1.0
+        turned = np.cross(np.eye(3)[None], arms[:, None])  # of each axis of rotation
+        out[:, 3:] = turned[own, :, self._axis]
+        return out
