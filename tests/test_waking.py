@@ -230,6 +230,19 @@ def test_named_parts_that_withhold_little_are_not_spoken_of():
     assert rigid[:, -1].all()
 
 
+def test_named_parts_may_be_watched_where_nothing_qualifies():
+    """No cell may strain at all, for as long as nobody knows how long."""
+    scene = rf.Scene(
+        rf.box((0, 0, 0), (1, 1, 1), (2, 1, 1)).with_cells("left", lambda x: x[0] < 0.6),
+        SOFT,
+        [rf.Rigid("left")],
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        *_, last = rf.simulate(scene, DT, 4 * DT, rigidify=rf.StrainRate(0.0, "auto", wake="local"))
+    assert last.t == pytest.approx(4 * DT)
+
+
 def test_named_parts_in_pieces_are_not_spoken_of():
     """Nothing tells what one piece exerts on the other."""
     scene = on_a_block(rf.Rigid("pieces"), pieces=True)

@@ -289,7 +289,8 @@ class Shadow(Watch):
             rates = np.maximum(rates, slow)
         known = ~np.isnan(start.still)
         total = self._measured(np.where(known, end.mean, 0.0), 1.0)
-        return np.maximum(_over(rates, limit), _over(total, limit * length))
+        strains = limit * length if np.isfinite(length) else np.full_like(limit, np.inf)
+        return np.maximum(_over(rates, limit), _over(total, strains))
 
     def _measured(self, change: Array, dt: float) -> Array:
         """Strain rates of all owned cells, for a change of the frozen shape. Collective."""
