@@ -80,7 +80,8 @@ class Domain:
             )
         if mesh.topology.cell_type not in CELLS:
             raise SceneError(
-                f"rigidfx knows hexahedra and tetrahedra, got {mesh.topology.cell_type}."
+                f"rigidfx knows hexahedra and tetrahedra, got {mesh.topology.cell_type}. Wedges "
+                "become hexahedra if the triangles they stand on are recombined to quadrilaterals."
             )
         keep(mesh)
         check_cells(mesh)

@@ -24,6 +24,8 @@ KNOWN = {4: "tetrahedra", 5: "hexahedra", 11: "second-order tetrahedra", 12: "27
 FACETS = {4: 2, 5: 3, 11: 9, 12: 10}
 CORNERS = {4: 3, 5: 4, 11: 3, 12: 4}  # of a facet
 
+WEDGES = {6, 13, 18}  # of 6, 18 and 15 nodes
+
 UNLISTED = 1000  # numbers, from 1 and from the last group's on, at which empty ones are looked for
 
 Names = dict[tuple[int, str], Any]
@@ -115,7 +117,7 @@ def take_groups(model: Any, source: str, header: Header) -> Names:
     if len(kinds) > 1 or not kinds <= set(KNOWN):
         raise SceneError(
             f"{source} has volume cells of these kinds: {_shown(model, kinds)}. A domain takes one "
-            f"kind, out of {', '.join(KNOWN.values())}."
+            f"kind, out of {', '.join(KNOWN.values())}.{_advice(kinds)}"
         )
     facet = FACETS[next(iter(kinds))]
     for (dim, name), own in entities.items():
@@ -140,6 +142,17 @@ def take_groups(model: Any, source: str, header: Header) -> Names:
             model.addPhysicalGroup(dim, [tag], tag=tag)
     model.mesh.renumberNodes()  # DOLFINx takes numbers without gaps only
     return {**entities, **positions}
+
+
+def _advice(kinds: set[int]) -> str:
+    """What to do about wedges, which gmsh makes where it extrudes triangles; empty without any."""
+    if not kinds & WEDGES:
+        return ""
+    return (
+        " Wedges come from triangles that are extruded in layers: recombine them to quadrilaterals "
+        "before (Mesh.RecombineAll = 1 with Mesh.Algorithm = 8, or Recombine Surface) and mesh "
+        "anew, for hexahedra; or extrude without recombine (Recombine in scripts), for tetrahedra."
+    )
 
 
 def _check_facets(
