@@ -95,6 +95,8 @@ def distorted_hexahedra(short: bool) -> Iterator[Run]:
     yield Run("flexible", scene, 0.1, t_end, energy=1e-11, momentum=1e-11)
     adaptive = rf.StrainRate(ANY, 1.0, release=release_at(2.0))
     yield Run("adaptive", scene, 0.1, t_end, adaptive, energy=1e-11, momentum=1e-11)
+    enhanced = rf.Scene(domain, MATERIAL, [SPIN], element="enhanced")
+    yield Run("enhanced", enhanced, 0.1, t_end, adaptive, energy=1e-11, momentum=1e-11)
 
 
 @case("shape", "tetrahedra of a thousandth of their neighbours' volume")

@@ -258,6 +258,10 @@ class FormTerm:
         """Integrand that is added to the internal virtual work."""
         raise NotImplementedError
 
+    def eliminated(self, element: Element, u0: Any, u1: Any, w: Any, du: Any) -> Any:
+        """What its tangent loses by elimination within a cell; None if nothing."""
+        return None
+
     def taken(self, element: Element, u0: Any, u1: Any) -> Any:
         """Integrand of the energy that it takes out of the motion in a step [J/m³ or J/m²]."""
         return self.virtual_work(element, u0, u1, u1 - u0)

@@ -11,7 +11,7 @@ from dolfinx import fem
 from rigidfx.base.inputs import positive
 from rigidfx.effects.action import FormTerm
 from rigidfx.effects.base import Windowed
-from rigidfx.mechanics.element import Element, StandardElement
+from rigidfx.mechanics.element import Element
 
 __all__ = ["KelvinVoigt"]
 
@@ -71,14 +71,14 @@ class ViscousStress(FormTerm):
     def virtual_work(self, element: Element, u0: Any, u1: Any, w: Any) -> Any:
         """F½ (η ΔE/Δt) : Grad w."""
         F = element.deformation_gradient((u0 + u1) / 2)
-        return ufl.inner(F * (self._rate * _strain_increment(u0, u1)), ufl.grad(w))
+        stress = self._rate * element.viscous_strain_increment(u0, u1)
+        return ufl.inner(F * stress, ufl.grad(w))
+
+    def eliminated(self, element: Element, u0: Any, u1: Any, w: Any, du: Any) -> Any:
+        """η/Δt ∂(ΔE)/∂u₁ at F½."""
+        return element.viscous_eliminated((u0, u1), u1, self._rate, w, du)
 
     def taken(self, element: Element, u0: Any, u1: Any) -> Any:
         """η ΔE:ΔE/Δt [J/m³]."""
-        dE = _strain_increment(u0, u1)
+        dE = element.viscous_strain_increment(u0, u1)
         return self._rate * ufl.inner(dE, dE)
-
-
-def _strain_increment(u0: Any, u1: Any) -> Any:
-    """ΔE of the displacement itself, whatever an element adds to it."""
-    return StandardElement().strain_increment(u0, u1)

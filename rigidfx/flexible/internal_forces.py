@@ -139,7 +139,14 @@ class InternalForces:
                     work += term.virtual_work(*step, test)
             return work
 
+        def eliminated(i: int, c: MaterialClass) -> Any:
+            step = (self._element, self.u0, self.u1, test, trial)
+            here = [scene.scheme.eliminated(*step, xi)]
+            here += [t.eliminated(*step) for k, t in acts if k in self._of_class[i - 1]]
+            return sum(part for part in here if part is not None)
+
         work = self.integrate(virtual_work)
+        less = self.integrate(eliminated) if self._element.enhanced else ufl.Form([])
         for k, term in on_facets:
             integrand = term.virtual_work(self._element, self.u0, self.u1, test)
             work += integrand * scene.boundary_measure(k + 1)
@@ -149,7 +156,7 @@ class InternalForces:
             loads += taken * scene.boundary_measure(k + 1)
         return Variant(
             Kernel(work, [V], mesh),
-            Kernel(ufl.derivative(work, self.u1, trial), [V, V], mesh),
+            Kernel(ufl.derivative(work, self.u1, trial) + less, [V, V], mesh),
             self._dissipated(damped, [(k, t) for k, t in acts if t.dissipates]),
             Kernel(loads, [], mesh) if on_facets else None,
         )
@@ -287,7 +294,11 @@ class InternalForces:
         V, mesh = self._scene.space, self._scene.mesh
         test, trial = ufl.TestFunction(V), ufl.TrialFunction(V)
         work = self.integrate(lambda i, c: static_virtual_work(self._element, c.law, self.u1, test))
-        tangent = Kernel(ufl.derivative(work, self.u1, trial), [V, V], mesh)
+        at = self.u1
+        less = self.integrate(
+            lambda i, c: self._element.eliminated((at,), at, 1.0, None, test, trial)
+        )
+        tangent = Kernel(ufl.derivative(work, at, trial) + less, [V, V], mesh)
         none = {i: own[:0] for i, own in cells.items()}
         return self._bound(Kernel(work, [V], mesh).bind(cells), tangent, [(cells, {}), (none, {})])
 

@@ -28,6 +28,8 @@ from ufl.algorithms import expand_derivatives
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.form_cache import compile_form
+from rigidfx.flexible.elimination import eliminate
+from rigidfx.mechanics.enhanced import Elimination, Enhancement
 
 __all__ = ["FLAGS", "Kernel", "jit_options"]
 
@@ -111,10 +113,14 @@ class Kernel:
                 f"The C compiler cannot make a kernel with the flags {given!r}, which the "
                 f"environment variable {FLAGS} holds: correct or unset it. ({error})"
             ) from error
+        self._compiled = eliminate(mesh, self.form, self._compiled, jit_options())
         self._arguments = arguments
         self._mesh = mesh
-        self._coefficients = {w: w for w in form.coefficients()}
-        self._constants = {c: c for c in form.constants()}
+        self._coefficients = {
+            w: w.law if isinstance(w, Enhancement) else w for w in form.coefficients()
+        }
+        zero = fem.Constant(mesh, 0.0)
+        self._constants = {c: zero if isinstance(c, Elimination) else c for c in form.constants()}
 
     @property
     def library(self) -> Path:
@@ -145,11 +151,13 @@ class Kernel:
             domains[fem.IntegralType.exterior_facet] = [
                 (i, pairs.reshape(-1)) for i, pairs in sorted(facets.items())
             ]
-        return fem.create_form(
+        form = fem.create_form(
             self._compiled,
             self._arguments,
             self._mesh,
             domains,
-            {w: (instead or {}).get(w, w) for w in self._coefficients},
+            {w: (instead or {}).get(w, f) for w, f in self._coefficients.items()},
             self._constants,
         )
+        form.kernel = self._compiled  # holds what it calls as long as the form may call it
+        return form

@@ -51,6 +51,8 @@ class LinearForms:
             return static_virtual_work(element, c.law, self.shape, self._test)
 
         work = ufl.derivative(forces.integrate(stiff), strained, self._trial)
+        step = (self.shape,), strained, 1.0, None, self._test, self._trial
+        work += forces.integrate(lambda i, c: element.eliminated(*step))
         self._strained = strained
         self._stiffness = Kernel(work, [V, V], scene.mesh)
         self._force = Kernel(forces.integrate(strains), [V], scene.mesh)
@@ -78,7 +80,14 @@ class LinearForms:
                 step = element, self.shape, ahead, self._test
                 return sum(term.virtual_work(*step) for term in here) if here else None
 
+            def eliminated(i: int, c: MaterialClass) -> Any:
+                here = [term for k, term in terms if self._forces.meets(k, i)]
+                step = element, self.shape, ahead, self._test, self._trial
+                parts = (term.eliminated(*step) for term in here)
+                return sum((p for p in parts if p is not None), 0) or None
+
             work = ufl.derivative(self._forces.integrate(stress), ahead, self._trial)
+            work += self._forces.integrate(eliminated)
             self._viscous[numbers] = ahead, Kernel(work, [V, V], self._scene.mesh)
         ahead, kernel = self._viscous[numbers]
         return kernel.bind({i: cells[i] for i in kernel.ids}, instead={ahead: self.shape})

@@ -1,13 +1,15 @@
 """How a cell strains: deformation gradient and strain as functions of the displacement, in UFL.
 
 Schemes, strain rates, stresses, the look for inverted cells and follower pressure ask an element
-for them and form none of their own.
+for them and form none of their own. An element whose strain depends on more than the gradient of
+the displacement says besides what tangents lose by what is eliminated within a cell.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import ufl
 
@@ -15,7 +17,13 @@ __all__ = ["Element", "StandardElement"]
 
 
 class Element(Protocol):
-    """The kinematics of a cell."""
+    """The kinematics of a cell.
+
+    Attributes:
+        enhanced: Whether the strain that makes stress is another than that of the displacement.
+    """
+
+    enhanced: ClassVar[bool]
 
     def deformation_gradient(self, u: Any) -> Any:
         """F = I + Grad u, equation (19), at a displacement u."""
@@ -29,10 +37,35 @@ class Element(Protocol):
         """E₁ - E₀ of that strain."""
         ...
 
+    def viscous_strain_increment(self, u0: Any, u1: Any) -> Any:
+        """E₁ - E₀ of the strain that makes a viscous stress: η times it, over Δt."""
+        ...
+
+    def eliminated(
+        self, at: Sequence[Any], by: Any, factor: float, more: Any, w: Any, du: Any
+    ) -> Any:
+        """What the tangent of F S : Grad w loses by elimination, as an integrand; None if nothing.
+
+        Args:
+            at: Displacements, at whose mean F is.
+            by: The displacement of the derivative.
+            factor: Derivative of S by the stress at `by`,
+            more: and a constant to be added to it; None if there is none.
+            w: Test function.
+            du: Trial function.
+        """
+        ...
+
+    def viscous_eliminated(self, at: Sequence[Any], by: Any, rate: Any, w: Any, du: Any) -> Any:
+        """The same of a viscous stress, whose factor is the constant η/Δt."""
+        ...
+
 
 @dataclass(frozen=True)
 class StandardElement:
     """The strain is that of the displacement alone: C = Fᵀ F."""
+
+    enhanced: ClassVar[bool] = False
 
     def deformation_gradient(self, u: Any) -> Any:
         """F = I + Grad u, equation (19), at a displacement u."""
@@ -51,3 +84,17 @@ class StandardElement:
         """
         F = self.deformation_gradient((u0 + u1) / 2)
         return ufl.sym(F.T * ufl.grad(u1 - u0))
+
+    def viscous_strain_increment(self, u0: Any, u1: Any) -> Any:
+        """The same."""
+        return self.strain_increment(u0, u1)
+
+    def eliminated(
+        self, at: Sequence[Any], by: Any, factor: float, more: Any, w: Any, du: Any
+    ) -> Any:
+        """Nothing."""
+        return None
+
+    def viscous_eliminated(self, at: Sequence[Any], by: Any, rate: Any, w: Any, du: Any) -> Any:
+        """Nothing."""
+        return None

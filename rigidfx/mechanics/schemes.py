@@ -149,6 +149,13 @@ class Scheme(Protocol):
         """
         ...
 
+    def eliminated(self, element: Element, u0: Any, u1: Any, w: Any, du: Any, xi: Any) -> Any:
+        """What the tangent of it loses by elimination within a cell; None if nothing.
+
+        Asked only of conserving schemes, for elements with enhanced strains.
+        """
+        ...
+
 
 @dataclass(frozen=True)
 class EnergyMomentum:
@@ -173,6 +180,10 @@ class EnergyMomentum:
         F = element.deformation_gradient((u0 + u1) / 2)
         return ufl.inner(F * S, ufl.grad(w))
 
+    def eliminated(self, element: Element, u0: Any, u1: Any, w: Any, du: Any, xi: Any) -> Any:
+        """(½ + ξ) ∂S₁/∂u₁ at F½."""
+        return element.eliminated((u0, u1), u1, 0.5, xi, w, du)
+
 
 @dataclass(frozen=True)
 class Midpoint:
@@ -185,6 +196,10 @@ class Midpoint:
     def virtual_work(self, element: Element, law: Law, u0: Any, u1: Any, w: Any, xi: Any) -> Any:
         """F½ S(½ (u₀ + u₁)) : Grad w."""
         return static_virtual_work(element, law, (u0 + u1) / 2, w)
+
+    def eliminated(self, element: Element, u0: Any, u1: Any, w: Any, du: Any, xi: Any) -> Any:
+        """Not asked."""
+        raise NotImplementedError
 
 
 @dataclass(frozen=True)
@@ -199,3 +214,7 @@ class Trapezoidal:
         """½ (F₀ S₀ + F₁ S₁) : Grad w."""
         ends = [static_virtual_work(element, law, u, w) for u in (u0, u1)]
         return (ends[0] + ends[1]) / 2
+
+    def eliminated(self, element: Element, u0: Any, u1: Any, w: Any, du: Any, xi: Any) -> Any:
+        """Not asked."""
+        raise NotImplementedError

@@ -63,14 +63,15 @@ def check_discretisation(scene: Any) -> None:
 
 def warn_of_locking(scene: Any) -> None:
     """Warn of first-order cells that lock. Collective."""
-    if scene.order != 1:
+    if scene.order != 1 or scene.element.enhanced:
         return
+    instead = "order=2" if scene.simplex else "element='enhanced' or order=2"
     nu = max((getattr(m, "nu", 0.0) for m, _ in scene.materials), default=0.0)
     if nu > NEARLY_INCOMPRESSIBLE:
         warn(
             scene.comm,
             f"Scene: first-order cells lock at ν = {nu:g}: they keep their volume at the price "
-            "of hardly bending at all. Take order=2, or a smaller ν.",
+            f"of hardly bending at all. Take {instead}, or a smaller ν.",
         )
     if not any(effect.is_rigid and effect.where is None for effect in scene.effects):
         warn_of_bending(scene.domain)

@@ -36,12 +36,14 @@ def warn_of_bending(domain: Domain) -> None:
         return
     worst = min(thin, key=lambda part: part.deflection)
     more = f" So are {len(thin) - 1} other parts." if len(thin) > 1 else ""
+    simplex = domain.mesh.topology.cell_type == dmesh.CellType.tetrahedron
+    instead = "order=2 with mass='consistent'" if simplex else "element='enhanced' or order=2"
     warn(
         domain.comm,
         f"Scene: first-order cells lock in bending: {worst.place}, some {worst.thickness:.3g} m "
         f"thick, is slender and its cells are {worst.length:.3g} m long, which leaves some "
-        f"{worst.deflection:.2g} of its deflection.{more} Take order=2 (tetrahedra then need "
-        "mass='consistent'), or cells half as long as it is thick; more across do not help.",
+        f"{worst.deflection:.2g} of its deflection.{more} Take {instead}, or cells half "
+        "as long as it is thick; more across do not help.",
     )
 
 

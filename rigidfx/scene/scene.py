@@ -26,7 +26,7 @@ from rigidfx.base.same_input import check_same
 from rigidfx.base.taken import read_only
 from rigidfx.domain.connected import ConnectedParts, connected_parts
 from rigidfx.domain.domain import Domain
-from rigidfx.mechanics.element import Element, StandardElement
+from rigidfx.mechanics.element import Element
 from rigidfx.mechanics.materials import Material
 from rigidfx.mechanics.schemes import EnergyMomentum, Scheme
 from rigidfx.scene.assignment import assign
@@ -40,6 +40,7 @@ from rigidfx.scene.checks import (
     warn_of_locking,
 )
 from rigidfx.scene.conflicts import check_together
+from rigidfx.scene.elements import element_of
 from rigidfx.scene.mesh_checks import parts_in_words, warn_of_distance, warn_of_gaps
 from rigidfx.scene.stiffness import stiff_parts
 from rigidfx.scene.summary import effects_table, in_words, phases
@@ -78,6 +79,7 @@ class Scene:
         order: int = 1,
         mass: Literal["lumped", "consistent"] = "lumped",
         scheme: Scheme | None = None,
+        element: Literal["standard", "enhanced"] = "standard",
         probes: Mapping[str, Sequence[float]] | None = None,
     ) -> None:
         """Validate the problem. Collective.
@@ -92,6 +94,8 @@ class Scene:
                 the consistent matrix.
             mass: "lumped" or "consistent", for the whole run.
             scheme: EnergyMomentum() if None; Midpoint() or Trapezoidal() otherwise.
+            element: "enhanced" lets hexahedra of order 1 bend and shear without locking, of
+                St.Venant-Kirchhoff materials and with EnergyMomentum(); "standard" does not.
             probes: Name → reference point [m].
 
         Raises:
@@ -107,7 +111,7 @@ class Scene:
             raise SceneError(f"Scene: effects must be a list of effects, got {effects!r}.")
         self.effects = tuple(effects)
         given: dict[str, Any] = {"material": in_order(material), "order": order, "mass": mass}
-        given |= {"scheme": scheme, "probes": in_order(probes)}
+        given |= {"scheme": scheme, "probes": in_order(probes), "element": element}
         given |= {"names": sorted(domain.sets), "effects": self.effects}
         check_same(domain.comm, "Scene", given)
         self.order, self.mass = order, mass
@@ -119,10 +123,10 @@ class Scene:
                 f"{scheme!r}."
             )
         self.probes = MappingProxyType(points(domain.comm, probes or {}))
-        self.element: Element = StandardElement()
         check_discretisation(self)
         check_together(self.effects, self.scheme)
         self.materials = assign(domain, material)
+        self.element: Element = element_of(self, element)
         warn_of_locking(self)
         self.space = fem.functionspace(domain.mesh, ("Lagrange", order, (3,)))
         self.point_masses = read_only(self._point_masses())
@@ -314,7 +318,8 @@ class Scene:
         nodes = self.space.dofmap.index_map.size_global
         kind = "tetrahedra" if self.simplex else "hexahedra"
         lines = [
-            f"Scene of {cells} {kind} of order {self.order}, {nodes} nodes; {self.mass} mass; "
+            f"Scene of {cells} {kind} of order {self.order}"
+            f"{', enhanced' if self.element.enhanced else ''}, {nodes} nodes; {self.mass} mass; "
             f"{type(self.scheme).__name__}",
             *(
                 f"  {line}, which shares no node with others"

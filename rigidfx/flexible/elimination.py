@@ -1,0 +1,153 @@
+"""Kernels of forms in which enhanced strains are eliminated within each cell.
+
+FFCx compiles a form with enhancements as coefficients and eliminations as constants, see
+`rigidfx.mechanics.enhanced`, like any other. Its kernels are called by one of ours,
+`elimination.c`, which first computes the enhancements from the displacements among the
+coefficients, and at last takes off a matrix what the elimination costs it. DOLFINx sees the form
+with these kernels in the place of FFCx's.
+
+Nothing is stored: λ and μ come with the coefficients, all else is computed from the cell's corners.
+"""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Sequence
+from copy import copy
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import ufl
+from ffcx.codegeneration import get_include_path
+from ufl.algorithms.analysis import extract_coefficients, extract_constants
+
+from rigidfx.base.c_library import c_library
+from rigidfx.mechanics.enhanced import Elimination, Enhancement
+
+__all__ = ["eliminate"]
+
+MOVES, STRAINS, BLOCKS, LARGEST = 4, 8, 4, 1024  # as in the C source
+SLOTS = 1024  # kernels that may live at a time
+
+SOURCE = Path(__file__).with_suffix(".c")
+DECLARED = """
+typedef struct {
+  void *kernel;
+  int size, moves;
+  int place[4];
+  int strains;
+  int at[8], end[8], start[8];
+  int blocks;
+  int law[4];
+  double left[4][4], right[4][4];
+  double factor[4];
+  int more[4];
+} closure_t;
+extern closure_t closures[1024];
+extern void *slots[1024];
+void prepare(void);
+"""
+
+_free: dict[str, list[int]] = {}  # slots of each library
+
+
+def eliminate(mesh: Any, form: ufl.Form, compiled: Any, options: dict[str, Any]) -> Any:
+    """A compiled form whose cell kernels eliminate; the same form if it has no enhancements.
+
+    Kernels live as long as what is returned, which any form bound from it has to hold.
+
+    Args:
+        mesh: Its mesh; collective on its communicator.
+        form: The form that has been compiled.
+        compiled: What FFCx has made of it.
+        options: Those of FFCx's compiler.
+
+    Raises:
+        RuntimeError: If more kernels are alive than there is room for.
+    """
+    if not any(isinstance(w, Enhancement) for w in form.coefficients()):
+        return compiled
+    library, free = _library(mesh.comm, options["cffi_extra_compile_args"])
+    ffi, old = compiled.module.ffi, compiled.ufcx_form
+    first, last, total = (old.form_integral_offsets[k] for k in (0, 1, 3))
+    integrals = ffi.new("ufcx_integral*[]", [old.form_integrals[k] for k in range(total)])
+    kept: list[Any] = [integrals]
+    for k in range(first, last):
+        if not free:
+            raise RuntimeError(f"More than {SLOTS} kernels with enhanced strains are alive.")
+        slot = free.pop()
+        closure = library.lib.closures[slot]
+        _fill(closure, form, old, old.form_integral_ids[k])
+        address = int(ffi.cast("uintptr_t", old.form_integrals[k].tabulate_tensor_float64))
+        closure.kernel = library.ffi.cast("void *", address)
+        kernel = ffi.new("ufcx_integral*", old.form_integrals[k][0])
+        at = int(library.ffi.cast("uintptr_t", library.lib.slots[slot]))
+        kernel.tabulate_tensor_float64 = ffi.cast("ufcx_tabulate_tensor_float64*", at)
+        weakref.finalize(kernel, free.append, slot)
+        integrals[k] = kernel
+        kept.append(kernel)
+    new = ffi.new("ufcx_form*", old)
+    new.form_integrals = integrals
+    out = copy(compiled)
+    out.ufcx_form, out.kept = new[0], kept
+    return out
+
+
+def _fill(closure: Any, form: ufl.Form, compiled: Any, number: int) -> None:
+    """Write down what the kernel of a subdomain id needs to know."""
+    places, constants = _places(form, compiled), _constant_places(form)
+    parts = [i for i in form.integrals_by_type("cell") if number in np.atleast_1d(i.subdomain_id())]
+    of = [w for w in extract_coefficients(ufl.Form(parts)) if isinstance(w, Enhancement)]
+    blocks = [c for c in extract_constants(ufl.Form(parts)) if isinstance(c, Elimination)]
+    numbers = {n for w in of for n in (w.end, w.start) if n is not None}
+    moves = sorted(numbers.union(*(b.left for b in blocks)))
+    closure.size = places[-1]
+    closure.moves, closure.strains, closure.blocks = len(moves), len(of), len(blocks)
+    asked, room = (len(moves), len(of), len(blocks), places[-1]), (MOVES, STRAINS, BLOCKS, LARGEST)
+    if any(a > b for a, b in zip(asked, room, strict=True)):
+        raise RuntimeError(f"A form with enhanced strains needs {asked} places, and has {room}.")
+    for k, n in enumerate(moves):
+        closure.place[k] = places[n]
+    for k, w in enumerate(of):
+        closure.at[k], closure.end[k] = places[w.count()], moves.index(w.end)
+        closure.start[k] = -1 if w.start is None else moves.index(w.start)
+    for k, block in enumerate(blocks):
+        closure.law[k] = of.index(block.enhancement)
+        closure.factor[k] = block.factor
+        closure.more[k] = -1 if block.more is None else constants[block.more]
+        for m, n in enumerate(moves):
+            closure.left[k][m] = block.left.count(n) / len(block.left)
+            closure.right[k][m] = float(n == block.right)
+
+
+def _places(form: ufl.Form, compiled: Any) -> dict[int, int]:
+    """Where the values of each coefficient are among those of a cell; their number under -1."""
+    coefficients = extract_coefficients(form)
+    positions = compiled.original_coefficient_positions
+    used = [coefficients[positions[k]] for k in range(compiled.num_coefficients)]
+    ends = np.cumsum([0, *(w.ufl_element().dim for w in used)])
+    return {w.count(): int(at) for w, at in zip(used, ends, strict=False)} | {-1: int(ends[-1])}
+
+
+def _constant_places(form: ufl.Form) -> dict[Any, int]:
+    """Where the values of each constant are."""
+    constants = extract_constants(form)
+    ends = np.cumsum([0, *(int(np.prod(c.ufl_shape, dtype=int)) for c in constants)])
+    return dict(zip(constants, (int(at) for at in ends), strict=False))
+
+
+def _library(comm: Any, flags: Sequence[str]) -> tuple[Any, list[int]]:
+    """The C code with its slots, for the interface of this FFCx, and the free ones. Collective."""
+    header = (Path(get_include_path()) / "ufcx.h").read_text()
+    custom = "custom_data" in header
+    extra = {"_TYPE": ", void *", "": ", void *custom", "_NAME": ", custom"}
+    lines = [f"#define KERNEL_EXTRA{name} {text * custom}" for name, text in extra.items()]
+    lines.append(SOURCE.read_text())
+    lines += [f"SLOT({k})" for k in range(SLOTS)]
+    lines.append("void *slots[] = {" + ", ".join(f"(void *)slot_{k}" for k in range(SLOTS)) + "};")
+    library = c_library(comm, "elimination", "\n".join(lines), DECLARED, flags)
+    if library.__name__ not in _free:
+        library.lib.prepare()
+        _free[library.__name__] = list(range(SLOTS))
+    return library, _free[library.__name__]

@@ -1,0 +1,81 @@
+"""Which element a scene takes, and whether it goes with the rest."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import basix.ufl
+from dolfinx import fem
+
+from rigidfx.base.errors import SceneError
+from rigidfx.mechanics.element import Element, StandardElement
+from rigidfx.mechanics.enhanced import EnhancedElement
+from rigidfx.mechanics.materials import StVenantKirchhoff
+from rigidfx.mechanics.schemes import EnergyMomentum
+
+__all__ = ["element_of"]
+
+ELEMENTS = ("standard", "enhanced")
+
+
+def element_of(scene: Any, name: Any) -> Element:
+    """The element of a name. Collective.
+
+    Args:
+        scene: The problem, as far as its mesh, materials and scheme.
+        name: "standard" or "enhanced".
+
+    Raises:
+        SceneError: If the name is unknown, or the element cannot do with the rest.
+    """
+    if not isinstance(name, str) or name not in ELEMENTS:
+        raise SceneError(f"Scene: element must be 'standard' or 'enhanced', got {name!r}.")
+    if name == "standard":
+        return StandardElement()
+    _check_enhanced(scene)
+    return EnhancedElement(
+        _law(scene, [((m.parameters["lmbda"], m.parameters["mu"]), c) for m, c in scene.materials]),
+        _law(scene, [((0.0, 0.5), c) for _, c in scene.materials]),
+    )
+
+
+def _check_enhanced(scene: Any) -> None:
+    """Refuse what enhanced strains cannot do with.
+
+    Raises:
+        SceneError: If there is any.
+    """
+    wrong = None
+    other = [m for m, _ in scene.materials if not isinstance(m, StVenantKirchhoff)]
+    if scene.simplex:
+        wrong = (
+            "is for hexahedra, and these cells are tetrahedra. Mesh with hexahedra, or take "
+            "order=2 with mass='consistent'"
+        )
+    elif scene.order != 1:
+        wrong = (
+            f"is for order 1, got order {scene.order}, which does not lock. Leave out one of both"
+        )
+    elif other:
+        wrong = (
+            "is for StVenantKirchhoff materials, whose stresses are linear in the strain, got "
+            f"{type(other[0]).__name__}: its energy would not be conserved. Take order=2 and "
+            "element='standard'"
+        )
+    elif not isinstance(scene.scheme, EnergyMomentum):
+        wrong = f"goes with EnergyMomentum, not with {type(scene.scheme).__name__}"
+    if wrong is not None:
+        raise SceneError(f"Scene: element='enhanced' {wrong}.")
+
+
+def _law(scene: Any, values: Any) -> fem.Function:
+    """A function on the integration points whose first two values at a cell are λ and μ."""
+    element = basix.ufl.quadrature_element(
+        scene.mesh.basix_cell(), value_shape=(6,), degree=scene.quadrature_degree
+    )
+    f = fem.Function(fem.functionspace(scene.mesh, element))
+    dofs = f.function_space.dofmap.list[:, 0]
+    for (first, second), cells in values:
+        f.x.array[6 * dofs[cells]] = first
+        f.x.array[6 * dofs[cells] + 1] = second
+    return f
