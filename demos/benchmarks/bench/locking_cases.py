@@ -1,0 +1,286 @@
+"""Cases in which first-order cells lock, with known answers: meshes, loads, what is looked at."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+from scipy.sparse import csr_array, lil_array
+
+import rigidfx as rf
+
+from .statics import Statics
+
+Array = npt.NDArray[np.float64]
+
+ELEMENTS = {"standard": 1, "enhanced": 1, "second order": 2}
+
+
+@dataclass(frozen=True)
+class Case:
+    """A problem of statics with a known answer.
+
+    Attributes:
+        name: What it is called.
+        mesh: Cells along each axis.
+        reference: The answer [m]; None if second-order cells give it.
+        value: The computed one, of an element.
+    """
+
+    name: str
+    mesh: tuple[int, int, int]
+    reference: float | None
+    value: Callable[[str], float]
+
+
+def mapped(n: tuple[int, int, int], place: Callable[..., Any]) -> rf.Domain:
+    """Cells of a unit cube, mapped."""
+    grid = np.meshgrid(*(np.linspace(0, 1, k + 1) for k in n[::-1]), indexing="ij")[::-1]
+    points = np.stack(np.broadcast_arrays(*place(*grid)), axis=-1).reshape(-1, 3)
+    number = np.arange(len(points)).reshape([k + 1 for k in n[::-1]])
+    corners = [number[k : k + n[2], j : j + n[1], i : i + n[0]].reshape(-1)
+               for k in (0, 1) for j in (0, 1) for i in (0, 1)]  # fmt: skip
+    return rf.from_arrays(points, np.stack(corners, axis=1), comm=MPI.COMM_SELF)
+
+
+def scene_of(domain: rf.Domain, element: str, E: float, nu: float) -> rf.Scene:
+    """A scene of one material; the second order is standard."""
+    material = rf.StVenantKirchhoff(E=E, nu=nu, rho=1.0)
+    order = ELEMENTS[element]
+    kind = "enhanced" if element == "enhanced" else "standard"
+    return rf.Scene(domain, material, order=order, element=kind)
+
+
+def near(x: Array, value: float) -> Array:
+    """Whether coordinates are a value."""
+    return np.abs(x - value) < 1e-8 * (1 + abs(value))
+
+
+def box(size: tuple[float, float, float], n: tuple[int, int, int]) -> rf.Domain:
+    """With named faces x0 … z1."""
+    return rf.box((0, 0, 0), size, n, comm=MPI.COMM_SELF)
+
+
+def clamped(X: Array) -> Array:
+    """All of x = 0."""
+    return np.repeat(near(X[:, :1], 0.0), 3, axis=1)
+
+
+def on_face(statics: Statics, face: str, traction: tuple[float, float, float]) -> Array:
+    """Nodal forces of a traction, shape (nodes, 3)."""
+    weights = statics.scene.facet_weights(face, "benchmark")
+    return weights[:, None] * np.asarray(traction)
+
+
+def cantilever(axis: int) -> Callable[[str], float]:
+    """MacNeal and Harder's straight beam of six cells: 6 × 0.2 × 0.1, under 1 at its tip."""
+
+    def value(element: str) -> float:
+        statics = Statics(scene_of(box((6, 0.2, 0.1), (6, 1, 1)), element, 1e7, 0.3), clamped)
+        direction = np.eye(3)[axis] / (0.2 * 0.1)
+        u = statics.linear(on_face(statics, "x1", tuple(direction)))
+        return float(u[near(statics.X[:, 0], 6.0), axis].mean())
+
+    return value
+
+
+def plate(slenderness: float, n: int) -> Callable[[str], float]:
+    """A clamped square plate under 1 Pa, a quarter of it; its middle, over q a⁴/D."""
+
+    def value(element: str) -> float:
+        t = 1 / slenderness
+        statics = Statics(
+            scene_of(box((0.5, 0.5, t), (n, n, 1)), element, 1e7, 0.3),
+            lambda X: np.stack(
+                [
+                    near(X[:, 0], 0.0) | near(X[:, 0], 0.5) | near(X[:, 1], 0.5),
+                    near(X[:, 1], 0.0) | near(X[:, 0], 0.5) | near(X[:, 1], 0.5),
+                    near(X[:, 0], 0.5) | near(X[:, 1], 0.5),
+                ],
+                axis=1,
+            ),
+        )
+        u = statics.linear(on_face(statics, "z1", (0, 0, 1.0)))
+        middle = near(statics.X[:, 0], 0.0) & near(statics.X[:, 1], 0.0)
+        return float(u[middle, 2].mean()) * 1e7 * t**3 / (12 * (1 - 0.3**2))
+
+    return value
+
+
+def cook(n: int) -> Callable[[str], float]:
+    """Cook's membrane in plane stress, half of its thickness; its free edge at (48, 52)."""
+
+    def value(element: str) -> float:
+        domain = mapped(
+            (n, n, 1), lambda a, b, c: (48 * a, 44 * (a + b) - 28 * a * b, 0.5 * c)
+        ).with_facets("end", lambda x: near(x[0], 48.0))
+        statics = Statics(
+            scene_of(domain, element, 1.0, 1 / 3),
+            lambda X: np.stack(
+                [near(X[:, 0], 0.0), near(X[:, 0], 0.0), near(X[:, 2], 0.0)], axis=1
+            ),
+        )
+        u = statics.linear(on_face(statics, "end", (0, 1 / 16, 0)))
+        at = near(statics.X[:, 0], 48.0) & near(statics.X[:, 1], 52.0)
+        return float(u[at, 1].mean())
+
+    return value
+
+
+def _hemisphere(n: int, element: str) -> tuple[Statics, Array, Array, Array]:
+    """A quarter with a hole of 18°, R = 10, t = 0.04; nodes at A (x axis) and B, unit forces."""
+    t = 0.04
+
+    def place(a: Array, b: Array, c: Array) -> tuple[Array, Array, Array]:
+        phi, theta, r = a * np.pi / 2, b * np.radians(72.0), 10 + t * (c - 0.5)
+        flat = r * np.cos(theta)
+        return flat * np.cos(phi), flat * np.sin(phi), r * np.sin(theta)
+
+    scene = scene_of(mapped((n, n, 1), place), element, 6.825e7, 0.3)
+
+    def held(X: Array) -> Array:
+        on_x, on_y = near(X[:, 1], 0.0), near(X[:, 0], 0.0)
+        inside = np.linalg.norm(X, axis=1) < 10 - 0.4 * t
+        one = on_x & near(X[:, 2], 0.0) & inside
+        return np.stack([on_y, on_x, one], axis=1)
+
+    statics = Statics(scene, held)
+    X = statics.X
+    A = near(X[:, 1], 0.0) & near(X[:, 2], 0.0)
+    B = near(X[:, 0], 0.0) & near(X[:, 2], 0.0)
+    f = np.zeros(X.shape)
+    f[A, 0], f[B, 1] = -1 / A.sum(), 1 / B.sum()
+    return statics, A, B, f
+
+
+def hemisphere(n: int) -> Callable[[str], float]:
+    """Pinched by 1 N: how far A goes in."""
+
+    def value(element: str) -> float:
+        statics, A, _, f = _hemisphere(n, element)
+        return -float(statics.linear(f)[A, 0].mean())
+
+    return value
+
+
+def pinched(n: int, at: str) -> Callable[[str], float]:
+    """Pinched by 400 N: how far A goes in, or B out (Sze, Liu and Lo 2004)."""
+
+    def value(element: str) -> float:
+        statics, A, B, f = _hemisphere(n, element)
+        u = statics.loaded(lambda u, s: (400 * s * f.reshape(-1), None), 20)
+        return -float(u[A, 0].mean()) if at == "A" else float(u[B, 1].mean())
+
+    return value
+
+
+def large_deflection(axis: int) -> Callable[[str], float]:
+    """A cantilever of 10 × 1 × 0.1 m under 4 N at its end (Sze, Liu and Lo 2004)."""
+
+    def value(element: str) -> float:
+        statics = Statics(scene_of(box((10, 1, 0.1), (16, 1, 1)), element, 1.2e6, 0.0), clamped)
+        f = on_face(statics, "x1", (0, 0, 4 / 0.1)).reshape(-1)
+        u = statics.loaded(lambda u, s: (s * f, None), 20)
+        return abs(float(u[near(statics.X[:, 0], 10.0), axis].mean()))
+
+    return value
+
+
+def roll_up(n: int) -> Callable[[str], float]:
+    """A strip of 12 × 1 × 0.1 m rolled up by 2πEI/L at its end: how far that goes back."""
+
+    def value(element: str) -> float:
+        length, t, moment = 12.0, 0.1, 2 * np.pi * 1.2e6 * 0.1**3 / 12 / 12.0
+        statics = Statics(scene_of(box((length, 1, t), (n, 1, 1)), element, 1.2e6, 0.0), clamped)
+        X, end = statics.X, near(statics.X[:, 0], length)
+        low, high = (np.flatnonzero(end & near(X[:, 2], z)) for z in (0.0, t))
+        low, high = (k[np.argsort(X[k, 1])] for k in (low, high))
+        share = np.array([0.5, 0.5]) if low.size == 2 else np.array([1, 4, 1]) / 6
+        turn = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])  # about y
+
+        def load(u: Array, s: float) -> tuple[Array, csr_array]:
+            f, change = np.zeros(u.shape), lil_array((u.size, u.size))
+            for a, b, w in zip(low, high, share, strict=True):
+                r = X[b] + u[b] - X[a] - u[a]
+                rr = float(r @ r)
+                m = -s * moment * w
+                pair = m / rr * turn @ r
+                by_r = m / rr * (turn - 2 * np.outer(turn @ r, r) / rr)
+                f[b] += pair
+                f[a] -= pair
+                for i, sign_i in ((b, 1), (a, -1)):
+                    for j, sign_j in ((b, 1), (a, -1)):
+                        change[3 * i : 3 * i + 3, 3 * j : 3 * j + 3] += sign_i * sign_j * by_r
+            return f.reshape(-1), change.tocsr()
+
+        u = statics.loaded(load, 40)
+        return -float(u[end, 0].mean())
+
+    return value
+
+
+def incompressible(n: int) -> Callable[[str], float]:
+    """A cube of ν = 0.4999 on its bottom, pressed on a quarter of its top: how far that gives."""
+
+    def value(element: str) -> float:
+        corner = box((1, 1, 1), (n, n, n)).with_facets(
+            "pressed", lambda x: near(x[2], 1.0) & (x[0] < 0.5 + 1e-8) & (x[1] < 0.5 + 1e-8)
+        )
+        statics = Statics(
+            scene_of(corner, element, 1.0, 0.4999),
+            lambda X: np.repeat(near(X[:, 2:], 0.0), 3, axis=1),
+        )
+        f = on_face(statics, "pressed", (0, 0, -1.0))
+        return -float((statics.linear(f) * f).sum() / f.sum())
+
+    return value
+
+
+def squeezed(element: str, stretch: float, confined: bool, n: int = 4) -> float:
+    """Lowest eigenvalue of a compressed cube with held top and bottom, over the one at rest.
+
+    Confined, the whole of its surface is held.
+    """
+
+    def held(X: Array) -> Array:
+        outside = near(X, 0.0) | near(X, 1.0)
+        mask = outside.any(axis=1) if confined else outside[:, 2]
+        return np.repeat(mask[:, None], 3, axis=1)
+
+    statics = Statics(scene_of(box((1, 1, 1), (n, n, n)), element, 1.0, 0.3), held)
+    u = np.zeros(statics.X.shape)
+    rest = statics.softest(u)
+    u[:, 2] = (stretch - 1) * statics.X[:, 2]
+    return statics.softest(u) / rest
+
+
+def cases(short: bool) -> list[Case]:
+    """All, or those that take seconds."""
+    some = [
+        Case("cantilever, in plane", (6, 1, 1), 0.1081, cantilever(1)),
+        Case("cantilever, out of plane", (6, 1, 1), 0.4321, cantilever(2)),
+        *(
+            Case(f"clamped plate, a/t {k}", (8, 8, 1), thin, plate(k, 8))
+            for k, thin in ((10, None), (100, 0.00126532), (1000, 0.00126532))
+        ),
+        Case("pinched hemisphere", (8, 8, 1), 0.0930, hemisphere(8)),
+        Case("pinched hemisphere", (16, 16, 1), 0.0930, hemisphere(16)),
+        Case("Cook's membrane", (8, 8, 1), 23.96, cook(8)),
+        Case("cantilever under 4 N, down", (16, 1, 1), 6.698, large_deflection(2)),
+        Case("nearly incompressible block", (4, 4, 4), None, incompressible(4)),
+    ]
+    if short:
+        return some
+    return [
+        *some,
+        Case("Cook's membrane", (16, 16, 1), 23.96, cook(16)),
+        Case("cantilever under 4 N, back", (16, 1, 1), 3.286, large_deflection(0)),
+        Case("strip rolled up", (24, 1, 1), 12.0, roll_up(24)),
+        Case("hemisphere under 400 N, in", (16, 16, 1), 8.178, pinched(16, "A")),
+        Case("hemisphere under 400 N, out", (16, 16, 1), 4.067, pinched(16, "B")),
+        Case("nearly incompressible block", (6, 6, 6), None, incompressible(6)),
+    ]
