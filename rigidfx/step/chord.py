@@ -24,7 +24,7 @@ from rigidfx.step.refresh import Refresh
 __all__ = ["Chord", "pays"]
 
 SMALLEST = 500  # unknowns; where both ways cost the same
-DIRECT_UP_TO = 50_000  # unknowns; beyond, factors fill too much
+DIRECT_UP_TO = 300_000  # unknowns; beyond, factors fill gigabytes
 SOFT_UP_TO = 30_000  # unknowns
 # Cells that a wave passes in a step, as the diagonals of stiffness and mass estimate them. From a
 # prototype that counted them by the material's wave speed; not measured again for the diagonals.
