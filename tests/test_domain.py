@@ -379,3 +379,47 @@ def test_files_without_usable_cells(tmp_path, recombine, found):
 
     with pytest.raises(SceneError, match=found):
         rf.read_msh(_save(tmp_path / "file.msh", build))
+
+
+def test_tetrahedra_of_ten_nodes(tmp_path):
+    """Numbered as VTK does; curved edges stay where they are."""
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
+    edges = [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)]
+    middles = np.array([(corners[a] + corners[b]) / 2 for a, b in edges])
+    cells = np.arange(10)[None]
+    volumes = []
+    for bulge in (0.0, 0.1):
+        middles[0, 1] = -bulge  # of the edge from 0 to 1, outwards
+        domain = rf.from_arrays(np.vstack([corners, middles]), cells, "tetrahedron")
+        scene = rf.Scene(domain, rf.NeoHooke(E=1.0, nu=0.2, rho=1.0), order=2, mass="consistent")
+        volumes.append(scene.sum(scene.nodal_mass[: scene.owned_nodes].sum()))
+    assert volumes[0] == pytest.approx(1 / 6, rel=1e-13)
+    assert 0.01 < volumes[1] - volumes[0] < 0.1
+
+
+def test_facets_inside_are_told():
+    with pytest.raises(rf.SceneError, match="true for 4 facets inside the mesh and for none"):
+        rf.box((0, 0, 0), (1, 1, 1), (2, 2, 2)).with_facets("mid", lambda x: abs(x[0] - 0.5) < 0.1)
+    with pytest.raises(rf.SceneError, match="true for no facets of the mesh"):
+        rf.box((0, 0, 0), (1, 1, 1), (2, 2, 2)).with_facets("far", lambda x: x[0] > 2)
+
+
+def test_messages_show_plain_numbers():
+    with pytest.raises(rf.SceneError, match=r"got \(0\.5, 1\.0\)\."):
+        rf.Traction("x0", (np.float64(0.5), np.float32(1.0)))
+
+
+def test_scale_of_a_model():
+    pytest.importorskip("gmsh")
+
+    def cube(gmsh):
+        volume = gmsh.model.occ.addBox(0, 0, 0, 1000, 1000, 1000)
+        gmsh.model.occ.synchronize()
+        gmsh.model.addPhysicalGroup(3, [volume], name="cube")
+        gmsh.option.setNumber("Mesh.MeshSizeMax", 1000)
+        gmsh.model.mesh.generate(3)
+
+    mesh = rf.from_gmsh(cube, scale=1e-3).mesh
+    assert mesh.geometry.x.max(initial=0.0) <= 1.0
+    with pytest.raises(rf.SceneError, match="from_gmsh: scale must be"):
+        rf.from_gmsh(cube, scale=0)

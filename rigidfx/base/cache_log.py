@@ -1,9 +1,10 @@
-"""FFCx's log tells which file of its cache is waited for, in silence, or cannot be loaded."""
+"""FFCx's log tells what is compiled, and which file is waited for or cannot be loaded."""
 
 from __future__ import annotations
 
 import logging
 import re
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -29,12 +30,19 @@ class CacheLog(logging.Filter):
         super().__init__()
         self.source: Path | None = None
         self._shown, self._waits = shown, 0
+        self._began: float | None = None  # when a compilation began
 
     def filter(self, record: logging.LogRecord) -> bool:
         """Hear a record; whether it goes on."""
         text = record.getMessage()
         if found := re.search(r"Cached C file already exists: (\S.*\.c)$", text):
             self.source = Path(found[1])
+        if text.startswith("Compiler stage 1"):
+            self._began = time.perf_counter()
+            logging.getLogger("rigidfx").info("compiling a form, once for all scenes of this kind")
+        if text.startswith("JIT C compiler finished") and self._began is not None:
+            took = time.perf_counter() - self._began
+            logging.getLogger("rigidfx").info("compiled in %.1f s", took)
         if text.startswith("Waiting for") and self.source is not None:
             self._waits += 1
             if self._waits == TOLD_AFTER + 1:

@@ -24,7 +24,7 @@ from mpi4py import MPI
 from rigidfx.base.cache_log import listening
 from rigidfx.base.errors import OutputError, agree
 
-__all__ = ["compile_form", "form_on", "wait_or_clear"]
+__all__ = ["compile_expression", "compile_form", "form_on", "wait_or_clear"]
 
 LOCK = "rigidfx.lock"  # beside the compiled forms
 SMALL = {"timeout": 10}  # options for small forms; who holds the lock is waited for longer
@@ -55,6 +55,25 @@ def form_on(comm: MPI.Intracomm, form: ufl.Form) -> fem.Form:
         OutputError: On every rank, if a file that is in the way cannot be removed.
     """
     return _past_the_cache(comm, SMALL, lambda **how: fem.form(form, **how))
+
+
+def compile_expression(
+    comm: MPI.Intracomm, expression: Any, points: Any, options: dict[str, Any]
+) -> fem.Expression:
+    """Compile an expression at points of the reference cell. Collective.
+
+    Args:
+        comm: Its rank 0 compiles.
+        expression: UFL expression.
+        points: Shape (points, 3).
+        options: Options for FFCx's compiler.
+
+    Raises:
+        OutputError: On every rank, if a file that is in the way cannot be removed.
+    """
+    return _past_the_cache(
+        comm, options, lambda **how: fem.Expression(expression, points, comm=comm, **how)
+    )
 
 
 def _past_the_cache(

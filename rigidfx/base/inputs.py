@@ -83,7 +83,7 @@ def whole(owner: str, name: str, value: Any, *, least: int) -> int:
         result = int(value)
         if result >= least:
             return result
-    raise SceneError(f"{owner}: {name} must be a whole number ≥ {least}, got {value!r}.")
+    raise SceneError(f"{owner}: {name} must be a whole number ≥ {least}, got {shown(value)}.")
 
 
 def path_of(owner: str, name: str, value: Any) -> Path:
@@ -196,9 +196,18 @@ def shown(value: Any) -> str:
         value: What was given.
     """
     try:
-        return repr(value)
+        return repr(_plain(value))
     except Exception:  # Python writes no whole number of more than 4300 digits
         return f"something of type {type(value).__name__}"
+
+
+def _plain(value: Any) -> Any:
+    """A value with NumPy's numbers as Python's, in lists and tuples too: 0.3 is shown as 0.3."""
+    if isinstance(value, np.number) and not np.ma.is_masked(value):
+        return value.item()
+    if type(value) in (list, tuple):
+        return type(value)(map(_plain, value))
+    return value
 
 
 def check_factor(owner: object, time: Any) -> None:

@@ -14,10 +14,13 @@ from mpi4py import MPI
 
 from rigidfx.base import compat
 from rigidfx.base.errors import SceneError, agree
-from rigidfx.base.inputs import numbers
+from rigidfx.base.inputs import numbers, shown
 from rigidfx.domain.domain import CELLS, Domain, Marker
 
 __all__ = ["box", "from_arrays"]
+
+# Of a tetrahedron of ten nodes, in VTK's order; DOLFINx has edges 23, 13, 12, 03, 02, 01.
+FROM_VTK = (0, 1, 2, 3, 9, 8, 5, 7, 6, 4)
 
 
 def box(
@@ -51,7 +54,7 @@ def box(
     if not finite or not np.all(b > a):
         raise SceneError(
             "box: lower and upper must be three finite numbers each, and upper must exceed lower "
-            f"in all of x, y, z; got {lower}, {upper}."
+            f"in all of x, y, z; got {shown(lower)}, {shown(upper)}."
         )
     if len(counts) != 3 or min(counts) < 1:
         raise SceneError(f"box: cells must be three whole numbers ≥ 1, got {cells}.")
@@ -80,7 +83,9 @@ def from_arrays(
     Args:
         points: Corner positions, shape (points, 3) [m]; empty on all ranks but one.
         cells: Corner numbers in DOLFINx's order (of a hexahedron: x fastest, then y, then z),
-            shape (cells, 8) or (cells, 4); empty on all ranks but one.
+            shape (cells, 8) or (cells, 4); of tetrahedra also (cells, 10): four corners, then the
+            nodes on their edges 01, 12, 20, 03, 13, 23, as VTK, Abaqus and meshio number them.
+            Empty on all ranks but one.
         cell: "hexahedron" or "tetrahedron".
         comm: Communicator of the mesh.
 
@@ -88,29 +93,35 @@ def from_arrays(
         SceneError: If shapes, kinds or numbers do not fit, a cell is there twice, or cells are
             inverted or flat.
     """
-    corners = {"hexahedron": 8, "tetrahedron": 4}
-    if not isinstance(cell, str) or cell not in corners:
-        raise SceneError(f"from_arrays: cell must be one of {sorted(corners)}, got {cell!r}.")
-    agree(comm, _misfit(points, cells, corners[cell]))
+    known = {"hexahedron": (8,), "tetrahedron": (4, 10)}
+    if not isinstance(cell, str) or cell not in known:
+        raise SceneError(f"from_arrays: cell must be one of {sorted(known)}, got {cell!r}.")
+    agree(comm, _misfit(points, cells, known[cell]))
     x = np.asarray(points, dtype=np.float64).reshape(-1, 3)
-    rows = np.asarray(cells).astype(np.int64).reshape(-1, corners[cell])
+    table = np.asarray(cells)
+    width = comm.allreduce(table.shape[1] if table.size else 0, op=MPI.MAX) or known[cell][0]
+    order = FROM_VTK if width == len(FROM_VTK) else tuple(range(width))
+    rows = table.astype(np.int64).reshape(-1, width)[:, order]
     some = comm.allreduce(len(rows)) > 0
     agree(comm, None if some else "from_arrays: there are no cells.")
-    element = basix.ufl.element("Lagrange", cell, 1, shape=(3,))
+    degree = 2 if width == len(FROM_VTK) else 1
+    element = basix.ufl.element("Lagrange", cell, degree, shape=(3,))
     return Domain(compat.create_mesh(comm, rows, x, ufl.Mesh(element)))
 
 
-def _misfit(points: npt.ArrayLike, cells: npt.ArrayLike, corners: int) -> str | None:
+def _misfit(points: npt.ArrayLike, cells: npt.ArrayLike, corners: tuple[int, ...]) -> str | None:
     """What is wrong with the arrays of this rank, None if nothing."""
     try:
         x, rows = np.asarray(points), np.asarray(cells)
     except ValueError:
         return "from_arrays: points and cells must be arrays; some of their rows differ in length."
-    for name, given, kinds, width in (("points", x, "iuf", 3), ("cells", rows, "iu", corners)):
+    for name, given, kinds, widths in (("points", x, "iuf", (3,)), ("cells", rows, "iu", corners)):
         kind = "whole numbers" if kinds == "iu" else "real numbers"
-        if given.size and (given.dtype.kind not in kinds or given.shape[1:] != (width,)):
+        fits = given.ndim == 2 and given.shape[1] in widths
+        if given.size and (given.dtype.kind not in kinds or not fits):
+            shapes = " or ".join(f"(n, {width})" for width in widths)
             return (
-                f"from_arrays: {name} must be {kind} of shape (n, {width}), got {given.dtype} of "
+                f"from_arrays: {name} must be {kind} of shape {shapes}, got {given.dtype} of "
                 f"shape {given.shape}."
             )
     if not np.isfinite(x.astype(np.float64)).all():

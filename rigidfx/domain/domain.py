@@ -93,6 +93,11 @@ class Domain:
         vars(self).pop("mesh", None)
         let_go()
 
+    def __repr__(self) -> str:
+        """Size and names, in a line."""
+        cells, kind = self.mesh.topology.index_map(3).size_global, self.mesh.topology.cell_type
+        return f"<Domain: {cells} {CELLS[kind]}; names: {self.names}>"
+
     @property
     def comm(self) -> MPI.Intracomm:
         """Communicator of the mesh."""
@@ -155,7 +160,15 @@ class Domain:
         new = EntitySet(name, dim, np.sort(entities).astype(np.int32))
         out = replace_sets(self, {**self.sets, (name, dim): new})
         if out.count(new) == 0:
-            raise SceneError(f"The marker of '{name}' is true for no {KINDS[dim]} of the mesh.")
+            inner = dmesh.locate_entities(self.mesh, dim, checked) if boundary else entities
+            count = self.count(EntitySet(name, dim, np.sort(inner).astype(np.int32)))
+            given = f"The marker of '{name}' is true for"
+            if count == 0:
+                raise SceneError(f"{given} no {KINDS[dim]} of the mesh.")
+            raise SceneError(
+                f"{given} {count} facets inside the mesh and for none of its boundary, which "
+                "with_facets names. Of the nodes inside, with_vertices makes a set for supports."
+            )
         return out
 
     def with_cells(self, name: str, marker: Marker) -> Domain:

@@ -45,7 +45,8 @@ def read_msh(
     "facets-4". A name without elements is kept, as an empty set.
 
     Args:
-        path: A .msh file, or another mesh that gmsh reads; it is read on rank 0 only.
+        path: A .msh file of gmsh, of version 4.1 or 2.2; it is read on rank 0 only. Meshes in other
+            formats go through a converter: gmsh itself, or meshio.
         comm: Communicator of the mesh.
         scale: Metres per unit of length of the file.
 
@@ -63,14 +64,19 @@ def read_msh(
         with Path(path).open("rb") as file:
             if not file.readline().lstrip().startswith(b"$"):
                 # gmsh would take it for a script, and its parser not forget where it stopped.
-                raise SceneError(f"'{path}' is no mesh file of gmsh: no $MeshFormat.")
+                raise SceneError(
+                    f"'{path}' is no mesh file of gmsh: no $MeshFormat. Convert other formats, by "
+                    "'gmsh FILE -save -o part.msh' or 'meshio convert FILE part.msh'."
+                )
         gmsh.open(str(path))
         return names_in_header(path)
 
     return domain_of(comm, f"gmsh: reading '{path}'", f"'{path}'", fill, factor)
 
 
-def from_gmsh(build: Callable[[Any], None], comm: MPI.Intracomm = MPI.COMM_WORLD) -> Domain:
+def from_gmsh(
+    build: Callable[[Any], None], comm: MPI.Intracomm = MPI.COMM_WORLD, *, scale: float = 1.0
+) -> Domain:
     """A domain of a model that is built with gmsh's Python interface. Collective.
 
     Example:
@@ -85,17 +91,21 @@ def from_gmsh(build: Callable[[Any], None], comm: MPI.Intracomm = MPI.COMM_WORLD
         build: Function of the module gmsh that adds geometry and physical groups to its model and
             meshes it; called on rank 0 only.
         comm: Communicator of the mesh.
+        scale: Metres per unit of length of the model.
 
     Raises:
         SceneError: If the function fails, or the model holds no named group of volume cells,
             cells of several or unknown kinds, facets that bound none of them, or a name twice.
     """
+    factor = positive("from_gmsh", "scale", scale)
 
     def fresh(gmsh: Any) -> None:
         gmsh.model.add("rigidfx")
         build(gmsh)
 
-    return domain_of(comm, "from_gmsh: the function that builds the model", "The model", fresh)
+    return domain_of(
+        comm, "from_gmsh: the function that builds the model", "The model", fresh, factor
+    )
 
 
 @contextmanager

@@ -1,0 +1,81 @@
+"""What a run says of itself, through Python's logging, by the logger "rigidfx" on rank 0.
+
+It says what is compiled, how large the run is, what becomes rigid and flexible, and how it ended,
+at the level INFO. Whoever wants to hear it gives that logger a handler, or has a run (`verbose`);
+a recorder keeps it in a file.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+__all__ = ["folders", "heard", "hearing", "tell"]
+
+LOGGER = logging.getLogger("rigidfx")
+
+
+def tell(comm: MPI.Intracomm, text: str) -> None:
+    """Say something on rank 0.
+
+    Args:
+        comm: Ranks that all know the text.
+        text: What is said.
+    """
+    if comm.rank == 0:
+        LOGGER.info(text)
+
+
+@contextmanager
+def heard(comm: MPI.Intracomm, verbose: bool | None) -> Iterator[None]:
+    """Show on standard error, on rank 0, what is said meanwhile.
+
+    Args:
+        comm: Ranks of the run.
+        verbose: Whether it is shown; where standard error is a terminal if None.
+    """
+    shown = sys.stderr.isatty() if verbose is None else verbose
+    if not shown or comm.rank > 0:
+        yield
+        return
+    from tqdm import tqdm
+
+    class Beside(logging.Handler):
+        """Writes above a progress bar."""
+
+        def emit(self, record: logging.LogRecord) -> None:
+            tqdm.write(f"rigidfx: {record.getMessage()}", file=sys.stderr)
+
+    with hearing(Beside()):
+        yield
+
+
+def folders() -> list[Path]:
+    """Folders of the files that hear what is said now: where results go."""
+    files = (handler for handler in LOGGER.handlers if isinstance(handler, logging.FileHandler))
+    return [Path(os.path.relpath(file.baseFilename)).parent for file in files]
+
+
+@contextmanager
+def hearing(handler: Any) -> Iterator[None]:
+    """Have a handler hear what is said meanwhile; it is closed at the end.
+
+    Args:
+        handler: A `logging.Handler`.
+    """
+    level = LOGGER.level
+    LOGGER.addHandler(handler)
+    LOGGER.setLevel(min(level, logging.INFO) if level else logging.INFO)
+    try:
+        yield
+    finally:
+        LOGGER.removeHandler(handler)
+        handler.close()
+        LOGGER.setLevel(level)
