@@ -25,6 +25,7 @@ from rigidfx.effects import (
     Cylinder,
     Fixed,
     Gravity,
+    InitialDisplacement,
     InitialVelocity,
     KelvinVoigt,
     MassDamping,
@@ -34,11 +35,14 @@ from rigidfx.effects import (
     PointMass,
     Preload,
     PrescribedMotion,
+    PrescribedRotation,
     Pressure,
     Resultant,
     Rigid,
     Sphere,
     Spring,
+    StiffnessDamping,
+    Symmetry,
     Table,
     Traction,
 )
@@ -57,6 +61,8 @@ from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 from rigidfx.simulation import simulate
 
+__version__ = "0.1.0"
+
 __all__ = [
     "BodyForce",
     "Contact",
@@ -66,6 +72,7 @@ __all__ = [
     "Fixed",
     "Gravity",
     "Hyperelastic",
+    "InitialDisplacement",
     "InitialVelocity",
     "InversionError",
     "KelvinVoigt",
@@ -81,6 +88,7 @@ __all__ = [
     "PointMass",
     "Preload",
     "PrescribedMotion",
+    "PrescribedRotation",
     "Pressure",
     "Recorder",
     "Release",
@@ -95,7 +103,9 @@ __all__ = [
     "Spring",
     "StVenantKirchhoff",
     "StepError",
+    "StiffnessDamping",
     "StrainRate",
+    "Symmetry",
     "Table",
     "Traction",
     "Trapezoidal",
@@ -111,3 +121,8 @@ __all__ = [
     "simulate",
     "write_bodies",
 ]
+
+
+def __dir__() -> list[str]:
+    """What is exported, and the version: folders of the package are imported by their names."""
+    return [*__all__, "__doc__", "__version__"]

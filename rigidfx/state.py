@@ -17,12 +17,12 @@ from mpi4py import MPI
 from rigidfx.base.errors import SceneError, agree, together
 from rigidfx.base.inputs import numbers
 from rigidfx.base.taken import read_only
-from rigidfx.effects import InitialVelocity
+from rigidfx.effects import InitialDisplacement, InitialVelocity
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body
 from rigidfx.scene.scene import Scene
 
-__all__ = ["State", "initial_velocity"]
+__all__ = ["State", "initial_displacement", "initial_velocity"]
 
 Array = npt.NDArray[np.float64]
 Nodes = npt.NDArray[np.int32]
@@ -243,11 +243,11 @@ def initial_velocity(scene: Scene, dt: float, start: float) -> Array:
         wanted = together(
             scene.comm,
             f"{type(support).__name__} on '{support.where}'",
-            lambda s=support: s.velocity_at(0.0, dt),  # type: ignore[misc]
+            lambda s=support, at=X[nodes]: s.velocities_at(0.0, dt, at),  # type: ignore[misc]
         )
         axes = list(support.axes)
-        error = np.abs(v[nodes][:, axes] - wanted[axes]).max(initial=0.0)
-        bound = max(scale, float(np.abs(wanted).max()))
+        error = np.abs((v[nodes] - wanted)[:, axes]).max(initial=0.0)
+        bound = max(scale, float(np.abs(wanted).max(initial=0.0)))
         agree(
             scene.comm,
             None
@@ -259,7 +259,21 @@ def initial_velocity(scene: Scene, dt: float, start: float) -> Array:
     return v
 
 
-def _evaluate(effect: InitialVelocity, scene: Scene, X: Array) -> Array:
+def initial_displacement(scene: Scene) -> Array | None:
+    """Displacement at the start per local node with ghosts, shape (nodes, 3) [m]. Collective.
+
+    Returns:
+        None if the scene names none.
+
+    Raises:
+        SceneError: On every rank, if a function gives anything but finite vectors.
+    """
+    X = scene.space.tabulate_dof_coordinates()
+    given = [_evaluate(effect, scene, X) for effect in scene.named(InitialDisplacement)]
+    return sum(given, np.zeros_like(X)) if given else None
+
+
+def _evaluate(effect: InitialVelocity | InitialDisplacement, scene: Scene, X: Array) -> Array:
     assert effect.function is not None
     problem, values = None, np.zeros_like(X)
     try:
@@ -270,10 +284,10 @@ def _evaluate(effect: InitialVelocity, scene: Scene, X: Array) -> Array:
         if values.shape != X.shape:
             values = np.broadcast_to(values, X.shape)
         if not np.isfinite(values).all():
-            problem = "InitialVelocity: function gives values that are not finite."
+            problem = f"{effect.kind}: function gives values that are not finite."
     except Exception as error:  # whatever a user's function may raise
         problem = (
-            f"InitialVelocity: function must map (3, n) to (3, n); it failed with "
+            f"{effect.kind}: function must map (3, n) to (3, n); it failed with "
             f"{type(error).__name__}: {error}"
         )
     agree(scene.comm, problem, SceneError)

@@ -53,7 +53,8 @@ def test_citation_is_of_this_version():
     def found(file, pattern):
         return re.findall(pattern, (ROOT / file).read_text(encoding="utf-8"), re.M)
 
-    assert found("CITATION.cff", r"^version: (.*)") == found("pyproject.toml", r'^version = "(.*)"')
+    assert found("CITATION.cff", r"^version: (.*)") == [rigidfx.__version__]
+    assert found("pyproject.toml", r"^version = (.*)") == ['{ attr = "rigidfx.__version__" }']
     assert found("CITATION.cff", r"^  - name: (.*)") == found(
         "pyproject.toml", r'name = "(The .*?)"'
     )

@@ -13,6 +13,7 @@ from rigidfx.effects.contacts.obstacles import Cylinder, Obstacle, Plane, Sphere
 from rigidfx.effects.dead_load import DeadLoad
 from rigidfx.effects.fixed import Fixed
 from rigidfx.effects.gravity import Gravity
+from rigidfx.effects.initial_displacement import InitialDisplacement
 from rigidfx.effects.initial_velocity import InitialVelocity
 from rigidfx.effects.kelvin_voigt import KelvinVoigt
 from rigidfx.effects.mass_damping import MassDamping
@@ -21,11 +22,14 @@ from rigidfx.effects.numerical_damping import NumericalDamping
 from rigidfx.effects.point_mass import PointMass
 from rigidfx.effects.preload import Preload
 from rigidfx.effects.prescribed_motion import PrescribedMotion
+from rigidfx.effects.prescribed_rotation import PrescribedRotation
 from rigidfx.effects.pressure import Pressure
 from rigidfx.effects.resultant import Resultant
 from rigidfx.effects.rigid import Rigid
 from rigidfx.effects.spring import Spring
+from rigidfx.effects.stiffness_damping import StiffnessDamping
 from rigidfx.effects.support import Support
+from rigidfx.effects.symmetry import Symmetry
 from rigidfx.effects.traction import Traction
 
 __all__ = [
@@ -38,6 +42,7 @@ __all__ = [
     "Fixed",
     "FormTerm",
     "Gravity",
+    "InitialDisplacement",
     "InitialVelocity",
     "KelvinVoigt",
     "MassDamping",
@@ -48,13 +53,16 @@ __all__ = [
     "PointMass",
     "Preload",
     "PrescribedMotion",
+    "PrescribedRotation",
     "Pressure",
     "Resultant",
     "Rigid",
     "Sphere",
     "Spring",
+    "StiffnessDamping",
     "Structure",
     "Support",
+    "Symmetry",
     "Table",
     "Touch",
     "Traction",

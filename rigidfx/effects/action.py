@@ -244,6 +244,10 @@ class FormTerm:
     dissipates: bool = True
     viscous: bool = False
 
+    def of(self, law: Any) -> FormTerm:
+        """The term in cells of a `Law`; itself where the stored energy does not matter."""
+        return self
+
     def set_time(self, t: float, dt: float) -> None:
         """Evaluate functions of time for a step whose midpoint is t [s].
 

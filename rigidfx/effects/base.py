@@ -110,6 +110,17 @@ class Effect:
         """Instants at which a step must end [s]."""
         return ()
 
+    def placed(self, domain: Any) -> Effect:
+        """The effect with what it takes from the mesh; itself if that is nothing. Collective.
+
+        Args:
+            domain: Mesh and names.
+
+        Raises:
+            SceneError: On every rank, if it cannot be there.
+        """
+        return self
+
     def check(self, scene: Any) -> None:
         """Check it against the mesh and its names. Collective.
 

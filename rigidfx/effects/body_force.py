@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 from rigidfx.effects.base import Array, Vector
 from rigidfx.effects.dead_load import DeadLoad
+from rigidfx.effects.fields import PlaceAndTime
 
 __all__ = ["BodyForce"]
 
@@ -17,11 +17,14 @@ class BodyForce(DeadLoad):
     """Dead force per reference volume [N/m³].
 
     Attributes:
-        value: Three components [N/m³], or a function of time giving them.
+        value: Three components [N/m³], or a function t giving them, or a function x, t of
+            reference positions of shape (3, n) [m] giving shape (3, n).
         where: Name of a set of cells; everywhere if None.
     """
 
-    value: Vector | Callable[[float], Vector]
+    local: ClassVar[bool] = True
+
+    value: Vector | PlaceAndTime
     where: str | None = None
 
     def weights(self, scene: Any) -> Array:

@@ -1,7 +1,8 @@
 """The base of dead loads: a fixed nodal weight times a force in time, fᵢ(t) = wᵢ q(t).
 
 The weights are assembled once per division, those on the nodes of a body to their sums; a step
-only evaluates q at its midpoint.
+only evaluates q at its midpoint. A load that depends on the place, q(X, t), is evaluated at all
+nodes it acts on, and has its sums over the nodes of bodies anew in each step.
 """
 
 from __future__ import annotations
@@ -12,10 +13,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from rigidfx.base.errors import SceneError
+from rigidfx.base.errors import SceneError, together
 from rigidfx.base.inputs import check_factor, is_function, numbers, scalar, vector
 from rigidfx.effects.action import Action, Array, Structure
 from rigidfx.effects.base import TimeFunction, Windowed, check_vector
+from rigidfx.effects.fields import of_place, some_points, values_at
 
 __all__ = ["DeadLoad"]
 
@@ -32,6 +34,7 @@ class DeadLoad(Windowed):
     is_load: ClassVar[bool] = True
     is_dead: ClassVar[bool] = True
     dims: ClassVar[tuple[int, ...]] = (3,)  # of the sets it may act on
+    local: ClassVar[bool] = False  # whether its value may depend on the place
 
     time: TimeFunction | None = field(default=None, kw_only=True)
 
@@ -45,6 +48,11 @@ class DeadLoad(Windowed):
         value = getattr(self, "value", None)
         if not is_function(value):
             vector(self, "value", value)
+        elif of_place(value) and not self.local:
+            raise SceneError(
+                f"{self.owner}: value must be a function of t; one of x and t can be had with "
+                "Traction and BodyForce."
+            )
         check_factor(self, self.time)
 
     def intensity(self, t: float) -> Array:
@@ -55,9 +63,26 @@ class DeadLoad(Windowed):
         """
         if not self.acts(t):
             return np.zeros(3)
-        value = getattr(self, "value", (0.0, 0.0, 0.0))
+        value: Any = getattr(self, "value", (0.0, 0.0, 0.0))
         vector = numbers(value(t) if is_function(value) else value)
         return vector if self.time is None else vector * scalar(self.time(t))
+
+    @property
+    def uniform(self) -> bool:
+        """Whether its value is the same everywhere."""
+        return not of_place(getattr(self, "value", None))
+
+    def intensities(self, t: float, X: Array) -> Array:
+        """Vectors q(X, t) at some points, shape (points, 3); zero outside the window.
+
+        Args:
+            t: Time [s].
+            X: Reference positions, shape (points, 3) [m].
+        """
+        if not self.acts(t):
+            return np.zeros_like(X)
+        values = values_at(getattr(self, "value"), X, t)  # noqa: B009 - of those that have one
+        return values if self.time is None else values * scalar(self.time(t))
 
     def weights(self, scene: Any) -> Array:
         """Weight of each local node: area [m²], volume [m³], mass [kg] or share [1]. Collective."""
@@ -72,15 +97,38 @@ class DeadLoad(Windowed):
         where = getattr(self, "where", None)
         if where is not None:
             scene.domain.find(where, self.dims, self.kind)
-        check_vector(scene, self.owner, self.start, partial(self.intensity, self.start))
+        if self.uniform:
+            check_vector(scene, self.owner, self.start, partial(self.intensity, self.start))
+            return
+        nodes = np.flatnonzero(self.weights(scene)).astype(np.int32)
+        X = scene.space.tabulate_dof_coordinates()[nodes]
+        owner = f"{self.owner}: its function of place and time"
+        together(scene.comm, owner, lambda: check_values(self, self.start, X))
+        object.__setattr__(self, "_some", some_points(scene, nodes))
 
     def signal(self, t: float, dt: float) -> Array:
-        """The intensity."""
-        return self.intensity(t)
+        """The intensity; of one that depends on the place at some points."""
+        some = getattr(self, "_some", np.zeros((1, 3)))  # points, since it was checked
+        return self.intensity(t) if self.uniform else self.intensities(t, some).ravel()
 
     def bind(self, structure: Structure) -> Action:
         """The forces on nodes and bodies."""
-        return DeadForces(self, structure)
+        return DeadForces(self, structure) if self.uniform else FieldForces(self, structure)
+
+
+def check_values(load: DeadLoad, t: float, X: Array) -> Array:
+    """Vectors of a load that depends on the place, shape (points, 3).
+
+    Raises:
+        SceneError: On this rank, if they are not as many finite vectors as there are points.
+    """
+    values = load.intensities(t, X)
+    if values.shape != X.shape or not np.isfinite(values).all():
+        raise SceneError(
+            f"{load.owner}: at t = {t:g} s its value is to be three finite components for each of "
+            f"{len(X)} points, shape (3, {len(X)}); got shape {values.shape[::-1]}: {values.T}."
+        )
+    return values
 
 
 class DeadForces(Action):
@@ -129,3 +177,40 @@ class DeadForces(Action):
         """Add Σ w q and Σ w V qᵀ."""
         if self._q.any():
             moments += self._moments[:, :, None] * self._q
+
+
+class FieldForces(Action):
+    """A dead load that depends on the place, on the nodes of a division and on its bodies."""
+
+    def __init__(self, load: DeadLoad, structure: Structure) -> None:
+        """Assemble the weights. Collective.
+
+        Args:
+            load: The effect.
+            structure: What it acts on.
+        """
+        self.kind, self._load, self._structure = load.kind, load, structure
+        owned = structure.scene.owned_nodes
+        weights = load.weights(structure.scene)[:owned]
+        self._at = np.flatnonzero(weights)
+        self._weights = weights[self._at, None]
+        self._X = structure.scene.space.tabulate_dof_coordinates()[self._at]
+        self._all = np.zeros((owned, 3))  # forces on all owned nodes, those of bodies too
+        self._own = structure.own[:, None]
+
+    def set_time(self, t: float, dt: float) -> None:
+        """Evaluate q at the nodes; what a user's function does is checked.
+
+        Raises:
+            SceneError: On this rank, if it fails or gives anything but finite vectors.
+        """
+        self._all[self._at] = self._weights * check_values(self._load, t, self._X)
+
+    def load_nodes(self, forces: Array) -> None:
+        """Add w q."""
+        forces += np.where(self._own, self._all[self._structure.rows.nodes], 0.0)
+
+    def load_bodies(self, moments: Array, torques: Array) -> None:
+        """Add Σ w q and Σ w V qᵀ. Collective."""
+        for axis in range(3):
+            moments[:, :, axis] += self._structure.moments(self._all[:, axis])

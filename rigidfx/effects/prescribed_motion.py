@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any, ClassVar
@@ -12,7 +11,7 @@ import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError, together
 from rigidfx.base.inputs import is_function, numbers, shown
-from rigidfx.effects.base import Vector
+from rigidfx.effects.fields import Array, PlaceAndTime, of_place, some_points, values_at
 from rigidfx.effects.path_velocity import PathAndVelocity
 from rigidfx.effects.support import Support
 
@@ -24,17 +23,19 @@ class PrescribedMotion(Support):
     """Moves the nodes of a named set along a given path, from where they are at its start.
 
     Attributes:
-        displacement: Function t → three components of the displacement [m]; only its increments
+        displacement: Function t → three components of the displacement [m], or function x, t of
+            reference positions of shape (3, n) too, which gives shape (3, n); only its increments
             count. An attribute `breakpoints` of it names the instants of its kinks.
-        velocity: Its derivative [m/s]; by a one-sided second-order difference if None. It is
+        velocity: Its derivative [m/s], of the same arguments; by a one-sided second-order
+            difference if None. It is
             used where the motion begins and after each breakpoint, and its changes are changes of
             a load. Both are compared: there by the scene, and before a run at some instants of it.
     """
 
     moves: ClassVar[bool] = True
 
-    displacement: Callable[[float], Vector] = field(kw_only=True)
-    velocity: Callable[[float], Vector] | None = field(default=None, kw_only=True)
+    displacement: PlaceAndTime = field(kw_only=True)
+    velocity: PlaceAndTime | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         """Check window, components and functions.
@@ -50,15 +51,41 @@ class PrescribedMotion(Support):
                     f"PrescribedMotion on '{self.where}': {name} must be a function of t, "
                     f"got {shown(f)}."
                 )
+        if self.velocity is not None and of_place(self.velocity) == self.uniform:
+            raise SceneError(
+                f"PrescribedMotion on '{self.where}': displacement and velocity must be functions "
+                "of the same arguments, t or x, t."
+            )
+
+    @property
+    def uniform(self) -> bool:  # type: ignore[override]
+        """Whether all its nodes move alike: the path is a function of time alone."""
+        return not of_place(self.displacement)
+
+    def displacements_at(self, t: float, X: Array) -> Array:
+        """The path of some points at t, shape (3,) or (points, 3) [m]."""
+        return self.displacement_at(t) if self.uniform else values_at(self.displacement, X, t)
+
+    def velocities_at(self, t: float, dt: float, X: Array) -> Array:
+        """The velocity of some points just after t, shape (3,) or (points, 3) [m/s]."""
+        if self.uniform:
+            return self.velocity_at(t, dt)
+        if self.velocity is not None:
+            return values_at(self.velocity, X, t)
+        h = 1e-3 * dt
+        u0, u1, u2 = (self.displacements_at(t + k * h, X) for k in range(3))
+        return np.asarray((4 * u1 - 3 * u0 - u2) / (2 * h))
 
     def displacement_at(self, t: float) -> npt.NDArray[np.float64]:
-        """The given path at t."""
-        return numbers(self.displacement(t))
+        """The given path at t, of all nodes."""
+        path: Any = self.displacement
+        return numbers(path(t))
 
     def velocity_at(self, t: float, dt: float) -> npt.NDArray[np.float64]:
         """The given velocity at t, or the difference quotient of the path just after t."""
         if self.velocity is not None:
-            return numbers(self.velocity(t))
+            velocity: Any = self.velocity
+            return numbers(velocity(t))
         h = 1e-3 * dt
         u0, u1, u2 = u = [self.displacement_at(t + k * h) for k in range(3)]
         for given in u:
@@ -77,6 +104,9 @@ class PrescribedMotion(Support):
     def check(self, scene: Any) -> None:
         """See whether path and velocity can be used, and go together at the start and at kinks."""
         super().check(scene)
+        if not self.uniform:
+            nodes = next(nodes for support, nodes in scene.supports if support is self)
+            object.__setattr__(self, "_some", some_points(scene, nodes))  # for `signal`
         together(scene.comm, f"{self.owner}: its path or velocity", self._check_starts)
 
     def check_run(self, scene: Any, t_end: float) -> None:
@@ -95,7 +125,14 @@ class PrescribedMotion(Support):
         """Path and given velocity, of the held components; None without such a velocity."""
         if self.velocity is None:
             return None
-        velocity = self.velocity
+        if not self.uniform:
+            X = self._points[:1]
+            return PathAndVelocity(
+                lambda t: self.displacements_at(t, X)[0],
+                lambda t: self.velocities_at(t, 1.0, X)[0],
+                self.axes,
+            )
+        velocity: Any = self.velocity
         return PathAndVelocity(self.displacement_at, lambda t: numbers(velocity(t)), self.axes)
 
     def _check_starts(self) -> None:
@@ -115,4 +152,12 @@ class PrescribedMotion(Support):
 
     def signal(self, t: float, dt: float) -> npt.NDArray[np.float64]:
         """The velocity, while it acts."""
-        return np.asarray(self.velocity_at(t, dt)) if self.acts(t) else np.zeros(3)
+        some = np.zeros((1, 3)) if self.uniform else self._points
+        if not self.acts(t):
+            return np.zeros(some.size)
+        return np.asarray(np.broadcast_to(self.velocities_at(t, dt, some), some.shape)).ravel()
+
+    @property
+    def _points(self) -> Array:
+        """Some points of its set, since it was checked."""
+        return getattr(self, "_some", np.zeros((1, 3)))

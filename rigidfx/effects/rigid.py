@@ -19,7 +19,10 @@ SYMMETRY = 1e-6  # of a given tensor, relative to its largest entry; the rest is
 
 @dataclass(frozen=True)
 class Rigid(Effect):
-    """Cells that move as one rigid body from the beginning.
+    """Cells that move as one rigid body from the beginning, whatever forces act on them.
+
+    Name only what in truth hardly bends: a part that does changes the motion of its neighbours too,
+    and nothing but `StrainRate(wake="local")` can tell.
 
     A body whose nodes a support holds is refused, unless all components of three or more of its
     nodes that do not lie on a line are held by one support: then it is fixed, or follows the
@@ -47,6 +50,10 @@ class Rigid(Effect):
     def given(self) -> bool:
         """Whether it has a mass or an inertia other than that of its cells."""
         return self.mass is not None or self.inertia is not None
+
+    def check(self, scene: Any) -> None:
+        """Look its cells up."""
+        scene.owned_cells(self.where, self.kind)
 
     def __post_init__(self) -> None:
         """Check the given data.

@@ -10,10 +10,12 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx.base.errors import SceneError
+from rigidfx.base.errors import SceneError, together
 from rigidfx.effects.base import Windowed, check_vector
 
 __all__ = ["Support"]
+
+Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -28,6 +30,7 @@ class Support(Windowed):
     is_load: ClassVar[bool] = True
     holds: ClassVar[bool] = True
     moves: ClassVar[bool] = False  # whether its motion is a user's function of time
+    uniform: ClassVar[bool] = True  # whether all its nodes move alike
 
     where: str
     components: str = "xyz"
@@ -64,15 +67,60 @@ class Support(Windowed):
         """
         raise NotImplementedError
 
+    def displacements_at(self, t: float, X: Array) -> Array:
+        """Prescribed displacements of some points, shape (3,) or (points, 3) [m].
+
+        Args:
+            t: Time [s].
+            X: Reference positions, shape (points, 3) [m].
+        """
+        return self.displacement_at(t)
+
+    def velocities_at(self, t: float, dt: float, X: Array) -> Array:
+        """Prescribed velocities of some points just after t, shape (3,) or (points, 3) [m/s].
+
+        Args:
+            t: Time [s].
+            dt: Time step [s], the scale of the difference quotient where one is needed.
+            X: Reference positions, shape (points, 3) [m].
+        """
+        return self.velocity_at(t, dt)
+
+    @property
+    def keeps_rigid(self) -> bool:
+        """Whether it may take a part named rigid along: its motion strains nothing."""
+        return self.uniform
+
     def same_motion(self, other: Support) -> bool:
         """Whether both prescribe the same motion, so that they may share nodes."""
         raise NotImplementedError
 
     def check(self, scene: Any) -> None:
         """See whether its path can be used; the scene knows its nodes already."""
+        if not self.uniform:
+            self._check_field(scene)
+            return
         start = self.since if isfinite(self.since) else 0.0
         check_vector(scene, self.owner, start, partial(self.displacement_at, start))
         check_vector(scene, self.owner, start, partial(self.velocity_at, start, 1.0))
+
+    def _check_field(self, scene: Any) -> None:
+        """See whether a motion that differs from node to node can be used. Collective."""
+        nodes = next(nodes for support, nodes in scene.supports if support is self)
+        X = scene.space.tabulate_dof_coordinates()[nodes]
+
+        def check() -> None:
+            for value in (
+                self.displacements_at(self.start, X),
+                self.velocities_at(self.start, 1.0, X),
+            ):
+                if np.shape(value) not in ((3,), X.shape) or not np.isfinite(value).all():
+                    raise SceneError(
+                        f"{self.owner}: at t = {self.start:g} s three finite components are "
+                        f"expected for each of {len(X)} nodes, shape (3, {len(X)}), got {value}."
+                    )
+
+        together(scene.comm, f"{self.owner}: its function of place and time", check)
 
     def check_run(self, scene: Any, t_end: float) -> None:
         """See whether its motion can be used in a run; by itself it can. Collective.

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from rigidfx.effects.base import Array, Vector
 from rigidfx.effects.dead_load import DeadLoad
+from rigidfx.effects.fields import PlaceAndTime
 
 __all__ = ["Traction"]
 
@@ -18,13 +18,15 @@ class Traction(DeadLoad):
 
     Attributes:
         where: Name of a set of facets.
-        value: Three components [Pa], or a function of time giving them.
+        value: Three components [Pa], or a function t giving them, or a function x, t of
+            reference positions of shape (3, n) [m] giving shape (3, n).
     """
 
     dims: ClassVar[tuple[int, ...]] = (2,)
+    local: ClassVar[bool] = True
 
     where: str
-    value: Vector | Callable[[float], Vector]
+    value: Vector | PlaceAndTime
 
     def weights(self, scene: Any) -> Array:
         """Area of each node [m²]."""

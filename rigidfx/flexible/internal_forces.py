@@ -136,7 +136,7 @@ class InternalForces:
             work = scene.scheme.virtual_work(step[0], c.law, *step[1:], test, xi)
             for k, term in acts:
                 if k in self._of_class[i - 1]:
-                    work += term.virtual_work(*step, test)
+                    work += term.of(c.law).virtual_work(*step, test)
             return work
 
         def eliminated(i: int, c: MaterialClass) -> Any:
@@ -173,7 +173,7 @@ class InternalForces:
         def of(kind: str) -> Callable[[int, MaterialClass], Any]:
             def integrand(i: int, c: MaterialClass) -> Any:
                 here = [t for k, t in acts if t.kind == kind and k in self._of_class[i - 1]]
-                return sum(t.taken(element, u0, u1) for t in here) if here else None
+                return sum(t.of(c.law).taken(element, u0, u1) for t in here) if here else None
 
             return integrand
 

@@ -22,6 +22,7 @@ __all__ = [
     "STIFFNESS_DEGREE",
     "check_discretisation",
     "check_masses",
+    "check_rigid",
     "check_supports",
     "in_order",
     "points",
@@ -120,6 +121,27 @@ def check_supports(scene: Any) -> None:
                 f"'{b.where}' prescribe different motions of the same nodes at the same "
                 "time. Separate their sets, components or time windows."
             )
+
+
+def check_rigid(scene: Any) -> None:
+    """Refuse parts named rigid that share nodes. Collective.
+
+    Raises:
+        SceneError: On every rank, if two do.
+    """
+    taken = np.zeros(len(scene.nodal_mass), dtype=bool)
+    for rigid in (effect for effect in scene.effects if effect.is_rigid):
+        if rigid.where is None:
+            return
+        nodes = scene.nodes(rigid.where, "Rigid", (3,))
+        agree(
+            scene.comm,
+            f"Rigid '{rigid.name}' shares nodes with another body, which would be a hinge. Merge "
+            "the two sets, or leave a layer of flexible cells between them."
+            if taken[nodes].any()
+            else None,
+        )
+        taken[nodes] = True
 
 
 def in_order(given: Any) -> Any:

@@ -33,6 +33,11 @@ def check_together(effects: Sequence[fx.Effect], scheme: Scheme) -> None:
             raise SceneError(f"Scene: {effect!r} is not an effect. See rigidfx.effects.")
     if len(named(fx.Preload)) > 1:
         raise SceneError("Scene: only one Preload makes sense; give it all static loads.")
+    if named(fx.InitialDisplacement) and (named(fx.Preload) or named(fx.Rigid)):
+        raise SceneError(
+            "Scene: an InitialDisplacement goes neither with a Preload, which finds a displacement "
+            "of its own, nor with parts that are Rigid from the start."
+        )
     damping = named(fx.NumericalDamping)
     if damping and not scheme.damps:
         raise SceneError(

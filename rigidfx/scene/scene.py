@@ -22,6 +22,7 @@ from rigidfx import effects as fx
 from rigidfx.base import compat
 from rigidfx.base.errors import SceneError
 from rigidfx.base.form_cache import form_on
+from rigidfx.base.inputs import positive
 from rigidfx.base.same_input import check_same
 from rigidfx.base.taken import read_only
 from rigidfx.domain.connected import ConnectedParts, connected_parts
@@ -34,6 +35,7 @@ from rigidfx.scene.checks import (
     STIFFNESS_DEGREE,
     check_discretisation,
     check_masses,
+    check_rigid,
     check_supports,
     in_order,
     points,
@@ -41,9 +43,10 @@ from rigidfx.scene.checks import (
 )
 from rigidfx.scene.conflicts import check_together
 from rigidfx.scene.elements import element_of
-from rigidfx.scene.mesh_checks import parts_in_words, warn_of_distance, warn_of_gaps
+from rigidfx.scene.mesh_checks import warn_of_distance, warn_of_gaps
+from rigidfx.scene.places import cells_of
 from rigidfx.scene.stiffness import stiff_parts
-from rigidfx.scene.summary import effects_table, in_words, phases
+from rigidfx.scene.summary import description
 
 __all__ = ["Scene"]
 
@@ -56,7 +59,9 @@ class Scene:
 
     Attributes:
         domain: Mesh and names.
-        materials: Pairs of a material and its owned cells; together they cover the mesh.
+        materials: Pairs of a material and its owned cells, of this rank; together they cover the
+            mesh. A rank may have no cells of a material.
+        material_sets: Of each of them the name of its set of cells, "" where there is but one.
         effects: All effects as given.
         order: Order of the Lagrange displacement.
         mass: "lumped" (diagonal, default) or "consistent".
@@ -68,6 +73,7 @@ class Scene:
         element: How its cells strain.
         supports: Pairs of a support and its local nodes, ghosts included.
         probes: Named points [m] whose histories are recorded.
+        probe_cells: Rank and local number of the cell that holds each of them.
     """
 
     def __init__(
@@ -123,10 +129,14 @@ class Scene:
                 f"{scheme!r}."
             )
         self.probes = MappingProxyType(points(domain.comm, probes or {}))
+        self.probe_cells = cells_of(domain.mesh, self.probes)
         check_discretisation(self)
         check_together(self.effects, self.scheme)
+        self.effects = tuple(effect.placed(domain) for effect in self.effects)
         self.materials = assign(domain, material)
         self.element: Element = element_of(self, element)
+        sets = list(material) if isinstance(material, Mapping) else [""]
+        self.material_sets: tuple[str, ...] = tuple(domain.comm.bcast(sets))
         warn_of_locking(self)
         self.space = fem.functionspace(domain.mesh, ("Lagrange", order, (3,)))
         self.point_masses = read_only(self._point_masses())
@@ -140,6 +150,7 @@ class Scene:
         check_supports(self)
         for effect in self.effects:
             effect.check(self)
+        check_rigid(self)
         warn_of_gaps(domain, self.effects)
         warn_of_distance(domain)
 
@@ -305,37 +316,32 @@ class Scene:
         f.x.scatter_forward()
         return f
 
-    def describe(self) -> str:
+    def __repr__(self) -> str:
+        """Size and number of effects, in a line."""
+        kind = "tetrahedra" if self.simplex else "hexahedra"
+        cells = self.mesh.topology.index_map(3).size_global
+        dofs = 3 * self.space.dofmap.index_map.size_global
+        return (
+            f"<Scene: {cells} {kind} of order {self.order}, {dofs} dofs, "
+            f"{len(self.materials)} materials, {len(self.effects)} effects>"
+        )
+
+    def describe(self, dt: float | None = None) -> str:
         """Print, on rank 0, what there is in the scene and when it acts. Collective.
 
         An effect that is not listed adds no term to the equations; one whose time window is closed
         has none any more.
 
+        Args:
+            dt: Time step that is thought of [s]: it is told how many cells a wave passes in it, if
+                given. About one resolves waves; a swing of the whole takes a twentieth of its
+                period, whatever the waves do.
+
         Returns:
             The text, on all ranks.
         """
-        cells = self.mesh.topology.index_map(3).size_global
-        nodes = self.space.dofmap.index_map.size_global
-        kind = "tetrahedra" if self.simplex else "hexahedra"
-        lines = [
-            f"Scene of {cells} {kind} of order {self.order}"
-            f"{', enhanced' if self.element.enhanced else ''}, {nodes} nodes; {self.mass} mass; "
-            f"{type(self.scheme).__name__}",
-            *(
-                f"  {line}, which shares no node with others"
-                for line in parts_in_words(self.domain)
-            ),
-            "Materials",
-            *(
-                f"  {in_words(material)}; {int(self.sum(own.size))} cells"
-                for material, own in self.materials
-            ),
-            "Effects" if self.effects else "Effects: none",
-            *(f"  {line}" for line in effects_table(self.effects)),
-        ]
-        if acting := phases(self.effects):
-            lines += ["Acting", *(f"  {line}" for line in acting)]
-        text = "\n".join(lines)
+        step = None if dt is None else positive("describe", "dt", dt)
+        text = "\n".join(description(self, step))
         if self.comm.rank == 0:
             print(text, flush=True)  # noqa: T201 - it is what this is for
         return text

@@ -8,10 +8,12 @@ from math import inf, isfinite
 from typing import Any
 
 import numpy as np
+import ufl
 
-from rigidfx.effects import Effect, Table, Windowed
+from rigidfx.effects import Effect, Spring, Table, Windowed
+from rigidfx.scene.mesh_checks import parts_in_words
 
-__all__ = ["effects_table", "in_words", "phases"]
+__all__ = ["description", "effects_table", "in_words", "phases"]
 
 ELSEWHERE = ("where", "components", "since", "until")  # not among the values
 
@@ -19,6 +21,91 @@ ELSEWHERE = ("where", "components", "since", "until")  # not among the values
 def in_words(record: Any) -> str:
     """Kind and values of a frozen record, such as a material."""
     return f"{_kind(record)}: {_values(record)}"
+
+
+def description(scene: Any, step: float | None) -> list[str]:
+    """What there is in a scene and when it acts, line by line. Collective.
+
+    Args:
+        scene: The scene.
+        step: Time step that is thought of [s], if any.
+    """
+    cells = scene.mesh.topology.index_map(3).size_global
+    nodes = scene.space.dofmap.index_map.size_global
+    kind = "tetrahedra" if scene.simplex else "hexahedra"
+    lines = [
+        f"Scene of {cells} {kind} of order {scene.order}"
+        f"{', enhanced' if scene.element.enhanced else ''}, {nodes} nodes; {scene.mass} mass; "
+        f"{type(scene.scheme).__name__}",
+        f"  {_extent(scene)}",
+        *(f"  {line}, which shares no node with others" for line in parts_in_words(scene.domain)),
+        "Materials",
+        *(
+            f"  {f'{name!r}: ' if name else ''}{in_words(material)}; "
+            f"{int(scene.sum(own.size))} cells; {speed}"
+            for name, (material, own), speed in zip(
+                scene.material_sets, scene.materials, _speeds(scene, step), strict=True
+            )
+        ),
+        "Effects" if scene.effects else "Effects: none",
+        *(f"  {line}" for line in effects_table(scene.effects)),
+    ]
+    if scene.named(Windowed) or scene.named(Spring):
+        lines += ["Acting", *(f"  {line}" for line in phases(scene.effects))]
+    return lines
+
+
+def _extent(scene: Any) -> str:
+    """Mass, box and number of dofs of a scene. Collective.
+
+    Args:
+        scene: The scene.
+    """
+    n, X = scene.owned_nodes, scene.space.tabulate_dof_coordinates()
+    mass = scene.sum(scene.nodal_mass[:n].sum())
+    low = np.min(scene.comm.allgather(X[:n].min(axis=0, initial=np.inf)), axis=0)
+    high = np.max(scene.comm.allgather(X[:n].max(axis=0, initial=-np.inf)), axis=0)
+    low, high = (np.where(np.abs(x) < 1e-12 * (high - low).max(), 0.0, x) for x in (low, high))
+    box = " × ".join(f"{a:.4g} … {b:.4g}" for a, b in zip(low, high, strict=True))
+    held = np.zeros((len(X), 3), dtype=bool)
+    for support, nodes in scene.supports:
+        if support.acts(0.0):
+            held[np.ix_(nodes, support.axes)] = True
+    free = int(scene.sum(np.count_nonzero(~held[:n])))
+    return f"{mass:.6g} kg in a box of {box} m; {free} unknowns at the start, if all is flexible"
+
+
+def _speeds(scene: Any, dt: float | None) -> list[str]:
+    """For each material, how fast a wave is in it and how far it gets in a step. Collective.
+
+    The speed is √(ℂ₀₁₁₁₁/ρ), that of pressure waves in the unstrained material, and the size of a
+    cell the cube root of the mean volume of a cell of the mesh.
+
+    Args:
+        scene: The scene.
+        dt: Time step [s]; None if nothing is to be said of one.
+    """
+    size, out = scene.mean_cell_size, []
+    for material, _ in scene.materials:
+        stiffness = _axial_stiffness(material)
+        if not stiffness > 0:
+            out.append("no stiffness when unstrained")
+            continue
+        speed = np.sqrt(stiffness / material.rho)
+        text = f"waves of {speed:.3g} m/s"
+        if dt is not None:
+            text += f", which pass {speed * dt / size:.3g} cells in Δt = {dt:g} s"
+        out.append(text)
+    return out
+
+
+def _axial_stiffness(material: Any) -> float:
+    """∂²W/∂E₁₁² of a stored energy at E = 0 [Pa], by a difference quotient."""
+    h, values = 1e-3, []
+    for e in (-h, 0.0, h):
+        C = ufl.as_matrix(np.diag([1 + 2 * e, 1.0, 1.0]).tolist())
+        values.append(float(ufl.as_ufl(material.energy(C, **material.parameters))))
+    return (values[0] - 2 * values[1] + values[2]) / h**2
 
 
 def effects_table(effects: Sequence[Effect]) -> list[str]:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
+import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError, StepError
 from rigidfx.coupling.dof_layout import DofLayout, dof_layout
@@ -21,10 +24,12 @@ from rigidfx.step.supports import PrescribedDofs
 
 __all__ = ["apply_preload"]
 
+Array = npt.NDArray[np.float64]
+
 
 def apply_preload(
     scene: Scene, forces: InternalForces, state: State, prescribed: PrescribedDofs, start: float
-) -> None:
+) -> tuple[Mapping[str, Array], Mapping[str, Array]]:
     """Bring the state into the static equilibrium that the scene asks for, if it does. Collective.
 
     Args:
@@ -34,10 +39,15 @@ def apply_preload(
         prescribed: Dofs held by supports at the start.
         start: Time just after t = 0 [s], at which what begins there acts.
 
+    Returns:
+        Force of each support on the structure in it [N], and its moment about the origin [N m], by
+        the name of its set, shape (3,) each; none without a preload.
+
     Raises:
         SceneError: If the supports leave a rigid motion free, or bodies are rigid from the start.
         StepError: If an increment does not converge.
     """
+    found: tuple[Mapping[str, Array], Mapping[str, Array]] = {}, {}
     for preload in scene.named(Preload):
         _check(scene, preload, prescribed, start)
         layout = dof_layout(scene, forces.cells(), state.bodies.of, prescribed.mask)
@@ -72,8 +82,13 @@ def apply_preload(
                     "Use more increments or smaller loads."
                 )
             state.place(forces.u1.x.array)
+        held, rows = statics.prolongation.prescribed, layout.rows
+        at = held // 3
+        x = rows.X[at] + state.u.x.array.reshape(-1, 3)[rows.nodes[at]]
+        found = prescribed.reactions(statics.forces_out_of_balance.array_r[held], x)
         for item in (newton, statics, actions, full):
             item.destroy()
+    return found
 
 
 def _check(scene: Scene, preload: Preload, prescribed: PrescribedDofs, start: float) -> None:

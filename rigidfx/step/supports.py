@@ -92,17 +92,25 @@ class PrescribedDofs:
             owner[(3 * nodes[:, None] + np.arange(3)).reshape(-1)] = k
         self.mask = owner >= 0
         self._owner = owner[self.mask]
-        self._axis = (np.flatnonzero(self.mask) % 3).astype(np.int32)
+        held = np.flatnonzero(self.mask)
+        self._axis = (held % 3).astype(np.int32)
+        self._X = scene.space.tabulate_dof_coordinates()[held // 3]
+        self._own = [np.flatnonzero(self._owner == k) for k in range(len(self.active))]
 
     def _spread(self, per_support: list[Array]) -> Array:
-        if not per_support:
-            return np.zeros(self._owner.size)
-        return np.asarray(np.stack(per_support)[self._owner, self._axis])
+        out = np.zeros(self._owner.size)
+        for own, values in zip(self._own, per_support, strict=True):
+            each = np.broadcast_to(values, (own.size, 3))
+            out[own] = each[np.arange(own.size), self._axis[own]]
+        return out
 
     def increments(self, t0: float, t1: float) -> Array:
         """Prescribed increments of the held dofs from t0 to t1 [m]. Collective."""
 
         def gained(support: Support) -> Array:
+            if not support.uniform:
+                X = self._X[self._own[self.active.index(support)]]
+                return support.displacements_at(t1, X) - support.displacements_at(t0, X)
             u0 = np.array(support.displacement_at(t0))  # a path may change one array in place
             u1 = np.array(support.displacement_at(t1))
             for given in (u0, u1):
@@ -118,7 +126,13 @@ class PrescribedDofs:
 
     def velocities(self, t: float, dt: float) -> Array:
         """Prescribed velocities of the held dofs just after t [m/s]. Collective."""
-        return self._ask(lambda s: s.velocity_at(t, dt), t)
+
+        def asked(support: Support) -> Array:
+            if support.uniform:
+                return support.velocity_at(t, dt)
+            return support.velocities_at(t, dt, self._X[self._own[self.active.index(support)]])
+
+        return self._ask(asked, t)
 
     def _ask(self, question: Callable[[Support], Array], t: float) -> Array:
         """A vector of each support, spread over its dofs; what a user's function does is checked.
@@ -138,7 +152,8 @@ class PrescribedDofs:
                         f"{name}: its path failed near t = {t:g} s with "
                         f"{type(error).__name__}: {error}"
                     ) from error
-                if np.shape(value) != (3,) or not np.isfinite(value).all():
+                fits = np.shape(value) == (3,) or (not support.uniform and np.ndim(value) == 2)
+                if not fits or not np.isfinite(value).all():
                     raise SceneError(
                         f"{name}: near t = {t:g} s its path or velocity is not three finite "
                         f"numbers but {value}."

@@ -182,6 +182,12 @@ def _clamp(scene: Scene, active: tuple[Support, ...], name: str, nodes: Nodes) -
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False) if len(points) else [0]
     spans = len(points) >= 3 and spread[1] > 1e-9 * spread[0]
     same = all(active[k].same_motion(first) for k in holding)
+    if not first.keeps_rigid:
+        raise SceneError(
+            f"Rigid '{name}' is clamped by {first.kind} on '{first.where}', which would strain it: "
+            "a part that a support takes along needs one that moves all its nodes alike, or a "
+            "PrescribedRotation from the start on."
+        )
     if partly or not spans or not same:
         raise SceneError(
             f"Rigid '{name}' has nodes held by the support on '{first.where}'. A body on a "

@@ -12,11 +12,11 @@ import numpy as np
 
 from rigidfx.base.errors import InversionError
 from rigidfx.decide.decision import Decision
-from rigidfx.effects import Contact, Preload, Windowed
+from rigidfx.effects import Contact, InitialDisplacement, Preload, Windowed
 from rigidfx.mechanics.rigid_body import Body, RigidBody
 from rigidfx.report.events import BodyChange, Event
 from rigidfx.scene.timeline import Timeline
-from rigidfx.state import initial_velocity
+from rigidfx.state import initial_displacement, initial_velocity
 from rigidfx.step.judge import INVERTED, remedy
 from rigidfx.step.preload import apply_preload
 from rigidfx.step.stepper import Stepper
@@ -33,6 +33,7 @@ class Switch:
 
     Attributes:
         acting: The effects with a time window that act.
+        held: Force of each support in a static preload [N], and its moment [N m]: see `begin`.
     """
 
     def __init__(self, stepper: Stepper, timeline: Timeline) -> None:
@@ -80,12 +81,18 @@ class Switch:
         velocity = initial_velocity(scene, dt, start)
         check_clamps(scene, self._timeline)
         supports = supports_of(self.acting)
-        apply_preload(scene, stepper.forces, state, PrescribedDofs(scene, supports), start)
+        held = PrescribedDofs(scene, supports)
+        self.held = apply_preload(scene, stepper.forces, state, held, start)
+        displaced = initial_displacement(scene)
+        if displaced is not None:
+            state.place(displaced.reshape(-1))
         state.move(velocity.reshape(-1))
         self._bind([])
         impact = stepper.meet(supports, dt, stepper.measure())
-        if scene.named(Preload) and (turned := stepper.inverted()) is not None:
-            found = f"The static preload turns cells inside out: {turned}{INVERTED}"
+        placed = {Preload: "The static preload", InitialDisplacement: "The InitialDisplacement"}
+        by = "".join(words for kind, words in placed.items() if scene.named(kind))
+        if by and (turned := stepper.inverted()) is not None:
+            found = f"{by} turns cells inside out: {turned}{INVERTED}"
             raise InversionError(found, remedy(scene))
         return impact
 

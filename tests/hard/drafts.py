@@ -36,7 +36,7 @@ _window = st.one_of(st.none(), st.tuples(_number(0, 10), _number(10.5, 20)))  # 
 _sets = _choice("left", "right", "middle", "corner")
 _loads = st.fixed_dictionaries(
     {
-        "kind": _choice("Traction", "NodalForce", "BodyForce", "Gravity"),
+        "kind": _choice("Traction", "NodalForce", "BodyForce", "Gravity", "of place"),
         "where": _choice(*FACES),
         "value": _vector,
         "window": _window,
@@ -45,7 +45,7 @@ _loads = st.fixed_dictionaries(
 )
 _supports = st.fixed_dictionaries(
     {
-        "kind": _choice("Fixed", "PrescribedMotion"),
+        "kind": _choice("Fixed", "PrescribedMotion", "of place", "PrescribedRotation"),
         "where": _choice(*FACES),
         "components": _choice("xyz", "xyz", "x", "yz", "z"),
         "value": _vector,
@@ -96,6 +96,7 @@ drafts = st.fixed_dictionaries(
         "rigid": st.lists(_sets, max_size=2, unique=True),
         "contacts": st.lists(_contacts, max_size=1),
         "xi": _choice(0.0, 0.0, 0.1, 0.5),
+        "damping": _choice(0.0, 0.0, 0.1),
         "criterion": st.one_of(st.none(), _criteria),
     }
 )
@@ -138,9 +139,11 @@ def build(draft: Draft) -> tuple[rf.Scene, float, float, rf.StrainRate | None]:
     for load in draft["loads"]:
         effects.append(_load(load, dt, pressure, size, max(rho)))
     for support in draft["supports"]:
-        effects.append(_support(support, dt, slow))
+        effects.append(_support(support, dt, slow, float(size.max())))
     for contact in draft["contacts"]:
         effects.append(_contact(contact, dt, slow, size))
+    if draft["damping"]:
+        effects.append(rf.StiffnessDamping(draft["damping"], 0.1 / dt))
     effects += [rf.Rigid(name) for name in draft["rigid"]]
     # what the enhanced element refuses has tests of its own
     able = draft["cell"] == "hexahedron" and not draft["two materials"]
@@ -164,6 +167,10 @@ def _load(load: Draft, dt: float, pressure: float, size: Any, rho: float) -> rf.
     options = {"time": time, **_times(load["window"], dt)}
     if load["kind"] == "Traction":
         return rf.Traction(where, tuple(pressure * value), **options)
+    if load["kind"] == "of place":
+        return rf.Traction(
+            where, lambda x, t: pressure * value[:, None] * x / size.max(), **options
+        )
     if load["kind"] == "NodalForce":
         area = float(np.min(size)) ** 2
         return rf.NodalForce(where, tuple(pressure * area * value), **options)
@@ -172,12 +179,24 @@ def _load(load: Draft, dt: float, pressure: float, size: Any, rho: float) -> rf.
     return rf.Gravity(tuple(pressure / size.max() / rho * value), **options)
 
 
-def _support(support: Draft, dt: float, slow: float) -> rf.Effect:
+def _support(support: Draft, dt: float, slow: float, size: float) -> rf.Effect:
     times, where = _times(support["window"], dt), support["where"]
     if support["kind"] == "Fixed":
         return rf.Fixed(where, support["components"], **times)
     start = times.get("since", 0.0)
     value = slow * np.array(support["value"])
+    if support["kind"] == "of place":
+        return rf.PrescribedMotion(
+            where,
+            support["components"],
+            displacement=lambda x, t: value[:, None] * (t - start) * x[:1] / size,
+            **times,
+        )
+    if support["kind"] == "PrescribedRotation":
+        axis = (*support["value"][:2], support["value"][2] + 2.0)
+        return rf.PrescribedRotation(
+            where, axis=axis, angle=lambda t: slow / size * (t - start), **times
+        )
     return rf.PrescribedMotion(
         where,
         support["components"],

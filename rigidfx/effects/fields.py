@@ -1,0 +1,77 @@
+"""Functions of place and time, f(x, t), beside those of time alone, f(t)."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.base.inputs import is_function, numbers
+
+__all__ = ["PlaceAndTime", "VectorField", "of_place", "some_points", "values_at"]
+
+Array = npt.NDArray[np.float64]
+
+# Positions, shape (3, n) [m], and a time [s] → vectors, shape (3, n).
+VectorField = Callable[[Array, float], npt.ArrayLike]
+PlaceAndTime = VectorField | Callable[[float], tuple[float, float, float]]
+
+
+def of_place(function: Any) -> bool:
+    """Whether a function is one of place and time: it has to be given two arguments by position.
+
+    Args:
+        function: What was given.
+    """
+    if not is_function(function):
+        return False
+    try:
+        named = inspect.signature(function).parameters.values()
+    except (TypeError, ValueError):  # some built-in functions do not tell
+        return False
+    places = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
+    return sum(p.kind in places and p.default is p.empty for p in named) == 2
+
+
+def values_at(function: Callable[..., Any], X: Array, t: float) -> Array:
+    """Vectors of a function of place and time at some points, shape (points, 3).
+
+    What cannot be used comes back as it is, an empty array where it is not of real numbers, to be
+    told by its owner's check.
+
+    Args:
+        function: It may change its arguments in place.
+        X: Reference positions, shape (points, 3) [m].
+        t: Time [s].
+    """
+    given = numbers(function(X.T.copy(), t))
+    if given.shape == (3,):
+        return np.broadcast_to(given, X.shape)
+    if given.shape == (3, 1):
+        return np.broadcast_to(given[:, 0], X.shape)
+    return given.T
+
+
+def some_points(scene: Any, nodes: npt.NDArray[np.int32]) -> Array:
+    """A few positions among those of a set of nodes, the same on all ranks, shape (n, 3) [m].
+
+    Collective. A change of a function of place is a change of a load where it is one at these.
+
+    Args:
+        scene: The scene.
+        nodes: Local nodes.
+    """
+    X = scene.space.tabulate_dof_coordinates()[nodes]
+    found = np.concatenate(scene.comm.allgather(X[np.unique(_extremes(X))]))
+    return np.asarray(found[np.unique(_extremes(found))])
+
+
+def _extremes(X: Array) -> npt.NDArray[np.int64]:
+    """Which points lie furthest along each of several directions and against them."""
+    if not len(X):
+        return np.empty(0, np.int64)
+    along = X @ np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [3, 2, 1], [-2, 3, 1], [1, -1, 5]]).T
+    return np.concatenate([along.argmin(axis=0), along.argmax(axis=0)])

@@ -1,0 +1,55 @@
+"""Which cell holds a named point of a scene."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from sys import maxsize
+
+import dolfinx.mesh as dmesh
+import numpy as np
+import numpy.typing as npt
+from dolfinx import geometry
+from mpi4py import MPI
+
+from rigidfx.base.errors import SceneError
+
+__all__ = ["cells_of"]
+
+Array = npt.NDArray[np.float64]
+
+
+def cells_of(mesh: dmesh.Mesh, points: Mapping[str, Array]) -> dict[str, tuple[int, int]]:
+    """Rank and local number of the cell that holds each point, the same on all ranks. Collective.
+
+    Of several cells that share a point it is the first one of the mesh file, on any ranks.
+
+    Args:
+        mesh: The mesh.
+        points: Points by name, shape (3,) each [m].
+
+    Raises:
+        SceneError: On every rank, if one lies in no cell.
+    """
+    if not points:
+        return {}
+    X = np.stack([*points.values()])
+    owned = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
+    tree = geometry.bb_tree(mesh, 3, entities=owned)
+    candidates = geometry.compute_collisions_points(tree, X)
+    hits = geometry.compute_colliding_cells(mesh, candidates, X)
+    numbers, found = mesh.topology.original_cell_index, {}
+    for k, name in enumerate(points):
+        cell = min(map(int, hits.links(k)), key=lambda c: numbers[c], default=-1)
+        number = int(numbers[cell]) if cell >= 0 else maxsize
+        ends = mesh.comm.allgather((number, mesh.comm.rank, cell))
+        first, rank, local = min(ends)
+        if first == maxsize:
+            x = mesh.geometry.x
+            low = [mesh.comm.allreduce(float(v), op=MPI.MIN) for v in x.min(0, initial=np.inf)]
+            high = [mesh.comm.allreduce(float(v), op=MPI.MAX) for v in x.max(0, initial=-np.inf)]
+            raise SceneError(
+                f"Scene: the probe '{name}' at {tuple(map(float, X[k]))} m lies in no cell. The "
+                f"mesh reaches from {tuple(low)} to {tuple(high)} m."
+            )
+        found[name] = rank, local
+    return found
