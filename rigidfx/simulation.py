@@ -20,12 +20,14 @@ import numpy as np
 from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError, StepError
+from rigidfx.base.log import heard, tell
 from rigidfx.base.same_input import check_same
 from rigidfx.decide.criterion import StrainRate
 from rigidfx.decide.decision import Decision
 from rigidfx.decide.observation import Observation
 from rigidfx.decide.policy import Policy
 from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.report.account import Account, beginning
 from rigidfx.report.energy_balance import EnergyBalance
 from rigidfx.report.events import Event
 from rigidfx.report.lumping import LumpedInertia
@@ -51,6 +53,7 @@ def simulate(
     *,
     rigidify: StrainRate | None = None,
     progress: bool | None = None,
+    verbose: bool | None = None,
     petsc_options: Mapping[str, Any] | None = None,
     monitor: Callable[[int, float], None] | None = None,
 ) -> Iterator[Report]:
@@ -63,6 +66,9 @@ def simulate(
         rigidify: When parts become rigid and flexible again; no part does if None.
         progress: Whether rank 0 shows a progress bar on standard error; where that is a terminal
             if None.
+        verbose: Whether rank 0 says on standard error what is compiled, what becomes rigid and
+            flexible, and how the run ended; where that is a terminal if None. The logger "rigidfx"
+            is told in any case, at the level INFO.
         petsc_options: Options of PETSc's solvers for this run, by name without a prefix:
             {"ksp_type": "bcgs", "pc_type": "hypre"}. Those of the command line and of the
             environment win; see `rigidfx.step.petsc_options`.
@@ -89,6 +95,8 @@ def simulate(
     )
     if progress is not None and not isinstance(progress, (bool, np.bool_)):
         raise SceneError(f"simulate: progress must be True, False or None, got {progress!r}.")
+    if verbose is not None and not isinstance(verbose, (bool, np.bool_)):
+        raise SceneError(f"simulate: verbose must be True, False or None, got {verbose!r}.")
     timeline = Timeline(dt, t_end)
     if rigidify is not None and not isinstance(rigidify, StrainRate):
         raise SceneError(f"simulate: rigidify must be a StrainRate, got {rigidify!r}.")
@@ -100,10 +108,12 @@ def simulate(
     if scene.comm.allreduce(monitor is not None, op=MPI.LOR) and monitor is None:
         monitor = _unheard
     solver = SolverOptions({} if petsc_options is None else petsc_options, monitor)
-    with solver.at_work():
+    with solver.at_work(), heard(scene.comm, verbose):
+        began = perf_counter()
         run, impact = prepare(scene, timeline, rigidify)
+        tell(scene.comm, beginning(scene, run.stepper.unknowns, t_end, perf_counter() - began))
     timeline.stop_at(scene.breakpoints)
-    return _reports(run, impact, progress, solver)
+    return _reports(run, impact, (progress, verbose), solver)
 
 
 def _unheard(iteration: int, norm: float) -> None:
@@ -236,15 +246,27 @@ def prepare(
 
 
 def _reports(
-    run: Run, impact: Impact | None, progress: bool | None, solver: SolverOptions
+    run: Run,
+    impact: Impact | None,
+    shown: tuple[bool | None, bool | None],
+    solver: SolverOptions,
 ) -> Iterator[Report]:
     """Advance → report → decide → switch, step by step."""
     timeline, stepper, switch, state = run.timeline, run.stepper, run.switch, run.stepper.state
     balance, lumping = EnergyBalance(stepper.scene), LumpedInertia(stepper.scene)
-    with stepper, run, _progress_bar(stepper.scene, timeline.t_end, progress) as bar:
+    account = Account(stepper.scene.comm)
+    with (
+        stepper,
+        run,
+        heard(stepper.scene.comm, shown[1]),
+        account,
+        _progress_bar(stepper.scene, timeline.t_end, shown[0]) as bar,
+    ):
         report = report_of(0, stepper, run.probes, None, impact)
+        report = replace(report, reactions=switch.held[0], reaction_moments=switch.held[1])
         balance.follow(report)
         lumping.follow(report)
+        account.follow(report)
         yield report
         for step in count(1):
             if timeline.over(state.t):
@@ -266,7 +288,9 @@ def _reports(
             balance.follow(report)
             lumping.follow(report)
             bar.update(result.dt)
-            yield replace(report, wall=perf_counter() - start)
+            report = replace(report, wall=perf_counter() - start)
+            account.follow(report)
+            yield report
 
 
 def _progress_bar(scene: Scene, t_end: float, progress: bool | None) -> Any:

@@ -281,7 +281,7 @@ FILES = {
     "geometry to mesh of no file": (lambda: rf.read_cad(None), "read_cad: path must be the name"),
     "no history": (lambda: rf.read_history(None), "path must be the name"),
     "a missing history": (lambda: rf.read_history(_folder() / "none.csv"), "there is no file"),
-    "a folder for a history": (lambda: rf.read_history(_folder()), "is a folder"),
+    "a folder for a history": (lambda: rf.read_history(_folder()), "there is no file"),
     "an empty history": (lambda: _history(""), "no whole line"),
     "half a header": (lambda: _history("step,t,d"), "no whole line"),
     "a history of text": (lambda: _history("t,u\n0,1\nhello,2\n"), "row 2"),

@@ -22,6 +22,7 @@ from parallel import run as mpirun
 from scipy.spatial.transform import Rotation
 
 import rigidfx as rf
+from rigidfx.flexible.nodal_stress import material_groups
 from rigidfx.flexible.stress import CauchyStress, von_mises
 from rigidfx.output.paraview import Body, Series
 
@@ -61,7 +62,7 @@ def make_scene(cell="hexahedron", order=1):
 def record(folder, cell="hexahedron", order=1, **when):
     """Five steps of the bar; the reports and their displacements and velocities by node."""
     scene = make_scene(cell, order)
-    body = Body(scene.space)
+    body = Body(scene.space, material_groups(scene) if when.get("stress", True) else None)
     reports, fields = [], []
     when = {"every": 1} | when
     with rf.Recorder(scene, folder, **when) as recorder:
@@ -314,9 +315,11 @@ def test_series_holds_stresses(tmp_path):
             recorder.write(report)
             stresses.append(body.on_cells(measure.measure(report.state.u)))
     for grid, stress in zip(read_series(recorder.series).values(), stresses, strict=True):
-        assert grid.GetCellData().GetArray("stress").GetNumberOfComponents() == 9
-        np.testing.assert_array_equal(cell_data(grid, "stress").reshape(-1, 3, 3), stress)
-        np.testing.assert_array_equal(cell_data(grid, "von_mises"), von_mises(stress))
+        assert grid.GetCellData().GetArray("cell_stress").GetNumberOfComponents() == 9
+        np.testing.assert_array_equal(cell_data(grid, "cell_stress").reshape(-1, 3, 3), stress)
+        np.testing.assert_array_equal(cell_data(grid, "cell_von_mises"), von_mises(stress))
+        nodal = point_data(grid, "stress").reshape(-1, 3, 3)
+        np.testing.assert_array_equal(point_data(grid, "von_mises"), von_mises(nodal))
     assert von_mises(stresses[-1]).max() > 100.0
     without, *_ = record(tmp_path / "without", stress=False)
     for grid in read_series(without.series).values():
@@ -388,7 +391,7 @@ def test_files_of_a_run_that_was_stopped(tmp_path, how, times):
     assert how == "KILL" or b"KeyboardInterrupt" in err
     grids = read_series(pvd)
     assert len(grids) >= times
-    assert all(cell_data(grid, "stress").shape == (6, 9) for grid in grids.values())
+    assert all(cell_data(grid, "cell_stress").shape == (6, 9) for grid in grids.values())
     h = rf.read_history(tmp_path / "history.csv")
     np.testing.assert_allclose(np.diff(h["t"]), 0.1, rtol=1e-9)
     assert h["t"][-1] >= max(grids)
@@ -444,7 +447,7 @@ def test_runs_without_bodies_say_nothing_about_them(tmp_path):
     assert not recorder.bodies.exists()
     for grid in read_series(recorder.series).values():
         assert {grid.GetCellData().GetArrayName(k) for k in range(3)} == {
-            *("material", "stress", "von_mises")
+            *("material", "cell_stress", "cell_von_mises")
         }
         assert grid.GetCellData().GetNumberOfArrays() == 3
 
@@ -497,8 +500,9 @@ def test_files_of_several_ranks_are_those_of_one(tmp_path, cell, order):
         for name in ("displacement", "velocity"):
             a, b = point_data(one, name), point_data(two, name)
             np.testing.assert_allclose(b, a, atol=1e-9 * np.abs(a).max())
-        for name in ("stress", "von_mises"):
-            a, b = cell_data(one, name), cell_data(two, name)
+        for name in ("cell_stress", "cell_von_mises", "stress", "von_mises", "strain"):
+            read = cell_data if name.startswith("cell") else point_data
+            a, b = read(one, name), read(two, name)
             np.testing.assert_allclose(b, a, atol=1e-8 * max(np.abs(a).max(), 1.0))
         np.testing.assert_array_equal(cell_data(one, "material"), cell_data(two, "material"))
     h1, h2 = rf.read_history(alone.history), rf.read_history(tmp_path / "2" / "history.csv")

@@ -26,7 +26,8 @@ def run(folder, rigid=False, stress=True, order=1):
     """Five steps of a turning bar, a third of which becomes rigid."""
     bar = rf.box((0, 0, 0), (3, 1, 1), (3, 1, 1))
     bar = bar.with_cells("soft", lambda x: x[0] > 1 - 1e-9)
-    scene = rf.Scene(bar, MATERIAL, [rf.InitialVelocity(angular=(0.2, 1.0, 0.1))], order=order)
+    spin = rf.InitialVelocity(angular=(0.2, 1.0, 0.1))
+    scene = rf.Scene(bar, MATERIAL, [spin], order=order, probes={"end": (3, 1, 1)})
     criterion = rf.StrainRate(1e9, 0.2, never="soft", min_cells=1) if rigid else None
     shapes = Shapes(scene, [0.1, 0.5], colour="von_mises")
     with rf.Recorder(scene, folder, every=1, stress=stress) as recorder:
@@ -59,7 +60,7 @@ def frames(path):
 def test_pictures_of_a_run_with_bodies(tmp_path):
     run(tmp_path, rigid=True)
     made = pictures(tmp_path, shapes=3, frames=4)
-    names = ["histories.png", "unknowns.png", "shapes.png", "stress.png", "film.gif"]
+    names = ["histories.png", "probes.png", "unknowns.png", "shapes.png", "stress.png", "film.gif"]
     assert made == [tmp_path / name for name in names]
     shapes = pixels(tmp_path / "shapes.png")
     thirds = np.array_split(shapes[:, : int(0.85 * shapes.shape[1])], 3, axis=1)
@@ -74,7 +75,7 @@ def test_pictures_of_a_run_with_bodies(tmp_path):
 def test_pictures_of_a_flexible_run_of_second_order(tmp_path):
     shapes = run(tmp_path, stress=False, order=2)
     made = pictures(tmp_path, frames=0)
-    assert [path.name for path in made] == ["histories.png", "shapes.png"]
+    assert [path.name for path in made] == ["histories.png", "probes.png", "shapes.png"]
     shapes.draw(tmp_path / "von_mises.png")
     assert np.ptp(pixels(tmp_path / "von_mises.png"), axis=2).max() > 0.5
 
@@ -95,6 +96,7 @@ def test_folder_without_a_run(tmp_path):
     ("name", "value"),
     [
         *(("view", (0, 0, 0)), ("view", (1, 0)), ("view", (0, 0, 2)), ("up", (0, 0, np.nan))),
+        *(("scale", 0), ("scale", "much")),
         *(("frames", -1), ("frames", 1.5), ("shapes", 0), ("shapes", "8")),
     ],
 )
@@ -110,7 +112,7 @@ def test_pictures_on_two_ranks(tmp_path):
     answers = mpirun(__file__, 2, 120, str(tmp_path / "run"))
     assert answers[0] == answers[1]
     assert [Path(path).name for path in answers[0][0]] == [
-        *("histories.png", "shapes.png", "stress.png")
+        *("histories.png", "probes.png", "shapes.png", "stress.png")
     ]
     assert "history.csv" in answers[0][1]
 

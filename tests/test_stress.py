@@ -154,7 +154,7 @@ def test_nothing_is_compiled_unless_asked_for(tmp_path, monkeypatch):
     def fail(*_):
         raise AssertionError("a form of stresses is compiled")
 
-    monkeypatch.setattr("rigidfx.flexible.stress.Kernel", fail)
+    monkeypatch.setattr("rigidfx.flexible.stress.compile_expression", fail)
     scene = rf.Scene(rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1)), SVK)
     folder = MPI.COMM_WORLD.bcast(str(tmp_path))
     with rf.Recorder(scene, folder, stress=False) as recorder:

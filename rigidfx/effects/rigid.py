@@ -79,7 +79,3 @@ class Rigid(Effect):
                 f"Rigid: no body has the principal moments of inertia {a:.3g}, {b:.3g}, {c:.3g}: "
                 "they must be positive and none above the sum of the others."
             )
-
-    def check(self, scene: Any) -> None:
-        """Look its cells up."""
-        scene.owned_cells(self.where, self.kind)

@@ -1,16 +1,20 @@
-"""Cauchy stress of every cell, for files and pictures.
+"""Cauchy stress and strain at the integration points of cells, and their means over cells.
 
-A cell's stress is the mean over its deformed volume v,
+At each point of the quadrature rule of the internal forces
 
-    σ = (1/v) ∫ σ dv = ∫ F S Fᵀ dV0 / ∫ J dV0,    S = 2 ∂W/∂C,  J = det F,
+    σ = F S Fᵀ / J,    S = 2 ∂W/∂C,  J = det F,      E = ½ (C - I).
 
-by the quadrature rule of the internal forces: a homogeneous stress is given exactly, a linear one
-by its value at the centre, which is where first-order cells are at their best. Nothing is smoothed
-between cells, so the jumps there tell how good the mesh is. A single cell across the thickness of a
-bent part shows no stress of bending.
+A cell's mean stress is the one over its deformed volume v,
+
+    (1/v) ∫ σ dv = ∫ F S Fᵀ dV0 / ∫ J dV0:
+
+a homogeneous stress is given exactly, a linear one by its value at the centre. That is what
+balances forces on a cell, and not what a bent part bears at its surface: of two second-order cells
+over the height of a beam the mean is 0.47 of the bending peak, and of a single first-order one it
+is nothing. For peaks take values at nodes, `rigidfx.flexible.nodal_stress`.
 
 Cells of rigid bodies are no exception. Their nodes follow the body, F = R F_frozen, so they keep
-the stress they were frozen with, rotated with the body: σ = R σ_frozen Rᵀ.
+the stress they were frozen with, rotated with the body: σ = R σ_frozen Rᵀ; and their strain E.
 
 The stress is the elastic one at an instant, that of the stored energy W. It holds no stress of
 damping, and it is not the mean over a step by which the energy-momentum method balances forces.
@@ -18,70 +22,126 @@ damping, and it is not the mean over a step by which the energy-momentum method 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
+import basix
 import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
-from rigidfx.flexible.kernels import Kernel
+from rigidfx.base.form_cache import compile_expression
+from rigidfx.flexible.kernels import jit_options
 from rigidfx.flexible.material_classes import material_classes
 from rigidfx.mechanics.schemes import second_piola_kirchhoff
 from rigidfx.scene.scene import Scene
 
-__all__ = ["CauchyStress", "von_mises"]
+__all__ = ["CauchyStress", "PointStress", "chunks", "tensors", "von_mises"]
 
 Array = npt.NDArray[np.float64]
+Cells = npt.NDArray[np.int32]
 
 SYMMETRIC = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))  # components that are computed
 PLACES = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])  # where each of all nine is among them
+AT_ONCE = 1 << 14  # cells, so that what is in between does not take more memory than the result
 
 
-class CauchyStress:
-    """Measures the stress of all cells. Its form is compiled once, at construction."""
+class PointStress:
+    """Stress and strain at integration points. Its expressions are compiled once, at construction.
+
+    Attributes:
+        points: Places of the points in the reference cell, shape (points, 3).
+        weights: Their weights, shape (points,).
+        u: Displacement that they are of: to be set, ghosts included, before `evaluate`.
+    """
 
     def __init__(self, scene: Scene) -> None:
-        """Compile the form. Collective.
+        """Compile the expressions. Collective.
 
         Args:
             scene: The problem.
         """
-        self._u = fem.Function(scene.space)
-        classes = dict(enumerate(material_classes(scene), start=1))
-        # Six components of J σ and J itself, together in one vector.
-        space = fem.functionspace(scene.mesh, ("DG", 0, (len(SYMMETRIC) + 1,)))
-        dx = scene.cell_measure
-        F = scene.element.deformation_gradient(self._u)
-        C = scene.element.right_cauchy_green(self._u)
-        form = ufl.Form([])
-        for i, of in classes.items():
+        self._mesh = scene.mesh
+        cell = getattr(basix.CellType, scene.mesh.topology.cell_name())
+        self.points, self.weights = basix.make_quadrature(cell, scene.quadrature_degree)
+        self.u = fem.Function(scene.space)
+        F = scene.element.deformation_gradient(self.u)
+        C = scene.element.right_cauchy_green(self.u)
+        E = (C - ufl.Identity(3)) / 2
+        J, volume = ufl.det(F), abs(ufl.JacobianDeterminant(scene.mesh))
+        self._class = np.zeros(scene.mesh.topology.index_map(3).size_local, dtype=np.int32)
+        self._expressions = []
+        for k, of in enumerate(material_classes(scene)):
             tau = F * second_piola_kirchhoff(of.law.energy, C, of.law.parameters) * F.T
-            values = ufl.as_vector([*(tau[ij] for ij in SYMMETRIC), ufl.det(F)])
-            form += ufl.inner(values, ufl.TestFunction(space)) * dx(i)
-        cells = {i: of.cells for i, of in classes.items()}
-        self._form = Kernel(form, [space], scene.mesh).bind(cells)
-        self._integrals = np.zeros_like(fem.Function(space).x.array)
-        owned = scene.mesh.topology.index_map(3).size_local
-        self._rows = space.dofmap.list[:owned, 0]
+            stress = [tau[ij] / J for ij in SYMMETRIC]
+            values = ufl.as_vector([*stress, *(E[ij] for ij in SYMMETRIC), J * volume, volume])
+            compiled = compile_expression(scene.comm, values, self.points, jit_options())
+            self._expressions.append(compiled)
+            self._class[of.cells] = k
+
+    def evaluate(self, cells: Cells) -> Array:
+        """Values at the points of some owned cells, shape (cells, points, 14).
+
+        Stress [Pa] and strain, six components each in the order xx, yy, zz, xy, yz, xz; J and 1,
+        times the volume of the cell for that of the reference cell [m³].
+
+        Args:
+            cells: Owned cells, in any order.
+        """
+        out = np.empty((cells.size, self.weights.size, 14))
+        for k, expression in enumerate(self._expressions):
+            own = np.flatnonzero(self._class[cells] == k)
+            if own.size:
+                values = expression.eval(self._mesh, cells[own])
+                out[own] = np.asarray(values).reshape(own.size, *out.shape[1:])
+        return out
+
+
+class CauchyStress:
+    """Measures the mean stress of all cells."""
+
+    def __init__(self, scene: Scene, points: PointStress | None = None) -> None:
+        """Compile the expressions, if they are not given. Collective.
+
+        Args:
+            scene: The problem.
+            points: Stress at the integration points of that scene.
+        """
+        self._points = PointStress(scene) if points is None else points
+        self._owned = int(scene.mesh.topology.index_map(3).size_local)
 
     def measure(self, u: fem.Function) -> Array:
-        """Cauchy stress of each owned cell, shape (cells, 3, 3) [Pa].
+        """Mean Cauchy stress of each owned cell, shape (cells, 3, 3) [Pa].
 
         Args:
             u: Displacement, up to date inside bodies too: see `State.rebuild`.
         """
-        self._u.x.array[:] = u.x.array
-        self._integrals[:] = 0.0
-        fem.assemble_vector(self._integrals, self._form)
-        values = self._integrals.reshape(-1, len(SYMMETRIC) + 1)[self._rows]
-        return np.asarray((values[:, :-1] / values[:, -1:])[:, PLACES])
+        self._points.u.x.array[:] = u.x.array
+        out = np.empty((self._owned, 6))
+        for cells in chunks(self._owned):
+            values = self._points.evaluate(cells)
+            parts = values[:, :, 12] * self._points.weights
+            out[cells] = np.einsum("cq,cqi->ci", parts, values[:, :, :6]) / parts.sum(1)[:, None]
+        return tensors(out)
+
+
+def chunks(cells: int) -> Iterator[Cells]:
+    """The numbers below one, some at a time."""
+    for first in range(0, cells, AT_ONCE):
+        yield np.arange(first, min(first + AT_ONCE, cells), dtype=np.int32)
+
+
+def tensors(components: Array) -> Array:
+    """Symmetric tensors, shape (..., 3, 3), of their six components xx, yy, zz, xy, yz, xz."""
+    return np.asarray(components[..., PLACES])
 
 
 def von_mises(stress: Array) -> Array:
-    """Von Mises' equivalent stress √(3/2 s:s), s the deviator, shape (cells,) [Pa].
+    """Von Mises' equivalent stress √(3/2 s:s), s the deviator, shape (...) [Pa].
 
     Args:
-        stress: Cauchy stress, shape (cells, 3, 3) [Pa].
+        stress: Cauchy stress, shape (..., 3, 3) [Pa].
     """
-    pressure = np.trace(stress, axis1=1, axis2=2) / 3
-    deviator = stress - pressure[:, None, None] * np.eye(3)
-    return np.asarray(np.sqrt(1.5 * np.einsum("cij,cij->c", deviator, deviator)))
+    pressure = np.trace(stress, axis1=-2, axis2=-1) / 3
+    deviator = stress - pressure[..., None, None] * np.eye(3)
+    return np.asarray(np.sqrt(1.5 * np.einsum("...ij,...ij->...", deviator, deviator)))

@@ -1,8 +1,11 @@
 """The fields of a run for ParaView.
 
-They are displacement [m] and velocity [m/s] on the nodes, in scenes with contacts their pressure
-[Pa] and gap [m] there (NaN off their surfaces), and on the cells the Cauchy stress
-(nine components) and von Mises' [Pa], both as `stress` defines them, the number of the material,
+They are displacement [m] and velocity [m/s] on the nodes, and there Cauchy stress `stress` (nine
+components), `von_mises` of it [Pa] and Green-Lagrange strain `strain`, extrapolated and averaged
+among the cells of a material (`rigidfx.flexible.nodal_stress`): where materials meet, the series
+has a node for each. In scenes with contacts their pressure [Pa] and gap [m] are there too (NaN off
+their surfaces). On the cells there are the means `cell_stress` and `cell_von_mises` [Pa]
+(`rigidfx.flexible.stress`), the number of the material,
 and, where there are rigid bodies or may be, the number of the body (0 outside bodies), a flag
 (1 rigid, 0 flexible) and, where parts are found, the strain rate of the step [1/s], zero in bodies.
 """
@@ -15,7 +18,8 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.effects import Contact
-from rigidfx.flexible.stress import CauchyStress, von_mises
+from rigidfx.flexible.nodal_stress import NodalStress, material_groups
+from rigidfx.flexible.stress import CauchyStress, tensors, von_mises
 from rigidfx.output.paraview import Body
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
@@ -40,9 +44,10 @@ class Fields:
             scene: The problem that is run.
             stress: Whether stresses are among the fields. If not, none is computed or compiled.
         """
-        self.body = Body(scene.space)
+        self.body = Body(scene.space, material_groups(scene) if stress else None)
         self._materials = self.body.on_cells(_material_numbers(scene))
-        self._stress = CauchyStress(scene) if stress else None
+        self._nodal = NodalStress(scene) if stress else None
+        self._mean = CauchyStress(scene, self._nodal.points) if self._nodal else None
         self._scene, self._contacts = scene, scene.named(Contact)
         self._may_be_rigid = any(effect.is_rigid for effect in scene.effects)
 
@@ -55,6 +60,11 @@ class Fields:
         state = report.state
         state.rebuild()
         fields = {f.name: self.body.on_nodes(f) for f in (state.u, state.v)}
+        if self._nodal is not None:
+            values = self.body.on_nodes_of_parts(self._nodal.measure(state.u))
+            stress = tensors(values[:, :6])
+            fields |= {"stress": stress, "von_mises": von_mises(stress)}
+            fields["strain"] = tensors(values[:, 6:])
         if self._contacts:
             fields |= self._of_contacts(state)
         return fields
@@ -75,9 +85,9 @@ class Fields:
         state = report.state
         state.rebuild()
         fields: Values = {"material": self._materials}
-        if self._stress is not None:
-            stress = self.body.on_cells(self._stress.measure(state.u))
-            fields |= {"stress": stress, "von_mises": von_mises(stress)}
+        if self._mean is not None:
+            stress = self.body.on_cells(self._mean.measure(state.u))
+            fields |= {"cell_stress": stress, "cell_von_mises": von_mises(stress)}
         if self.may_have_bodies(report):
             numbers = self.body.on_cells(state.body_numbers())
             fields |= {"body": numbers, "rigid": (numbers > 0).astype(np.uint8)}

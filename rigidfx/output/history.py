@@ -15,6 +15,9 @@ Columns, in SI units; a vector has one column for each of x, y, z:
     bodies, J_rigid_x …                      number of rigid bodies, and their part of J
     reaction_NAME_x …                        of each support [N], zero while it does not act
     u_NAME_x …                               displacement of each probe [m]
+    von_mises_NAME, stress_NAME_xx …         stress at each probe [Pa], and
+    strain_NAME_xx …                         strain there: xx, yy, zz, xy, yz, xz; extrapolated and
+                                             averaged, see `rigidfx.flexible.nodal_stress`
     contact                                  stored in contacts at t [J]; in scenes with contacts
     contact_NAME_force_x …, _moment_x …      of each contact [N, N m], zero while it does not act
     contact_NAME_energy, _dissipated         stored at t, taken by friction in the step [J]
@@ -34,6 +37,7 @@ import numpy.typing as npt
 from rigidfx.base.errors import OutputError
 from rigidfx.base.inputs import path_of
 from rigidfx.effects import Touch
+from rigidfx.report.probe_stress import StressAt
 from rigidfx.report.report import Report
 
 __all__ = ["components", "history_columns", "history_row", "read_history"]
@@ -47,8 +51,14 @@ SCALARS = (
 )
 
 
+PAIRS = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "yz": (1, 2), "xz": (0, 2)}
+
+
 def history_columns(
-    supports: Iterable[str], probes: Iterable[str], contacts: Sequence[str] = ()
+    supports: Iterable[str],
+    probes: Sequence[str],
+    contacts: Sequence[str] = (),
+    stress: bool = False,
 ) -> list[str]:
     """Names of the columns.
 
@@ -56,16 +66,22 @@ def history_columns(
         supports: Names of the sets that supports hold.
         probes: Names of the probes.
         contacts: Titles of the contacts.
+        stress: Whether stress and strain at the probes are among them.
     """
+    stresses = [name for probe in probes if stress for name in _stress_names(probe)]
     named = [*(f"reaction_{s}" for s in supports), *(f"u_{p}" for p in probes)]
     vectors = ["L", "J", "impulse", "angular_impulse", "J_rigid", *named]
     names = [f"{vector}_{axis}" for vector in vectors for axis in "xyz"]
     first = [*SCALARS, "dissipated", "impact_energy", "momentum_scale", "bodies"]
-    return [*first, *names, *(["contact"] if contacts else []), *_of_contacts(contacts, {}), "wall"]
+    of_contacts = [*(["contact"] if contacts else []), *_of_contacts(contacts, {})]
+    return [*first, *names, *stresses, *of_contacts, "wall"]
 
 
 def history_row(
-    report: Report, supports: Sequence[str], contacts: Sequence[str] = ()
+    report: Report,
+    supports: Sequence[str],
+    contacts: Sequence[str] = (),
+    stresses: Mapping[str, StressAt] | None = None,
 ) -> dict[str, float]:
     """The row of a step, by the names of the columns.
 
@@ -73,6 +89,7 @@ def history_row(
         report: The step.
         supports: Names of the sets that supports hold, now or at another time.
         contacts: Titles of the contacts, likewise.
+        stresses: Stress and strain at the probes, if they are among the columns.
     """
     row = {name: getattr(report, name) for name in SCALARS}
     row["dissipated"] = sum(report.dissipated.values())
@@ -88,9 +105,18 @@ def history_row(
         row |= components(f"reaction_{name}", report.reactions.get(name, np.zeros(3)))
     for name, displacement in report.probes.items():
         row |= components(f"u_{name}", displacement)
+    for name, at in (stresses or {}).items():
+        own = [at.stress[ij] for ij in PAIRS.values()], [at.strain[ij] for ij in PAIRS.values()]
+        values = [at.von_mises, *own[0], *own[1]]
+        row |= dict(zip(_stress_names(name), map(float, values), strict=True))
     if contacts:
         row |= {"contact": report.contact, **_of_contacts(contacts, report.touches)}
     return row | {"wall": report.wall}
+
+
+def _stress_names(probe: str) -> list[str]:
+    tensors = [f"{what}_{probe}_{pair}" for what in ("stress", "strain") for pair in PAIRS]
+    return [f"von_mises_{probe}", *tensors]
 
 
 def _of_contacts(contacts: Sequence[str], touches: Mapping[str, Touch]) -> dict[str, float]:
@@ -114,7 +140,7 @@ def read_history(path: str | Path) -> dict[str, Array]:
     """The columns of a history.csv by name, each of shape (steps,).
 
     Args:
-        path: The file; it may be that of a run that goes on, or was killed.
+        path: The file, or the folder of a `Recorder` with it; its run may go on, or was killed.
 
     Raises:
         OutputError: If it is not there, is no table of numbers, or cannot be read.
@@ -122,7 +148,7 @@ def read_history(path: str | Path) -> dict[str, Array]:
     """
     path = path_of("read_history", "path", path)
     if path.is_dir():
-        raise OutputError(f"read_history: '{path}' is a folder. Name the history.csv in it.")
+        path = path / "history.csv"
     try:
         with path.open(newline="", encoding="utf-8") as file:
             lines = list(csv.reader([line for line in file if line.endswith("\n")]))

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Mapping
+from dataclasses import dataclass
 from errno import ENOSPC
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, plot
 
-__all__ = ["Body", "Series"]
+__all__ = ["Body", "Cloud", "Series"]
 
 Array = npt.NDArray[Any]
 
@@ -42,11 +43,13 @@ class Body:
         vtk_type: VTK's number of the cell type.
     """
 
-    def __init__(self, space: Any) -> None:
+    def __init__(self, space: Any, parts: npt.NDArray[np.int32] | None = None) -> None:
         """Number cells and nodes. Collective.
 
         Args:
             space: Lagrange space of the displacement.
+            parts: For each owned cell the number of its part; where parts meet, each has a node of
+                its own. One part if None.
         """
         self._comm = space.mesh.comm
         self._owned_nodes = int(space.dofmap.index_map.size_local)
@@ -58,11 +61,15 @@ class Body:
         numbers = space.mesh.topology.original_cell_index[: self._owned_cells]
         self._order = np.argsort(self._gather(np.asarray(numbers)))
         nodes = self._gather(known.reshape(-1, corners))[self._order]
+        if parts is not None:
+            of = self._gather(parts[: self._owned_cells])[self._order]
+            nodes = nodes + of[:, None].astype(np.int64) * space.dofmap.index_map.size_global
         used, first, inverse = np.unique(nodes, return_index=True, return_inverse=True)
         appearance = np.argsort(first)
         rank = np.empty_like(appearance)
         rank[appearance] = np.arange(appearance.size)
-        self._nodes = used[appearance]
+        self._nodes = used[appearance] % space.dofmap.index_map.size_global
+        self._parts = used[appearance] // space.dofmap.index_map.size_global
         self.cells = rank[inverse.reshape(-1)].reshape(nodes.shape).astype(np.int32)
         self.points = self.on_nodes(X)
         self.vtk_type = max(self._comm.allgather(int(types[0]) if len(types) else 0))
@@ -81,6 +88,15 @@ class Body:
         local = values if isinstance(values, np.ndarray) else values.x.array.reshape(-1, 3)
         return self._gather(local[: self._owned_nodes])[self._nodes]
 
+    def on_nodes_of_parts(self, values: Array) -> Array:
+        """Values that nodes have in each part, on rank 0, a row for each of its nodes. Collective.
+
+        Args:
+            values: Shape (parts, local nodes, …).
+        """
+        gathered = np.stack([self._gather(part[: self._owned_nodes]) for part in values])
+        return np.asarray(gathered[self._parts, self._nodes])
+
     def on_cells(self, values: Array) -> Array:
         """Values per cell on rank 0. Collective.
 
@@ -90,6 +106,21 @@ class Body:
         return self._gather(values[: self._owned_cells])[self._order]
 
 
+@dataclass(frozen=True)
+class Cloud:
+    """Points, each a cell of its own.
+
+    Attributes:
+        points: Reference positions, shape (points, 3) [m]; empty but on rank 0.
+        cells: Number of each point, shape (points, 1).
+        vtk_type: VTK's number of a vertex.
+    """
+
+    points: Array
+    cells: Array
+    vtk_type: int = 1
+
+
 class Series:
     """Writes a .pvd and its .vtu files; used on rank 0 only.
 
@@ -97,7 +128,7 @@ class Series:
         path: The .pvd, whole after each time.
     """
 
-    def __init__(self, path: Path, body: Body) -> None:
+    def __init__(self, path: Path, body: Body | Cloud) -> None:
         """Replace a former series of that name.
 
         Args:
@@ -128,7 +159,7 @@ class Series:
 
         Args:
             t: Time [s].
-            points: Name → values on the nodes, shape (nodes,) or (nodes, 3).
+            points: Name → values on the nodes, shape (nodes,), (nodes, 3) or (nodes, 3, 3).
             cells: Name → values on the cells, shape (cells,), (cells, 3) or (cells, 3, 3).
 
         Raises:

@@ -26,11 +26,12 @@ __all__ = ["MADE_IN", "main", "write"]
 MADE_IN = ""  # the folder that a copy was made for; some versions do not tell a script its place
 
 LIGHT, DARK, EDGES = (0.91, 0.89, 0.85), (0.2, 0.28, 0.36), (0.3, 0.3, 0.3)
-ON_CELLS = ("rigid", "von_mises", "body", "strain_rate", "material")
-ON_POINTS = ("displacement", "velocity")
+ON_CELLS = ("rigid", "cell_von_mises", "body", "strain_rate", "material")
+ON_POINTS = ("displacement", "velocity", "von_mises")
 TITLES = {
     "rigid": "cells",
-    "von_mises": "von Mises stress (Pa)",
+    "von_mises": "von Mises stress at nodes (Pa)",
+    "cell_von_mises": "von Mises stress, mean of each cell (Pa)",
     "strain_rate": "strain rate (1/s)",
     "displacement": "displacement (m)",
     "velocity": "velocity (m/s)",
@@ -164,7 +165,7 @@ def _draw(pv: Any, view: Any, reader: Any, options: Any) -> tuple[Any, Any]:
 
 def _colours(reader: Any, options: Any) -> list[str]:
     """The fields asked for, all there, or those that are shown by default."""
-    present = [*(array.Name for array in reader.CellData), *ON_POINTS]
+    present = [array.Name for array in (*reader.CellData, *reader.PointData)]
     if not options.colour:
         first = "rigid" if "rigid" in present else "displacement"
         return [first, *(c for c in ("von_mises",) if c in present)]
@@ -213,6 +214,8 @@ def _film(path: Path, pictures: Sequence[Path], rate: int) -> None:
                 writer.Start()
             writer.Write()
         writer.End()
+        for file in pictures:  # the film has them
+            file.unlink()
         return
     sys.stderr.write(
         "This ParaView cannot encode films. ffmpeg can join the pictures: "

@@ -8,6 +8,8 @@
                            see `body_tables`
     folder/fields.pvd      fields for ParaView, at the output interval; see `fields`
     folder/fields/         its files, one per time
+    folder/points.pvd      stress and strain at integration points, if asked for; see `point_fields`
+    folder/log.txt         what the run said of itself: see `rigidfx.base.log`
     folder/view.py         a script for ParaView that shows them; see `view`
 
 A run may end at any instant, by Ctrl-C or kill -9: each file is whole up to the last row or time
@@ -16,7 +18,8 @@ that was written. While it goes on no other recorder gets the folder.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import logging
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack, closing, suppress
 from functools import cached_property
 from math import floor
@@ -28,6 +31,7 @@ import numpy as np
 from rigidfx.base.errors import OutputError, SceneError, StepError, agree, together
 from rigidfx.base.inputs import path_of, positive, whole
 from rigidfx.base.instants import at_latest
+from rigidfx.base.log import hearing
 from rigidfx.base.same_input import check_same
 from rigidfx.effects import Contact
 from rigidfx.output.body_tables import BODY_COLUMNS, EVENT_COLUMNS, body_rows, event_rows
@@ -36,7 +40,9 @@ from rigidfx.output.fields import Fields
 from rigidfx.output.history import history_columns, history_row
 from rigidfx.output.paraview import Series
 from rigidfx.output.paraview_script import write as write_view
+from rigidfx.output.point_fields import PointFields
 from rigidfx.report.current import check_report, check_scene
+from rigidfx.report.probe_stress import StressAt
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 
@@ -65,6 +71,7 @@ class Recorder:
         every: int = 10,
         interval: float | None = None,
         stress: bool = True,
+        integration_points: bool = False,
     ) -> None:
         """Make the folder and open history.csv. Collective.
 
@@ -75,7 +82,10 @@ class Recorder:
                 small part of the run; history.csv has a row for each step in any case ...
             interval: ... or, if given, at the first step that ends at or after each multiple of
                 this time [s]. The last state is written in any case.
-            stress: Whether stresses are among the fields. If not, none is computed or compiled.
+            stress: Whether stresses and strains are among the fields, and those at probes in
+                history.csv. If not, none is computed or compiled.
+            integration_points: Whether points.pvd is written, stress and strain where they are
+                computed, neither extrapolated nor averaged.
 
         Raises:
             OutputError: On every rank, if the folder cannot be written to, or another recorder
@@ -85,9 +95,11 @@ class Recorder:
         """
         check_scene("Recorder", scene)
         given = {"every": every, "interval": interval, "stress": stress}
+        given["integration_points"] = integration_points
         check_same(scene.comm, "Recorder", given)
-        if not isinstance(stress, (bool, np.bool_)):
-            raise SceneError(f"Recorder: stress must be True or False, got {stress!r}.")
+        for name, value in (("stress", stress), ("integration_points", integration_points)):
+            if not isinstance(value, (bool, np.bool_)):
+                raise SceneError(f"Recorder: {name} must be True or False, got {value!r}.")
         self._every = whole("Recorder", "every", every, least=1)
         self._interval = None if interval is None else positive("Recorder", "interval", interval)
         self._next = 0.0
@@ -97,7 +109,9 @@ class Recorder:
         self._scene, self._comm = scene, scene.comm
         self._supports = tuple(dict.fromkeys(support.where for support, _ in scene.supports))
         self._contacts = tuple(contact.title for contact in scene.named(Contact))
-        self._fields = Fields(scene, stress)
+        self._stress = bool(stress)
+        self._fields = Fields(scene, self._stress)
+        self._cloud = PointFields(scene) if integration_points else None
         self._last: Report | None = None
         self._fields_at, self._closed = -1, False
         with ExitStack() as self._files:
@@ -107,11 +121,14 @@ class Recorder:
     def _start(self, probes: list[str]) -> None:
         self.folder.mkdir(parents=True, exist_ok=True)
         self._history = self._csv_file(
-            self.history, history_columns(self._supports, probes, self._contacts)
+            self.history, history_columns(self._supports, probes, self._contacts, self._stress)
         )
+        self._files.enter_context(hearing(_log_file(self.folder / "log.txt")))
         self.events.unlink(missing_ok=True)
         self.bodies.unlink(missing_ok=True)
         self._series = Series(self.series, self._fields.body)
+        if self._cloud:
+            self._points = Series(self.folder / "points.pvd", self._cloud.body)
         write_view(self.folder)
 
     def _csv_file(self, path: Path, columns: list[str]) -> CsvFile:
@@ -158,7 +175,8 @@ class Recorder:
         """
         self._check(report)
         self._last = report
-        self._on_first_rank(lambda: self._write_rows(report))
+        stresses = report.stresses if self._stress else None
+        self._on_first_rank(lambda: self._write_rows(report, stresses))
         if self._due(report):
             self._write_fields(report)
 
@@ -220,17 +238,20 @@ class Recorder:
         self._next = (floor(t / self._interval) + 1) * self._interval
         return True
 
-    def _write_rows(self, report: Report) -> None:
-        self._history.add([history_row(report, self._supports, self._contacts)])
+    def _write_rows(self, report: Report, stresses: Mapping[str, StressAt] | None) -> None:
+        self._history.add([history_row(report, self._supports, self._contacts, stresses)])
         if report.finds_bodies:
             self._events.add(event_rows(report))
 
     def _write_fields(self, report: Report) -> None:
         points, cells = self._fields.on_nodes(report), self._fields.on_cells(report)
+        cloud = self._cloud.values(report) if self._cloud else {}
         self._fields_at = report.step
 
         def write() -> None:
             self._series.write(report.t, points, cells)
+            if self._cloud:
+                self._points.write(report.t, cloud, {})
             if self._fields.may_have_bodies(report):
                 self._bodies.add(body_rows(report))
 
@@ -259,3 +280,10 @@ class Recorder:
             f"({error.strerror or error}: '{error.filename or self.history}'). Name a folder that "
             "you may write to and where no file is in the way, and check the space left there."
         )
+
+
+def _log_file(path: Path) -> logging.Handler:
+    """A handler that writes a file anew, with times."""
+    handler = logging.FileHandler(path, mode="w", encoding="utf-8")
+    handler.setFormatter(logging.Formatter("%(asctime)s %(message)s"))
+    return handler

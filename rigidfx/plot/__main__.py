@@ -20,8 +20,15 @@ def main() -> None:
         text = f"{name} of the camera ({' '.join(f'{x:g}' for x in default)})"
         parser.add_argument(f"--{name}", type=float, nargs=3, default=default, help=text)
     parser.add_argument("--frames", type=int, default=100, help="of the film at most (100)")
+    parser.add_argument("--scale", type=float, default=1.0, help="factor of displacements (1)")
     options = parser.parse_args()
-    pictures(options.folder, frames=options.frames, view=options.view, up=options.up)
+    pictures(
+        options.folder,
+        frames=options.frames,
+        view=options.view,
+        up=options.up,
+        scale=options.scale,
+    )
 
 
 if __name__ == "__main__":

@@ -11,15 +11,17 @@ They are made from the recorder's files, so also while a run goes on and after o
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.base.errors import OutputError, SceneError
-from rigidfx.base.inputs import number, path_of
+from rigidfx.base.inputs import number, path_of, positive
 from rigidfx.output.history import read_history
 from rigidfx.plot.curves import (
     Curve,
@@ -39,8 +41,13 @@ from rigidfx.plot.renders import (
     sheet,
     surface_of,
 )
+from rigidfx.plot.units import prefixed
 
 __all__ = ["Curve", "curves", "figure_of", "histories", "on_first_rank", "pictures", "save"]
+
+Array = npt.NDArray[np.float64]
+
+MOST = 18  # curves in a panel of probes or supports; more cannot be told from each other
 
 
 def pictures(
@@ -50,16 +57,19 @@ def pictures(
     frames: int = 100,
     view: Sequence[float] = (1.0, -0.6, 0.5),
     up: Sequence[float] = (0.0, 0.0, 1.0),
+    scale: float = 1.0,
     free_since: float | None = None,
     title: str = "",
     comm: MPI.Intracomm = MPI.COMM_WORLD,
 ) -> list[Path]:
     """Draw the standard pictures of a run into its folder. Collective.
 
-    These are histories.png, energies and momenta against time; unknowns.png, their number and that
-    of bodies, if it changed; shapes.png, the deformed body at several times, rigid parts dark, or
-    coloured by displacement where nothing was rigid; stress.png, the same shapes coloured by von
-    Mises stress, if the run has recorded it; and film.gif, all of the motion.
+    These are histories.png, energies and momenta against time; probes.png, displacements and
+    stresses of probes, and reactions, as far as there are some and not too many; unknowns.png,
+    their number and that of bodies, if it changed; shapes.png, the deformed body at several times,
+    rigid parts dark, or coloured by displacement where nothing was rigid; stress.png, the same
+    shapes coloured by von Mises stress at nodes, if the run has recorded it; and film.gif, all of
+    the motion.
 
     Args:
         folder: Folder of a `Recorder`.
@@ -67,6 +77,7 @@ def pictures(
         frames: How many times the film shows at most; 0 for no film.
         view: Direction from the body to the camera.
         up: Direction that points upwards in the pictures.
+        scale: Factor of displacements in shapes and film; it stands on each of them.
         free_since: See `histories`.
         title: Heading.
         comm: Ranks that call this.
@@ -75,11 +86,12 @@ def pictures(
         The files written, on all ranks.
 
     Raises:
-        SceneError: If shapes, frames, view or up cannot be used.
+        SceneError: If shapes, frames, view, up or scale cannot be used.
         OutputError: If the files of the run are not there, or a picture cannot be drawn or written.
     """
     _check(shapes, frames, view, up)
     check_time("pictures", free_since)
+    factor = positive("pictures", "scale", scale)
     place = path_of("pictures", "folder", folder)
     made: list[Path] = []
 
@@ -92,6 +104,17 @@ def pictures(
         made.append(place / "histories.png")
         histories(history, made[-1], free_since=free_since, title=title, comm=alone)
         h = read_history(history)
+        panels = _panels(h)
+        if panels:
+            made.append(place / "probes.png")
+            curves(
+                {heading: lines for heading, (lines, _) in panels.items()},
+                made[-1],
+                xlabel="time (s)",
+                ylabel=[label for _, label in panels.values()],
+                title=title,
+                comm=alone,
+            )
         if np.ptp(h["unknowns"]) > 0:
             made.append(place / "unknowns.png")
             curves(
@@ -110,7 +133,7 @@ def pictures(
         wanted = {"shapes": first} | ({"stress": "von_mises"} if run.has("von_mises") else {})
         for name, field in wanted.items():
             made.append(place / f"{name}.png")
-            photographs = run.photographs(field, int(shapes))
+            photographs = run.photographs(field, int(shapes), factor)
             sheet(
                 made[-1],
                 photographs,
@@ -120,14 +143,43 @@ def pictures(
                 up=up,
                 title=title,
                 edges=run.edges,
+                scale=factor,
             )
         if frames > 0:
             made.append(place / "film.gif")
-            photographs = run.photographs(first, int(frames))
-            film(made[-1], photographs, first, view=view, up=up, title=title, edges=run.edges)
+            photographs = run.photographs(first, int(frames), factor)
+            film(
+                made[-1],
+                photographs,
+                first,
+                view=view,
+                up=up,
+                title=title,
+                edges=run.edges,
+                scale=factor,
+            )
 
     on_first_rank(comm, draw, f"pictures of '{folder}'")
     return list(comm.bcast(made))
+
+
+def _panels(h: Mapping[str, Array]) -> dict[str, tuple[list[Curve], str]]:
+    """Panels of a history's probes and supports: heading → curves, and title of the ordinate."""
+    t = h["t"]
+    out: dict[str, tuple[list[Curve], str]] = {}
+    kinds = {
+        "Displacements of probes": (r"u_(.+)_([xyz])$", "displacement", "m"),
+        "Von Mises stress at probes, from nodes": (r"von_mises_(.+)$", "stress", "Pa"),
+        "Reactions": (r"reaction_(.+)_([xyz])$", "force on the structure", "N"),
+    }
+    for heading, (pattern, what, unit) in kinds.items():
+        found = {" ".join(m.groups()): name for name in h if (m := re.match(pattern, name))}
+        if not found or len(found) > MOST:
+            continue
+        factor, unit = prefixed(unit, max(float(np.abs(h[name]).max()) for name in found.values()))
+        lines = [Curve(label, t, factor * h[name]) for label, name in found.items()]
+        out[heading] = lines, f"{what} ({unit})"
+    return out
 
 
 def _check(shapes: int, frames: int, view: Sequence[float], up: Sequence[float]) -> None:
@@ -153,15 +205,15 @@ class _Run:
         return self._reader.read()[0]
 
     def has(self, name: str) -> bool:
-        """Whether cells have a field."""
-        return name in self._first.cell_data
+        """Whether cells or nodes have a field."""
+        return name in self._first.cell_data or name in self._first.point_data
 
     def was_rigid(self) -> bool:
         """Whether any cell is rigid at any time."""
         every = range(len(self._times))
         return self.has("rigid") and any(self._grid(k).cell_data["rigid"].any() for k in every)
 
-    def photographs(self, field: str, most: int) -> list[Photograph]:
+    def photographs(self, field: str, most: int, scale: float) -> list[Photograph]:
         """The deformed surface at so many times at most, spread evenly."""
         chosen = np.linspace(0, len(self._times) - 1, min(most, len(self._times)))
         out = []
@@ -171,5 +223,5 @@ class _Run:
             values, u = np.array(data[field]), np.array(grid.point_data["displacement"])
             if values.ndim > 1:
                 values = np.linalg.norm(values, axis=1)
-            out.append(Photograph(self._times[int(k)], surface_of(grid, u, field, values)))
+            out.append(Photograph(self._times[int(k)], surface_of(grid, u, field, values, scale)))
         return out

@@ -19,6 +19,7 @@ import numpy.typing as npt
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import numbers
 from rigidfx.plot.curves import figure_of, save
+from rigidfx.plot.units import prefixed
 
 __all__ = [
     "FIELDS",
@@ -35,15 +36,16 @@ Array = npt.NDArray[np.float64]
 
 LIGHT, DARK = "#e8e4da", "#33475b"  # flexible and rigid parts, as in the paper's Fig. 6
 
-# Fields that can colour a body, and titles of their scales; flags have a legend instead.
+# Fields that can colour a body: titles and units of their scales; flags have a legend instead.
 FIELDS = {
-    "rigid": "",
-    "displacement": "displacement $|u|$ (m)",
-    "velocity": "velocity $|v|$ (m/s)",
-    "von_mises": "von Mises stress (Pa)",
-    "strain_rate": "strain rate (1/s)",
+    "rigid": ("", ""),
+    "displacement": ("displacement $|u|$", "m"),
+    "velocity": ("velocity $|v|$", "m/s"),
+    "von_mises": ("von Mises stress at nodes", "Pa"),
+    "cell_von_mises": ("von Mises stress, mean of each cell", "Pa"),
+    "strain_rate": ("strain rate", "1/s"),
 }
-OF_CELLS = frozenset({"rigid", "von_mises", "strain_rate"})
+OF_CELLS = frozenset({"rigid", "cell_von_mises", "strain_rate"})
 
 
 @dataclass(frozen=True)
@@ -89,7 +91,9 @@ def pyvista() -> Any:
     return pv
 
 
-def surface_of(grid: Any, displacement: Array, field: str, values: Array) -> Any:
+def surface_of(
+    grid: Any, displacement: Array, field: str, values: Array, scale: float = 1.0
+) -> Any:
     """The deformed surface of a body.
 
     Args:
@@ -97,6 +101,7 @@ def surface_of(grid: Any, displacement: Array, field: str, values: Array) -> Any
         displacement: Shape (points, 3) [m].
         field: Field that colours it, one of `FIELDS`.
         values: Its values, one for each cell if it is among `OF_CELLS`, else for each point.
+        scale: Factor of the displacement.
     """
     grid.clear_data()
     grid.point_data["displacement"] = displacement
@@ -110,7 +115,8 @@ def surface_of(grid: Any, displacement: Array, field: str, values: Array) -> Any
     skin.SetInputData(grid)
     skin.Update()
     surface = pyvista().wrap(skin.GetOutput())
-    surface.points = np.asarray(surface.points + surface.point_data["displacement"], np.float32)
+    moved = surface.points + scale * surface.point_data["displacement"]
+    surface.points = np.asarray(moved, np.float32)
     return surface
 
 
@@ -124,6 +130,7 @@ def sheet(
     up: Sequence[float],
     title: str,
     edges: bool,
+    scale: float = 1.0,
 ) -> None:
     """Draw photographs side by side.
 
@@ -136,6 +143,7 @@ def sheet(
         up: Direction that points upwards in the picture.
         title: Heading.
         edges: Whether edges of cells are drawn.
+        scale: By what their displacements are multiplied, to be told on the picture.
     """
     top = _top(photographs, field)
     wide = min(columns, len(photographs))
@@ -148,6 +156,7 @@ def sheet(
         ax.imshow(image, interpolation="lanczos")
         ax.set_title(f"$t$ = {photograph.t:.4g} s", loc="center", fontsize=12)
     _key(figure, axes, field, top)
+    _tell_scale(figure, scale)
     save(figure, path)
 
 
@@ -160,6 +169,7 @@ def film(
     up: Sequence[float],
     title: str,
     edges: bool,
+    scale: float = 1.0,
     rate: int = 12,
 ) -> None:
     """Draw photographs one after another, as an animated GIF that starts anew at its end.
@@ -172,6 +182,7 @@ def film(
         up: Direction that points upwards in the picture.
         title: Heading.
         edges: Whether edges of cells are drawn.
+        scale: By what their displacements are multiplied, to be told in the film.
         rate: Photographs per second.
     """
     from matplotlib.animation import PillowWriter
@@ -181,6 +192,7 @@ def film(
     ax = axes[0, 0]
     ax.axis("off")
     _key(figure, axes, field, top)
+    _tell_scale(figure, scale)
     Path(path).parent.mkdir(parents=True, exist_ok=True)
     writer, canvas = PillowWriter(fps=rate), None
     with writer.saving(figure, str(path), dpi=100):
@@ -191,6 +203,12 @@ def film(
             canvas.set_data(image)
             ax.set_title(f"$t$ = {photograph.t:.4g} s", loc="center", fontsize=12)
             writer.grab_frame()
+
+
+def _tell_scale(figure: Any, scale: float) -> None:
+    """Tell how large displacements are drawn."""
+    text = "displacements to scale" if scale == 1.0 else f"displacements × {scale:g}"
+    figure.supxlabel(text, fontsize=11, color="0.35")
 
 
 def _top(photographs: Sequence[Photograph], field: str) -> float:
@@ -216,9 +234,13 @@ def _images(
         float(np.linalg.norm(p.surface.points - middle, axis=1).max()) for p in photographs
     )
     towards = np.asarray(view, float) / np.linalg.norm(view)
+    # One window for all of them: to open one takes longer than to draw.
+    plotter = pv.Plotter(off_screen=True, window_size=(pixels, pixels))
+    plotter.set_background("white")
+    plotter.enable_parallel_projection()
+    plotter.enable_anti_aliasing("ssaa")
     for photograph in photographs:
-        plotter = pv.Plotter(off_screen=True, window_size=(pixels, pixels))
-        plotter.set_background("white")
+        plotter.clear_actors()
         plotter.add_mesh(
             photograph.surface,
             scalars="colour",
@@ -232,16 +254,14 @@ def _images(
         )
         if not edges:
             plotter.add_mesh(photograph.surface.extract_feature_edges(30), color="#303030")
-        plotter.enable_parallel_projection()
         plotter.camera.focal_point = middle
         plotter.camera.position = middle + 4 * radius * towards
         plotter.camera.up = up
         plotter.camera.parallel_scale = 1.02 * radius
         plotter.reset_camera_clipping_range()
-        plotter.enable_anti_aliasing("ssaa")
-        image = plotter.screenshot(return_img=True)
-        plotter.close()
-        yield image
+        plotter.render()
+        yield np.array(plotter.screenshot(return_img=True))
+    plotter.close()
 
 
 def _key(figure: Any, axes: Any, field: str, top: float) -> None:
@@ -255,6 +275,9 @@ def _key(figure: Any, axes: Any, field: str, top: float) -> None:
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
-    scale = ScalarMappable(Normalize(0.0, top), "viridis")
-    bar = figure.colorbar(scale, ax=axes, shrink=0.7, aspect=30, pad=0.02, label=FIELDS[field])
+    title, unit = FIELDS[field]
+    factor, unit = prefixed(unit, top)
+    scale = ScalarMappable(Normalize(0.0, top * factor), "viridis")
+    label = f"{title} ({unit})"
+    bar = figure.colorbar(scale, ax=axes, shrink=0.7, aspect=30, pad=0.02, label=label)
     bar.outline.set_visible(False)

@@ -16,7 +16,8 @@ import numpy.typing as npt
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import number, path_of, whole
 from rigidfx.base.instants import reached
-from rigidfx.flexible.stress import CauchyStress, von_mises
+from rigidfx.flexible.nodal_stress import NodalStress, material_groups
+from rigidfx.flexible.stress import tensors, von_mises
 from rigidfx.output.paraview import Body
 from rigidfx.plot.curves import on_first_rank
 from rigidfx.plot.renders import Photograph, check_camera, pyvista, sheet, surface_of
@@ -62,8 +63,8 @@ class Shapes:
         Args:
             scene: The problem that is run.
             times: Times [s]; of each, the first step that ends at or after it is taken.
-            colour: The field whose magnitude colours the body, "von_mises" for that stress, or
-                "rigid" for rigid (dark) and flexible (light) cells.
+            colour: The field whose magnitude colours the body, "von_mises" for that
+                stress at nodes, or "rigid" for rigid (dark) and flexible (light) cells.
 
         Raises:
             SceneError: If there are no times, or the colour is not one of these.
@@ -80,8 +81,9 @@ class Shapes:
             )
         self._colour = colour
         self._scene, self._comm = scene, scene.comm
-        self._body = Body(scene.space)
-        self._stress = CauchyStress(scene) if colour == "von_mises" else None
+        stressed = colour == "von_mises"
+        self._body = Body(scene.space, material_groups(scene) if stressed else None)
+        self._stress = NodalStress(scene) if stressed else None
         self._shapes: list[_Shape] = []
 
     def add(self, report: Report) -> None:
@@ -106,7 +108,8 @@ class Shapes:
         if self._colour == "rigid":
             values = (self._body.on_cells(state.body_numbers()) > 0).astype(np.float64)
         elif self._stress is not None:
-            values = self._body.on_cells(von_mises(self._stress.measure(state.u)))
+            nodal = self._body.on_nodes_of_parts(self._stress.measure(state.u))
+            values = von_mises(tensors(nodal[:, :6]))
         else:
             field = u if self._colour == "displacement" else self._body.on_nodes(state.v)
             values = np.linalg.norm(field, axis=1)

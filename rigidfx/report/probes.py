@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import geometry
 
 from rigidfx.base.compat import cell_geometry_dofs, coordinate_map
-from rigidfx.base.errors import SceneError
+from rigidfx.flexible.nodal_stress import material_groups
+from rigidfx.report.probe_stress import Holder, ProbeStress, StressAt
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 
@@ -34,33 +35,21 @@ class Probe:
 
 
 class Probes:
-    """Displacements of the named points of a scene."""
+    """Displacements of the named points of a scene, and stresses there when they are asked for."""
 
     def __init__(self, scene: Scene) -> None:
-        """Find the cells that hold the points. Collective.
-
-        Raises:
-            SceneError: If a point lies in no cell.
-        """
+        """Find the nodes of the cells that hold the points. Collective."""
         self._scene = scene
-        names, points = list(scene.probes), list(scene.probes.values())
         self._probes: dict[str, Probe] = {}
-        if not names:
-            return
-        owned = scene.mesh.topology.index_map(3).size_local
-        X = np.asarray(points).reshape(-1, 3)
-        tree = geometry.bb_tree(scene.mesh, 3, entities=np.arange(owned, dtype=np.int32))
-        candidates = geometry.compute_collisions_points(tree, X)
-        hits = geometry.compute_colliding_cells(scene.mesh, candidates, X)
-        for k, name in enumerate(names):
-            cell = int(hits.links(k)[0]) if len(hits.links(k)) else -1
-            holders = [r for r, c in enumerate(scene.comm.allgather(cell)) if c >= 0]
-            if not holders:
-                raise SceneError(
-                    f"Scene: the probe '{name}' at {tuple(points[k])} m lies in no cell."
-                )
-            mine = _weights(scene, cell, points[k]) if holders[0] == scene.comm.rank else None
-            self._probes[name] = _owned(scene, *scene.comm.bcast(mine, root=holders[0]))
+        self._holders: dict[str, Holder] = {}
+        groups = material_groups(scene)
+        for name, (root, cell) in scene.probe_cells.items():
+            mine = None
+            if root == scene.comm.rank:
+                weights = _weights(scene, cell, scene.probes[name])
+                mine = Holder(*weights, int(groups[cell]))
+            self._holders[name] = found = scene.comm.bcast(mine, root=root)
+            self._probes[name] = _owned(scene, found.nodes, found.weights)
 
     def displacements(self, state: State) -> Mapping[str, Array]:
         """Displacement of each point, shape (3,) [m]. Collective."""
@@ -69,6 +58,14 @@ class Probes:
         points = self._probes.values()
         local = [p.weights @ (state.positions(p.nodes) - state.X[p.nodes]) for p in points]
         return dict(zip(self._probes, np.asarray(self._scene.sum(np.stack(local))), strict=True))
+
+    def stresses(self, state: State) -> Mapping[str, StressAt]:
+        """Stress and strain at each point; compiled when first asked for. Collective."""
+        return self._stress.measure(state) if self._probes else {}
+
+    @cached_property
+    def _stress(self) -> ProbeStress:
+        return ProbeStress(self._scene, self._holders)
 
 
 def _weights(scene: Scene, cell: int, point: Array) -> tuple[npt.NDArray[np.int64], Array]:

@@ -12,11 +12,12 @@ import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.taken import read_only
-from rigidfx.effects import Touch
+from rigidfx.effects import Rigid, Touch
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.report.body_report import BodyReport, body_reports
 from rigidfx.report.events import Event
+from rigidfx.report.probe_stress import StressAt
 from rigidfx.report.probes import Probes
 from rigidfx.state import State
 from rigidfx.step.energies import Measures
@@ -61,13 +62,15 @@ class Report:
         dissipated: Energy that damping took in this step [J], by the name of its kind, such as
             "KelvinVoigt" (a spring's dashpot counts as "Spring").
         reactions: Force of each support on the structure at the step's midpoint, by the name of
-            its set, shape (3,) [N].
+            its set, shape (3,) [N]; in the initial state those of a static preload.
         reaction_moments: Its moment about the origin, likewise [N m].
         touches: What each contact did in this step, by its title: see
             `rigidfx.effects.action.Touch`.
         impact: What the start of a support, or a jump of its velocity, did at the step's start; at
             t = 0 in the report of the initial state.
         rigid: The rigid bodies at its end, as arrays.
+        clamped: Names of the parts named rigid that a support holds whole: they go with it, have
+            no unknowns, and are none of the bodies.
         events: What was frozen and released since the last report: right before the step, and at
             its end. Energies, momenta and bodies of the report are those after them.
         closeness: How close any cell's strain rate came to its tolerance at the end of a window,
@@ -102,6 +105,7 @@ class Report:
     touches: Mapping[str, Touch]
     impact: Impact | None
     rigid: Bodies
+    clamped: tuple[str, ...]
     events: tuple[Event, ...]
     closeness: float
     probes: Mapping[str, Array]
@@ -109,6 +113,7 @@ class Report:
     _state: State
     _changes: int
     _indicator: Indicator | None
+    _probes: Probes
 
     @property
     def energy(self) -> float:
@@ -168,6 +173,20 @@ class Report:
             return None
         self._check("strain_rate")
         return read_only(self._indicator.values)
+
+    @cached_property
+    def stresses(self) -> Mapping[str, StressAt]:
+        """Stress and strain at each probe, by its name. Collective.
+
+        They are those at nodes, extrapolated and averaged within the material of the probe's cell
+        (`rigidfx.flexible.nodal_stress`). Computed when asked for, from the cells around the probes
+        only; the first time compiles what it needs.
+
+        Raises:
+            SceneError: If they have not been asked for yet and the run has gone on.
+        """
+        self._check("stresses")
+        return self._probes.stresses(self._state)
 
     @property
     def interface_mismatch(self) -> float:
@@ -235,6 +254,7 @@ def report_of(
         touches=result.touches if result else {},
         impact=impact,
         rigid=state.bodies,
+        clamped=_clamped(stepper),
         events=(),
         closeness=np.nan,
         probes=probes.displacements(state),
@@ -242,6 +262,7 @@ def report_of(
         _state=state,
         _changes=state.changes,
         _indicator=stepper.indicator,
+        _probes=probes,
     )
 
 
@@ -252,6 +273,12 @@ def amended(report: Report, stepper: Stepper, events: Sequence[Event], closeness
     if not any(event.t == report.t for event in events):
         return report
     return replace(report, **_measured(stepper.measure()), rigid=stepper.state.bodies)
+
+
+def _clamped(stepper: Stepper) -> tuple[str, ...]:
+    """Names of the parts that supports hold; they are numbered as the scene names them."""
+    named = stepper.scene.named(Rigid)
+    return tuple(named[number - 1].name for number in sorted(stepper.state.clamped))
 
 
 def _measured(measures: Measures) -> dict[str, Any]:

@@ -1,0 +1,130 @@
+"""Stress and strain at nodes, extrapolated in each cell and averaged among those of a material.
+
+Within a cell the values at its integration points are fitted, in least squares with the weights of
+the rule, by a polynomial p that its strains can follow without noise,
+
+    hexahedra: trilinear;  second-order tetrahedra: linear;  first-order ones: constant,
+
+and p is read at all nodes of the cell. For second-order cells that amounts to extrapolation from
+the points at which strains converge faster (J. Barlow, IJNME 10 (1976) 243,
+doi:10.1002/nme.1620100202). A node takes the mean of what the cells at it say, each with its
+reference volume as weight, over cells of one material only: at a surface between materials the
+stress jumps, and a node there has a value for either side.
+
+Measured on a cantilever of 10 × 1 × 1 under a shear force, against 6 F (l - x)/(b h²), one height
+and more from the clamp:
+
+    two second-order hexahedra over the height    0.9925 … 1.0002 of the bending peak
+    two second-order tetrahedra                   0.979 … 1.027
+    two first-order hexahedra                     0.957 … 0.967, ν = 0.3; 0.889, ν = 0
+    four                                          1.007 … 1.016, ν = 0.3; 0.970, ν = 0
+    four first-order tetrahedra                   0.63 … 0.76
+
+At a re-entrant corner, at the edge of a clamp with ν > 0 and under a force on a node the exact
+stress is infinite: what is shown there grows as cells shrink, and is no number to sign.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import basix
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem, la
+from scipy.sparse import csr_array
+
+from rigidfx.flexible.stress import PointStress, chunks
+from rigidfx.scene.scene import Scene
+
+__all__ = ["NodalStress", "extrapolation", "material_groups"]
+
+Array = npt.NDArray[np.float64]
+
+
+class NodalStress:
+    """Measures stress and strain at all nodes, for each material that meets there.
+
+    Attributes:
+        points: Stress at integration points.
+        groups: For each owned cell the number of its material, equal ones having one number.
+    """
+
+    def __init__(self, scene: Scene, points: PointStress | None = None) -> None:
+        """Compile the expressions, if they are not given. Collective.
+
+        Args:
+            scene: The problem.
+            points: Stress at the integration points of that scene.
+        """
+        self._scene = scene
+        self.points = PointStress(scene) if points is None else points
+        self.groups = material_groups(scene)
+        self._extrapolate = extrapolation(scene, self.points)
+
+    def measure(self, u: fem.Function) -> Array:
+        """Stress [Pa] and strain of the local nodes, shape (materials, nodes, 12). Collective.
+
+        Six components each, in the order xx, yy, zz, xy, yz, xz; zero where a node has no cell of a
+        material.
+
+        Args:
+            u: Displacement, up to date inside bodies too: see `State.rebuild`.
+        """
+        self.points.u.x.array[:] = u.x.array
+        corners, out = self._extrapolate.shape[0], np.zeros((self._shares.shape[0], 12))
+        for cells in chunks(self.groups.size):
+            values = self._extrapolate @ self.points.evaluate(cells)[:, :, :12]
+            own = slice(cells[0] * corners, (cells[-1] + 1) * corners)
+            out += self._shares[:, own] @ values.reshape(-1, 12)
+        sums = out.reshape(len(self._scene.materials), -1, 12)
+        return np.stack([self._added(group) for group in sums])
+
+    @cached_property
+    def _shares(self) -> Any:
+        """Share of each cell's nodes in the value of a node, rows being those of all materials."""
+        nodes = self._scene.space.dofmap.list[: self.groups.size]
+        local = self._scene.space.tabulate_dof_coordinates().shape[0]
+        volumes = [
+            self.points.evaluate(cells)[:, :, 13] @ self.points.weights
+            for cells in chunks(self.groups.size)
+        ]
+        data = np.repeat(np.concatenate([np.empty(0), *volumes]), nodes.shape[1])
+        rows = (self.groups[:, None].astype(np.int64) * local + nodes).reshape(-1)
+        shape = (len(self._scene.materials) * local, data.size)
+        shares = csr_array((data, (rows, np.arange(data.size))), shape=shape)
+        sums = np.asarray(shares.sum(axis=1)).reshape(-1, local)
+        all_ranks = np.concatenate([self._added(group[:, None])[:, 0] for group in sums])
+        shares.data /= np.repeat(all_ranks, np.diff(shares.indptr))
+        return shares
+
+    def _added(self, values: Array) -> Array:
+        """Sums over ranks of values of local nodes, ghosts included. Collective."""
+        vector = la.vector(self._scene.space.dofmap.index_map, values.shape[1])
+        vector.array[:] = values.reshape(-1)
+        vector.scatter_reverse(la.InsertMode.add)
+        vector.scatter_forward()
+        return np.array(vector.array).reshape(values.shape)
+
+
+def extrapolation(scene: Scene, points: PointStress) -> Array:
+    """The matrix from values at a cell's integration points to its nodes, shape (nodes, points)."""
+    element: Any = scene.space.element
+    nodes, weights = element.basix_element.points, points.weights
+    if scene.simplex and scene.order == 1:
+        return np.tile(weights / weights.sum(), (len(nodes), 1))
+    cell = getattr(basix.CellType, scene.mesh.topology.cell_name())
+    linear = basix.create_element(basix.ElementFamily.P, cell, 1)
+    at_points, at_nodes = (linear.tabulate(0, x)[0, :, :, 0] for x in (points.points, nodes))
+    weighted = at_points.T * weights
+    return np.asarray(at_nodes @ np.linalg.solve(weighted @ at_points, weighted))
+
+
+def material_groups(scene: Scene) -> npt.NDArray[np.int32]:
+    """For each owned cell the number of the first of the scene's materials that equals its own."""
+    groups = np.zeros(scene.mesh.topology.index_map(3).size_local, dtype=np.int32)
+    materials = [material for material, _ in scene.materials]
+    for material, cells in scene.materials:
+        groups[cells] = materials.index(material)
+    return groups

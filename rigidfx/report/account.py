@@ -1,0 +1,81 @@
+"""What a run says of itself as it goes on and at its end: see `rigidfx.base.log`."""
+
+from __future__ import annotations
+
+from time import perf_counter
+from types import TracebackType
+
+from mpi4py import MPI
+
+from rigidfx.base.log import folders, tell
+from rigidfx.report.report import Report
+from rigidfx.scene.scene import Scene
+
+__all__ = ["Account", "beginning"]
+
+
+def beginning(scene: Scene, unknowns: int, t_end: float, took: float) -> str:
+    """The line with which a run begins.
+
+    Args:
+        scene: The problem.
+        unknowns: Number of unknowns.
+        t_end: End of the run [s].
+        took: Time that forms and initial state took [s].
+    """
+    return f"{scene!r}: ready after {took:.1f} s; {unknowns} unknowns, to t = {t_end:g} s"
+
+
+class Account:
+    """Says what becomes rigid and flexible, where steps are cut, and at the end what it took."""
+
+    def __init__(self, comm: MPI.Intracomm) -> None:
+        """Begin.
+
+        Args:
+            comm: Ranks of the run.
+        """
+        self._comm = comm
+        self._steps = self._iterations = self._switches = 0
+        self._began = perf_counter()
+        self._last: Report | None = None
+
+    def follow(self, report: Report) -> None:
+        """Take note of a report."""
+        self._last = report
+        self._steps += report.step > 0
+        self._iterations += report.iterations
+        for event in report.events:
+            self._switches += 1
+            names = ", ".join(change.name for change in event.changes[:4])
+            more = " …" if len(event.changes) > 4 else ""
+            numbers = f"{event.unknowns_before} → {event.unknowns_after} unknowns"
+            tell(self._comm, f"t = {event.t:.6g} s: {event.kind} ({names}{more}): {numbers}")
+        if report.cuts:
+            tell(self._comm, f"t = {report.t:.6g} s: the step was cut {report.cuts} times")
+
+    def __enter__(self) -> Account:
+        """Nothing to do."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Say how the run ended, and what it took."""
+        last, took = self._last, perf_counter() - self._began
+        if last is None:
+            return
+        how = "stopped" if kind is not None else "done"
+        parts = [f"'{body.name}' of {body.cells} cells" for body in last.bodies[:4]]
+        parts += [f"{len(last.bodies) - 4} more"] if len(last.bodies) > 4 else []
+        rigid = f"rigid: {', '.join(parts)}" if parts else "nothing is rigid"
+        places = ", ".join(map(str, folders()))
+        where = f"; results in {places}" if places else ""
+        tell(
+            self._comm,
+            f"{how} at t = {last.t:.6g} s: {self._steps} steps, {self._iterations} iterations, "
+            f"{took:.1f} s; {self._switches} switches, {rigid}, {last.unknowns} unknowns{where}",
+        )

@@ -1,0 +1,127 @@
+"""Stress and strain at probes: what nodal values say there, from the cells around them alone.
+
+The value at a probe is Σ Nᵢ of the values at the nodes of its cell, these are sums over the cells
+at them (`rigidfx.flexible.nodal_stress`), and all weights are constant: a probe is one fixed sum
+over integration points. So only the cells that share a node with the probe's own are evaluated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem, la
+
+from rigidfx.base.taken import seal
+from rigidfx.flexible.nodal_stress import extrapolation, material_groups
+from rigidfx.flexible.stress import PointStress, tensors, von_mises
+from rigidfx.scene.scene import Scene
+from rigidfx.state import State
+
+__all__ = ["Holder", "ProbeStress", "StressAt"]
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Holder:
+    """The cell that holds a point, the same record on all ranks.
+
+    Attributes:
+        nodes: Global numbers of its nodes.
+        weights: Shape functions at the point.
+        material: Number of its material among `material_groups`.
+    """
+
+    nodes: npt.NDArray[np.int64]
+    weights: Array
+    material: int
+
+
+@dataclass(frozen=True)
+class StressAt:
+    """Stress and strain at a point, from nodal values of the material of its cell.
+
+    Attributes:
+        stress: Cauchy stress, shape (3, 3) [Pa].
+        strain: Green-Lagrange strain, in the axes of the undeformed body, shape (3, 3).
+    """
+
+    stress: Array
+    strain: Array
+
+    def __post_init__(self) -> None:
+        """Have arrays read only."""
+        seal(self)
+
+    @property
+    def von_mises(self) -> float:
+        """Von Mises' equivalent stress [Pa]."""
+        return float(von_mises(self.stress))
+
+
+class ProbeStress:
+    """Stress and strain at the probes of a scene."""
+
+    def __init__(self, scene: Scene, holders: Mapping[str, Holder]) -> None:
+        """Compile the expressions and find the cells around the probes. Collective.
+
+        Args:
+            scene: The problem.
+            holders: Name of each probe → the cell that holds it.
+        """
+        self._scene, self._names = scene, tuple(holders)
+        self._points = PointStress(scene)
+        patches = [self._patch(holder) for holder in holders.values()]
+        self._cells = np.concatenate([cells for cells, _ in patches])
+        self._weights = np.concatenate([weights for _, weights in patches])
+        self._of = np.repeat(np.arange(len(patches)), [cells.size for cells, _ in patches])
+        self._nodes = self._wanted_nodes()
+
+    def _patch(self, holder: Holder) -> tuple[npt.NDArray[np.int32], Array]:
+        """Owned cells around a probe, and the weight of each of their integration points."""
+        scene = self._scene
+        table = scene.space.dofmap.list[: scene.mesh.topology.index_map(3).size_local]
+        local = scene.space.dofmap.index_map.global_to_local(holder.nodes)
+        place = np.full(scene.space.tabulate_dof_coordinates().shape[0], -1)
+        place[local[local >= 0]] = np.flatnonzero(local >= 0)
+        same = material_groups(scene) == holder.material
+        cells = np.flatnonzero(same & (place[table] >= 0).any(axis=1)).astype(np.int32)
+        at = place[table[cells]]  # which node of the probe's cell each node of a cell is
+        inside = at >= 0
+        volumes = self._points.evaluate(cells)[:, :, 13] @ self._points.weights
+        shares = np.where(inside, volumes[:, None], 0.0)
+        sums = np.zeros(holder.nodes.size)
+        np.add.at(sums, at[inside], shares[inside])
+        sums = np.asarray(scene.sum(sums))
+        parts = np.where(inside, shares * (holder.weights / sums)[at], 0.0)
+        return cells, parts @ extrapolation(scene, self._points)
+
+    def _wanted_nodes(self) -> npt.NDArray[np.int64]:
+        """Owned nodes that cells around probes have on any rank. Collective."""
+        scene = self._scene
+        marks = la.vector(scene.space.dofmap.index_map, 1)
+        marks.array[:] = 0.0
+        marks.array[scene.space.dofmap.list[self._cells].reshape(-1)] = 1.0
+        marks.scatter_reverse(la.InsertMode.add)
+        return np.flatnonzero(marks.array[: scene.owned_nodes] > 0)
+
+    def measure(self, state: State) -> dict[str, StressAt]:
+        """Stress and strain at each probe, by its name. Collective.
+
+        Args:
+            state: Where the structure is; nodes inside bodies need not be up to date.
+        """
+        u: fem.Function = self._points.u
+        u.x.array.reshape(-1, 3)[self._nodes] = state.positions(self._nodes) - state.X[self._nodes]
+        u.x.scatter_forward()
+        values = self._points.evaluate(self._cells)[:, :, :12]
+        local = np.zeros((len(self._names), 12))
+        np.add.at(local, self._of, np.einsum("cq,cqi->ci", self._weights, values))
+        rows = np.asarray(self._scene.sum(local))
+        return {
+            name: StressAt(tensors(row[:6]), tensors(row[6:]))
+            for name, row in zip(self._names, rows, strict=True)
+        }

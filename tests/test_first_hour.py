@@ -1,0 +1,75 @@
+"""What somebody meets first: names, words about a scene, and what is refused where it is made."""
+
+from __future__ import annotations
+
+import pytest
+
+import rigidfx as rf
+from rigidfx.plot.units import prefixed
+
+STEEL = rf.StVenantKirchhoff(E=2e11, nu=0.0, rho=8000.0)
+SOFT = rf.NeoHooke(E=1e6, nu=0.3, rho=1000.0)
+
+
+def halves():
+    domain = rf.box((0, 0, 0), (2, 1, 1), (4, 2, 2))
+    domain = domain.with_cells("left", lambda x: x[0] < 1.01)
+    return domain.with_cells("right", lambda x: x[0] > 0.99)
+
+
+def test_package_shows_what_it_exports():
+    assert set(dir(rf)) == {*rf.__all__, "__doc__", "__version__"}
+    assert rf.__version__.count(".") == 2
+
+
+def test_scene_and_domain_have_a_line():
+    scene = rf.Scene(halves(), {"left": STEEL, "right": SOFT}, [rf.Fixed("x0")])
+    line = "<Scene: 16 hexahedra of order 1, 135 dofs, 2 materials, 1 effects>"
+    assert repr(scene) == line
+    assert repr(scene.domain).startswith("<Domain: 16 hexahedra; names: 'left' (cells), 'right'")
+
+
+def test_description_has_mass_box_unknowns_and_waves(capsys):
+    scene = rf.Scene(halves(), {"right": SOFT, "left": STEEL}, [rf.Fixed("x0")])
+    text = scene.describe(dt=1e-4)
+    assert capsys.readouterr().out == text + "\n"
+    assert "9000 kg in a box of 0 … 2 × 0 … 1 × 0 … 1 m; 108 unknowns" in text
+    assert "'left': StVenantKirchhoff" in text
+    # √(E/ρ) = 5000 m/s; half a metre is a cell.
+    assert "waves of 5e+03 m/s, which pass 1 cells in Δt = 0.0001 s" in text
+    soft = (1e6 * 0.7 / (1.3 * 0.4) / 1000.0) ** 0.5
+    assert f"waves of {soft:.3g} m/s" in text
+    with pytest.raises(rf.SceneError, match="describe: dt must be"):
+        scene.describe(dt=-1)
+
+
+@pytest.mark.parametrize(
+    ("effects", "probes", "words"),
+    [
+        ([rf.Rigid("wrong")], {}, "Rigid: there are no cells named 'wrong'. Known names: 'left'"),
+        ([rf.Rigid("left"), rf.Rigid("right")], {}, "Rigid 'right' shares nodes with another body"),
+        ([], {"tip": (9, 0, 0)}, r"'tip' at \(9.0, 0.0, 0.0\) m lies in no cell. The mesh reaches"),
+    ],
+)
+def test_scene_refuses_what_it_can_know(effects, probes, words):
+    with pytest.raises(rf.SceneError, match=words):
+        rf.Scene(halves(), SOFT, effects, probes=probes)
+
+
+def test_clamped_parts_are_in_reports():
+    scene = rf.Scene(halves(), SOFT, [rf.Rigid("left"), rf.Fixed("left")])
+    report = next(rf.simulate(scene, 0.1, 0.1, progress=False))
+    assert report.clamped == ("left",)
+    assert not report.bodies
+
+
+@pytest.mark.parametrize(
+    ("largest", "factor", "name"),
+    [
+        *((2.1e8, 1e-6, "MPa"), (999.0, 1.0, "Pa"), (1e3, 1e-3, "kPa"), (4e-7, 1e9, "nPa")),
+        *((0.0, 1.0, "Pa"), (float("nan"), 1.0, "Pa"), (3e14, 1e-12, "TPa")),
+    ],
+)
+def test_units_take_prefixes(largest, factor, name):
+    assert prefixed("Pa", largest) == (pytest.approx(factor), name)
+    assert prefixed("1/s", largest) == (1.0, "1/s")

@@ -1,0 +1,52 @@
+"""What a run says of itself: by Python's logging, on standard error, and in a file."""
+
+from __future__ import annotations
+
+import logging
+
+import pytest
+
+import rigidfx as rf
+
+MATERIAL = rf.StVenantKirchhoff(E=1e4, nu=0.3, rho=10.0)
+
+
+def run(folder, verbose=None):
+    scene = rf.Scene(rf.box((0, 0, 0), (4, 1, 1), (4, 1, 1)), MATERIAL)
+    criterion = rf.StrainRate(1.0, 0.2)
+    with rf.Recorder(scene, folder, stress=False) as recorder:
+        how = {"rigidify": criterion, "progress": False, "verbose": verbose}
+        for report in rf.simulate(scene, 0.1, 0.5, **how):
+            recorder.write(report)
+
+
+def test_log_file_and_last_line(tmp_path, capsys):
+    """Nothing on standard error unless asked for; the file has a line for each switch."""
+    run(tmp_path / "run")
+    assert "rigidfx" not in capsys.readouterr().err
+    lines = (tmp_path / "run" / "log.txt").read_text(encoding="utf-8").splitlines()
+    assert any("<Scene: 4 hexahedra of order 1, 60 dofs" in line for line in lines)
+    assert any("60 unknowns, to t = 0.5 s" in line for line in lines)
+    assert any("freeze (part 1): 60 → 6 unknowns" in line for line in lines)
+    last = lines[-1]
+    assert "done at t = 0.5 s: 5 steps" in last
+    assert "1 switches, rigid: 'part 1' of 4 cells, 6 unknowns" in last
+    assert last.endswith("run")
+    assert not logging.getLogger("rigidfx").handlers
+
+
+def test_verbose_says_it_on_standard_error(tmp_path, capsys):
+    run(tmp_path / "run", verbose=True)
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[-1].startswith("rigidfx: done at t = 0.5 s")
+    with pytest.raises(rf.SceneError, match="verbose must be True, False or None"):
+        run(tmp_path, verbose=3)
+
+
+def test_what_stopped_is_told(tmp_path, caplog):
+    scene = rf.Scene(rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1)), MATERIAL)
+    with caplog.at_level(logging.INFO, "rigidfx"):
+        steps = rf.simulate(scene, 0.1, 0.5, progress=False)
+        next(steps)
+        steps.close()
+    assert "stopped at t = 0 s: 0 steps" in caplog.text
