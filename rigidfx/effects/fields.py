@@ -47,6 +47,8 @@ def values_at(function: Callable[..., Any], X: Array, t: float) -> Array:
         X: Reference positions, shape (points, 3) [m].
         t: Time [s].
     """
+    if not len(X):  # a rank may have none, and a function may not be made for that
+        return np.zeros((0, 3))
     given = numbers(function(X.T.copy(), t))
     if given.shape == (3,):
         return np.broadcast_to(given, X.shape)

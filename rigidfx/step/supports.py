@@ -107,9 +107,8 @@ class PrescribedDofs:
     def increments(self, t0: float, t1: float) -> Array:
         """Prescribed increments of the held dofs from t0 to t1 [m]. Collective."""
 
-        def gained(support: Support) -> Array:
+        def gained(support: Support, X: Array) -> Array:
             if not support.uniform:
-                X = self._X[self._own[self.active.index(support)]]
                 return support.displacements_at(t1, X) - support.displacements_at(t0, X)
             u0 = np.array(support.displacement_at(t0))  # a path may change one array in place
             u1 = np.array(support.displacement_at(t1))
@@ -126,16 +125,15 @@ class PrescribedDofs:
 
     def velocities(self, t: float, dt: float) -> Array:
         """Prescribed velocities of the held dofs just after t [m/s]. Collective."""
+        return self._ask(lambda support, X: support.velocities_at(t, dt, X), t)
 
-        def asked(support: Support) -> Array:
-            if support.uniform:
-                return support.velocity_at(t, dt)
-            return support.velocities_at(t, dt, self._X[self._own[self.active.index(support)]])
+    def _ask(self, question: Callable[[Support, Array], Array], t: float) -> Array:
+        """Answers of each support, spread over its dofs; what a user's function does is checked.
 
-        return self._ask(asked, t)
-
-    def _ask(self, question: Callable[[Support], Array], t: float) -> Array:
-        """A vector of each support, spread over its dofs; what a user's function does is checked.
+        Args:
+            question: Function of a support and of the reference positions of its dofs' nodes, shape
+                (dofs, 3) [m], to a vector for each of them, or one for all.
+            t: Time, for messages [s].
 
         Raises:
             SceneError: On every rank, if one fails or is not three finite numbers. Collective.
@@ -143,17 +141,17 @@ class PrescribedDofs:
 
         def answers() -> list[Array]:
             out = []
-            for support in self.active:
+            for support, own in zip(self.active, self._own, strict=True):
+                X = self._X[own]
                 name = f"{type(support).__name__} on '{support.where}'"
                 try:
-                    value = question(support)
+                    value = question(support, X)
                 except Exception as error:  # whatever a user's function may raise
                     raise SceneError(
                         f"{name}: its path failed near t = {t:g} s with "
                         f"{type(error).__name__}: {error}"
                     ) from error
-                fits = np.shape(value) == (3,) or (not support.uniform and np.ndim(value) == 2)
-                if not fits or not np.isfinite(value).all():
+                if np.shape(value) not in ((3,), X.shape) or not np.isfinite(value).all():
                     raise SceneError(
                         f"{name}: near t = {t:g} s its path or velocity is not three finite "
                         f"numbers but {value}."
@@ -162,7 +160,7 @@ class PrescribedDofs:
             return out
 
         if not any(s.moves for s in self.active):
-            return self._spread([question(s) for s in self.active])
+            return self._spread(answers())
         return self._spread(together(self._scene.comm, "A support", answers))
 
     def reactions(self, forces: Array, x: Array) -> tuple[Mapping[str, Array], Mapping[str, Array]]:
