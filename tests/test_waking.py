@@ -230,6 +230,7 @@ def test_named_parts_that_withhold_little_are_not_spoken_of():
     assert rigid[:, -1].all()
 
 
+@pytest.mark.filterwarnings("ignore::rigidfx.RigidfxWarning")
 def test_named_parts_may_be_watched_where_nothing_qualifies():
     """No cell may strain at all, for as long as nobody knows how long."""
     scene = rf.Scene(
