@@ -37,7 +37,7 @@ class CacheLog(logging.Filter):
         text = record.getMessage()
         if found := re.search(r"Cached C file already exists: (\S.*\.c)$", text):
             self.source = Path(found[1])
-        if text.startswith("Compiler stage 1"):
+        if text.startswith("Compiler stage 1:"):
             self._began = time.perf_counter()
             logging.getLogger("rigidfx").info("compiling a form, once for all scenes of this kind")
         if text.startswith("JIT C compiler finished") and self._began is not None:

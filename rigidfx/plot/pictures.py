@@ -47,6 +47,7 @@ __all__ = ["Curve", "curves", "figure_of", "histories", "on_first_rank", "pictur
 
 Array = npt.NDArray[np.float64]
 
+SEEN = 0.01  # of the largest value in a panel: what is never as large is left out
 MOST = 18  # curves in a panel of probes or supports; more cannot be told from each other
 
 
@@ -176,8 +177,10 @@ def _panels(h: Mapping[str, Array]) -> dict[str, tuple[list[Curve], str]]:
         found = {" ".join(m.groups()): name for name in h if (m := re.match(pattern, name))}
         if not found or len(found) > MOST:
             continue
-        factor, unit = prefixed(unit, max(float(np.abs(h[name]).max()) for name in found.values()))
-        lines = [Curve(label, t, factor * h[name]) for label, name in found.items()]
+        sizes = {label: float(np.abs(h[name]).max()) for label, name in found.items()}
+        factor, unit = prefixed(unit, max(sizes.values()))
+        seen = [label for label, size in sizes.items() if size >= SEEN * max(sizes.values())]
+        lines = [Curve(label, t, factor * h[found[label]]) for label in seen]
         out[heading] = lines, f"{what} ({unit})"
     return out
 
