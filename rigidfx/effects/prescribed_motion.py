@@ -27,9 +27,9 @@ class PrescribedMotion(Support):
             reference positions of shape (3, n) too, which gives shape (3, n); only its increments
             count. An attribute `breakpoints` of it names the instants of its kinks.
         velocity: Its derivative [m/s], of the same arguments; by a one-sided second-order
-            difference if None. It is
-            used where the motion begins and after each breakpoint, and its changes are changes of
-            a load. Both are compared: there by the scene, and before a run at some instants of it.
+            difference if None. It is used where the motion begins and after each breakpoint, and
+            its changes are changes of a load. Both are compared, at one of the nodes: there by the
+            scene, and before a run at some instants of it.
     """
 
     moves: ClassVar[bool] = True
