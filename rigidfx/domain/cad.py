@@ -121,14 +121,8 @@ def read_cad(
     if not number("read_cad", "per_circle", per_circle) >= 0:
         raise SceneError(f"read_cad: per_circle must be ≥ 0, got {per_circle!r}.")
     check_order("read_cad", order)
-    for called, wanted in (("volumes", volumes), ("surfaces", surfaces)):
-        if not (wanted is None or isinstance(wanted, Mapping)) or not all(
-            isinstance(name, str) and name for name in wanted or ()
-        ):
-            raise SceneError(
-                f"read_cad: {called} must be a dict of names to numbers, labels, functions of a "
-                f"CadEntity or lists of these, such as {{'end': [3, 4]}}; got {wanted!r}."
-            )
+    _check_wanted("volumes", volumes)
+    _check_wanted("surfaces", surfaces)
 
     def fill(gmsh: Any) -> None:
         cad = _open(gmsh, path, metres, glue)
@@ -148,6 +142,19 @@ def read_cad(
         mesh_model(gmsh, (cad.size / CELLS if largest is None else largest) / metres, order)
 
     return domain_of(comm, f"gmsh: '{path}'", f"'{path}'", fill, metres)
+
+
+def _check_wanted(called: str, wanted: object) -> None:
+    """Refuse what is no dict of names; what they stand for is looked at in the file."""
+    if wanted is None:
+        return
+    if not isinstance(wanted, Mapping) or not all(
+        isinstance(name, str) and name for name in wanted
+    ):
+        raise SceneError(
+            f"read_cad: {called} must be a dict of names to numbers, labels, functions of a "
+            f"CadEntity or lists of these, such as {{'end': [3, 4]}}; got {wanted!r}."
+        )
 
 
 # Reading ----------------------------------------------------------------------------------------

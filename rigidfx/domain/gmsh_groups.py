@@ -8,7 +8,7 @@ name then stands for the entities of its group.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -86,17 +86,7 @@ def take_groups(model: Any, source: str, header: Header) -> Names:
     """
     groups = _groups(model, header)
     listed = ", ".join(f"'{name}' ({KINDS[dim]})" for dim, name, _ in groups) or "none"
-    numbers: dict[tuple[int, str], list[int]] = {}
-    for dim, name, tag in groups:
-        numbers.setdefault((dim, name), []).append(tag)
-    doubled = {key: tags for key, tags in numbers.items() if len(tags) > 1}
-    if doubled:
-        (dim, name), tags = next(iter(doubled.items()))
-        raise SceneError(
-            f"{source} gives the name '{name}' to several groups of {KINDS[dim]}, numbers "
-            f"{', '.join(map(str, tags))}. Give each group its own name. Physical groups there: "
-            f"{listed}."
-        )
+    _check_names(source, groups, listed)
     filled = set(model.getPhysicalGroups())
     entities = {
         (dim, name): model.getEntitiesForPhysicalGroup(dim, tag).tolist()
@@ -104,30 +94,10 @@ def take_groups(model: Any, source: str, header: Header) -> Names:
         else []
         for dim, name, tag in groups
     }
-    volumes = {e for (dim, _), own in entities.items() if dim == 3 for e in own}
     # Files of version 2 hold a cell once for each of its groups.
     model.mesh.removeDuplicateElements()
-    kinds = {int(k) for e in volumes for k in model.mesh.getElements(3, e)[0]}
-    if not kinds:
-        raise SceneError(
-            f"{source} has no physical group of volume cells (dimension 3) with cells in it, "
-            f"which are what a domain is made of. Physical groups there: {listed}. Was the mesh "
-            "generated in 3D before it was saved?"
-        )
-    if len(kinds) > 1 or not kinds <= set(KNOWN):
-        raise SceneError(
-            f"{source} has volume cells of these kinds: {_shown(model, kinds)}. A domain takes one "
-            f"kind, out of {', '.join(KNOWN.values())}.{_advice(kinds)}"
-        )
-    facet = FACETS[next(iter(kinds))]
-    for (dim, name), own in entities.items():
-        of_facets = {int(k) for e in own for k in model.mesh.getElements(dim, e)[0]}
-        if dim == 2 and not of_facets <= {facet}:
-            raise SceneError(
-                f"{source}: the facets '{name}' are of these kinds: {_shown(model, of_facets)}. "
-                f"Facets of the volume cells there are of the kind {_shown(model, {facet})}."
-            )
-    _check_facets(model, source, kinds.pop(), entities)
+    kind = _kind_of_cells(model, source, entities, listed)
+    _check_facets(model, source, kind, entities)
     positions = {
         (dim, name): np.concatenate(
             [[], *(model.mesh.getNodes(dim, e, includeBoundary=True)[1] for e in own)]
@@ -153,6 +123,50 @@ def _advice(kinds: set[int]) -> str:
         "before (Mesh.RecombineAll = 1 with Mesh.Algorithm = 8, or Recombine Surface) and mesh "
         "anew, for hexahedra; or extrude without recombine (Recombine in scripts), for tetrahedra."
     )
+
+
+def _check_names(source: str, groups: Sequence[tuple[int, str, int]], listed: str) -> None:
+    """Refuse a name of several groups."""
+    numbers: dict[tuple[int, str], list[int]] = {}
+    for dim, name, tag in groups:
+        numbers.setdefault((dim, name), []).append(tag)
+    doubled = {key: tags for key, tags in numbers.items() if len(tags) > 1}
+    if doubled:
+        (dim, name), tags = next(iter(doubled.items()))
+        raise SceneError(
+            f"{source} gives the name '{name}' to several groups of {KINDS[dim]}, numbers "
+            f"{', '.join(map(str, tags))}. Give each group its own name. Physical groups there: "
+            f"{listed}."
+        )
+
+
+def _kind_of_cells(
+    model: Any, source: str, entities: Mapping[tuple[int, str], list[int]], listed: str
+) -> int:
+    """gmsh's number of the one kind of cells there is; facets that are not theirs are refused."""
+    volumes = {e for (dim, _), own in entities.items() if dim == 3 for e in own}
+    kinds = {int(k) for e in volumes for k in model.mesh.getElements(3, e)[0]}
+    if not kinds:
+        raise SceneError(
+            f"{source} has no physical group of volume cells (dimension 3) with cells in it, "
+            f"which are what a domain is made of. Physical groups there: {listed}. Was the mesh "
+            "generated in 3D before it was saved?"
+        )
+    if len(kinds) > 1 or not kinds <= set(KNOWN):
+        raise SceneError(
+            f"{source} has volume cells of these kinds: {_shown(model, kinds)}. A domain takes one "
+            f"kind, out of {', '.join(KNOWN.values())}.{_advice(kinds)}"
+        )
+    kind = kinds.pop()
+    facet = FACETS[kind]
+    for (dim, name), own in entities.items():
+        of_facets = {int(k) for e in own for k in model.mesh.getElements(dim, e)[0]}
+        if dim == 2 and not of_facets <= {facet}:
+            raise SceneError(
+                f"{source}: the facets '{name}' are of these kinds: {_shown(model, of_facets)}. "
+                f"Facets of the volume cells there are of the kind {_shown(model, {facet})}."
+            )
+    return kind
 
 
 def _check_facets(
