@@ -13,10 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.effects.action import Action
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments
 
-__all__ = ["GroundedBodies"]
+__all__ = ["Grounded", "GroundedBodies"]
 
 Array = npt.NDArray[np.float64]
 
@@ -65,3 +66,21 @@ class GroundedBodies:
         """Energy taken in a step [J]."""
         D = increments.displacement
         return float(np.vdot(D, self.spread @ D @ self.C)) / increments.step.dt
+
+
+class Grounded(Action):
+    """An effect that ties nodes to the ground, those of bodies too."""
+
+    _bodies: GroundedBodies
+
+    def resist_bodies(self, increments: Increments) -> Array:
+        """See `Action`."""
+        return self._bodies.moments(increments)
+
+    def stiffen_bodies(self, increments: Increments) -> Array:
+        """See `Action`."""
+        return self._bodies.tangent(increments)
+
+    def dissipated_by_bodies(self, increments: Increments) -> float:
+        """See `Action`."""
+        return self._bodies.dissipated(increments)

@@ -10,8 +10,7 @@ import numpy as np
 from rigidfx.base.inputs import positive
 from rigidfx.effects.action import Action, Array, Structure
 from rigidfx.effects.base import Windowed
-from rigidfx.effects.grounded import GroundedBodies
-from rigidfx.mechanics.body_step import Increments
+from rigidfx.effects.grounded import Grounded, GroundedBodies
 from rigidfx.mechanics.rigid_body import RigidBody
 
 __all__ = ["MassDamping"]
@@ -49,7 +48,7 @@ class MassDamping(Windowed):
         return Drag(float(self.alpha), structure)
 
 
-class Drag(Action):
+class Drag(Grounded):
     """The weights are the mass operator, C is α times the identity.
 
     A body has -α m Δr/Δt and -α I_av θ/Δt, I_av = tr(B) I - B with B = R_av (Σ m V Vᵀ) R_avᵀ.
@@ -86,22 +85,10 @@ class Drag(Action):
         """Add α M/Δt."""
         self._mass.add_to(tangent, self._alpha / dt, prolongation)
 
-    def resist_bodies(self, increments: Increments) -> Array:
-        """See `Action`."""
-        return self._bodies.moments(increments)
-
-    def stiffen_bodies(self, increments: Increments) -> Array:
-        """See `Action`."""
-        return self._bodies.tangent(increments)
-
     def dissipated(self, d: Any, dt: float) -> float:
         """α Δu·M Δu/Δt [J]."""
         self._mass.mult(d, self._image)
         return self._alpha / dt * float(d.array_r @ self._image.array_r)
-
-    def dissipated_by_bodies(self, increments: Increments) -> float:
-        """See `Action`."""
-        return self._bodies.dissipated(increments)
 
     def destroy(self) -> None:
         """Free the work vector. Collective."""

@@ -13,9 +13,8 @@ from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import numbers
 from rigidfx.effects.action import Action, Array, Structure
 from rigidfx.effects.base import Effect
-from rigidfx.effects.grounded import GroundedBodies
+from rigidfx.effects.grounded import Grounded, GroundedBodies
 from rigidfx.mechanics.bodies import Bodies
-from rigidfx.mechanics.body_step import Increments
 
 __all__ = ["Spring"]
 
@@ -77,7 +76,7 @@ class Spring(Effect):
         return SpringForces(self, structure)
 
 
-class SpringForces(Action):
+class SpringForces(Grounded):
     """A spring on the nodes and bodies of a division."""
 
     kind = Spring.__name__
@@ -132,14 +131,6 @@ class SpringForces(Action):
         block = self._share * self._K + self._C / dt
         tangent.add_nodal(self._nodes, self._weights[:, None, None] * block)
 
-    def resist_bodies(self, increments: Increments) -> Array:
-        """See `Action`."""
-        return self._bodies.moments(increments)
-
-    def stiffen_bodies(self, increments: Increments) -> Array:
-        """See `Action`."""
-        return self._bodies.tangent(increments)
-
     def potential(self, u: Array) -> float:
         """½ w u·K u [J]."""
         moved = u.reshape(-1, 3)[self._at]
@@ -153,10 +144,6 @@ class SpringForces(Action):
         """Energy w Δu·C Δu/Δt [J]."""
         step = d.array_r.reshape(-1, 3)[self._at]
         return float(np.vdot(self._weights[:, None] * step, step @ self._C)) / dt
-
-    def dissipated_by_bodies(self, increments: Increments) -> float:
-        """See `Action`."""
-        return self._bodies.dissipated(increments)
 
 
 def _tensor(where: str, name: str, value: Stiffness) -> npt.NDArray[np.float64]:
