@@ -7,9 +7,6 @@ where it is 1, and by less than half a revolution always. All balances hold; the
 
 from __future__ import annotations
 
-from typing import Any
-
-import dolfinx.mesh as dmesh
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
@@ -17,7 +14,7 @@ from mpi4py import MPI
 from rigidfx.flexible.internal_forces import Cells, InternalForces
 from rigidfx.scene.scene import Scene
 from rigidfx.step.judge import Attempt
-from rigidfx.step.watch import WarnsOnce
+from rigidfx.step.watch import WarnsOnce, name_of_cell
 
 __all__ = ["RotationPerStep", "cell_rotations"]
 
@@ -68,7 +65,7 @@ class RotationPerStep(WarnsOnce):
         if angle > most:
             name = f"body '{increments.start.of.records[int(np.argmax(of_bodies))].name}'"
         else:
-            name = self._named(cell if turned == most else None)
+            name = name_of_cell(self._comm, self._mesh, cell if turned == most else None)
         self.say(
             f"In the step from t = {attempt.t:.6g} s {name} turns at {angle / dt:.3g} rad/s: by "
             f"{angle:.3g} rad per step with Δt = {dt:.3g} s. A step turns by 2 atan(ωΔt/2) "
@@ -87,16 +84,6 @@ class RotationPerStep(WarnsOnce):
         square = (theta * theta).sum(axis=0)
         k = int(np.argmax(square))
         return float(np.sqrt(square[k])), int(self._cells[k])
-
-    def _named(self, cell: int | None) -> str:
-        """What to call the cell that turns the furthest, on the rank that owns it. Collective."""
-        mine: Any = None
-        if cell is not None:
-            number = int(self._mesh.topology.original_cell_index[cell])
-            middle = dmesh.compute_midpoints(self._mesh, 3, np.array([cell], np.int32))[0]
-            mine = number, middle.tolist()
-        number, X = min(found for found in self._comm.allgather(mine) if found is not None)
-        return f"cell {number} of the mesh around X = ({X[0]:.6g}, {X[1]:.6g}, {X[2]:.6g}) m"
 
 
 def cell_rotations(x0: Array, d: Array) -> Array:

@@ -16,6 +16,7 @@ from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.inversion import Inversion, InvertedCells
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
+from rigidfx.step.compression import Compression
 from rigidfx.step.division import Division
 from rigidfx.step.energies import Measures, Momenta
 from rigidfx.step.judge import Attempt, Judge
@@ -95,7 +96,8 @@ class Stepper:
         self._jumps = Jumps(scene)
         measuring = () if indicator is None else (Measuring(indicator),)
         others = Unresolved(scene), RotationPerStep(scene, forces), self._jumps
-        self.watches: list[Watch] = [*measuring, *others]
+        squeezed = (Compression(scene, forces),) if scene.element.enhanced else ()
+        self.watches: list[Watch] = [*measuring, *others, *squeezed]
         self._trial = np.inf  # length of the next attempt after a cut ...
         self._whole = np.inf  # ... of a step of this length
         self.system: System

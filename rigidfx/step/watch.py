@@ -6,6 +6,10 @@ accepted leaves no trace anywhere.
 
 from __future__ import annotations
 
+from typing import Any
+
+import dolfinx.mesh as dmesh
+import numpy as np
 from mpi4py import MPI
 
 from rigidfx.base.warning import warn
@@ -13,7 +17,7 @@ from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.step.judge import Attempt
 
-__all__ = ["Measuring", "WarnsOnce", "Watch"]
+__all__ = ["Measuring", "WarnsOnce", "Watch", "name_of_cell"]
 
 
 class Watch:
@@ -70,3 +74,20 @@ class WarnsOnce(Watch):
         """Warn on rank 0, and look no more."""
         self.waits = False
         warn(self._comm, message)
+
+
+def name_of_cell(comm: MPI.Intracomm, mesh: Any, cell: int | None) -> str:
+    """What to call a cell in a message; of several, that which comes first. Collective.
+
+    Args:
+        comm: Communicator of the mesh.
+        mesh: The mesh.
+        cell: An owned cell, None on ranks that do not own it.
+    """
+    mine: Any = None
+    if cell is not None:
+        number = int(mesh.topology.original_cell_index[cell])
+        middle = dmesh.compute_midpoints(mesh, 3, np.array([cell], np.int32))[0]
+        mine = number, middle.tolist()
+    number, X = min(found for found in comm.allgather(mine) if found is not None)
+    return f"cell {number} of the mesh around X = ({X[0]:.6g}, {X[1]:.6g}, {X[2]:.6g}) m"
