@@ -30,7 +30,8 @@ typedef struct {
   int moves;                /* how many displacements there are, */
   int place[MOVES];         /* and where */
   int strains;              /* how many enhancements the kernel reads, */
-  int at[STRAINS];          /* where; λ and μ come in their place; */
+  int at[STRAINS];          /* where; */
+  int source[STRAINS];      /* where λ and μ are, in the place of the first of their kind; */
   int end[STRAINS];         /* each that of a displacement, */
   int start[STRAINS];       /* less that of another one, if this is not -1 */
   int blocks;               /* how many blocks the kernel's matrix loses: */
@@ -51,6 +52,11 @@ static const int MODE[MODES][2] = {
   {0, X | Z}, {2, X | Z}, {3, X | Z}, {4, X | Z},
   {1, Y | Z}, {2, Y | Z}, {3, Y | Z}, {5, Y | Z}};
 
+/* The modes of one product, which D couples with no others in a parallelepiped: from, and below. */
+static const int FROM[MODES] = {0, 0, 0, 3, 3, 3, 6, 6, 6, 9, 9, 9, 9, 13, 13, 13, 13, 17, 17, 17, 17};
+static const int BELOW[MODES] = {
+  3, 3, 3, 6, 6, 6, 9, 9, 9, 13, 13, 13, 13, 17, 17, 17, 17, 21, 21, 21, 21};
+
 /* What is known of a cell before anything moves. */
 typedef struct {
   double J0[3][3], K0[3][3], j0;  /* J at the centre, its inverse and determinant */
@@ -62,6 +68,7 @@ typedef struct {
 typedef struct {
   double lambda, mu;
   double C[PAIRS][PAIRS];          /* of components ij and kl */
+  const int *from, *below;         /* of each mode, those that D couples it with */
   double L[MODES][MODES];  /* D = L Lᵀ, with 1/L on the diagonal */
 } law_t;
 
@@ -152,6 +159,18 @@ static void walsh(double *v, int n)
         }
 }
 
+/* Values at the points of a sum of products of coordinates, in place. */
+static void at_points(double *v)
+{
+  for (int bit = 1; bit < POINTS; bit *= 2)
+    for (int p = 0; p < POINTS; p++)
+      if (!(p & bit)) {
+        const double one = v[p], product = v[p | bit];
+        v[p] = one - product;
+        v[p | bit] = one + product;
+      }
+}
+
 static void factorise(const cell_t *c, law_t *law)
 {
   double g[3][3] = {{0}};
@@ -169,18 +188,26 @@ static void factorise(const cell_t *c, law_t *law)
   for (int p = 0; p < POINTS; p++)
     T[p] = fabs(c->j0) / POINTS * c->ratio[p];
   walsh(T, 1);
+  static const int first[MODES] = {0};
+  static const int end[MODES] = {21, 21, 21, 21, 21, 21, 21, 21, 21, 21, 21,
+                                 21, 21, 21, 21, 21, 21, 21, 21, 21, 21};
+  double most = 0.0;
+  for (int k = 1; k < POINTS; k++)
+    most = fmax(most, fabs(T[k]));
+  law->from = most <= 1e-13 * T[0] ? FROM : first;
+  law->below = most <= 1e-13 * T[0] ? BELOW : end;
   for (int m = 0; m < MODES; m++)
-    for (int n = 0; n <= m; n++)
+    for (int n = law->from[m]; n <= m; n++)
       law->L[m][n] = law->C[MODE[m][0]][MODE[n][0]] * T[MODE[m][1] ^ MODE[n][1]];
   for (int n = 0; n < MODES; n++) {
-    for (int m = n; m < MODES; m++) {
+    for (int m = n; m < law->below[n]; m++) {
       double s = law->L[m][n];
-      for (int k = 0; k < n; k++)
+      for (int k = law->from[n]; k < n; k++)
         s -= law->L[m][k] * law->L[n][k];
       law->L[m][n] = s;
     }
     const double r = 1.0 / sqrt(law->L[n][n]);
-    for (int m = n + 1; m < MODES; m++)
+    for (int m = n + 1; m < law->below[n]; m++)
       law->L[m][n] *= r;
     law->L[n][n] = r;
   }
@@ -258,35 +285,36 @@ static void enhance(const cell_t *c, const law_t *law, const double *u0, const d
     walsh(E[b], 1);
   modes_of(c, law, 1, &E[0][0], a);
   for (int m = 0; m < MODES; m++) {
-    for (int k = 0; k < m; k++)
+    for (int k = law->from[m]; k < m; k++)
       a[m] -= law->L[m][k] * a[k];
     a[m] *= law->L[m][m];
   }
   for (int m = MODES - 1; m >= 0; m--) {
     a[m] *= law->L[m][m];
-    for (int k = 0; k < m; k++)
+    for (int k = law->from[m]; k < m; k++)
       a[k] -= law->L[m][k] * a[m];
   }
-  for (int p = 0; p < POINTS; p++) {
-    double T[3][3] = {{0}}, KT[3][3] = {{0}};
-    for (int m = 0; m < MODES; m++) {
-      const int bits = MODE[m][1] & ~p;  /* each coordinate that is low changes the sign */
-      const int odd = (bits >> 2 ^ bits >> 1 ^ bits) & 1;
-      const int i = PAIR[MODE[m][0]][0], j = PAIR[MODE[m][0]][1];
-      const double t = (odd ? 0.5 : -0.5) * a[m];  /* -α is what has been solved for */
-      T[i][j] += t;
-      T[j][i] += t;
+  double T[PAIRS][POINTS] = {{0}};
+  for (int m = 0; m < MODES; m++)  /* -α is what has been solved for */
+    T[MODE[m][0]][MODE[m][1]] = MODE[m][0] < 3 ? -a[m] : -0.5 * a[m];
+  for (int b = 0; b < PAIRS; b++) {
+    at_points(T[b]);
+    for (int p = 0; p < POINTS; p++)
+      T[b][p] *= c->ratio[p];
+  }
+  for (int b = 0; b < PAIRS; b++) {
+    const int i = PAIR[b][0], j = PAIR[b][1];
+    double out[POINTS] = {0};
+    for (int q = 0; q < PAIRS; q++) {
+      const int k = PAIR[q][0], l = PAIR[q][1];
+      double f = c->K0[k][i] * c->K0[l][j];
+      if (k != l)
+        f += c->K0[l][i] * c->K0[k][j];
+      for (int p = 0; p < POINTS; p++)
+        out[p] += f * T[q][p];
     }
-    for (int i = 0; i < 3; i++)
-      for (int j = 0; j < 3; j++)
-        for (int k = 0; k < 3; k++)
-          KT[i][j] += c->K0[k][i] * T[k][j];
-    for (int b = 0; b < PAIRS; b++) {
-      double s = 0.0;
-      for (int k = 0; k < 3; k++)
-        s += KT[PAIR[b][0]][k] * c->K0[k][PAIR[b][1]];
-      eta[p * PAIRS + b] = c->ratio[p] * s;
-    }
+    for (int p = 0; p < POINTS; p++)
+      eta[p * PAIRS + b] = out[p];
   }
 }
 
@@ -313,7 +341,7 @@ static void coupling(const cell_t *c, const law_t *law,
     walsh(&b[q][0][0], DOFS);
   modes_of(c, law, DOFS, &b[0][0][0], B);
   for (int m = 0; m < MODES; m++) {
-    for (int k = 0; k < m; k++) {
+    for (int k = law->from[m]; k < m; k++) {
       const double l = law->L[m][k];
       for (int d = 0; d < DOFS; d++)
         B[m * DOFS + d] -= l * B[k * DOFS + d];
@@ -358,7 +386,7 @@ static void eliminated(const closure_t *o, double *A, const double *w, const dou
   memcpy(v, w, o->size * sizeof *v);
   look_at_cell(x, &cell);
   for (int s = 0; s < o->strains; s++) {
-    const double lambda = w[o->at[s]], mu = w[o->at[s] + 1];
+    const double lambda = w[o->source[s]], mu = w[o->source[s] + 1];
     for (of[s] = 0; of[s] < laws; of[s]++)
       if (law[of[s]].lambda == lambda && law[of[s]].mu == mu)
         break;

@@ -25,7 +25,7 @@ from ufl.algorithms.analysis import extract_coefficients, extract_constants
 from rigidfx.base.c_library import c_library
 from rigidfx.mechanics.enhanced import Elimination, Enhancement
 
-__all__ = ["eliminate"]
+__all__ = ["alive", "eliminate"]
 
 MOVES, STRAINS, BLOCKS, LARGEST = 4, 8, 4, 1024  # as in the C source
 SLOTS = 1024  # kernels that may live at a time
@@ -37,7 +37,7 @@ typedef struct {
   int size, moves;
   int place[4];
   int strains;
-  int at[8], end[8], start[8];
+  int at[8], source[8], end[8], start[8];
   int blocks;
   int law[4];
   double left[4][4], right[4][4];
@@ -50,6 +50,11 @@ void prepare(void);
 """
 
 _free: dict[str, list[int]] = {}  # slots of each library
+
+
+def alive() -> int:
+    """How many kernels with enhanced strains live in this process."""
+    return sum(SLOTS - len(free) for free in _free.values())
 
 
 def eliminate(mesh: Any, form: ufl.Form, compiled: Any, options: dict[str, Any]) -> Any:
@@ -78,15 +83,19 @@ def eliminate(mesh: Any, form: ufl.Form, compiled: Any, options: dict[str, Any])
             raise RuntimeError(f"More than {SLOTS} kernels with enhanced strains are alive.")
         slot = free.pop()
         closure = library.lib.closures[slot]
-        _fill(closure, form, old, old.form_integral_ids[k])
+        needed = _fill(closure, form, old, old.form_integral_ids[k])
         address = int(ffi.cast("uintptr_t", old.form_integrals[k].tabulate_tensor_float64))
         closure.kernel = library.ffi.cast("void *", address)
         kernel = ffi.new("ufcx_integral*", old.form_integrals[k][0])
+        enabled = kernel.enabled_coefficients
+        packed = [needed.get(n, enabled[n]) for n in range(old.num_coefficients)]
+        flags = ffi.new("bool[]", packed)
+        kernel.enabled_coefficients = flags
         at = int(library.ffi.cast("uintptr_t", library.lib.slots[slot]))
         kernel.tabulate_tensor_float64 = ffi.cast("ufcx_tabulate_tensor_float64*", at)
         weakref.finalize(kernel, free.append, slot)
         integrals[k] = kernel
-        kept.append(kernel)
+        kept += [kernel, flags]
     new = ffi.new("ufcx_form*", old)
     new.form_integrals = integrals
     out = copy(compiled)
@@ -94,9 +103,15 @@ def eliminate(mesh: Any, form: ufl.Form, compiled: Any, options: dict[str, Any])
     return out
 
 
-def _fill(closure: Any, form: ufl.Form, compiled: Any, number: int) -> None:
-    """Write down what the kernel of a subdomain id needs to know."""
-    places, constants = _places(form, compiled), _constant_places(form)
+def _fill(closure: Any, form: ufl.Form, compiled: Any, number: int) -> dict[int, bool]:
+    """Write down what the kernel of a subdomain id needs to know.
+
+    Returns:
+        Which coefficients have to be packed: displacements, and of enhancements one for each pair
+        of λ and μ.
+    """
+    used, places = _places(form, compiled)
+    constants = _constant_places(form)
     parts = [i for i in form.integrals_by_type("cell") if number in np.atleast_1d(i.subdomain_id())]
     of = [w for w in extract_coefficients(ufl.Form(parts)) if isinstance(w, Enhancement)]
     blocks = [c for c in extract_constants(ufl.Form(parts)) if isinstance(c, Elimination)]
@@ -112,6 +127,7 @@ def _fill(closure: Any, form: ufl.Form, compiled: Any, number: int) -> None:
     for k, w in enumerate(of):
         closure.at[k], closure.end[k] = places[w.count()], moves.index(w.end)
         closure.start[k] = -1 if w.start is None else moves.index(w.start)
+        closure.source[k] = places[next(v for v in of if v.law is w.law).count()]
     for k, block in enumerate(blocks):
         closure.law[k] = of.index(block.enhancement)
         closure.factor[k] = block.factor
@@ -119,15 +135,19 @@ def _fill(closure: Any, form: ufl.Form, compiled: Any, number: int) -> None:
         for m, n in enumerate(moves):
             closure.left[k][m] = block.left.count(n) / len(block.left)
             closure.right[k][m] = float(n == block.right)
+    firsts = {next(v for v in of if v.law is w.law).count() for w in of}
+    needed = {k: w.count() in firsts for k, w in enumerate(used) if w in of}
+    return needed | {k: True for k, w in enumerate(used) if w.count() in moves}
 
 
-def _places(form: ufl.Form, compiled: Any) -> dict[int, int]:
-    """Where the values of each coefficient are among those of a cell; their number under -1."""
+def _places(form: ufl.Form, compiled: Any) -> tuple[list[Any], dict[int, int]]:
+    """The coefficients of a cell and where the values of each begin; where all end under -1."""
     coefficients = extract_coefficients(form)
     positions = compiled.original_coefficient_positions
     used = [coefficients[positions[k]] for k in range(compiled.num_coefficients)]
     ends = np.cumsum([0, *(w.ufl_element().dim for w in used)])
-    return {w.count(): int(at) for w, at in zip(used, ends, strict=False)} | {-1: int(ends[-1])}
+    at = {w.count(): int(end) for w, end in zip(used, ends, strict=False)}
+    return used, at | {-1: int(ends[-1])}
 
 
 def _constant_places(form: ufl.Form) -> dict[Any, int]:

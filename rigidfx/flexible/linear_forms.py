@@ -83,8 +83,8 @@ class LinearForms:
             def eliminated(i: int, c: MaterialClass) -> Any:
                 here = [term for k, term in terms if self._forces.meets(k, i)]
                 step = element, self.shape, ahead, self._test, self._trial
-                parts = (term.eliminated(*step) for term in here)
-                return sum((p for p in parts if p is not None), 0) or None
+                parts = [part for t in here if (part := t.eliminated(*step)) is not None]
+                return sum(parts) if parts else None
 
             work = ufl.derivative(self._forces.integrate(stress), ahead, self._trial)
             work += self._forces.integrate(eliminated)
