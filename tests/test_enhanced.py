@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from functools import cache
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from scipy.sparse.linalg import spsolve
 from scipy.spatial.transform import Rotation
 
 import rigidfx as rf
+from rigidfx.flexible.elimination import alive
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.strain_rate import StrainRates
 from rigidfx.flexible.stress import CauchyStress
@@ -375,6 +377,27 @@ def test_bodies_wake_beside_enhanced_cells():
     assert imbalance(reports) < 1e-11
 
 
+def test_strong_compression_is_warned_of():
+    """A bar pushed together to 0.6 of its length, named cell and all; to 0.85, nothing is said."""
+    for stretch in (0.85, 0.6):
+        end = rf.PrescribedMotion(
+            "x1",
+            "x",
+            displacement=lambda t, s=stretch: ((s - 1) * 2.0 * t, 0, 0),
+            velocity=lambda t, s=stretch: ((s - 1) * 2.0, 0, 0),
+        )
+        domain = rf.box((0, 0, 0), (2, 1, 1), (2, 1, 1), comm=MPI.COMM_SELF)
+        sides = [rf.Fixed("y0", "y"), rf.Fixed("y1", "y"), rf.Fixed("z0", "z"), rf.Fixed("z1", "z")]
+        scene = scene_of(domain, rf.Fixed("x0"), end, *sides, rf.MassDamping(20.0))
+        if stretch < 0.7:
+            with pytest.warns(
+                rf.RigidfxWarning, match=r"cell \d of the mesh .* is compressed to 0.7"
+            ):
+                list(rf.simulate(scene, 0.01, 1.0))
+        else:
+            list(rf.simulate(scene, 0.01, 1.0))
+
+
 # Refusals ----------------------------------------------------------------------------------------
 
 
@@ -406,3 +429,22 @@ def test_an_element_costs_only_who_names_it():
     assert len(form.constants()) == 2
     assert isinstance(form, ufl.Form)
     assert scene.mesh.topology.cell_type == dmesh.CellType.hexahedron
+
+
+def test_kernels_end_with_their_forms():
+    """A process has room for so many; those of scenes that are gone make way."""
+    gc.collect()
+    before = alive()
+    scene = scene_of(distorted((1, 1, 1), (1.0, 1.0, 1.0)))
+    forces = Forces(scene)
+    assert alive() > before
+    energy = forces.of.bind_energy(forces.cells)
+    u0 = forces.u0
+    del forces
+    gc.collect()
+    u0.x.array[:] = 0.1 * scene.space.tabulate_dof_coordinates().reshape(-1) ** 2
+    assert fem.assemble_scalar(energy) > 0  # a bound form holds what it calls
+    assert alive() > before
+    del energy
+    gc.collect()
+    assert alive() <= before
