@@ -7,8 +7,9 @@ Three questions:
   Sze, X.H. Liu and S.H. Lo, Finite Elements in Analysis and Design 40 (2004) 1551). Where there is
   none, second-order cells of the same mesh give it.
 * *cost*: a step of a bar with enhanced cells over one with standard cells, in turn.
-* *frame*: the paper's second example under a steady push, second-order cells as a reference: the
-  errors of each element's displacement, and the time of a step over that of second-order cells.
+* *frame*: the paper's second example under a steady push, second-order cells as a reference: how
+  far each element sways, and how much longer a step of second order takes than an enhanced one;
+  the latter is what is gained at one per cent only where the former is within that.
 
     ./fenicsx python3 demos/benchmarks/locking.py
 """
@@ -21,7 +22,7 @@ from typing import Any
 
 import numpy as np
 from bench import DT, MATERIAL, PUSH, Parser, Turns, bar, cells_of_bar, conclude
-from bench.locking_cases import ELEMENTS, Case, cases, near, on_face, squeezed
+from bench.locking_cases import ELEMENTS, Case, cases, mapped, near, on_face, squeezed
 from bench.statics import Statics
 from mpi4py import MPI
 
@@ -57,9 +58,18 @@ def options_of(element: str) -> dict[str, Any]:
     return {"order": ELEMENTS[element], "element": kind}
 
 
-def pushed_bar(unknowns: int, element: str) -> rf.Scene:
-    """The bar of all benchmarks."""
-    return rf.Scene(bar(*cells_of_bar(unknowns)), MATERIAL, [PUSH], **options_of(element))
+def pushed_bar(unknowns: int, element: str, tapered: bool) -> rf.Scene:
+    """The bar of all benchmarks; tapered, none of its cells is a parallelepiped."""
+    along, across = cells_of_bar(unknowns)
+    domain = bar(along, across)
+    if tapered:
+
+        def place(a: Any, b: Any, c: Any) -> tuple[Any, ...]:
+            return along * a, across * b * (1 - 0.2 * a), across * c * (1 - 0.3 * a)
+
+        domain = mapped((along, across, across), place, MPI.COMM_WORLD)
+        domain = domain.with_facets("x1", lambda x: near(x[0], along))
+    return rf.Scene(domain, MATERIAL, [PUSH], **options_of(element))
 
 
 def runs_of(scenes: dict[str, rf.Scene], dt: float) -> dict[str, Iterator[rf.Report]]:
@@ -67,20 +77,19 @@ def runs_of(scenes: dict[str, rf.Scene], dt: float) -> dict[str, Iterator[rf.Rep
     return {name: rf.simulate(s, dt, 1e6 * dt, progress=False) for name, s in scenes.items()}
 
 
-def cost(unknowns: int, steps: int) -> dict[str, float]:
-    """A step with enhanced cells over one with standard ones."""
-    scenes = {e: pushed_bar(unknowns, e) for e in ("enhanced", "standard")}
-    with Turns(runs_of(scenes, DT)) as turns:
-        for _ in range(steps):
-            turns.take()
-        return {
-            "cost_ratio_to_standard": turns.ratio("enhanced", "standard"),
-            "cost_ratio_per_iteration": turns.ratio("enhanced", "standard", per_iteration=True),
-            "enhanced_s": turns.median("enhanced"),
-            "standard_s": turns.median("standard"),
-            "newton_enhanced": turns.newton("enhanced"),
-            "newton_standard": turns.newton("standard"),
-        }
+def cost(unknowns: int, steps: int) -> dict[str, Any]:
+    """A step with enhanced cells over one with standard ones, of a bar and of a tapered one."""
+    found: dict[str, Any] = {}
+    for kind, tapered in (("", False), ("_tapered", True)):
+        scenes = {e: pushed_bar(unknowns, e, tapered) for e in ("enhanced", "standard")}
+        with Turns(runs_of(scenes, DT)) as turns:
+            for _ in range(steps):
+                turns.take()
+            found["cost_ratio_to_standard" + kind] = turns.ratio("enhanced", "standard")
+            for e in scenes:
+                found[f"{e}_s{kind}"] = turns.median(e)
+                found[f"newton_{e}{kind}"] = turns.newton(e)
+    return found
 
 
 def frame(element: str, comm: MPI.Comm, **mesh: int) -> rf.Scene:
@@ -118,7 +127,7 @@ def on_the_frame(steps: int, **mesh: int) -> dict[str, Any]:
         for _ in range(steps):
             turns.take()
         return {
-            "errors": {e: abs(value / reference - 1) for e, value in found.items()},
+            "sway_over_second_order": {e: value / reference for e, value in found.items()},
             "speedup": turns.ratio("second order", "enhanced"),
             "unknowns": {e: 3 * s.space.dofmap.index_map.size_global for e, s in scenes.items()},
         }
@@ -136,7 +145,7 @@ def main() -> None:
         if MPI.COMM_WORLD.rank == 0:
             print("{case:30s} {mesh:8s} {element:13s} {normalised:.4f}".format(**row), flush=True)
     on_frame = on_the_frame(options.steps, coarse=3 if options.short else 1)
-    good = on_frame["errors"]["enhanced"] <= 0.01
+    good = abs(on_frame["sway_over_second_order"]["enhanced"] - 1) <= 0.01
     squeezing = {
         f"{e}, {'confined' if confined else 'free sides'}": {
             s: squeezed(e, s, confined) for s in STRETCHES
