@@ -37,6 +37,7 @@ class State:
         v: Velocity [m/s].
         bodies: Rigid bodies that move freely.
         clamped: Owned cells of each named part that a support moves, by the part's number.
+        notes: What effects remember from step to step, by their identity.
         changes: How often it has been written into.
         X: Reference positions of the local nodes, shape (nodes, 3) [m].
 
@@ -51,6 +52,7 @@ class State:
         self.bodies = Bodies.of_each(())
         self.clamped: Mapping[int, Nodes] = {}
         self.X: Array = read_only(scene.space.tabulate_dof_coordinates())
+        self.notes: dict[int, Any] = {}
         self.changes = 0
         self._following: tuple[Nodes, ...] = ()
 

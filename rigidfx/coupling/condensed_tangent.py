@@ -16,6 +16,7 @@ import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
+from scipy.sparse import csr_array
 
 from rigidfx.base.compat import assemble_unrolled
 from rigidfx.coupling.interface import Interface
@@ -25,6 +26,7 @@ from rigidfx.coupling.row_lengths import condensed_row_lengths
 __all__ = ["CondensedMatrix"]
 
 SAME = PETSc.Mat.Structure.SAME_NONZERO_PATTERN
+SUBSET = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN
 
 
 class CondensedMatrix:
@@ -48,6 +50,7 @@ class CondensedMatrix:
             interface: The form over flexible cells that touch a body; of no meaning without bodies.
         """
         self._prolongation, self._interior = prolongation, interior
+        self._grown = False  # whether the pattern has more than the forms need
         own = sum(cells.size for cells in prolongation.layout.interior.values())
         self._has_interior = prolongation.comm.allreduce(own) > 0
         lengths = condensed_row_lengths(prolongation, interior, interface)
@@ -75,7 +78,7 @@ class CondensedMatrix:
     def add(self, other: CondensedMatrix, factor: float) -> None:
         """Add a multiple of another form of the same layout, before bodies are condensed."""
         self.matrix.assemble()
-        self.matrix.axpy(factor, other.matrix, SAME)
+        self.matrix.axpy(factor, other.matrix, SUBSET if self._grown else SAME)
         if self._interface is not None and other._interface is not None:
             self._interface.add(other._interface, factor)
 
@@ -96,6 +99,25 @@ class CondensedMatrix:
             add = self.matrix.setValuesLocalIJV
         columns = rows if self._prolongation.nodal else np.repeat(rows.reshape(-1, 3), 3, axis=0)
         add(offsets, columns.reshape(-1), blocks.reshape(-1), PETSc.InsertMode.ADD_VALUES, rows)
+
+    def add_coupling(self, entries: csr_array) -> None:
+        """Add to rows and columns of any unknowns; the pattern grows where it has to. Collective.
+
+        Args:
+            entries: All of them, equal on all ranks, by the numbers of the unknowns.
+        """
+        self.matrix.assemble()
+        if not self._grown:
+            self._grown = True
+            self.matrix.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, False)
+            self.matrix.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+        first, last = self.matrix.getOwnershipRange()
+        own = entries[first:last]
+        rows = np.flatnonzero(np.diff(own.indptr)) + first
+        offsets = np.r_[0, np.cumsum(np.diff(own.indptr)[rows - first])]
+        add, kind = self.matrix.setValuesIJV, PETSc.IntType
+        values = own.data, PETSc.InsertMode.ADD_VALUES, rows.astype(kind)
+        add(offsets.astype(kind), own.indices.astype(kind), *values)
 
     def finish(self, blocks: npt.NDArray[np.float64] | None = None) -> None:
         """Condense the interface and complete the matrix. Collective.

@@ -35,6 +35,8 @@ class Structure(Protocol):
         bodies: The rigid bodies.
         mass: Mass operator of these nodes.
         u: Displacements of all local dofs at the start of a step [m], changed by each step.
+        notes: What effects remember from step to step, by their identity; None where bodies are
+            looked at as if they were flexible.
         static: Whether forces are those at the end of a step, and nothing moves.
     """
 
@@ -65,6 +67,11 @@ class Structure(Protocol):
 
     @property
     def u(self) -> Array:
+        """See above."""
+        ...
+
+    @property
+    def notes(self) -> dict[int, Any] | None:
         """See above."""
         ...
 
@@ -165,6 +172,9 @@ class Action:
 
     # Forces that depend on the motion: asked in each iteration.
 
+    def look(self, d: Any, increments: Increments) -> None:
+        """See an iterate, for increments d of nodes, before its forces are asked. Collective."""
+
     def resist_nodes(self, d: Any, dt: float, f: Any) -> None:
         """Add the resistance of nodes that are no body's to f, for increments d. Collective."""
 
@@ -202,6 +212,16 @@ class Action:
         return 0.0
 
     # Contacts: asked where there are any.
+
+    def accept(self) -> None:
+        """Take note that the last iterate has become a step."""
+
+    def resistance_at(self, nodes: npt.NDArray[np.int32]) -> Array:
+        """Resistance of owned nodes at the last iterate, shape (nodes, 3) [N].
+
+        Of actions that cannot be bound to bodies as if these were flexible.
+        """
+        raise NotImplementedError
 
     def stored_in_contact(self, u: Array, bodies: Bodies, t: float) -> float:
         """Energy stored on this rank in contact at t [s], at displacements u of the rows [J]."""

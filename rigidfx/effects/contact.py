@@ -15,6 +15,8 @@ from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.base import Windowed, check_vector
 from rigidfx.effects.contacts.against_obstacle import ObstacleForces
 from rigidfx.effects.contacts.obstacles import Obstacle
+from rigidfx.effects.contacts.pair_surface import pair_of
+from rigidfx.effects.contacts.pairs import PairForces
 from rigidfx.effects.contacts.pressing import Friction
 from rigidfx.effects.contacts.surface import surface_of
 
@@ -24,7 +26,7 @@ Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
 NEGLIGIBLE = 1e-6  # of the distance of nodes: overlap at the start that is not worth a word
-TOO_DEEP = 0.5  # of it: overlap that is refused
+TOO_DEEP = 0.5, 0.1  # of it: overlap that is refused, with an obstacle and with a surface
 
 
 @dataclass(frozen=True)
@@ -36,7 +38,8 @@ class Contact(Windowed):
 
     Attributes:
         where: Name of a set of boundary facets.
-        against: A `Plane`, `Sphere` or `Cylinder`, at rest or moving.
+        against: A `Plane`, `Sphere` or `Cylinder`, at rest or moving; or the name of another set of
+            boundary facets, between the nodes of which those of `where` may not come.
         stiffness: k [N/m³]; five times that of a layer of the cells behind if None.
         friction: Coefficient of Coulomb friction μ ≥ 0.
         creep: Speed ε below which what sticks creeps [m/s]; to be given with friction.
@@ -46,7 +49,7 @@ class Contact(Windowed):
     is_load: ClassVar[bool] = True
 
     where: str
-    against: Obstacle = field(kw_only=True)
+    against: Obstacle | str = field(kw_only=True)
     stiffness: float | None = field(default=None, kw_only=True)
     friction: float = field(default=0.0, kw_only=True)
     creep: float | None = field(default=None, kw_only=True)
@@ -59,10 +62,15 @@ class Contact(Windowed):
             SceneError: If one of them cannot be used.
         """
         super().__post_init__()
-        if not isinstance(self.against, Obstacle):
+        if not isinstance(self.against, (Obstacle, str)):
             raise SceneError(
-                f"{self.owner}: against must be a Plane, Sphere or Cylinder, got "
-                f"{shown(self.against)}."
+                f"{self.owner}: against must be a Plane, Sphere or Cylinder, or the name of a set, "
+                f"got {shown(self.against)}."
+            )
+        if self.against == self.where:
+            raise SceneError(
+                f"{self.owner}: a surface does not meet itself; name the parts of it that may meet "
+                "as two sets."
             )
         if self.stiffness is not None:
             positive(self.owner, "stiffness", self.stiffness)
@@ -77,8 +85,11 @@ class Contact(Windowed):
             )
         if not isinstance(self.title, str):
             raise SceneError(f"{self.owner}: title must be a text, got {shown(self.title)}.")
+        other = self.against if isinstance(self.against, str) else self.against.kind.lower()
+        if isinstance(self.against, str) and self.friction:
+            raise SceneError(f"{self.owner}: friction is for obstacles, not for '{other}' yet.")
         if not self.title:
-            object.__setattr__(self, "title", f"{self.where}_{self.against.kind.lower()}")
+            object.__setattr__(self, "title", f"{self.where}_{other}")
 
     def _kinks_of(self, name: str) -> tuple[float, ...]:
         """Those of the obstacle's path too."""
@@ -100,14 +111,14 @@ class Contact(Windowed):
                 "own."
             )
         surface = surface_of(scene, self.where, self.stiffness, self.owner)
-        start = self.start
-        check_vector(scene, self.owner, start, lambda: self.against.displacement(start))
+        against, start, X = self.against, self.start, scene.space.tabulate_dof_coordinates()
+        if isinstance(against, Obstacle):
+            check_vector(scene, self.owner, start, lambda: against.displacement(start))
         if start > 0.0:
             return  # nobody knows where it will be
-        n = scene.owned_nodes
-        own = np.flatnonzero(surface.area[:n] > 0)
-        X = scene.space.tabulate_dof_coordinates()[:n][own]
-        depth = -self.against.gap(X - self.against.displacement(start))
+        on, gap, _ = self.at_nodes(scene, X, start)
+        own = on < scene.owned_nodes
+        X, depth = X[on[own]], -gap[own]
         k = int(np.argmax(depth)) if depth.size else -1
         mine = (float(depth[k]), tuple(X[k].tolist())) if depth.size else (-np.inf, ())
         worst, place = max(scene.comm.allgather(mine))
@@ -115,15 +126,22 @@ class Contact(Windowed):
             return
         x, y, z = place
         found = (
-            f"{self.owner}: at the start it is {worst:.3g} m inside the {self.against.kind} at "
+            f"{self.owner}: at the start it is {worst:.3g} m inside {self._other} at "
             f"({x:.6g}, {y:.6g}, {z:.6g}) m"
         )
-        if worst > TOO_DEEP * surface.size:
+        if worst > TOO_DEEP[isinstance(against, str)] * surface.size:
             raise SceneError(f"{found}: move one of them, or turn the normal or inside around.")
-        warn(scene.comm, f"{found}; the contact begins with the energy of that.")
+        begins = "with the energy of that" if isinstance(against, Obstacle) else "there"
+        warn(scene.comm, f"{found}; the contact begins {begins}.")
+
+    @property
+    def _other(self) -> str:
+        """What it meets, in a message."""
+        other = self.against
+        return f"'{other}'" if isinstance(other, str) else f"the {other.kind}"
 
     def at_nodes(self, scene: Any, x: Array, t: float) -> tuple[Ints, Array, Array]:
-        """Gap and pressure at the nodes of its surface, while it acts.
+        """Gap and pressure at the nodes of its surface, while it acts. Collective.
 
         Args:
             scene: The problem.
@@ -131,15 +149,29 @@ class Contact(Windowed):
             t: Time [s].
 
         Returns:
-            These local nodes, their gaps [m] and their pressures [Pa].
+            These local nodes, their gaps [m] and their pressures [Pa]; of what meets another
+            surface, owned nodes that are near it.
         """
         surface = surface_of(scene, self.where, self.stiffness, self.owner)
         on = np.flatnonzero(surface.area > 0) if self.acts(t) else np.empty(0, np.int64)
-        gap = self.against.gap(x[on] - self.against.displacement(t))
+        if isinstance(self.against, str):
+            pair = pair_of(scene, self.where, self.against, self.stiffness, self.owner)
+            near, gap = pair.gaps(pair.everywhere(scene.comm, x))
+            own = np.isin(near, pair.numbers) & self.acts(t)
+            on = pair.nodes[np.searchsorted(pair.numbers, near[own])]
+            gap = gap[own]
+        else:
+            gap = self.against.gap(x[on] - self.against.displacement(t))
         pressure = surface.stiffness[on] / surface.area[on] * np.maximum(-gap, 0.0)
         return on, gap, pressure
 
-    def bind(self, structure: Structure) -> Action:
+    def bind(self, structure: Structure) -> Action | None:
         """Its forces on nodes and bodies."""
+        if isinstance(self.against, str):
+            if structure.notes is None:
+                return None  # the other surface is not there
+            scene = structure.scene
+            pair = pair_of(scene, self.where, self.against, self.stiffness, self.owner)
+            return PairForces(self, pair, structure)
         surface = surface_of(structure.scene, self.where, self.stiffness, self.owner)
         return ObstacleForces(self, self.against, surface, structure)

@@ -114,6 +114,8 @@ class Withheld:
         self._mass.mult(self._a, f)
         f.axpy(-1.0, self._actions.external)
         self._actions.resist_nodes(self._d, dt, f)
+        for force in system.actions.resistance_at(parts.rows.nodes):
+            f.array[:] += force.reshape(-1)
         if self._loads is not None:
             b = self._b.x
             b.array[:] = 0.0

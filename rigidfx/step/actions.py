@@ -71,6 +71,9 @@ class Actions:
         every = [a for e, a in self._every if id(e) in here or not isinstance(e, Windowed)]
         self._timed = _that(every, "set_time")
         self._load_nodes = _that(every, "load_nodes")
+        self._look = _that(every, "look")
+        self._accept = _that(every, "accept")
+        self._resistance_at = _that(every, "resistance_at")
         self._resist_nodes = _that(every, "resist_nodes")
         self._stiffen_nodes = _that(every, "stiffen_nodes")
         self._potential = _that(every, "potential")
@@ -111,6 +114,11 @@ class Actions:
             action.load_bodies(self.moments, self.torques)
 
     # In each iteration --------------------------------------------------------------------------
+
+    def look(self, d: PETSc.Vec, increments: Increments) -> None:
+        """Have those see an iterate that look at nodes and bodies together. Collective."""
+        for action in self._look:
+            action.look(d, increments)
 
     def resist_nodes(self, d: PETSc.Vec, dt: float, f: PETSc.Vec) -> None:
         """Add the resistance of nodes that are no body's to f, for increments d. Collective."""
@@ -163,6 +171,15 @@ class Actions:
     def potential_of_bodies(self, bodies: Bodies) -> float:
         """Potential energy of the bodies [J]."""
         return sum(action.potential_of_bodies(bodies) for action in self._potential_of_bodies)
+
+    def accept(self) -> None:
+        """Take note that the last iterate has become a step."""
+        for action in self._accept:
+            action.accept()
+
+    def resistance_at(self, nodes: npt.NDArray[np.int32]) -> list[Array]:
+        """Resistance of owned nodes by actions that are not bound to bodies' nodes [N]."""
+        return [action.resistance_at(nodes) for action in self._resistance_at]
 
     # Contacts -----------------------------------------------------------------------------------
 

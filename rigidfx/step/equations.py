@@ -128,6 +128,7 @@ class Equilibrium:
             r: Residual, overwritten [N].
         """
         self._expand(y)
+        self._actions.look(self.d, self.prolongation.increments)
         b = self._b.x
         b.array[self._reached] = 0.0
         fem.assemble_vector(b.array, self._bound.residual)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -30,6 +31,8 @@ class BoundStructure:
         mass: Mass operator of these nodes; None in statics.
         u: Displacements of all local dofs at the start of a step [m].
         surface: The deformed boundary.
+        notes: What effects remember from step to step; None where bodies are looked at as if they
+            were flexible.
         static: Whether forces are those at the end of a step, and nothing moves.
     """
 
@@ -40,6 +43,7 @@ class BoundStructure:
     mass: Mass | None
     u: Array
     surface: Surface
+    notes: dict[int, Any] | None = None
     static: bool = False
 
     def moments(self, weights: Array) -> Array:

@@ -108,6 +108,7 @@ class System:
             mass=self.mass,
             u=state.u.x.array,
             surface=forces.surface,
+            notes=state.notes,
         )
         self.actions = Actions(self.structure, scene.effects, acting)
         self.energies = Energies(scene, forces, self.mass, layout, self.actions)
@@ -154,6 +155,7 @@ class System:
         """Take the found increment over into the state, which then is at time t. Collective."""
         work = self._work(state, dt)
         self.newton.accept()
+        self.actions.accept()
         d = self.equilibrium.d.array_r
         state.advance(
             t,

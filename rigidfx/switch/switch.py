@@ -122,6 +122,8 @@ class Switch:
         # flexible side have velocities of their own.
         contacts = _in_one_only(before, self.acting)
         measures = stepper.measure() if jumping or contacts else None
+        for contact in contacts:
+            state.notes.pop(id(contact), None)  # what it remembers ends with it
         if not stepper.follow(self.acting):
             state.rebuild()
             # A support may take named bodies over, and others do not outlast its start and end.

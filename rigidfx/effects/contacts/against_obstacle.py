@@ -199,4 +199,5 @@ class ObstacleForces(Action):
             return -1.0
         rate = np.einsum("ni,ni->n", self._obstacle.outward(y), w)
         comes = rate < 0
-        return float((g[comes] / -rate[comes]).min(initial=np.inf))
+        with np.errstate(over="ignore"):  # in longer than there are numbers
+            return float((g[comes] / -rate[comes]).min(initial=np.inf))

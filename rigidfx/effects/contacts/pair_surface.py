@@ -1,0 +1,204 @@
+"""Two surfaces that may meet: nodes of one, flat triangles between the nodes of the other.
+
+All ranks know both, by numbers that are the same everywhere: a contact couples nodes of any two
+ranks, and surfaces are small beside what they bound. Which triangle a node may meet is found by
+SciPy's cKDTree over their centres.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem, la
+from mpi4py import MPI
+from scipy.spatial import cKDTree
+
+from rigidfx.effects.contacts.surface import surface_of, triangles_of
+
+__all__ = ["PairSurface", "pair_of", "projected"]
+
+Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+_known: WeakKeyDictionary[Any, dict[tuple[str, str, float | None], PairSurface]]
+_known = WeakKeyDictionary()
+
+NEAREST = 12  # triangles that are looked at for a node
+BESIDE = 1e-6  # of a triangle: how far beside it a node may be and still meet it
+DEEPEST = 0.5  # of the distance of nodes: what is deeper has come from the other side
+
+
+@dataclass(frozen=True)
+class PairSurface:
+    """Both surfaces; numbers count the nodes of both on all ranks.
+
+    Attributes:
+        nodes: Owned nodes of this rank in them.
+        numbers: Their numbers.
+        size: How many nodes there are in all.
+        slaves: Numbers of the nodes that are kept out, shape (n,).
+        stiffness: Their stiffnesses, shape (n,) [N/m].
+        triangles: Numbers of the nodes of the triangles, normals outwards, shape (m, 3).
+        reach: Distance within which a node may meet a triangle [m].
+        spacing: A typical distance of nodes [m].
+    """
+
+    nodes: Ints
+    numbers: Ints
+    size: int
+    slaves: Ints
+    stiffness: Array
+    triangles: Ints
+    reach: float
+    spacing: float
+
+    def everywhere(self, comm: MPI.Intracomm, values: Array) -> Array:
+        """Values of all nodes from those of this rank's local ones, shape (size, 3). Collective."""
+        out = np.zeros((self.size, 3))
+        out[self.numbers] = values[self.nodes]
+        comm.Allreduce(MPI.IN_PLACE, out)
+        return out
+
+    def mates(self, x: Array, bodies: Ints) -> Ints:
+        """The triangle that each slave may meet, -1 where there is none, shape (n,).
+
+        Args:
+            x: Positions of all nodes, shape (size, 3) [m].
+            bodies: Body of each, -1 if none; what is of one body does not meet.
+        """
+        out = np.full(self.slaves.size, -1)
+        corners = x[self.triangles]
+        low, high = corners.min(axis=(0, 1)) - self.reach, corners.max(axis=(0, 1)) + self.reach
+        p = x[self.slaves]
+        near = np.flatnonzero(((p >= low) & (p <= high)).all(axis=1))
+        if not near.size:
+            return out
+        count = min(NEAREST, len(self.triangles))
+        tree = cKDTree(corners.mean(axis=1))
+        far, found = tree.query(p[near], k=count, distance_upper_bound=self.reach)
+        far, found = far.reshape(near.size, -1), found.reshape(near.size, -1)
+        row, column = np.nonzero(np.isfinite(far))
+        node, triangle = near[row], found[row, column]
+        g, _, N = projected(p[node], corners[triangle])
+        of = bodies[self.triangles[triangle]]
+        one = (of == bodies[self.slaves[node], None]).all(axis=1) & (of[:, 0] >= 0)
+        may = (N > -BESIDE).all(axis=1) & (g > -DEEPEST * self.spacing) & ~one
+        node, triangle, g = node[may], triangle[may], np.abs(g[may])
+        order = np.lexsort((triangle, g.round(12), node))
+        node, first = np.unique(node[order], return_index=True)
+        out[node] = triangle[order][first]
+        return out
+
+    def gaps(self, x: Array) -> tuple[Ints, Array]:
+        """Slaves near a triangle, and their distances from its plane, shapes (n,) and (n,) [m].
+
+        Args:
+            x: Positions of all nodes, shape (size, 3) [m].
+        """
+        mate = self.mates(x, np.full(self.size, -1))
+        near = np.flatnonzero(mate >= 0)
+        slaves = self.slaves[near]
+        g, _, _ = projected(x[slaves], x[self.triangles[mate[near]]])
+        return slaves, g
+
+
+def projected(p: Array, corners: Array) -> tuple[Array, Array, Array]:
+    """Gaps, normals and weights of points over the planes of triangles.
+
+    Args:
+        p: Shape (n, 3) [m].
+        corners: Shape (n, 3, 3) [m].
+
+    Returns:
+        Shapes (n,) [m], (n, 3) and (n, 3); p - Σ N corners is the gap along the normal.
+    """
+    a, e1, e2 = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    normal = np.cross(e1, e2)
+    area = np.linalg.norm(normal, axis=1)
+    n = normal / area[:, None]
+    g = ((p - a) * n).sum(axis=1)
+    q = p - a - g[:, None] * n
+    second = (np.cross(q, e2) * n).sum(axis=1) / area
+    third = (np.cross(e1, q) * n).sum(axis=1) / area
+    return g, n, np.stack([1 - second - third, second, third], axis=1)
+
+
+def pair_of(
+    scene: Any, where: str, against: str, stiffness: float | None, owner: str
+) -> PairSurface:
+    """The surfaces of two sets of facets; found once for a scene. Collective.
+
+    Args:
+        scene: The problem.
+        where: Name of the set whose nodes are kept out.
+        against: Name of the set that they may meet.
+        stiffness: Stiffness of an area [N/m³]; by the material if None.
+        owner: Who asks, for messages.
+
+    Raises:
+        SceneError: As of `surface_of`.
+    """
+    known = _known.setdefault(scene, {})
+    key = where, against, stiffness
+    if key not in known:
+        known[key] = _found(scene, where, against, stiffness, owner)
+    return known[key]
+
+
+def _found(
+    scene: Any, where: str, against: str, stiffness: float | None, owner: str
+) -> PairSurface:
+    comm, n = scene.comm, scene.owned_nodes
+    k = surface_of(scene, where, stiffness, owner).stiffness[:n]
+    surface_of(scene, against, stiffness, owner)
+    cells, triangles = triangles_of(scene, against, owner)
+    mark = fem.Function(scene.space)
+    mark.x.array[3 * triangles.reshape(-1)] = 1.0
+    mark.x.array[3 * np.flatnonzero(k > 0)] = 1.0
+    mark.x.scatter_reverse(la.InsertMode.add)
+    nodes = np.flatnonzero(mark.x.array[: 3 * n : 3] > 0)
+    first: int = comm.exscan(nodes.size) or 0
+    numbers = first + np.arange(nodes.size)
+    mark.x.array[:] = -1.0
+    mark.x.array[3 * nodes] = numbers
+    mark.x.scatter_forward()
+    known = mark.x.array[::3].astype(np.int64)
+    X = scene.space.tabulate_dof_coordinates()
+    turned = _outwards(scene, X, cells, triangles)
+    slaves = np.flatnonzero(k[nodes] > 0)
+    parts = comm.allgather((numbers[slaves], k[nodes[slaves]], known[turned], _longest(X[turned])))
+    spacing = surface_of(scene, where, stiffness, owner).size
+    all_slaves, all_k, all_triangles = (
+        np.concatenate([part[j] for part in parts]) for j in range(3)
+    )
+    return PairSurface(
+        nodes,
+        numbers,
+        int(comm.allreduce(nodes.size)),
+        all_slaves,
+        all_k,
+        all_triangles,
+        reach=max(part[3] for part in parts) + spacing,
+        spacing=spacing,
+    )
+
+
+def _outwards(scene: Any, X: Array, cells: Ints, triangles: Ints) -> Ints:
+    """Triangles with their corners in such an order that normals point out of the cells."""
+    middles = X[scene.space.dofmap.list[cells]].mean(axis=1)
+    P = X[triangles]
+    normals = np.cross(P[:, 1] - P[:, 0], P[:, 2] - P[:, 0])
+    inwards = ((P.mean(axis=1) - middles) * normals).sum(axis=1) < 0
+    out = triangles.copy()
+    out[inwards] = out[inwards][:, [0, 2, 1]]
+    return out
+
+
+def _longest(corners: Array) -> float:
+    """Longest edge of triangles, shape (n, 3, 3) [m]."""
+    edges = corners - np.roll(corners, 1, axis=1)
+    return float(np.linalg.norm(edges, axis=2).max(initial=0.0))

@@ -1,0 +1,175 @@
+"""Contact of two surfaces that deform: energy, both momenta, waves, waking, ranks.
+
+Run as a script under mpirun, this file reports histories of two blocks that meet.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import parallel
+import pytest
+from mpi4py import MPI
+
+import rigidfx as rf
+
+SOFT = rf.StVenantKirchhoff(rho=1000.0, E=1e6, nu=0.3)
+BOTH = rf.Contact("upper", against="lower"), rf.Contact("lower", against="upper")
+PARTS = {
+    "flexible": (),
+    "one rigid": (rf.Rigid("high"),),
+    "both rigid": (rf.Rigid("high"), rf.Rigid("low")),
+    "mixed": (rf.Rigid("high"), rf.Rigid("left")),
+}
+NO_WARNINGS = pytest.mark.filterwarnings("ignore:Body")  # of few cells, whose lumped mass shows
+
+
+def boxes(*boxes):
+    """Boxes of hexahedra that share no node, each from corner to corner in so many cells."""
+    points, cells, first = [], [], 0
+    for low, high, count in boxes:
+        lines = [np.linspace(a, b, n + 1) for a, b, n in zip(low, high, count, strict=True)]
+        points.append(np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3))
+        stride = (count[1] + 1) * (count[2] + 1), count[2] + 1, 1
+        i, j, k = np.meshgrid(*[np.arange(n) for n in count], indexing="ij")
+        corner = first + (i * stride[0] + j * stride[1] + k).reshape(-1)
+        offsets = [
+            a * stride[0] + b * stride[1] + c for c in (0, 1) for b in (0, 1) for a in (0, 1)
+        ]
+        cells.append(corner[:, None] + np.array(offsets))
+        first += len(points[-1])
+    every = np.concatenate(points), np.concatenate(cells)
+    return rf.from_arrays(*(part[: 0 if MPI.COMM_WORLD.rank else None] for part in every))
+
+
+def _of_the_lower(x):
+    """Its nodes are at multiples of 0.1 m along x, those of the other are not."""
+    return np.abs((10 * x[0] + 0.5) % 1 - 0.5) < 1e-6
+
+
+def blocks(*effects, gap=0.03, **options):
+    """Two blocks, one thrown at the other, both turning."""
+    low = (0, 0, 0), (0.4, 0.2, 0.2), (4, 2, 2)
+    high = (0.07, 0.03, 0.2 + gap), (0.37, 0.19, 0.4 + gap), (3, 2, 2)
+    between = 0.2 + 0.5 * gap
+    domain = boxes(low, high)
+    sets = {"low": _of_the_lower, "high": lambda x: ~_of_the_lower(x)}
+    for name, marker in sets.items():
+        domain = domain.with_cells(name, marker)
+    domain = domain.with_cells("left", lambda x: _of_the_lower(x) & (x[0] <= 0.2 + 1e-9))
+    domain = domain.with_facets("lower", sets["low"]).with_facets("upper", sets["high"])
+
+    def thrown(x):
+        falls = np.array([[0.1], [0.05], [-1.0]]) + np.array([0.1 - x[1], x[0] - 0.2, 0 * x[0]])
+        turns = 0.5 * np.array([0 * x[0], x[2] - 0.1, 0.1 - x[1]])
+        return np.where(x[2] > between, falls, turns)
+
+    return rf.Scene(domain, SOFT, [rf.InitialVelocity(function=thrown), *effects], **options)
+
+
+def drifts(scene, dt, steps, **options):
+    """Reports, and the largest changes of H, L and J, relative."""
+    reports = list(rf.simulate(scene, dt, steps * dt, **options))
+    first, size = reports[0], reports[0].momentum_scale
+    H = max(abs(r.energy - first.energy) for r in reports) / first.energy
+    L = max(np.abs(r.linear_momentum - first.linear_momentum).max() for r in reports) / size
+    J = max(np.abs(r.angular_momentum - first.angular_momentum).max() for r in reports) / size
+    return reports, float(H), float(L), float(J)
+
+
+@NO_WARNINGS
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+@pytest.mark.parametrize("parts", PARTS)
+def test_energy_and_both_momenta_are_kept(parts, mass):
+    """Nodes of each against facets of the other, whatever is rigid."""
+    reports, H, L, J = drifts(blocks(*BOTH, *PARTS[parts], mass=mass), 1e-3, 70)
+    assert sum(any(t.nodes for t in r.touches.values()) for r in reports) >= 5
+    assert H <= 1e-11
+    assert max(L, J) <= 1e-12
+
+
+def test_equal_bars_exchange_their_velocities():
+    """In plane waves: each has the other's speed after 2 L/c, lateral motion blocked."""
+    n, E, nu, v = 60, 1.0, 0.3, 2e-3
+    c = np.sqrt(E * (1 - nu) / ((1 + nu) * (1 - 2 * nu)))
+    bars = boxes(((0, 0, 0), (1, 0.02, 0.02), (n, 1, 1)),
+                 ((1.0002, 0, 0), (2.0002, 0.02, 0.02), (n, 1, 1)))  # fmt: skip
+    bars = bars.with_cells("all", lambda x: x[0] > -1)
+    bars = bars.with_facets("end", lambda x: np.isclose(x[0], 1, atol=1e-6))
+    bars = bars.with_facets("begin", lambda x: np.isclose(x[0], 1.0002, atol=1e-6))
+
+    def meeting(x):
+        return np.where(x[0] > 1.0001, 0.0, v) * np.array([[1.0], [0], [0]])
+
+    effects = [rf.Fixed("all", "yz"), rf.InitialVelocity(function=meeting)]
+    contact = rf.Contact("end", against="begin")
+    scene = rf.Scene(bars, rf.StVenantKirchhoff(rho=1.0, E=E, nu=nu), [contact, *effects])
+    reports, H, L, _ = drifts(scene, 1 / n / c, 160)
+    X, m = scene.space.tabulate_dof_coordinates()[:, 0], scene.nodal_mass
+    speed = reports[-1].state.v.x.array.reshape(-1, 3)[:, 0]
+    of = [float((m * speed)[own].sum() / m[own].sum() / v) for own in (X < 1.0001, X > 1.0001)]
+    np.testing.assert_allclose(of, [0.0, 1.0], atol=0.03)
+    assert max(H, L) <= 1e-11
+    assert reports[-1].touches[contact.title].nodes == 0
+
+
+@NO_WARNINGS
+@pytest.mark.parametrize("wake", ["all", "local"])
+def test_what_is_struck_is_flexible_in_that_very_step(wake):
+    """Both blocks fly as bodies, and meet."""
+    rule = rf.StrainRate(3e-2, 0.008, wake=wake, patience=1.0)
+    reports, H, L, J = drifts(blocks(*BOTH), 1e-3, 60, rigidify=rule)
+    forces = [np.linalg.norm(r.touches[BOTH[0].title].force) if r.step else 0.0 for r in reports]
+    first = int(np.argmax(np.array(forces) > 0))  # by the rounding of a gap of zero, perhaps
+    struck = int(np.argmax(np.array(forces) > 1e-6 * max(forces)))
+    assert reports[first - 1].unknowns == 12
+    assert reports[struck].unknowns > 12
+    assert H <= 1e-11
+    assert max(L, J) <= 1e-12
+
+
+def test_what_overlaps_at_the_start_is_told():
+    with pytest.raises(rf.SceneError, match=r"at the start it is 0\.02 m inside 'lower' at"):
+        blocks(BOTH[0], gap=-0.02)
+
+
+REFUSED = {
+    "itself": (lambda: rf.Contact("upper", against="upper"), "does not meet itself"),
+    "friction": (
+        lambda: rf.Contact("upper", against="lower", friction=0.1, creep=1.0),
+        "friction is for obstacles",
+    ),
+    "name": (lambda: blocks(rf.Contact("upper", against="lover")), "'lover'"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_is_refused(case):
+    action, message = REFUSED[case]
+    with pytest.raises(rf.SceneError, match=message):
+        action()
+
+
+def histories():
+    """Numbers of two blocks that meet, flexible and partly rigid."""
+    rows = []
+    for parts in ("flexible", "mixed"):
+        for r in drifts(blocks(*BOTH, *PARTS[parts]), 1e-3, 50)[0][1:]:
+            touch = r.touches[BOTH[0].title]
+            rows.append([r.kinetic, r.strain, r.contact, *r.angular_momentum, *touch.force,
+                         *touch.moment, touch.penetration, touch.nodes])  # fmt: skip
+    return rows
+
+
+@NO_WARNINGS
+@pytest.mark.parallel
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its ranks itself")
+@pytest.mark.parametrize("ranks", [3])  # obstacles are tried on two
+def test_the_same_on_several_ranks(ranks):
+    one, several = np.array(histories()), np.array(parallel.run(__file__, ranks, 300))
+    assert (np.abs(several - one).max(axis=0) <= 1e-9 * np.abs(one).max(axis=0)).all()
+
+
+if __name__ == "__main__":
+    found = histories()
+    if MPI.COMM_WORLD.rank == 0:
+        parallel.report(found)
