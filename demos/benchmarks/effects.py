@@ -20,6 +20,7 @@ from bench import DT, MATERIAL, Parser, Turns, bar, cells_of_bar, conclude
 
 import rigidfx
 
+FAR = rigidfx.Plane((0.0, 0.0, -100.0), (0.0, 0.0, 1.0))
 WARM = 3  # steps before the timing; windows that close do so after the first
 
 
@@ -32,6 +33,8 @@ def effects(until: float) -> dict[str, rigidfx.effects.Effect]:
         "KelvinVoigt": rigidfx.KelvinVoigt(20.0, until=until),
         "MassDamping": rigidfx.MassDamping(0.05, until=until),
         "NumericalDamping": rigidfx.NumericalDamping(0.05, until=until),
+        # In front of a plane that is never reached: what it costs to look.
+        "Contact": rigidfx.Contact("z0", against=FAR, until=until),
         "PointMass": rigidfx.PointMass("x1", 50.0),
         "Spring": rigidfx.Spring("x0", 500.0, damping=5.0),
     }
