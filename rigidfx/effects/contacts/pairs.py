@@ -282,4 +282,5 @@ class PairForces(Action):
         g, n, N = projected(x[slaves], x[corners])
         rate = (n * (w[slaves] - np.einsum("na,nai->ni", N, w[corners]))).sum(axis=1)
         comes = rate < 0
-        return float((np.maximum(g[comes], 0.0) / -rate[comes]).min(initial=np.inf))
+        with np.errstate(over="ignore"):  # in longer than there are numbers
+            return float((np.maximum(g[comes], 0.0) / -rate[comes]).min(initial=np.inf))
