@@ -85,6 +85,7 @@ SUMMARY = {
 BENCHMARK_SUMMARY = {
     "waking": {"scene", "needed", "missed", "woken", "false", "rigid_share", "quiet_share"},
     "flexible_step": {"ratio_to_plain_dolfinx", "unknowns"},
+    "locking": {"cases", "cost_ratio_to_standard", "speedup_over_second_order_at_one_percent"},
     "effects": {"ratio_per_step", "ratio_per_iteration", "newton_per_step", "unknowns"},
     "observation": {"observed_to_plain", "freeze_in_steps", "release_in_steps", "unknowns"},
     "output": {"flexible", "rigid"},
