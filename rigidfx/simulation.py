@@ -270,7 +270,7 @@ def _reports(
         yield report
         for step in count(1):
             if timeline.over(state.t):
-                return
+                return balance.end()
             target, start = timeline.next(state.t), perf_counter()
             with solver.at_work():
                 events = run.ahead(target)

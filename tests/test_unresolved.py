@@ -5,8 +5,10 @@ from __future__ import annotations
 import warnings
 
 import numpy as np
+import parallel
 import pytest
 from histories import show
+from mpi4py import MPI
 
 import rigidfx as rf
 
@@ -84,6 +86,12 @@ def test_a_stiff_part_that_floats_is_warned_of(cells):
     assert off <= 1e-4
 
 
+@pytest.mark.parallel
+def test_a_stiff_part_that_floats_over_ranks_is_warned_of():
+    (said,) = parallel.run(__file__, 2, timeout=120)
+    assert "before softer ones were in balance" in said
+
+
 def test_a_stiff_part_that_floats_and_does_no_harm_passes():
     with warnings.catch_warnings():
         warnings.filterwarnings("error", "In the step from", rf.RigidfxWarning)
@@ -106,3 +114,11 @@ def test_rest_passes():
     with warnings.catch_warnings():
         warnings.simplefilter("error", rf.RigidfxWarning)
         list(rf.simulate(scene, 0.05, 0.2))
+
+
+if __name__ == "__main__":
+    with warnings.catch_warnings(record=True) as heard:
+        warnings.simplefilter("always")
+        floating(middle=ratio(1e12), cells=(12, 2, 2))
+    if MPI.COMM_WORLD.rank == 0:
+        parallel.report([str(w.message) for w in heard if "In the step" in str(w.message)])

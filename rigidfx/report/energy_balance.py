@@ -45,6 +45,7 @@ class EnergyBalance:
         self._comm = scene.comm
         self._follows = scene.scheme.conserving
         self._warned = False
+        self._most = 0.0  # largest error of the balance so far [J]
         self._lost = ""  # when, and how much of it, once it is lost
 
     def follow(self, report: Report) -> None:
@@ -64,6 +65,7 @@ class EnergyBalance:
         self._known = max(self._known, abs(self._expected), abs(work), taken)
         self._scale = max(self._scale, report.energy, abs(work), taken)
         off, rounding = abs(report.energy - self._expected), self._rounding
+        self._most = max(self._most, off)
         beyond_rounding = off > WORTH_A_WARNING * self._scale + rounding.all
         if (beyond_rounding or off > LARGE * self._scale + rounding.softest) and not self._warned:
             self._warned = True
@@ -90,6 +92,19 @@ class EnergyBalance:
                 "beyond measure; a -rigidfx_snes_rtol that is too large.",
             )
 
+    def end(self) -> None:
+        """Say at the end of a run whether its energies were rounding; before, they might grow."""
+        if self._warned or self._most <= LARGE * self._scale or self._scale == 0.0:
+            return
+        warn(
+            self._comm,
+            f"The energies of this run are rounding to {self._most / self._scale:.0%}: its largest "
+            f"is {self._scale:.1e} J, and a stored energy other than a quadratic one is known to "
+            f"{self._rounding.known:.1e} J at best, a small difference of numbers near one times "
+            "its stiffness. Energy and its balance tell nothing here. Forces are known better; "
+            "StVenantKirchhoff knows its energy at any strain.",
+        )
+
     def explained(self, error: StepError) -> StepError:
         """The error with other advice, if the balance was lost before.
 
@@ -109,11 +124,13 @@ class _Rounding:
         all: With its materials as they are [J].
         softest: If all were like the one whose energy is known best [J]: what is within that is
             rounding wherever one looks.
+        known: What the machine precision leaves of the stiffest material's energy [J].
         why: For a warning where the stiffest material alone is to blame.
     """
 
     all: float
     softest: float
+    known: float
     why: str
 
 
@@ -131,7 +148,7 @@ def _rounding(scene: Scene) -> _Rounding:
     size = scene.mean_cell_size**3
     materials = [material for (material, _), n in zip(scene.materials, counts, strict=True) if n]
     if not materials:
-        return _Rounding(0.0, 0.0, "")
+        return _Rounding(0.0, 0.0, 0.0, "")
     volumes = counts[counts > 0] * size
     stiffness = np.array([material.stiffness for material in materials])
     densities = stiffness * [ROUNDING**2 if m.quadratic else ROUNDING for m in materials]
@@ -144,4 +161,5 @@ def _rounding(scene: Scene) -> _Rounding:
         f"{stiffness[worst] / max(stiffness.min(), TINY):.0e} is too much for so little "
         "energy. Make that part Rigid, or StVenantKirchhoff, or its stiffness smaller."
     )
-    return _Rounding(float(densities @ volumes), float(densities.min() * volumes.sum()), why)
+    softest = float(densities.min() * volumes.sum())
+    return _Rounding(float(densities @ volumes), softest, float(known), why)
