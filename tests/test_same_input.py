@@ -116,6 +116,8 @@ REFUSED = {
     ),
     "no file": (lambda: _write("nowhere.json" if RANK else None), "path must be the name"),
     "a monitor that fails": (_monitor, "simulate: monitor failed with KeyError: 'on rank 1'"),
+    "a box": (lambda: rf.box((0, 0, 0), (1, 1, 1 + RANK), (1, 1, 2)), "box: upper[2] is not"),
+    "cells of a box": (lambda: rf.box((0, 0, 0), (1, 1, 1), [1, 1, 2 + RANK]), "box: cells[2] is"),
     "a probe": (lambda: _run(probes={"tip": (RANK, 1, 1)}), "probes is not the same"),
 }
 

@@ -10,11 +10,13 @@ from typing import Any, TypeGuard
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError
 
 __all__ = [
     "check_factor",
+    "communicator",
     "is_function",
     "number",
     "numbers",
@@ -84,6 +86,24 @@ def whole(owner: str, name: str, value: Any, *, least: int) -> int:
         if result >= least:
             return result
     raise SceneError(f"{owner}: {name} must be a whole number ≥ {least}, got {shown(value)}.")
+
+
+def communicator(owner: str, comm: Any) -> MPI.Intracomm:
+    """The communicator that a mesh is to have.
+
+    Args:
+        owner: Whose it is, for the message.
+        comm: What was given.
+
+    Raises:
+        SceneError: If it is none, or the null communicator.
+    """
+    if not isinstance(comm, MPI.Intracomm) or comm == MPI.COMM_NULL:
+        raise SceneError(
+            f"{owner}: comm must be a communicator of mpi4py, such as MPI.COMM_WORLD, got "
+            f"{shown(comm)}."
+        )
+    return comm
 
 
 def path_of(owner: str, name: str, value: Any) -> Path:

@@ -14,13 +14,15 @@ from mpi4py import MPI
 
 from rigidfx.base import compat
 from rigidfx.base.errors import SceneError, agree
-from rigidfx.base.inputs import numbers, shown
+from rigidfx.base.inputs import communicator, numbers, shown
+from rigidfx.base.same_input import check_same
 from rigidfx.domain.domain import CELLS, Domain, Marker
 
 __all__ = ["box", "from_arrays"]
 
 # Of a tetrahedron of ten nodes, in VTK's order; DOLFINx has edges 23, 13, 12, 03, 02, 01.
 FROM_VTK = (0, 1, 2, 3, 9, 8, 5, 7, 6, 4)
+MOST = 2**31 - 1  # cells in a direction
 
 
 def box(
@@ -40,11 +42,15 @@ def box(
         comm: Communicator of the mesh.
 
     Raises:
-        SceneError: If the box has no volume, a number of cells is below one or the cell is unknown.
+        SceneError: If the box has no volume, a number of cells is below one, the cell is unknown,
+            or something is not the same on all ranks.
     """
+    communicator("box", comm)
+    check_same(comm, "box", {"lower": lower, "upper": upper, "cells": cells, "cell": cell})
     try:
         a, b = (numbers(corner) for corner in (lower, upper))
-        counts = [operator.index(n) for n in cells]
+        given = list(cells)
+        counts = [operator.index(n) for n in given]
     except (TypeError, ValueError):
         raise SceneError(
             "box: lower and upper must be three numbers each and cells three whole numbers, got "
@@ -56,14 +62,18 @@ def box(
             "box: lower and upper must be three finite numbers each, and upper must exceed lower "
             f"in all of x, y, z; got {shown(lower)}, {shown(upper)}."
         )
-    if len(counts) != 3 or min(counts) < 1:
+    truth = any(isinstance(n, (bool, np.bool_)) for n in given)
+    if truth or len(counts) != 3 or not 1 <= min(counts) <= max(counts) <= MOST:
         raise SceneError(f"box: cells must be three whole numbers ≥ 1, got {cells}.")
     kinds = {kind.name: kind for kind in CELLS}
     if not isinstance(cell, str) or cell not in kinds:
         raise SceneError(f"box: cell must be one of {sorted(kinds)}, got {cell!r}.")
-    mesh = dmesh.create_box(
-        comm, [a, b], counts, kinds[cell], ghost_mode=dmesh.GhostMode.shared_facet
-    )
+    try:
+        mesh = dmesh.create_box(
+            comm, [a, b], counts, kinds[cell], ghost_mode=dmesh.GhostMode.shared_facet
+        )
+    except RuntimeError as error:  # on all ranks: what is too small for DOLFINx
+        raise SceneError(f"box: from {lower} m to {upper} m: {error}.") from None
     domain = Domain(mesh)
     for axis, letter in enumerate("xyz"):
         tol = 1e-9 * (b[axis] - a[axis])
@@ -96,6 +106,7 @@ def from_arrays(
     known = {"hexahedron": (8,), "tetrahedron": (4, 10)}
     if not isinstance(cell, str) or cell not in known:
         raise SceneError(f"from_arrays: cell must be one of {sorted(known)}, got {cell!r}.")
+    communicator("from_arrays", comm)
     agree(comm, _misfit(points, cells, known[cell]))
     x = np.asarray(points, dtype=np.float64).reshape(-1, 3)
     table = np.asarray(cells)

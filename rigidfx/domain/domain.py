@@ -17,6 +17,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError, agree, together
+from rigidfx.base.inputs import shown
 from rigidfx.base.taken import take_fields
 from rigidfx.domain.cell_quality import check_cells
 from rigidfx.domain.mesh_life import keep, let_go
@@ -68,9 +69,20 @@ class Domain:
             sets: Named sets.
 
         Raises:
-            SceneError: If the mesh is not 3D, has cells of an unsupported kind, inverted cells or
-                cells without volume.
+            SceneError: If the mesh is none, is not 3D, has cells of an unsupported kind, inverted
+                cells or cells without volume, or the sets are none.
         """
+        if not isinstance(mesh, dmesh.Mesh):
+            raise SceneError(
+                f"Domain: mesh must be a mesh of DOLFINx, got {shown(mesh)}. Files are read by "
+                "read_msh, read_geo and read_cad."
+            )
+        listed = isinstance(sets, Sequence) and all(isinstance(s, EntitySet) for s in sets)
+        if not listed:
+            raise SceneError(
+                f"Domain: sets must be a list of EntitySet, got {shown(sets)}. Sets are named by "
+                "with_cells, with_facets and with_vertices."
+            )
         tdim, gdim = mesh.topology.dim, mesh.geometry.dim
         if (tdim, gdim) != (3, 3):
             raise SceneError(
@@ -244,8 +256,10 @@ class Domain:
 
 def _check_name(name: object) -> None:
     """Refuse what cannot be the name of a set."""
-    if not isinstance(name, str) or not name:
-        raise SceneError(f"The name of a set must be a text that is not empty, got {name!r}.")
+    if not isinstance(name, str) or not name or not name.isprintable():
+        raise SceneError(
+            f"The name of a set must be a text that is not empty, and can be printed, got {name!r}."
+        )
 
 
 def replace_sets(domain: Domain, sets: Mapping[tuple[str, int], EntitySet]) -> Domain:

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from rigidfx.base import compat
 from rigidfx.base.errors import SceneError, together
-from rigidfx.base.inputs import positive
+from rigidfx.base.inputs import communicator, positive
 from rigidfx.domain.domain import Domain, EntitySet
 from rigidfx.domain.gmsh_groups import Header, Names, names_in_header, take_groups
 
@@ -129,7 +129,9 @@ def gmsh_session() -> Iterator[Any]:
     try:
         yield gmsh
     finally:
-        if ours:
+        if not gmsh.isInitialized():  # a user's function has ended it
+            pass
+        elif ours:
             gmsh.finalize()
         else:
             for name, value in options.items():
@@ -170,6 +172,7 @@ def domain_of(
     Raises:
         SceneError: If the function fails or its model cannot be a domain.
     """
+    communicator(owner, comm)
     with ExitStack() as session:
 
         def read() -> tuple[Any, Names]:
@@ -177,6 +180,10 @@ def domain_of(
                 return None, {}
             gmsh = session.enter_context(gmsh_session())
             header = fill(gmsh) or {}
+            if not gmsh.isInitialized():
+                raise SceneError(
+                    f"{owner} has ended gmsh (finalize); that is for its caller to do."
+                )
             if scale != 1.0:
                 gmsh.model.mesh.affineTransform(np.diag([scale, scale, scale, 1.0]).ravel())
             return gmsh.model, take_groups(gmsh.model, source, header)

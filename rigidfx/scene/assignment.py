@@ -6,12 +6,12 @@ from collections.abc import Mapping
 
 import numpy as np
 import numpy.typing as npt
-import ufl
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.taken import read_only
 from rigidfx.domain.domain import Domain
 from rigidfx.mechanics.materials import Material
+from rigidfx.scene.energy_checks import check_energy
 
 __all__ = ["assign"]
 
@@ -35,7 +35,7 @@ def assign(
     used = material.values() if isinstance(material, Mapping) else [material]
     for item in used:
         if isinstance(item, Material):
-            _check_energy(item)
+            check_energy(domain, item)
     if isinstance(material, Material):
         return ((material, read_only(np.arange(owned, dtype=np.int32))),)
     if not isinstance(material, Mapping) or not material:
@@ -66,18 +66,3 @@ def assign(
             f"have several. Known names: {domain.names}."
         )
     return tuple(pairs)
-
-
-def _check_energy(material: Material) -> None:
-    """See whether a stored energy is a scalar of C and the parameters that are given."""
-    owner = getattr(material, "label", type(material).__name__)
-    try:
-        W = material.energy(ufl.variable(ufl.Identity(3)), **material.parameters)
-        scalar = ufl.as_ufl(W).ufl_shape == ()
-    except Exception as error:  # whatever a user's function may raise
-        raise SceneError(
-            f"Scene: the stored energy of {owner} cannot be formed: {type(error).__name__}: "
-            f"{error}. It must be a function of C and of the parameters that are given."
-        ) from error
-    if not scalar:
-        raise SceneError(f"Scene: the stored energy of {owner} must be a scalar.")

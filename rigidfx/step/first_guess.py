@@ -96,6 +96,8 @@ def free_rotation(inertia: Array, omega: Array, dt: float) -> Array:
         R = cayley(theta)
         now = R @ inertia @ (2 / dt * theta - omega)
         slope = 2 / dt * R @ inertia - skew(now) @ cayley_tangent(theta)
+        if not (np.isfinite(slope).all() and np.isfinite(momentum - now).all()):
+            break
         change = np.linalg.lstsq(slope, momentum - now, rcond=1e-9)[0]
         theta = theta + change
         if np.linalg.norm(change) <= ENOUGH * np.linalg.norm(theta):
@@ -129,6 +131,8 @@ def _mean_motion(
         turned = (start.R @ start.rotated_inertia).sum(axis=0)
         second[3:] += (turned + _inertia((of.mass[:, None] * arms).T @ arms)).reshape(-1)
     whole = second[3:].reshape(3, 3)
+    if not np.isfinite(second).all():  # the step will say so
+        return c, velocity, np.zeros(3), whole
     return c, velocity, np.linalg.lstsq(whole, second[:3], rcond=1e-9)[0], whole
 
 

@@ -167,7 +167,7 @@ class Newton:
     def _solution(self, reason: int, tangents: int, linear: int, solver: str) -> Solution:
         """What has been found. Collective."""
         self.equilibrium.return_to(self._y, self._r)
-        self._left = self.stop.history[-1]
+        self._left = self.stop.history[-1] if self.stop.history else np.inf
         return Solution(
             reason > 0,
             reason_name(reason),

@@ -54,6 +54,7 @@ REFUSED = {
     "snes_fd_color": ASSEMBLED,
 }
 NEWTON = "newtonls"
+TOLERANCES = ("_rtol", "_atol")
 LATE = ("mat_mumps_", "pc_factor_")  # asked for by LU, to which a later step may have to turn
 
 
@@ -193,7 +194,7 @@ def take_arguments(arguments: list[str]) -> None:
 
 def _text(name: Any, value: Any) -> str:
     """A value as PETSc reads it."""
-    if not isinstance(name, str) or not name.startswith(FAMILIES):
+    if not isinstance(name, str) or not name.startswith(FAMILIES) or name.split() != [name]:
         raise SceneError(
             f"simulate: petsc_options: {name!r} is no option of the solver; names begin with "
             f"{', '.join(FAMILIES)}, without a prefix or '-'."
@@ -207,11 +208,21 @@ def _text(name: Any, value: Any) -> str:
     raise SceneError(f"simulate: petsc_options: {name} must be a text or a number, got {value!r}.")
 
 
+def _number(value: str) -> float:
+    """What PETSc reads as a number; others it refuses itself."""
+    try:
+        return float(value)
+    except ValueError:
+        return 1.0
+
+
 def _check(options: Mapping[str, str]) -> None:
     for name, value in options.items():
         reason = REFUSED.get(name, "")
         if name == "snes_type" and value != NEWTON:
             reason = f"the solver has to be Newton's method ({NEWTON})"
+        if name.endswith(TOLERANCES) and _number(value) <= 0:
+            reason = "a tolerance is a number above zero"
         if reason:
             raise SceneError(f"The option -{PREFIX}{name} {value} cannot be honoured: {reason}.")
 
