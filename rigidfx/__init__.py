@@ -59,6 +59,7 @@ from rigidfx.output.history import read_history
 from rigidfx.output.recorder import Recorder
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
+from rigidfx.scene.step_control import StepControl
 from rigidfx.simulation import simulate
 
 __version__ = "0.1.0"
@@ -102,6 +103,7 @@ __all__ = [
     "Sphere",
     "Spring",
     "StVenantKirchhoff",
+    "StepControl",
     "StepError",
     "StiffnessDamping",
     "StrainRate",

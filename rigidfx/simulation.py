@@ -30,10 +30,12 @@ from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.report.account import Account, beginning
 from rigidfx.report.energy_balance import EnergyBalance
 from rigidfx.report.events import Event
+from rigidfx.report.ledger import Ledgers
 from rigidfx.report.lumping import LumpedInertia
 from rigidfx.report.probes import Probes
-from rigidfx.report.report import Report, amended, report_of
+from rigidfx.report.report import Report, amended, report_of, with_ledger
 from rigidfx.scene.scene import Scene
+from rigidfx.scene.step_control import StepControl
 from rigidfx.scene.timeline import Timeline
 from rigidfx.shadow.shadow import Shadow
 from rigidfx.state import State
@@ -41,6 +43,7 @@ from rigidfx.step.first_touch import FirstTouch
 from rigidfx.step.petsc_options import SolverOptions
 from rigidfx.step.stepper import Stepper, StepResult
 from rigidfx.step.supports import Impact
+from rigidfx.step.time_control import TimeControl
 from rigidfx.switch.switch import Switch
 
 __all__ = ["Run", "prepare", "simulate"]
@@ -48,7 +51,7 @@ __all__ = ["Run", "prepare", "simulate"]
 
 def simulate(
     scene: Scene,
-    dt: float | Mapping[float, float],
+    dt: float | Mapping[float, float] | StepControl,
     t_end: float,
     *,
     rigidify: StrainRate | None = None,
@@ -61,7 +64,8 @@ def simulate(
 
     Args:
         scene: The problem.
-        dt: Nominal time step Δt [s], or one from each of several times on: {0: 0.01, 2.2: 0.002}.
+        dt: Nominal time step Δt [s], or one from each of several times on: {0: 0.01, 2.2: 0.002};
+            or a `StepControl`, which chooses it by the error that it makes.
         t_end: End of the simulation [s].
         rigidify: When parts become rigid and flexible again; no part does if None.
         progress: Whether rank 0 shows a progress bar on standard error; where that is a terminal
@@ -97,7 +101,12 @@ def simulate(
         raise SceneError(f"simulate: progress must be True, False or None, got {progress!r}.")
     if verbose is not None and not isinstance(verbose, (bool, np.bool_)):
         raise SceneError(f"simulate: verbose must be True, False or None, got {verbose!r}.")
-    timeline = Timeline(dt, t_end)
+    control = dt if isinstance(dt, StepControl) else None
+    if control is not None:
+        control.check(scene)
+        timeline = Timeline(control.largest, t_end, control.least)
+    else:
+        timeline = Timeline(dt, t_end)  # type: ignore[arg-type]
     if rigidify is not None and not isinstance(rigidify, StrainRate):
         raise SceneError(f"simulate: rigidify must be a StrainRate, got {rigidify!r}.")
     if rigidify is not None and not scene.scheme.couples:
@@ -110,9 +119,10 @@ def simulate(
     solver = SolverOptions({} if petsc_options is None else petsc_options, monitor)
     with solver.at_work(), heard(scene.comm, verbose):
         began = perf_counter()
-        run, impact = prepare(scene, timeline, rigidify)
+        run, impact = prepare(scene, timeline, rigidify, control)
         tell(scene.comm, beginning(scene, run.stepper.unknowns, t_end, perf_counter() - began))
-    timeline.stop_at(scene.breakpoints)
+    if control is None:
+        timeline.stop_at(scene.breakpoints)
     return _reports(run, impact, (progress, verbose), solver)
 
 
@@ -132,6 +142,7 @@ class Run:
         probes: Points that are reported.
         shadow: What bodies withhold; None if forces wake none.
         touch: What foresees the first touch of a contact.
+        ledgers: What has been spent of accuracy; None if nothing estimates it.
     """
 
     timeline: Timeline
@@ -141,6 +152,12 @@ class Run:
     probes: Probes
     shadow: Shadow | None
     touch: FirstTouch
+    ledgers: Ledgers | None
+
+    def target(self) -> float:
+        """Time at which the next step is to end [s]."""
+        t, control = self.stepper.state.t, self.stepper.control
+        return self.timeline.next(t) if control is None else control.target(t)
 
     def advance(self, target: float) -> tuple[StepResult, list[Event]]:
         """Advance to the target time, or towards it; where bodies wake, once more. Collective.
@@ -163,7 +180,7 @@ class Run:
             decision = None if ratio is None else policy.woken(seen, ratio)
         events = self._switched(policy, decision, seen)
         if events:
-            attempt = stepper.attempt(target)
+            attempt = stepper.attempt(attempt.end, again=True)
             if shadow is not None:
                 shadow.look(attempt.t, attempt.dt, *policy.limits)
         return stepper.accept(attempt), events
@@ -196,6 +213,14 @@ class Run:
         closeness = np.nan if decision is None else decision.closeness
         return self._switched(policy, decision, seen), closeness
 
+    def accounted(self, report: Report) -> Report:
+        """A report with its ledger, if there is one. Collective."""
+        if self.ledgers is None:
+            return report
+        withheld = np.nan if self.shadow is None else self.shadow.withheld
+        period = 0.0 if self.policy is None else self.policy.memory.signals.period()
+        return with_ledger(report, self.ledgers, withheld, report.t / period if period > 0 else 0.0)
+
     def _switched(
         self, policy: Policy, decision: Decision | None, seen: Observation
     ) -> list[Event]:
@@ -207,7 +232,10 @@ class Run:
 
 
 def prepare(
-    scene: Scene, timeline: Timeline, rigidify: StrainRate | None = None
+    scene: Scene,
+    timeline: Timeline,
+    rigidify: StrainRate | None = None,
+    control: StepControl | None = None,
 ) -> tuple[Run, Impact | None]:
     """Prepare a run up to its first step; its stepper is to be closed. Collective.
 
@@ -215,6 +243,7 @@ def prepare(
         scene: The problem.
         timeline: Where steps end.
         rigidify: When parts become rigid and flexible again; no part does if None.
+        control: How Δt is chosen; the timeline says it if None.
 
     Returns:
         The run, and the velocity that supports have imposed at the start, if they have.
@@ -230,7 +259,8 @@ def prepare(
     acting = [scene.acting(timeline.after(t)) for t in sorted(starts, reverse=True)]
     forces = InternalForces(scene, state.u, acting)
     indicator = None if rigidify is None else rigidify.indicator(scene, forces)
-    stepper = Stepper(scene, state, forces, indicator)
+    chooses = None if control is None else TimeControl(scene, control, timeline)
+    stepper = Stepper(scene, state, forces, indicator, chooses)
     with ExitStack() as stack:
         stack.callback(stepper.close)
         switch = Switch(stepper, timeline)
@@ -241,8 +271,11 @@ def prepare(
             measure = rigidify.indicator(scene, forces)
             shadow = Shadow(stepper, measure, rigidify.settling, policy.in_pieces)
             stepper.watches.append(shadow)
+        estimates = shadow is not None or control is not None
+        ledgers = Ledgers(stepper) if estimates else None
         stack.pop_all()
-    return Run(timeline, stepper, switch, policy, probes, shadow, FirstTouch(stepper)), impact
+    touch = FirstTouch(stepper)
+    return Run(timeline, stepper, switch, policy, probes, shadow, touch, ledgers), impact
 
 
 def _reports(
@@ -264,6 +297,7 @@ def _reports(
     ):
         report = report_of(0, stepper, run.probes, None, impact)
         report = replace(report, reactions=switch.held[0], reaction_moments=switch.held[1])
+        report = run.accounted(report)
         balance.follow(report)
         lumping.follow(report)
         account.follow(report)
@@ -271,7 +305,7 @@ def _reports(
         for step in count(1):
             if timeline.over(state.t):
                 return balance.end()
-            target, start = timeline.next(state.t), perf_counter()
+            target, start = run.target(), perf_counter()
             with solver.at_work():
                 events = run.ahead(target)
                 impact = switch.follow_effects(target - state.t)
@@ -283,6 +317,7 @@ def _reports(
                 report = report_of(step, stepper, run.probes, result, impact)
                 now, closeness = run.after(report)
                 report = amended(report, stepper, [*events, *woken, *now], closeness)
+                report = run.accounted(report)
             if report.iterations > 0:
                 solver.warn_of_unasked(stepper.scene.comm)
             balance.follow(report)

@@ -90,6 +90,13 @@ RECORDS = {
         "patience": np.array(2.0),
         **_window(),
     },
+    rf.StepControl: lambda: {
+        "tol": np.array(0.1),
+        "at": ["tip", "top"],
+        "largest": np.array(0.2),
+        "smallest": np.array(0.1),
+        "of": np.array(3.0),
+    },
     rf.StVenantKirchhoff: lambda: {"rho": np.array(2.0), "E": np.array(5.0), "nu": np.array(0.3)},
     rf.NeoHooke: lambda: {"rho": np.array(2.0), "E": np.array(5.0), "nu": np.array(0.3)},
     rf.MooneyRivlin: lambda: {name: np.array(2.0) for name in ("rho", "c10", "c01", "kappa")},

@@ -108,7 +108,7 @@ class Run:
     Attributes:
         way: "flexible", "adaptive", or what else distinguishes it.
         scene: The problem, or what makes it, where that is to fail or to warn.
-        dt: Δt [s].
+        dt: Δt [s], or what chooses it.
         t_end: End [s].
         rigidify: As of `simulate`.
         energy: Bound of the energy's drift, relative.
@@ -127,7 +127,7 @@ class Run:
 
     way: str
     scene: rf.Scene | Callable[[], rf.Scene]
-    dt: float
+    dt: float | rf.StepControl
     t_end: float
     rigidify: rf.StrainRate | None = None
     energy: float = 1e-10

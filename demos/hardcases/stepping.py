@@ -188,3 +188,21 @@ def snap_through(short: bool) -> Iterator[Run]:
 
     options["check"] = freezes
     yield Run("adaptive, damped", damped, 0.02, 5.0, calm, **options)
+
+
+@case("time", "Δt follows an error: a blow on a beam at rest, half soft, half stiff")
+def controlled_steps(short: bool) -> Iterator[Run]:
+    """Energy to Newton's tolerance, whatever Δt does; steps that err by too much are repeated.
+
+    The blow is declared, and steps of the rest before it are fifty times as long as those in it.
+    """
+    domain = rf.box((0, 0, 0), (4, 1, 1), (4, 1, 1)).with_cells("soft", lambda x: x[0] <= 2 + 1e-9)
+    domain = domain.with_cells("stiff", lambda x: x[0] >= 2 - 1e-9)
+    materials = {"soft": SVK(E=1e5, nu=0.3, rho=1e3), "stiff": SVK(E=1e9, nu=0.3, rho=1e3)}
+    blow = rf.Traction("x1", (0.0, 0.0, 2e3), since=1.0, until=1.02)
+    scene = rf.Scene(domain, materials, [rf.Fixed("x0"), blow], probes={"tip": (4, 0.5, 0.5)})
+    t_end = 2.0 if short else 20.0
+    cuts = 20 if short else 100
+    for tol in (0.3, 0.05):
+        control = rf.StepControl(tol, "tip", largest=0.5)
+        yield Run(f"{tol:.0%}", scene, control, t_end, momentum=None, cuts=cuts)

@@ -11,17 +11,16 @@ from collections import deque
 
 import numpy as np
 import numpy.typing as npt
-from mpi4py import MPI
 from scipy.signal import detrend, find_peaks, periodogram
 from scipy.spatial.distance import pdist
 
+from rigidfx.scene.points import far_apart
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 
 __all__ = ["Signals", "longest_period"]
 
 Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 TELLTALES = 8  # nodes whose distances are recorded
 CYCLES = 3.0  # cycles of a signal in a record before its period is believed
@@ -36,8 +35,8 @@ class Signals:
     def __init__(self, scene: Scene) -> None:
         """Choose the telltale nodes: far from each other, the same on any ranks. Collective."""
         self._comm = scene.comm
-        X = scene.space.tabulate_dof_coordinates()[: scene.owned_nodes]
-        self._nodes, self._order = _far_apart(self._comm, X, scene.centre_of_mass)
+        self._nodes, places = far_apart(scene, TELLTALES)
+        self._order = np.argsort(np.concatenate(self._comm.allgather(places)))
         self.restart()
 
     def restart(self) -> None:
@@ -118,29 +117,3 @@ def longest_period(t: Array, signals: Array) -> float:
     if not peaks.size:
         return 0.0
     return float(1 / frequency[peaks[0]])
-
-
-def _far_apart(comm: MPI.Intracomm, X: Array, centre: Array) -> tuple[Ints, Ints]:
-    """Nodes chosen one by one, each the farthest from those before. Collective.
-
-    Returns:
-        Local numbers of those that this rank owns, and the order that sorts the gathered ones.
-    """
-    distance = np.linalg.norm(X - centre, axis=1)
-    mine, places = [], []
-    for place in range(TELLTALES):
-        far = np.flatnonzero(distance >= distance.max(initial=0.0) * (1 - 1e-9))
-        # Of equally far nodes the one with the greatest coordinates, whoever owns it.
-        best = max(
-            ((float(distance[i].round(9)), *X[i].round(9).tolist()) for i in far),
-            default=(-1.0, 0.0, 0.0, 0.0),
-        )
-        offers = comm.allgather(best)
-        winner = max(offers)
-        point = np.asarray(winner[1:])
-        if offers.index(winner) == comm.rank:
-            mine.append(int(np.argmin(np.linalg.norm(X - point, axis=1))))
-            places.append(place)
-        distance = np.minimum(distance, np.linalg.norm(X - point, axis=1))
-    order = np.argsort(np.concatenate(comm.allgather(np.asarray(places, dtype=np.int64))))
-    return np.asarray(mine, dtype=np.int64), order

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from math import inf, isfinite
 from typing import Any, ClassVar
@@ -71,6 +71,15 @@ class Table:
     def breakpoints(self) -> tuple[float, ...]:
         """Instants of the kinks [s]."""
         return tuple(float(t) for t in self.times)
+
+    @property
+    def bends(self) -> Mapping[float, float]:
+        """Change of slope at each kink over the largest value, by its instant [1/s]."""
+        times, values = numbers(self.times), numbers(self.values)
+        slopes = np.concatenate([[0.0], np.diff(values) / np.diff(times), [0.0]])
+        largest = max(float(np.abs(values).max()), float(np.finfo(np.float64).tiny))
+        changes = np.abs(np.diff(slopes)) / largest
+        return dict(zip(map(float, times), map(float, changes), strict=True))
 
 
 @dataclass(frozen=True)
@@ -256,3 +265,22 @@ class Windowed(Effect):
     def breakpoints(self) -> tuple[float, ...]:
         """Instants at which a step must end [s]: ends of the window, kinks of functions in it."""
         return (*self.ends, *self._kinks)  # type: ignore[attr-defined]
+
+    @property
+    def bends(self) -> Mapping[float, float]:
+        """Those of the breakpoints at which a load goes on without a jump, by their instants.
+
+        Each has the change of slope of the load's `Table` over its largest value [1/s].
+        """
+        tables = [getattr(self, own.name) for own in fields(self)] if self.is_load else []
+        bends: dict[float, float] = {}
+        for table in tables:
+            for t, change in table.bends.items() if isinstance(table, Table) else ():
+                if self.since < t < self.until:
+                    bends[t] = max(change, bends.get(t, 0.0))
+        return {t: change for t, change in bends.items() if t not in self._apart(tables)}
+
+    def _apart(self, tables: Sequence[Any]) -> set[float]:
+        """Kinks of functions that are no tables."""
+        others = [table for table in tables if not isinstance(table, Table)]
+        return {float(t) for other in others for t in getattr(other, "breakpoints", ())}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from math import isfinite
@@ -48,6 +49,11 @@ class Support(Windowed):
                 f"{type(self).__name__} on '{self.where}': components must be some of 'xyz', "
                 f"each once, got {c!r}."
             )
+
+    @property
+    def bends(self) -> Mapping[float, float]:
+        """None: a kink of a path is a jump of the velocity."""
+        return {}
 
     @property
     def axes(self) -> tuple[int, ...]:

@@ -22,6 +22,12 @@ Columns, in SI units; a vector has one column for each of x, y, z:
     contact_NAME_force_x …, _moment_x …      of each contact [N, N m], zero while it does not act
     contact_NAME_energy, _dissipated         stored at t, taken by friction in the step [J]
     contact_NAME_penetration, _nodes         greatest [m], number of nodes that touch, at t
+    withheld, frozen, damped                 what the ledger says: withheld by rigidity, kept of
+                                             vibrations, taken by numerical damping [J]
+    deformation, energy_allowed              what these are relative to, and what each may be [J]
+    time_error, displacement, time_allowed   estimated error of time integration, what it is
+                                             relative to, and what it may be [m]; NaN where
+                                             nothing estimates it, or nothing was asked
     wall                                     wall time of the step [s]
 """
 
@@ -29,6 +35,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterable, Mapping, Sequence
+from math import nan
 from pathlib import Path
 
 import numpy as np
@@ -48,6 +55,11 @@ SCALARS = (
     *("step", "t", "dt", "iterations", "tangents", "linear_iterations", "cuts"),
     "unknowns",
     *("kinetic", "strain", "stored", "springs", "energy", "work_of_loads", "work_of_supports"),
+)
+
+LEDGER = (
+    *("withheld", "frozen", "damped", "deformation", "energy_allowed"),
+    *("time_error", "displacement", "time_allowed"),
 )
 
 
@@ -74,7 +86,7 @@ def history_columns(
     names = [f"{vector}_{axis}" for vector in vectors for axis in "xyz"]
     first = [*SCALARS, "dissipated", "impact_energy", "momentum_scale", "bodies"]
     of_contacts = [*(["contact"] if contacts else []), *_of_contacts(contacts, {})]
-    return [*first, *names, *stresses, *of_contacts, "wall"]
+    return [*first, *names, *stresses, *of_contacts, *LEDGER, "wall"]
 
 
 def history_row(
@@ -111,7 +123,19 @@ def history_row(
         row |= dict(zip(_stress_names(name), map(float, values), strict=True))
     if contacts:
         row |= {"contact": report.contact, **_of_contacts(contacts, report.touches)}
-    return row | {"wall": report.wall}
+    return row | _spent(report) | {"wall": report.wall}
+
+
+def _spent(report: Report) -> dict[str, float]:
+    """What the ledger says, by the names of the columns."""
+    ledger = report.ledger
+    if ledger is None:
+        return dict.fromkeys(LEDGER, nan)
+    energies = ledger.withheld.spent, ledger.frozen.spent, ledger.damping.spent
+    of_energy = *energies, ledger.frozen.scale, ledger.frozen.allowed
+    time = ledger.time
+    of_time = time.spent, time.scale, time.allowed
+    return dict(zip(LEDGER, (*of_energy, *of_time), strict=True))
 
 
 def _stress_names(probe: str) -> list[str]:

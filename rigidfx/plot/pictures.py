@@ -32,6 +32,7 @@ from rigidfx.plot.curves import (
     on_first_rank,
     save,
 )
+from rigidfx.plot.ledger import spent
 from rigidfx.plot.renders import (
     OF_CELLS,
     Photograph,
@@ -67,10 +68,10 @@ def pictures(
 
     These are histories.png, energies and momenta against time; probes.png, displacements and
     stresses of probes, and reactions, as far as there are some and not too many; unknowns.png,
-    their number and that of bodies, if it changed; shapes.png, the deformed body at several times,
-    rigid parts dark, or coloured by displacement where nothing was rigid; stress.png, the same
-    shapes coloured by von Mises stress at nodes, if the run has recorded it; and film.gif, all of
-    the motion.
+    their number and that of bodies, if it changed; ledger.png, what was spent of accuracy, if a run
+    estimates that; shapes.png, the deformed body at several times, rigid parts dark, or coloured by
+    displacement where nothing was rigid; stress.png, the same shapes coloured by von Mises stress
+    at nodes, if the run has recorded it; and film.gif, all of the motion.
 
     Args:
         folder: Folder of a `Recorder`.
@@ -128,6 +129,12 @@ def pictures(
                 ylabel="number",
                 title=title,
                 comm=alone,
+            )
+        accounts = spent(h)
+        if accounts:
+            made.append(place / "ledger.png")
+            curves(
+                accounts, made[-1], xlabel="time (s)", ylabel="spent (%)", title=title, comm=alone
             )
         run = _Run(series)
         first = "rigid" if run.was_rigid() else "displacement"

@@ -17,6 +17,7 @@ from rigidfx.flexible.indicator import Indicator
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.report.body_report import BodyReport, body_reports
 from rigidfx.report.events import Event
+from rigidfx.report.ledger import Ledger, Ledgers
 from rigidfx.report.probe_stress import StressAt
 from rigidfx.report.probes import Probes
 from rigidfx.state import State
@@ -24,7 +25,7 @@ from rigidfx.step.energies import Measures
 from rigidfx.step.stepper import Stepper, StepResult
 from rigidfx.step.supports import Impact
 
-__all__ = ["Report", "amended", "report_of"]
+__all__ = ["Report", "amended", "report_of", "with_ledger"]
 
 Array = npt.NDArray[np.float64]
 
@@ -76,6 +77,8 @@ class Report:
         closeness: How close any cell's strain rate came to its tolerance at the end of a window,
             the least |e/tol - 1|; NaN if the step ended none.
         probes: Displacement of each probe, shape (3,) [m].
+        ledger: What has been spent of accuracy; None in a run in which nothing estimates it: with
+            given Δt, and no `wake="local"`.
         wall: Wall time of the step [s].
     """
 
@@ -109,6 +112,7 @@ class Report:
     events: tuple[Event, ...]
     closeness: float
     probes: Mapping[str, Array]
+    ledger: Ledger | None
     wall: float
     _state: State
     _changes: int
@@ -258,6 +262,7 @@ def report_of(
         events=(),
         closeness=np.nan,
         probes=probes.displacements(state),
+        ledger=None,
         wall=0.0,
         _state=state,
         _changes=state.changes,
@@ -279,6 +284,19 @@ def _clamped(stepper: Stepper) -> tuple[str, ...]:
     """Names of the parts that supports hold; they are numbered as the scene names them."""
     named = stepper.scene.named(Rigid)
     return tuple(named[number - 1].name for number in sorted(stepper.state.clamped))
+
+
+def with_ledger(report: Report, ledgers: Ledgers, withheld: float, periods: float) -> Report:
+    """A report with what has been spent up to its end. Collective.
+
+    Args:
+        report: The report.
+        ledgers: Accounts of the run.
+        withheld: Strain energy that rigidity withholds [J].
+        periods: Periods that the motion has gone through.
+    """
+    measures = Measures(**{item.name: getattr(report, item.name) for item in fields(Measures)})
+    return replace(report, ledger=ledgers.follow(measures, report.dissipated, withheld, periods))
 
 
 def _measured(measures: Measures) -> dict[str, Any]:

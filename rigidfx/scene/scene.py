@@ -201,6 +201,20 @@ class Scene:
         """Sorted instants at which steps must end [s]."""
         return tuple(sorted({t for e in self.named(fx.Windowed) for t in e.breakpoints}))
 
+    @property
+    def bends(self) -> Mapping[float, float]:
+        """Breakpoints at which loads go on without a jump: change of slope by instant [1/s].
+
+        The change is that of the load's factor over its largest value, the largest of all loads.
+        """
+        windowed, hard = self.named(fx.Windowed), set[float]()
+        bends: dict[float, float] = {}
+        for effect in windowed:
+            own = effect.bends
+            hard.update(t for t in effect.breakpoints if t not in own)
+            bends |= {t: max(change, bends.get(t, 0.0)) for t, change in own.items()}
+        return {t: bends[t] for t in sorted(bends) if t not in hard}
+
     def acting(self, t: float) -> tuple[fx.Windowed, ...]:
         """The effects with a time window that act at t [s]."""
         return tuple(e for e in self.named(fx.Windowed) if e.acts(t))

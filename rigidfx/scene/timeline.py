@@ -24,12 +24,15 @@ class Timeline:
         resolution: Times closer than this are the same [s].
     """
 
-    def __init__(self, dt: float | Mapping[float, float], t_end: float) -> None:
+    def __init__(
+        self, dt: float | Mapping[float, float], t_end: float, finest: float | None = None
+    ) -> None:
         """Check the numbers.
 
         Args:
             dt: Nominal Δt [s], or one from each of several times on, the first of them 0.
             t_end: End of the run [s].
+            finest: Smallest Δt [s], if steps may be shorter than nominal ones.
 
         Raises:
             SceneError: If one cannot be used, or time cannot resolve the steps.
@@ -47,16 +50,18 @@ class Timeline:
         self.t_end = positive("simulate", "t_end", t_end)
         self._times, self._steps = [t for t, _ in pairs], [own for _, own in pairs]
         self.dt = self._steps[0]
-        self.resolution = self._resolve()
+        self.resolution = self._resolve(finest)
         self._stops: list[float] = [*self._times[1:], self.t_end]
 
-    def _resolve(self) -> float:
+    def _resolve(self, finest: float | None) -> float:
         """Times that are the same: some numbers apart, and far less than a step.
 
         Raises:
             SceneError: If a step is as short as numbers are apart at the end of the run.
         """
-        finest = min(dt for t, dt in zip(self._times, self._steps, strict=True) if t < self.t_end)
+        if finest is None:
+            pairs = zip(self._times, self._steps, strict=True)
+            finest = min(dt for t, dt in pairs if t < self.t_end)
         apart = ulp(self.t_end)
         if finest < LEAST * apart:
             raise SceneError(
@@ -82,10 +87,14 @@ class Timeline:
         """Whether the run is over at t [s]."""
         return t >= self.t_end - self.resolution
 
+    def stop_after(self, t: float) -> float:
+        """The next breakpoint, or end of the run, after t [s]."""
+        return self._stops[bisect_right(self._stops, t + self.resolution)]
+
     def next(self, t: float) -> float:
         """End of the step that begins at t [s]."""
         k = bisect_right(self._times, t + self.resolution) - 1
         start, dt = self._times[k], self._steps[k]
         target = start + (floor((t + self.resolution - start) / dt) + 1) * dt
-        stop = self._stops[bisect_right(self._stops, t + self.resolution)]
+        stop = self.stop_after(t)
         return stop if stop <= target + self.resolution else target

@@ -71,7 +71,11 @@ class Motion:
 
 
 class Shadow(Watch):
-    """The shadows of the bodies of a run; `destroy` frees the PETSc objects."""
+    """The shadows of the bodies of a run; `destroy` frees the PETSc objects.
+
+    Attributes:
+        withheld: Strain energy that rigidity withholds, ½ ρᵀK⁺ρ, when shadows last took a step [J].
+    """
 
     def __init__(
         self,
@@ -94,6 +98,7 @@ class Shadow(Watch):
         self._linear = LinearForms(stepper.scene, stepper.forces)
         self._ends = fem.Function(stepper.scene.space), fem.Function(stepper.scene.space)
         self._settling = settling
+        self.withheld = 0.0
         self._system: object = None
         self._bodies = Bodies.of_each(())  # of the last accepted step
         self._parts: Parts | None = None
@@ -134,6 +139,7 @@ class Shadow(Watch):
             self._catch_up()
             carried = self._carried()
             self._release()
+            self.withheld = 0.0
             self._parts = Parts(stepper.scene, stepper.forces, records) if records else None
             if self._parts is not None:
                 self._looks = 0
@@ -246,12 +252,16 @@ class Shadow(Watch):
                 np.maximum(ratio, self._ratio(start, motion, span, limit, length), out=ratio)
                 begin += span
             most = float(ratio.max(initial=0.0))
-            largest = self._stepper.scene.comm.allreduce(most, op=MPI.MAX)
-            self._accepting = partial(self._take, motion, force, change, largest)
+            scene = self._stepper.scene
+            largest = scene.comm.allreduce(most, op=MPI.MAX)
+            energy = 0.5 * float(scene.sum(float(np.vdot(force, motion.still))))
+            self._accepting = partial(self._take, motion, force, change, largest, energy)
             return ratio
 
-    def _take(self, motion: Motion, force: Array, change: float, ratio: float) -> None:
-        self._motion, self._grown = motion, []
+    def _take(
+        self, motion: Motion, force: Array, change: float, ratio: float, withheld: float
+    ) -> None:
+        self._motion, self._grown, self.withheld = motion, [], withheld
         self._pace.taken(force, change, ratio)
 
     def _begun(self, motion: Motion, force: Array) -> Motion:

@@ -7,6 +7,7 @@ made for one that is not.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,6 +35,8 @@ class Attempt:
         end: Time at its end [s].
         increments: Those of the rigid bodies.
         cuts: How often the step was cut before.
+        final: Whether its error in time is taken as it is: it cannot be cut any more, or repeats
+            one that was accepted, with other bodies.
     """
 
     t: float
@@ -42,18 +45,30 @@ class Attempt:
     end: float
     increments: Increments
     cuts: int = 0
+    final: bool = False
+
+
+Look = Callable[[Attempt], StepError | None]  # collective
 
 
 class Judge:
     """Accepts attempts, or objects."""
 
-    def __init__(self, scene: Scene, inversion: Inversion) -> None:
-        """Take over the problem, and what looks for cells turned inside out."""
+    def __init__(self, scene: Scene, inversion: Inversion, inexact: Look | None = None) -> None:
+        """Take over the problem, and the looks.
+
+        Args:
+            scene: The problem.
+            inversion: Looks for cells turned inside out.
+            inexact: Looks for an error in time, if anything does.
+        """
         self._scene, self._inversion = scene, inversion
+        more = () if inexact is None else (inexact,)
+        self._looks: tuple[Look, ...] = (self._not_converged, self._inverted, *more)
 
     def objection(self, attempt: Attempt) -> StepError | None:
         """The error that ends the run if no shorter step helps; None to accept. Collective."""
-        for look in (self._not_converged, self._inverted):
+        for look in self._looks:
             error = look(attempt)
             if error is not None:
                 return error

@@ -25,6 +25,7 @@ from rigidfx.step.rotation_per_step import RotationPerStep
 from rigidfx.step.solution import Solution
 from rigidfx.step.supports import Impact, PrescribedDofs, impose_velocity, supports_of
 from rigidfx.step.system import System
+from rigidfx.step.time_control import TimeControl
 from rigidfx.step.unresolved import Unresolved
 from rigidfx.step.watch import Measuring, Watch
 
@@ -70,6 +71,7 @@ class Stepper:
         state: The state, changed by `advance`.
         forces: Internal forces of the scene's cells.
         indicator: What measures flexible cells in each step; None if nothing does.
+        control: What chooses Δt by its error; None if nothing does.
         prescribed: Dofs that supports hold, of the division it is bound to.
         system: Everything that is bound to that division.
         watches: What takes notice of attempts that become steps; more may be added.
@@ -81,6 +83,7 @@ class Stepper:
         state: State,
         forces: InternalForces,
         indicator: Indicator | None = None,
+        control: TimeControl | None = None,
     ) -> None:
         """Compile the look for inverted cells. Collective.
 
@@ -89,15 +92,19 @@ class Stepper:
             state: The state to be advanced.
             forces: Internal forces, whose u₀ is the state's displacement.
             indicator: What measures flexible cells, if anything.
+            control: What chooses Δt by its error, if anything does.
         """
         self.scene, self.state, self.forces, self.indicator = scene, state, forces, indicator
         self._inversion = Inversion(scene, forces)
-        self._judge = Judge(scene, self._inversion)
+        self.control = control
+        inexact = None if control is None else control.objection
+        self._judge = Judge(scene, self._inversion, inexact)
         self._jumps = Jumps(scene)
         measuring = () if indicator is None else (Measuring(indicator),)
         others = Unresolved(scene), RotationPerStep(scene, forces), self._jumps
         squeezed = (Compression(scene, forces),) if scene.element.enhanced else ()
-        self.watches: list[Watch] = [*measuring, *others, *squeezed]
+        controls = () if control is None else (control,)
+        self.watches: list[Watch] = [*measuring, *others, *squeezed, *controls]
         self._trial = np.inf  # length of the next attempt after a cut ...
         self._whole = np.inf  # ... of a step of this length
         self.system: System
@@ -128,6 +135,8 @@ class Stepper:
             self.prescribed,
             division.driven_cells,
         )
+        if self.control is not None:
+            self.control.follow(self.system, self.state)
         self._bound = True
 
     def follow(self, acting: Sequence[Windowed]) -> bool:
@@ -193,13 +202,15 @@ class Stepper:
         """
         return self.accept(self.attempt(target))
 
-    def attempt(self, target: float) -> Attempt:
+    def attempt(self, target: float, again: bool = False) -> Attempt:
         """Solve a step to the target time, or as far towards it as a cut one gets. Collective.
 
         The state stays as it is until `accept`.
 
         Args:
             target: Time at which the step is to end [s].
+            again: Whether a step to there has been accepted, with other bodies: its error in time
+                is not objected to.
 
         Raises:
             SceneError: If a load takes a value that is not finite.
@@ -213,13 +224,15 @@ class Stepper:
         while True:
             dt = self._trial if longer(left, self._trial) else left
             end = target if dt == left else self.state.t + dt
+            last = not longer(dt, self._whole / 2**MAX_CUTS)
             solution = self.system.solve(self.state, dt)
-            attempt = Attempt(self.state.t, dt, solution, end, self.system.increments, cuts)
+            increments, final = self.system.increments, again or last
+            attempt = Attempt(self.state.t, dt, solution, end, increments, cuts, final)
             objection = self._judge.objection(attempt)
             if objection is None:
                 self._trial = np.inf if dt == left and cuts == 0 else 2 * dt
                 return attempt
-            if not longer(dt, self._whole / 2**MAX_CUTS):
+            if last:
                 raise objection
             cuts += 1
             self._trial = dt / 2

@@ -98,11 +98,14 @@ drafts = st.fixed_dictionaries(
         "xi": _choice(0.0, 0.0, 0.1, 0.5),
         "damping": _choice(0.0, 0.0, 0.1),
         "criterion": st.one_of(st.none(), _criteria),
+        "control": _choice(None, None, None, 0.3, 0.01),
     }
 )
 
 
-def build(draft: Draft) -> tuple[rf.Scene, float, float, rf.StrainRate | None]:
+def build(
+    draft: Draft,
+) -> tuple[rf.Scene, float | rf.StepControl, float, rf.StrainRate | None]:
     """Scene, Δt, end and criterion of a draft."""
     edges = 10.0 ** np.array(draft["edges"])
     size = edges * draft["cells"]
@@ -149,7 +152,9 @@ def build(draft: Draft) -> tuple[rf.Scene, float, float, rf.StrainRate | None]:
     able = draft["cell"] == "hexahedron" and not draft["two materials"]
     element = draft["element"] if able else "standard"
     scene = rf.Scene(domain, material, effects, mass=draft["mass"], element=element)
-    return scene, dt, draft["steps"] * dt, _criterion(draft["criterion"], dt)
+    tol = draft.get("control")
+    control = dt if tol is None else rf.StepControl(tol, largest=dt, smallest=dt / 8)
+    return scene, control, draft["steps"] * dt, _criterion(draft["criterion"], dt)
 
 
 def _times(window: Any, dt: float) -> dict[str, float]:

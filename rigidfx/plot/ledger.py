@@ -1,0 +1,47 @@
+"""What a run has spent of accuracy, against what was allowed, as curves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.plot.curves import Curve
+
+__all__ = ["spent"]
+
+Array = npt.NDArray[np.float64]
+
+ENERGIES = {
+    "withheld": "withheld by rigidity",
+    "frozen": "frozen vibration",
+    "damped": "numerical damping",
+}
+
+
+def spent(history: Mapping[str, Array]) -> dict[str, list[Curve]]:
+    """The accounts of the ledger in per cent, by panel; nothing where nothing was estimated.
+
+    Args:
+        history: The columns of a history.csv by name.
+    """
+    if not np.isfinite(history.get("deformation", np.array([np.nan]))).any():
+        return {}
+    t, panels = history["t"], {}
+    panels["Energies, % of the energy of deformation"] = _panel(
+        t, history, "deformation", ENERGIES, "energy_allowed"
+    )
+    panels["Time integration, % of the largest displacement"] = _panel(
+        t, history, "displacement", {"time_error": "estimated error"}, "time_allowed"
+    )
+    return {title: curves for title, curves in panels.items() if curves}
+
+
+def _panel(
+    t: Array, h: Mapping[str, Array], scale: str, names: Mapping[str, str], allowed: str
+) -> list[Curve]:
+    sizes = np.where(h[scale] > 0, h[scale], np.inf)
+    every = {**names, allowed: "allowed"}
+    known = {name: words for name, words in every.items() if np.isfinite(h[name]).any()}
+    return [Curve(words, t, 100 * np.nan_to_num(h[name]) / sizes) for name, words in known.items()]

@@ -1,0 +1,101 @@
+"""Points of a scene as fixed weights on nodes: its probes, and nodes that lie far apart."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.base.compat import cell_geometry_dofs, coordinate_map
+from rigidfx.scene.scene import Scene
+
+__all__ = ["Point", "far_apart", "find_probes", "owned_part", "weights_at"]
+
+Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Point:
+    """A point of the body as a weighted sum of nodes.
+
+    Attributes:
+        nodes: Those nodes of its cell that this rank owns.
+        weights: Shape functions there.
+    """
+
+    nodes: Ints
+    weights: Array
+
+
+def find_probes(scene: Scene) -> Mapping[str, Point]:
+    """The probes of a scene. Collective."""
+    found = {}
+    for name, (root, cell) in scene.probe_cells.items():
+        here = root == scene.comm.rank
+        mine = weights_at(scene, cell, scene.probes[name]) if here else None
+        found[name] = owned_part(scene, *scene.comm.bcast(mine, root=root))
+    return found
+
+
+def weights_at(scene: Scene, cell: int, point: Array) -> tuple[Ints, Array]:
+    """Global nodes of a cell and their shape functions at a point of it.
+
+    Args:
+        scene: The problem.
+        cell: A cell of this rank.
+        point: Shape (3,) [m].
+    """
+    mesh, element = scene.mesh, scene.space.element
+    corners = mesh.geometry.x[cell_geometry_dofs(mesh)[cell]]
+    reference = coordinate_map(mesh).pull_back(point.reshape(1, 3), corners)
+    scalar: Any = element.basix_element
+    weights = scalar.tabulate(0, reference)[0, 0, :, 0]
+    nodes = scene.space.dofmap.cell_dofs(cell).astype(np.int32)
+    return scene.space.dofmap.index_map.local_to_global(nodes), weights
+
+
+def owned_part(scene: Scene, nodes: Ints, weights: Array) -> Point:
+    """The part of a weighted sum that this rank owns.
+
+    Args:
+        scene: The problem.
+        nodes: Global nodes.
+        weights: Of each.
+    """
+    first, end = scene.space.dofmap.index_map.local_range
+    mine = (nodes >= first) & (nodes < end)
+    return Point(nodes[mine] - first, weights[mine])
+
+
+def far_apart(scene: Scene, count: int) -> tuple[Ints, Ints]:
+    """Nodes chosen one by one, each the farthest from those before; any ranks agree. Collective.
+
+    Args:
+        scene: The problem.
+        count: How many are wanted.
+
+    Returns:
+        Local numbers of those that this rank owns, and the place of each in the order of choice.
+    """
+    comm, X = scene.comm, scene.space.tabulate_dof_coordinates()[: scene.owned_nodes]
+    distance = np.linalg.norm(X - scene.centre_of_mass, axis=1)
+    mine, places = [], []
+    for place in range(count):
+        far = np.flatnonzero(distance >= distance.max(initial=0.0) * (1 - 1e-9))
+        # Of equally far nodes the one with the greatest coordinates, whoever owns it.
+        best = max(
+            ((float(distance[i].round(9)), *X[i].round(9).tolist()) for i in far),
+            default=(-1.0, 0.0, 0.0, 0.0),
+        )
+        offers = comm.allgather(best)
+        winner = max(offers)
+        point = np.asarray(winner[1:])
+        if offers.index(winner) == comm.rank:
+            mine.append(int(np.argmin(np.linalg.norm(X - point, axis=1))))
+            places.append(place)
+        distance = np.minimum(distance, np.linalg.norm(X - point, axis=1))
+    return np.asarray(mine, dtype=np.int64), np.asarray(places, dtype=np.int64)

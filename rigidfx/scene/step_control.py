@@ -1,0 +1,124 @@
+"""Steps as long as an error lets them be: what the user states."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from rigidfx.base.errors import SceneError
+from rigidfx.base.inputs import number, positive
+from rigidfx.base.taken import take_fields
+from rigidfx.scene.scene import Scene
+
+__all__ = ["StepControl", "check_probes", "fraction"]
+
+LEAST = 1e-3  # of the largest step: the smallest one, unless told otherwise
+
+
+def fraction(owner: str, name: str, value: Any) -> float:
+    """A user's number between zero and one as a float.
+
+    Args:
+        owner: Whose number it is, for the message.
+        name: Name of the number.
+        value: The given value.
+
+    Raises:
+        SceneError: If it is anything else.
+    """
+    result = number(owner, name, value)
+    if 0 < result < 1:
+        return result
+    raise SceneError(
+        f"{owner}: {name} must be a number between 0 and 1, such as 0.01 for one per cent, got "
+        f"{value!r}."
+    )
+
+
+@dataclass(frozen=True)
+class StepControl:
+    """Δt follows from the error of displacements that time integration is allowed to make.
+
+    The errors of all steps, added up, are kept below `tol` times the largest displacement so far;
+    see `rigidfx.step.time_error` for the estimate and `rigidfx.step.step_length` for the rule.
+
+    Attributes:
+        tol: Error of a run over the largest displacement so far, such as 0.01.
+        at: Names of the probes whose displacements count, the one with the largest error each
+            time; some nodes far from each other if None.
+        largest: Largest Δt [s]. What is over in less and is not declared as a time window, a
+            `Table` or `breakpoints` may be stepped over.
+        smallest: Smallest Δt [s]; a thousandth of the largest if None.
+        of: Displacement that `tol` is a part of [m]; the largest so far if None.
+    """
+
+    tol: float
+    at: str | Sequence[str] | None = None
+    largest: float = field(kw_only=True)
+    smallest: float | None = field(default=None, kw_only=True)
+    of: float | None = field(default=None, kw_only=True)
+
+    def __post_init__(self) -> None:
+        """Check all values, and take them.
+
+        Raises:
+            SceneError: If one cannot be used, or they contradict each other.
+        """
+        owner = "StepControl"
+        fraction(owner, "tol", self.tol)
+        positive(owner, "largest", self.largest)
+        if self.smallest is not None:
+            positive(owner, "smallest", self.smallest)
+            if self.smallest > self.largest:
+                raise SceneError(
+                    f"StepControl: needs smallest ≤ largest, got {self.smallest!r} and "
+                    f"{self.largest!r} s."
+                )
+        if self.of is not None:
+            positive(owner, "of", self.of)
+        given = (self.at,) if isinstance(self.at, str) else self.at
+        if given is not None:
+            listed = isinstance(given, Iterable)
+            names = tuple(given) if listed else ()
+            if not names or not all(isinstance(name, str) for name in names):
+                raise SceneError(f"StepControl: at must be names of probes, got {self.at!r}.")
+            object.__setattr__(self, "at", tuple(sorted(set(names))))
+        take_fields(self)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the probes that count; none if nodes of its own choice do."""
+        return () if self.at is None else tuple(self.at)
+
+    @property
+    def least(self) -> float:
+        """The smallest Δt [s]."""
+        return LEAST * float(self.largest) if self.smallest is None else float(self.smallest)
+
+    def check(self, scene: Scene) -> None:
+        """Look its probes up.
+
+        Raises:
+            SceneError: If a name is unknown.
+        """
+        check_probes("StepControl", self.names, scene)
+
+
+def check_probes(owner: str, names: Sequence[str], scene: Scene) -> None:
+    """Look names of probes up.
+
+    Args:
+        owner: Whose names these are, for the message.
+        names: The names.
+        scene: The problem.
+
+    Raises:
+        SceneError: If one is unknown.
+    """
+    for name in names:
+        if name not in scene.probes:
+            raise SceneError(
+                f"{owner}: at names the probe '{name}'; the scene has "
+                f"{sorted(scene.probes) or 'none'}. Name one of these, or give it to the Scene."
+            )

@@ -1,0 +1,345 @@
+"""Steps as long as an error lets them be."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import parallel
+import pytest
+from histories import NEWTON, drift
+from mpi4py import MPI
+from runs import prepared, step
+from scipy.interpolate import CubicHermiteSpline
+
+import rigidfx as rf
+from rigidfx.plot.ledger import spent
+from rigidfx.scene.timeline import Timeline
+from rigidfx.step.step_length import StepLength
+from rigidfx.step.time_error import TimeError
+
+SOFT = rf.StVenantKirchhoff(E=1e6, nu=0.3, rho=1000.0)
+T = 8.0
+
+
+def bar(*effects, cells=(4, 1, 1)):
+    box = rf.box((0, 0, 0), (8, 1, 1), cells)
+    return rf.Scene(box, SOFT, effects, probes={"tip": (8, 0.5, 0.5)})
+
+
+def pushed():
+    """A clamped bar, pushed for two seconds: it swings from then on."""
+    push = rf.Traction("x1", (0, 0, 200.0), time=lambda t: np.sin(np.pi * t / 2), until=2.0)
+    return bar(rf.Fixed("x0"), push)
+
+
+def tumbling():
+    return bar(rf.InitialVelocity(angular=(0.3, 1.0, 0.5)))
+
+
+def shaken():
+    path = rf.PrescribedMotion(
+        "x0", displacement=lambda t: (0, 0, 0.05 * np.sin(2 * np.pi * t / 3) * min(1.0, t / 3))
+    )
+    return bar(path)
+
+
+def run(scene, dt, t_end=T, **more):
+    return list(rf.simulate(scene, dt, t_end, progress=False, **more))
+
+
+def tip(reports):
+    return np.array([r.probes["tip"] for r in reports])
+
+
+def times(reports):
+    return np.array([r.t for r in reports])
+
+
+# The estimate and the rule --------------------------------------------------------------------
+
+
+def test_the_estimate_is_the_local_error_of_a_cubic():
+    """v = t³/3 has the jerk 2t: after three differences, their mean is the one two steps before."""
+    estimate, dt = TimeError(1), 0.1
+    found = []
+    for k in range(6):
+        t = k * dt
+        v0, v1 = (np.array([[s**3 / 3, 0.0, 0.0]]) for s in (t, t + dt))
+        found.append(estimate.look(v0, v1, t, dt))
+        estimate.accept()
+    assert np.isnan(found[0])
+    # Differences lie at the ends of steps, and the mean of three at the middle one of them.
+    assert found[3:] == pytest.approx([dt**3 / 12 * 2 * (k - 1) * dt for k in (3, 4, 5)], rel=1e-9)
+
+
+def test_what_rings_from_step_to_step_is_no_error():
+    estimate = TimeError(1)
+    for k in range(8):
+        v0, v1 = (np.array([[(-1.0) ** n, 0.0, 0.0]]) for n in (k, k + 1))
+        error = estimate.look(v0, v1, 0.1 * k, 0.1)
+        estimate.accept()
+    assert error == pytest.approx(0.0, abs=1e-12)
+
+
+def test_nothing_is_known_after_a_breakpoint_or_of_other_bodies():
+    estimate = TimeError(2)
+    v = np.arange(6.0).reshape(2, 3)
+    for k in range(4):
+        estimate.look(k**2 * v, (k + 1) ** 2 * v, 0.1 * k, 0.1)
+        estimate.accept()
+    assert not estimate.young
+    estimate.forget_at(np.array([True, False]))
+    assert not np.isnan(estimate.look(16 * v, 25 * v, 0.4, 0.1))
+    estimate.forget()
+    assert estimate.young
+    assert np.isnan(estimate.look(16 * v, 25 * v, 0.4, 0.1))
+
+
+def test_an_even_error_gets_an_even_step_that_uses_the_budget():
+    """With e = c Δt³ for ever, Σe is what estimates are to add up to."""
+    length, t, c = StepLength(0.01, 10.0, 0.1, 1e-3, 1.0, 1.0, of=1.0), 0.0, 0.02
+    steps = []
+    while t < 10.0:
+        dt = length.wanted
+        t += dt
+        length.accept(c * dt**3, t, dt, 1.0, False)
+        steps.append(dt)
+    assert 0.3 * 0.01 < length.spent < 0.01
+    assert len(set(steps)) <= 8
+
+
+def test_nothing_divides_by_rest():
+    """Nothing moves, and nothing errs: the longest step."""
+    length = StepLength(0.01, 10.0, 0.01, 1e-3, 0.5, 1.0)
+    for k in range(20):
+        length.accept(0.0, 0.01 * (k + 1), length.wanted, 0.0, False)
+        assert np.isfinite(length.allowed(0.01 * (k + 1)))
+    assert length.wanted == 0.5
+
+
+# Runs -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("make", "tol"), [(pushed, 0.05), (shaken, 0.1), (tumbling, 0.1), (tumbling, 0.02)]
+)
+def test_error_is_what_was_asked(make, tol):
+    """Against a run whose own error is below a ninth of this one's, by its Δt."""
+    reports = run(make(), rf.StepControl(tol, "tip", largest=0.5), 4.0)
+    typical = float(np.median([r.dt for r in reports[1:]]))
+    fine = [(r.t, r.probes["tip"]) for r in run(make(), 0.3 * typical, 4.0)]
+    t, u = np.array([a for a, _ in fine]), np.array([b for _, b in fine])
+    truth = CubicHermiteSpline(t, u, np.gradient(u, t, axis=0))
+    error = np.linalg.norm(tip(reports) - truth(times(reports)), axis=1).max()
+    asked = tol * np.linalg.norm(u, axis=1).max()
+    assert 0.05 * asked < error < 1.5 * asked
+    assert 0.4 < reports[-1].ledger.time.spent / error < 3.0
+    assert reports[-1].ledger.rejected <= max(0.05 * len(reports), 5)
+
+
+def test_energy_and_momenta_through_a_thousand_changes():
+    """Δt is another one in each step."""
+    random = np.random.default_rng(7)
+    with prepared(tumbling()) as made:
+        state, measured = made.stepper.state, [made.stepper.measure()]
+        for dt in random.uniform(0.02, 0.2, 1000):
+            step(made, dt)
+            measured.append(made.stepper.measure())
+        assert state.t > 50.0
+    assert drift(np.array([m.energy for m in measured])) < 10 * NEWTON
+    for name in ("angular_momentum",):
+        assert drift(np.array([getattr(m, name) for m in measured])) < 10 * NEWTON
+    L = np.array([np.linalg.norm(m.linear_momentum) / m.momentum_scale for m in measured])
+    assert np.abs(L - L[0]).max() < 10 * NEWTON
+
+
+def test_balances_hold_in_a_controlled_run():
+    reports = run(tumbling(), rf.StepControl(0.01, largest=0.5))
+    assert drift(np.array([r.energy for r in reports])) < 10 * NEWTON
+    assert drift(np.array([r.angular_momentum for r in reports])) < 10 * NEWTON
+
+
+def test_a_breakpoint_is_met_with_even_steps_and_begun_anew():
+    """Steps end on it exactly, none is a sliver, and after it they begin small."""
+    push = rf.Traction("x1", (0, 0, 200.0), since=1.0, until=3.3)
+    reports = run(bar(rf.Fixed("x0"), push), rf.StepControl(0.02, "tip", largest=0.3))
+    t = times(reports)
+    assert {1.0, 3.3, T} <= set(t)
+    dt = np.diff(t)
+    for stop in (1.0, 3.3):
+        k = int(np.flatnonzero(t == stop)[0])
+        assert dt[k] <= max(dt[k - 1] / 8, 1e-3)  # the first step after it
+        assert dt[k - 1] >= 0.89 * dt[k - 2]  # the last two before it
+    assert dt.max() <= 0.3 * (1 + 1e-9)
+    assert sum(abs(b / a - 1) > 1e-9 for a, b in pairwise(dt)) < 0.5 * len(dt)
+
+
+def test_a_body_at_rest_takes_the_longest_steps():
+    """Until something happens, and no number is divided by nothing."""
+    push = rf.Traction("x1", (0, 0, 200.0), since=6.0, until=6.2)
+    reports = run(bar(rf.Fixed("x0"), push), rf.StepControl(0.02, largest=0.5))
+    still = [r for r in reports if 2.0 < r.t <= 6.0]
+    assert all(0.35 < r.dt <= 0.5 for r in still)
+    assert all(np.isfinite(r.ledger.time.spent) for r in reports)
+    nothing = run(bar(rf.Fixed("x0")), rf.StepControl(0.02, largest=0.5))
+    assert nothing[-1].t == T
+    assert nothing[-1].ledger.time.spent == 0.0
+
+
+def test_a_part_that_is_rigid_takes_the_longest_steps():
+    scene = bar(rf.Rigid(), rf.InitialVelocity(linear=(1.0, 0, 0)))
+    reports = run(scene, rf.StepControl(0.01, "tip", largest=0.5))
+    assert max(r.dt for r in reports) > 0.45
+
+
+def test_weak_kinks_end_no_step():
+    """A smooth curve given as a table of 400 values, and a roof with its one kink."""
+    fine = np.linspace(0.0, T, 401)
+    smooth = rf.Table(tuple(fine), tuple(np.sin(np.pi * fine / T)))
+    roof = rf.Table((0.0, 1.9, 2.1, T), (0.0, 1.0, 0.0, 0.0))
+    for table, ends in ((smooth, False), (roof, True)):
+        push = rf.Traction("x1", (0, 0, 100.0), time=table)
+        reports = run(bar(rf.Fixed("x0"), push), rf.StepControl(0.02, "tip", largest=0.2))
+        t = times(reports)
+        inside = [k for k in table.times if 0 < k < T]
+        assert (np.isin(inside, t).all()) == ends
+        assert len(t) < 300
+
+
+def test_the_kinks_of_a_scene():
+    table = rf.Table((0.0, 1.0, 3.0), (0.0, 2.0, 0.0))
+    assert dict(table.bends) == pytest.approx({0.0: 1.0, 1.0: 1.5, 3.0: 0.5})
+    loads = rf.Traction("x1", (0, 0, 1.0), time=table), rf.Traction("x1", (1.0, 0, 0), until=3.0)
+    assert dict(bar(rf.Fixed("x0"), *loads).bends) == pytest.approx({0.0: 1.0, 1.0: 1.5})
+    moved = rf.Fixed("x0", until=1.0)
+    assert 1.0 not in bar(moved, loads[0]).bends
+
+
+def test_a_step_that_may_not_be_shorter_says_so():
+    control = rf.StepControl(0.001, "tip", largest=0.4, smallest=0.3)
+    with pytest.warns(rf.RigidfxWarning, match="as short as they may be"):
+        reports = run(pushed(), control)
+    spent = reports[-1].ledger.time
+    assert spent.spent > spent.allowed
+
+
+def test_bodies_that_come_and_go():
+    """They wake and freeze beside a controlled Δt; balances hold, and no Δt is cut for it."""
+    rule = rf.StrainRate(2e-3, 1.0, wake="local", release=rf.Release(at=5.0))
+    reports = run(pushed(), rf.StepControl(0.02, largest=0.1), rigidify=rule)
+    assert any(r.events for r in reports)
+    work = sum(r.work_of_loads for r in reports)
+    assert abs(reports[-1].energy - work) < 1e-9 * work
+
+
+# The ledger -----------------------------------------------------------------------------------
+
+
+def test_the_energy_of_deformation_is_none_of_a_rigid_motion():
+    """A free body that flies and turns, as one body, and one that vibrates as well."""
+    spin = rf.InitialVelocity(linear=(3.0, 1.0, 0.0), angular=(0.2, 0.0, 0.1))
+    rigid = run(bar(spin, rf.Rigid()), rf.StepControl(0.01, largest=0.1), 1.0)
+    assert rigid[-1].ledger.frozen.scale <= 1e-9 * rigid[-1].kinetic
+    one = rf.InitialVelocity(function=lambda X: np.stack([0 * X[0], 0 * X[0], 0.01 * np.cos(X[0])]))
+    still = run(bar(one), rf.StepControl(0.01, largest=0.01), 0.01)[0].ledger.frozen.scale
+    both = run(bar(one, spin), rf.StepControl(0.01, largest=0.01), 0.01)[0].ledger.frozen.scale
+    assert both == pytest.approx(still, rel=1e-9)
+
+
+def test_the_ledger_says_what_damping_takes_and_what_freezes():
+    rule = rf.StrainRate(2e-3, 1.0, wake="local")
+    push = pushed().effects
+    reports = run(bar(*push, rf.NumericalDamping(0.02)), 0.05, rigidify=rule)
+    ledger, taken = reports[-1].ledger, sum(sum(r.dissipated.values()) for r in reports)
+    assert ledger.damping.spent == pytest.approx(taken, rel=1e-12)
+    assert ledger.damping.relative == pytest.approx(taken / ledger.damping.scale)
+    frozen = [(r.ledger.frozen.spent, r.stored, r.ledger.withheld.spent) for r in reports]
+    assert max(f for f, _, _ in frozen) > 0
+    assert all(f <= s + 1e-15 for f, s, _ in frozen)
+    assert max(w for _, _, w in frozen) > 0
+    assert min(w for _, _, w in frozen) >= -1e-12 * ledger.withheld.scale
+    assert np.isnan(ledger.time.spent)
+    assert "not estimated" in str(ledger)
+    assert "withheld by rigidity" in str(ledger)
+
+
+def test_nothing_is_accounted_where_nothing_estimates():
+    assert run(pushed(), 0.1, 1.0)[-1].ledger is None
+
+
+def test_the_table_of_a_run_has_the_ledger(tmp_path):
+    scene = pushed()
+    with rf.Recorder(scene, tmp_path) as recorder:
+        for report in rf.simulate(scene, rf.StepControl(0.05, "tip", largest=0.2), 1.0):
+            recorder.write(report)
+    h = rf.read_history(tmp_path / "history.csv")
+    assert h["time_error"][-1] == report.ledger.time.spent
+    assert h["time_allowed"][-1] == pytest.approx(0.05 * h["displacement"][-1])
+    assert np.isnan(h["withheld"]).all()
+    panels = spent(h)
+    assert [curve.label for curve in panels.popitem()[1]] == ["estimated error", "allowed"]
+
+
+# Bad input ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("wrong", "named"),
+    [
+        ({"tol": 0.0}, "tol"),
+        ({"tol": -0.01}, "tol"),
+        ({"tol": 1.0}, "tol"),
+        ({"tol": "fine"}, "tol"),
+        ({"largest": 0.0}, "largest"),
+        ({"largest": np.inf}, "largest"),
+        ({"smallest": 0.2}, "smallest"),
+        ({"smallest": -1.0}, "smallest"),
+        ({"of": 0.0}, "of"),
+        ({"at": 3}, "at"),
+        ({"at": ()}, "at"),
+        ({"at": ("tip", 1)}, "at"),
+    ],
+)
+def test_bad_numbers_are_refused(wrong, named):
+    with pytest.raises(rf.SceneError, match=f"StepControl.*{named}"):
+        rf.StepControl(**{"tol": 0.01, "largest": 0.1, **wrong})
+
+
+def test_an_unknown_probe_is_refused():
+    with pytest.raises(rf.SceneError, match=r"probe 'top'.*tip"):
+        rf.simulate(pushed(), rf.StepControl(0.01, "top", largest=0.1), 1.0)
+
+
+def test_steps_that_time_cannot_resolve_are_refused():
+    with pytest.raises(rf.SceneError, match="cannot be resolved"):
+        Timeline(0.1, 1.0, 1e-16)
+
+
+def pulled():
+    pull = rf.Traction("x1", (0, 0, 200.0), until=1.0)
+    return bar(rf.Fixed("x0"), pull)
+
+
+@pytest.fixture(scope="module")
+def on_one_rank():
+    return parallel.run(__file__, 1, 120)
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_ranks_take_the_same_steps(on_one_rank, ranks):
+    """As one rank does: the same number of them, and the same probe at the end."""
+    for one, some in zip(on_one_rank, parallel.run(__file__, ranks, 120), strict=True):
+        assert some[:2] == one[:2]
+        assert some[2:] == pytest.approx(one[2:], rel=1e-8, abs=1e-10)
+
+
+if __name__ == "__main__":
+    out = []
+    for at in ("tip", None):
+        last = run(pulled(), rf.StepControl(0.05, at, largest=0.3), 3.0)[-1]
+        ledger = last.ledger
+        out.append([last.step, ledger.rejected, last.t, *last.probes["tip"], ledger.time.spent])
+    if MPI.COMM_WORLD.rank == 0:
+        parallel.report([[float(x) for x in row] for row in out])
