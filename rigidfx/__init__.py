@@ -14,6 +14,7 @@ from rigidfx.base.errors import (
     StepError,
 )
 from rigidfx.decide.criterion import Release, StrainRate
+from rigidfx.decide.relative import Relative
 from rigidfx.domain.arrays import box, from_arrays
 from rigidfx.domain.cad import list_cad, read_cad
 from rigidfx.domain.domain import Domain
@@ -92,6 +93,7 @@ __all__ = [
     "PrescribedRotation",
     "Pressure",
     "Recorder",
+    "Relative",
     "Release",
     "Report",
     "Resultant",

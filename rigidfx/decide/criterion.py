@@ -10,6 +10,7 @@ from typing import Any, Literal
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import number, positive, whole
 from rigidfx.base.taken import take_fields, taken
+from rigidfx.decide.relative import Relative
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.strain_rate import StrainRates
@@ -79,7 +80,7 @@ class StrainRate:
 
     Attributes:
         tol: Largest strain rate of a cell that counts as rigid [1/s]; with measure="paper"
-            [m^-1.5/s].
+            [m^-1.5/s]. `Relative(0.02)` is that part of the largest strain rate so far.
         window: Length of a window T_red [s]; "auto" takes it from the longest period that is
             seen in the motion and in the loads.
         measure: "rms", sqrt(∫ ΔE:ΔE dV0 / V0)/Δt, which does not depend on the mesh, or
@@ -107,7 +108,7 @@ class StrainRate:
         until: Time [s] from which on no more bodies are formed.
     """
 
-    tol: float
+    tol: float | Relative
     window: float | Literal["auto"]
     measure: Literal["rms", "paper"] = field(default="rms", kw_only=True)
     tolerances: Mapping[str, float] = field(default_factory=dict, kw_only=True)
@@ -128,7 +129,7 @@ class StrainRate:
             SceneError: If a number or a name cannot be used.
         """
         owner = "StrainRate"
-        if not number(owner, "tol", self.tol) >= 0:
+        if not isinstance(self.tol, Relative) and not number(owner, "tol", self.tol) >= 0:
             raise SceneError(f"StrainRate: tol must be ≥ 0, got {self.tol!r}.")
         if not isinstance(self.window, str) or self.window != "auto":
             if isinstance(self.window, str):

@@ -27,6 +27,7 @@ from rigidfx.decide.criterion import StrainRate
 from rigidfx.decide.decision import Decision, plan_bodies, qualify
 from rigidfx.decide.load_changes import LoadChanges
 from rigidfx.decide.observation import Observation
+from rigidfx.decide.relative import Relative
 from rigidfx.decide.releases import PLANNED, Releases
 from rigidfx.decide.signals import Signals
 from rigidfx.decide.window import Window
@@ -58,6 +59,7 @@ class Memory:
         contacts: The same of contacts.
         next_number: First number that no body has had.
         said: Kinds of warnings that were given.
+        largest: Largest strain rate of any cell so far, if tolerances are relative to it [1/s].
     """
 
     window: Window
@@ -67,6 +69,7 @@ class Memory:
     contacts: ContactChanges
     next_number: int
     said: set[str] = field(default_factory=set)
+    largest: float = 0.0
 
 
 class Policy:
@@ -94,7 +97,7 @@ class Policy:
         for name, tol in criterion.tolerances.items():
             cells = scene.owned_cells(name, "StrainRate (tolerances)")
             special[cells] = np.minimum(special[cells], tol)
-        self._tol = np.where(np.isfinite(special), special, criterion.tol)
+        self._special = special
         self._never = np.zeros(self._graph.owned, dtype=bool)
         for name in criterion.never:
             self._never[scene.owned_cells(name, "StrainRate (never)")] = True
@@ -121,6 +124,13 @@ class Policy:
     def _advice(self) -> Advice:
         """Warnings, of each thing once."""
         return Advice(self._scene.comm, self._criterion, self.memory.said)
+
+    @property
+    def _tol(self) -> Array:
+        """Tolerance of each owned cell now [1/s]."""
+        tol = self._criterion.tol
+        now = tol.part * self.memory.largest if isinstance(tol, Relative) else float(tol)
+        return np.where(np.isfinite(self._special), self._special, now)
 
     def _new_window(self, t: float) -> Window:
         """A new window from t [s] on, or from when observation begins."""
@@ -319,7 +329,14 @@ class Policy:
         memory, t = self.memory, seen.t
         if t > self._criterion.since + self._timeline.resolution:
             indicator = seen.indicator
-            memory.window.add(indicator.cells, indicator.values[indicator.cells])
+            rates = indicator.values[indicator.cells]
+            memory.window.add(indicator.cells, rates)
+            if isinstance(self._criterion.tol, Relative):
+                most = float(rates.max(initial=0.0))
+                most = self._graph.comm.allreduce(most, op=MPI.MAX)
+                # What is at rest strains by noise, of which no part means anything.
+                if memory.largest > 0 or most > seen.noise:
+                    memory.largest = max(memory.largest, most)
             memory.signals.add(seen.state, memory.loads.observe(t))
 
     def applied(self, decision: Decision, seen: Observation, changed: bool) -> None:
