@@ -26,7 +26,7 @@ MPI_VARIABLES = ("OMPI_COMM", "OMPI_UNIVERSE", "OMPI_APP", "OMPI_NUM", "OMPI_FIR
                  "PMIX_", "PMI_", "PRTE_", "HYDRA_")  # fmt: skip
 
 # Benchmarks of many scenes, of which one is run.
-SOME = {"waking": ("--only", "wave")}
+SOME = {"waking": ("--only", "wave"), "step_control": ("--only", "push")}
 # Long ones, whose steps, switches and files others have on two ranks.
 ON_ONE_RANK = "accuracy_vs_time", "free_flying_body", "spatial_frame"
 SUMMARY = {
@@ -84,6 +84,7 @@ SUMMARY = {
 }
 BENCHMARK_SUMMARY = {
     "waking": {"scene", "needed", "missed", "woken", "false", "rigid_share", "quiet_share"},
+    "step_control": {"scene", "budget", "measured", "estimate", "reference", "steps", "rejected"},
     "flexible_step": {"ratio_to_plain_dolfinx", "unknowns"},
     "locking": {"cases", "cost_ratio_to_standard", "speedup_over_second_order_at_one_percent"},
     "effects": {"ratio_per_step", "ratio_per_iteration", "newton_per_step", "unknowns"},
