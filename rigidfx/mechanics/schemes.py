@@ -29,6 +29,7 @@ from typing import Any, ClassVar, Protocol
 
 import ufl
 
+from rigidfx.base.errors import SceneError
 from rigidfx.mechanics.element import Element
 from rigidfx.mechanics.materials import Energy
 
@@ -39,6 +40,7 @@ __all__ = [
     "Scheme",
     "Trapezoidal",
     "initial_stiffness_times",
+    "scheme_of",
     "second_piola_kirchhoff",
     "static_virtual_work",
     "stored_energy",
@@ -218,3 +220,18 @@ class Trapezoidal:
     def eliminated(self, element: Element, u0: Any, u1: Any, w: Any, du: Any, xi: Any) -> Any:
         """Not asked."""
         raise NotImplementedError
+
+
+def scheme_of(given: Any) -> Scheme:
+    """The scheme that was given; the energy-momentum method if None.
+
+    Raises:
+        SceneError: If it is none.
+    """
+    scheme: Scheme = EnergyMomentum() if given is None else given
+    asked = "virtual_work", "conserving", "damps", "couples"
+    if isinstance(given, type) or not all(hasattr(scheme, name) for name in asked):
+        raise SceneError(
+            f"Scene: scheme must be EnergyMomentum(), Midpoint() or Trapezoidal(), got {given!r}."
+        )
+    return scheme

@@ -29,7 +29,7 @@ from rigidfx.domain.connected import ConnectedParts, connected_parts
 from rigidfx.domain.domain import Domain
 from rigidfx.mechanics.element import Element
 from rigidfx.mechanics.materials import Material
-from rigidfx.mechanics.schemes import EnergyMomentum, Scheme
+from rigidfx.mechanics.schemes import Scheme, scheme_of
 from rigidfx.scene.assignment import assign
 from rigidfx.scene.checks import (
     STIFFNESS_DEGREE,
@@ -46,7 +46,7 @@ from rigidfx.scene.elements import element_of
 from rigidfx.scene.mesh_checks import warn_of_distance, warn_of_gaps
 from rigidfx.scene.places import cells_of
 from rigidfx.scene.stiffness import stiff_parts
-from rigidfx.scene.summary import description
+from rigidfx.scene.summary import description, in_a_line
 
 __all__ = ["Scene"]
 
@@ -121,13 +121,7 @@ class Scene:
         given |= {"names": sorted(domain.sets), "effects": self.effects}
         check_same(domain.comm, "Scene", given)
         self.order, self.mass = order, mass
-        self.scheme: Scheme = EnergyMomentum() if scheme is None else scheme
-        asked = "virtual_work", "conserving", "damps", "couples"
-        if isinstance(scheme, type) or not all(hasattr(self.scheme, name) for name in asked):
-            raise SceneError(
-                f"Scene: scheme must be EnergyMomentum(), Midpoint() or Trapezoidal(), got "
-                f"{scheme!r}."
-            )
+        self.scheme: Scheme = scheme_of(scheme)
         self.probes = MappingProxyType(points(domain.comm, probes or {}))
         self.probe_cells = cells_of(domain.mesh, self.probes)
         check_discretisation(self)
@@ -332,13 +326,7 @@ class Scene:
 
     def __repr__(self) -> str:
         """Size and number of effects, in a line."""
-        kind = "tetrahedra" if self.simplex else "hexahedra"
-        cells = self.mesh.topology.index_map(3).size_global
-        dofs = 3 * self.space.dofmap.index_map.size_global
-        return (
-            f"<Scene: {cells} {kind} of order {self.order}, {dofs} dofs, "
-            f"{len(self.materials)} materials, {len(self.effects)} effects>"
-        )
+        return in_a_line(self)
 
     def describe(self, dt: float | None = None) -> str:
         """Print, on rank 0, what there is in the scene and when it acts. Collective.

@@ -13,7 +13,7 @@ import ufl
 from rigidfx.effects import Effect, Spring, Table, Windowed
 from rigidfx.scene.mesh_checks import parts_in_words
 
-__all__ = ["description", "effects_table", "in_words", "phases"]
+__all__ = ["description", "effects_table", "in_a_line", "in_words", "phases"]
 
 ELSEWHERE = ("where", "components", "since", "until")  # not among the values
 
@@ -32,9 +32,8 @@ def description(scene: Any, step: float | None) -> list[str]:
     """
     cells = scene.mesh.topology.index_map(3).size_global
     nodes = scene.space.dofmap.index_map.size_global
-    kind = "tetrahedra" if scene.simplex else "hexahedra"
     lines = [
-        f"Scene of {cells} {kind} of order {scene.order}"
+        f"Scene of {cells} {_cells(scene)} of order {scene.order}"
         f"{', enhanced' if scene.element.enhanced else ''}, {nodes} nodes; {scene.mass} mass; "
         f"{type(scene.scheme).__name__}",
         f"  {_extent(scene)}",
@@ -106,6 +105,20 @@ def _axial_stiffness(material: Any) -> float:
         C = ufl.as_matrix(np.diag([1 + 2 * e, 1.0, 1.0]).tolist())
         values.append(float(ufl.as_ufl(material.energy(C, **material.parameters))))
     return (values[0] - 2 * values[1] + values[2]) / h**2
+
+
+def in_a_line(scene: Any) -> str:
+    """Size and number of effects."""
+    cells = scene.mesh.topology.index_map(3).size_global
+    dofs = 3 * scene.space.dofmap.index_map.size_global
+    return (
+        f"<Scene: {cells} {_cells(scene)} of order {scene.order}, {dofs} dofs, "
+        f"{len(scene.materials)} materials, {len(scene.effects)} effects>"
+    )
+
+
+def _cells(scene: Any) -> str:
+    return "tetrahedra" if scene.simplex else "hexahedra"
 
 
 def effects_table(effects: Sequence[Effect]) -> list[str]:
