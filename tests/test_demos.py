@@ -26,7 +26,11 @@ MPI_VARIABLES = ("OMPI_COMM", "OMPI_UNIVERSE", "OMPI_APP", "OMPI_NUM", "OMPI_FIR
                  "PMIX_", "PMI_", "PRTE_", "HYDRA_")  # fmt: skip
 
 # Benchmarks of many scenes, of which one is run.
-SOME = {"waking": ("--only", "wave"), "step_control": ("--only", "push")}
+SOME = {
+    "waking": ("--only", "wave"),
+    "step_control": ("--only", "push"),
+    "impact": ("--only", "bar"),
+}
 # Long ones, whose steps, switches and files others have on two ranks.
 ON_ONE_RANK = "accuracy_vs_time", "free_flying_body", "spatial_frame"
 SUMMARY = {
@@ -90,6 +94,7 @@ BENCHMARK_SUMMARY = {
     "effects": {"ratio_per_step", "ratio_per_iteration", "newton_per_step", "unknowns"},
     "observation": {"observed_to_plain", "freeze_in_steps", "release_in_steps", "unknowns"},
     "output": {"flexible", "rigid"},
+    "impact": {"energy_drift", "force_error", "duration_error", "rebound_error", "cases"},
     "condensation": {
         "ratio_to_ideal",
         "newton_per_step",

@@ -6,7 +6,7 @@ adds nothing to the compiled forms, and no action to a step: see `action`.
 """
 
 from rigidfx.effects.action import Action, FormTerm, Structure, Touch
-from rigidfx.effects.base import Effect, Table, Windowed
+from rigidfx.effects.base import Effect, Table, Windowed, bends_of
 from rigidfx.effects.body_force import BodyForce
 from rigidfx.effects.contact import Contact
 from rigidfx.effects.contacts.obstacles import Cylinder, Obstacle, Plane, Sphere
@@ -67,4 +67,5 @@ __all__ = [
     "Touch",
     "Traction",
     "Windowed",
+    "bends_of",
 ]

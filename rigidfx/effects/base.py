@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from math import inf, isfinite
 from typing import Any, ClassVar
@@ -22,6 +22,7 @@ __all__ = [
     "TimeFunction",
     "Vector",
     "Windowed",
+    "bends_of",
     "check_vector",
 ]
 
@@ -284,3 +285,14 @@ class Windowed(Effect):
         """Kinks of functions that are no tables."""
         others = [table for table in tables if not isinstance(table, Table)]
         return {float(t) for other in others for t in getattr(other, "breakpoints", ())}
+
+
+def bends_of(effects: Iterable[Windowed]) -> dict[float, float]:
+    """Breakpoints of effects at which none of them jumps: largest change of slope there [1/s]."""
+    hard = set[float]()
+    bends: dict[float, float] = {}
+    for effect in effects:
+        own = effect.bends
+        hard.update(t for t in effect.breakpoints if t not in own)
+        bends |= {t: max(change, bends.get(t, 0.0)) for t, change in own.items()}
+    return {t: bends[t] for t in sorted(bends) if t not in hard}

@@ -201,13 +201,7 @@ class Scene:
 
         The change is that of the load's factor over its largest value, the largest of all loads.
         """
-        windowed, hard = self.named(fx.Windowed), set[float]()
-        bends: dict[float, float] = {}
-        for effect in windowed:
-            own = effect.bends
-            hard.update(t for t in effect.breakpoints if t not in own)
-            bends |= {t: max(change, bends.get(t, 0.0)) for t, change in own.items()}
-        return {t: bends[t] for t in sorted(bends) if t not in hard}
+        return fx.bends_of(self.named(fx.Windowed))
 
     def acting(self, t: float) -> tuple[fx.Windowed, ...]:
         """The effects with a time window that act at t [s]."""
