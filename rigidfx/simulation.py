@@ -25,7 +25,7 @@ from rigidfx.base.same_input import check_same
 from rigidfx.decide.criterion import StrainRate
 from rigidfx.decide.decision import Decision
 from rigidfx.decide.observation import Observation
-from rigidfx.decide.policy import Policy
+from rigidfx.decide.policy import CHECKED, FORESEEN, Policy
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.report.account import Account, beginning
 from rigidfx.report.energy_balance import EnergyBalance
@@ -37,6 +37,7 @@ from rigidfx.report.report import Report, amended, report_of, with_ledger
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.step_control import StepControl
 from rigidfx.scene.timeline import Timeline
+from rigidfx.shadow.motion import Strained
 from rigidfx.shadow.shadow import Shadow
 from rigidfx.state import State
 from rigidfx.step.first_touch import FirstTouch
@@ -169,21 +170,31 @@ class Run:
             What the step did, and what happened in it.
         """
         stepper, policy, shadow = self.stepper, self.policy, self.shadow
-        attempt = stepper.attempt(target)
         if policy is None:
-            return stepper.accept(attempt), []
-        seen = Observation(stepper, attempt.dt)
+            return stepper.accept(stepper.attempt(target)), []
+        t, dt = stepper.state.t, target - stepper.state.t
+        events: list[Event] = []
+        if shadow is not None:
+            events = self._woken(policy, shadow.ahead(t, dt, policy.limits), FORESEEN, dt)
+        attempt = stepper.attempt(target)
         if shadow is None:
-            decision = policy.struck(seen, stepper.touches())
+            seen = Observation(stepper, attempt.dt)
+            checked = self._switched(policy, policy.struck(seen, stepper.touches()), seen)
         else:
-            ratio = shadow.look(attempt.t, attempt.dt, *policy.limits)
-            decision = None if ratio is None else policy.woken(seen, ratio)
-        events = self._switched(policy, decision, seen)
-        if events:
+            found = shadow.look(t, attempt.dt, policy.limits)
+            checked = self._woken(policy, found, CHECKED, attempt.dt)
+        if checked:
             attempt = stepper.attempt(attempt.end, again=True)
             if shadow is not None:
-                shadow.look(attempt.t, attempt.dt, *policy.limits)
-        return stepper.accept(attempt), events
+                shadow.look(t, attempt.dt, policy.limits)
+        return stepper.accept(attempt), [*events, *checked]
+
+    def _woken(self, policy: Policy, strained: Strained | None, why: str, dt: float) -> list[Event]:
+        """Let cells wake before a step, or before it is solved again. Collective."""
+        if strained is None:
+            return []
+        seen = Observation(self.stepper, dt)
+        return self._switched(policy, policy.woken(seen, strained, why), seen)
 
     def __enter__(self) -> Run:
         """Nothing to do: what it has was made before."""

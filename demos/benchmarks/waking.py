@@ -9,6 +9,8 @@ strain rates of the flexible twin judge the other run, in windows of 20 steps:
   stays below tol in the twin for two windows from then on;
 - quiet_share: cell-windows below tol in the twin; rigid_share: rigid time × cells;
 - error of the probe relative to its largest displacement, and of the energy;
+- events: freezes and releases; repeats: steps solved twice, as the check found what the prediction
+  had not;
 - time_ratio: wall time over that of the twin; prediction_share: the part of it in which shadows
   take their steps; shadow_factor_share: that in which they are made and factored.
 
@@ -25,6 +27,7 @@ from bench import Parser, Turns, conclude
 from petsc4py import PETSc
 
 import rigidfx as rf
+from rigidfx.decide.policy import CHECKED
 
 KAPPA = 3.0
 WINDOW = 20  # steps
@@ -222,7 +225,7 @@ def measure(name: str, across: int) -> dict[str, object]:
         "time_ratio": wall["local"] / wall["twin"],
         "prediction_share": (looking - before[0]) / wall["local"],
         "shadow_factor_share": (regrouping - before[1]) / wall["local"],
-        "repeats": sum(bool(event.woken.size) for report in ours for event in report.events),
+        "repeats": sum(event.reason == CHECKED for report in ours for event in report.events),
         "events": sum(len(report.events) for report in ours),
     }
 

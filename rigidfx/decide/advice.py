@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -10,10 +11,26 @@ from mpi4py import MPI
 
 from rigidfx.base.warning import warn
 from rigidfx.decide.criterion import StrainRate
+from rigidfx.shadow.motion import Strained
 
-__all__ = ["Advice"]
+__all__ = ["Advice", "Seen"]
 
 Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What the strains of named parts are compared with.
+
+    Attributes:
+        limits: Strain rate that would wake each owned cell [1/s].
+        peak: Largest strain rate of flexible cells on this rank so far [1/s].
+        t: Time [s].
+    """
+
+    limits: Array
+    peak: float
+    t: float
 
 
 class Advice:
@@ -64,26 +81,40 @@ class Advice:
             "conditions of Release."
         )
 
-    def of_named(self, parts: Mapping[str, npt.NDArray[np.int32]], ratio: Array, t: float) -> None:
+    def of_named(
+        self, parts: Mapping[str, npt.NDArray[np.int32]], strained: Strained, seen: Seen
+    ) -> None:
         """Of parts that are named rigid and withhold too much. Collective.
 
         Args:
             parts: Owned cells of each, by name.
-            ratio: What each owned cell would strain, over what wakes it.
-            t: Time [s].
+            strained: What each owned cell would strain, over what wakes it.
+            seen: The limits and the largest rate of flexible cells.
         """
+        ratio = strained.ratio
         for name, own in parts.items():
-            largest = self._comm.allreduce(float(ratio[own].max(initial=0.0)), op=MPI.MAX)
-            if largest > 1:
-                self._say(
-                    f"forces would strain the part '{name}' that is named Rigid, at {largest:.2g} "
-                    f"times what wakes other cells (kappa · tol) at t = {t:.6g} s. It stays "
-                    "rigid, and what follows lacks these strains: do not name it, or give its "
-                    "cells a larger tolerance (tolerances) if that is meant."
-                )
+            local = [ratio[own].max(initial=0.0), (strained.rate * seen.limits)[own].max(initial=0)]
+            largest, rate, peak = _largest(self._comm, [*local, seen.peak])
+            if largest <= 1:
+                continue
+            off = f"by some {rate / peak:.1%}" if 0 < rate < peak else "altogether"
+            self._say(
+                f"forces would strain the part '{name}' that is named Rigid, at {largest:.2g} "
+                f"times what wakes other cells (kappa · tol) at t = {seen.t:.6g} s. It stays "
+                f"rigid, and what follows lacks these strains: the motion may be off {off}, and "
+                "by more near a resonance. Do not name it, or give its cells a larger tolerance "
+                "(tolerances) if that is meant."
+            )
 
     def _say(self, message: str) -> None:
         kind = message.split(",")[0]
         if kind not in self._said:
             self._said.add(kind)
             warn(self._comm, f"StrainRate: {message}")
+
+
+def _largest(comm: MPI.Intracomm, values: list[float]) -> list[float]:
+    """The largest of each value over the ranks. Collective."""
+    out = np.array(values, dtype=np.float64)
+    comm.Allreduce(MPI.IN_PLACE, out, op=MPI.MAX)
+    return [float(value) for value in out]

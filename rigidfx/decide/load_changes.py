@@ -20,6 +20,8 @@ __all__ = ["LoadChanges"]
 
 Array = npt.NDArray[np.float64]
 
+REST = 1e-3  # of its largest value so far, by which a load at rest may change
+
 
 class LoadChanges:
     """Watches loads and supports of a scene.
@@ -27,6 +29,7 @@ class LoadChanges:
     Attributes:
         reference: Signal of each load when the present bodies were frozen.
         largest: Largest norm of each so far.
+        resting_since: Time since which none has changed by more than a thousandth of that [s].
     """
 
     def __init__(self, scene: Scene, fraction: float, timeline: Timeline) -> None:
@@ -44,6 +47,7 @@ class LoadChanges:
         self._loads = windowed
         self.reference = self._signals(0.0)
         self.largest = [float(np.linalg.norm(q)) for q in self.reference]
+        self.resting_since, self._resting = 0.0, self.reference
 
     def declared(self, t: float) -> bool:
         """Whether a load or a support has a breakpoint at t [s]."""
@@ -73,6 +77,9 @@ class LoadChanges:
         values = self._signals(t)
         sizes = [float(np.linalg.norm(q)) for q in values]
         self.largest = [max(pair) for pair in zip(sizes, self.largest, strict=True)]
+        three = zip(values, self._resting, self.largest, strict=True)
+        if any(np.linalg.norm(q - rest) > REST * size for q, rest, size in three):
+            self.resting_since, self._resting = t, values
         return np.concatenate([np.empty(0), *values])
 
     def _signals(self, t: float) -> list[Array]:

@@ -59,6 +59,11 @@ class Observation:
         return self.stepper.indicator
 
     @property
+    def strains(self) -> npt.NDArray[np.float64]:
+        """Strain of each owned cell, zero in bodies."""
+        return self.indicator.strains()
+
+    @property
     def noise(self) -> float:
         """Strain rate that the end of Newton's iteration may leave in a cell [1/s]. Collective."""
         return self.stepper.strain_error / self.dt

@@ -2,16 +2,16 @@
 
     steps of a window → qualify → find_clusters → plan_bodies → Decision
 
-A change of a load or of a support releases all bodies, and a new window begins. Changes of Δt, of
-numerical damping or of the output release nothing. A policy decides and changes nothing but its own
-memory, and that only when told what has come of a step or of a decision (but for the warnings that
-it has given, and spectra that it need not take twice).
+A change of a load or of a support releases all bodies (`wake="all"`), and a new window begins.
+Changes of Δt, of numerical damping or of the output release nothing. A policy changes nothing but
+its own memory, and that only when told what has come of a step or of a decision (but for the
+warnings that it has given, and spectra that it need not take twice).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Literal
 
@@ -19,57 +19,37 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from rigidfx.decide.advice import Advice
+from rigidfx.decide.advice import Advice, Seen
 from rigidfx.decide.back_off import BackOff
 from rigidfx.decide.clusters import NONE, CellGraph, find_clusters
+from rigidfx.decide.concentration import Concentration
 from rigidfx.decide.contact_changes import ContactChanges
 from rigidfx.decide.criterion import StrainRate
 from rigidfx.decide.decision import Decision, plan_bodies, qualify
 from rigidfx.decide.load_changes import LoadChanges
+from rigidfx.decide.memory import Memory
 from rigidfx.decide.observation import Observation
 from rigidfx.decide.relative import Relative
 from rigidfx.decide.releases import PLANNED, Releases
 from rigidfx.decide.signals import Signals
+from rigidfx.decide.strokes import Strokes
 from rigidfx.decide.window import Window
 from rigidfx.effects import Resultant, Rigid, Touch
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
+from rigidfx.shadow.motion import Limits, Strained
 
-__all__ = ["Memory", "Policy"]
+__all__ = ["CHECKED", "FORESEEN", "Policy"]
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 Ints = npt.NDArray[np.int64]
 
-WOKEN = "checked: forces would strain them"  # reason of a release
+FORESEEN = "predicted: forces will strain them"  # reasons of a release before a step ...
+CHECKED = "checked: forces would strain them"  # ... and after it, which is then solved again
 MARGIN = 1.25  # an automatic window in longest periods
 FEWEST = 8  # steps of an automatic window
-
-
-@dataclass
-class Memory:
-    """All that a policy remembers.
-
-    Attributes:
-        window: The window of observation.
-        signals: The motion and the loads since the last change.
-        back_off: How long cells have to wait.
-        loads: The loads of the present bodies, and the largest so far.
-        contacts: The same of contacts.
-        next_number: First number that no body has had.
-        said: Kinds of warnings that were given.
-        largest: Largest strain rate of any cell so far, if tolerances are relative to it [1/s].
-    """
-
-    window: Window
-    signals: Signals
-    back_off: BackOff
-    loads: LoadChanges
-    contacts: ContactChanges
-    next_number: int
-    said: set[str] = field(default_factory=set)
-    largest: float = 0.0
 
 
 class Policy:
@@ -98,7 +78,8 @@ class Policy:
             cells = scene.owned_cells(name, "StrainRate (tolerances)")
             special[cells] = np.minimum(special[cells], tol)
         self._special = special
-        self._never = np.zeros(self._graph.owned, dtype=bool)
+        self._every = np.ones(self._graph.owned, dtype=bool)
+        self._never = ~self._every
         for name in criterion.never:
             self._never[scene.owned_cells(name, "StrainRate (never)")] = True
         self._releases = Releases(scene, criterion.releases, timeline)
@@ -111,6 +92,7 @@ class Policy:
         self._named = np.zeros(self._graph.owned, dtype=bool)
         for own in self._always.values():
             self._named[own] = True
+        self._concentration = Concentration(scene)
         self.memory = Memory(
             window=self._new_window(0.0),
             signals=Signals(scene),
@@ -118,6 +100,7 @@ class Policy:
             loads=LoadChanges(scene, criterion.load_change, timeline),
             contacts=ContactChanges(criterion.load_change),
             next_number=len(rigid) + 1,
+            strokes=Strokes(scene.comm),
         )
 
     @property
@@ -150,7 +133,7 @@ class Policy:
         changed = self.memory.loads.ahead(middle)
         if not changed:
             return None
-        decision = self._release(seen, f"{changed} changes", self._all)
+        decision = self._release(seen, f"{changed} changes", self._every)
         return replace(decision, loads_changed=True, loads_at=middle)
 
     def struck(self, seen: Observation, touches: Mapping[str, Touch]) -> Decision | None:
@@ -169,7 +152,7 @@ class Policy:
         able = (self._numbers(seen) != NONE) & ~self._named
         if not self._graph.comm.allreduce(bool(able.any()), op=MPI.LOR):
             return None
-        decision = self._release(seen, f"the contact '{changed}' changes", self._all)
+        decision = self._release(seen, f"the contact '{changed}' changes", self._every)
         return replace(decision, loads_changed=True)
 
     def after(self, seen: Observation, report: Report) -> Decision | None:
@@ -183,10 +166,10 @@ class Policy:
         self.memory.contacts.follow(report.touches)
         reasons, cells = self._releases.asked(t, report, seen.bodies)
         if self._criterion.wake == "all" and self.memory.loads.declared(t):
-            decision = self._release(seen, "a load or a support changes", self._all)
+            decision = self._release(seen, "a load or a support changes", self._every)
             return replace(decision, loads_changed=True)
         if self._criterion.wake != "all" and self.memory.loads.support_changes(t):
-            return self._release(seen, "a support begins or ends", self._all)
+            return self._release(seen, "a support begins or ends", self._every)
         if cells is not None:
             return self._release(seen, ", ".join(reasons), cells)
         return self._freeze(seen) if self._window_ends(seen) else None
@@ -206,38 +189,41 @@ class Policy:
         return frozenset(found)
 
     @property
-    def limits(self) -> tuple[Array, float]:
-        """Strain rates that wake cells [1/s], and the time in which they make a strain that does.
-
-        The rates are per owned cell; the time is the window's, infinite while that is not known.
-        """
+    def limits(self) -> Limits:
+        """What wakes cells: strains are those of a window or of a stroke, if that is shorter."""
         window = self._criterion.window
         period = MARGIN * self.memory.signals.period() if isinstance(window, str) else window
-        return self._criterion.kappa * self._tol, np.inf if np.isnan(period) else float(period)
+        length = np.inf if np.isnan(period) else float(period)
+        rates = self._criterion.kappa * self._tol
+        return Limits(rates, rates * min(length, self.memory.strokes.time), length)
 
-    def woken(self, seen: Observation, ratio: Array) -> Decision | None:
-        """Decide which cells of bodies wake in a step that has been solved. Collective.
+    def woken(self, seen: Observation, strained: Strained, why: str) -> Decision | None:
+        """Decide which cells of bodies wake in a step. Collective.
+
+        A body that has withheld too much is not in the shape that its forces would give it: to let
+        some of its cells spring into theirs would be a blow on the others. All of it is released.
 
         Args:
             seen: The state before it.
-            ratio: What each owned cell of a body would strain, over what wakes it.
+            strained: What cells of bodies would strain.
+            why: FORESEEN or CHECKED.
 
         Returns:
             The release; None if no cell wakes.
         """
-        above = ratio > 1
+        ratio, numbers = strained.ratio, self._numbers(seen)
         apart = {body.name: body.cells for body in seen.bodies if body.name in self._apart}
-        self._advice.of_named({**self._always, **apart}, ratio, seen.t)
-        above &= (self._numbers(seen) != NONE) & ~self._named
+        against = Seen(self._criterion.kappa * self._tol, self.memory.strokes.rate, seen.t)
+        self._advice.of_named({**self._always, **apart}, strained, against)
+        free = (numbers != NONE) & ~self._named
+        above = (ratio > 1) & free
         if not self._graph.comm.allreduce(bool(above.any()), op=MPI.LOR):
             return None
+        mine = np.unique(numbers[free & (strained.sum > 1)])
+        stale = np.isin(numbers, np.concatenate(self._graph.comm.allgather(mine)))
         round_them = self._graph.largest_at_nodes(above.astype(np.float64)) > 0
-        decision = self._release(seen, WOKEN, self._graph.touching(round_them))
+        decision = self._release(seen, why, stale | self._graph.touching(round_them))
         return replace(decision, woken=np.flatnonzero(above).astype(np.int32))
-
-    @property
-    def _all(self) -> Bools:
-        return np.ones(self._graph.owned, dtype=bool)
 
     def _window_ends(self, seen: Observation) -> bool:
         """Whether the window has its length. Collective."""
@@ -254,6 +240,8 @@ class Policy:
     def _freeze(self, seen: Observation) -> Decision:
         """Freeze what has qualified in the window. Collective."""
         memory, t = self.memory, seen.t
+        if self._criterion.wake == "local":
+            memory.strokes.look(seen.strains, seen.noise)
         self._advice.of_window(memory.signals.period(), self._tol, seen.noise)
         qualified, closeness = qualify(
             memory.window.worst,
@@ -266,7 +254,17 @@ class Policy:
         barred = self._never | (~seen.flexible & (existing == NONE)) | self._chained(seen)
         reason = f"strain rates in a window that ended at {t:.6g} s"
         decision = self._plan("freeze", reason, seen, able, existing, barred)
+        if self._criterion.wake == "local" and memory.loads.resting_since <= memory.window.start:
+            loud = self._too_loud(decision, seen)
+            if self._graph.comm.allreduce(bool(loud.any()), op=MPI.LOR):
+                decision = self._plan("freeze", reason, seen, able & ~loud, existing, barred | loud)
         return replace(decision, qualified=qualified, closeness=closeness, loads_at=t)
+
+    def _too_loud(self, decision: Decision, seen: Observation) -> Bools:
+        """Cells that would withhold too much if bodies were as decided. Collective."""
+        parts = [body.cells[seen.flexible[body.cells]] for body in decision.bodies if not body.kept]
+        worst, weights = self.memory.window.worst, seen.indicator.weights
+        return self._concentration.too_loud(parts, worst, weights, self._tol, seen.flexible)
 
     def _release(self, seen: Observation, reason: str, cells: Bools) -> Decision:
         """Release owned cells from their bodies; what is left of these stays rigid. Collective."""
@@ -331,6 +329,7 @@ class Policy:
             indicator = seen.indicator
             rates = indicator.values[indicator.cells]
             memory.window.add(indicator.cells, rates)
+            memory.strokes.add(indicator.values)
             if isinstance(self._criterion.tol, Relative):
                 most = float(rates.max(initial=0.0))
                 most = self._graph.comm.allreduce(most, op=MPI.MAX)

@@ -21,10 +21,12 @@ class Indicator(Protocol):
     Attributes:
         cells: Owned cells that are measured, sorted.
         values: Number of each owned cell in the last step, zero where none is measured.
+        weights: ∫ Ė:Ė dV of each owned cell over its number squared, [m³] for strain rates.
     """
 
     cells: npt.NDArray[np.int32]
     values: Array
+    weights: Array
 
     def bind(
         self, flexible: Cells, between: tuple[fem.Function, fem.Function] | None = None
@@ -42,5 +44,12 @@ class Indicator(Protocol):
 
         Args:
             dt: Δt [s].
+        """
+        ...
+
+    def strains(self) -> Array:
+        """The integral over time that the bound cells would have of it, from no displacement on.
+
+        That is of each owned cell, zero where none is measured, at the forms' u₀.
         """
         ...

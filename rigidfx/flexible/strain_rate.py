@@ -43,10 +43,12 @@ class StrainRates:
         form = ufl.inner(dE, dE) * ufl.TestFunction(space) * dx(tuple(forces.cells()))
         self._kernel = Kernel(form, [space], scene.mesh)
         self._square = fem.Function(space)
+        self._nowhere = fem.Function(scene.space)
         self._dofs = space.dofmap.list[:, 0]
         self._power = 1 if measure == "rms" else 2
         self._volume = _volumes(space)[self._dofs]
         self.values = np.zeros(scene.mesh.topology.index_map(3).size_local)
+        self.weights = self._volume[: self.values.size] ** self._power
 
     def bind(
         self, flexible: Cells, between: tuple[fem.Function, fem.Function] | None = None
@@ -61,6 +63,9 @@ class StrainRates:
         """
         ends = dict(zip((self._forces.u0, self._forces.u1), between or (), strict=False))
         self._form = self._kernel.bind(flexible, instead=ends)
+        nowhere, u = self._nowhere, ends.get(self._forces.u0, self._forces.u0)
+        instead = {self._forces.u0: nowhere, self._forces.u1: u}
+        self._whole = self._kernel.bind(flexible, instead=instead)
         self.cells = np.sort(np.concatenate([np.empty(0, np.int32), *flexible.values()]))
         self._own = self._dofs[self.cells]
         self._divisor = self._volume[self.cells] ** (self._power / 2)
@@ -74,12 +79,22 @@ class StrainRates:
         Args:
             dt: Δt [s].
         """
+        rates = np.asarray(self._integrated(self._form) / dt)
+        self.values[self.cells] = rates
+        return rates
+
+    def strains(self) -> Array:
+        """Strain at u₀ of each owned cell, by the same measure; zero where none is bound."""
+        out = np.zeros_like(self.values)
+        out[self.cells] = self._integrated(self._whole)
+        return out
+
+    def _integrated(self, form: fem.Form) -> Array:
+        """Strain of the bound cells between the ends of a form."""
         square = self._square.x.array
         square[self._own] = 0.0
-        fem.assemble_vector(square, self._form)
-        rates = np.sqrt(square[self._own]) / (dt * self._divisor)
-        self.values[self.cells] = rates
-        return np.asarray(rates)
+        fem.assemble_vector(square, form)
+        return np.asarray(np.sqrt(square[self._own]) / self._divisor)
 
 
 def _volumes(space: fem.FunctionSpace) -> Array:

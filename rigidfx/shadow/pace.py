@@ -51,11 +51,19 @@ class Pace:
             dt: Its length [s].
             change: Size of its change since the last step, equal on all ranks.
         """
-        ratio = max(self._ratios)
-        self._alarmed = change * max(ratio, LEAST) > ALARMING * self._usual
+        ratio, self._alarmed = max(self._ratios), self.alarming(change)
         if self._alarmed or ratio >= CALM or len(self.waiting) + 1 >= LONG:
             return True
         return not all(same_length(length, dt) for _, length in self.waiting)
+
+    def alarming(self, change: float) -> bool:
+        """Whether a force that changes so much may wake cells."""
+        return change * max(*self._ratios, LEAST) > ALARMING * self._usual
+
+    @property
+    def last(self) -> Array | None:
+        """The force of the last step; None if there is none."""
+        return self._before
 
     def before(self, force: Array) -> Array:
         """The force of the last step; the present one if there is none."""

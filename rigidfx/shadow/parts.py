@@ -10,6 +10,7 @@ from scipy.linalg import qr
 
 from rigidfx.coupling.rows import Rows
 from rigidfx.flexible.internal_forces import Cells, InternalForces
+from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.scene.scene import Scene
 
@@ -17,6 +18,7 @@ __all__ = ["Parts"]
 
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
+Int32s = npt.NDArray[np.int32]
 
 
 class Parts:
@@ -79,11 +81,48 @@ class Parts:
         Args:
             force: On the nodes of the rows, in the bodies' frames, shape (nodes, 3) [N].
         """
+        for at, motion in self._of_rigid_motion(force):
+            force[at] -= self._weights[at, None] * motion
+
+    def unmoved(self, u: Array) -> Array:
+        """Displacements without the rigid motion that fits them best, by masses. Collective.
+
+        Args:
+            u: Of the nodes of the rows, in the bodies' frames, shape (nodes, 3) [m].
+        """
+        out = u.copy()
+        for at, motion in self._of_rigid_motion(self._weights[:, None] * u):
+            out[at] -= motion
+        return out
+
+    def _of_rigid_motion(self, momentum: Array) -> list[tuple[Ints, Array]]:
+        """Of each body its rows, and its rigid motion with the sums of a momentum. Collective."""
         modes = [self._modes(at, b.length) for b, at in zip(self.bodies, self.at, strict=True)]
-        local = [np.einsum("nik,ni->k", m, force[at]) for m, at in zip(modes, self.at, strict=True)]
+        local = [
+            np.einsum("nik,ni->k", m, momentum[at]) for m, at in zip(modes, self.at, strict=True)
+        ]
         sums = np.asarray(self._scene.sum(np.reshape(local, (-1, 6))))
-        for inverse, total, m, at in zip(self._inverse, sums, modes, self.at, strict=True):
-            force[at] -= self._weights[at, None] * (m @ (inverse @ total))
+        each = zip(self._inverse, sums, modes, self.at, strict=True)
+        return [(at, m @ (inverse @ total)) for inverse, total, m, at in each]
+
+    def in_space(self, u: Array, bodies: Bodies, out: Array) -> tuple[Array, Int32s]:
+        """Displacements in the bodies' frames, as they are in space.
+
+        Args:
+            u: Of the nodes of the rows, shape (nodes, 3) [m].
+            bodies: Bodies at present; some may be others than here.
+            out: Of all owned nodes; those of bodies here are written into it.
+
+        Returns:
+            The same, and the owned cells of the bodies that are here.
+        """
+        now = {id(body.data): body.motion.R for body in bodies}
+        cells: list[Int32s] = [np.empty(0, np.int32)]
+        for data, at in zip(self.bodies, self.at, strict=True):
+            if id(data) in now:
+                out[data.nodes] = u[at] @ now[id(data)].T
+                cells += [data.cells]
+        return out, np.concatenate(cells)
 
     def size(self, force: Array) -> float:
         """Size of forces on the rows' nodes, by masses: sqrt(Σ f·f/m) [N/√kg]. Collective.

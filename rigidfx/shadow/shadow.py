@@ -12,7 +12,7 @@ calm take long steps, see `pace`.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -27,6 +27,7 @@ from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.shadow.linear_part import LinearPart
+from rigidfx.shadow.motion import Limits, Motion, Strained, at_rest, frozen_velocities, part_of
 from rigidfx.shadow.pace import Pace
 from rigidfx.shadow.parts import Parts
 from rigidfx.shadow.withheld import Withheld
@@ -37,6 +38,7 @@ from rigidfx.step.watch import Watch
 __all__ = ["Shadow"]
 
 Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int32]
 
 
 # What PETSc's log calls these parts of a run.
@@ -47,27 +49,9 @@ _LOOKING = PETSc.Log.Event("rigidfxShadow")
 # flexible, or rigid, steady forces would have to be those of that change.
 UNSETTLED = 4
 
-
-@dataclass
-class Motion:
-    """The motion of the shadows, in the bodies' frames, shape (nodes, 3).
-
-    Attributes:
-        u: δ [m].
-        v: δ̇ [m/s].
-        still: K⁺ρ of the last step [m]; NaN where there is none yet.
-        mean: Its mean over the last two steps [m], in which forces that change their sign from step
-            to step do not count; NaN likewise.
-        of_still: Time that `still` belongs to, the middle of the last step [s].
-        of_mean: Time that `mean` belongs to [s].
-    """
-
-    u: Array
-    v: Array
-    still: Array
-    mean: Array
-    of_still: float = 0.0
-    of_mean: float = 0.0
+# Part of a window over which K⁺ρ is meant before it has a rate: what is faster than that shadows
+# see, and a body's response to it is none of a body at rest.
+LAG = 0.25
 
 
 class Shadow(Watch):
@@ -102,8 +86,8 @@ class Shadow(Watch):
         self._system: object = None
         self._bodies = Bodies.of_each(())  # of the last accepted step
         self._parts: Parts | None = None
-        self._motion = _at_rest(0)
-        self._pace = Pace()
+        self._motion = at_rest(0)
+        self._pace, self._lag = Pace(), np.inf
         self._viscous: list[int] = []  # viscous stresses that act
         self._looks = 0  # since the bodies have changed
         self._accepting: Callable[[], None] | None = None
@@ -195,12 +179,10 @@ class Shadow(Watch):
     def _adopted(self, parts: Parts, before: set[int], moved: Array) -> Motion:
         """Motion of shadows that go on, and of those that begin. Collective.
 
-        What is left of a body keeps its shadow. Where a body has grown, the new cells have seen it
-        move rigidly: what its shadow did there would tear them. So that begins anew, at rest under
-        the forces that act.
+        What is left of a body keeps its shadow. Where a body has grown, what its shadow did would
+        tear the new cells, which saw it move rigidly: it begins anew, at rest under its forces.
         """
-        motion = _at_rest(parts.rows.nodes.size)
-        motion.of_still, motion.of_mean = self._motion.of_still, self._motion.of_mean
+        motion = at_rest(parts.rows.nodes.size)
         bodies = {id(body.data): body for body in self._stepper.state.bodies}
         known = ~np.isnan(moved[0, :, 0])
         local = [[known[data.nodes].sum(), data.nodes.size] for data in parts.bodies]
@@ -214,49 +196,79 @@ class Shadow(Watch):
                 self._grown += [at] if old else []
             else:
                 motion.u[at] = u @ body.motion.R
-            motion.v[at] = np.where(here, v @ body.motion.R, _frozen_velocities(data))
+            motion.v[at] = np.where(here, v @ body.motion.R, frozen_velocities(data))
             if id(data) in before:
                 motion.still[at], motion.mean[at] = still @ body.motion.R, mean @ body.motion.R
         return motion
 
     # Steps --------------------------------------------------------------------------------------
 
-    def look(self, t: float, dt: float, limit: Array, length: float) -> Array | None:
+    def look(self, t: float, dt: float, limits: Limits) -> Strained | None:
         """What the bodies withhold in the step that has been solved. Collective.
 
         Args:
             t: Time at its start [s].
             dt: Its length [s].
-            limit: Strain rate that wakes each owned cell [1/s].
-            length: Time in which that rate makes the strain that wakes it [s].
+            limits: What wakes cells.
 
         Returns:
-            Largest part of either that each owned cell would strain, above 1 where it wakes; zero
-            outside bodies. None without bodies, or where calm shadows take no step.
+            What each owned cell would strain. None without bodies, or where calm shadows take no
+            step.
         """
         with _REGROUPING:
             self.follow(dt)
         if self._parts is None or self._withheld is None:
             return None
+        self._looks += 1
         with _LOOKING:
             force = self._withheld.force(t, dt)
             change = self._parts.size(force - self._pace.before(force))
             if not self._pace.due(force, dt, change):
                 self._accepting = partial(self._pace.wait, force, dt, change)
                 return None
-            motion = self._begun(self._motion, force)
-            begin = t - sum(span for _, span in self._pace.waiting)
-            ratio = np.zeros_like(limit)
-            for mean, span in self._pace.stretches(force, dt):
-                start, motion = motion, self._stepped(motion, mean, begin + span / 2, span)
-                np.maximum(ratio, self._ratio(start, motion, span, limit, length), out=ratio)
-                begin += span
-            most = float(ratio.max(initial=0.0))
+            motion, found = self._foreseen(force, t, dt, limits)
+            most = float(found.ratio.max(initial=0.0))
             scene = self._stepper.scene
             largest = scene.comm.allreduce(most, op=MPI.MAX)
             energy = 0.5 * float(scene.sum(float(np.vdot(force, motion.still))))
             self._accepting = partial(self._take, motion, force, change, largest, energy)
-            return ratio
+            return found
+
+    def ahead(self, t: float, dt: float, limits: Limits) -> Strained | None:
+        """What the bodies will withhold in a step that is still to be solved. Collective.
+
+        The force on them is that of the last step and what loads on the bodies themselves change of
+        it. Arguments as of `look`.
+
+        Returns:
+            What each owned cell would strain; None where loads change no more than usual.
+        """
+        with _REGROUPING:
+            self.follow(dt)
+        last = self._pace.last
+        if self._parts is None or self._withheld is None or last is None:
+            return None
+        with _LOOKING:
+            rise = self._withheld.rise(t, dt)
+            if rise is None or not self._pace.alarming(self._parts.size(rise)):
+                return None
+            return self._foreseen(last + rise, t, dt, limits)[1]
+
+    def _foreseen(
+        self, force: Array, t: float, dt: float, limits: Limits
+    ) -> tuple[Motion, Strained]:
+        """The motion at the end of a step under a force, and what cells strain. Collective."""
+        # While no window is known, the mean is over little more than a step.
+        self._lag = LAG * limits.window if np.isfinite(limits.window) else dt
+        motion = self._begun(self._motion, force)
+        begin = t - sum(span for _, span in self._pace.waiting)
+        found: Strained | None = None
+        for mean, span in self._pace.stretches(force, dt):
+            start, motion = motion, self._stepped(motion, mean, begin + span / 2, span)
+            found = self._strained(start, motion, span, limits, found)
+            begin += span
+        assert found is not None
+        return motion, found
 
     def _take(
         self, motion: Motion, force: Array, change: float, ratio: float, withheld: float
@@ -283,24 +295,25 @@ class Shadow(Watch):
         xi = sum(effect.numerical_damping or 0.0 for effect in acting)
         still = self._part.at_rest(force)
         d = self._part.increment(force, motion.u, motion.v, dt, drag + 2 / self._settling, xi)
-        mean = 0.5 * (still + motion.still)
-        u, v = motion.u + d, 2 / dt * d - motion.v
-        return Motion(u, v, still, mean, t, 0.5 * (t + motion.of_still))
-
-    def _ratio(self, start: Motion, end: Motion, dt: float, limit: Array, length: float) -> Array:
-        """Largest part of what wakes each owned cell. Collective."""
-        known = ~np.isnan(start.mean)
-        slow = self._measured(
-            np.where(known, end.mean - start.mean, 0.0), end.of_mean - start.of_mean
+        known = ~np.isnan(motion.mean)
+        mean = np.where(
+            known, motion.mean - np.expm1(-dt / self._lag) * (still - motion.mean), still
         )
+        return Motion(motion.u + d, 2 / dt * d - motion.v, still, mean)
+
+    def _strained(
+        self, start: Motion, end: Motion, dt: float, limits: Limits, before: Strained | None
+    ) -> Strained:
+        """What each owned cell would strain in a step, and before. Collective."""
+        known = ~np.isnan(start.mean)
+        slow = self._measured(np.where(known, end.mean - start.mean, 0.0), dt)
         rates = self._measured(end.u - start.u, dt)
-        self._looks += 1
         if self._looks > UNSETTLED:
             rates = np.maximum(rates, slow)
-        known = ~np.isnan(start.still)
         total = self._measured(np.where(known, end.mean, 0.0), 1.0)
-        strains = limit * length if np.isfinite(length) else np.full_like(limit, np.inf)
-        return np.maximum(_over(rates, limit), _over(total, strains))
+        rate = part_of(rates, limits.rates)
+        rate = rate if before is None else np.maximum(rate, before.rate)
+        return Strained(rate, part_of(total, limits.strains))
 
     def _measured(self, change: Array, dt: float) -> Array:
         """Strain rates of all owned cells, for a change of the frozen shape. Collective."""
@@ -320,6 +333,18 @@ class Shadow(Watch):
         self._accepting = None
         self._bodies = attempt.increments.end
 
+    def recovered(self) -> tuple[Array, Ints]:
+        """K⁺ρ of the last step in space, and the owned cells that it is of. Collective.
+
+        Returns:
+            Displacements of the owned nodes, zero outside, shape (nodes, 3) [m]; cells.
+        """
+        out, force = np.zeros((self._stepper.scene.owned_nodes, 3)), self._pace.last
+        if self._parts is None or self._part is None or force is None:
+            return out, np.empty(0, np.int32)
+        u = self._parts.unmoved(self._part.at_rest(force))
+        return self._parts.in_space(u, self._stepper.state.bodies, out)
+
     # Life ---------------------------------------------------------------------------------------
 
     def _release(self) -> None:
@@ -331,27 +356,3 @@ class Shadow(Watch):
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
         self._release()
-
-
-def _over(strain: Array, limit: Array) -> Array:
-    """What part of a limit it is; nothing is no part of any, and a failed solve exceeds all."""
-    out = np.zeros_like(strain)
-    some = ~(strain == 0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        out[some] = np.nan_to_num(strain[some] / limit[some], nan=np.inf, posinf=np.inf)
-    return out
-
-
-def _at_rest(nodes: int) -> Motion:
-    """A motion of so many nodes of which nothing is known."""
-    u, v = np.zeros((2, nodes, 3))
-    still, mean = np.full((2, nodes, 3), np.nan)
-    return Motion(u, v, still, mean)
-
-
-def _frozen_velocities(body: RigidBody) -> Array:
-    """What the freeze has taken out of the motion of the body's nodes [m/s]."""
-    out = np.zeros((body.nodes.size, 3))
-    own = np.isin(body.frozen.nodes, body.nodes)
-    out[np.searchsorted(body.nodes, body.frozen.nodes[own])] = body.frozen.velocities[own]
-    return out

@@ -71,6 +71,7 @@ class Withheld:
         self._acting: Sequence[Windowed] = stepper.system.acting
         self._actions = Actions(self._structure, scene.effects, self._acting)
         self._d, self._f, self._a = (parts.rows.vector() for _ in range(3))
+        self._given: Array | None = None  # loads on the nodes in the last step
 
     def _place(self, u: fem.Function, bodies: Bodies) -> None:
         """Set the displacement of the rows where bodies are. Collective."""
@@ -99,29 +100,18 @@ class Withheld:
             Forces on the nodes of the rows, without what would move a body, shape (nodes, 3) [N].
         """
         system, parts, f = self._stepper.system, self._parts, self._f
-        if system.acting is not self._acting:
-            self._acting = system.acting
-            self._actions.select(self._acting)
         increments = system.equilibrium.prolongation.increments
         start, end = increments.start, increments.end
-        self._place(self._u0, start)
-        self._place(self._u1, end)
+        self._given = self._loads_of(t, dt, start, end)
         dofs = parts.rows.dofs
         self._d.array[:] = self._u1.x.array[dofs] - self._u0.x.array[dofs]
-        self._actions.set_time(t + dt / 2, dt)
         # The residual of the nodes if they were flexible, but for what their own cells do.
         self._a.array[:] = (self._velocities(end) - self._velocities(start)).reshape(-1) / dt
         self._mass.mult(self._a, f)
-        f.axpy(-1.0, self._actions.external)
+        f.array[:] -= self._given
         self._actions.resist_nodes(self._d, dt, f)
         for force in system.actions.resistance_at(parts.rows.nodes):
             f.array[:] += force.reshape(-1)
-        if self._loads is not None:
-            b = self._b.x
-            b.array[:] = 0.0
-            fem.assemble_vector(b.array, self._loads)
-            b.scatter_reverse(la.InsertMode.add)
-            f.array[:] += b.array[dofs]
         residual = f.array.reshape(-1, 3)
         of_flexible = system.equilibrium.forces_out_of_balance.array_r.reshape(-1, 3)
         for own, active in self._attached:
@@ -132,6 +122,44 @@ class Withheld:
             W, _, Vt = np.linalg.svd(increments.R_av[k])
             out[at] = -residual[at] @ (W @ Vt) - frozen[at]
         parts.balance(out)
+        return out
+
+    def rise(self, t: float, dt: float) -> Array | None:
+        """What loads on the bodies will change of ρ in a step from the present state. Collective.
+
+        Args:
+            t: Time at its start [s].
+            dt: Its length [s].
+
+        Returns:
+            Forces as `force` has them; None before the first step.
+        """
+        if self._given is None:
+            return None
+        bodies = self._stepper.state.bodies
+        change = (self._loads_of(t, dt, bodies, bodies) - self._given).reshape(-1, 3)
+        out = np.empty_like(self._parts.V)
+        for k, at in zip(self._of, self._parts.at, strict=True):
+            out[at] = change[at] @ bodies.R[k]
+        self._parts.balance(out)
+        return out
+
+    def _loads_of(self, t: float, dt: float, start: Bodies, end: Bodies) -> Array:
+        """Dead and follower loads in a step on all dofs of the rows [N]. Collective."""
+        system = self._stepper.system
+        if system.acting is not self._acting:
+            self._acting = system.acting
+            self._actions.select(self._acting)
+        self._place(self._u0, start)
+        self._place(self._u1, end)
+        self._actions.set_time(t + dt / 2, dt)
+        out = self._actions.external.array_r.copy()
+        if self._loads is not None:
+            b = self._b.x
+            b.array[:] = 0.0
+            fem.assemble_vector(b.array, self._loads)
+            b.scatter_reverse(la.InsertMode.add)
+            out -= b.array[self._parts.rows.dofs]
         return out
 
     def destroy(self) -> None:

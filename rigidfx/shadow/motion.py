@@ -1,0 +1,88 @@
+"""How shadows move: from step to step, from one division of the cells to the next."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.mechanics.rigid_body import RigidBody
+
+__all__ = ["Limits", "Motion", "Strained", "at_rest", "frozen_velocities", "part_of"]
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass
+class Motion:
+    """The motion of the shadows, in the bodies' frames, shape (nodes, 3).
+
+    Attributes:
+        u: δ [m].
+        v: δ̇ [m/s].
+        still: K⁺ρ of the last step [m]; NaN where there is none yet.
+        mean: Its mean over the time before, in which recent steps count most [m]; NaN likewise.
+    """
+
+    u: Array
+    v: Array
+    still: Array
+    mean: Array
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What wakes cells.
+
+    Attributes:
+        rates: Strain rates, of each owned cell [1/s].
+        strains: Strains that are withheld since the freeze, likewise.
+        window: Length of a window [s]; infinite while that is not known.
+    """
+
+    rates: Array
+    strains: Array
+    window: float
+
+
+@dataclass(frozen=True)
+class Strained:
+    """What cells of bodies would strain, over what wakes them; zero outside bodies.
+
+    Attributes:
+        rate: Largest strain rate of each owned cell.
+        sum: Strain that it has withheld since the freeze.
+    """
+
+    rate: Array
+    sum: Array
+
+    @property
+    def ratio(self) -> Array:
+        """The larger of the two."""
+        return np.maximum(self.rate, self.sum)
+
+
+def at_rest(nodes: int) -> Motion:
+    """A motion of so many nodes of which nothing is known."""
+    u, v = np.zeros((2, nodes, 3))
+    still, mean = np.full((2, nodes, 3), np.nan)
+    return Motion(u, v, still, mean)
+
+
+def frozen_velocities(body: RigidBody) -> Array:
+    """What the freeze has taken out of the motion of the body's nodes [m/s]."""
+    out = np.zeros((body.nodes.size, 3))
+    own = np.isin(body.frozen.nodes, body.nodes)
+    out[np.searchsorted(body.nodes, body.frozen.nodes[own])] = body.frozen.velocities[own]
+    return out
+
+
+def part_of(strain: Array, limit: Array) -> Array:
+    """What part of a limit it is; nothing is no part of any, and a failed solve exceeds all."""
+    out = np.zeros_like(strain)
+    some = ~(strain == 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        out[some] = np.nan_to_num(strain[some] / limit[some], nan=np.inf, posinf=np.inf)
+    return out
