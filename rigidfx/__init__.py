@@ -58,6 +58,7 @@ from rigidfx.mechanics.schemes import EnergyMomentum, Midpoint, Trapezoidal
 from rigidfx.output.bodies_file import read_bodies, write_bodies
 from rigidfx.output.history import read_history
 from rigidfx.output.recorder import Recorder
+from rigidfx.report.recovered import recovered_stress
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.step_control import StepControl
@@ -122,6 +123,7 @@ __all__ = [
     "read_geo",
     "read_history",
     "read_msh",
+    "recovered_stress",
     "simulate",
     "write_bodies",
 ]

@@ -306,7 +306,7 @@ def _reports(
         account,
         _progress_bar(stepper.scene, timeline.t_end, shown[0]) as bar,
     ):
-        report = report_of(0, stepper, run.probes, None, impact)
+        report = report_of(0, stepper, run.probes, None, impact, run.shadow)
         report = replace(report, reactions=switch.held[0], reaction_moments=switch.held[1])
         report = run.accounted(report)
         balance.follow(report)
@@ -325,7 +325,7 @@ def _reports(
                     result, woken = run.advance(target)
                 except StepError as error:
                     raise balance.explained(error) from None
-                report = report_of(step, stepper, run.probes, result, impact)
+                report = report_of(step, stepper, run.probes, result, impact, run.shadow)
                 now, closeness = run.after(report)
                 report = amended(report, stepper, [*events, *woken, *now], closeness)
                 report = run.accounted(report)

@@ -18,6 +18,7 @@ from rigidfx.base.errors import SceneError, StepError
 from rigidfx.decide.concentration import quiet_enough
 from rigidfx.decide.policy import CHECKED, FORESEEN
 from rigidfx.decide.strokes import Strokes
+from rigidfx.flexible.stress import CauchyStress
 from rigidfx.shadow import pace
 from rigidfx.shadow.pace import LONG, LOOKS, Pace
 from rigidfx.shadow.shadow import Shadow
@@ -274,6 +275,44 @@ def test_a_wake_in_steps_that_are_cut(monkeypatch):
     assert np.abs(found[-1] - tips[-1]).max() <= 0.8 * 3 * 0.05 * np.abs(tips).max()
     for event in events:
         assert abs(event.energy_lost) <= 1e-10
+
+
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+def test_stresses_of_rigid_parts_are_those_of_the_twin(mass):
+    """Under a load slower than the part, in the mean over its cells and half a period."""
+    scene = on_a_block(mass=mass)
+    stress = CauchyStress(scene)
+    times = range(100, 201, 20)
+
+    def stresses(rule):
+        steps = rf.simulate(scene, DT, 4.0, rigidify=rule, progress=False)
+        for report in steps:
+            if report.step in times:
+                found, recovered = rf.recovered_stress(report, stress)
+                yield found, stress.measure(report.state.u), recovered.copy()
+
+    twin = [found for found, _, _ in stresses(NOTHING)]
+    _, tol = gentle()
+    sizes = []
+    for (found, kept, recovered), exact in zip(stresses(local(tol)), twin, strict=True):
+        assert recovered.sum() >= 7
+        assert (found[~recovered] == kept[~recovered]).all()
+        differences = found - exact, kept - exact, exact
+        sizes += [[np.linalg.norm(s[recovered], axis=(1, 2)).mean() for s in differences]]
+    apart, without, whole = np.mean(sizes, axis=0)
+    assert apart <= 0.05 * whole
+    assert without >= 0.5 * whole
+
+
+def test_series_mark_what_is_recovered(tmp_path):
+    scene = on_a_block()
+    _, tol = gentle()
+    with rf.Recorder(scene, tmp_path, every=30) as recorder:
+        for report in rf.simulate(scene, DT, 0.6, rigidify=local(tol), progress=False):
+            recorder.write(report)
+    first, last = ((tmp_path / "fields" / f"fields_{k:06d}.vtu").read_bytes() for k in (0, 1))
+    assert b'Name="recovered"' in first
+    assert b'Name="recovered"' in last
 
 
 @chatter

@@ -8,6 +8,8 @@ their surfaces). On the cells there are the means `cell_stress` and `cell_von_mi
 (`rigidfx.flexible.stress`), the number of the material,
 and, where there are rigid bodies or may be, the number of the body (0 outside bodies), a flag
 (1 rigid, 0 flexible) and, where parts are found, the strain rate of the step [1/s], zero in bodies.
+With `wake="local"` the mean stress of a rigid cell is that of its freeze and what the forces
+on it add, were it flexible: `recovered` is 1 there, see `rigidfx.report.recovered`.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ from rigidfx.effects import Contact
 from rigidfx.flexible.nodal_stress import NodalStress, material_groups
 from rigidfx.flexible.stress import CauchyStress, tensors, von_mises
 from rigidfx.output.paraview import Body
+from rigidfx.report.recovered import recovered_stress
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
@@ -86,8 +89,11 @@ class Fields:
         state.rebuild()
         fields: Values = {"material": self._materials}
         if self._mean is not None:
-            stress = self.body.on_cells(self._mean.measure(state.u))
+            measured, recovered = recovered_stress(report, self._mean)
+            stress = self.body.on_cells(measured)
             fields |= {"cell_stress": stress, "cell_von_mises": von_mises(stress)}
+            if report.recovers:
+                fields["recovered"] = self.body.on_cells(recovered.astype(np.uint8))
         if self.may_have_bodies(report):
             numbers = self.body.on_cells(state.body_numbers())
             fields |= {"body": numbers, "rigid": (numbers > 0).astype(np.uint8)}

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from dolfinx import fem
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.taken import read_only
@@ -20,6 +21,7 @@ from rigidfx.report.events import Event
 from rigidfx.report.ledger import Ledger, Ledgers
 from rigidfx.report.probe_stress import StressAt
 from rigidfx.report.probes import Probes
+from rigidfx.shadow.shadow import Shadow
 from rigidfx.state import State
 from rigidfx.step.energies import Measures
 from rigidfx.step.stepper import Stepper, StepResult
@@ -118,6 +120,7 @@ class Report:
     _changes: int
     _indicator: Indicator | None
     _probes: Probes
+    _shadow: Shadow | None = None
 
     @property
     def energy(self) -> float:
@@ -207,6 +210,34 @@ class Report:
         return self._state.interface_mismatch()
 
     @property
+    def recovers(self) -> bool:
+        """Whether what rigid bodies withhold is known (`wake="local"`)."""
+        return self._shadow is not None
+
+    def recovered(self) -> tuple[fem.Function, npt.NDArray[np.bool_]]:
+        """The displacement with what rigid bodies would strain under their loads. Collective.
+
+        No part of the motion or of its energy has that. Computed when it is asked for, by one
+        solve; see `rigidfx.report.recovered`.
+
+        Returns:
+            The displacement, right inside these bodies [m], and which owned cells they are.
+
+        Raises:
+            SceneError: If the run has gone on.
+        """
+        self._check("recovered")
+        self._state.rebuild()
+        u = self._state.u.copy()
+        cells = np.zeros(u.function_space.mesh.topology.index_map(3).size_local, dtype=bool)
+        if self._shadow is not None:
+            more, own = self._shadow.recovered()
+            u.x.array[: more.size] += more.reshape(-1)
+            u.x.scatter_forward()
+            cells[own] = True
+        return u, cells
+
+    @property
     def finds_bodies(self) -> bool:
         """Whether the run looks for parts that become rigid."""
         return self._indicator is not None
@@ -225,6 +256,7 @@ def report_of(
     probes: Probes,
     result: StepResult | None,
     impact: Impact | None,
+    shadow: Shadow | None = None,
 ) -> Report:
     """The report of a step, or of the initial state. Collective.
 
@@ -236,6 +268,7 @@ def report_of(
         touches: What each contact did in this step, by its title: see
             `rigidfx.effects.action.Touch`.
         impact: What the start of a support did at the start of the step.
+        shadow: What bodies withhold, if that is known.
     """
     state, solution = stepper.state, result.solution if result else None
     return Report(
@@ -268,6 +301,7 @@ def report_of(
         _changes=state.changes,
         _indicator=stepper.indicator,
         _probes=probes,
+        _shadow=shadow,
     )
 
 

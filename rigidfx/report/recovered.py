@@ -1,0 +1,40 @@
+"""Stresses that rigid parts carry, recovered from the forces on them.
+
+A rigid part keeps the stress that it was frozen with. What the forces on it would add, were it
+flexible, is that of E⁰ + ε(K⁺ρ), section 8 of docs/theory.md: right for loads slower than the part.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.flexible.stress import CauchyStress
+from rigidfx.report.report import Report
+
+__all__ = ["recovered_stress"]
+
+Array = npt.NDArray[np.float64]
+
+
+def recovered_stress(report: Report, stress: CauchyStress) -> tuple[Array, npt.NDArray[np.bool_]]:
+    """Cauchy stress of all cells at a report, recovered in rigid parts. Collective.
+
+    Args:
+        report: The last one of its run.
+        stress: Measures the stresses of the run's scene.
+
+    Returns:
+        Stress of each owned cell, shape (cells, 3, 3) [Pa], and whether it was recovered: in rigid
+        parts of a run with `wake="local"`, from the first step after the freeze on.
+
+    Raises:
+        SceneError: If the run has gone on.
+    """
+    state = report.state
+    state.rebuild()
+    out = stress.measure(state.u)
+    u, cells = report.recovered()
+    if state.u.function_space.mesh.comm.allreduce(int(cells.any())):
+        out[cells] = stress.measure(u)[cells]
+    return out, cells
