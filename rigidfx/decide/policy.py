@@ -195,7 +195,9 @@ class Policy:
         period = MARGIN * self.memory.signals.period() if isinstance(window, str) else window
         length = np.inf if np.isnan(period) else float(period)
         rates = self._criterion.kappa * self._tol
-        return Limits(rates, rates * min(length, self.memory.strokes.time), length)
+        time = min(length, self.memory.strokes.time)
+        strains = rates * time if np.isfinite(time) else np.full_like(rates, np.inf)
+        return Limits(rates, strains, length)
 
     def woken(self, seen: Observation, strained: Strained, why: str) -> Decision | None:
         """Decide which cells of bodies wake in a step. Collective.
