@@ -31,7 +31,6 @@ import ufl
 from dolfinx import fem
 
 from rigidfx.base.form_cache import compile_expression
-from rigidfx.flexible.enhanced_metric import EnhancedMetric
 from rigidfx.flexible.kernels import jit_options
 from rigidfx.flexible.material_classes import material_classes
 from rigidfx.mechanics.schemes import second_piola_kirchhoff
@@ -67,11 +66,7 @@ class PointStress:
         self.points, self.weights = basix.make_quadrature(cell, scene.quadrature_degree)
         self.u = fem.Function(scene.space)
         F = scene.element.deformation_gradient(self.u)
-        self._enhanced = EnhancedMetric(scene, self.u) if scene.element.enhanced else None
-        if self._enhanced is None:
-            C = scene.element.right_cauchy_green(self.u)
-        else:
-            C = self._enhanced.tensor
+        C = scene.element.right_cauchy_green(self.u)
         E = (C - ufl.Identity(3)) / 2
         J, volume = ufl.det(F), abs(ufl.JacobianDeterminant(scene.mesh))
         self._class = np.zeros(scene.mesh.topology.index_map(3).size_local, dtype=np.int32)
@@ -94,8 +89,6 @@ class PointStress:
             cells: Owned cells, in any order.
         """
         out = np.empty((cells.size, self.weights.size, 14))
-        if self._enhanced is not None:
-            self._enhanced.update()
         for k, expression in enumerate(self._expressions):
             own = np.flatnonzero(self._class[cells] == k)
             if own.size:
