@@ -12,7 +12,7 @@ from dolfinx import fem
 from rigidfx.base.inputs import positive
 from rigidfx.effects.action import FormTerm
 from rigidfx.effects.base import Windowed
-from rigidfx.mechanics.element import Element, StandardElement
+from rigidfx.mechanics.element import Element
 from rigidfx.mechanics.schemes import Law, initial_stiffness_times
 
 __all__ = ["StiffnessDamping"]
@@ -85,14 +85,18 @@ class ProportionalStress(FormTerm):
     def virtual_work(self, element: Element, u0: Any, u1: Any, w: Any) -> Any:
         """F½ (β ℂ₀:ΔE/Δt) : Grad w."""
         F = element.deformation_gradient((u0 + u1) / 2)
-        return ufl.inner(F * self._stress(u0, u1), ufl.grad(w))
+        return ufl.inner(F * self._stress(element, u0, u1), ufl.grad(w))
+
+    def eliminated(self, element: Element, u0: Any, u1: Any, w: Any, du: Any) -> Any:
+        """β/Δt ∂(ℂ₀:ΔE)/∂u₁ at F½."""
+        return element.eliminated((u0, u1), u1, 0.0, self._rate, w, du)
 
     def taken(self, element: Element, u0: Any, u1: Any) -> Any:
         """β ΔE:ℂ₀:ΔE/Δt [J/m³]."""
-        return ufl.inner(self._stress(u0, u1), StandardElement().strain_increment(u0, u1))
+        return ufl.inner(self._stress(element, u0, u1), element.strain_increment(u0, u1))
 
-    def _stress(self, u0: Any, u1: Any) -> Any:
+    def _stress(self, element: Element, u0: Any, u1: Any) -> Any:
         assert self._law is not None
-        dE = StandardElement().strain_increment(u0, u1)
+        dE = element.strain_increment(u0, u1)
         energy, p = self._law.energy, self._law.parameters
         return self._rate * initial_stiffness_times(energy, p, dE)

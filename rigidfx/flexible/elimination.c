@@ -318,6 +318,18 @@ static void enhance(const cell_t *c, const law_t *law, const double *u0, const d
   }
 }
 
+/* η of cells: their corners, displacements, λ and μ, one after the other. */
+void enhancements(int cells, const double *x, const double *u, const double *law, double *eta)
+{
+  for (int k = 0; k < cells; k++) {
+    cell_t c;
+    law_t of = {.lambda = law[2 * k], .mu = law[2 * k + 1]};
+    look_at_cell(x + DOFS * k, &c);
+    factorise(&c, &of);
+    enhance(&c, &of, 0, u + DOFS * k, eta + PAIRS * POINTS * k);
+  }
+}
+
 /* L⁻¹ B(u): how the modes' right sides change with the displacement, shape (21, 24); u and columns
    by direction, then by node. */
 static void coupling(const cell_t *c, const law_t *law,

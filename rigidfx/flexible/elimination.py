@@ -25,7 +25,7 @@ from ufl.algorithms.analysis import extract_coefficients, extract_constants
 from rigidfx.base.c_library import c_library
 from rigidfx.mechanics.enhanced import Elimination, Enhancement
 
-__all__ = ["alive", "eliminate"]
+__all__ = ["alive", "eliminate", "library_of"]
 
 MOVES, STRAINS, BLOCKS, LARGEST = 4, 8, 4, 1024  # as in the C source
 SLOTS = 1024  # kernels that may live at a time
@@ -47,6 +47,7 @@ typedef struct {
 extern closure_t closures[1024];
 extern void *slots[1024];
 void prepare(void);
+void enhancements(int, const double *, const double *, const double *, double *);
 """
 
 _free: dict[str, list[int]] = {}  # slots of each library
@@ -73,7 +74,7 @@ def eliminate(mesh: Any, form: ufl.Form, compiled: Any, options: dict[str, Any])
     """
     if not any(isinstance(w, Enhancement) for w in form.coefficients()):
         return compiled
-    library, free = _library(mesh.comm, options["cffi_extra_compile_args"])
+    library, free = library_of(mesh.comm, options["cffi_extra_compile_args"])
     ffi, old = compiled.module.ffi, compiled.ufcx_form
     first, last, total = (old.form_integral_offsets[k] for k in (0, 1, 3))
     integrals = ffi.new("ufcx_integral*[]", [old.form_integrals[k] for k in range(total)])
@@ -157,7 +158,7 @@ def _constant_places(form: ufl.Form) -> dict[Any, int]:
     return dict(zip(constants, (int(at) for at in ends), strict=False))
 
 
-def _library(comm: Any, flags: Sequence[str]) -> tuple[Any, list[int]]:
+def library_of(comm: Any, flags: Sequence[str]) -> tuple[Any, list[int]]:
     """The C code with its slots, for the interface of this FFCx, and the free ones. Collective."""
     header = (Path(get_include_path()) / "ufcx.h").read_text()
     custom = "custom_data" in header

@@ -31,6 +31,7 @@ import ufl
 from dolfinx import fem
 
 from rigidfx.base.form_cache import compile_expression
+from rigidfx.flexible.enhancements import Enhancements
 from rigidfx.flexible.kernels import jit_options
 from rigidfx.flexible.material_classes import material_classes
 from rigidfx.mechanics.schemes import second_piola_kirchhoff
@@ -71,10 +72,12 @@ class PointStress:
         J, volume = ufl.det(F), abs(ufl.JacobianDeterminant(scene.mesh))
         self._class = np.zeros(scene.mesh.topology.index_map(3).size_local, dtype=np.int32)
         self._expressions = []
+        self._enhanced = Enhancements(self.u)
         for k, of in enumerate(material_classes(scene)):
             tau = F * second_piola_kirchhoff(of.law.energy, C, of.law.parameters) * F.T
             stress = [tau[ij] / J for ij in SYMMETRIC]
             values = ufl.as_vector([*stress, *(E[ij] for ij in SYMMETRIC), J * volume, volume])
+            values = self._enhanced.readable(values)
             compiled = compile_expression(scene.comm, values, self.points, jit_options())
             self._expressions.append(compiled)
             self._class[of.cells] = k
@@ -88,6 +91,7 @@ class PointStress:
         Args:
             cells: Owned cells, in any order.
         """
+        self._enhanced.update(cells)
         out = np.empty((cells.size, self.weights.size, 14))
         for k, expression in enumerate(self._expressions):
             own = np.flatnonzero(self._class[cells] == k)
