@@ -91,9 +91,10 @@ class Advice:
             strained: What each owned cell would strain, over what wakes it.
             seen: The limits and the largest rate of flexible cells.
         """
-        ratio = strained.ratio
+        ratio, strained_at = strained.ratio, np.zeros_like(seen.limits)
+        np.multiply(strained.rate, seen.limits, out=strained_at, where=seen.limits > 0)
         for name, own in parts.items():
-            local = [ratio[own].max(initial=0.0), (strained.rate * seen.limits)[own].max(initial=0)]
+            local = [ratio[own].max(initial=0.0), strained_at[own].max(initial=0)]
             largest, rate, peak = _largest(self._comm, [*local, seen.peak])
             if largest <= 1:
                 continue

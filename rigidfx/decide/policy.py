@@ -194,8 +194,7 @@ class Policy:
         window = self._criterion.window
         period = MARGIN * self.memory.signals.period() if isinstance(window, str) else window
         length = np.inf if np.isnan(period) else float(period)
-        rates = self._criterion.kappa * self._tol
-        time = min(length, self.memory.strokes.time)
+        rates, time = self._criterion.kappa * self._tol, min(length, self.memory.strokes.time)
         strains = rates * time if np.isfinite(time) else np.full_like(rates, np.inf)
         return Limits(rates, strains, length)
 
