@@ -8,7 +8,6 @@ shows up as several reports on the way to its end.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -21,6 +20,7 @@ from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError, StepError
 from rigidfx.base.log import heard, tell
+from rigidfx.base.progress import progress_bar
 from rigidfx.base.same_input import check_same
 from rigidfx.decide.criterion import StrainRate
 from rigidfx.decide.decision import Decision
@@ -280,7 +280,7 @@ def prepare(
         shadow = None
         if rigidify is not None and policy is not None and rigidify.wake == "local":
             measure = rigidify.indicator(scene, forces)
-            shadow = Shadow(stepper, measure, rigidify.settling, policy.in_pieces)
+            shadow = Shadow(stepper, measure, rigidify.settling, policy.named.in_pieces)
             stepper.watches.append(shadow)
         estimates = shadow is not None or control is not None
         ledgers = Ledgers(stepper) if estimates else None
@@ -304,7 +304,7 @@ def _reports(
         run,
         heard(stepper.scene.comm, shown[1]),
         account,
-        _progress_bar(stepper.scene, timeline.t_end, shown[0]) as bar,
+        progress_bar(stepper.scene.comm, timeline.t_end, shown[0]) as bar,
     ):
         report = report_of(0, stepper, run.probes, None, impact, run.shadow)
         report = replace(report, reactions=switch.held[0], reaction_moments=switch.held[1])
@@ -337,33 +337,3 @@ def _reports(
             report = replace(report, wall=perf_counter() - start)
             account.follow(report)
             yield report
-
-
-def _progress_bar(scene: Scene, t_end: float, progress: bool | None) -> Any:
-    from tqdm import tqdm
-
-    terminal = sys.stderr.isatty()
-    return tqdm(
-        total=t_end,
-        disable=scene.comm.rank != 0 or not (terminal if progress is None else progress),
-        unit="s",
-        file=sys.stderr if terminal else _Lines(),
-        mininterval=0.1 if terminal else 5.0,
-        bar_format="{l_bar}{bar}| {n:.4g}/{total:.4g} s [{elapsed}<{remaining}]",
-    )
-
-
-class _Lines:
-    """Standard error where it is no terminal: the bar as a line each time.
-
-    mpirun passes on whole lines only, so that a bar that rewrites its line would not be seen.
-    """
-
-    def write(self, text: str) -> None:
-        """Write a state of the bar, without what moves a cursor."""
-        if text.strip():
-            sys.stderr.write(text.strip() + "\n")
-
-    def flush(self) -> None:
-        """Flush standard error."""
-        sys.stderr.flush()

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -28,13 +27,14 @@ from rigidfx.decide.criterion import StrainRate
 from rigidfx.decide.decision import Decision, plan_bodies, qualify
 from rigidfx.decide.load_changes import LoadChanges
 from rigidfx.decide.memory import Memory
+from rigidfx.decide.named_parts import NamedParts
 from rigidfx.decide.observation import Observation
 from rigidfx.decide.relative import Relative
 from rigidfx.decide.releases import PLANNED, Releases
 from rigidfx.decide.signals import Signals
 from rigidfx.decide.strokes import Strokes
 from rigidfx.decide.window import Window
-from rigidfx.effects import Resultant, Rigid, Touch
+from rigidfx.effects import Touch
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
@@ -56,6 +56,7 @@ class Policy:
     """Decides, step by step, what becomes rigid or flexible.
 
     Attributes:
+        named: Parts that are rigid always.
         memory: What it remembers.
     """
 
@@ -83,15 +84,7 @@ class Policy:
         for name in criterion.never:
             self._never[scene.owned_cells(name, "StrainRate (never)")] = True
         self._releases = Releases(scene, criterion.releases, timeline)
-        loaded = {r.body for r in scene.named(Resultant)}
-        rigid = scene.named(Rigid)
-        self._apart = frozenset(r.name for r in rigid if r.given or r.name in loaded)
-        self._always: dict[str, npt.NDArray[np.int32]] = {
-            r.name: scene.owned_cells(r.where, "Rigid") for r in rigid if r.name not in self._apart
-        }
-        self._named = np.zeros(self._graph.owned, dtype=bool)
-        for own in self._always.values():
-            self._named[own] = True
+        self.named = NamedParts(scene, self._graph)
         self._concentration = Concentration(scene)
         self.memory = Memory(
             window=self._new_window(0.0),
@@ -99,7 +92,7 @@ class Policy:
             back_off=BackOff(self._graph.owned, criterion.patience),
             loads=LoadChanges(scene, criterion.load_change, timeline),
             contacts=ContactChanges(criterion.load_change),
-            next_number=len(rigid) + 1,
+            next_number=self.named.count + 1,
             strokes=Strokes(scene.comm),
         )
 
@@ -128,10 +121,9 @@ class Policy:
             seen: The state before it.
             middle: Time at its midpoint [s].
         """
-        if self._criterion.wake != "all" or all(b.name in self._apart for b in seen.bodies):
+        if self._criterion.wake != "all" or all(b.name in self.named.apart for b in seen.bodies):
             return None
-        changed = self.memory.loads.ahead(middle)
-        if not changed:
+        if not (changed := self.memory.loads.ahead(middle)):
             return None
         decision = self._release(seen, f"{changed} changes", self._every)
         return replace(decision, loads_changed=True, loads_at=middle)
@@ -149,7 +141,7 @@ class Policy:
         changed = self.memory.contacts.changed(touches) if self._criterion.wake == "all" else ""
         if not changed:
             return None
-        able = (self._numbers(seen) != NONE) & ~self._named
+        able = (self._numbers(seen) != NONE) & ~self.named.mask
         if not self._graph.comm.allreduce(bool(able.any()), op=MPI.LOR):
             return None
         decision = self._release(seen, f"the contact '{changed}' changes", self._every)
@@ -173,20 +165,6 @@ class Policy:
         if cells is not None:
             return self._release(seen, ", ".join(reasons), cells)
         return self._freeze(seen) if self._window_ends(seen) else None
-
-    @cached_property
-    def in_pieces(self) -> frozenset[str]:
-        """Parts named rigid whose cells are not connected through facets. Collective."""
-        none = np.full(self._graph.owned, NONE)
-        found = set()
-        for name, own in self._always.items():
-            cells = np.zeros(self._graph.owned, dtype=bool)
-            cells[own] = True
-            clusters = find_clusters(self._graph, cells, none, ~cells, 1)
-            every = self._graph.comm.allreduce(own.size)
-            if len(clusters) != 1 or clusters[0].size != every:
-                found.add(name)
-        return frozenset(found)
 
     @property
     def limits(self) -> Limits:
@@ -213,10 +191,10 @@ class Policy:
             The release; None if no cell wakes.
         """
         ratio, numbers = strained.ratio, self._numbers(seen)
-        apart = {body.name: body.cells for body in seen.bodies if body.name in self._apart}
+        apart = {body.name: body.cells for body in seen.bodies if body.name in self.named.apart}
         against = Seen(self._criterion.kappa * self._tol, self.memory.strokes.rate, seen.t)
-        self._advice.of_named({**self._always, **apart}, strained, against)
-        free = (numbers != NONE) & ~self._named
+        self._advice.of_named({**self.named.cells, **apart}, strained, against)
+        free = (numbers != NONE) & ~self.named.mask
         above = (ratio > 1) & free
         if not self._graph.comm.allreduce(bool(above.any()), op=MPI.LOR):
             return None
@@ -270,7 +248,7 @@ class Policy:
     def _release(self, seen: Observation, reason: str, cells: Bools) -> Decision:
         """Release owned cells from their bodies; what is left of these stays rigid. Collective."""
         numbers = self._numbers(seen)
-        leaving = cells & (numbers != NONE) & ~self._named
+        leaving = cells & (numbers != NONE) & ~self.named.mask
         mine = np.unique(numbers[leaving]).tolist()
         concerned = sorted({k for part in self._graph.comm.allgather(mine) for k in part})
         inside = np.isin(numbers, concerned)
@@ -278,7 +256,7 @@ class Policy:
         able = inside & ~leaving
         existing = np.where(inside, NONE, numbers)
         first = max((body.number for body in seen.bodies), default=0) + 1
-        for k, own in enumerate(self._always.values()):
+        for k, own in enumerate(self.named.cells.values()):
             existing[own[inside[own]]] = first + k
         barred = ~able & (existing == NONE)
         return self._plan("release", reason, seen, able, existing, barred)
@@ -299,17 +277,17 @@ class Policy:
             clusters,
             self._numbers(seen),
             sizes,
-            self._always,
+            self.named.cells,
             self.memory.next_number,
             self._graph.comm,
         )
-        return Decision(kind, reason, bodies, self._apart, next_number)
+        return Decision(kind, reason, bodies, self.named.apart, next_number)
 
     def _numbers(self, seen: Observation) -> Ints:
         """For each owned cell the number of the body it is in and may leave or grow, or NONE."""
         numbers = np.full(self._graph.owned, NONE, dtype=np.int64)
         for body in seen.bodies:
-            if body.name not in self._apart:
+            if body.name not in self.named.apart:
                 numbers[body.cells] = body.number
         return numbers
 
@@ -317,7 +295,7 @@ class Policy:
         """Owned cells at nodes that supports hold, or that bodies apart hold. Collective."""
         nodes = seen.supported.copy()
         for body in seen.bodies:
-            if body.name in self._apart:
+            if body.name in self.named.apart:
                 nodes[body.nodes] = True
         return self._graph.touching(self._graph.nodes_with_ghosts(nodes))
 

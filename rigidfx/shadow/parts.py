@@ -14,7 +14,7 @@ from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.scene.scene import Scene
 
-__all__ = ["Parts"]
+__all__ = ["Parts", "watched"]
 
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -156,3 +156,13 @@ def _independent(modes: Array) -> Ints:
         return np.empty(0, np.int64)
     _, order = qr(modes.T, mode="r", pivoting=True)
     return np.asarray(order[:6], dtype=np.int64)
+
+
+def watched(bodies: Sequence[RigidBody], in_pieces: frozenset[str]) -> list[RigidBody]:
+    """The bodies that can have a shadow, with the mass and inertia of their cells.
+
+    Args:
+        bodies: All bodies.
+        in_pieces: Parts named rigid whose cells are not connected through facets.
+    """
+    return [body for body in bodies if not body.given and in_pieces.isdisjoint(body.named)]

@@ -25,11 +25,10 @@ from rigidfx.coupling.mass import Mass, mass_operator
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.mechanics.bodies import Bodies
-from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.shadow.linear_part import LinearPart
 from rigidfx.shadow.motion import Limits, Motion, Strained, at_rest, frozen_velocities, part_of
 from rigidfx.shadow.pace import Pace
-from rigidfx.shadow.parts import Parts
+from rigidfx.shadow.parts import Parts, watched
 from rigidfx.shadow.withheld import Withheld
 from rigidfx.step.judge import Attempt
 from rigidfx.step.stepper import Stepper
@@ -98,14 +97,6 @@ class Shadow(Watch):
 
     # Which bodies -------------------------------------------------------------------------------
 
-    def _watched(self) -> list[RigidBody]:
-        """The bodies that can have a shadow, with the mass and inertia of their cells."""
-        return [
-            body
-            for body in self._stepper.state.bodies.of.records
-            if not body.given and self._in_pieces.isdisjoint(body.named)
-        ]
-
     def follow(self, dt: float) -> None:
         """Have the shadows of the present bodies; their motion is carried over. Collective.
 
@@ -116,7 +107,8 @@ class Shadow(Watch):
         if stepper.system is self._system:
             return
         self._system = stepper.system
-        records, viscous = self._watched(), [k for k, _ in stepper.forces.viscous_terms]
+        records = watched(stepper.state.bodies.of.records, self._in_pieces)
+        viscous = [k for k, _ in stepper.forces.viscous_terms]
         same = old is not None and [*map(id, records)] == [*map(id, old.bodies)]
         if not same or viscous != self._viscous:
             self._viscous = viscous

@@ -1,0 +1,45 @@
+"""The bar that shows how far a run is."""
+
+from __future__ import annotations
+
+import sys
+
+from mpi4py import MPI
+from tqdm import tqdm
+
+__all__ = ["progress_bar"]
+
+
+def progress_bar(comm: MPI.Intracomm, t_end: float, progress: bool | None) -> tqdm:
+    """A bar on rank 0 that counts simulated time.
+
+    Args:
+        comm: Ranks of the run.
+        t_end: Its end [s].
+        progress: Whether it is shown; where standard error is a terminal if None.
+    """
+    terminal = sys.stderr.isatty()
+    return tqdm(
+        total=t_end,
+        disable=comm.rank != 0 or not (terminal if progress is None else progress),
+        unit="s",
+        file=sys.stderr if terminal else _Lines(),
+        mininterval=0.1 if terminal else 5.0,
+        bar_format="{l_bar}{bar}| {n:.4g}/{total:.4g} s [{elapsed}<{remaining}]",
+    )
+
+
+class _Lines:
+    """Standard error where it is no terminal: the bar as a line each time.
+
+    mpirun passes on whole lines only, so that a bar that rewrites its line would not be seen.
+    """
+
+    def write(self, text: str) -> None:
+        """Write a state of the bar, without what moves a cursor."""
+        if text.strip():
+            sys.stderr.write(text.strip() + "\n")
+
+    def flush(self) -> None:
+        """Flush standard error."""
+        sys.stderr.flush()

@@ -1,0 +1,61 @@
+"""The parts that effects name rigid."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.decide.clusters import NONE, CellGraph, find_clusters
+from rigidfx.effects import Resultant, Rigid
+from rigidfx.scene.scene import Scene
+
+__all__ = ["NamedParts"]
+
+
+class NamedParts:
+    """Parts that are rigid always.
+
+    Attributes:
+        count: How many there are.
+        apart: Names of those whose mass or inertia is given, or on which a `Resultant` acts: no
+            cell may join their bodies.
+        cells: Owned cells of the others, by name.
+        mask: For each owned cell, whether it is in one of these.
+    """
+
+    def __init__(self, scene: Scene, graph: CellGraph) -> None:
+        """Look their cells up. Collective.
+
+        Args:
+            scene: The problem.
+            graph: Its cells.
+        """
+        self._graph = graph
+        loaded = {resultant.body for resultant in scene.named(Resultant)}
+        parts = scene.named(Rigid)
+        self.count = len(parts)
+        self.apart = frozenset(part.name for part in parts if part.given or part.name in loaded)
+        self.cells: dict[str, npt.NDArray[np.int32]] = {
+            part.name: scene.owned_cells(part.where, "Rigid")
+            for part in parts
+            if part.name not in self.apart
+        }
+        self.mask = np.zeros(graph.owned, dtype=bool)
+        for own in self.cells.values():
+            self.mask[own] = True
+
+    @cached_property
+    def in_pieces(self) -> frozenset[str]:
+        """Parts named rigid whose cells are not connected through facets. Collective."""
+        none = np.full(self._graph.owned, NONE)
+        found = set()
+        for name, own in self.cells.items():
+            cells = np.zeros(self._graph.owned, dtype=bool)
+            cells[own] = True
+            clusters = find_clusters(self._graph, cells, none, ~cells, 1)
+            every = self._graph.comm.allreduce(own.size)
+            if len(clusters) != 1 or clusters[0].size != every:
+                found.add(name)
+        return frozenset(found)
