@@ -240,8 +240,6 @@ def test_bodies_found_come_after_those_of_the_scene():
 
 CHAIN = "leave a layer of flexible cells between them, or clamp all components"
 REFUSED = {
-    "bodies with nodes in common": ([LEFT, rf.Rigid("next")], "Rigid 'next' shares nodes"),
-    "bodies with cells in common": ([LEFT, rf.Rigid("over")], "Rigid 'over' shares nodes"),
     "one point": ([LEFT, rf.Fixed("one of left")], CHAIN),
     "two points": ([LEFT, rf.Fixed("two")], CHAIN),
     "three points in line": ([LEFT, rf.Fixed("line")], CHAIN),

@@ -123,6 +123,7 @@ def test_growth_of_the_first_iterate_says_nothing_of_linear_solves():
 # In runs ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.filterwarnings("ignore:In the step from:rigidfx.RigidfxWarning")
 def test_no_step_ends_in_a_grown_residual(monkeypatch):
     """Halves of 1e10 : 1 in stiffness: all that Newton leaves is rounding."""
     ended, usual = [], StoppingTest.__call__

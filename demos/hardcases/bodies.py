@@ -115,8 +115,8 @@ def smallest_bodies(short: bool) -> Iterator[AnyRun]:
     domain = _together(_bar().domain, "both", ["first", "second"])
     scene = rf.Scene(domain, SOFT, [SPIN, rf.Rigid("both")])
     yield Run("two cells at an edge, named as one", scene, 0.1, t_end)
-    scene = _bar(SPIN, rf.Rigid("first"), rf.Rigid("second"))
-    yield Run("two cells at an edge, named as two", scene, 0.1, t_end,
+    two = partial(_bar, SPIN, rf.Rigid("first"), rf.Rigid("second"))
+    yield Run("two cells at an edge, named as two", two, 0.1, t_end,
               fails=rf.SceneError, says=("hinge",))  # fmt: skip
 
 

@@ -168,12 +168,12 @@ class Policy:
 
     @property
     def limits(self) -> Limits:
-        """What wakes cells: strains are those of a window or of a stroke, if that is shorter."""
+        """What wakes cells: strains of a window, of a stroke, or of a step while none is known."""
         window = self._criterion.window
         period = MARGIN * self.memory.signals.period() if isinstance(window, str) else window
         length = np.inf if np.isnan(period) else float(period)
-        rates, time = self._criterion.kappa * self._tol, min(length, self.memory.strokes.time)
-        strains = rates * time if np.isfinite(time) else np.full_like(rates, np.inf)
+        stroke, rates = self.memory.strokes.time, self._criterion.kappa * self._tol
+        strains = rates * min(length, stroke if np.isfinite(stroke) else self._timeline.dt)
         return Limits(rates, strains, length)
 
     def woken(self, seen: Observation, strained: Strained, why: str) -> Decision | None:

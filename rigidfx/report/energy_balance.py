@@ -46,6 +46,7 @@ class EnergyBalance:
         self._follows = scene.scheme.conserving
         self._warned = False
         self._most = 0.0  # largest error of the balance so far [J]
+        self._given = 0.0  # most that a run has begun with, or that work has brought [J]
         self._lost = ""  # when, and how much of it, once it is lost
 
     def follow(self, report: Report) -> None:
@@ -58,8 +59,9 @@ class EnergyBalance:
             return
         work = report.work_of_loads + report.work_of_supports
         taken = sum(report.dissipated.values())
+        self._given = max(self._given, abs(work))
         if report.step == 0:
-            self._expected = report.energy
+            self._expected, self._given = report.energy, report.kinetic
         else:
             self._expected += work - taken + (report.impact.energy if report.impact else 0.0)
         self._known = max(self._known, abs(self._expected), abs(work), taken)
@@ -94,7 +96,8 @@ class EnergyBalance:
 
     def end(self) -> None:
         """Say at the end of a run whether its energies were rounding; before, they might grow."""
-        if self._warned or self._most <= LARGE * self._scale or self._scale == 0.0:
+        at_rest = self._given <= LARGE * self._rounding.known
+        if self._warned or at_rest or self._most <= LARGE * self._scale:
             return
         warn(
             self._comm,

@@ -316,6 +316,8 @@ def amended(report: Report, stepper: Stepper, events: Sequence[Event], closeness
 
 def _clamped(stepper: Stepper) -> tuple[str, ...]:
     """Names of the parts that supports hold; they are numbered as the scene names them."""
+    if not stepper.state.clamped:
+        return ()
     named = stepper.scene.named(Rigid)
     return tuple(named[number - 1].name for number in sorted(stepper.state.clamped))
 
