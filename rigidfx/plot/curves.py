@@ -81,8 +81,10 @@ def histories(
         energy.plot(t, h["energy"], color=DARK, label="total $H$")
         energy.plot(t, h["kinetic"], color=BLUE, label="kinetic")
         energy.plot(t, h["strain"], color=ORANGE, label="strain")
-        if h["stored"].any():
-            energy.plot(t, h["stored"], color=GREEN, label="stored in bodies")
+        others = {"stored": "stored in bodies", "springs": "springs", "contact": "contacts"}
+        for (name, label), colour in zip(others.items(), COLOURS[2:], strict=False):
+            if name in h and np.any(h[name]):  # or the parts would not make the whole
+                energy.plot(t, h[name], color=colour, label=label)
         energy.set_ylabel("energy (J)")
         linear.plot(t, h["momentum_scale"], color=GREY, label=r"$\Sigma\, m|v|$")
         _components(linear, t, h, "L")
