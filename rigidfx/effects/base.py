@@ -24,6 +24,7 @@ __all__ = [
     "Windowed",
     "bends_of",
     "check_vector",
+    "vector_at",
 ]
 
 Array = npt.NDArray[np.float64]
@@ -194,15 +195,38 @@ def check_vector(scene: Any, owner: str, t: float, function: Callable[[], Array]
     Raises:
         SceneError: On every rank, if it fails or gives anything else.
     """
+    together(
+        scene.comm, f"{owner}: its function of time", lambda: _three_finite(owner, t, function())
+    )
 
-    def check() -> None:
+
+def vector_at(owner: str, what: str, t: float, function: Callable[[], Array]) -> Array:
+    """Three finite numbers that a user's function gives, in a run; of this rank alone.
+
+    Args:
+        owner: Whose function it is, for the message.
+        what: Which of its functions, likewise.
+        t: Time that it is evaluated at [s].
+        function: Gives its value.
+
+    Raises:
+        SceneError: On this rank, if it fails or gives anything else.
+    """
+    try:
         value = function()
-        if np.shape(value) != (3,) or not np.isfinite(value).all():
-            raise SceneError(
-                f"{owner}: at t = {t:g} s three finite components are expected, got {value}."
-            )
+    except Exception as error:  # whatever a user's function may raise
+        raise SceneError(
+            f"{owner}: its {what} failed at t = {t:g} s with {type(error).__name__}: {error}"
+        ) from error
+    _three_finite(owner, t, value, f" Check its {what}.")
+    return value
 
-    together(scene.comm, f"{owner}: its function of time", check)
+
+def _three_finite(owner: str, t: float, value: Array, advice: str = "") -> None:
+    if np.shape(value) != (3,) or not np.isfinite(value).all():
+        raise SceneError(
+            f"{owner}: at t = {t:g} s three finite components are expected, got {value}.{advice}"
+        )
 
 
 @dataclass(frozen=True)

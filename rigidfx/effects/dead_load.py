@@ -16,7 +16,7 @@ import numpy as np
 from rigidfx.base.errors import SceneError, together
 from rigidfx.base.inputs import check_factor, is_function, numbers, scalar, vector
 from rigidfx.effects.action import Action, Array, Structure
-from rigidfx.effects.base import TimeFunction, Windowed, check_vector
+from rigidfx.effects.base import TimeFunction, Windowed, check_vector, vector_at
 from rigidfx.effects.fields import of_place, some_points, values_at
 
 __all__ = ["DeadLoad"]
@@ -153,20 +153,8 @@ class DeadForces(Action):
         Raises:
             SceneError: On this rank, if it fails or is not three finite numbers.
         """
-        owner = self._load.owner
-        try:
-            q = self._load.intensity(t)
-        except Exception as error:  # whatever a user's function may raise
-            raise SceneError(
-                f"{owner}: its value or time function failed at t = {t:g} s with "
-                f"{type(error).__name__}: {error}"
-            ) from error
-        if q.shape != (3,) or not np.isfinite(q).all():
-            raise SceneError(
-                f"{owner}: at t = {t:g} s three finite components are expected, got {q}. "
-                "Check its value and time function."
-            )
-        self._q = q
+        load = self._load
+        self._q = vector_at(load.owner, "value or time function", t, lambda: load.intensity(t))
 
     def load_nodes(self, forces: Array) -> None:
         """Add w q."""

@@ -11,6 +11,7 @@ from dolfinx import fem
 from rigidfx.base.inputs import positive
 from rigidfx.effects.action import FormTerm
 from rigidfx.effects.base import Windowed
+from rigidfx.effects.viscous_term import ViscousTerm
 from rigidfx.mechanics.element import Element
 
 __all__ = ["KelvinVoigt"]
@@ -49,30 +50,18 @@ class KelvinVoigt(Windowed):
         return ViscousStress(self, mesh)
 
 
-class ViscousStress(FormTerm):
+class ViscousStress(ViscousTerm):
     """S = η ΔE/Δt in the compiled forms."""
 
     kind = KelvinVoigt.__name__
-    viscous = True
 
     def __init__(self, effect: KelvinVoigt, mesh: Any) -> None:
-        """Take the viscosity over."""
-        self._eta = float(effect.eta)
-        self._rate = fem.Constant(mesh, self._eta)
+        """Take the viscosity η [Pa s] over."""
+        super().__init__(float(effect.eta), fem.Constant(mesh, float(effect.eta)))
 
-    def set_time(self, t: float, dt: float) -> None:
-        """Set η/Δt."""
-        self.set_rate(1 / dt)
-
-    def set_rate(self, rate: float) -> None:
-        """Set η times a rate [1/s]."""
-        self._rate.value = self._eta * rate
-
-    def virtual_work(self, element: Element, u0: Any, u1: Any, w: Any) -> Any:
-        """F½ (η ΔE/Δt) : Grad w."""
-        F = element.deformation_gradient((u0 + u1) / 2)
-        stress = self._rate * element.viscous_strain_increment(u0, u1)
-        return ufl.inner(F * stress, ufl.grad(w))
+    def stress(self, element: Element, u0: Any, u1: Any) -> Any:
+        """η ΔE/Δt."""
+        return self._rate * element.viscous_strain_increment(u0, u1)
 
     def eliminated(self, element: Element, u0: Any, u1: Any, w: Any, du: Any) -> Any:
         """η/Δt ∂(ΔE)/∂u₁ at F½."""

@@ -12,6 +12,7 @@ from dolfinx import fem
 from rigidfx.base.inputs import positive
 from rigidfx.effects.action import FormTerm
 from rigidfx.effects.base import Windowed
+from rigidfx.effects.viscous_term import ViscousTerm
 from rigidfx.mechanics.element import Element
 from rigidfx.mechanics.schemes import Law, initial_stiffness_times
 
@@ -60,32 +61,19 @@ class StiffnessDamping(Windowed):
         return ProportionalStress(self.beta, fem.Constant(mesh, self.beta))
 
 
-class ProportionalStress(FormTerm):
+class ProportionalStress(ViscousTerm):
     """S = β ℂ₀:ΔE/Δt in the compiled forms, of one law."""
 
     kind = StiffnessDamping.__name__
-    viscous = True
 
     def __init__(self, beta: float, rate: Any, law: Law | None = None) -> None:
         """Take β [s] over, and the constant of the forms that is β/Δt."""
-        self._beta, self._rate, self._law = beta, rate, law
+        super().__init__(beta, rate)
+        self._law = law
 
     def of(self, law: Law) -> FormTerm:
         """The stress in cells of a law."""
-        return ProportionalStress(self._beta, self._rate, law)
-
-    def set_time(self, t: float, dt: float) -> None:
-        """Set β/Δt."""
-        self.set_rate(1 / dt)
-
-    def set_rate(self, rate: float) -> None:
-        """Set β times a rate [1/s]."""
-        self._rate.value = self._beta * rate
-
-    def virtual_work(self, element: Element, u0: Any, u1: Any, w: Any) -> Any:
-        """F½ (β ℂ₀:ΔE/Δt) : Grad w."""
-        F = element.deformation_gradient((u0 + u1) / 2)
-        return ufl.inner(F * self._stress(element, u0, u1), ufl.grad(w))
+        return ProportionalStress(self._modulus, self._rate, law)
 
     def eliminated(self, element: Element, u0: Any, u1: Any, w: Any, du: Any) -> Any:
         """β/Δt ∂(ℂ₀:ΔE)/∂u₁ at F½."""
@@ -93,9 +81,10 @@ class ProportionalStress(FormTerm):
 
     def taken(self, element: Element, u0: Any, u1: Any) -> Any:
         """β ΔE:ℂ₀:ΔE/Δt [J/m³]."""
-        return ufl.inner(self._stress(element, u0, u1), element.strain_increment(u0, u1))
+        return ufl.inner(self.stress(element, u0, u1), element.strain_increment(u0, u1))
 
-    def _stress(self, element: Element, u0: Any, u1: Any) -> Any:
+    def stress(self, element: Element, u0: Any, u1: Any) -> Any:
+        """β ℂ₀:ΔE/Δt."""
         assert self._law is not None
         dE = element.strain_increment(u0, u1)
         energy, p = self._law.energy, self._law.parameters

@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from rigidfx.base.errors import SceneError
 from rigidfx.effects.action import Action, Structure, Touch
+from rigidfx.effects.base import vector_at
 from rigidfx.effects.contacts.obstacles import Obstacle
 from rigidfx.effects.contacts.penalty import stored
 from rigidfx.effects.contacts.pressing import Points
@@ -86,19 +86,10 @@ class ObstacleForces(Action):
         self._points.begin(y0, self._effect.friction_in(dt))
 
     def _displacement(self, t: float) -> Array:
-        try:
-            moved = self._obstacle.displacement(t)
-        except Exception as error:  # whatever a user's function may raise
-            raise SceneError(
-                f"{self._effect.owner}: the path of its {self._obstacle.kind} failed at t = {t:g} "
-                f"s with {type(error).__name__}: {error}"
-            ) from error
-        if moved.shape != (3,) or not np.isfinite(moved).all():
-            raise SceneError(
-                f"{self._effect.owner}: at t = {t:g} s the path of its {self._obstacle.kind} is "
-                f"not three finite numbers but {moved}."
-            )
-        return moved
+        obstacle = self._obstacle
+        return vector_at(
+            self._effect.owner, f"path of the {obstacle.kind}", t, lambda: obstacle.displacement(t)
+        )
 
     @property
     def _moved(self) -> Array:
