@@ -59,3 +59,17 @@ def found_on_two_ranks(script: str) -> Iterator[tuple[str, Outcome]]:
         first, second = (tuple(rank[name]) for rank in ranks)
         assert first == second, name
         yield name, first
+
+
+def check_on_two_ranks(script, cases):
+    """Assert that a script's cases, pairs of an action and a message, are refused by these.
+
+    Args:
+        script: Its file, which runs `on_each_rank` with them.
+        cases: By their names.
+    """
+    found = dict(found_on_two_ranks(script))
+    assert found.keys() == cases.keys()
+    for name, (_, message) in cases.items():
+        assert found[name][0] == "SceneError", (name, found[name])
+        assert message in found[name][1]
