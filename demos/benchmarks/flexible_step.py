@@ -18,18 +18,14 @@ Two comparisons are made:
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
-import ufl
 from bench import DT, Parser, Turns, conclude
-from dolfinx import fem
-from dolfinx.fem import petsc as fem_petsc
+from bench.plain import PlainLoop
 from petsc4py import PETSc
 
 import rigidfx
 from meshes.tumbling_l import tumbling_l
-from rigidfx.base.compat import integration_facets
 
 E, NU, RHO = 1e4, 0.3, 10.0  # Pa, 1, kg/m³
 TRACTION = np.array([256.0, 512.0, 768.0]) / 90.0  # Pa
@@ -56,103 +52,6 @@ def scene(refine: int, domain: rigidfx.Domain | None = None) -> rigidfx.Scene:
     )
 
 
-@dataclass(frozen=True)
-class PlainStep:
-    """How often Newton's method and the linear solver went round in a step."""
-
-    iterations: int
-    linear_iterations: int
-
-
-class PlainLoop:
-    """The same dynamics as one would write them in DOLFINx and petsc4py; yields its steps."""
-
-    def __init__(self, problem: rigidfx.Scene, solver: dict[str, str], floor: float) -> None:
-        """Compile the form and set up an SNES.
-
-        Args:
-            problem: Scene whose mesh, boundary and data are used.
-            solver: PETSc options.
-            floor: Absolute tolerance of Newton [N]: the rounding level, the same for both.
-        """
-        mesh, V = problem.mesh, problem.space
-        self.u0, self.u1, self.v0, self.v1 = (fem.Function(V) for _ in range(4))
-        w, du = ufl.TestFunction(V), ufl.TrialFunction(V)
-        lmbda, mu = E * NU / ((1 + NU) * (1 - 2 * NU)), E / (2 * (1 + NU))
-        constant = [fem.Constant(mesh, x) for x in (lmbda, mu, RHO, DT)]
-        lmbda_, mu_, rho, dt = constant
-        identity = ufl.Identity(3)
-
-        def stress(u: fem.Function) -> ufl.core.expr.Expr:
-            F = identity + ufl.grad(u)
-            strain = (F.T * F - identity) / 2
-            return lmbda_ * ufl.tr(strain) * identity + 2 * mu_ * strain
-
-        F = identity + ufl.grad((self.u0 + self.u1) / 2)
-        S = (stress(self.u0) + stress(self.u1)) / 2
-        dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": problem.quadrature_degree})
-        nodes = ufl.dx(domain=mesh, metadata={"quadrature_rule": "GLL", "quadrature_degree": 1})
-        acceleration = 2 * (self.u1 - self.u0 - dt * self.v0) / dt**2
-        facets = {name: problem.domain.find(name, (2,), "benchmark") for name in ("top", "side")}
-        ds = ufl.Measure(
-            "ds",
-            domain=mesh,
-            subdomain_data=[
-                (k, integration_facets(mesh, s.entities)) for k, s in enumerate(facets.values())
-            ],
-        )
-        load = fem.Constant(mesh, TRACTION)
-        R = (
-            rho * ufl.inner(acceleration, w) * nodes
-            + ufl.inner(F * S, ufl.grad(w)) * dx
-            - ufl.inner(load, w) * ds(0)
-            + ufl.inner(load, w) * ds(1)
-        )
-        self.residual_form = fem.form(R)
-        self.tangent_form = fem.form(ufl.derivative(R, self.u1, du))
-        self.A = fem_petsc.create_matrix(self.tangent_form)
-        self.x, self.b = self.A.createVecRight(), fem.Function(V)
-        self.r = self.A.createVecLeft()
-        self.snes = PETSc.SNES().create(mesh.comm)
-        self.snes.setOptionsPrefix("plain_")
-        options = PETSc.Options("plain_")
-        for name, value in {**solver, "snes_linesearch_type": "basic"}.items():
-            options[name] = value
-        self.snes.setFunction(self.residual, self.r)
-        self.snes.setJacobian(self.tangent, self.A)
-        self.snes.setTolerances(rtol=1e-12, atol=floor, stol=0.0, max_it=25)
-        self.snes.setFromOptions()
-        for name in (*solver, "snes_linesearch_type"):
-            options.delValue(name)
-
-    def residual(self, snes: PETSc.SNES, x: PETSc.Vec, r: PETSc.Vec) -> None:
-        """R(u₁)."""
-        self.u1.x.array[: x.local_size] = x.array_r
-        self.u1.x.scatter_forward()
-        self.b.x.array[:] = 0.0
-        fem.assemble_vector(self.b.x.array, self.residual_form)
-        r.array[:] = self.b.x.array[: x.local_size]
-
-    def tangent(self, snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, B: PETSc.Mat) -> None:
-        """dR/du₁."""
-        A.zeroEntries()
-        fem_petsc.assemble_matrix(A, self.tangent_form)
-        A.assemble()
-
-    def __iter__(self) -> Iterator[PlainStep]:
-        return self
-
-    def __next__(self) -> PlainStep:
-        """Advance one step."""
-        self.x.array[:] = self.u0.x.array + DT * self.v0.x.array
-        self.snes.solve(None, self.x)
-        if self.snes.getConvergedReason() <= 0:
-            raise RuntimeError("the plain loop did not converge")
-        self.v0.x.array[:] = 2 / DT * (self.x.array_r - self.u0.x.array) - self.v0.x.array
-        self.u0.x.array[:] = self.x.array_r
-        return PlainStep(self.snes.getIterationNumber(), self.snes.getLinearSolveIterations())
-
-
 def stepper(problem: rigidfx.Scene, solver: dict[str, str]) -> Iterator[rigidfx.Report]:
     """Reports of rigidfx under given PETSc options."""
     options = PETSc.Options("rigidfx_")
@@ -171,7 +70,8 @@ def compare(
     """Interleaved steps of both loops."""
     reports = stepper(problem, ours)
     first = next(reports)
-    loop = PlainLoop(problem, plain, floor=2 * first.residuals[-1])
+    tractions = {"top": lambda t: TRACTION, "side": lambda t: -TRACTION}
+    loop = PlainLoop(problem, DT, tractions, plain, floor=2 * first.residuals[-1])
     next(loop)  # as far as rigidfx is
     with Turns({"rigidfx": reports, "plain": loop}, warm=0) as turns:
         for _ in range(steps):

@@ -1,0 +1,11 @@
+"""Codes that run the same cases: what each needs, and what each gives back."""
+
+from .calculix import calculix
+from .case import Case, Outcome, metal_bracket, soft_l
+from .kratos import kratos
+from .ours import rigidfx
+from .plain_dolfinx import plain_dolfinx
+
+__all__ = [
+    "Case", "Outcome", "calculix", "kratos", "metal_bracket", "plain_dolfinx", "rigidfx", "soft_l",
+]  # fmt: skip

@@ -1,0 +1,84 @@
+"""Kratos (`KratosStructuralMechanicsApplication`), run by the Python that has it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from pathlib import Path
+
+import numpy as np
+
+from .case import Case, Outcome
+from .energies import Energies
+
+SCRIPT = Path(__file__).with_name("kratos_steps.py")
+SOLVERS = ("amgcl", "sparse_lu")
+TRIAL = 2  # steps, from which the solver is chosen
+TRIAL_AT_MOST = 120  # s
+
+
+def kratos(case: Case, python: str, folder: Path) -> Outcome:
+    """Run a case with the better of two linear solvers.
+
+    Args:
+        case: The problem.
+        python: Path of the interpreter.
+        folder: Where its files go.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    given, material = folder / f"{case.name.replace(' ', '_')}.npz", case.material
+    np.savez(
+        given,
+        nodes=case.nodes,
+        cells=case.cells + 1,
+        forces=case.forces,
+        times=np.append(case.factor.times, case.dt * (case.steps + 1)),
+        factors=np.append(case.factor.values, 0.0),
+        held=case.held_nodes + 1,
+        material=(material.E, material.nu, material.rho),
+        dt=case.dt,
+    )
+    cost = {}
+    for solver in SOLVERS:
+        trial = steps(python, given, solver, TRIAL, TRIAL_AT_MOST)
+        if not isinstance(trial, str):
+            cost[solver] = float(trial["seconds"][-1])
+    if not cost:
+        return Outcome(failed=f"no step: {trial}")
+    solver = min(cost, key=lambda name: cost[name])
+    outcome = Outcome(solver=solver)
+    found = steps(python, given, solver, case.steps)
+    if isinstance(found, str):
+        outcome.failed = found
+        return outcome
+    outcome.seconds, outcome.newton = found["seconds"].tolist(), found["newton"].tolist()
+    outcome.failed = str(found["failed"])
+    energy = Energies(case, "consistent")
+    outcome.times = [case.dt * k for k in range(1, 1 + len(found["u"]))]
+    outcome.energies = [energy(u, v) for u, v in zip(found["u"], found["v"], strict=True)]
+    if len(found["u"]):
+        outcome.probe = case.nodes[case.probe] + found["u"][-1][case.probe]
+    return outcome
+
+
+def steps(
+    python: str, given: Path, solver: str, count: int, at_most: float | None = None
+) -> dict[str, np.ndarray] | str:
+    """What the script found in so many steps, or why it found nothing."""
+    found = given.with_suffix(f".{solver}.npz")
+    found.unlink(missing_ok=True)
+    try:
+        run = subprocess.run(
+            [python, SCRIPT, given, found, solver, str(count)],
+            env={**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": ""},
+            capture_output=True,
+            text=True,
+            timeout=at_most,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return f"{count} steps took more than {at_most} s"
+    if not found.exists():
+        return run.stderr.strip().splitlines()[-1] if run.stderr.strip() else "it wrote nothing"
+    with np.load(found) as arrays:
+        return dict(arrays)
