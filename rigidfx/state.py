@@ -6,7 +6,7 @@ support that begins by `kick`, a static preload by `place`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence, Set
+from collections.abc import Iterable, Mapping, Set
 from typing import Any
 
 import numpy as np
@@ -115,7 +115,8 @@ class State:
         d: Array,
         v: Array,
         bodies: Bodies,
-        attached: Sequence[Nodes],
+        attached: npt.NDArray[np.int64],
+        places: Array,
     ) -> None:
         """Take over the result of a step. Collective.
 
@@ -125,17 +126,15 @@ class State:
             d: Their increments [m].
             v: Their velocities at its end [m/s].
             bodies: The bodies at its end.
-            attached: Of each body, which of its nodes took part: they are put exactly where the
-                body is, as increments would add up rounding.
+            attached: Owned dofs of the bodies' nodes among them: they are put exactly where the
+                bodies are, as increments would add up rounding.
+            places: The coordinates of these [m].
         """
         self.changes += 1
         self.u.x.array[dofs] += d
         self.v.x.array[dofs] = v
         self.bodies, self.t = bodies, t
-        u = self.u.x.array.reshape(-1, 3)
-        for body, at in zip(bodies, attached, strict=True):
-            nodes = body.data.nodes[at]
-            u[nodes] = body.motion.positions(body.data.offsets[at]) - self.X[nodes]
+        self.u.x.array[attached] = places - self.X.reshape(-1)[attached]
         self._scatter()
 
     def rebuild(self) -> None:

@@ -56,6 +56,7 @@ class Prolongation:
         nodal: Whether free dofs come in whole nodes, three at a time.
         increments: Trial step of the bodies, set by `rotate` and `expand`; equal on all ranks.
         touched: Whether flexible cells touch any body.
+        attached: Rows of the bodies' nodes, sorted.
         first_column: Number of this rank's first unknown; its free dofs come first, in the order of
             their rows, and its bodies last.
         owned_bodies: Bodies whose unknowns are this rank's, sorted.
@@ -90,6 +91,8 @@ class Prolongation:
         single = self.free.size + self.prescribed.size
         self._A = self._constant_part(single)
         self._A_bodies = self._A[:, single:].T.tocsr()
+        self.attached = np.unique(self._A_bodies.indices).astype(np.int64)
+        self._A_attached = self._A[self.attached][:, single:]
         self._z = np.zeros(self._A.shape[1])
         self._z_bodies = self._z[single:].reshape(-1, 4, 3)
 
@@ -161,6 +164,10 @@ class Prolongation:
         self._z[:free] = y.array_r[:free]
         self._z[free : free + self.prescribed.size] = imposed
         d.array[:] = self._A @ self._z
+
+    def places(self, bodies: Bodies) -> Array:
+        """Where the attached nodes are, a coordinate for each of their rows, `attached` [m]."""
+        return np.asarray(self._A_attached @ bodies.pose.reshape(-1))
 
     def pose(self, bodies: Bodies) -> None:
         """Set L and P to those of θ = 0, where they agree and map velocities, equation (25)."""

@@ -156,14 +156,16 @@ class System:
         work = self._work(state, dt)
         self.newton.accept()
         self.actions.accept()
-        d = self.equilibrium.d.array_r
+        d, dofs = self.equilibrium.d.array_r, self.layout.rows.dofs
+        prolongation, bodies = self.equilibrium.prolongation, self.increments.end
         state.advance(
             t,
-            self.layout.rows.dofs,
+            dofs,
             d,
             2 / dt * d - self._v0.array_r,
-            self.increments.end,
-            self.layout.attached,
+            bodies,
+            dofs[prolongation.attached],
+            prolongation.places(bodies),
         )
         return work
 
