@@ -1,0 +1,134 @@
+"""What a step costs from ten thousand unknowns to a million: time, memory and how they grow.
+
+A soft body, the tumbling L of first-order hexahedra, and a clamped bar of steel, of second-order
+tetrahedra and 25 steps to the first period; all flexible, or most of it one compact rigid body.
+Under mpirun all ranks share each size.
+
+    ./fenicsx python3 demos/benchmarks/scaling.py --unknowns 10000 100000 1000000
+    ./fenicsx mpirun -n 2 python3 demos/benchmarks/scaling.py --case metal --rigid
+
+`cost_exponent` is the slope of log(seconds per step) over log(unknowns); `memory` is the largest so
+far of the processes together, so sizes should ascend. `setup` is from the mesh to the report of the
+first step, importing and compiling apart: the smallest mesh runs first. Unknowns are those of the
+flexible structure, also where most of it is rigid.
+"""
+
+from __future__ import annotations
+
+import resource
+from collections.abc import Callable
+from contextlib import closing
+from statistics import mean, median
+
+import numpy as np
+from bench import DT, Parser, conclude, timed
+from common import comm, say
+from flexible_step import TRACTION
+
+import rigidfx as rf
+from meshes.tumbling_l import tumbling_l
+
+RUBBER = rf.StVenantKirchhoff(E=1e4, nu=0.3, rho=10.0)  # Pa, 1, kg/m³
+STEEL = rf.StVenantKirchhoff(E=2e11, nu=0.3, rho=7800.0)
+BAR = (1.0, 0.2, 0.2)  # m
+PERIOD = 1 / (0.1615 * BAR[2] / BAR[0] ** 2 * np.sqrt(STEEL.E / STEEL.rho))  # s, a slender beam's
+PER_PERIOD = 25  # steps
+
+
+def soft(refine: int, rigid: bool) -> tuple[rf.Scene, float]:
+    """The L with cells of edge 1/refine, and Δt [s]; rigid but for its upper tenth."""
+    domain = tumbling_l(refine).with_cells("rigid", lambda x: x[1] <= 8.7 + 1e-9)
+    loads = {"top": TRACTION, "side": -TRACTION}
+    effects: list[rf.Effect] = [rf.Traction(name, tuple(t)) for name, t in loads.items()]
+    return rf.Scene(domain, RUBBER, effects + [rf.Rigid("rigid")] * rigid), DT
+
+
+def metal(across: int, rigid: bool) -> tuple[rf.Scene, float]:
+    """The bar with so many cells across, and Δt [s]; rigid but for the tenth at its support."""
+    cells = (5 * across, across, across)
+    domain = rf.box((0, 0, 0), BAR, cells, cell="tetrahedron")
+    domain = domain.with_cells("rigid", lambda x: x[0] >= 0.1 * BAR[0] - 1e-9)
+    push = rf.Traction("x1", (0.0, 0.0, 1e6))
+    scene = rf.Scene(
+        domain,
+        STEEL,
+        [rf.Fixed("x0"), push, *[rf.Rigid("rigid")] * rigid],
+        order=2,
+        mass="consistent",
+    )
+    return scene, PERIOD / PER_PERIOD
+
+
+# Unknowns by the number that says how fine the mesh is.
+COUNT: dict[str, Callable[[int], int]] = {
+    "soft": lambda r: 3 * (3 * r + 1) * ((6 * r + 1) * (3 * r + 1) + 7 * r * (3 * r + 1)),
+    "metal": lambda n: 3 * (10 * n) * (2 * n + 1) ** 2,
+}
+SCENES = {"soft": soft, "metal": metal}
+
+
+def measure(case: str, fineness: int, rigid: bool, steps: int) -> dict[str, object]:
+    """One size."""
+
+    def begin() -> tuple[rf.Scene, float]:
+        return SCENES[case](fineness, rigid)
+
+    building, (scene, dt) = timed(begin)
+    with closing(rf.simulate(scene, dt, 1e6 * dt, progress=False)) as reports:
+        preparing, _ = timed(lambda: next(reports))
+        first, report = timed(lambda: next(reports))
+        seconds, taken = [], []
+        for _ in range(steps):
+            each, report = timed(lambda: next(reports))
+            seconds.append(each)
+            taken.append(report)
+    peak = comm.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
+    return {
+        "unknowns": COUNT[case](fineness),
+        "unknowns_of_a_step": report.unknowns,
+        "setup": building + preparing + first,
+        "first_step": first,
+        "seconds_per_step": median(seconds),
+        "mean_seconds_per_step": mean(seconds),
+        "newton": mean(each.iterations for each in taken),
+        "tangents": mean(each.tangents for each in taken),
+        "linear_iterations": mean(each.linear_iterations for each in taken),
+        "solver": report.solver,
+        "memory": peak / 1e9,
+    }
+
+
+def main() -> None:
+    """Run all sizes and write their summary."""
+    parser = Parser(__file__, __doc__.splitlines()[0], short="up to 10 000 unknowns")
+    parser.add_argument("--case", choices=list(SCENES), default="soft")
+    parser.add_argument("--rigid", action="store_true", help="nine tenths are one rigid body")
+    sizes = [10_000, 30_000, 100_000, 300_000, 1_000_000]
+    parser.add_argument("--unknowns", type=int, nargs="+", default=sizes, help="about so many")
+    parser.add_argument("--steps", type=int, default=5, help="timed steps of each")
+    options = parser.read(unknowns=[700, 3000, 10_000], steps=3)
+    fineness = [
+        min(range(1, 60), key=lambda n: abs(COUNT[options.case](n) - wanted))
+        for wanted in sorted(options.unknowns)
+    ]
+    measure(options.case, 1, options.rigid, 1)  # compiles
+    rows = []
+    for n in fineness:
+        rows.append(measure(options.case, n, options.rigid, options.steps))
+        say(str(rows[-1]))
+    x, y = (np.log([row[key] for row in rows]) for key in ("unknowns", "seconds_per_step"))
+    conclude(
+        options.out,
+        {
+            "case": options.case,
+            "rigid": options.rigid,
+            "ranks": comm.size,
+            "cost_exponent": float(np.polyfit(x, y, 1)[0]) if len(rows) > 1 else None,
+            "memory_per_million_unknowns": rows[-1]["memory"] / rows[-1]["unknowns"] * 1e6,
+            "sizes": rows,
+        },
+    )
+
+
+if __name__ == "__main__":
+    main()
