@@ -160,15 +160,22 @@ def test_a_wave_wakes_the_half_that_it_runs_into():
     assert error(asleep[0], tips) >= 0.1
 
 
-@pytest.mark.parametrize("mass", ["lumped", "consistent"])
-def test_a_shadow_begins_as_a_linear_twin(mass, monkeypatch):
+@pytest.mark.parametrize(
+    ("mass", "damping"),
+    [
+        ("lumped", ()),
+        ("consistent", ()),
+        ("lumped", (rf.StiffnessDamping(ratio=0.02, frequency=2.0),)),
+    ],
+)
+def test_a_shadow_begins_as_a_linear_twin(mass, damping, monkeypatch):
     """All of a free bar freezes while it vibrates: its shadow goes on with the vibration."""
 
     def shape(x):
         z = np.cos(np.pi * x[0] / 8.0)
         return np.stack([1e-3 * z, 0 * z, 0 * z])
 
-    scene = bar(rf.InitialVelocity(function=shape), block=SOFT, mass=mass)
+    scene = bar(rf.InitialVelocity(function=shape), *damping, block=SOFT, mass=mass)
     seen = []
     look = Shadow.look
 

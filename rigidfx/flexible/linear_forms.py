@@ -76,12 +76,12 @@ class LinearForms:
             ahead = fem.Function(V)
 
             def stress(i: int, c: MaterialClass) -> Any:
-                here = [term for k, term in terms if self._forces.meets(k, i)]
+                here = [term.of(c.law) for k, term in terms if self._forces.meets(k, i)]
                 step = element, self.shape, ahead, self._test
                 return sum(term.virtual_work(*step) for term in here) if here else None
 
             def eliminated(i: int, c: MaterialClass) -> Any:
-                here = [term for k, term in terms if self._forces.meets(k, i)]
+                here = [term.of(c.law) for k, term in terms if self._forces.meets(k, i)]
                 step = element, self.shape, ahead, self._test, self._trial
                 parts = [part for t in here if (part := t.eliminated(*step)) is not None]
                 return sum(parts) if parts else None
