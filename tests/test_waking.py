@@ -19,7 +19,8 @@ from rigidfx.decide.concentration import quiet_enough
 from rigidfx.decide.policy import CHECKED, FORESEEN
 from rigidfx.decide.strokes import Strokes
 from rigidfx.flexible.stress import CauchyStress
-from rigidfx.shadow import pace
+from rigidfx.shadow import pace, shadow
+from rigidfx.shadow.dashpots import of_neighbours
 from rigidfx.shadow.pace import LONG, LOOKS, Pace
 from rigidfx.shadow.shadow import Shadow
 from rigidfx.step.judge import Judge
@@ -200,6 +201,41 @@ def test_a_shadow_begins_as_a_linear_twin(mass, damping, monkeypatch):
     assert np.isfinite(ratio).sum() > 20
     assert np.nanmin(ratio) >= 0.8
     assert np.nanmax(ratio) <= 1.05
+
+
+def test_neighbours_take_a_bodys_vibration_as_dashpots_whatever_the_mesh(monkeypatch):
+    """Half of a uniform bar rings along its axis: most of that runs out into the other half."""
+    found, seen = [], []
+    look = Shadow.look
+
+    def watch(self, t, dt, limits):
+        strained = look(self, t, dt, limits)
+        seen.append((t, float(((strained.rate * limits.rates) ** 2).sum())))
+        return strained
+
+    def neighbours(*given):
+        found.append(of_neighbours(*given))
+        return found[-1]
+
+    def ringing(x):
+        z = np.where(x[0] > 4 - 1e-9, np.cos(np.pi * (x[0] - 4.0) / 4.0), 0.0)
+        return np.stack([1e-3 * z, 0 * z, 0 * z])
+
+    monkeypatch.setattr(Shadow, "look", watch)
+    monkeypatch.setattr(shadow, "of_neighbours", neighbours)
+    monkeypatch.setattr(pace, "CALM", 0.0)  # no step is left out
+    rule = rf.StrainRate(1.0, 1e9, wake="local")
+    rod = rf.StVenantKirchhoff(E=SOFT.E, nu=0.0, rho=SOFT.rho)
+    for cells, t_end in ((8, 1, 1), DT), ((16, 2, 2), 1.0):
+        effects = rf.Rigid("block"), rf.InitialVelocity(function=ringing)
+        run(bar(*effects, block=rod, cells=cells), t_end, rule)
+    coarse, fine = (float(c.sum()) for c in found)
+    assert fine == pytest.approx(coarse, rel=1e-12)
+    assert 0.5 <= fine / np.sqrt(SOFT.E * SOFT.rho) <= 1.0  # ρcA of a rod
+    early, late = (
+        np.mean([power for t, power in seen[1:] if a <= t < b]) for a, b in ((0, 0.2), (0.8, 1.0))
+    )
+    assert late <= 0.1 * early  # four round trips
 
 
 @chatter

@@ -25,13 +25,14 @@ KINDS = 2  # of steps whose factors are kept: short and long ones
 class LinearPart:
     """M δ̈ + C δ̇ + K δ = ρ, and K δ = ρ, with kept factors; `destroy` frees them."""
 
-    def __init__(self, parts: Parts, mass: Mass, linear: LinearForms) -> None:
+    def __init__(self, parts: Parts, mass: Mass, linear: LinearForms, dashpots: Array) -> None:
         """Assemble the matrices and factor the static one. Collective.
 
         Args:
             parts: The bodies.
             mass: Mass operator of the rows.
             linear: Forms, whose shape is that of the bodies.
+            dashpots: Constants of dashpots at the nodes of the rows, which act on shadows [N s/m].
         """
         self._mass = mass
         rows = parts.rows
@@ -47,7 +48,8 @@ class LinearPart:
         still.zeroRowsColumns(held[(held >= first) & (held < last)], diag=scale)
         self._static = _solver(still)
         self._dynamic: dict[tuple[float, float, float], PETSc.KSP] = {}
-        self._right, self._found, self._work = (rows.vector() for _ in range(3))
+        self._right, self._found, self._work, self._dashpots = (rows.vector() for _ in range(4))
+        self._dashpots.array[:] = np.repeat(dashpots, 3)
 
     def at_rest(self, force: Array) -> Array:
         """K⁺ρ: how the bodies strain under a steady force, but for a rigid motion. Collective.
@@ -101,13 +103,16 @@ class LinearPart:
             A.axpy(2 / dt**2 + drag / dt, self._M, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
             if self._viscosity is not None:
                 A.axpy(1 / dt, self._viscosity, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+            self._dashpots.copy(self._work)
+            self._work.scale(1 / dt)
+            A.setDiagonal(self._work, PETSc.InsertMode.ADD_VALUES)
             self._dynamic[kind] = _solver(A)
         return self._dynamic[kind]
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
         own = self._K, self._M, self._viscosity, self._static, *self._dynamic.values()
-        for item in (*own, self._right, self._found, self._work):
+        for item in (*own, self._right, self._found, self._work, self._dashpots):
             if item is not None:
                 item.destroy()
 

@@ -25,8 +25,10 @@ from rigidfx.coupling.mass import Mass, mass_operator
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.mechanics.bodies import Bodies
+from rigidfx.shadow.dashpots import of_neighbours
+from rigidfx.shadow.handover import Carried
 from rigidfx.shadow.linear_part import LinearPart
-from rigidfx.shadow.motion import Limits, Motion, Strained, at_rest, frozen_velocities, part_of
+from rigidfx.shadow.motion import Limits, Motion, Strained, at_rest, part_of
 from rigidfx.shadow.pace import Pace
 from rigidfx.shadow.parts import Parts, watched
 from rigidfx.shadow.withheld import Withheld
@@ -113,14 +115,15 @@ class Shadow(Watch):
         if not same or viscous != self._viscous:
             self._viscous = viscous
             self._catch_up()
-            carried = self._carried()
+            carried = Carried(stepper.scene.owned_nodes, old, self._bodies, self._motion)
             self._release()
             self.withheld = 0.0
             self._parts = Parts(stepper.scene, stepper.forces, records) if records else None
             if self._parts is not None:
                 self._looks = 0
                 self._assemble(self._parts, dt)
-                self._motion = self._adopted(self._parts, *carried)
+                bodies = stepper.state.bodies
+                self._motion, self._grown = carried.by(stepper.scene, self._parts, bodies)
         elif self._withheld is not None:
             self._withheld.destroy()
         if self._parts is not None:
@@ -137,61 +140,20 @@ class Shadow(Watch):
         self._pace = Pace()
         self._accepting = None
 
-    def _carried(self) -> tuple[set[int], Array]:
-        """Which bodies have a shadow, and its motion in space, shape (5, owned nodes, 3).
-
-        The last is the velocity of the bodies themselves; NaN where there is no shadow.
-        """
-        moved = np.full((5, self._stepper.scene.owned_nodes, 3), np.nan)
-        if self._parts is None:
-            return set(), moved
-        of = dict(zip(map(id, self._parts.bodies), self._parts.at, strict=True))
-        motion = self._motion
-        for body in self._bodies:
-            if id(body.data) in of:
-                at, R = of[id(body.data)], body.motion.R
-                fields = motion.u, motion.v, motion.still, motion.mean
-                own = np.stack([field[at] for field in fields]) @ R.T
-                moved[:, body.data.nodes] = [*own, body.velocities]
-        return set(of), moved
-
     def _assemble(self, parts: Parts, dt: float) -> None:
         """Make matrices and factors, and take the shape over. Collective."""
         stepper, linear = self._stepper, self._linear
+        linear.shape.x.array[:] = 0.0
+        dashpots = of_neighbours(stepper, parts.rows, linear)
         linear.shape.x.array[parts.rows.dofs] = parts.shape
         linear.shape.x.scatter_forward()
         own = np.ones(parts.rows.nodes.size, dtype=bool)
         self._mass = mass_operator(stepper.scene, parts.rows, parts.cells, own)
         stepper.forces.set_rate(1.0)
-        self._part = LinearPart(parts, self._mass, linear)
+        self._part = LinearPart(parts, self._mass, linear, dashpots)
         stepper.forces.set_rate(1 / dt)
         self._ends[0].x.array[:] = linear.shape.x.array
         self._indicator.bind(parts.cells, self._ends)
-
-    def _adopted(self, parts: Parts, before: set[int], moved: Array) -> Motion:
-        """Motion of shadows that go on, and of those that begin. Collective.
-
-        What is left of a body keeps its shadow. Where a body has grown, what its shadow did would
-        tear the new cells, which saw it move rigidly: it begins anew, at rest under its forces.
-        """
-        motion = at_rest(parts.rows.nodes.size)
-        bodies = {id(body.data): body for body in self._stepper.state.bodies}
-        known = ~np.isnan(moved[0, :, 0])
-        local = [[known[data.nodes].sum(), data.nodes.size] for data in parts.bodies]
-        counts = np.reshape(self._stepper.scene.sum(np.array(local)), (-1, 2))
-        self._grown = []
-        for data, at, (old, every) in zip(parts.bodies, parts.at, counts, strict=True):
-            body, here = bodies[id(data)], known[data.nodes, None]
-            u, v, still, mean, whole = moved[:, data.nodes]
-            if old < every:
-                v = whole - body.velocities
-                self._grown += [at] if old else []
-            else:
-                motion.u[at] = u @ body.motion.R
-            motion.v[at] = np.where(here, v @ body.motion.R, frozen_velocities(data))
-            if id(data) in before:
-                motion.still[at], motion.mean[at] = still @ body.motion.R, mean @ body.motion.R
-        return motion
 
     # Steps --------------------------------------------------------------------------------------
 
