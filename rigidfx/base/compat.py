@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import dolfinx
 import numpy as np
 import numpy.typing as npt
+import ufl
 from mpi4py import MPI
 
 __all__ = [
     "VERSION",
     "assemble_unrolled",
+    "bindable",
     "cell_geometry_dofs",
     "coordinate_map",
     "create_mesh",
@@ -75,6 +78,23 @@ def model_to_mesh(model: Any, comm: MPI.Intracomm) -> tuple[Any, Any, Any]:
         from dolfinx.io import gmsh as gmsh_io
     data = gmsh_io.model_to_mesh(model, comm, 0, gdim=3, partitioner=ghosted_partitioner())
     return data[0], data[1], data[2]
+
+
+def bindable(compiled: Any) -> tuple[Any, list[Any]]:
+    """A compiled form that `create_form` binds right, and the coefficients that it reads.
+
+    FFCx numbers the coefficients that are left once derivatives are applied, 0.9 binds them by
+    their place in the form given: a tangent that has lost u₀ (the trapezoidal rule's) would read u₀
+    in place of u₁. So 0.9 is given a form of those that are left, and of the constants.
+    """
+    form, ufcx = compiled.ufl_form, compiled.ufcx_form
+    given, places = form.coefficients(), ufcx.original_coefficient_positions
+    left = [given[places[k]] for k in range(ufcx.num_coefficients)]
+    named = [ufl.inner(w, w) for w in (*left, *form.constants())]
+    if VERSION == (0, 9) and named:
+        dx = ufl.dx(domain=form.ufl_domains()[0])
+        compiled = replace(compiled, ufl_form=sum(named[1:], named[0]) * dx)
+    return compiled, left
 
 
 def known_columns(pattern: Any) -> Any:

@@ -26,6 +26,7 @@ from cffi import VerificationError
 from dolfinx import fem
 from ufl.algorithms import expand_derivatives
 
+from rigidfx.base.compat import bindable
 from rigidfx.base.errors import SceneError
 from rigidfx.base.form_cache import compile_form
 from rigidfx.flexible.elimination import eliminate
@@ -93,7 +94,7 @@ class Kernel:
         mesh: Mesh of its coefficients. Compilation is collective on the mesh's communicator.
 
     Attributes:
-        form: The form with its derivatives applied: what has been compiled.
+        form: What has been compiled.
     """
 
     def __init__(self, form: ufl.Form, arguments: list[Any], mesh: Any) -> None:
@@ -102,12 +103,13 @@ class Kernel:
         Raises:
             SceneError: If the C compiler fails with the environment's flags.
         """
-        # DOLFINx binds coefficients by their place in the form given, FFCx numbers those that are
-        # left once derivatives are applied: without this, a tangent that has lost the coefficient
-        # u₀ (the trapezoidal rule's) would read u₀ in place of u₁.
-        self.form = form = expand_derivatives(form)
+        # FFCx applies derivatives when it compiles. To do so here would take longer than to find a
+        # form among those that are compiled already; but an elimination is told by what is left.
+        if any(isinstance(w, Enhancement) for w in form.coefficients()):
+            form = expand_derivatives(form)
+        self.form = form
         try:
-            self._compiled = compile_form(mesh.comm, form, jit_options())
+            compiled = compile_form(mesh.comm, form, jit_options())
         except (VerificationError, RuntimeError) as error:  # the latter on several ranks
             given = os.environ.get(FLAGS)
             if not given:
@@ -116,12 +118,11 @@ class Kernel:
                 f"The C compiler cannot make a kernel with the flags {given!r}, which the "
                 f"environment variable {FLAGS} holds: correct or unset it. ({error})"
             ) from error
-        self._compiled = eliminate(mesh, self.form, self._compiled, jit_options())
+        compiled = eliminate(mesh, form, compiled, jit_options())
+        self._compiled, coefficients = bindable(compiled)
         self._arguments = arguments
         self._mesh = mesh
-        self._coefficients = {
-            w: w.law if isinstance(w, Enhancement) else w for w in form.coefficients()
-        }
+        self._coefficients = {w: w.law if isinstance(w, Enhancement) else w for w in coefficients}
         zero = fem.Constant(mesh, 0.0)
         self._constants = {c: zero if isinstance(c, Elimination) else c for c in form.constants()}
 
