@@ -20,7 +20,7 @@ def _tumbling():
     from histories import tumbling
 
     material, probes = rf.StVenantKirchhoff(rho=10.0, E=1e4, nu=0.3), {"tip": (0.0, 10.0, 0.0)}
-    return tumbling(material, load=4.0, probes=probes), 0.1, 6.0
+    return tumbling(material, load=4.0, probes=probes), 0.2, 6.0
 
 
 def _everything():

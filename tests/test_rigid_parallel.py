@@ -37,7 +37,7 @@ def _long():
         ],
         probes={"on the body": (3.3, 0.2, 0.6), "on the rest": (19.4, 0.6, 0.3)},
     )
-    return scene, 0.1, 3.0
+    return scene, 0.1, 1.5
 
 
 def _two(mass="consistent"):
@@ -60,7 +60,7 @@ def _two(mass="consistent"):
         mass=mass,
         probes={"on the body": (1.2, 0.3, 0.6), "on the rest": (4.6, 1.6, 0.3)},
     )
-    return scene, 0.1, 2.0
+    return scene, 0.1, 1.2
 
 
 def _along():
@@ -79,7 +79,7 @@ def _along():
         ],
         probes={"on the body": (1.2, 0.3, 0.6), "on the rest": (7.6, 1.6, 1.9)},
     )
-    return scene, 0.1, 2.0
+    return scene, 0.1, 1.2
 
 
 def _everything():
@@ -94,7 +94,7 @@ def _everything():
         ],
         probes={"on the body": (1.2, 0.3, 0.6)},
     )
-    return scene, 0.2, 4.0
+    return scene, 0.2, 2.0
 
 
 def _clamped():
@@ -113,7 +113,7 @@ def _clamped():
         mass="consistent",
         probes={"on the body": (1.2, 0.3, 0.6), "on the rest": (4.6, 0.6, 0.3)},
     )
-    return scene, 0.1, 2.0
+    return scene, 0.1, 1.4
 
 
 SCENES = {
