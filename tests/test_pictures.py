@@ -13,7 +13,9 @@ from parallel import report as tell
 from parallel import run as mpirun
 
 import rigidfx as rf
+from rigidfx.plot.curves import figure_of
 from rigidfx.plot.pictures import pictures
+from rigidfx.plot.renders import Photograph, images, key, pyvista, surface_of
 from rigidfx.plot.shapes import Shapes
 
 pytest.importorskip("pyvista")
@@ -60,7 +62,8 @@ def frames(path):
 def test_pictures_of_a_run_with_bodies(tmp_path):
     run(tmp_path, rigid=True)
     made = pictures(tmp_path, shapes=3, frames=4)
-    names = ["histories.png", "probes.png", "unknowns.png", "shapes.png", "stress.png", "film.gif"]
+    names = ["histories.png", "probes.png", "unknowns.png", "shapes.png", "stress.png"]
+    names += ["strain_rate.png", "film.gif"]
     assert made == [tmp_path / name for name in names]
     shapes = pixels(tmp_path / "shapes.png")
     thirds = np.array_split(shapes[:, : int(0.85 * shapes.shape[1])], 3, axis=1)
@@ -70,6 +73,34 @@ def test_pictures_of_a_run_with_bodies(tmp_path):
     stress = pixels(tmp_path / "stress.png")
     assert np.ptp(stress, axis=2).max() > 0.5  # coloured
     assert frames(tmp_path / "film.gif") == 4
+
+
+def test_strain_rates_have_a_logarithmic_scale():
+    """Of six powers of ten at most and two at least, whatever is zero in rigid cells."""
+
+    def photograph(*rates):
+        cell = pyvista().ImageData(dimensions=(len(rates) + 1, 2, 2)).cast_to_unstructured_grid()
+        cell.cell_data["colour"] = np.array(rates, np.float32)
+        cell = surface_of(cell, np.zeros((cell.n_points, 3)), "strain_rate", rates)
+        return Photograph(0.0, cell)
+
+    for rates, ends in (
+        ((0.0, 1e-4, 1.0), (1e-4, 1.0)),
+        ((1e-9, 2.0), (2e-6, 2.0)),
+        ((3.0,), (0.03, 3.0)),
+    ):
+        figure, axes = figure_of(1, 1, (3, 3), "")
+        shown = [photograph(*rates)]
+        key(figure, axes, "strain_rate", shown)
+        scale = figure.axes[-1]
+        assert scale.get_yscale() == "log"
+        np.testing.assert_allclose(scale.get_ylim(), ends, rtol=1e-6)
+    (image,) = images(
+        [photograph(1e-6, 1e-3, 1.0)], "strain_rate", (0, -1, 0), (0, 0, 1), False, 99
+    )
+    middle = image[image.shape[0] // 2]
+    colours = np.unique(middle[(middle != 255).any(axis=1)], axis=0)
+    assert len(colours) >= 3, "a linear scale shows two of them alike"
 
 
 def test_pictures_of_a_flexible_run_of_second_order(tmp_path):

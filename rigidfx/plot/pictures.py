@@ -32,12 +32,12 @@ from rigidfx.plot.curves import (
     on_first_rank,
     save,
 )
+from rigidfx.plot.film import film
 from rigidfx.plot.ledger import spent
 from rigidfx.plot.renders import (
     OF_CELLS,
     Photograph,
     check_camera,
-    film,
     pyvista,
     sheet,
     surface_of,
@@ -71,7 +71,8 @@ def pictures(
     their number and that of bodies, if it changed; ledger.png, what was spent of accuracy, if a run
     estimates that; shapes.png, the deformed body at several times, rigid parts dark, or coloured by
     displacement where nothing was rigid; stress.png, the same shapes coloured by von Mises stress
-    at nodes, if the run has recorded it; and film.gif, all of the motion.
+    at nodes, if the run has recorded it; strain_rate.png, by what the criterion measures, on a
+    logarithmic scale, if a run looks for rigid parts; and film.gif, all of the motion.
 
     Args:
         folder: Folder of a `Recorder`.
@@ -138,7 +139,11 @@ def pictures(
             )
         run = _Run(series)
         first = "rigid" if run.was_rigid() else "displacement"
-        wanted = {"shapes": first} | ({"stress": "von_mises"} if run.has("von_mises") else {})
+        wanted = {"shapes": first} | {
+            name: field
+            for name, field in (("stress", "von_mises"), ("strain_rate", "strain_rate"))
+            if run.has(field)
+        }
         for name, field in wanted.items():
             made.append(place / f"{name}.png")
             photographs = run.photographs(field, int(shapes), factor)

@@ -1,8 +1,9 @@
-"""Photographs of a deformed body by one camera: side by side on a sheet, or one after another.
+"""Photographs of a deformed body by one camera, and sheets of them side by side.
 
-All photographs of a sheet or film show the same piece of space at the same scale, coloured by one
-field with the same range. pyvista draws without a screen; it and matplotlib are imported where they
-are used. Every function here is called on one rank only.
+All photographs of a sheet or a film show the same piece of space at the same scale, coloured by one
+field with the same range; strain rates, which differ by powers of ten, have a logarithmic one.
+pyvista draws without a screen; it and matplotlib are imported where they are used. Every function
+here is called on one rank only.
 """
 
 from __future__ import annotations
@@ -26,10 +27,12 @@ __all__ = [
     "OF_CELLS",
     "Photograph",
     "check_camera",
-    "film",
+    "images",
+    "key",
     "pyvista",
     "sheet",
     "surface_of",
+    "tell_scale",
 ]
 
 Array = npt.NDArray[np.float64]
@@ -46,6 +49,8 @@ FIELDS = {
     "strain_rate": ("strain rate", "1/s"),
 }
 OF_CELLS = frozenset({"rigid", "cell_von_mises", "strain_rate"})
+LOGARITHMIC = frozenset({"strain_rate"})
+DECADES = 6  # that a logarithmic scale shows at most; two at least, or it has one number
 
 
 @dataclass(frozen=True)
@@ -145,88 +150,57 @@ def sheet(
         edges: Whether edges of cells are drawn.
         scale: By what their displacements are multiplied, to be told on the picture.
     """
-    top = _top(photographs, field)
     wide = min(columns, len(photographs))
     rows = -(-len(photographs) // wide)
     figure, axes = figure_of(rows, wide, (2.8 * wide + 1.2, 2.9 * rows + 0.4), title)
     for ax in axes.flat:
         ax.axis("off")
-    images = _images(photographs, field, top, view, up, edges, 700)
-    for ax, photograph, image in zip(axes.flat, photographs, images, strict=False):
+    taken = images(photographs, field, view, up, edges, 700)
+    for ax, photograph, image in zip(axes.flat, photographs, taken, strict=False):
         ax.imshow(image, interpolation="lanczos")
         ax.set_title(f"$t$ = {photograph.t:.4g} s", loc="center", fontsize=12)
-    _key(figure, axes, field, top)
-    _tell_scale(figure, scale)
+    key(figure, axes, field, photographs)
+    tell_scale(figure, scale)
     save(figure, path)
 
 
-def film(
-    path: str | Path,
-    photographs: Sequence[Photograph],
-    field: str,
-    *,
-    view: Sequence[float],
-    up: Sequence[float],
-    title: str,
-    edges: bool,
-    scale: float = 1.0,
-    rate: int = 12,
-) -> None:
-    """Draw photographs one after another, as an animated GIF that starts anew at its end.
-
-    Args:
-        path: File to write.
-        photographs: Photographs, in order.
-        field: Field that colours it, one of `FIELDS`.
-        view: Direction from the body to the camera.
-        up: Direction that points upwards in the picture.
-        title: Heading.
-        edges: Whether edges of cells are drawn.
-        scale: By what their displacements are multiplied, to be told in the film.
-        rate: Photographs per second.
-    """
-    from matplotlib.animation import PillowWriter
-
-    top = _top(photographs, field)
-    figure, axes = figure_of(1, 1, (6.4, 5.0), title)
-    ax = axes[0, 0]
-    ax.axis("off")
-    _key(figure, axes, field, top)
-    _tell_scale(figure, scale)
-    Path(path).parent.mkdir(parents=True, exist_ok=True)
-    writer, canvas = PillowWriter(fps=rate), None
-    with writer.saving(figure, str(path), dpi=100):
-        images = _images(photographs, field, top, view, up, edges, 480)
-        for photograph, image in zip(photographs, images, strict=True):
-            if canvas is None:
-                canvas = ax.imshow(image, interpolation="lanczos")
-            canvas.set_data(image)
-            ax.set_title(f"$t$ = {photograph.t:.4g} s", loc="center", fontsize=12)
-            writer.grab_frame()
-
-
-def _tell_scale(figure: Any, scale: float) -> None:
+def tell_scale(figure: Any, scale: float) -> None:
     """Tell how large displacements are drawn."""
     text = "displacements to scale" if scale == 1.0 else f"displacements × {scale:g}"
     figure.supxlabel(text, fontsize=11, color="0.35")
 
 
-def _top(photographs: Sequence[Photograph], field: str) -> float:
+def _range(photographs: Sequence[Photograph], field: str) -> tuple[float, float]:
+    """The ends of the scale of colours."""
     if field == "rigid":
-        return 1.0
-    return max(*(float(p.surface["colour"].max()) for p in photographs), 1e-300)
+        return 0.0, 1.0
+    top = max(*(float(p.surface["colour"].max()) for p in photographs), 1e-300)
+    if field not in LOGARITHMIC:
+        return 0.0, top
+    least = (float(c[c > 0].min(initial=top)) for p in photographs for c in [p.surface["colour"]])
+    return max(min(*least, top / 100), top * 10.0**-DECADES), top
 
 
-def _images(
+def images(
     photographs: Sequence[Photograph],
     field: str,
-    top: float,
     view: Sequence[float],
     up: Sequence[float],
     edges: bool,
     pixels: int,
 ) -> Iterator[Any]:
-    """The photographs as arrays of square pictures; colours from 0 to `top`."""
+    """The photographs as arrays of square pictures, shape (pixels, pixels, 3).
+
+    Args:
+        photographs: Photographs, in order.
+        field: Field that colours them, one of `FIELDS`.
+        view: Direction from the body to the camera.
+        up: Direction that points upwards in the pictures.
+        edges: Whether edges of cells are drawn.
+        pixels: Width and height.
+    """
+    bottom, top = _range(photographs, field)
+    logarithmic = field in LOGARITHMIC
     pv = pyvista()
     boxes = np.array([p.surface.bounds for p in photographs])
     middle = (boxes[:, ::2].min(axis=0) + boxes[:, 1::2].max(axis=0)) / 2
@@ -241,11 +215,15 @@ def _images(
     plotter.enable_anti_aliasing("ssaa")
     for photograph in photographs:
         plotter.clear_actors()
+        if logarithmic:  # none is below the scale, such as zeros of rigid cells
+            colour = photograph.surface["colour"]
+            photograph.surface["colour"] = np.maximum(colour, np.float32(bottom))
         plotter.add_mesh(
             photograph.surface,
             scalars="colour",
             cmap=[LIGHT, DARK] if field == "rigid" else "viridis",
-            clim=(0.0, top),
+            clim=(bottom, top),
+            log_scale=logarithmic,
             show_scalar_bar=False,
             show_edges=edges,
             edge_color="#30303060",
@@ -259,13 +237,12 @@ def _images(
         plotter.camera.up = up
         plotter.camera.parallel_scale = 1.02 * radius
         plotter.reset_camera_clipping_range()
-        plotter.render()
         yield np.array(plotter.screenshot(return_img=True))
     plotter.close()
 
 
-def _key(figure: Any, axes: Any, field: str, top: float) -> None:
-    """A legend of the flags, or a scale of the colours."""
+def key(figure: Any, axes: Any, field: str, photographs: Sequence[Photograph]) -> None:
+    """Draw a legend of the flags, or a scale of the colours, in a unit with a prefix."""
     if field == "rigid":
         from matplotlib.patches import Patch
 
@@ -273,11 +250,12 @@ def _key(figure: Any, axes: Any, field: str, top: float) -> None:
         figure.legend(handles=patches, loc="outside right center")
         return
     from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
+    from matplotlib.colors import LogNorm, Normalize
 
-    title, unit = FIELDS[field]
+    (title, unit), (bottom, top) = FIELDS[field], _range(photographs, field)
     factor, unit = prefixed(unit, top)
-    scale = ScalarMappable(Normalize(0.0, top * factor), "viridis")
+    norm = LogNorm if field in LOGARITHMIC else Normalize
+    scale = ScalarMappable(norm(bottom * factor, top * factor), "viridis")
     label = f"{title} ({unit})"
     bar = figure.colorbar(scale, ax=axes, shrink=0.7, aspect=30, pad=0.02, label=label)
     bar.outline.set_visible(False)
