@@ -126,22 +126,33 @@ def read_cad(
 
     def fill(gmsh: Any) -> None:
         cad = _open(gmsh, path, metres, glue)
+        _name(gmsh, cad, volumes, surfaces or {}, leave_out)
         if largest is not None and largest > cad.size:
             raise SceneError(
                 f"read_cad: the size {largest:g} m is larger than all of '{path}', "
                 f"{cad.size:.3g} m. Is the unit right (scale)?"
             )
-        nothing = isinstance(leave_out, Sequence) and not leave_out
-        out = set() if nothing else set(numbers_of(cad, 3, "leave_out", leave_out))
-        gmsh.model.removeEntities([(3, tag) for tag in out])
-        groups = {3: named_volumes(cad, volumes, out), 2: named_surfaces(cad, surfaces or {}, out)}
-        for dim, named in groups.items():
-            for name, tags in named.items():
-                gmsh.model.addPhysicalGroup(dim, tags, name=name)
         gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", per_circle)
         mesh_model(gmsh, (cad.size / CELLS if largest is None else largest) / metres, order)
 
     return domain_of(comm, f"gmsh: '{path}'", f"'{path}'", fill, metres)
+
+
+def _name(
+    gmsh: Any,
+    cad: Cad,
+    volumes: Mapping[str, Which] | None,
+    surfaces: Mapping[str, Which],
+    leave_out: Which,
+) -> None:
+    """Leave volumes out, and make physical groups of what names pick."""
+    nothing = isinstance(leave_out, Sequence) and not leave_out
+    out = set() if nothing else set(numbers_of(cad, 3, "leave_out", leave_out))
+    gmsh.model.removeEntities([(3, tag) for tag in out])
+    groups = {3: named_volumes(cad, volumes, out), 2: named_surfaces(cad, surfaces, out)}
+    for dim, named in groups.items():
+        for name, tags in named.items():
+            gmsh.model.addPhysicalGroup(dim, tags, name=name)
 
 
 def _check_wanted(called: str, wanted: object) -> None:

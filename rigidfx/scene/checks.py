@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Set
 from itertools import combinations
 from typing import Any
 
@@ -15,6 +15,7 @@ from rigidfx.base.errors import SceneError, agree
 from rigidfx.base.inputs import numbers
 from rigidfx.base.taken import read_only
 from rigidfx.base.warning import warn
+from rigidfx.domain.domain import Domain
 from rigidfx.scene.conflicts import overlap
 from rigidfx.scene.mesh_checks import warn_of_bending
 
@@ -24,6 +25,7 @@ __all__ = [
     "check_masses",
     "check_rigid",
     "check_supports",
+    "effects_of",
     "in_order",
     "points",
     "warn_of_locking",
@@ -34,6 +36,22 @@ Array = npt.NDArray[np.float64]
 # Degree of the one quadrature rule that W, H and the residual share, by polynomial degree.
 STIFFNESS_DEGREE = {1: 2, 2: 4}
 NEARLY_INCOMPRESSIBLE = 0.49  # ν above which first-order cells are warned of
+
+
+def effects_of(domain: Any, effects: Any) -> tuple[Any, ...]:
+    """The effects of a domain, in the order given.
+
+    Raises:
+        SceneError: If the domain is none, or effects cannot be a list of them.
+    """
+    if not isinstance(domain, Domain):
+        raise SceneError(
+            f"Scene: domain must be a Domain (box, from_arrays, read_msh, or Domain(mesh) of a "
+            f"DOLFINx mesh), got {type(domain).__name__}."
+        )
+    if isinstance(effects, (str, Set)) or not isinstance(effects, Iterable):
+        raise SceneError(f"Scene: effects must be a list of effects, got {effects!r}.")
+    return tuple(effects)
 
 
 def check_discretisation(scene: Any) -> None:

@@ -6,7 +6,7 @@ first step, as it takes bodies and supports together in time; on all ranks alike
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence, Set
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from types import MappingProxyType
 from typing import Any, Literal
@@ -37,6 +37,7 @@ from rigidfx.scene.checks import (
     check_masses,
     check_rigid,
     check_supports,
+    effects_of,
     in_order,
     points,
     warn_of_locking,
@@ -67,8 +68,7 @@ class Scene:
         mass: "lumped" (diagonal, default) or "consistent".
         scheme: Time integration scheme.
         space: Vector-valued function space of displacement and velocity.
-        nodal_mass: ∫ ρ0 Nᵢ dV and point masses [kg] per local node, ghosts included, shape
-            (nodes,).
+        nodal_mass: ∫ ρ0 Nᵢ dV and point masses per local node with ghosts, shape (nodes,) [kg].
         point_masses: The point masses in it [kg].
         element: How its cells strain.
         supports: Pairs of a support and its local nodes, ghosts included.
@@ -107,17 +107,9 @@ class Scene:
         Raises:
             SceneError: If anything in it is unknown, impossible or in conflict.
         """
-        if not isinstance(domain, Domain):
-            raise SceneError(
-                f"Scene: domain must be a Domain (box, from_arrays, read_msh, or Domain(mesh) of a "
-                f"DOLFINx mesh), got {type(domain).__name__}."
-            )
-        self.domain = domain
-        if isinstance(effects, (str, Set)) or not isinstance(effects, Iterable):
-            raise SceneError(f"Scene: effects must be a list of effects, got {effects!r}.")
-        self.effects = tuple(effects)
-        given: dict[str, Any] = {"material": in_order(material), "order": order, "mass": mass}
-        given |= {"scheme": scheme, "probes": in_order(probes), "element": element}
+        self.domain, self.effects = domain, effects_of(domain, effects)
+        given: dict[str, Any] = {"order": order, "mass": mass, "scheme": scheme, "element": element}
+        given |= {"material": in_order(material), "probes": in_order(probes)}
         given |= {"names": sorted(domain.sets), "effects": self.effects}
         check_same(domain.comm, "Scene", given)
         self.order, self.mass = order, mass
@@ -126,27 +118,37 @@ class Scene:
         self.probe_cells = cells_of(domain.mesh, self.probes)
         check_discretisation(self)
         check_together(self.effects, self.scheme)
-        self.effects = tuple(effect.placed(domain) for effect in self.effects)
-        self.materials = assign(domain, material)
+        self._assign(material, element)
+        self._weigh()
+        self._check_effects()
+
+    def _assign(self, material: Any, element: Any) -> None:
+        """Give cells their materials and their element, and effects their places. Collective."""
+        self.effects = tuple(effect.placed(self.domain) for effect in self.effects)
+        self.materials = assign(self.domain, material)
         self.element: Element = element_of(self, element)
-        sets = list(material) if isinstance(material, Mapping) else [""]
-        self.material_sets: tuple[str, ...] = tuple(domain.comm.bcast(sets))
+        sets = tuple(material) if isinstance(material, Mapping) else ("",)
+        self.material_sets: tuple[str, ...] = self.comm.bcast(sets)
         warn_of_locking(self)
-        self.space = fem.functionspace(domain.mesh, ("Lagrange", order, (3,)))
+
+    def _weigh(self) -> None:
+        """Set nodes up, and their masses. Collective."""
+        self.space = fem.functionspace(self.mesh, ("Lagrange", self.order, (3,)))
         self.point_masses = read_only(self._point_masses())
-        # Two degrees above the integrand of an affine cell, for cells that are not.
-        measure = ufl.dx(domain=self.mesh, metadata={"quadrature_degree": 2 * order + 2})
-        own = self.nodal_weights(self.density(), measure)
+        own = self.cell_weights(self.density(), self.owned_cells(None, "Scene"))
         self.nodal_mass = read_only(own + self.point_masses)
         check_masses(self)
+
+    def _check_effects(self) -> None:
+        """Look the effects up on the mesh, supports first. Collective."""
         supports = self.named(fx.Support)
         self.supports = tuple((s, read_only(self.nodes(s.where, s.kind))) for s in supports)
         check_supports(self)
         for effect in self.effects:
             effect.check(self)
         check_rigid(self)
-        warn_of_gaps(domain, self.effects)
-        warn_of_distance(domain)
+        warn_of_gaps(self.domain, self.effects)
+        warn_of_distance(self.domain)
 
     # What is asked of a scene -------------------------------------------------------------------
 
@@ -276,9 +278,8 @@ class Scene:
 
     def nodal_weights(self, density: Any, measure: ufl.Measure) -> Array:
         """∫ density Nᵢ over a measure, per local node with ghosts, shape (nodes,). Collective."""
-        test = ufl.TestFunction(self.space)
-        integrand = density * ufl.dot(ufl.as_vector((1.0, 0.0, 0.0)), test)
-        form = form_on(self.comm, integrand * measure)
+        along_x = ufl.dot(ufl.as_vector((1.0, 0.0, 0.0)), ufl.TestFunction(self.space))
+        form = form_on(self.comm, density * along_x * measure)
         out = fem.Function(self.space)
         fem.assemble_vector(out.x.array, form)
         out.x.scatter_reverse(la.InsertMode.add)
@@ -294,7 +295,8 @@ class Scene:
         return self.nodal_weights(density, self._measure("ds", self.boundary(name, wanted_by)))
 
     def _measure(self, kind: str, where: Nodes) -> ufl.Measure:
-        """The measure of loads over owned cells (dx), or owned cells and facets in them (ds)."""
+        """The measure of weights over owned cells (dx), or owned cells and facets in them (ds)."""
+        # Two degrees above the integrand of an affine cell, for cells that are not.
         degree = {"quadrature_degree": 2 * self.order + 2}
         data = [(1, where.reshape(-1))]
         return ufl.Measure(kind, domain=self.mesh, metadata=degree, subdomain_data=data)(1)
