@@ -14,10 +14,10 @@ import numpy.typing as npt
 from dolfinx import fem
 from mpi4py import MPI
 
-from rigidfx.base.errors import SceneError, agree, together
-from rigidfx.base.inputs import numbers
+from rigidfx.base.errors import agree, together
 from rigidfx.base.taken import read_only
 from rigidfx.effects import InitialDisplacement, InitialVelocity
+from rigidfx.effects.fields import values_of
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body
 from rigidfx.scene.scene import Scene
@@ -236,7 +236,7 @@ def initial_velocity(scene: Scene, dt: float, start: float) -> Array:
         centre = scene.centre_of_mass if effect.centre is None else np.asarray(effect.centre)
         v += np.asarray(effect.linear) + np.cross(effect.angular, X - centre)
         if effect.function is not None:
-            v += _evaluate(effect, scene, X)
+            v += values_of(effect.kind, effect.function, scene)
     scale = scene.comm.allreduce(float(np.abs(v).max(initial=0.0)), op=MPI.MAX)
     for support, nodes in scene.supports if given else ():
         if not support.acts(start):
@@ -269,27 +269,8 @@ def initial_displacement(scene: Scene) -> Array | None:
     Raises:
         SceneError: On every rank, if a function gives anything but finite vectors.
     """
-    X = scene.space.tabulate_dof_coordinates()
-    given = [_evaluate(effect, scene, X) for effect in scene.named(InitialDisplacement)]
-    return sum(given, np.zeros_like(X)) if given else None
-
-
-def _evaluate(effect: InitialVelocity | InitialDisplacement, scene: Scene, X: Array) -> Array:
-    assert effect.function is not None
-    problem, values = None, np.zeros_like(X)
-    try:
-        given = effect.function(X.copy().T)  # it may change the positions in place
-        values = numbers(given).T
-        if values.size == 0 and np.size(given):
-            raise TypeError("it gives no real numbers")
-        if values.shape != X.shape:
-            values = np.broadcast_to(values, X.shape)
-        if not np.isfinite(values).all():
-            problem = f"{effect.kind}: function gives values that are not finite."
-    except Exception as error:  # whatever a user's function may raise
-        problem = (
-            f"{effect.kind}: function must map (3, n) to (3, n); it failed with "
-            f"{type(error).__name__}: {error}"
-        )
-    agree(scene.comm, problem, SceneError)
-    return values
+    given = [
+        values_of(effect.kind, effect.function, scene)
+        for effect in scene.named(InitialDisplacement)
+    ]
+    return sum(given, np.zeros_like(given[0])) if given else None

@@ -82,6 +82,26 @@ def agree(comm: MPI.Intracomm, message: str | None, error: type[RigidfxError] = 
         raise error(messages[0])
 
 
+def by_name(owner: str, t: float, function: Callable[[], T]) -> T:
+    """Call a user's function in a run; if it fails, the error says whose it is and when.
+
+    Args:
+        owner: Whose function it is.
+        t: Time of the run [s].
+        function: Function to call.
+
+    Raises:
+        SceneError: On this rank, if it fails.
+    """
+    try:
+        return function()
+    except RigidfxError:
+        raise
+    except Exception as error:  # whatever a user's function may raise
+        found = f"{type(error).__name__}: {error}"
+        raise SceneError(f"{owner}: its function failed at t = {t:g} s with {found}") from error
+
+
 def together(comm: MPI.Intracomm, owner: str, function: Callable[[], T]) -> T:
     """Call a user's function on all ranks; if it fails on one, all raise. Collective.
 

@@ -8,10 +8,12 @@ that is seen before the step in which it happens. An effect says by its `signal`
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx.base.errors import together
+from rigidfx.base.errors import by_name, together
 from rigidfx.effects import Support, Windowed
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
@@ -84,8 +86,13 @@ class LoadChanges:
 
     def _signals(self, t: float) -> list[Array]:
         dt = self._timeline.dt
-        values = together(
-            self._comm, "A load", lambda: [np.array(e.signal(t, dt)) for e in self._loads]
-        )
+
+        def signals() -> list[Array]:
+            return [
+                np.array(by_name(load.owner, t, partial(load.signal, t, dt)))
+                for load in self._loads
+            ]
+
+        values = together(self._comm, "A load", signals)
         # Functions cannot be compared: were theirs to differ, so would what ranks decide by them.
         return list(self._comm.bcast(values))

@@ -262,7 +262,11 @@ class Windowed(Effect):
 
     def _kinks_of(self, name: str) -> tuple[float, ...]:
         """Instants that a function among its fields names now."""
-        given = getattr(getattr(self, name), "breakpoints", ())
+        return self._instants_of(name, getattr(self, name))
+
+    def _instants_of(self, name: str, function: Any) -> tuple[float, ...]:
+        """Instants that a function names; the name is for messages."""
+        given = getattr(function, "breakpoints", ())
         owner = f"{self.kind}: an instant among the breakpoints of {name}"
         try:
             return tuple(number(owner, "t", t, infinite=True) for t in given)

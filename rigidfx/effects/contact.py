@@ -19,6 +19,8 @@ from rigidfx.effects.contacts.pair_surface import pair_of
 from rigidfx.effects.contacts.pairs import PairForces
 from rigidfx.effects.contacts.pressing import Friction
 from rigidfx.effects.contacts.surface import surface_of
+from rigidfx.effects.fields import values_of
+from rigidfx.effects.initial_displacement import InitialDisplacement
 
 __all__ = ["Contact"]
 
@@ -83,8 +85,10 @@ class Contact(Windowed):
                 f"{self.owner}: friction needs creep, the speed [m/s] below which what sticks may "
                 "creep; a thousandth of the speeds that matter, say."
             )
-        if not isinstance(self.title, str):
-            raise SceneError(f"{self.owner}: title must be a text, got {shown(self.title)}.")
+        if not isinstance(self.title, str) or not self.title.isprintable():
+            raise SceneError(
+                f"{self.owner}: title must be a text that can be printed, got {shown(self.title)}."
+            )
         other = self.against if isinstance(self.against, str) else self.against.kind.lower()
         if isinstance(self.against, str) and self.friction:
             raise SceneError(f"{self.owner}: friction is for obstacles, not for '{other}' yet.")
@@ -95,7 +99,7 @@ class Contact(Windowed):
         """Those of the obstacle's path too."""
         if name != "against" or not isinstance(self.against, Obstacle):
             return super()._kinks_of(name)
-        return tuple(float(t) for t in getattr(self.against.path, "breakpoints", ()))
+        return self._instants_of("the path of against", self.against.path)
 
     def friction_in(self, dt: float) -> Friction | None:
         """Friction in a step of length dt [s]; None without."""
@@ -111,11 +115,14 @@ class Contact(Windowed):
                 "own."
             )
         surface = surface_of(scene, self.where, self.stiffness, self.owner)
-        against, start, X = self.against, self.start, scene.space.tabulate_dof_coordinates()
+        against, start = self.against, self.start
         if isinstance(against, Obstacle):
             check_vector(scene, self.owner, start, lambda: against.displacement(start))
         if start > 0.0:
             return  # nobody knows where it will be
+        X = scene.space.tabulate_dof_coordinates()
+        for effect in scene.named(InitialDisplacement):
+            X = X + values_of(effect.kind, effect.function, scene)
         on, gap, _ = self.at_nodes(scene, X, start)
         own = on < scene.owned_nodes
         X, depth = X[on[own]], -gap[own]

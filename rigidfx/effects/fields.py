@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.base.errors import agree
 from rigidfx.base.inputs import is_function, numbers
 
-__all__ = ["PlaceAndTime", "VectorField", "of_place", "some_points", "values_at"]
+__all__ = ["PlaceAndTime", "VectorField", "of_place", "some_points", "values_at", "values_of"]
 
 Array = npt.NDArray[np.float64]
 
@@ -55,6 +56,39 @@ def values_at(function: Callable[..., Any], X: Array, t: float) -> Array:
     if given.shape == (3, 1):
         return np.broadcast_to(given[:, 0], X.shape)
     return given.T
+
+
+def values_of(owner: str, function: Callable[[Array], npt.ArrayLike], scene: Any) -> Array:
+    """Vectors of a function of place at all local nodes, ghosts included, shape (nodes, 3).
+
+    Collective.
+
+    Args:
+        owner: Whose function it is, for the message.
+        function: x of shape (3, n) [m] → (3, n), or what can be broadcast to that.
+        scene: The scene.
+
+    Raises:
+        SceneError: On every rank, if it gives anything but finite vectors.
+    """
+    X = scene.space.tabulate_dof_coordinates()
+    problem, values = None, np.zeros_like(X)
+    try:
+        given = function(X.copy().T)  # it may change the positions in place
+        values = numbers(given).T
+        if values.size == 0 and np.size(given):
+            raise TypeError("it gives no real numbers")
+        if values.shape != X.shape:
+            values = np.broadcast_to(values, X.shape)
+        if not np.isfinite(values).all():
+            problem = f"{owner}: function gives values that are not finite."
+    except Exception as error:  # whatever a user's function may raise
+        problem = (
+            f"{owner}: function must map (3, n) to (3, n); it failed with "
+            f"{type(error).__name__}: {error}"
+        )
+    agree(scene.comm, problem)
+    return values
 
 
 def some_points(scene: Any, nodes: npt.NDArray[np.int32]) -> Array:

@@ -35,11 +35,13 @@ class PathAndVelocity:
         path: Function t → displacement, shape (3,) [m].
         velocity: Function t → velocity, shape (3,) [m/s].
         axes: The components that are compared.
+        unit: That of the path, for messages.
     """
 
     path: Callable[[float], Array]
     velocity: Callable[[float], Array]
     axes: tuple[int, ...]
+    unit: str = "m"
 
     def contradiction_at(self, t: float, end: float) -> str:
         """In what the velocity contradicts the path just after t; "" if in nothing.
@@ -141,7 +143,8 @@ class PathAndVelocity:
     def _words(self, t: float, v: Array, q: Array) -> str:
         names = "".join("xyz"[axis] for axis in self.axes)
         along = "" if names == "xyz" else f" along {', '.join(names)}"
-        return f"at t = {t:g} s its velocity is {v} m/s{along}, and its path moves by {q} m/s"
+        unit = f"{self.unit}/s"
+        return f"at t = {t:g} s its velocity is {v} {unit}{along}, and its path moves by {q} {unit}"
 
 
 def _noise(h: float, t: float, u: Array, further: Array) -> float:

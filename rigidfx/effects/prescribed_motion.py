@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from itertools import pairwise
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx.base.errors import SceneError, together
+from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import is_function, numbers, shown
 from rigidfx.effects.fields import Array, PlaceAndTime, of_place, some_points, values_at
+from rigidfx.effects.guided_support import GuidedSupport
 from rigidfx.effects.path_velocity import PathAndVelocity
 from rigidfx.effects.support import Support
 
@@ -19,7 +19,7 @@ __all__ = ["PrescribedMotion"]
 
 
 @dataclass(frozen=True)
-class PrescribedMotion(Support):
+class PrescribedMotion(GuidedSupport):
     """Moves the nodes of a named set along a given path, from where they are at its start.
 
     Attributes:
@@ -31,8 +31,6 @@ class PrescribedMotion(Support):
             its changes are changes of a load. Both are compared, at one of the nodes: there by the
             scene, and before a run at some instants of it.
     """
-
-    moves: ClassVar[bool] = True
 
     displacement: PlaceAndTime = field(kw_only=True)
     velocity: PlaceAndTime | None = field(default=None, kw_only=True)
@@ -103,25 +101,13 @@ class PrescribedMotion(Support):
 
     def check(self, scene: Any) -> None:
         """See whether path and velocity can be used, and go together at the start and at kinks."""
-        super().check(scene)
         if not self.uniform:
             nodes = next(nodes for support, nodes in scene.supports if support is self)
             object.__setattr__(self, "_some", some_points(scene, nodes))  # for `signal`
-        together(scene.comm, f"{self.owner}: its path or velocity", self._check_starts)
-
-    def check_run(self, scene: Any, t_end: float) -> None:
-        """See whether path and velocity go together in a run."""
-        end = min(self.until, t_end)
-        both = self._both
-        if both is not None and self.start < end:
-            together(
-                scene.comm,
-                f"{self.owner}: its path or velocity",
-                lambda: self._refuse(both.contradiction_within(self.start, end, self.breakpoints)),
-            )
+        super().check(scene)
 
     @property
-    def _both(self) -> PathAndVelocity | None:
+    def path_and_velocity(self) -> PathAndVelocity | None:
         """Path and given velocity, of the held components; None without such a velocity."""
         if self.velocity is None:
             return None
@@ -134,21 +120,6 @@ class PrescribedMotion(Support):
             )
         velocity: Any = self.velocity
         return PathAndVelocity(self.displacement_at, lambda t: numbers(velocity(t)), self.axes)
-
-    def _check_starts(self) -> None:
-        both = self._both
-        if both is None:
-            return
-        starts = sorted({self.start, *(t for t in self.breakpoints if self.start < t < self.until)})
-        for t, end in pairwise([*starts, self.until]):
-            self._refuse(both.contradiction_at(t, end) if t < end else "")
-
-    def _refuse(self, wrong: str) -> None:
-        if wrong:
-            raise SceneError(
-                f"PrescribedMotion on '{self.where}': {wrong}. Give the path's derivative, or "
-                "no velocity at all."
-            )
 
     def signal(self, t: float, dt: float) -> npt.NDArray[np.float64]:
         """The velocity, while it acts."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from math import isfinite
 from typing import ClassVar
 
 import numpy as np
@@ -12,13 +13,15 @@ from scipy.spatial.transform import Rotation
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import is_function, scalar, shown, vector
 from rigidfx.effects.base import Vector
+from rigidfx.effects.guided_support import GuidedSupport
+from rigidfx.effects.path_velocity import PathAndVelocity
 from rigidfx.effects.support import Array, Support
 
 __all__ = ["PrescribedRotation"]
 
 
 @dataclass(frozen=True)
-class PrescribedRotation(Support):
+class PrescribedRotation(GuidedSupport):
     """Turns the nodes of a named set about a fixed axis, as they lie in the undeformed body.
 
     A node at X moves by (R(φ(t)) - R(φ(t₀))) (X - c) from where it is at the start t₀. Its work is
@@ -30,10 +33,10 @@ class PrescribedRotation(Support):
         through: A point of the axis, c [m].
         angle: Function t → φ [rad], such as a `Table`; only its increments count. An attribute
             `breakpoints` of it names the instants of its kinks.
-        speed: Its derivative [rad/s]; by a one-sided second-order difference if None.
+        speed: Its derivative [rad/s]; by a one-sided second-order difference if None. Both are
+            compared, as the path and the velocity of a `PrescribedMotion` are.
     """
 
-    moves: ClassVar[bool] = True
     uniform: ClassVar[bool] = False
 
     axis: Vector = field(kw_only=True)
@@ -60,22 +63,44 @@ class PrescribedRotation(Support):
     def direction(self) -> Array:
         """Unit vector along the axis."""
         axis = np.asarray(self.axis, dtype=np.float64)
+        axis = axis / np.abs(axis).max()  # whose squares neither overflow nor vanish
         return np.asarray(axis / np.linalg.norm(axis))
+
+    def _asked(self, name: str, t: float) -> float:
+        """Angle or speed at t."""
+        given = getattr(self, name)(t)
+        value = scalar(given)
+        if not isfinite(value):
+            raise SceneError(
+                f"{self.owner}: at t = {t:g} s {name} must be a finite number, got {shown(given)}."
+            )
+        return value
 
     def angular_velocity(self, t: float, dt: float) -> Array:
         """ω just after t, shape (3,) [rad/s]."""
         if self.speed is not None:
-            return scalar(self.speed(t)) * self.direction
+            return self._asked("speed", t) * self.direction
         h = 1e-3 * dt
-        p0, p1, p2 = (scalar(self.angle(t + k * h)) for k in range(3))
+        p0, p1, p2 = (self._asked("angle", t + k * h) for k in range(3))
         return (4 * p1 - 3 * p0 - p2) / (2 * h) * self.direction
+
+    @property
+    def path_and_velocity(self) -> PathAndVelocity | None:
+        """The angle and the given speed, as vectors along the axis."""
+        speed, axis = self.speed, self.direction
+        if speed is None:
+            return None
+        return PathAndVelocity(
+            lambda t: scalar(self.angle(t)) * axis,
+            lambda t: scalar(speed(t)) * axis,
+            (0, 1, 2),
+            "rad",
+        )
 
     def displacements_at(self, t: float, X: Array) -> Array:
         """(R - I)(X - c) of some points, shape (points, 3) [m]."""
         arms = X - np.asarray(self.through)
-        turn = scalar(self.angle(t)) * self.direction
-        if not np.isfinite(turn).all():
-            return np.full_like(X, np.nan)  # which is told by its name where it is looked at
+        turn = self._asked("angle", t) * self.direction
         return np.asarray(Rotation.from_rotvec(turn).apply(arms) - arms).reshape(-1, 3)
 
     def velocities_at(self, t: float, dt: float, X: Array) -> Array:

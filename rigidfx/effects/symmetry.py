@@ -38,8 +38,9 @@ class Symmetry(Fixed):
         mesh = domain.mesh
         found = domain.find(self.where, (2,), self.kind)
         mesh.topology.create_connectivity(2, 3)
-        nodes = np.unique(entities_to_geometry(mesh, 2, found.entities))
-        X = mesh.geometry.x[nodes] if nodes.size else np.empty((0, 3))
+        X: Any = np.empty((0, 3))
+        if found.entities.size:  # a rank may have none, which DOLFINx divides by
+            X = mesh.geometry.x[np.unique(entities_to_geometry(mesh, 2, found.entities))]
         comm = domain.comm
         ends = [
             comm.allreduce(tuple(map(float, values)), op=op)

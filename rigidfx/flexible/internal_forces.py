@@ -9,6 +9,7 @@ the forms, compiled at the start.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
-from rigidfx.base.errors import together
+from rigidfx.base.errors import by_name, together
 from rigidfx.effects import Effect, FormTerm
 from rigidfx.flexible.bound_forces import BoundForces, Taken, Variant
 from rigidfx.flexible.kernels import Kernel
@@ -120,7 +121,8 @@ class InternalForces:
 
             def evaluate() -> None:
                 for k in acting:
-                    self._terms[k][1].set_time(t, dt)
+                    effect, term = self._terms[k]
+                    by_name(effect.owner, t, partial(term.set_time, t, dt))
 
             together(self._scene.comm, "An effect", evaluate)
 

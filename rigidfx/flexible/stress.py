@@ -30,6 +30,7 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
+from rigidfx.base.errors import SceneError
 from rigidfx.base.form_cache import compile_expression
 from rigidfx.flexible.enhancements import Enhancements
 from rigidfx.flexible.kernels import jit_options
@@ -102,7 +103,11 @@ class PointStress:
 
 
 class CauchyStress:
-    """Measures the mean stress of all cells."""
+    """Measures the mean stress of all cells.
+
+    Attributes:
+        mesh: Theirs.
+    """
 
     def __init__(self, scene: Scene, points: PointStress | None = None) -> None:
         """Compile the expressions, if they are not given. Collective.
@@ -110,7 +115,13 @@ class CauchyStress:
         Args:
             scene: The problem.
             points: Stress at the integration points of that scene.
+
+        Raises:
+            SceneError: If the scene is none.
         """
+        if not isinstance(scene, Scene):
+            raise SceneError(f"CauchyStress: scene must be a Scene, got {type(scene).__name__}.")
+        self.mesh = scene.mesh
         self._points = PointStress(scene) if points is None else points
         self._owned = int(scene.mesh.topology.index_map(3).size_local)
 

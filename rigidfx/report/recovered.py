@@ -9,6 +9,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.base.errors import SceneError
+from rigidfx.base.inputs import shown
 from rigidfx.flexible.stress import CauchyStress
 from rigidfx.report.report import Report
 
@@ -29,9 +31,17 @@ def recovered_stress(report: Report, stress: CauchyStress) -> tuple[Array, npt.N
         parts of a run with `wake="local"`, from the first step after the freeze on.
 
     Raises:
-        SceneError: If the run has gone on.
+        SceneError: If the run has gone on, or one of them is anything else.
     """
+    if not isinstance(report, Report):
+        raise SceneError(f"recovered_stress: report must be a Report, got {type(report).__name__}.")
+    if not isinstance(stress, CauchyStress):
+        raise SceneError(
+            f"recovered_stress: stress must be CauchyStress(scene), made once, got {shown(stress)}."
+        )
     state = report.state
+    if stress.mesh is not state.u.function_space.mesh:
+        raise SceneError("recovered_stress: stress is that of a scene on another mesh.")
     state.rebuild()
     out = stress.measure(state.u)
     u, cells = report.recovered()

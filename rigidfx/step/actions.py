@@ -7,6 +7,7 @@ store energy is found once, when effects begin or end.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from rigidfx.base.errors import together
+from rigidfx.base.errors import by_name, together
 from rigidfx.coupling.condensed_tangent import CondensedMatrix
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects import Action, Effect, Touch, Windowed
@@ -58,6 +59,7 @@ class Actions:
         wanted = (e for e in effects if e.is_dead or not isinstance(e, Windowed) or id(e) in here)
         pairs = [(effect, effect.bind(structure)) for effect in wanted]
         self._every = [(effect, action) for effect, action in pairs if action is not None]
+        self._owners = {id(action): effect.owner for effect, action in self._every}
         bodies = len(structure.bodies)
         self._forces: Array = np.zeros((structure.rows.nodes.size, 3))
         self.external = structure.rows.vector()
@@ -103,7 +105,7 @@ class Actions:
 
             def evaluate() -> None:
                 for action in self._timed:
-                    action.set_time(t, dt)
+                    by_name(self._owners[id(action)], t, partial(action.set_time, t, dt))
 
             together(self._comm, "A load", evaluate)
         self._forces[:] = self.moments[:] = self.torques[:] = 0.0
@@ -208,10 +210,17 @@ class Actions:
             t: Time [s].
             dt: Length of the next step [s].
             bodies: The bodies at t.
+
+        Raises:
+            SceneError: On every rank, if the path of an obstacle fails on any.
         """
         if not self._contacts:
             return {}
-        times = np.array([a.closes_after(v, t, dt, bodies) for a in self._contacts])
+
+        def closing() -> Array:  # asks users' paths, which may fail on some ranks
+            return np.array([a.closes_after(v, t, dt, bodies) for a in self._contacts])
+
+        times = together(self._comm, "A contact", closing)
         self._comm.Allreduce(MPI.IN_PLACE, times, op=MPI.MIN)
         pairs = zip(self._contacts, times, strict=True)
         return {action.title: float(time) for action, time in pairs}

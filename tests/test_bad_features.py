@@ -1,0 +1,333 @@
+"""Bad contacts, Δt by its error, rotations, symmetries, damping, fields and stresses are refused.
+
+Run as a script under mpirun, this file goes through all cases on each rank.
+"""
+
+from __future__ import annotations
+
+from functools import cache, partial
+from math import inf, nan
+
+import numpy as np
+import pytest
+import refusals
+from mpi4py import MPI
+
+import rigidfx as rf
+from rigidfx.flexible.stress import CauchyStress
+
+COMM = MPI.COMM_WORLD
+SOFT = rf.StVenantKirchhoff(rho=2.0, E=50.0, nu=0.3)
+BELOW = rf.Plane((0, 0, -1), (0, 0, 1))
+
+
+@cache
+def _box():
+    domain = rf.box((0, 0, 0), (2, 1, 1), (2, 1, 1))
+    domain = domain.with_cells("a", lambda x: x[0] < 1.1).with_cells("b", lambda x: x[0] > 0.9)
+    return domain.with_facets("skin", lambda x: x[0] > -1)
+
+
+def _scene(*effects, material=SOFT, **options):
+    return rf.Scene(_box(), material, effects, **options)
+
+
+def _run(*effects, dt=0.1, criterion=None, **options):
+    for _ in rf.simulate(_scene(*effects, **options), dt, 0.2, rigidify=criterion):
+        pass
+
+
+def _contact(where="z0", **options):
+    return rf.Contact(where, **{"against": BELOW} | options)
+
+
+def _moving(path):
+    return _contact(against=rf.Plane((0, 0, -1), (0, 0, 1), path=path))
+
+
+def _control(tol=0.05, **options):
+    return rf.StepControl(tol, **{"largest": 0.1} | options)
+
+
+def _turned(**options):
+    return rf.PrescribedRotation("x0", **{"axis": (1, 0, 0), "angle": lambda t: t} | options)
+
+
+def _later(value):
+    """A function that is zero at first."""
+    return lambda *arguments: value if arguments[-1] > 0.08 else 0.0
+
+
+def _fails_later(*arguments):
+    """Zero at first, then it fails on the last rank."""
+    if arguments[-1] > 0.08 and COMM.rank == COMM.size - 1:
+        raise KeyError("no file")
+    return 0.0
+
+
+def _of_vectors(function):
+    return lambda *arguments: np.zeros(3) + function(*arguments)
+
+
+class Kinked:
+    """A path at rest with breakpoints of any kind."""
+
+    def __init__(self, breakpoints):
+        self.breakpoints = breakpoints
+
+    def __call__(self, t):
+        return (0.0, 0.0, 0.0)
+
+
+@cache
+def _report():
+    """The last report of a run."""
+    return list(rf.simulate(_scene(), 0.1, 0.1))[-1]
+
+
+@cache
+def _stress():
+    return CauchyStress(_scene())
+
+
+def _other_mesh():
+    return CauchyStress(rf.Scene(rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1)), SOFT))
+
+
+# name: (what is done, part of the message)
+CASES = {
+    "contact with a class": (lambda: _contact(against=rf.Plane), "against must be a Plane"),
+    "contact with itself": (lambda: _contact(against="z0"), "a surface does not meet itself"),
+    "contact with cells": (lambda: _scene(_contact(against="a")), "there are no facets named 'a'"),
+    "contact of a plane": (lambda: rf.Contact(BELOW, against="z0"), "where must be the name"),
+    "contact, several": (lambda: _contact(["z0", "z1"]), "where must be the name of a set"),
+    "stiffness in a list": (lambda: _contact(stiffness=[1, 2]), "stiffness must be a finite"),
+    "stiffness infinite": (lambda: _contact(stiffness=inf), "stiffness must be a finite"),
+    "friction no number": (lambda: _contact(friction=nan, creep=1), "friction must be a finite"),
+    "friction of time": (lambda: _contact(friction=abs, creep=1), "friction must be a finite"),
+    "creep of time": (lambda: _contact(friction=0.1, creep=abs), "creep must be a finite number"),
+    "friction of a pair": (
+        lambda: _contact(against="z1", friction=0.1, creep=1),
+        "friction is for obstacles, not for 'z1' yet",
+    ),
+    "title of two lines": (
+        lambda: _contact(title="a\nb"),
+        r"Contact on 'z0': title must be a text that can be printed, got 'a\nb'",
+    ),
+    "title of bytes": (lambda: _contact(title=b"a"), "title must be a text"),
+    "title twice": (
+        lambda: _scene(_contact(), _contact()),
+        "two contacts are called 'z0_plane'; give one a title of its own",
+    ),
+    "contact in a preload": (
+        lambda: rf.Preload([_contact()]),
+        "Preload: loads must be one or more dead loads",
+    ),
+    "contact that begins deep inside": (
+        lambda: _run(_contact(), rf.InitialDisplacement(lambda x: (0.0, 0.0, -1.9))),
+        "Contact on 'z0': at the start it is 0.9 m inside the Plane",
+    ),
+    "normal of two": (lambda: rf.Plane((0, 0, 0), (0, 1)), "normal must be three finite numbers"),
+    "normal without length": (lambda: rf.Plane((0, 0, 0), (0, 0, 0)), "must have a direction"),
+    "radius of text": (lambda: rf.Sphere((0, 0, 0), "1"), "radius must be a finite number"),
+    "inside one": (lambda: rf.Sphere((0, 0, 0), 1, inside=1), "inside must be True or False"),
+    "axis by name": (lambda: rf.Cylinder((0, 0, 0), 1, axis="x"), "axis must be three finite"),
+    "path that is a place": (lambda: rf.Plane((0, 0, 0), (0, 0, 1), path=(0, 0, 1)), "path must"),
+    "path of a number": (lambda: _scene(_moving(lambda t: t)), "three finite components"),
+    "path of two numbers": (lambda: _scene(_moving(lambda t: (t, t))), "three finite components"),
+    "path of place": (lambda: _scene(_moving(lambda x, t: x)), "its function of time failed"),
+    "path that ceases": (
+        lambda: _run(_moving(_of_vectors(_later(nan)))),
+        "s three finite components are expected, got [nan nan nan]. Check its path of the Plane",
+    ),
+    "path that fails on the last rank": (
+        lambda: _run(_moving(_of_vectors(_fails_later))),
+        "Contact on 'z0': its path of the Plane failed at t = ",
+    ),
+    "kinks of text": (
+        lambda: _moving(Kinked("abc")),
+        "Contact: an instant among the breakpoints of the path of against: t must be",
+    ),
+    "kinks at no number": (
+        lambda: _moving(Kinked([nan])),
+        "among the breakpoints of the path of against: t must be a finite number, got nan",
+    ),
+    "kinks that are no list": (
+        lambda: _moving(Kinked(3)),
+        "the attribute breakpoints of the path of against must be a list of instants, got 3",
+    ),
+    "error above all": (lambda: _control(2.0), "tol must be"),
+    "error in per cent": (lambda: _control("1%"), "tol must be"),
+    "error relative to rates": (lambda: _control(rf.Relative(0.1)), "tol must be"),
+    "largest step in a dict": (lambda: _control(largest={0: 0.1}), "largest must be a finite"),
+    "smallest step above": (lambda: _control(smallest=1.0), "needs smallest ≤ largest"),
+    "error of text": (lambda: _control(of="1 mm"), "of must be a finite number"),
+    "error at a place": (lambda: _control(at=[(0, 0, 0)]), "at must be names of probes"),
+    "error at no probe": (lambda: _control(at=()), "at must be names of probes"),
+    "error at an unknown probe": (
+        lambda: _run(dt=_control(at="tip"), probes={"top": (1, 0.5, 0.5)}),
+        "StepControl: at names the probe 'tip'; the scene has ['top']",
+    ),
+    "class of controls": (lambda: _run(dt=rf.StepControl), "dt"),
+    "control in a dict": (lambda: _run(dt={0: _control()}), "dt"),
+    "control as an effect": (lambda: _scene(_control()), "is not an effect"),
+    "part of nothing": (lambda: rf.Relative(0), "Relative: part must be"),
+    "part of a part": (lambda: rf.Relative(rf.Relative(0.1)), "Relative: part must be"),
+    "part as a window": (lambda: rf.StrainRate(1.0, rf.Relative(0.1)), "window must be"),
+    "part for a set": (
+        lambda: rf.StrainRate(1.0, 1.0, tolerances={"a": rf.Relative(0.1)}),
+        "the tolerance of 'a' must be a finite number, got Relative(part=0.1)",
+    ),
+    "factor that is true": (
+        lambda: rf.StrainRate(1.0, 1.0, wake="local", kappa=True),
+        "kappa must be a finite number, got True",
+    ),
+    "element in capitals": (lambda: _scene(element="Enhanced"), "element must be"),
+    "element in a list": (lambda: _scene(element=["enhanced"]), "element must be"),
+    "enhanced beside neo-Hooke": (
+        lambda: _scene(
+            material={"a": SOFT, "b": rf.NeoHooke(E=1.0, nu=0.3, rho=1.0)}, element="enhanced"
+        ),
+        "got NeoHooke",
+    ),
+    "axis without length": (lambda: _turned(axis=(0, 0, 0)), "axis must be a direction"),
+    "axis of time": (lambda: _turned(axis=lambda t: (1, 0, 0)), "axis must be three finite"),
+    "angle of a number": (lambda: _turned(angle=3.0), "angle must be a function of t, got 3.0"),
+    "angle in degrees": (
+        lambda: _scene(_turned(angle=lambda t: "90°")),
+        "PrescribedRotation on 'x0': at t = 0 s angle must be a finite number, got '90°'",
+    ),
+    "angle of vectors": (
+        lambda: _scene(_turned(angle=lambda t: (t, 0, 0))),
+        "at t = 0 s angle must be a finite number, got (0.0, 0, 0)",
+    ),
+    "angle that ceases": (
+        lambda: _run(_turned(angle=_later(nan))),
+        "s angle must be a finite number, got nan",
+    ),
+    "angle that fails on the last rank": (
+        lambda: _run(_turned(angle=_fails_later)),
+        "PrescribedRotation on 'x0': its path failed near t = ",
+    ),
+    "speed of another angle": (
+        lambda: _scene(_turned(speed=lambda t: 7.0)),
+        "its velocity is [7. 0. 0.] rad/s, and its path moves by [1. 0. 0.] rad/s. Give",
+    ),
+    "speed of no number": (
+        lambda: _scene(_turned(speed=lambda t: nan)),
+        "at t = 0 s speed must be a finite number, got nan",
+    ),
+    "turned two ways": (
+        lambda: _run(_turned(), _turned(angle=lambda t: 2 * t)),
+        "prescribe different motions of the same nodes",
+    ),
+    "symmetry of cells": (lambda: _scene(rf.Symmetry("a")), "there are no facets named 'a'"),
+    "symmetry of a box": (lambda: _scene(rf.Symmetry("skin")), "must lie in one plane"),
+    "velocity across a mirror": (
+        lambda: _run(rf.Symmetry("x0"), rf.InitialVelocity(linear=(1, 0, 0))),
+        "InitialVelocity contradicts Symmetry on 'x0' (components 'x')",
+    ),
+    "ratio in per cent": (lambda: rf.StiffnessDamping("2%", 1.0), "ratio must be a finite"),
+    "frequency zero": (lambda: rf.StiffnessDamping(0.1, 0), "frequency must be a finite number >"),
+    "damping of facets": (
+        lambda: _scene(rf.StiffnessDamping(0.1, 1.0, "x0")),
+        "StiffnessDamping: there are no cells named 'x0'",
+    ),
+    "displacement of a vector": (lambda: rf.InitialDisplacement((1, 0, 0)), "must be a function"),
+    "displacement transposed": (
+        lambda: _run(rf.InitialDisplacement(lambda x: 0.01 * x.T)),
+        "InitialDisplacement: function must map (3, n) to (3, n)",
+    ),
+    "displacement that fails on the last rank": (
+        lambda: _run(rf.InitialDisplacement(lambda x: x * _fails_later(1.0))),
+        "it failed with KeyError: 'no file'",
+    ),
+    "displacement beside a rigid part": (
+        lambda: _scene(rf.Rigid("a"), rf.InitialDisplacement(lambda x: 0 * x)),
+        "an InitialDisplacement goes neither with a Preload",
+    ),
+    "field of one component": (
+        lambda: _run(rf.Traction("x1", lambda x, t: x[0])),
+        "three finite components for each of",
+    ),
+    "field that ceases": (
+        lambda: _run(rf.Traction("x1", lambda x, t: x * _later(nan)(t))),
+        "Traction on 'x1': at t = 0.15 s its value is to be three finite components",
+    ),
+    "field that fails on the last rank": (
+        lambda: _run(rf.BodyForce(lambda x, t: x * _fails_later(t))),
+        "BodyForce on 'all cells': its function failed at t = 0.15 s with KeyError: 'no file'",
+    ),
+    "load that fails later": (
+        lambda: _run(rf.Traction("x1", _of_vectors(_fails_later))),
+        "Traction on 'x1': its value or time function failed at t = 0.15 s with KeyError",
+    ),
+    "field of gravity": (lambda: _scene(rf.Gravity(lambda x, t: x)), "value must be a function"),
+    "velocity of time, path of place": (
+        lambda: rf.PrescribedMotion(
+            "x0", displacement=lambda x, t: 0 * x, velocity=lambda t: (0, 0, 0)
+        ),
+        "displacement and velocity must be functions of the same arguments",
+    ),
+    "stresses of nothing": (lambda: CauchyStress(None), "CauchyStress: scene must be a Scene"),
+    "stresses of a domain": (lambda: CauchyStress(_box()), "scene must be a Scene, got Domain"),
+    "stresses recovered at no report": (
+        lambda: rf.recovered_stress(None, _stress()),
+        "recovered_stress: report must be a Report, got NoneType",
+    ),
+    "stresses recovered by a scene": (
+        lambda: rf.recovered_stress(_report(), _scene()),
+        "recovered_stress: stress must be CauchyStress(scene), made once",
+    ),
+    "stresses recovered on another mesh": (
+        lambda: rf.recovered_stress(_report(), _other_mesh()),
+        "recovered_stress: stress is that of a scene on another mesh",
+    ),
+    "integration points of one": (
+        lambda: rf.Recorder(_scene(), "nowhere", integration_points=1),
+        "integration_points must be True or False, got 1",
+    ),
+}
+
+# What is not the same on all ranks, and what a message names.
+APART = {
+    "error": (lambda k: _run(dt=_control(0.05 * (1 + k))), "simulate: dt"),
+    "a control or a number": (lambda k: _run(dt=_control() if k else 0.1), "simulate: dt"),
+    "stiffness of a contact": (lambda k: _scene(_contact(stiffness=1.0 + k)), "Scene: effects"),
+    "place of a plane": (
+        lambda k: _scene(_contact(against=rf.Plane((0, 0, -1 - k), (0, 0, 1)))),
+        "Scene: effects",
+    ),
+    "a contact or none": (lambda k: _scene(*[_contact()][:k]), "Scene: effects"),
+    "axis": (lambda k: _scene(_turned(axis=(1, k, 0))), "Scene: effects"),
+    "element": (lambda k: _scene(element="enhanced" if k else "standard"), "Scene: element"),
+    "relative tolerance": (
+        lambda k: _run(criterion=rf.StrainRate(rf.Relative(0.1 + 0.1 * k), 0.1)),
+        "simulate: rigidify",
+    ),
+    "integration points": (
+        lambda k: rf.Recorder(_scene(), "nowhere", integration_points=bool(k)),
+        "Recorder: integration_points",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_is_refused(name):
+    action, message = CASES[name]
+    with pytest.raises(rf.SceneError) as caught:
+        action()
+    assert message in str(caught.value)
+
+
+@pytest.mark.parallel
+def test_is_refused_on_two_ranks():
+    """The same message on both, also of what differs, and no rank waits for the other."""
+    apart = {f"{name} by rank": (None, message) for name, (_, message) in APART.items()}
+    refusals.check_on_two_ranks(__file__, CASES | apart)
+
+
+if __name__ == "__main__":
+    actions = {name: action for name, (action, _) in CASES.items()}
+    actions |= {f"{name} by rank": partial(f, COMM.rank) for name, (f, _) in APART.items()}
+    refusals.on_each_rank(actions)
