@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from copy import copy
 from typing import Any
 
 import dolfinx
@@ -93,7 +93,8 @@ def bindable(compiled: Any) -> tuple[Any, list[Any]]:
     named = [ufl.inner(w, w) for w in (*left, *form.constants())]
     if VERSION == (0, 9) and named:
         dx = ufl.dx(domain=form.ufl_domains()[0])
-        compiled = replace(compiled, ufl_form=sum(named[1:], named[0]) * dx)
+        compiled = copy(compiled)  # with all that it holds beside its fields, as kernels of ours
+        compiled.ufl_form = sum(named[1:], named[0]) * dx
     return compiled, left
 
 
