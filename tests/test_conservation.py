@@ -98,12 +98,12 @@ def test_a_stiff_exponential_energy_conserves_in_short_steps():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MATERIALS)
-def test_free_motion_to_100_s(name):
+def test_free_motion_to_50_s(name):
     """12 % strain at Δt = 0.2 s, where Newmark and the midpoint rule break down earlier."""
     scene = tumbling(MATERIALS[name], load=4.0)
-    free = since(list(rf.simulate(scene, 0.2, 100.0)), 5.0)
-    assert free[-1].t == 100.0
-    assert max(drifts(free).values()) <= DRIFT / 2  # they would be DRIFT in 200 s
+    free = since(list(rf.simulate(scene, 0.2, 50.0)), 5.0)
+    assert free[-1].t == 50.0
+    assert max(drifts(free).values()) <= DRIFT / 4  # they would be DRIFT in 200 s
 
 
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])

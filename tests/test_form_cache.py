@@ -22,10 +22,10 @@ OPTIONS = kernels.jit_options
 
 @pytest.fixture
 def cache(tmp_path, monkeypatch):
-    """An empty cache of its own, in which 4 s are waited for others."""
+    """An empty cache of its own, in which 2 s are waited for others."""
     options = kernels.jit_options() | {
         "cache_dir": str(tmp_path / "forms"),
-        "timeout": 5,
+        "timeout": 3,
         "cffi_extra_compile_args": ["-O0"],
     }
     monkeypatch.setattr(kernels, "jit_options", lambda: options)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import subprocess
+import runpy
 import sys
 from pathlib import Path
 
@@ -111,10 +111,12 @@ def test_pictures_of_a_flexible_run_of_second_order(tmp_path):
     assert np.ptp(pixels(tmp_path / "von_mises.png"), axis=2).max() > 0.5
 
 
-def test_command_line(tmp_path):
+def test_command_line(tmp_path, monkeypatch):
     run(tmp_path)
-    command = [sys.executable, "-m", "rigidfx.plot", str(tmp_path), "--frames", "2"]
-    subprocess.run([*command, "--view", "0", "-1", "0.2"], check=True, timeout=120)
+    command = ["rigidfx.plot", str(tmp_path), "--frames", "2", "--view", "0", "-1", "0.2"]
+    monkeypatch.setattr(sys, "argv", command)
+    monkeypatch.delitem(sys.modules, "rigidfx.plot.__main__", raising=False)
+    runpy.run_module("rigidfx.plot", run_name="__main__")
     assert frames(tmp_path / "film.gif") == 2
 
 

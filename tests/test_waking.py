@@ -484,7 +484,7 @@ def histories():
     for mass in ("lumped", "consistent"):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            tips, _, _, events = run(on_a_block(STRIKES["traction"], mass=mass), 2.4, local(2e-4))
+            tips, _, _, events = run(on_a_block(STRIKES["traction"], mass=mass), 1.4, local(2e-4))
         told = [
             (e.t, e.kind, [(c.name, c.cells_before, c.cells_after) for c in e.changes])
             for e in events
