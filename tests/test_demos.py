@@ -31,6 +31,7 @@ SOME = {
     "waking": ("--only", "wave"),
     "step_control": ("--only", "push"),
     "impact": ("--only", "bar"),
+    "how_fast": ("--materials", "steel", "--elements", "hexahedra"),
 }
 # Long ones, whose steps, switches and files others have on two ranks.
 ON_ONE_RANK = "accuracy_vs_time", "free_flying_body", "spatial_frame"
@@ -90,6 +91,7 @@ SUMMARY = {
 BENCHMARK_SUMMARY = {
     "waking": {"scene", "needed", "missed", "woken", "false", "rigid_share", "quiet_share"},
     "step_control": {"scene", "budget", "measured", "estimate", "reference", "steps", "rejected"},
+    "how_fast": {"runs"},
     "flexible_step": {"ratio_to_plain_dolfinx", "unknowns"},
     "locking": {"cases", "cost_ratio_to_standard", "speedup_over_second_order_at_one_percent"},
     "effects": {"ratio_per_step", "ratio_per_iteration", "newton_per_step", "unknowns"},

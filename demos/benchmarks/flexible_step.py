@@ -40,7 +40,7 @@ SAME_SOLVER = {
 LU_BELOW = 50_000  # unknowns; beyond, a factorisation takes gigabytes and most of a minute
 
 
-def scene(refine: int, domain: rigidfx.Domain | None = None) -> rigidfx.Scene:
+def scene(refine: int, domain: rigidfx.Domain | None = None, order: int = 1) -> rigidfx.Scene:
     """The tumbling L with cells of edge 1/refine under a constant pair of tractions."""
     return rigidfx.Scene(
         domain or tumbling_l(refine),
@@ -49,6 +49,7 @@ def scene(refine: int, domain: rigidfx.Domain | None = None) -> rigidfx.Scene:
             rigidfx.Traction("top", tuple(TRACTION)),
             rigidfx.Traction("side", tuple(-TRACTION)),
         ],
+        order=order,
     )
 
 
@@ -95,10 +96,11 @@ def main() -> None:
     parser = Parser(__file__, __doc__.splitlines()[0], short="700 unknowns, few steps")
     parser.add_argument("--unknowns", type=int, default=27_000, help="about 700, 27000, 200000")
     parser.add_argument("--steps", type=int, default=9, help="timed steps per comparison")
+    parser.add_argument("--order", type=int, default=1, choices=(1, 2), help="of the hexahedra")
     options = parser.read(unknowns=700, steps=3)
-    sizes = {len(tumbling_l_nodes(r)) * 3: r for r in range(1, 10)}
+    sizes = {len(tumbling_l_nodes(options.order * r)) * 3: r for r in range(1, 10)}
     unknowns = min(sizes, key=lambda n: abs(n - options.unknowns))
-    problem = scene(sizes[unknowns])
+    problem = scene(sizes[unknowns], order=options.order)
     solvers = [name for name in SAME_SOLVER if name != "lu" or unknowns < LU_BELOW]
     same = {
         name: compare(problem, SAME_SOLVER[name], SAME_SOLVER[name], options.steps)
