@@ -82,18 +82,29 @@ def test_what_rings_from_step_to_step_is_no_error():
     assert error == pytest.approx(0.0, abs=1e-12)
 
 
-def test_nothing_is_known_after_a_breakpoint_or_of_other_bodies():
+def test_nothing_is_known_after_a_breakpoint():
     estimate = TimeError(2)
     v = np.arange(6.0).reshape(2, 3)
     for k in range(4):
         estimate.look(k**2 * v, (k + 1) ** 2 * v, 0.1 * k, 0.1)
         estimate.accept()
     assert not estimate.young
-    estimate.forget_at(np.array([True, False]))
-    assert not np.isnan(estimate.look(16 * v, 25 * v, 0.4, 0.1))
     estimate.forget()
     assert estimate.young
     assert np.isnan(estimate.look(16 * v, 25 * v, 0.4, 0.1))
+
+
+def test_where_bodies_change_three_differences_have_to_tell():
+    """What rings from then on is no error, not even at first."""
+    estimate, found = TimeError(1), []
+    estimate.switched()
+    for k in range(6):
+        v0, v1 = (np.array([[(-1.0) ** n, 0.0, 0.0]]) for n in (k, k + 1))
+        found.append(estimate.look(v0, v1, 0.1 * k, 0.1))
+        assert not estimate.young
+        estimate.accept()
+    assert np.isnan(found[:3]).all()
+    assert found[3:] == pytest.approx(np.zeros(3), abs=1e-12)
 
 
 def test_an_even_error_gets_an_even_step_that_uses_the_budget():

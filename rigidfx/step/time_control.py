@@ -73,7 +73,8 @@ class TimeControl(WarnsOnce):
     def follow(self, system: System, state: State) -> None:
         """Take over the equations of a division. Collective."""
         self._system, self._state = system, state
-        self._error.forget_at(self._tracked.bind(system, state.bodies))
+        if self._tracked.bind(system, state.bodies):
+            self._error.switched()
 
     def target(self, t: float) -> float:
         """End of the step that begins at t [s]: what is left up to a breakpoint is divided evenly.

@@ -57,20 +57,21 @@ class TimeError:
         """Something has happened that accelerations before do not know of."""
         unknown = np.full((3, self._points, 3), np.nan)
         self._now = self._next = Jerk(unknown[0].copy(), -1.0, unknown)
+        self._patient = False
 
-    def forget_at(self, points: npt.NDArray[np.bool_]) -> None:
-        """Forget what is known of some of the points.
+    def switched(self) -> None:
+        """Bodies have changed: what follows is no error until three differences tell.
 
-        Args:
-            points: Which ones, shape (points,).
+        What wakes springs into the shape that its forces give it, faster than steps resolve: that
+        rings from step to step, and only the mean of three is blind to it.
         """
-        self._now.a[points] = np.nan
-        self._now.j[:, points] = np.nan
+        self.forget()
+        self._patient = True
 
     @property
     def young(self) -> bool:
-        """Whether no point has three differences yet."""
-        return bool(np.isnan(self._now.j).any(axis=(0, 2)).all())
+        """Whether no point has three differences yet, since something began anew."""
+        return not self._patient and bool(np.isnan(self._now.j).any(axis=(0, 2)).all())
 
     def look(self, v0: Array, v1: Array, t: float, dt: float) -> float:
         """Error of a step that has been solved, the largest of all points [m]; NaN if unknown.
@@ -90,7 +91,7 @@ class TimeError:
         weights = np.where(known == 3, LOW_PASS[:, None], YOUNGER[:, None])
         weights = np.where(known == 1, YOUNGEST[:, None], weights)
         mean = np.einsum("kp,kpi->pi", weights, np.nan_to_num(j))
-        sizes = np.linalg.norm(mean[known > 0], axis=1)
+        sizes = np.linalg.norm(mean[known > 2 * self._patient], axis=1)
         return float(dt**3 / 12 * sizes.max()) if sizes.size else float("nan")
 
     def accept(self) -> None:

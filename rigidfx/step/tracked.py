@@ -59,17 +59,17 @@ class Tracked:
         self._rows: Ints = np.full(self._nodes.size, NONE)
         self._bodies: tuple[object, ...] = ()
 
-    def bind(self, system: System, bodies: Bodies) -> npt.NDArray[np.bool_]:
-        """Find the points in a division. Collective.
+    def bind(self, system: System, bodies: Bodies) -> bool:
+        """Find the points in a division.
 
         Args:
             system: The equations of the division.
             bodies: Its bodies.
 
         Returns:
-            The points that belong to other bodies than before, or to none any more.
+            Whether there are other bodies than before.
         """
-        before = [self._bodies[k] if k != NONE else None for k in self._body]
+        before = self._bodies
         self._body[:] = self._rows[:] = NONE
         self._bodies = bodies.of.records
         for k, body in enumerate(bodies.of.records):
@@ -83,10 +83,7 @@ class Tracked:
         known = (place < rows.size) & (self._body == NONE)
         known[known] = rows[place[known]] == self._nodes[known]
         self._rows[known] = place[known]
-        now = [self._bodies[k] if k != NONE else None for k in self._body]
-        other = [a is not b for a, b in zip(before, now, strict=True)]
-        changed = np.bincount(self._of, other, self.count)
-        return np.asarray(self._scene.sum(changed) > 0)
+        return [*map(id, before)] != [*map(id, self._bodies)]
 
     def motion(self, system: System, state: State, dt: float) -> tuple[Array, Array, Array]:
         """Velocities at both ends of the step that has been solved, displacements at its end.
