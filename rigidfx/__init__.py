@@ -13,8 +13,10 @@ from rigidfx.base.errors import (
     SceneError,
     StepError,
 )
-from rigidfx.decide.criterion import Release, StrainRate
+from rigidfx.decide.accuracy import Accuracy
+from rigidfx.decide.criterion import StrainRate
 from rigidfx.decide.relative import Relative
+from rigidfx.decide.release import Release
 from rigidfx.domain.arrays import box, from_arrays
 from rigidfx.domain.cad import list_cad, read_cad
 from rigidfx.domain.domain import Domain
@@ -67,6 +69,7 @@ from rigidfx.simulation import simulate
 __version__ = "0.1.0"
 
 __all__ = [
+    "Accuracy",
     "BodyForce",
     "Contact",
     "Cylinder",

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import count
 from time import perf_counter
 from typing import Any
@@ -22,6 +23,7 @@ from rigidfx.base.errors import SceneError, StepError
 from rigidfx.base.log import heard, tell
 from rigidfx.base.progress import progress_bar
 from rigidfx.base.same_input import check_same
+from rigidfx.decide.accuracy import Accuracy, controlled
 from rigidfx.decide.criterion import StrainRate
 from rigidfx.decide.decision import Decision
 from rigidfx.decide.observation import Observation
@@ -56,6 +58,7 @@ def simulate(
     t_end: float,
     *,
     rigidify: StrainRate | None = None,
+    accuracy: Accuracy | None = None,
     progress: bool | None = None,
     verbose: bool | None = None,
     petsc_options: Mapping[str, Any] | None = None,
@@ -69,6 +72,8 @@ def simulate(
             or a `StepControl`, which chooses it by the error that it makes.
         t_end: End of the simulation [s].
         rigidify: When parts become rigid and flexible again; no part does if None.
+        accuracy: How far off the motion may be: chooses Δt, of which dt is the largest, and what
+            becomes rigid; in place of rigidify.
         progress: Whether rank 0 shows a progress bar on standard error; where that is a terminal
             if None.
         verbose: Whether rank 0 says on standard error what is compiled, what becomes rigid and
@@ -93,15 +98,13 @@ def simulate(
     """
     if not isinstance(scene, Scene):
         raise SceneError(f"simulate: scene must be a Scene, got {type(scene).__name__}.")
-    check_same(
-        scene.comm,
-        "simulate",
-        {"dt": dt, "t_end": t_end, "rigidify": rigidify, "petsc_options": petsc_options},
-    )
-    if progress is not None and not isinstance(progress, (bool, np.bool_)):
-        raise SceneError(f"simulate: progress must be True, False or None, got {progress!r}.")
-    if verbose is not None and not isinstance(verbose, (bool, np.bool_)):
-        raise SceneError(f"simulate: verbose must be True, False or None, got {verbose!r}.")
+    given = {"dt": dt, "t_end": t_end, "rigidify": rigidify, "accuracy": accuracy}
+    check_same(scene.comm, "simulate", {**given, "petsc_options": petsc_options})
+    for name, value in (("progress", progress), ("verbose", verbose)):
+        if value is not None and not isinstance(value, (bool, np.bool_)):
+            raise SceneError(f"simulate: {name} must be True, False or None, got {value!r}.")
+    if accuracy is not None:
+        dt = controlled(accuracy, scene, dt, rigidify)
     control = dt if isinstance(dt, StepControl) else None
     if control is not None:
         control.check(scene)
@@ -110,7 +113,8 @@ def simulate(
         timeline = Timeline(dt, t_end)  # type: ignore[arg-type]
     if rigidify is not None and not isinstance(rigidify, StrainRate):
         raise SceneError(f"simulate: rigidify must be a StrainRate, got {rigidify!r}.")
-    if rigidify is not None and not scene.scheme.couples:
+    criterion = rigidify if accuracy is None else accuracy
+    if criterion is not None and not scene.scheme.couples:
         raise SceneError(
             f"simulate: {type(scene.scheme).__name__} does not couple to rigid bodies; take "
             "EnergyMomentum or Midpoint."
@@ -120,11 +124,15 @@ def simulate(
     solver = SolverOptions({} if petsc_options is None else petsc_options, monitor)
     with solver.at_work(), heard(scene.comm, verbose):
         began = perf_counter()
-        run, impact = prepare(scene, timeline, rigidify, control)
+        run, impact = prepare(scene, timeline, criterion, control)
         tell(scene.comm, beginning(scene, run.stepper.unknowns, t_end, perf_counter() - began))
     if control is None:
         timeline.stop_at(scene.breakpoints)
-    return _reports(run, impact, (progress, verbose), solver)
+    reports = _reports(run, impact, (progress, verbose), solver)
+    if accuracy is None or control is None or run.policy is None:
+        return reports
+    twin = partial(simulate, scene, accuracy.finer(control), t_end, petsc_options=petsc_options)
+    return accuracy.followed(reports, scene, run.policy.rule, twin)
 
 
 def _unheard(iteration: int, norm: float) -> None:
@@ -175,18 +183,18 @@ class Run:
         t, dt = stepper.state.t, target - stepper.state.t
         events: list[Event] = []
         if shadow is not None:
-            events = self._woken(policy, shadow.ahead(t, dt, policy.limits), FORESEEN, dt)
+            events = self._woken(policy, shadow.ahead(t, dt, policy.rule.limits), FORESEEN, dt)
         attempt = stepper.attempt(target)
         if shadow is None:
             seen = Observation(stepper, attempt.dt)
             checked = self._switched(policy, policy.struck(seen, stepper.touches()), seen)
         else:
-            found = shadow.look(t, attempt.dt, policy.limits)
+            found = shadow.look(t, attempt.dt, policy.rule.limits)
             checked = self._woken(policy, found, CHECKED, attempt.dt)
         if checked:
             attempt = stepper.attempt(attempt.end, again=True)
             if shadow is not None:
-                shadow.look(t, attempt.dt, policy.limits)
+                shadow.look(t, attempt.dt, policy.rule.limits)
         return stepper.accept(attempt), [*events, *checked]
 
     def _woken(self, policy: Policy, strained: Strained | None, why: str, dt: float) -> list[Event]:
@@ -229,8 +237,8 @@ class Run:
         if self.ledgers is None:
             return report
         withheld = np.nan if self.shadow is None else self.shadow.withheld
-        period = 0.0 if self.policy is None else self.policy.memory.signals.period()
-        return with_ledger(report, self.ledgers, withheld, report.t / period if period > 0 else 0.0)
+        spent = (0.0, None) if self.policy is None else self.policy.spent(report.t)
+        return with_ledger(report, self.ledgers, withheld, *spent)
 
     def _switched(
         self, policy: Policy, decision: Decision | None, seen: Observation
@@ -245,7 +253,7 @@ class Run:
 def prepare(
     scene: Scene,
     timeline: Timeline,
-    rigidify: StrainRate | None = None,
+    rigidify: StrainRate | Accuracy | None = None,
     control: StepControl | None = None,
 ) -> tuple[Run, Impact | None]:
     """Prepare a run up to its first step; its stepper is to be closed. Collective.
@@ -282,8 +290,7 @@ def prepare(
             measure = rigidify.indicator(scene, forces)
             shadow = Shadow(stepper, measure, rigidify.settling, policy.named.in_pieces)
             stepper.watches.append(shadow)
-        estimates = shadow is not None or control is not None
-        ledgers = Ledgers(stepper) if estimates else None
+        ledgers = None if shadow is None and control is None else Ledgers(stepper)
         stack.pop_all()
     touch = FirstTouch(stepper)
     return Run(timeline, stepper, switch, policy, probes, shadow, touch, ledgers), impact

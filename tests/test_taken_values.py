@@ -98,6 +98,13 @@ RECORDS = {
         "smallest": np.array(0.1),
         "of": np.array(3.0),
     },
+    rf.Accuracy: lambda: {
+        "budget": np.array(0.1),
+        "at": ["tip", "top"],
+        "of": np.array(3.0),
+        "smallest": np.array(0.1),
+        "never": ["x0"],
+    },
     rf.StVenantKirchhoff: lambda: {"rho": np.array(2.0), "E": np.array(5.0), "nu": np.array(0.3)},
     rf.NeoHooke: lambda: {"rho": np.array(2.0), "E": np.array(5.0), "nu": np.array(0.3)},
     rf.MooneyRivlin: lambda: {name: np.array(2.0) for name in ("rho", "c10", "c01", "kappa")},

@@ -129,7 +129,7 @@ class Run:
     scene: rf.Scene | Callable[[], rf.Scene]
     dt: float | rf.StepControl
     t_end: float
-    rigidify: rf.StrainRate | None = None
+    rigidify: rf.StrainRate | rf.Accuracy | None = None
     energy: float = 1e-10
     momentum: float | None = 1e-10
     tangents: int = 8
@@ -218,7 +218,8 @@ def follow(run: Run, folder: Path | None = None) -> History:
                 recorder = (
                     stack.enter_context(rf.Recorder(scene, folder, every=1)) if folder else None
                 )
-                steps = rf.simulate(scene, run.dt, run.t_end, rigidify=run.rigidify)
+                whose = "accuracy" if isinstance(run.rigidify, rf.Accuracy) else "rigidify"
+                steps = rf.simulate(scene, run.dt, run.t_end, **{whose: run.rigidify})
                 for report in stack.enter_context(closing(steps)):
                     history.add(report)
                     if recorder:

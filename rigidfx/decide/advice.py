@@ -10,7 +10,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.base.warning import warn
-from rigidfx.decide.criterion import StrainRate
+from rigidfx.decide.judging import Criterion
 from rigidfx.shadow.motion import Strained
 
 __all__ = ["Advice", "Seen"]
@@ -36,7 +36,7 @@ class Seen:
 class Advice:
     """Warns on rank 0, of each thing once."""
 
-    def __init__(self, comm: MPI.Intracomm, criterion: StrainRate, said: set[str]) -> None:
+    def __init__(self, comm: MPI.Intracomm, criterion: Criterion, said: set[str]) -> None:
         """Take over what has been said.
 
         Args:
@@ -73,12 +73,9 @@ class Advice:
 
     def of_haste(self) -> None:
         """Of bodies that are released soon after each freeze."""
-        helps = {"all": "a larger load_change", "local": "a larger tol or kappa"}
         self._say(
             "bodies are released again and again, sooner than they were observed: their "
-            "cells have to qualify for longer and longer now (patience). Take a longer "
-            f"window, {helps.get(self._criterion.wake, 'fewer releases')}, or look at the "
-            "conditions of Release."
+            f"cells have to qualify for longer and longer now (patience). {self._criterion.remedy}"
         )
 
     def of_named(
@@ -92,7 +89,8 @@ class Advice:
             seen: The limits and the largest rate of flexible cells.
         """
         ratio, strained_at = strained.ratio, np.zeros_like(seen.limits)
-        np.multiply(strained.rate, seen.limits, out=strained_at, where=seen.limits > 0)
+        known = (seen.limits > 0) & np.isfinite(seen.limits)
+        np.multiply(strained.rate, seen.limits, out=strained_at, where=known)
         for name, own in parts.items():
             local = [ratio[own].max(initial=0.0), strained_at[own].max(initial=0)]
             largest, rate, peak = _largest(self._comm, [*local, seen.peak])
@@ -111,7 +109,7 @@ class Advice:
         kind = message.split(",")[0]
         if kind not in self._said:
             self._said.add(kind)
-            warn(self._comm, f"StrainRate: {message}")
+            warn(self._comm, f"{type(self._criterion).__name__}: {message}")
 
 
 def _largest(comm: MPI.Intracomm, values: list[float]) -> list[float]:

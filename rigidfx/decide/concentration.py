@@ -24,7 +24,7 @@ from mpi4py import MPI
 
 from rigidfx.scene.scene import Scene
 
-__all__ = ["Concentration", "quiet_enough"]
+__all__ = ["Concentration", "quiet_enough", "stiffness"]
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -36,10 +36,7 @@ class Concentration:
 
     def __init__(self, scene: Scene) -> None:
         """Take the stiffest parameter of each cell's material [Pa]."""
-        self._comm = scene.comm
-        self._stiffness = np.ones(scene.owned_cells(None, "").size)
-        for material, cells in scene.materials:
-            self._stiffness[cells] = max(map(abs, material.parameters.values()), default=1.0)
+        self._comm, self._stiffness = scene.comm, stiffness(scene)
 
     def too_loud(
         self, parts: Sequence[Ints], rates: Array, weights: Array, tol: Array, flexible: Bools
@@ -69,6 +66,14 @@ class Concentration:
         for own, quiet in zip(parts, quiet_enough(loud, share[0], share[1:]), strict=True):
             out[own] = not quiet
         return out
+
+
+def stiffness(scene: Scene) -> Array:
+    """The stiffest parameter of the material of each owned cell [Pa]. Collective."""
+    out = np.ones(scene.owned_cells(None, "").size)
+    for material, cells in scene.materials:
+        out[cells] = max(map(abs, material.parameters.values()), default=1.0)
+    return out
 
 
 def quiet_enough(loud: Array, total: float, share: Array) -> Bools:

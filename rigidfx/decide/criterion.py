@@ -2,72 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence, Set
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import inf
-from typing import Any, Literal
+from typing import Literal
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import number, positive, whole
-from rigidfx.base.taken import take_fields, taken
+from rigidfx.base.taken import take_fields
+from rigidfx.decide.judging import Criterion, never_rigid
+from rigidfx.decide.memory import Memory
+from rigidfx.decide.rate_rule import RateRule
 from rigidfx.decide.relative import Relative
+from rigidfx.decide.release import Release
+from rigidfx.decide.rule import Rule
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.strain_rate import StrainRates
 from rigidfx.scene.scene import Scene
+from rigidfx.scene.timeline import Timeline
 
-__all__ = ["Release", "StrainRate"]
+__all__ = ["StrainRate"]
 
 
 SETTLING = 5.0  # windows in which the vibration of a body's shadow is damped out
 
 
 @dataclass(frozen=True)
-class Release:
-    """Bodies become flexible again, at given times or on a condition.
-
-    A change of a load or of a support releases all bodies without being named here.
-
-    Attributes:
-        at: Times [s] at which steps end and bodies are released.
-        when: A function of the report of a step that says whether to release after it: True or
-            False, or the names of bodies.
-        where: Name of a set of cells that are released, out of whatever body they are in; what is
-            left of it stays rigid. All cells if None.
-    """
-
-    at: Sequence[float] | float = ()
-    when: Callable[[Any], bool | Iterable[str]] | None = None
-    where: str | None = None
-
-    def __post_init__(self) -> None:
-        """Check the record.
-
-        Raises:
-            SceneError: If there is neither a time nor a condition, or one cannot be used.
-        """
-        at: Any = taken(self.at)
-        several = isinstance(at, Iterable) and not isinstance(at, (str, bytes))
-        times = tuple(at) if several else (at,)
-        for t in times:
-            if not number("Release", "at", t) > 0:
-                raise SceneError(f"Release: at must be later than the start, got {t!r}.")
-        object.__setattr__(self, "at", tuple(number("Release", "at", t) for t in times))
-        if self.where is not None and not isinstance(self.where, str):
-            raise SceneError(f"Release: where must be the name of a set, got {self.where!r}.")
-        if self.when is not None and not callable(self.when):
-            raise SceneError(f"Release: when must be a function of a report, got {self.when!r}.")
-        if not self.times and self.when is None:
-            raise SceneError("Release: name a time (at) or a condition (when).")
-
-    @property
-    def times(self) -> tuple[float, ...]:
-        """The times [s]."""
-        return self.at  # type: ignore[return-value]
-
-
-@dataclass(frozen=True)
-class StrainRate:
+class StrainRate(Criterion):
     """Parts whose strain rate stays below a tolerance become rigid: equations (23), (24).
 
     The run is observed window by window. A cell qualifies if its strain rate, a mean over the cell,
@@ -150,14 +112,7 @@ class StrainRate:
         for name, tol in self.tolerances.items():
             if not number(owner, f"the tolerance of '{name}'", tol) >= 0:
                 raise SceneError(f"StrainRate: the tolerance of '{name}' must be ≥ 0, got {tol!r}.")
-        if not isinstance(self.never, Iterable):
-            raise SceneError(f"StrainRate: never must be names of cell sets, got {self.never!r}.")
-        never = (self.never,) if isinstance(self.never, str) else tuple(self.never)
-        if not all(isinstance(name, str) for name in never):
-            raise SceneError(f"StrainRate: never must be names of cell sets, got {self.never!r}.")
-        # A set has another order on each rank, as texts are hashed with a random number.
-        never = tuple(sorted(never)) if isinstance(self.never, Set) else never
-        object.__setattr__(self, "never", never)
+        object.__setattr__(self, "never", never_rigid(owner, self.never))
         whole(owner, "min_cells", self.min_cells, least=1)
         listed = isinstance(self.release, (Release, Sequence))
         if not listed or not all(isinstance(release, Release) for release in self.releases):
@@ -186,20 +141,22 @@ class StrainRate:
         return (self.release,) if isinstance(self.release, Release) else tuple(self.release)
 
     @property
-    def breakpoints(self) -> tuple[float, ...]:
-        """Times of planned releases [s], at which steps end."""
-        return tuple(sorted({t for release in self.releases for t in release.times}))
+    def remedy(self) -> str:
+        """What keeps bodies from being released again and again."""
+        helps = {"all": "a larger load_change", "local": "a larger tol or kappa"}
+        helps_here = helps.get(self.wake, "fewer releases")
+        return f"Take a longer window, {helps_here}, or look at the conditions of Release."
 
     @property
     def settling(self) -> float:
         """Time in which the vibration of shadows is damped out [s]; infinite for auto windows."""
         return inf if isinstance(self.window, str) else SETTLING * self.window
 
-    def indicator(self, scene: Scene, forces: InternalForces) -> Indicator:
-        """What measures the cells. Collective.
+    def rule(self, scene: Scene, timeline: Timeline, memory: Memory) -> Rule:
+        """See `Criterion`."""
+        kappa = float(self.kappa) if self.wake == "local" else None
+        return RateRule(scene, timeline, memory, self.tol, self.tolerances, self.window, kappa)
 
-        Args:
-            scene: The problem.
-            forces: Internal forces, whose u₀ and u₁ hold the ends of a step.
-        """
+    def indicator(self, scene: Scene, forces: InternalForces) -> Indicator:
+        """See `Criterion`."""
         return StrainRates(scene, forces, self.measure)

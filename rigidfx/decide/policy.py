@@ -23,22 +23,22 @@ from rigidfx.decide.back_off import BackOff
 from rigidfx.decide.clusters import NONE, CellGraph, find_clusters
 from rigidfx.decide.concentration import Concentration
 from rigidfx.decide.contact_changes import ContactChanges
-from rigidfx.decide.criterion import StrainRate
 from rigidfx.decide.decision import Decision, plan_bodies, qualify
+from rigidfx.decide.judging import Criterion
 from rigidfx.decide.load_changes import LoadChanges
 from rigidfx.decide.memory import Memory
 from rigidfx.decide.named_parts import NamedParts
 from rigidfx.decide.observation import Observation
-from rigidfx.decide.relative import Relative
 from rigidfx.decide.releases import PLANNED, Releases
 from rigidfx.decide.signals import Signals
 from rigidfx.decide.strokes import Strokes
 from rigidfx.decide.window import Window
 from rigidfx.effects import Touch
+from rigidfx.report.ledger import Rigidity
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
-from rigidfx.shadow.motion import Limits, Strained
+from rigidfx.shadow.motion import Strained
 
 __all__ = ["CHECKED", "FORESEEN", "Policy"]
 
@@ -48,8 +48,6 @@ Ints = npt.NDArray[np.int64]
 
 FORESEEN = "predicted: forces will strain them"  # reasons of a release before a step ...
 CHECKED = "checked: forces would strain them"  # ... and after it, which is then solved again
-MARGIN = 1.25  # an automatic window in longest periods
-FEWEST = 8  # steps of an automatic window
 
 
 class Policy:
@@ -58,9 +56,10 @@ class Policy:
     Attributes:
         named: Parts that are rigid always.
         memory: What it remembers.
+        rule: Says which cells are quiet, and which bodies are not.
     """
 
-    def __init__(self, scene: Scene, criterion: StrainRate, timeline: Timeline) -> None:
+    def __init__(self, scene: Scene, criterion: Criterion, timeline: Timeline) -> None:
         """Find the cells that the criterion names. Collective.
 
         Args:
@@ -74,15 +73,11 @@ class Policy:
         self._scene, self._criterion, self._timeline = scene, criterion, timeline
         timeline.stop_at(criterion.breakpoints)
         self._graph = CellGraph(scene)
-        special = np.full(self._graph.owned, np.inf)
-        for name, tol in criterion.tolerances.items():
-            cells = scene.owned_cells(name, "StrainRate (tolerances)")
-            special[cells] = np.minimum(special[cells], tol)
-        self._special = special
         self._every = np.ones(self._graph.owned, dtype=bool)
         self._never = ~self._every
         for name in criterion.never:
-            self._never[scene.owned_cells(name, "StrainRate (never)")] = True
+            self._never[scene.owned_cells(name, f"{type(criterion).__name__} (never)")] = True
+        self._least = criterion.least_cells(scene)
         self._releases = Releases(scene, criterion.releases, timeline)
         self.named = NamedParts(scene, self._graph)
         self._concentration = Concentration(scene)
@@ -95,22 +90,21 @@ class Policy:
             next_number=self.named.count + 1,
             strokes=Strokes(scene.comm),
         )
+        self.rule = criterion.rule(scene, timeline, self.memory)
 
     @property
     def _advice(self) -> Advice:
         """Warnings, of each thing once."""
         return Advice(self._scene.comm, self._criterion, self.memory.said)
 
-    @property
-    def _tol(self) -> Array:
-        """Tolerance of each owned cell now [1/s]."""
-        tol = self._criterion.tol
-        now = tol.part * self.memory.largest if isinstance(tol, Relative) else float(tol)
-        return np.where(np.isfinite(self._special), self._special, now)
-
     def _new_window(self, t: float) -> Window:
         """A new window from t [s] on, or from when observation begins."""
         return Window(self._graph.owned, max(t, float(self._criterion.since)))
+
+    def spent(self, t: float) -> tuple[float, Rigidity | None]:
+        """Periods up to t [s], as far as can be told, and what rigidity does to the motion."""
+        period = self.memory.signals.period()
+        return (t / period if period > 0 else 0.0), self.rule.rigidity
 
     # Decisions ----------------------------------------------------------------------------------
 
@@ -166,21 +160,8 @@ class Policy:
             return self._release(seen, ", ".join(reasons), cells)
         return self._freeze(seen) if self._window_ends(seen) else None
 
-    @property
-    def limits(self) -> Limits:
-        """What wakes cells: strains of a window, of a stroke, or of a step while none is known."""
-        window = self._criterion.window
-        period = MARGIN * self.memory.signals.period() if isinstance(window, str) else window
-        length = np.inf if np.isnan(period) else float(period)
-        stroke, rates = self.memory.strokes.time, self._criterion.kappa * self._tol
-        strains = rates * min(length, stroke if np.isfinite(stroke) else self._timeline.dt)
-        return Limits(rates, strains, length)
-
     def woken(self, seen: Observation, strained: Strained, why: str) -> Decision | None:
         """Decide which cells of bodies wake in a step. Collective.
-
-        A body that has withheld too much is not in the shape that its forces would give it: to let
-        some of its cells spring into theirs would be a blow on the others. All of it is released.
 
         Args:
             seen: The state before it.
@@ -190,15 +171,16 @@ class Policy:
         Returns:
             The release; None if no cell wakes.
         """
-        ratio, numbers = strained.ratio, self._numbers(seen)
+        numbers = self._numbers(seen)
         apart = {body.name: body.cells for body in seen.bodies if body.name in self.named.apart}
-        against = Seen(self._criterion.kappa * self._tol, self.memory.strokes.rate, seen.t)
+        against = Seen(self.rule.limits.rates, self.memory.strokes.rate, seen.t)
         self._advice.of_named({**self.named.cells, **apart}, strained, against)
         free = (numbers != NONE) & ~self.named.mask
-        above = (ratio > 1) & free
+        waking = self.rule.waking(strained, free)
+        above = waking.cells
         if not self._graph.comm.allreduce(bool(above.any()), op=MPI.LOR):
             return None
-        mine = np.unique(numbers[free & (strained.sum > 1)])
+        mine = np.unique(numbers[waking.stale])
         stale = np.isin(numbers, np.concatenate(self._graph.comm.allgather(mine)))
         round_them = self._graph.largest_at_nodes(above.astype(np.float64)) > 0
         decision = self._release(seen, why, stale | self._graph.touching(round_them))
@@ -206,28 +188,20 @@ class Policy:
 
     def _window_ends(self, seen: Observation) -> bool:
         """Whether the window has its length. Collective."""
-        t, criterion, memory = seen.t, self._criterion, self.memory
-        length, resolution = t - memory.window.start, self._timeline.resolution
+        t, criterion = seen.t, self._criterion
+        resolution = self._timeline.resolution
         if t <= criterion.since + resolution or t >= criterion.until - resolution:
             return False
-        if criterion.window == "auto":
-            if memory.window.steps < FEWEST:
-                return False
-            return bool(length + resolution >= MARGIN * memory.signals.period())
-        return length + resolution >= criterion.window
+        return bool(t - self.memory.window.start + resolution >= self.rule.length())
 
     def _freeze(self, seen: Observation) -> Decision:
         """Freeze what has qualified in the window. Collective."""
         memory, t = self.memory, seen.t
-        if self._criterion.wake == "local":
-            memory.strokes.look(seen.strains, seen.noise)
-        self._advice.of_window(memory.signals.period(), self._tol, seen.noise)
-        qualified, closeness = qualify(
-            memory.window.worst,
-            self._tol,
-            seen.flexible & memory.window.whole,
-            self._graph.comm,
-        )
+        flexible = seen.flexible & memory.window.whole
+        self.rule.window_ends(seen, flexible)
+        tol = self.rule.tol
+        self._advice.of_window(memory.signals.period(), tol, seen.noise)
+        qualified, closeness = qualify(memory.window.worst, tol, flexible, self._graph.comm)
         able = memory.back_off.lasting(qualified)
         existing = self._numbers(seen)
         barred = self._never | (~seen.flexible & (existing == NONE)) | self._chained(seen)
@@ -243,7 +217,7 @@ class Policy:
         """Cells that would withhold too much if bodies were as decided. Collective."""
         parts = [body.cells[seen.flexible[body.cells]] for body in decision.bodies if not body.kept]
         worst, weights = self.memory.window.worst, seen.indicator.weights
-        return self._concentration.too_loud(parts, worst, weights, self._tol, seen.flexible)
+        return self._concentration.too_loud(parts, worst, weights, self.rule.tol, seen.flexible)
 
     def _release(self, seen: Observation, reason: str, cells: Bools) -> Decision:
         """Release owned cells from their bodies; what is left of these stays rigid. Collective."""
@@ -271,7 +245,7 @@ class Policy:
         barred: Bools,
     ) -> Decision:
         """Find the bodies. Collective."""
-        clusters = find_clusters(self._graph, able, existing, barred, self._criterion.min_cells)
+        clusters = find_clusters(self._graph, able, existing, barred, self._least)
         sizes = {body.number: body.size for body in seen.bodies}
         bodies, next_number = plan_bodies(
             clusters,
@@ -308,13 +282,7 @@ class Policy:
             indicator = seen.indicator
             rates = indicator.values[indicator.cells]
             memory.window.add(indicator.cells, rates)
-            memory.strokes.add(indicator.values)
-            if isinstance(self._criterion.tol, Relative):
-                most = float(rates.max(initial=0.0))
-                most = self._graph.comm.allreduce(most, op=MPI.MAX)
-                # What is at rest strains by noise, of which no part means anything.
-                if memory.largest > 0 or most > seen.noise:
-                    memory.largest = max(memory.largest, most)
+            self.rule.observe(seen)
             memory.signals.add(seen.state, memory.loads.observe(t))
 
     def applied(self, decision: Decision, seen: Observation, changed: bool) -> None:

@@ -28,6 +28,8 @@ Columns, in SI units; a vector has one column for each of x, y, z:
     time_error, displacement, time_allowed   estimated error of time integration, what it is
                                              relative to, and what it may be [m]; NaN where
                                              nothing estimates it, or nothing was asked
+    rigidity_error, rigidity_allowed         the same of what is rigid [m], with an `Accuracy`
+    measured_error                           largest distance from a twin so far [m], likewise
     wall                                     wall time of the step [s]
 """
 
@@ -60,6 +62,7 @@ SCALARS = (
 LEDGER = (
     *("withheld", "frozen", "damped", "deformation", "energy_allowed"),
     *("time_error", "displacement", "time_allowed"),
+    *("rigidity_error", "rigidity_allowed", "measured_error"),
 )
 
 
@@ -135,7 +138,8 @@ def _spent(report: Report) -> dict[str, float]:
     of_energy = *energies, ledger.frozen.scale, ledger.frozen.allowed
     time = ledger.time
     of_time = time.spent, time.scale, time.allowed
-    return dict(zip(LEDGER, (*of_energy, *of_time), strict=True))
+    of_rigidity = ledger.rigidity.spent, ledger.rigidity.allowed, ledger.measured.spent
+    return dict(zip(LEDGER, (*of_energy, *of_time, *of_rigidity), strict=True))
 
 
 def _stress_names(probe: str) -> list[str]:

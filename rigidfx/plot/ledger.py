@@ -35,6 +35,10 @@ def spent(history: Mapping[str, Array]) -> dict[str, list[Curve]]:
     panels["Time integration, % of the largest displacement"] = _panel(
         t, history, "displacement", {"time_error": "estimated error"}, "time_allowed"
     )
+    errors = {"rigidity_error": "estimated error", "measured_error": "all errors, measured"}
+    panels["Rigid parts, % of the largest displacement"] = _panel(
+        t, history, "displacement", errors, "rigidity_allowed"
+    )
     return {title: curves for title, curves in panels.items() if curves}
 
 
@@ -43,5 +47,7 @@ def _panel(
 ) -> list[Curve]:
     sizes = np.where(h[scale] > 0, h[scale], np.inf)
     every = {**names, allowed: "allowed"}
-    known = {name: words for name, words in every.items() if np.isfinite(h[name]).any()}
+    known = {
+        name: words for name, words in every.items() if name in h and np.isfinite(h[name]).any()
+    }
     return [Curve(words, t, 100 * np.nan_to_num(h[name]) / sizes) for name, words in known.items()]

@@ -1,8 +1,9 @@
-"""What a run has spent of accuracy so far, and on what: four accounts that are never added up.
+"""What a run has spent of accuracy so far, and on what: accounts that are never added up.
 
     withheld   strain energy that rigidity withholds now, ½ ρᵀK⁺ρ                     [J]
     frozen     kinetic energy of vibration that bodies keep for their release now    [J]
     time       estimated error of displacements by time integration, added up        [m]
+    rigidity   estimated error of displacements by what is rigid                     [m]
     damping    energy that numerical damping has taken so far                         [J]
 
 Energies are relative to the largest energy of deformation so far (`rigidfx.step.deformation`),
@@ -15,16 +16,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import isnan, nan, pi
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 from rigidfx.effects import NumericalDamping
 from rigidfx.step.deformation import Deformation
 from rigidfx.step.energies import Measures
 from rigidfx.step.stepper import Stepper
 
-__all__ = ["Entry", "Ledger", "Ledgers"]
+__all__ = ["Entry", "Ledger", "Ledgers", "Rigidity"]
 
 TINY = 1e-300
+SLOW = 0.5  # of kinetic over strain energy of deformation, below which loads are slow
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,26 @@ class Entry:
         return f"{self.spent:.3g} {self.unit}{allowed}, {self.relative:.2%}"
 
 
+NOTHING = Entry(nan, nan, nan, "m")
+
+
+@dataclass(frozen=True)
+class Rigidity:
+    """What rigidity does to the motion, as who decides about it estimates it.
+
+    Attributes:
+        motion: Its error so far, over the largest displacement.
+        allowed: What that may be at the end of the run.
+        free: Whether loads rest.
+        rings: Whether shadows swing by more than loads at rest would strain them.
+    """
+
+    motion: float
+    allowed: float
+    free: bool
+    rings: bool
+
+
 @dataclass(frozen=True)
 class Ledger:
     """What a run has spent at the end of a step; equal on all ranks.
@@ -67,6 +89,10 @@ class Ledger:
         damping: Energy taken by numerical damping so far.
         periods: Periods N that the motion has gone through so far, as far as can be told.
         rejected: Steps that were repeated so far, as they erred by too much in time.
+        rigidity: Error of displacements by what is rigid so far, an estimate; of `Accuracy` only.
+        sure: What that is now: an "estimate"; a "bound" where bodies' shadows ring; "unknown" where
+            loads change as fast as the structure vibrates, as near a resonance or in a blow.
+        measured: Largest distance from a finer flexible twin so far, of `Accuracy(check=True)`.
     """
 
     MESH: ClassVar[str] = "not estimated: compare with a finer mesh"
@@ -77,14 +103,19 @@ class Ledger:
     damping: Entry
     periods: float
     rejected: int
+    rigidity: Entry = NOTHING
+    sure: Literal["estimate", "bound", "unknown"] = "estimate"
+    measured: Entry = NOTHING
 
     @property
     def motion(self) -> float:
-        """Relative error of the motion that rigidity makes, (1 + πN) E_w/H: an estimate.
+        """Relative error of the motion that rigidity makes, an estimate.
 
-        It holds for loads slower than the bodies (Rayleigh: a frequency is off by E_w/2H); near a
-        resonance nothing bounds the error.
+        That of `rigidity` if there is one, else (1 + πN) E_w/H. It holds for loads slower than the
+        bodies (Rayleigh: a frequency is off by E_w/2H); near a resonance nothing bounds the error.
         """
+        if not isnan(self.rigidity.spent):
+            return self.rigidity.relative
         return (1 + pi * self.periods) * self.withheld.relative
 
     def __str__(self) -> str:
@@ -95,8 +126,13 @@ class Ledger:
             "time": "time integration",
             "damping": "numerical damping",
         }
-        lines = [f"{words:21s} {getattr(self, name)}" for name, words in names.items()]
-        return "\n".join([*lines, f"{'mesh':21s} {self.MESH}"])
+        if not isnan(self.rigidity.spent):
+            names["rigidity"] = f"motion, rigid parts ({self.sure})"
+        if not isnan(self.measured.spent):
+            names["measured"] = "motion, against a twin"
+        width = max(map(len, names.values()))
+        lines = [f"{words:{width}s} {getattr(self, name)}" for name, words in names.items()]
+        return "\n".join([*lines, f"{'mesh':{width}s} {self.MESH}"])
 
 
 class Ledgers:
@@ -112,6 +148,7 @@ class Ledgers:
         self._stepper, self._budget = stepper, budget
         self._deformation = Deformation(stepper.scene)
         self._damped = 0.0
+        self._inertia = 0.0, 0.0  # kinetic and strain energy while loads change, added up
 
     @property
     def deformation(self) -> float:
@@ -119,7 +156,12 @@ class Ledgers:
         return self._deformation.largest
 
     def follow(
-        self, measures: Measures, taken: Mapping[str, float], withheld: float, periods: float
+        self,
+        measures: Measures,
+        taken: Mapping[str, float],
+        withheld: float,
+        periods: float,
+        rigidity: Rigidity | None = None,
     ) -> Ledger:
         """The ledger after a step. Collective.
 
@@ -128,6 +170,7 @@ class Ledgers:
             taken: Energy that each kind of damping took in it [J].
             withheld: Strain energy that rigidity withholds [J]; NaN if nothing estimates it.
             periods: Periods so far.
+            rigidity: What rigidity does to the motion; None if nothing estimates that.
         """
         stepper = self._stepper
         self._deformation.measure(stepper.system, stepper.state, measures)
@@ -142,7 +185,26 @@ class Ledgers:
             damping=Entry(self._damped, H, allowed, "J"),
             periods=periods,
             rejected=0 if stepper.control is None else stepper.control.rejected,
+            rigidity=NOTHING if rigidity is None else self._of_rigidity(rigidity),
+            sure="estimate" if rigidity is None else self._sure(rigidity, measures),
         )
+
+    def _of_rigidity(self, rigidity: Rigidity) -> Entry:
+        control = self._stepper.control
+        U = nan if control is None else control.length.displacement
+        return Entry(rigidity.motion * U, U, rigidity.allowed * U, "m")
+
+    def _sure(
+        self, rigidity: Rigidity, measures: Measures
+    ) -> Literal["estimate", "bound", "unknown"]:
+        """What the estimate is: where loads change, inertia tells how fast they do."""
+        if not rigidity.free:
+            kinetic, strain = self._inertia
+            own = self._deformation.kinetic, measures.strain + measures.stored
+            self._inertia = kinetic, strain = kinetic + own[0], strain + own[1]
+            if kinetic > SLOW * strain:
+                return "unknown"
+        return "bound" if rigidity.rings else "estimate"
 
     def _time(self) -> Entry:
         control = self._stepper.control

@@ -18,7 +18,7 @@ from rigidfx.flexible.indicator import Indicator
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.report.body_report import BodyReport, body_reports
 from rigidfx.report.events import Event
-from rigidfx.report.ledger import Ledger, Ledgers
+from rigidfx.report.ledger import Ledger, Ledgers, Rigidity
 from rigidfx.report.probe_stress import StressAt
 from rigidfx.report.probes import Probes
 from rigidfx.shadow.shadow import Shadow
@@ -322,7 +322,13 @@ def _clamped(stepper: Stepper) -> tuple[str, ...]:
     return tuple(named[number - 1].name for number in sorted(stepper.state.clamped))
 
 
-def with_ledger(report: Report, ledgers: Ledgers, withheld: float, periods: float) -> Report:
+def with_ledger(
+    report: Report,
+    ledgers: Ledgers,
+    withheld: float,
+    periods: float,
+    rigidity: Rigidity | None = None,
+) -> Report:
     """A report with what has been spent up to its end. Collective.
 
     Args:
@@ -330,9 +336,11 @@ def with_ledger(report: Report, ledgers: Ledgers, withheld: float, periods: floa
         ledgers: Accounts of the run.
         withheld: Strain energy that rigidity withholds [J].
         periods: Periods that the motion has gone through.
+        rigidity: What rigidity does to the motion; None if nothing estimates that.
     """
     measures = Measures(**{item.name: getattr(report, item.name) for item in fields(Measures)})
-    return replace(report, ledger=ledgers.follow(measures, report.dissipated, withheld, periods))
+    ledger = ledgers.follow(measures, report.dissipated, withheld, periods, rigidity)
+    return replace(report, ledger=ledger)
 
 
 def _measured(measures: Measures) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from rigidfx.base.inputs import number, positive
 from rigidfx.base.taken import take_fields
 from rigidfx.scene.scene import Scene
 
-__all__ = ["StepControl", "check_probes", "fraction"]
+__all__ = ["StepControl", "check_probes", "fraction", "probe_names"]
 
 LEAST = 1e-3  # of the largest step: the smallest one, unless told otherwise
 
@@ -77,13 +77,7 @@ class StepControl:
                 )
         if self.of is not None:
             positive(owner, "of", self.of)
-        given = (self.at,) if isinstance(self.at, str) else self.at
-        if given is not None:
-            listed = isinstance(given, Iterable)
-            names = tuple(given) if listed else ()
-            if not names or not all(isinstance(name, str) for name in names):
-                raise SceneError(f"StepControl: at must be names of probes, got {self.at!r}.")
-            object.__setattr__(self, "at", tuple(sorted(set(names))))
+        object.__setattr__(self, "at", probe_names(owner, self.at))
         take_fields(self)
 
     @property
@@ -103,6 +97,25 @@ class StepControl:
             SceneError: If a name is unknown.
         """
         check_probes("StepControl", self.names, scene)
+
+
+def probe_names(owner: str, at: Any) -> tuple[str, ...] | None:
+    """Names of probes that a user gives, sorted; None if none are given.
+
+    Args:
+        owner: Whose names these are, for the message.
+        at: What was given.
+
+    Raises:
+        SceneError: If it is anything else.
+    """
+    given = (at,) if isinstance(at, str) else at
+    if given is None:
+        return None
+    names = tuple(given) if isinstance(given, Iterable) else ()
+    if not names or not all(isinstance(name, str) for name in names):
+        raise SceneError(f"{owner}: at must be names of probes, got {at!r}.")
+    return tuple(sorted(set(names)))
 
 
 def check_probes(owner: str, names: Sequence[str], scene: Scene) -> None:

@@ -39,11 +39,13 @@ class Limits:
         rates: Strain rates, of each owned cell [1/s].
         strains: Strains that are withheld since the freeze, likewise.
         window: Length of a window [s]; infinite while that is not known.
+        swings: Strains of shadows themselves, likewise; None if these need not be looked at.
     """
 
     rates: Array
     strains: Array
     window: float
+    swings: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -53,15 +55,18 @@ class Strained:
     Attributes:
         rate: Largest strain rate of each owned cell.
         sum: Strain that it has withheld since the freeze.
+        swing: Strain of its shadow; None if that was not looked at.
     """
 
     rate: Array
     sum: Array
+    swing: Array | None = None
 
     @property
     def ratio(self) -> Array:
-        """The larger of the two."""
-        return np.maximum(self.rate, self.sum)
+        """The largest of them."""
+        both = np.maximum(self.rate, self.sum)
+        return both if self.swing is None else np.maximum(both, self.swing)
 
 
 def at_rest(nodes: int) -> Motion:

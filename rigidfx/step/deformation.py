@@ -28,6 +28,7 @@ class Deformation:
 
     Attributes:
         largest: The largest so far [J].
+        kinetic: Kinetic energy beyond rigid motions at the last measure [J].
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -38,7 +39,7 @@ class Deformation:
         self._of_node[dofmap] = self._parts.of_cell[: len(dofmap), None]
         self._system: object = None
         self._of_body: Ints = np.empty(0, dtype=np.int64)
-        self.largest = 0.0
+        self.largest = self.kinetic = 0.0
 
     def measure(self, system: System, state: State, measures: Measures) -> float:
         """The energy of deformation now [J]. Collective.
@@ -51,8 +52,8 @@ class Deformation:
         if system is not self._system:
             self._system, self._of_body = system, self._parts_of(state.bodies)
         rigid = _rigid_energies(self._sums(system, state)).sum()
-        relative = max(measures.kinetic - float(rigid), 0.0)
-        now = measures.strain + measures.stored + relative
+        self.kinetic = max(measures.kinetic - float(rigid), 0.0)
+        now = measures.strain + measures.stored + self.kinetic
         self.largest = max(self.largest, now)
         return now
 

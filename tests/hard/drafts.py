@@ -99,13 +99,14 @@ drafts = st.fixed_dictionaries(
         "damping": _choice(0.0, 0.0, 0.1),
         "criterion": st.one_of(st.none(), _criteria),
         "control": _choice(None, None, None, 0.3, 0.01),
+        "accuracy": _choice(None, None, None, None, 0.3, 0.01),
     }
 )
 
 
 def build(
     draft: Draft,
-) -> tuple[rf.Scene, float | rf.StepControl, float, rf.StrainRate | None]:
+) -> tuple[rf.Scene, float | rf.StepControl, float, rf.StrainRate | rf.Accuracy | None]:
     """Scene, Δt, end and criterion of a draft."""
     edges = 10.0 ** np.array(draft["edges"])
     size = edges * draft["cells"]
@@ -152,6 +153,9 @@ def build(
     able = draft["cell"] == "hexahedron" and not draft["two materials"]
     element = draft["element"] if able else "standard"
     scene = rf.Scene(domain, material, effects, mass=draft["mass"], element=element)
+    if budget := draft.get("accuracy"):
+        accuracy = rf.Accuracy(budget, smallest=dt / 8, min_cells=1)
+        return scene, dt, draft["steps"] * dt, accuracy
     tol = draft.get("control")
     control = dt if tol is None else rf.StepControl(tol, largest=dt, smallest=dt / 8)
     return scene, control, draft["steps"] * dt, _criterion(draft["criterion"], dt)
@@ -271,7 +275,8 @@ def outcome(draft: Draft) -> str:
     steps, scale, off, lost, before = 0, 0.0, 0.0, 0.0, 0.0
     try:
         scene, dt, t_end, criterion = build(draft)
-        with closing(rf.simulate(scene, dt, t_end, rigidify=criterion)) as reports:
+        whose = "accuracy" if isinstance(criterion, rf.Accuracy) else "rigidify"
+        with closing(rf.simulate(scene, dt, t_end, **{whose: criterion})) as reports:
             for r in reports:
                 steps = r.step
                 numbers = [r.energy, r.work_of_loads, r.work_of_supports, *r.linear_momentum]

@@ -1,0 +1,57 @@
+"""Releases that a user asks for: a record."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from rigidfx.base.errors import SceneError
+from rigidfx.base.inputs import number
+from rigidfx.base.taken import taken
+
+__all__ = ["Release"]
+
+
+@dataclass(frozen=True)
+class Release:
+    """Bodies become flexible again, at given times or on a condition.
+
+    A change of a load or of a support releases all bodies without being named here.
+
+    Attributes:
+        at: Times [s] at which steps end and bodies are released.
+        when: A function of the report of a step that says whether to release after it: True or
+            False, or the names of bodies.
+        where: Name of a set of cells that are released, out of whatever body they are in; what is
+            left of it stays rigid. All cells if None.
+    """
+
+    at: Sequence[float] | float = ()
+    when: Callable[[Any], bool | Iterable[str]] | None = None
+    where: str | None = None
+
+    def __post_init__(self) -> None:
+        """Check the record.
+
+        Raises:
+            SceneError: If there is neither a time nor a condition, or one cannot be used.
+        """
+        at: Any = taken(self.at)
+        several = isinstance(at, Iterable) and not isinstance(at, (str, bytes))
+        times = tuple(at) if several else (at,)
+        for t in times:
+            if not number("Release", "at", t) > 0:
+                raise SceneError(f"Release: at must be later than the start, got {t!r}.")
+        object.__setattr__(self, "at", tuple(number("Release", "at", t) for t in times))
+        if self.where is not None and not isinstance(self.where, str):
+            raise SceneError(f"Release: where must be the name of a set, got {self.where!r}.")
+        if self.when is not None and not callable(self.when):
+            raise SceneError(f"Release: when must be a function of a report, got {self.when!r}.")
+        if not self.times and self.when is None:
+            raise SceneError("Release: name a time (at) or a condition (when).")
+
+    @property
+    def times(self) -> tuple[float, ...]:
+        """The times [s]."""
+        return self.at  # type: ignore[return-value]

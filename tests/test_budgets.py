@@ -1,0 +1,212 @@
+"""One per cent of a motion as what a user asks for.
+
+Run as a script under mpirun, this file reports a history.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import parallel
+import pytest
+from mpi4py import MPI
+
+import rigidfx as rf
+from rigidfx.decide.budget_rule import level
+from rigidfx.plot.ledger import spent
+
+SOFT, STIFF = (rf.StVenantKirchhoff(E=E, nu=0.3, rho=1000.0) for E in (1e6, 1e8))
+LARGEST = 0.2  # s
+
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:Body 'part:rigidfx.RigidfxWarning"),
+    pytest.mark.filterwarnings("ignore:Scene. first-order cells lock:rigidfx.RigidfxWarning"),
+]
+
+
+def bar(*effects, probes=True):
+    """A soft stalk, clamped, and a stiff block on it."""
+    box = rf.box((0, 0, 0), (8, 1, 1), (8, 1, 1))
+    box = box.with_cells("stalk", lambda x: x[0] <= 4 + 1e-9)
+    box = box.with_cells("block", lambda x: x[0] >= 4 - 1e-9)
+    found = {"tip": (8, 0.5, 0.5)} if probes else {}
+    return rf.Scene(box, {"stalk": SOFT, "block": STIFF}, effects, probes=found)
+
+
+def pulled(t):
+    return np.sin(2 * np.pi * t / 4.0) * min(1.0, t / 4.0)
+
+
+def swaying():
+    return bar(rf.Fixed("x0"), rf.Traction("x1", (0, 0, 200.0), time=pulled), rf.MassDamping(1.0))
+
+
+def run(scene, accuracy, t_end, dt=LARGEST):
+    return list(rf.simulate(scene, dt, t_end, accuracy=accuracy, progress=False))
+
+
+@cache
+def checked():
+    """A run to five per cent beside its twin."""
+    return run(swaying(), rf.Accuracy(0.05, "tip", check=True), 6.0)
+
+
+# What is asked, and what comes of it ------------------------------------------------------------
+
+
+def test_what_is_asked_is_kept_and_something_freezes():
+    """The block is rigid; what was measured is below the budget, and was estimated."""
+    last = checked()[-1]
+    ledger = last.ledger
+    assert last.unknowns < checked()[0].unknowns
+    assert 0 < ledger.measured.relative < 0.05
+    estimate = ledger.time.relative + ledger.rigidity.relative
+    assert 0.3 * ledger.measured.relative < estimate < 0.05
+    assert ledger.time.allowed == pytest.approx(0.025 * ledger.time.scale)
+    assert ledger.rigidity.allowed == pytest.approx(0.025 * ledger.time.scale)
+    assert ledger.motion == ledger.rigidity.relative
+
+
+def test_the_measured_error_is_that_of_a_run_all_flexible():
+    """The twin that runs beside against one of constant steps."""
+    twin = list(rf.simulate(swaying(), 0.01, 6.0, progress=False))
+    t, z = (np.array([f(r) for r in twin]) for f in (lambda r: r.t, lambda r: r.probes["tip"][2]))
+    errors = [abs(r.probes["tip"][2] - np.interp(r.t, t, z)) for r in checked()]
+    assert checked()[-1].ledger.measured.spent == pytest.approx(max(errors), rel=0.2)
+
+
+def test_energy_is_what_loads_have_done():
+    """Whatever froze and woke."""
+    done = sum(r.work_of_loads - sum(r.dissipated.values()) for r in checked())
+    scale = sum(abs(r.work_of_loads) for r in checked())
+    assert abs(checked()[-1].energy - done) < 1e-9 * scale
+
+
+def test_the_tables_and_pictures_have_it(tmp_path):
+    scene = swaying()
+    with rf.Recorder(scene, tmp_path) as recorder:
+        for report in rf.simulate(scene, LARGEST, 1.0, accuracy=rf.Accuracy(0.1, "tip")):
+            recorder.write(report)
+    h = rf.read_history(tmp_path / "history.csv")
+    assert h["rigidity_allowed"][-1] == pytest.approx(0.05 * h["displacement"][-1])
+    assert h["rigidity_error"][-1] == report.ledger.rigidity.spent
+    assert np.isnan(h["measured_error"]).all()
+    assert "Rigid parts, % of the largest displacement" in spent(h)
+
+
+def test_little_by_little_less_freezes():
+    """A hundredth of a per cent leaves nothing rigid here, and is more accurate."""
+    fine = run(swaying(), rf.Accuracy(2e-3, "tip"), 2.0)
+    assert fine[-1].unknowns == fine[0].unknowns
+    assert fine[-1].ledger.rigidity.spent == 0
+    assert len(fine) > sum(r.t <= 2.0 for r in checked())
+
+
+def test_what_is_at_rest_for_a_while():
+    """Nothing is relative to nothing: no step is short and nothing is rigid before the push."""
+    push = rf.Traction("x1", (0, 0, 100.0), since=2.0, until=2.5)
+    reports = run(bar(rf.Fixed("x0"), push), rf.Accuracy(0.05, "tip"), 4.0)
+    before = [r for r in reports if 0 < r.t <= 2.0]
+    assert len(before) <= 30
+    assert all(r.ledger.rigidity.spent == 0 for r in before)
+    assert all(np.isfinite(r.energy) for r in reports)
+    still = run(bar(rf.Fixed("x0")), rf.Accuracy(0.01), 1.0)
+    assert still[-1].ledger.rigidity.spent == still[-1].ledger.time.spent == 0
+
+
+@pytest.mark.filterwarnings("ignore:StepControl:rigidfx.RigidfxWarning")
+def test_a_budget_that_is_not_met_is_said():
+    """Steps as long as they have to be here err by more."""
+    asked = rf.Accuracy(1e-3, "tip", smallest=LARGEST)
+    with pytest.warns(rf.RigidfxWarning, match=r"budget of 0\.001 was not met: time integration"):
+        ledger = run(swaying(), asked, 3.0)[-1].ledger
+    assert ledger.time.relative > 0.5e-3
+
+
+def test_named_sets_stay_flexible():
+    reports = run(swaying(), rf.Accuracy(0.05, "tip", never=("block", "stalk")), 2.0)
+    assert all(r.unknowns == reports[0].unknowns for r in reports)
+
+
+def test_levels_add_up_to_what_there_is_room_for():
+    scene = bar(probes=False)
+    density, share = np.array([8.0, 1.0, 4.0, 2.0, 0.0]), np.array([8.0, 1.0, 4.0, 2.0, 0.0])
+    for room, kept in ((0.5, 0.0), (1.5, 1.0), (3.5, 3.0), (7.5, 7.0), (20.0, 15.0)):
+        assert share[density < level(density, share, room, scene)].sum() == kept
+    assert level(density, share, 0.0, scene) == 0.0
+
+
+# Bad input --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("wrong", "named"),
+    [
+        ({"budget": 0.0}, "budget"),
+        ({"budget": -0.01}, "budget"),
+        ({"budget": 1.0}, "budget"),
+        ({"budget": 5}, "budget"),
+        ({"budget": "fine"}, "budget"),
+        ({"at": 3}, "at"),
+        ({"at": ()}, "at"),
+        ({"of": 0.0}, "of"),
+        ({"of": np.nan}, "of"),
+        ({"smallest": -1.0}, "smallest"),
+        ({"never": 3}, "never"),
+        ({"min_cells": 0}, "min_cells"),
+        ({"check": "yes"}, "check"),
+    ],
+)
+def test_bad_values_are_refused(wrong, named):
+    with pytest.raises(rf.SceneError, match=f"Accuracy.*{named}"):
+        rf.Accuracy(**{"budget": 0.01, **wrong})
+
+
+@pytest.mark.parametrize(
+    ("accuracy", "more", "match"),
+    [
+        (rf.Accuracy(0.01, "top"), {}, r"probe 'top'.*tip"),
+        (rf.Accuracy(0.01), {"rigidify": rf.StrainRate(1e-3, 1.0)}, "rigidify: give one"),
+        (rf.Accuracy(0.01), {"dt": rf.StepControl(0.01, largest=0.1)}, "StepControl"),
+        (rf.Accuracy(0.01), {"dt": {0: 0.1, 1: 0.01}}, "several values"),
+        (rf.Accuracy(0.01), {"dt": 0.0}, "dt must be"),
+        (rf.Accuracy(0.01, smallest=0.5), {}, "smallest ≤ dt"),
+        (0.01, {}, "must be an Accuracy"),
+        (rf.Accuracy(0.01, never="nowhere"), {}, r"Accuracy \(never\).*nowhere"),
+    ],
+)
+def test_what_contradicts_itself_is_refused(accuracy, more, match):
+    with pytest.raises(rf.SceneError, match=match):
+        rf.simulate(swaying(), **{"dt": LARGEST, **more}, t_end=1.0, accuracy=accuracy)
+
+
+def test_a_check_without_probes_is_refused():
+    with pytest.raises(rf.SceneError, match="the scene has none"):
+        rf.simulate(bar(probes=False), 0.1, 1.0, accuracy=rf.Accuracy(0.01, check=True))
+
+
+# Ranks ------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def on_one_rank():
+    return parallel.run(__file__, 1, 120)
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_ranks_decide_alike(on_one_rank, ranks):
+    """As one rank does: the same steps and unknowns, the same probe and accounts at the end."""
+    some = parallel.run(__file__, ranks, 120)
+    assert some[:2] == on_one_rank[:2]
+    assert some[2:] == pytest.approx(on_one_rank[2:], rel=1e-6, abs=1e-12)
+
+
+if __name__ == "__main__":
+    reports = run(swaying(), rf.Accuracy(0.05, "tip"), 3.2)
+    last = reports[-1]
+    assert last.unknowns < reports[0].unknowns
+    row = [last.step, last.unknowns, *last.probes["tip"], last.ledger.rigidity.spent]
+    if MPI.COMM_WORLD.rank == 0:
+        parallel.report([float(x) for x in row])
