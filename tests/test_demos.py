@@ -30,6 +30,7 @@ MPI_VARIABLES = ("OMPI_COMM", "OMPI_UNIVERSE", "OMPI_APP", "OMPI_NUM", "OMPI_FIR
 SOME = {
     "waking": ("--only", "wave"),
     "step_control": ("--only", "push"),
+    "budgets": ("--only", "tumbling", "--no-hand", "--budgets", "0.05"),
     "impact": ("--only", "bar"),
     "how_fast": ("--materials", "steel", "--elements", "hexahedra"),
 }
@@ -92,6 +93,10 @@ BENCHMARK_SUMMARY = {
     "waking": {"scene", "needed", "missed", "woken", "false", "rigid_share", "quiet_share"},
     "step_control": {"scene", "budget", "measured", "estimate", "reference", "steps", "rejected"},
     "how_fast": {"runs"},
+    "budgets": {
+        *("scene", "budget", "measured", "estimate", "wall", "wall_flexible"),
+        *("wall_best_by_hand", "mean_unknowns", "steps", "rejected"),
+    },
     "flexible_step": {"ratio_to_plain_dolfinx", "unknowns"},
     "locking": {"cases", "cost_ratio_to_standard", "speedup_over_second_order_at_one_percent"},
     "effects": {"ratio_per_step", "ratio_per_iteration", "newton_per_step", "unknowns"},

@@ -1,0 +1,147 @@
+"""Scenes for budgets: the three structures of the study of accuracy, and loads of six kinds.
+
+Damping is by a viscosity that does not depend on Δt (a numerical one would change with it, and a
+finer run be another structure).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+import rigidfx as rf
+from meshes.block_with_cantilever import block_with_cantilever
+from meshes.spatial_frame import spatial_frame
+from meshes.tumbling_l import tumbling_l
+
+SOFT = rf.StVenantKirchhoff(E=1e6, nu=0.3, rho=1000.0)  # Pa, 1, kg/m³
+STIFF = rf.StVenantKirchhoff(E=1e8, nu=0.3, rho=1000.0)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scene with a probe "end", and what one would set by hand.
+
+    Attributes:
+        scene: The problem.
+        largest: Largest Δt [s].
+        t_end: End [s].
+        tol: Tolerance on strain rates that is tried by hand [1/s].
+        window: Its window [s].
+        wake: What wakes by hand.
+    """
+
+    scene: Callable[[], rf.Scene]
+    largest: float
+    t_end: float
+    tol: float | rf.Relative
+    window: float
+    wake: str = "all"
+
+
+def viscous(beta: float) -> rf.StiffnessDamping:
+    """The stress β ℂ:ΔE/Δt, which the numerical damping ξ = β/Δt makes [s]."""
+    return rf.StiffnessDamping(ratio=beta * np.pi, frequency=1.0)
+
+
+def body() -> rf.Scene:
+    """The block with a cantilever, thrown into a turn."""
+    domain = block_with_cantilever().with_facets(
+        "block faces", lambda x: (x[0] < 9.01) & (np.abs(x[2] - 3.0) > 2.99)
+    )
+    domain = domain.with_facets("tip face", lambda x: (x[0] > 14.99) & (x[2] > 3.99))
+    loads = [
+        rf.Traction("block faces", (0.0, 0.0, -1e4 / 97.2), until=2.0),  # N/m²
+        rf.Traction("tip face", (0.0, 0.0, 1e4 / 14.4), until=2.0),
+    ]
+    material = rf.StVenantKirchhoff(E=5e5, nu=0.3, rho=100.0)
+    return rf.Scene(domain, material, [*loads, viscous(0.025)], probes={"end": (23.0, 2.7, 3.0)})
+
+
+def frame() -> rf.Scene:
+    """The plate on four columns, under a shock."""
+    effects = [
+        rf.Fixed("feet"),
+        rf.Fixed("symmetry", "y"),
+        rf.Traction("side", (4250.0, 0.0, 0.0), until=0.05),  # Pa
+        viscous(0.00125),
+    ]
+    material = rf.StVenantKirchhoff(E=7e10, nu=0.2, rho=2700.0)
+    return rf.Scene(spatial_frame(coarse=3), material, effects, probes={"end": (6.0, 3.0, 4.5)})
+
+
+def tumbling() -> rf.Scene:
+    """The L, pushed and let go."""
+    load = np.array([256.0, 512.0, 768.0]) / 90  # Pa/s
+    ramp = rf.Table([0.0, 2.5, 5.0], [0.0, 2.5, 0.0])  # s
+    effects = [
+        rf.Traction("top", tuple(load), time=ramp, until=5.0),
+        rf.Traction("side", tuple(-load), time=ramp, until=5.0),
+    ]
+    material = rf.StVenantKirchhoff(E=1e4, nu=0.3, rho=10.0)
+    return rf.Scene(tumbling_l(), material, effects, probes={"end": (0.0, 10.0, 1.5)})
+
+
+def bar(*effects: rf.effects.Effect, drag: float = 1.0) -> rf.Scene:
+    """A soft stalk with a stiff block on it."""
+    box = rf.box((0, 0, 0), (8, 1, 1), (16, 2, 2))
+    box = box.with_cells("stalk", lambda x: x[0] <= 4 + 1e-9)
+    box = box.with_cells("block", lambda x: x[0] >= 4 - 1e-9)
+    damped = [*effects, rf.MassDamping(drag)] if drag else effects
+    materials = {"stalk": SOFT, "block": STIFF}
+    return rf.Scene(box, materials, damped, probes={"end": (8.0, 0.5, 0.5)})
+
+
+def ramped(period: float) -> Callable[[float], float]:
+    """A sine that begins gently."""
+    return lambda t: float(np.sin(2 * np.pi * t / period) * min(1.0, t / period))
+
+
+def swell(t: float) -> float:
+    """A smooth push between 2 s and 8 s."""
+    return float(np.sin(np.pi * (t - 2) / 6) ** 2) if 2 < t < 8 else 0.0
+
+
+def moved(t: float) -> tuple[float, float, float]:
+    """How a base moves [m]."""
+    return 0.0, 0.0, 0.05 * ramped(3.0)(t)
+
+
+def quake() -> rf.Table:
+    """Numbers at random, smoothed over a second, one each 0.05 s."""
+    t = np.arange(0, 16.01, 0.05)
+    noise = np.random.default_rng(3).standard_normal(len(t) + 20)
+    smooth = np.convolve(noise, np.hanning(21), "same")[: len(t)]
+    return rf.Table(tuple(t), tuple(0.3 * smooth * np.minimum(1, t / 2)))
+
+
+def on_bar(scene: Callable[[], rf.Scene], t_end: float = 16.0) -> Case:
+    """A case of the bar."""
+    return Case(scene, 0.2, t_end, rf.Relative(0.01), 1.0, "local")
+
+
+BASE = rf.Fixed("x0")
+CASES = {
+    "frame": Case(frame, 0.02, 1.25, 5e-5, 0.25),
+    "tumbling L": Case(tumbling, 0.4, 20.0, 1.5e-3, 2.0),
+    "free-flying body": Case(body, 0.4, 30.0, 5e-3, 5.0),
+    "sine": on_bar(lambda: bar(BASE, rf.Traction("x1", (0, 0, 200.0), time=ramped(4.0)))),
+    "shock at rest": on_bar(
+        lambda: bar(BASE, rf.Traction("x1", (0, 0, 2000.0), since=4.0, until=4.1))
+    ),
+    "spin-up": on_bar(
+        lambda: bar(
+            *(
+                rf.Traction(face, (sign * 30.0, 0, 0), time=swell)
+                for face, sign in (("y1", -1.0), ("y0", 1.0))
+            ),
+            rf.KelvinVoigt(2e4),
+            drag=0.0,
+        )
+    ),
+    "moving base": on_bar(lambda: bar(rf.PrescribedMotion("x0", displacement=moved))),
+    "pressure": on_bar(lambda: bar(BASE, rf.Pressure("z0", 30.0, since=1.0))),
+    "accelerogram": on_bar(lambda: bar(BASE, rf.Gravity((0, 0, 1.0), time=quake()))),
+}

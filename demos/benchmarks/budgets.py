@@ -1,0 +1,155 @@
+"""Budgets: what `Accuracy` was asked for, what was measured, what it estimated, and what it cost.
+
+Each scene runs with each budget, beside
+
+- `wall_flexible`: the same Δt by its error, nothing rigid;
+- `wall_best_by_hand`: the fastest of four runs with Δt and rigid parts set by hand, Δt a constant
+  of as many steps or of half as many, with a tolerance and without; of those that err by no more
+  than the automatic run, or a tenth more; null if none does. `by_hand` names it.
+
+`measured` is the largest distance of the probe from where it is in the reference, all flexible, on
+the same mesh, with a quarter of the median Δt of the sharpest budget, over its largest
+displacement; `reference` is the reference's own error, by half of its Δt. `estimate` is the sum of
+what the ledger says of time integration and of rigid parts, both relative; `rigidity` the latter,
+and `sure` what it is.
+
+    ./fenicsx python3 demos/benchmarks/budgets.py --only frame
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from bench import Parser, conclude, timed
+from bench.budget_scenes import CASES, Case
+from scipy.interpolate import CubicHermiteSpline
+
+import rigidfx as rf
+
+BUDGETS = 0.05, 0.01, 0.002
+NEAR = 1.1  # times the error of the automatic run that one set by hand may have
+FINER = 4  # Δt of the reference, and of a run that it is compared with twice as long
+FEWEST = 400  # steps of a reference
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Path:
+    """The probe's displacement in a run, shape (steps, 3) [m], and unknowns of each step."""
+
+    t: Array
+    u: Array
+    unknowns: Array
+    last: rf.Report
+
+    @property
+    def size(self) -> float:
+        """Largest displacement [m]."""
+        return float(np.linalg.norm(self.u, axis=1).max())
+
+    @property
+    def mean_unknowns(self) -> float:
+        """In the mean over time."""
+        return float(np.dot(np.diff(self.t), self.unknowns[1:]) / self.t[-1])
+
+    def error(self, finer: Path) -> float:
+        """Largest distance from a finer path, over its largest displacement."""
+        slope = np.gradient(finer.u, finer.t, axis=0)
+        fine = CubicHermiteSpline(finer.t, finer.u, slope)
+        return float(np.linalg.norm(self.u - fine(self.t), axis=1).max()) / finer.size
+
+
+def run(case: Case, dt: float | rf.StepControl, **more: object) -> Path:
+    """A run of a scene."""
+    rows = []
+    for report in rf.simulate(case.scene(), dt, case.t_end, progress=False, **more):
+        rows.append((report.t, report.probes["end"], report.unknowns))
+    t, u, unknowns = map(np.array, zip(*rows, strict=True))
+    return Path(t, u, unknowns, report)
+
+
+def by_hand(case: Case, steps: int) -> dict[str, tuple[float, Path]]:
+    """Runs with a constant Δt, with rigid parts and without; wall time and path of each."""
+    rule = rf.StrainRate(case.tol, case.window, wake=case.wake)
+    out = {}
+    for factor in (1, 2):
+        for words, rigidify in (("flexible", None), ("rigid parts", rule)):
+            dt = case.t_end / max(round(steps / factor), 1)
+            label = f"{words}, Δt = {dt:.3g} s"
+            out[label] = timed(lambda dt=dt, rule=rigidify: run(case, dt, rigidify=rule))
+    return out
+
+
+def measure(name: str, budgets: tuple[float, ...], hand: bool) -> list[dict[str, object]]:
+    """All runs of a scene."""
+    case = CASES[name]
+    ours = {
+        b: timed(lambda b=b: run(case, case.largest, accuracy=rf.Accuracy(b, "end")))
+        for b in budgets
+    }
+    finest = float(np.median(np.diff(ours[min(budgets)][1].t)))
+    finest = min(finest, FINER * case.t_end / FEWEST)
+    reference, coarser = run(case, finest / FINER), run(case, 2 * finest / FINER)
+    own = coarser.error(reference) / 3
+    rows = []
+    for budget, (wall, found) in ours.items():
+        ledger, steps = found.last.ledger, len(found.t) - 1
+        assert ledger is not None
+        error = found.error(reference)
+        control = rf.StepControl(budget / 2, "end", largest=case.largest)
+        wall_flexible, flexible = timed(lambda c=control: run(case, c))
+        tried = by_hand(case, steps) if hand else {}
+        good = {
+            label: seconds
+            for label, (seconds, path) in tried.items()
+            if path.error(reference) <= NEAR * error
+        }
+        best = min(good, key=lambda label: good[label], default=None)
+        rows.append(
+            {
+                "scene": name,
+                "budget": budget,
+                "measured": error,
+                "estimate": float(ledger.time.relative + ledger.rigidity.relative),
+                "rigidity": float(ledger.rigidity.relative),
+                "sure": ledger.sure,
+                "reference": own,
+                "measured_flexible": flexible.error(reference),
+                "wall": wall,
+                "wall_flexible": wall_flexible,
+                "wall_best_by_hand": None if best is None else good[best],
+                "by_hand": best,
+                "mean_unknowns": found.mean_unknowns,
+                "unknowns": int(found.unknowns[0]),
+                "steps": steps,
+                "steps_flexible": len(flexible.t) - 1,
+                "rejected": ledger.rejected,
+            }
+        )
+    return rows
+
+
+def main() -> None:
+    """Run the scenes and write the summary."""
+    parser = Parser(__file__, __doc__.splitlines()[0], short="two structures")
+    parser.add_argument("--only", help="name of a scene, or the beginning of names")
+    parser.add_argument("--no-hand", action="store_true", help="nothing set by hand beside it")
+    parser.add_argument("--budgets", default=",".join(map(str, BUDGETS)), help="parts of one")
+    options = parser.read()
+    budgets = tuple(float(word) for word in options.budgets.split(","))
+    only = options.only or ""
+    names = [name for name in CASES if name.startswith(only)]
+    if options.short and not only:
+        names = ["frame", "tumbling L"]
+    summary = []
+    for name in names:
+        for row in measure(name, budgets, not options.no_hand):
+            summary.append(row)
+            print(row)
+    conclude(options.out, summary)
+    assert all(row["measured"] <= row["budget"] + 2 * row["reference"] for row in summary)
+
+
+if __name__ == "__main__":
+    main()
