@@ -13,6 +13,7 @@ KNOBS = {  # how labels begin → colour
     "base": "#222222",
     "all flexible": "#d55e00",
     "flexible": "#d55e00",
+    "automatic": "#56b4e9",
     "tolerance": "#d55e00",
     "window": "#d55e00",
     "Δt": "#0072b2",

@@ -40,7 +40,16 @@ def plan(
         ),
         "base": base,
         **(_few(base) if short else _turned(base, tols, windows, finer)),
+        **_automatic(base, (0.05,) if short else (0.05, 0.01, 0.002)),
         **({} if short else _combined(base, sharp, max(tols))),
+    }
+
+
+def _automatic(base: Setting, budgets: Sequence[float]) -> Mapping[str, Setting]:
+    """Nothing set by hand but the longest step, twice the base's."""
+    return {
+        f"automatic, {100 * budget:g} %": replace(base, tol=0.0, dt=2 * base.dt, budget=budget)
+        for budget in budgets
     }
 
 

@@ -30,6 +30,8 @@ def run(structure: Structure, setting: Setting, folder: Path) -> History:
         OutputError: On every rank, if a file is damaged or cannot be written.
     """
     what = {"t_end": structure.t_end, **asdict(setting)}
+    if not setting.budget:
+        del what["budget"]
     if setting != structure.settings["reference"]:  # whose time does not matter
         what |= {"ranks": comm.size}
     if setting.tol:
@@ -49,14 +51,17 @@ def _carried_out(structure: Structure, setting: Setting) -> History:
     scene = structure.scene(structure.mesh(setting.refine), setting)
     least = structure.min_cells * setting.refine**3
     criterion = rf.StrainRate(setting.tol, setting.window, min_cells=least)
+    rule: dict[str, object] = {"rigidify": criterion if setting.tol else None}
+    if setting.budget:
+        rule = {"accuracy": rf.Accuracy(setting.budget, structure.at)}
     rows = []
     with petsc_options(setting):
         for report in rf.simulate(
             scene,
             setting.dt,
             structure.t_end,
-            rigidify=criterion if setting.tol else None,
             progress=True,
+            **rule,
         ):
             x = {name: X + report.probes[name] for name, X in scene.probes.items()}
             motion, newton = structure.motion(x), report.iterations

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from petsc4py import PETSc
 
 import rigidfx as rf
@@ -32,6 +33,8 @@ class Setting:
         mass: "lumped" or "consistent".
         newton: Reduction of the residual at which Newton's iteration ends.
         solver: A key of `SOLVERS`.
+        budget: Of `Accuracy`, which chooses Δt, up to `dt`, and what becomes rigid; neither is
+            chosen if 0.
     """
 
     tol: float
@@ -43,11 +46,16 @@ class Setting:
     mass: str = "lumped"
     newton: float = 1e-6
     solver: str = "automatic"
+    budget: float = 0.0
 
     @property
-    def effects(self) -> list[rf.NumericalDamping]:
-        """The damping, if there is any."""
-        return [rf.NumericalDamping(self.damping / self.dt)] if self.damping else []
+    def effects(self) -> list[rf.effects.Effect]:
+        """The damping, if there is any: of a Δt that changes, as the viscous stress that it is."""
+        if not self.damping:
+            return []
+        if self.budget:
+            return [rf.StiffnessDamping(ratio=self.damping * np.pi, frequency=1.0)]
+        return [rf.NumericalDamping(self.damping / self.dt)]
 
 
 @contextmanager

@@ -29,6 +29,7 @@ class Structure:
         free: When the loads end [s].
         t_end: End of its runs [s].
         min_cells: Least size of a new body, in cells of the base mesh.
+        at: Probe whose motion budgets are parts of.
         settings: Label → setting; "reference" and "base" are among the labels.
     """
 
@@ -39,6 +40,7 @@ class Structure:
     free: float
     t_end: float
     min_cells: int
+    at: str
     settings: Mapping[str, Setting]
 
     @property
