@@ -180,10 +180,10 @@ class Policy:
         above = waking.cells
         if not self._graph.comm.allreduce(bool(above.any()), op=MPI.LOR):
             return None
-        mine = np.unique(numbers[waking.stale])
+        leaving = self._graph.touching(self._graph.largest_at_nodes(above * 1.0) > 0)
+        mine = np.unique(numbers[waking.stale | (free & leaving & (strained.spring > 1))])
         stale = np.isin(numbers, np.concatenate(self._graph.comm.allgather(mine)))
-        round_them = self._graph.largest_at_nodes(above.astype(np.float64)) > 0
-        decision = self._release(seen, why, stale | self._graph.touching(round_them))
+        decision = self._release(seen, why, stale | leaving)
         return replace(decision, woken=np.flatnonzero(above).astype(np.int32))
 
     def _window_ends(self, seen: Observation) -> bool:

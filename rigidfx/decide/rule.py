@@ -29,7 +29,7 @@ class Waking:
         cells: Those that wake, with the cells round them.
         stale: Those whose whole body is released: it has withheld too much, and is not in the
             shape that its forces would give it. To let some of its cells spring into theirs would
-            be a blow on the others.
+            be a blow that wakes others.
     """
 
     cells: Bools

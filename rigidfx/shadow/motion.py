@@ -55,11 +55,13 @@ class Strained:
     Attributes:
         rate: Largest strain rate of each owned cell.
         sum: Strain that it has withheld since the freeze.
+        spring: Strain rate at which it would spring into that in the step, were it released.
         swing: Strain of its shadow; None if that was not looked at.
     """
 
     rate: Array
     sum: Array
+    spring: Array
     swing: Array | None = None
 
     @property

@@ -267,9 +267,9 @@ class Shadow(Watch):
         total = self._measured(np.where(known, end.mean, 0.0), 1.0)
         rate = part_of(rates, limits.rates)
         rate = rate if before is None else np.maximum(rate, before.rate)
-        swings = limits.swings
+        spring, swings = part_of(total, dt * limits.rates), limits.swings
         swing = None if swings is None else part_of(self._measured(end.u, 1.0), swings)
-        return Strained(rate, part_of(total, limits.strains), swing)
+        return Strained(rate, part_of(total, limits.strains), spring, swing)
 
     def _measured(self, change: Array, dt: float) -> Array:
         """Strain rates of all owned cells, for a change of the frozen shape. Collective."""
