@@ -477,19 +477,44 @@ def test_is_refused(options, message):
 # Several ranks ---------------------------------------------------------------------------------
 
 
+def beats(t):
+    return np.sin(4 * np.pi * t) * min(1.0, 2 * t)
+
+
+def cases():
+    """Scenes, their ends and rules, by name."""
+    blows = STRIKES["traction"]
+    along = rf.Traction("x1", (200.0, 0, 0), time=beats)
+    late = rf.Traction("x1", (-3000.0, 0, 0), time=lambda t: blow(t - 2.4))
+    asked = rf.Release(when=lambda report: 0.47 < report.t < 0.49, where="block")
+    pushes = rf.Traction("z1", (0, 0, -300.0), since=0.5)
+    return {
+        "lumped": (on_a_block(blows), 1.4, local(2e-4)),
+        "consistent": (on_a_block(blows, mass="consistent"), 1.4, local(2e-4)),
+        "automatic window": (
+            bar(rf.Fixed("x0"), along, late, rf.MassDamping(1.0)),
+            3.6,
+            rf.StrainRate(4e-5, "auto", wake="local"),
+        ),
+        "condition": (on_a_block(blows), 1.2, local(2e-4, release=asked)),
+        "support begins": (on_a_block(pushes, rf.Fixed("x1", since=0.5)), 0.7, local(2e-4)),
+        "window opens": (on_a_block(pushes), 0.7, local(2e-4)),
+    }
+
+
 @cache
 def histories():
-    """Tips and events of two runs, by their names."""
+    """Tips and events of the cases, by their names."""
     out = {}
-    for mass in ("lumped", "consistent"):
+    for name, (scene, t_end, rule) in cases().items():
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            tips, _, _, events = run(on_a_block(STRIKES["traction"], mass=mass), 1.4, local(2e-4))
+            tips, _, _, events = run(scene, t_end, rule)
         told = [
             (e.t, e.kind, [(c.name, c.cells_before, c.cells_after) for c in e.changes])
             for e in events
         ]
-        out[mass] = [tips.tolist(), told]
+        out[name] = [tips.tolist(), told]
     return out
 
 
@@ -497,13 +522,13 @@ def histories():
 @pytest.mark.parametrize("ranks", [2, 3])
 def test_several_ranks_wake_as_one(ranks):
     one, several = histories(), parallel.run(__file__, ranks, 300)
-    for mass, (tips, told) in one.items():
+    for name, (tips, told) in one.items():
         assert any(kind == "release" for _, kind, _ in told)
-        assert np.abs(np.array(several[mass][0]) - tips).max() <= 1e-9 * np.abs(tips).max()
-        assert [list(map(str, event[1:])) for event in several[mass][1]] == [
+        assert np.abs(np.array(several[name][0]) - tips).max() <= 1e-9 * np.abs(tips).max()
+        assert [list(map(str, event[1:])) for event in several[name][1]] == [
             list(map(str, [kind, [list(c) for c in changes]])) for _, kind, changes in told
         ]
-        assert [event[0] for event in several[mass][1]] == pytest.approx([t for t, *_ in told])
+        assert [event[0] for event in several[name][1]] == pytest.approx([t for t, *_ in told])
 
 
 if __name__ == "__main__":
