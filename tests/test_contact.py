@@ -286,6 +286,20 @@ def test_what_rests_does_not_chatter():
     assert energy <= 1e-11
 
 
+def test_a_first_touch_is_a_breakpoint_of_what_chooses_the_steps():
+    """Long steps in flight, one that ends at the touch, then one of a sixteenth."""
+    contact = rf.Contact("skin", against=FLOOR)
+    scene = block(contact, rf.InitialVelocity(linear=(0, 0, -1.0)), above=0.0605)
+    control = rf.StepControl(1e-2, largest=4e-3)
+    reports = list(rf.simulate(scene, control, 0.064))
+    touch = next(k for k, r in enumerate(reports) if r.t > 0.0605 - 1e-9)
+    assert reports[touch].t == pytest.approx(0.0605, abs=1e-9)
+    longest = max(r.dt for r in reports[1:touch])
+    assert longest > 2e-3
+    assert reports[touch + 1].dt <= longest / 15
+    assert reports[touch + 1].cuts == 0
+
+
 # Windows, tables, absence ----------------------------------------------------------------------
 
 
@@ -357,6 +371,16 @@ def test_is_refused(case):
     action, message = REFUSED[case]
     with pytest.raises(rf.SceneError, match=message):
         action()
+
+
+def test_a_preload_that_presses_is_refused():
+    """Statics know no contact: a beam that sags into the floor is told how deep, and where."""
+    sags = rf.Fixed("x0"), rf.Preload([rf.Gravity()])
+    next(rf.simulate(block(rf.Contact("skin", against=FLOOR), *sags, above=0.05), 1e-3, 1e-3))
+    with pytest.raises(rf.SceneError, match=r"the static preload pushes it .* m into the Plane at"):
+        rf.simulate(block(rf.Contact("skin", against=FLOOR), *sags, above=1e-4), 1e-3, 1e-3)
+    later = rf.Contact("skin", against=FLOOR, since=0.5)
+    next(rf.simulate(block(later, *sags, above=1e-4), 1e-3, 1e-3))
 
 
 # Several ranks ---------------------------------------------------------------------------------

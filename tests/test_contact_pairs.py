@@ -23,8 +23,8 @@ PARTS = {
 NO_WARNINGS = pytest.mark.filterwarnings("ignore:Body")  # of few cells, whose lumped mass shows
 
 
-def boxes(*boxes):
-    """Boxes of hexahedra that share no node, each from corner to corner in so many cells."""
+def arrays(boxes):
+    """Points and hexahedra of boxes that share no node, each from corner to corner."""
     points, cells, first = [], [], 0
     for low, high, count in boxes:
         lines = [np.linspace(a, b, n + 1) for a, b, n in zip(low, high, count, strict=True)]
@@ -37,7 +37,12 @@ def boxes(*boxes):
         ]
         cells.append(corner[:, None] + np.array(offsets))
         first += len(points[-1])
-    every = np.concatenate(points), np.concatenate(cells)
+    return np.concatenate(points), np.concatenate(cells)
+
+
+def boxes(*boxes):
+    """A domain of boxes that share no node, each from corner to corner in so many cells."""
+    every = arrays(boxes)
     return rf.from_arrays(*(part[: 0 if MPI.COMM_WORLD.rank else None] for part in every))
 
 
@@ -110,6 +115,32 @@ def test_equal_bars_exchange_their_velocities():
     np.testing.assert_allclose(of, [0.0, 1.0], atol=0.03)
     assert max(H, L) <= 1e-11
     assert reports[-1].touches[contact.title].nodes == 0
+
+
+@NO_WARNINGS
+def test_parts_of_one_surface_meet():
+    """The prongs of a fork, thrown at each other; at its root the sets have nodes in common."""
+    points, cells = arrays((((0, 0, 0), (0.5, 0.1, 0.3), (5, 1, 6)),))
+    middle = points[cells].mean(axis=1)
+    fork = cells[(middle[:, 0] < 0.1) | (np.abs(middle[:, 2] - 0.15) > 0.05)]
+    used, fork = np.unique(fork, return_inverse=True)
+    domain = rf.from_arrays(points[used], fork.reshape(-1, 8))
+
+    def within(x):
+        return (x[0] > 0.1 - 1e-6) & (np.abs(x[2] - 0.15) < 0.05 + 1e-6)
+
+    domain = domain.with_facets("upper", lambda x: within(x) & (x[2] > 0.2 - 1e-6))
+    domain = domain.with_facets("lower", lambda x: within(x) & (x[2] < 0.2 - 1e-6))
+
+    def closing(x):
+        return np.stack([0 * x[0], 0 * x[0], 12 * x[0] * np.sign(0.15 - x[2])])
+
+    effects = [*BOTH, rf.InitialVelocity(function=closing)]
+    scene = rf.Scene(domain, SOFT, effects)
+    reports, H, L, J = drifts(scene, 1e-3, 60)
+    assert max(t.nodes for r in reports for t in r.touches.values()) >= 2
+    assert H <= 1e-11
+    assert max(L, J) <= 1e-12
 
 
 @NO_WARNINGS

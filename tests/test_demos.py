@@ -31,7 +31,7 @@ SOME = {
     "waking": ("--only", "wave"),
     "step_control": ("--only", "push"),
     "budgets": ("--only", "tumbling", "--no-hand", "--budgets", "0.05"),
-    "impact": ("--only", "bar"),
+    "impact": ("--only", "wall"),
     "how_fast": ("--materials", "steel", "--elements", "hexahedra"),
 }
 # Long ones, whose steps, switches and files others have on two ranks.

@@ -123,12 +123,7 @@ class Contact(Windowed):
         X = scene.space.tabulate_dof_coordinates()
         for effect in scene.named(InitialDisplacement):
             X = X + values_of(effect.kind, effect.function, scene)
-        on, gap, _ = self.at_nodes(scene, X, start)
-        own = on < scene.owned_nodes
-        X, depth = X[on[own]], -gap[own]
-        k = int(np.argmax(depth)) if depth.size else -1
-        mine = (float(depth[k]), tuple(X[k].tolist())) if depth.size else (-np.inf, ())
-        worst, place = max(scene.comm.allgather(mine))
+        worst, place = self.depth(scene, X, start)
         if worst <= NEGLIGIBLE * surface.size:
             return
         x, y, z = place
@@ -140,6 +135,43 @@ class Contact(Windowed):
             raise SceneError(f"{found}: move one of them, or turn the normal or inside around.")
         begins = "with the energy of that" if isinstance(against, Obstacle) else "there"
         warn(scene.comm, f"{found}; the contact begins {begins}.")
+
+    def check_preloaded(self, scene: Any, x: Array, start: float) -> None:
+        """Refuse a static equilibrium that presses: statics know nothing of contacts. Collective.
+
+        Args:
+            scene: The problem.
+            x: Positions of the local nodes in it, shape (nodes, 3) [m].
+            start: Time just after t = 0 [s].
+        """
+        surface = surface_of(scene, self.where, self.stiffness, self.owner)
+        worst, place = self.depth(scene, x, start)
+        if worst > NEGLIGIBLE * surface.size:
+            at = ", ".join(f"{value:.6g}" for value in place)
+            raise SceneError(
+                f"{self.owner}: the static preload pushes it {worst:.3g} m into {self._other} at "
+                f"({at}) m, as statics know no contact. Leave the preload out and let a damping "
+                "bring it to rest, or let the contact begin later (since)."
+            )
+
+    def depth(self, scene: Any, x: Array, t: float) -> tuple[float, tuple[float, ...]]:
+        """How deep it is in the other at most, and where; -inf if it meets nothing. Collective.
+
+        Args:
+            scene: The problem.
+            x: Positions of the local nodes, shape (nodes, 3) [m].
+            t: Time [s].
+
+        Returns:
+            Depth [m], negative while it is free, and a place [m].
+        """
+        on, gap, _ = self.at_nodes(scene, x, t)
+        own = on < scene.owned_nodes
+        x, depth = x[on[own]], -gap[own]
+        k = int(np.argmax(depth)) if depth.size else -1
+        mine = (float(depth[k]), tuple(x[k].tolist())) if depth.size else (-np.inf, ())
+        worst, place = max(scene.comm.allgather(mine))
+        return worst, place
 
     @property
     def _other(self) -> str:

@@ -27,7 +27,7 @@ MADE_IN = ""  # the folder that a copy was made for; some versions do not tell a
 
 LIGHT, DARK, EDGES = (0.91, 0.89, 0.85), (0.2, 0.28, 0.36), (0.3, 0.3, 0.3)
 ON_CELLS = ("rigid", "cell_von_mises", "body", "strain_rate", "material")
-ON_POINTS = ("displacement", "velocity", "von_mises")
+ON_POINTS = ("displacement", "velocity", "von_mises", "contact_pressure", "gap")
 TITLES = {
     "rigid": "cells",
     "von_mises": "von Mises stress at nodes (Pa)",
@@ -35,6 +35,8 @@ TITLES = {
     "strain_rate": "strain rate (1/s)",
     "displacement": "displacement (m)",
     "velocity": "velocity (m/s)",
+    "contact_pressure": "pressure of contacts (Pa)",
+    "gap": "gap of contacts (m)",
 }
 FILMS = (  # encoders among VTK's modules; a ParaView may lack each of them
     ("vtkIOFFMPEG", "vtkFFMPEGWriter", ".avi"),
@@ -185,6 +187,7 @@ def _colour(pv: Any, view: Any, shown: Any, colour: str) -> Any:
         table.IndexedColors = [*LIGHT, *DARK]
     else:
         table.ApplyPreset("Viridis (matplotlib)", True)
+        table.NanColor = LIGHT  # contacts have values on their surfaces only
         shown.RescaleTransferFunctionToDataRangeOverTime()
     shown.SetScalarBarVisibility(view, True)
     bar = pv.GetScalarBar(table, view)

@@ -65,6 +65,7 @@ class Actions:
         self.external = structure.rows.vector()
         self.moments, self.torques = np.zeros((bodies, 4, 3)), np.zeros((bodies, 3))
         self._with_bodies = bodies > 0
+        self._touches: Mapping[str, Touch] | None = None  # of the present step, once asked for
         self.select(acting)
 
     def select(self, acting: Iterable[Effect]) -> None:
@@ -101,6 +102,7 @@ class Actions:
         Raises:
             SceneError: On every rank, if a user's function fails on any.
         """
+        self._touches = None
         if self._timed:
 
             def evaluate() -> None:
@@ -187,14 +189,14 @@ class Actions:
 
     def touches(self) -> Mapping[str, Touch]:
         """What contacts did in the step that has been solved, by their titles. Collective."""
-        if not self._contacts:
-            return {}
-        local = [action.touch() for action in self._contacts]
-        every = [local] if self._comm.size == 1 else self._comm.allgather(local)
-        return {
-            touch.name: sum(parts, Touch(touch.name))
-            for touch, parts in zip(local, zip(*every, strict=True), strict=True)
-        }
+        if self._touches is None:
+            local = [action.touch() for action in self._contacts]
+            every = self._comm.allgather(local) if local and self._comm.size > 1 else [local]
+            self._touches = {
+                touch.name: sum(parts, Touch(touch.name))
+                for touch, parts in zip(local, zip(*every, strict=True), strict=True)
+            }
+        return self._touches
 
     def stored_in_contact(self, u: Array, bodies: Bodies, t: float) -> float:
         """Energy stored on this rank in contact at t [s], at displacements u of the rows [J]."""

@@ -1,8 +1,9 @@
 """When a contact will close: the step before ends there.
 
 Nothing in a step tells of an obstacle that it runs into at its end. So the first touch is foreseen,
-from the gaps at constant velocity, and ends a step as a breakpoint does. That holds for a contact
-that has been open for some steps: where something rattles or rests, steps stay what they are.
+from the gaps at constant velocity, and ends a step as a breakpoint does, after which what chooses
+Δt begins with short ones. That holds for a contact that has been open for some steps: where
+something rattles or rests, steps stay what they are.
 """
 
 from __future__ import annotations
@@ -39,4 +40,7 @@ class FirstTouch:
             self._open[title] = self._open.get(title, SETTLED) + 1 if after >= 0 else 0
             if self._open[title] > SETTLED and LEAST * dt < after < (1 - LEAST) * dt:
                 first = min(first, t + after)
+        control = self._stepper.control
+        if first < target and control is not None:
+            control.expect(first)
         return first

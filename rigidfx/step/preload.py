@@ -10,7 +10,7 @@ import numpy.typing as npt
 from rigidfx.base.errors import SceneError, StepError
 from rigidfx.coupling.dof_layout import DofLayout, dof_layout
 from rigidfx.coupling.prolongation import Prolongation
-from rigidfx.effects import Preload
+from rigidfx.effects import Contact, Preload
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
@@ -44,7 +44,8 @@ def apply_preload(
         the name of its set, shape (3,) each; none without a preload.
 
     Raises:
-        SceneError: If the supports leave a rigid motion free, or bodies are rigid from the start.
+        SceneError: If the supports leave a rigid motion free, or bodies are rigid from the start;
+            if a contact would be pressed.
         StepError: If an increment does not converge.
     """
     found: tuple[Mapping[str, Array], Mapping[str, Array]] = {}, {}
@@ -88,6 +89,9 @@ def apply_preload(
         found = prescribed.reactions(statics.forces_out_of_balance.array_r[held], x)
         for item in (newton, statics, actions, full):
             item.destroy()
+        deformed = scene.space.tabulate_dof_coordinates() + state.u.x.array.reshape(-1, 3)
+        for contact in scene.named(Contact):
+            contact.check_preloaded(scene, deformed, start)
     return found
 
 

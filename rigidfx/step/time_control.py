@@ -59,7 +59,7 @@ class TimeControl(WarnsOnce):
         self.rejected = 0
         self._objections = 0
         self._u: npt.NDArray[np.float64] = np.empty((0, 3))  # displacements at the end of that step
-        self._fresh = True
+        self._fresh, self._touch = True, np.nan
         self._stop = self._step = self._for = np.nan
         self._found = np.nan  # error of the step that was looked at last
         self._system: Any = None
@@ -75,6 +75,10 @@ class TimeControl(WarnsOnce):
         self._system, self._state = system, state
         if self._tracked.bind(system, state.bodies):
             self._error.switched()
+
+    def expect(self, touch: float) -> None:
+        """Take the first touch of a contact, at that time [s], for a breakpoint."""
+        self._touch = touch
 
     def target(self, t: float) -> float:
         """End of the step that begins at t [s]: what is left up to a breakpoint is divided evenly.
@@ -139,6 +143,7 @@ class TimeControl(WarnsOnce):
         largest = float(np.linalg.norm(self._u, axis=1).max())
         self.length.accept(self._found, attempt.end, attempt.dt, largest, young)
         self.rejected, self._objections = self.rejected + self._objections, 0
-        self._fresh = any(self._timeline.same(attempt.end, b) for b in self._breaks)
+        breaks = *self._breaks, self._touch
+        self._fresh = any(self._timeline.same(attempt.end, b) for b in breaks)
         if self._fresh:
             self._error.forget()

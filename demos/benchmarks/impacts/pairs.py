@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -63,22 +64,33 @@ def _at_wall(x: np.ndarray) -> np.ndarray:
 
 def _hollow() -> rf.Domain:
     """Cells of 0.1 m of a box without its middle, and of a smaller box in there."""
-    shell = _box((0, 0, 0), (0.5, 0.4, 0.4), (5, 4, 4))
-    middles = shell[0][shell[1]].mean(axis=1)
-    around = ~((middles > LOW) & (middles < HIGH)).all(axis=1)
-    block = _box(LOW + PLAY, HIGH - PLAY, (3, 2, 2))
-    points, cells = np.concatenate([shell[0], block[0]]), shell[1][around]
-    used, cells = np.unique(
-        np.concatenate([cells, block[1] + len(shell[0])]).reshape(-1), return_inverse=True
-    )
-    mine = slice(0 if MPI.COMM_WORLD.rank else None)
-    domain = rf.from_arrays(points[used][mine], cells.reshape(-1, 8)[mine])
+    full = (0, 0, 0), (0.5, 0.4, 0.4), (5, 4, 4)
+    domain = boxes(full, (LOW + PLAY, HIGH - PLAY, (3, 2, 2)), hollow=(LOW, HIGH))
     domain = domain.with_cells("block", _of_block).with_cells("shell", lambda x: ~_of_block(x))
     domain = domain.with_cells("half", lambda x: ~_of_block(x) & (x[0] <= 0.3 + 1e-9))
     return domain.with_facets("skin", _of_block).with_facets("wall", _at_wall)
 
 
-def _box(low: object, high: object, count: tuple[int, int, int]) -> tuple[np.ndarray, np.ndarray]:
+def boxes(*ends: Any, hollow: tuple[np.ndarray, np.ndarray] | None = None) -> rf.Domain:
+    """Boxes of hexahedra that share no node, each from corner to corner in so many cells.
+
+    The first of them has no cells within `hollow`, if there is one.
+    """
+    every, first = [], 0
+    for k, (low, high, count) in enumerate(ends):
+        points, cells = _box(low, high, count)
+        if hollow is not None and k == 0:
+            middles = points[cells].mean(axis=1)
+            cells = cells[~((middles > hollow[0]) & (middles < hollow[1])).all(axis=1)]
+        every.append((points, cells + first))
+        first += len(points)
+    points, cells = (np.concatenate(part) for part in zip(*every, strict=True))
+    used, cells = np.unique(cells.reshape(-1), return_inverse=True)
+    mine = slice(0 if MPI.COMM_WORLD.rank else None)
+    return rf.from_arrays(points[used][mine], cells.reshape(-1, 8)[mine])
+
+
+def _box(low: Any, high: Any, count: tuple[int, int, int]) -> tuple[np.ndarray, np.ndarray]:
     """Points and hexahedra of a box from corner to corner."""
     lines = [np.linspace(*ends) for ends in zip(low, high, np.add(count, 1), strict=True)]
     points = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3)

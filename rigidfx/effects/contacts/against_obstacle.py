@@ -100,7 +100,8 @@ class ObstacleForces(Action):
     def resist_nodes(self, d: Any, dt: float, f: Any) -> None:
         """See `Action`."""
         pressed = self._points.press(d.array_r.reshape(-1, 3)[self._at] - self._moved)
-        f.array.reshape(-1, 3)[self._at[pressed.at]] += pressed.force
+        if pressed.at.size:
+            f.array.reshape(-1, 3)[self._at[pressed.at]] += pressed.force
 
     def stiffen_nodes(self, tangent: Any, dt: float, prolongation: Any) -> None:
         """See `Action`."""

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -119,7 +120,7 @@ class Plane(Obstacle):
         vector(self, "point", self.point)
         _direction(self, "normal", self.normal)
 
-    @property
+    @cached_property
     def _n(self) -> Array:
         return _direction(self, "normal", self.normal)
 
@@ -167,7 +168,7 @@ class Round(Obstacle):
     def _sign(self) -> float:
         return -1.0 if self.inside else 1.0
 
-    @property
+    @cached_property
     def _P(self) -> Array:
         return np.eye(3)
 
@@ -220,7 +221,7 @@ class Cylinder(Round):
         super().__post_init__()
         _direction(self, "axis", self.axis)
 
-    @property
+    @cached_property
     def _P(self) -> Array:
         a = _direction(self, "axis", self.axis)
         return np.asarray(np.eye(3) - np.outer(a, a))

@@ -77,15 +77,21 @@ class PairSurface:
         near = np.flatnonzero(((p >= low) & (p <= high)).all(axis=1))
         if not near.size:
             return out
-        count = min(NEAREST, len(self.triangles))
-        tree = cKDTree(corners.mean(axis=1))
+        centres = corners.mean(axis=1)
+        low, high = p[near].min(axis=0) - self.reach, p[near].max(axis=0) + self.reach
+        facing = np.flatnonzero(((centres >= low) & (centres <= high)).all(axis=1))
+        if not facing.size:
+            return out
+        count = min(NEAREST, facing.size)
+        tree = cKDTree(centres[facing])
         far, found = tree.query(p[near], k=count, distance_upper_bound=self.reach)
         far, found = far.reshape(near.size, -1), found.reshape(near.size, -1)
         row, column = np.nonzero(np.isfinite(far))
-        node, triangle = near[row], found[row, column]
+        node, triangle = near[row], facing[found[row, column]]
         g, _, N = projected(p[node], corners[triangle])
         of = bodies[self.triangles[triangle]]
         one = (of == bodies[self.slaves[node], None]).all(axis=1) & (of[:, 0] >= 0)
+        one |= (self.triangles[triangle] == self.slaves[node, None]).any(axis=1)  # its own
         may = (N > -BESIDE).all(axis=1) & (g > -DEEPEST * self.spacing) & ~one
         node, triangle, g = node[may], triangle[may], np.abs(g[may])
         order = np.lexsort((triangle, g.round(12), node))

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
+from petsc4py import PETSc
 from scipy.sparse import csr_array, diags_array
 
 from rigidfx.effects.action import Action, Structure, Touch
@@ -34,6 +35,8 @@ __all__ = ["PairForces", "PairMemory"]
 
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
+
+_SEARCH = PETSc.Log.Event("rigidfxSearch")  # what PETSc's log calls the look for triangles
 
 
 @dataclass
@@ -148,7 +151,8 @@ class PairForces(Action):
     def _meet(self, x0: Array, moved: Array) -> None:
         """Find which triangle each node may meet in this step."""
         surface, memory = self._surface, self._memory
-        mate = surface.mates(x0 + 0.5 * moved, self._bodies)
+        with _SEARCH:
+            mate = surface.mates(x0 + 0.5 * moved, self._bodies)
         closed = memory.gap < 0
         mate = np.where(closed & (mate < 0), memory.mate, mate)
         self._active = np.flatnonzero(mate >= 0)
@@ -276,7 +280,8 @@ class PairForces(Action):
         if (self._memory.gap < 0).any():
             return -1.0
         surface = self._surface
-        mate = surface.mates(x + 0.5 * dt * w, self._bodies)
+        with _SEARCH:
+            mate = surface.mates(x + 0.5 * dt * w, self._bodies)
         met = np.flatnonzero(mate >= 0)
         slaves, corners = surface.slaves[met], surface.triangles[mate[met]]
         g, n, N = projected(x[slaves], x[corners])

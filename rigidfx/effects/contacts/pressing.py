@@ -120,6 +120,16 @@ class Sliding:
     t: Array
 
 
+NOTHING = Pressed(
+    np.empty(0, np.int64),
+    np.empty((0, 3)),
+    np.empty((0, 3)),
+    (np.empty(0), np.empty(0)),
+    Approach(np.empty((0, 3)), None, np.empty((0, 3))),
+    None,
+)
+
+
 class Points:
     """Points that an obstacle may press; what they remember belongs to one step.
 
@@ -155,8 +165,14 @@ class Points:
         Args:
             moved: Δy of all points, shape (n, 3) [m].
         """
+        if not self.k.size:
+            self.pressed = NOTHING
+            return NOTHING
         y1 = self.y0 + moved
         at = np.flatnonzero((self.g0 < 0) | (self._obstacle.gap(y1) < 0))
+        if not at.size:
+            self.pressed = NOTHING
+            return NOTHING
         y1, moved, k, g0 = y1[at], moved[at], self.k[at], self.g0[at]
         approach = self._obstacle.approach(self.y0[at], y1)
         value, slope = secant(k, g0, self._obstacle.gap(y1))
