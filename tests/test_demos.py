@@ -81,6 +81,7 @@ SUMMARY = {
         "energy_jump",
         "time_ratio_window",
     },
+    "drop_test": {"unknowns_before_touch", "unknowns_at_touch", "hits", "energy_drift"},
     "custom_geometry": {
         "unknowns_start",
         "unknowns_end",
@@ -140,6 +141,7 @@ FILES = {
         "evolution_1.6s_tol_5e-05.png",
     ],
     "robot_arm": ["events.csv", "fields.pvd", "motion.png", "rigid_parts.png"],
+    "drop_test": ["events.csv", "fields.pvd", "motion.png", "rigid_parts.png"],
     "custom_geometry": ["events.csv", "fields.pvd", "energy_unknowns.png", "rigid_parts.png"],
 }
 
