@@ -80,6 +80,7 @@ with (
 # rebound the speed of the centre away from the floor just after.
 
 # +
+PRESSED = 1e-5  # of the largest force; a foreseen touch errs by nanometres, and presses that much
 mass = scene.sum(scene.nodal_mass[: scene.owned_nodes].sum())
 
 
@@ -91,7 +92,7 @@ def forces(of: list[rf.Report]) -> np.ndarray:
 def hits(of: list[rf.Report]) -> list[dict[str, float]]:
     """Time, peak force and rebound of each hit that is over [s, N, m/s]."""
     f, t = forces(of), np.array([r.t for r in of])
-    pressed = np.flatnonzero(f > 1e-6 * f.max())  # less is the rounding of a gap of zero
+    pressed = np.flatnonzero(f > PRESSED * f.max())
     groups = np.split(pressed, np.flatnonzero(np.diff(t[pressed]) > 1e-3) + 1)
     found = []
     for group in groups:
@@ -106,7 +107,7 @@ def hits(of: list[rf.Report]) -> list[dict[str, float]]:
 reports = run.adaptive
 f, unknowns = forces(reports), np.array([r.unknowns for r in reports])
 falling = [r for r in reports if r.t < touch - 1e-9]
-struck = int(np.argmax(f > 1e-6 * f.max()))  # less is the rounding of a gap of zero
+struck = int(np.argmax(f > PRESSED * f.max()))
 books = np.cumsum([r.work_of_loads - sum(r.dissipated.values()) for r in reports])
 balance = np.array([r.energy for r in reports]) - books
 found = hits(reports)

@@ -180,7 +180,7 @@ class Policy:
         above = waking.cells
         if not self._graph.comm.allreduce(bool(above.any()), op=MPI.LOR):
             return None
-        leaving = self._graph.touching(self._graph.largest_at_nodes(above * 1.0) > 0)
+        leaving = self._graph.touching(self._graph.largest_at_nodes(above.astype(np.float64)) > 0)
         mine = np.unique(numbers[waking.stale | (free & leaving & (strained.spring > 1))])
         stale = np.isin(numbers, np.concatenate(self._graph.comm.allgather(mine)))
         decision = self._release(seen, why, stale | leaving)
