@@ -1043,6 +1043,14 @@ CASES = {
         "simulate: dt must be a finite number, got",
     ),
     "dt nan": (lambda: _run(dt=np.nan), "simulate: dt must be a finite number, got nan."),
+    "dt huge": (
+        lambda: _run(dt=1e300, t_end=1e308),
+        "simulate: dt = 1e+300 s is no step to compute with",
+    ),
+    "dt tiny": (
+        lambda: _run(dt=1e-300, t_end=3e-300),
+        "simulate: dt = 1e-300 s is no step to compute with",
+    ),
     "t_end datetime": (
         lambda: _run(t_end=np.datetime64("2020")),
         "simulate: t_end must be a finite number, got",

@@ -12,6 +12,7 @@ from rigidfx.base.instants import resolution
 
 __all__ = ["Timeline"]
 
+WIDEST = 1e100  # s, and as many parts of one: the cube of a step is a number
 LEAST = 1000  # a step in numbers that lie apart there, so that it can be cut and divided
 
 
@@ -57,11 +58,12 @@ class Timeline:
         """Times that are the same: some numbers apart, and far less than a step.
 
         Raises:
-            SceneError: If a step is as short as numbers are apart at the end of the run.
+            SceneError: If a step is as short as numbers are apart at the end of the run, or has no
+                cube among the numbers.
         """
-        if finest is None:
-            pairs = zip(self._times, self._steps, strict=True)
-            finest = min(dt for t, dt in pairs if t < self.t_end)
+        pairs = zip(self._times, self._steps, strict=True)
+        taken = [dt for t, dt in pairs if t < self.t_end]
+        finest = min(taken) if finest is None else finest
         apart = ulp(self.t_end)
         if finest < LEAST * apart:
             raise SceneError(
@@ -69,6 +71,13 @@ class Timeline:
                 f"{self.t_end:.9g} s, where numbers are {apart:.2g} s apart. Take dt ≥ "
                 f"{LEAST * apart:.2g} s, or a run of its own that begins at 0."
             )
+        for dt in (finest, *taken):
+            if not 1 / WIDEST <= dt <= WIDEST:
+                raise SceneError(
+                    f"simulate: dt = {dt:g} s is no step to compute with: its powers are beyond "
+                    f"numbers. Take {1 / WIDEST:g} s ≤ dt ≤ {WIDEST:g} s, and other units of the "
+                    "scene if it needs more."
+                )
         return float(resolution(self.t_end, finest))
 
     def stop_at(self, times: Iterable[float]) -> None:
