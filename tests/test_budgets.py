@@ -13,8 +13,10 @@ import pytest
 from mpi4py import MPI
 
 import rigidfx as rf
+from rigidfx.decide.advice import Advice, Seen
 from rigidfx.decide.budget_rule import level
 from rigidfx.plot.ledger import spent
+from rigidfx.shadow.motion import Strained
 
 SOFT, STIFF = (rf.StVenantKirchhoff(E=E, nu=0.3, rho=1000.0) for E in (1e6, 1e8))
 LARGEST = 0.2  # s
@@ -127,6 +129,16 @@ def test_a_budget_that_is_not_met_is_said():
 def test_named_sets_stay_flexible():
     reports = run(swaying(), rf.Accuracy(0.05, "tip", never=("block", "stalk")), 2.0)
     assert all(r.unknowns == reports[0].unknowns for r in reports)
+
+
+def test_a_named_part_is_compared_with_the_budget():
+    """Which knows no kappa, no tolerance, and no rate that wakes."""
+    none, twice = np.zeros(2), np.array([0.0, 2.0])
+    advice = Advice(MPI.COMM_SELF, rf.Accuracy(0.05), set())
+    seen = Seen(limits=np.full(2, np.inf), peak=1.0, t=0.5)
+    said = "'waist' .* at 2 times the strain .* budget .* by more than was asked.* a larger budget"
+    with pytest.warns(rf.RigidfxWarning, match=said):
+        advice.of_named({"waist": np.array([1])}, Strained(none, none, none, twice), seen)
 
 
 def test_levels_add_up_to_what_there_is_room_for():

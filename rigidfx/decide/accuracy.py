@@ -147,6 +147,16 @@ class Accuracy(Criterion):
         """See `Criterion`."""
         return "Take a larger budget, or name their cells `never`."
 
+    @property
+    def limit(self) -> str:
+        """See `Criterion`."""
+        return "the strain with which bodies would use up half of what the budget leaves them"
+
+    @property
+    def pardon(self) -> str:
+        """See `Criterion`."""
+        return "take a larger budget"
+
 
 def controlled(accuracy: Any, scene: Scene, dt: Any, rigidify: Any) -> StepControl:
     """How Δt is chosen in a run with an `Accuracy`.

@@ -96,13 +96,14 @@ class Advice:
             largest, rate, peak = _largest(self._comm, [*local, seen.peak])
             if largest <= 1:
                 continue
-            off = f"by some {rate / peak:.1%}" if 0 < rate < peak else "altogether"
+            worst = "altogether" if rate > 0 else "by more than was asked"
+            off = f"by some {rate / peak:.1%}" if 0 < rate < peak else worst
             self._say(
                 f"forces would strain the part '{name}' that is named Rigid, at {largest:.2g} "
-                f"times what wakes other cells (kappa · tol) at t = {seen.t:.6g} s. It stays "
+                f"times {self._criterion.limit} at t = {seen.t:.6g} s. It stays "
                 f"rigid, and what follows lacks these strains: the motion may be off {off}, and "
-                "by more near a resonance. Do not name it, or give its cells a larger tolerance "
-                "(tolerances) if that is meant."
+                f"by more near a resonance. Do not name it, or {self._criterion.pardon} if that "
+                "is meant."
             )
 
     def _say(self, message: str) -> None:

@@ -54,6 +54,16 @@ class Criterion:
         """What keeps bodies from being released again and again."""
         return "Take fewer releases."
 
+    @property
+    def limit(self) -> str:
+        """What the strains of parts that are named rigid are compared with, in words."""
+        return "what wakes other cells (kappa · tol)"
+
+    @property
+    def pardon(self) -> str:
+        """What lets such parts withhold more, in words."""
+        return "give its cells a larger tolerance (tolerances)"
+
     def least_cells(self, scene: Scene) -> int:
         """Least number of cells of a new body. Collective.
 
