@@ -82,6 +82,7 @@ SUMMARY = {
         "time_ratio_window",
     },
     "drop_test": {"unknowns_before_touch", "unknowns_at_touch", "hits", "energy_drift"},
+    "gong": {"steps_of_six_unknowns", "rigid_share", "rigid_when_struck", "energy_drift"},
     "custom_geometry": {
         "unknowns_start",
         "unknowns_end",
@@ -142,6 +143,7 @@ FILES = {
     ],
     "robot_arm": ["events.csv", "fields.pvd", "motion.png", "rigid_parts.png"],
     "drop_test": ["events.csv", "fields.pvd", "motion.png", "rigid_parts.png"],
+    "gong": ["events.csv", "fields.pvd", "motion.png", "rigid_parts.png"],
     "custom_geometry": ["events.csv", "fields.pvd", "energy_unknowns.png", "rigid_parts.png"],
 }
 

@@ -30,12 +30,18 @@ class Pair:
         t_end: float,
         rigidify: rf.StrainRate,
         compare: bool = True,
+        beside: rf.StrainRate | None = None,
     ) -> None:
-        """Set the runs up, as of `rf.simulate`; without `compare` there is one only."""
+        """Set the runs up, as of `rf.simulate`; without `compare` there is one only.
+
+        One of tolerance zero in `beside` has the strain rates of the flexible run measured.
+        """
         self.adaptive: list[rf.Report] = []
         self.flexible: list[rf.Report] = []
         self._ahead = rf.simulate(scene, dt, t_end, rigidify=rigidify, progress=True)
-        self._beside = rf.simulate(scene, dt, t_end, progress=False) if compare else None
+        self._beside = None
+        if compare:
+            self._beside = rf.simulate(scene, dt, t_end, rigidify=beside, progress=False)
 
     def __enter__(self) -> Pair:
         return self
