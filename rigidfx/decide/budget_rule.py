@@ -12,6 +12,10 @@ motion by πN times E_w/H after N periods: what a run has spent is
 
     m + π ∫ m dN .
 
+What is allowed, A, leaves room for the periods to come: π ∫ m dN will be A in each, if m is half of
+A at the turns of a vibration, as cells freeze, and 2/π of that in the mean over time. It is below
+what is left whatever comes, so that the budget holds; a wrong guess only spends it early or late.
+
 Cells freeze in the order of what they would withhold, until half of what is allowed is used; as
 much as is above it wakes, the largest contributions first. What a flexible cell would withhold is
 taken from its largest strain rate in a window, times τ = sqrt(Σ w S²/Σ w P²), P the largest rates
@@ -42,6 +46,7 @@ Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
 HALF = 0.5  # of what is allowed, that freezing may use, and that waking leaves
+MEAN = 2 / pi  # of a vibration's size over time, over what it is at its turns
 MARGIN = 1.25  # a window in halves of a period, 2π τ
 FEWEST = 8  # steps of a window
 PER_OCTAVE, OCTAVES = 4, 400  # levels between which contributions are told apart
@@ -105,12 +110,12 @@ class BudgetRule:
 
     @property
     def allowed(self) -> float:
-        """What m may be now: with it to the end, the budget would be spent."""
+        """What m may be now: freezing up to half of it to the end would spend the budget."""
         past, left = self.past, self._budget - self.past.phase
         if not past.free or np.isnan(past.period):
             return max(left, 0.0) / AMPLIFIED
         periods = max(self._timeline.t_end - past.t, 0.0) / past.period
-        return max(left, 0.0) / (1 + pi * periods)
+        return max(left, 0.0) / (1 + pi * HALF * MEAN * periods)
 
     @property
     def rigidity(self) -> Rigidity:
