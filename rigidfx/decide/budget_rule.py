@@ -173,8 +173,8 @@ class BudgetRule:
         share = np.where(flexible, w * S * s, 0.0)
         room = (HALF * self.allowed - past.now) * past.whole
         most = level(density, share, room, self._scene)
-        with np.errstate(divide="ignore"):
-            self._tol = np.where(S > 0, most / (self._stiffness * S * tau), 0.0)
+        steep = self._stiffness * S * tau  # zero where strains are too small to be squared
+        self._tol = np.divide(most, steep, out=np.zeros_like(steep), where=steep > 0)
 
     def told(self) -> str:
         """What a user would set by hand to have the same. Collective."""
