@@ -173,8 +173,9 @@ class Policy:
         """
         numbers = self._numbers(seen)
         apart = {body.name: body.cells for body in seen.bodies if body.name in self.named.apart}
-        against = Seen(self.rule.limits.rates, self.memory.strokes.rate, seen.t)
-        self._advice.of_named({**self.named.cells, **apart}, strained, against)
+        if named := {**self.named.cells, **apart}:
+            against = Seen(self.rule.limits.rates, self.memory.strokes.rate, seen.t)
+            self._advice.of_named(named, strained, against)
         free = (numbers != NONE) & ~self.named.mask
         waking = self.rule.waking(strained, free)
         above = waking.cells
