@@ -13,10 +13,10 @@ from rigidfx.base.errors import (
     SceneError,
     StepError,
 )
-from rigidfx.decide.accuracy import Accuracy
-from rigidfx.decide.criterion import StrainRate
-from rigidfx.decide.relative import Relative
-from rigidfx.decide.release import Release
+from rigidfx.decide.criteria.accuracy import Accuracy
+from rigidfx.decide.criteria.criterion import StrainRate
+from rigidfx.decide.criteria.relative import Relative
+from rigidfx.decide.criteria.release import Release
 from rigidfx.domain.arrays import box, from_arrays
 from rigidfx.domain.cad import list_cad, read_cad
 from rigidfx.domain.domain import Domain

@@ -23,10 +23,10 @@ from rigidfx.base.errors import SceneError, StepError
 from rigidfx.base.log import heard, tell
 from rigidfx.base.progress import progress_bar
 from rigidfx.base.same_input import check_same
-from rigidfx.decide.accuracy import Accuracy, controlled
-from rigidfx.decide.criterion import StrainRate
+from rigidfx.decide.criteria.accuracy import Accuracy, controlled
+from rigidfx.decide.criteria.criterion import StrainRate
+from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.decision import Decision
-from rigidfx.decide.observation import Observation
 from rigidfx.decide.policy import CHECKED, FORESEEN, Policy
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.report.account import Account, beginning
@@ -43,10 +43,10 @@ from rigidfx.shadow.motion import Strained
 from rigidfx.shadow.shadow import Shadow
 from rigidfx.state import State
 from rigidfx.step.first_touch import FirstTouch
-from rigidfx.step.petsc_options import SolverOptions
+from rigidfx.step.length.time_control import TimeControl
+from rigidfx.step.linear.petsc_options import SolverOptions
 from rigidfx.step.stepper import Stepper, StepResult
-from rigidfx.step.supports import Impact
-from rigidfx.step.time_control import TimeControl
+from rigidfx.step.system.supports import Impact
 from rigidfx.switch.switch import Switch
 
 __all__ = ["Run", "prepare", "simulate"]
@@ -81,7 +81,7 @@ def simulate(
             is told in any case, at the level INFO.
         petsc_options: Options of PETSc's solvers for this run, by name without a prefix:
             {"ksp_type": "bcgs", "pc_type": "hypre"}. Those of the command line and of the
-            environment win; see `rigidfx.step.petsc_options`.
+            environment win; see `rigidfx.step.linear.petsc_options`.
         monitor: Called with the number of each Newton iterate and ‖R‖ [N] there, on every rank
             that gives one; what it raises ends the run on all ranks.
 

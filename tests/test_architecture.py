@@ -31,7 +31,7 @@ FLOW = [
 MOVED = ["files", "shapes", "stress"]  # of one release: they warn, and point to where they are
 
 PACKAGE = Path(rigidfx.__file__).parent
-OFFERS = sorted(PACKAGE.glob("*/__init__.py"))
+OFFERS = sorted(PACKAGE.glob("*/**/__init__.py"))
 FILES = sorted(path for path in PACKAGE.rglob("*.py") if path.stem not in ("__init__", *MOVED))
 
 
@@ -95,6 +95,22 @@ def test_imports_can_be_read(path):
 def test_modules_of_a_folder_do_not_import_in_a_circle():
     """An order exists in which each module imports earlier ones only."""
     left = {_name(path): set(_imports(path)) for path in FILES}
+    while ready := [name for name, needs in left.items() if not needs & left.keys()]:
+        for name in ready:
+            del left[name]
+    assert not left
+
+
+def test_rooms_of_a_folder_do_not_import_in_a_circle():
+    """Neither do the folders in a folder, each taken as a whole."""
+
+    def room(name):
+        return ".".join(name.split(".")[:3]) if name.count(".") > 2 else name
+
+    left = {}
+    for path in FILES:
+        own = room(_name(path))
+        left.setdefault(own, set()).update({room(n) for n in _imports(path)} - {own})
     while ready := [name for name, needs in left.items() if not needs & left.keys()]:
         for name in ready:
             del left[name]

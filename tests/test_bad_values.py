@@ -100,7 +100,7 @@ def _stops(t):
 CASES = {
     "class of an effect": (
         lambda: _scene(rf.Gravity),
-        "Scene: <class 'rigidfx.effects.gravity.Gravity'> is not an",
+        "Scene: <class 'rigidfx.effects.loads.gravity.Gravity'> is not an",
     ),
     "None among effects": (
         lambda: _scene(rf.Gravity(), None),

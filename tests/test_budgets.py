@@ -14,7 +14,7 @@ from mpi4py import MPI
 
 import rigidfx as rf
 from rigidfx.decide.advice import Advice, Seen
-from rigidfx.decide.budget_rule import level
+from rigidfx.decide.criteria.budget_rule import level
 from rigidfx.plot.ledger import spent
 from rigidfx.shadow.motion import Strained
 

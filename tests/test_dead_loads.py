@@ -21,7 +21,7 @@ from rigidfx.base.errors import SceneError
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments, Step
 from rigidfx.mechanics.rigid_body import Body, BodyMotion
-from rigidfx.step.actions import Actions
+from rigidfx.step.equations.actions import Actions
 
 MATERIAL = rf.StVenantKirchhoff(rho=2.0, E=50.0, nu=0.3)
 SIZE = (4, 2, 1)

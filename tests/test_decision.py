@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 from rigidfx.decide.clusters import Cluster
 from rigidfx.decide.decision import PlannedBody, plan_bodies, qualify
-from rigidfx.decide.signals import CYCLES, EXCITED, longest_period
+from rigidfx.decide.memory.signals import CYCLES, EXCITED, longest_period
 
 SELF = MPI.COMM_SELF
 

@@ -22,7 +22,7 @@ from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body, BodyMotion
 from rigidfx.state import State
-from rigidfx.step.supports import PrescribedDofs, supports_of
+from rigidfx.step.system.supports import PrescribedDofs, supports_of
 from rigidfx.switch.consistent_exchange import ConsistentExchange
 from rigidfx.switch.exchange import LumpedExchange
 from rigidfx.switch.inventory import divide

@@ -10,13 +10,13 @@ import sys
 import pytest
 
 import rigidfx as rf
-from rigidfx.step.equations import Equilibrium
-from rigidfx.step.stopping_test import StoppingTest
+from rigidfx.step.equations.equations import Equilibrium
+from rigidfx.step.newton.stopping_test import StoppingTest
 
 RUN = """
 import os, signal, sys
 import rigidfx as rf
-from rigidfx.step.equations import Equilibrium
+from rigidfx.step.equations.equations import Equilibrium
 
 material = rf.StVenantKirchhoff(E=1e4, nu=0.3, rho=1.0)
 pulled = [rf.Fixed("x0"), rf.Traction("x1", (1.0, 0.0, 2.0))]

@@ -20,7 +20,7 @@ from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body, BodyMotion
 from rigidfx.scene.timeline import Timeline
 from rigidfx.state import State
-from rigidfx.step.supports import supports_of
+from rigidfx.step.system.supports import supports_of
 from rigidfx.switch.exchange import freeze
 from rigidfx.switch.inventory import check_clamps, divide
 

@@ -12,8 +12,8 @@ from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.inversion import Inversion
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments, Step
-from rigidfx.step.judge import INVERTED, Attempt, Judge, remedy
-from rigidfx.step.solution import Solution
+from rigidfx.step.newton.solution import Solution
+from rigidfx.step.watches.judge import INVERTED, Attempt, Judge, remedy
 
 MATERIAL = rf.StVenantKirchhoff(rho=2.0, E=50.0, nu=0.3)
 NO_BODIES = Increments(Step(Bodies.of_each(()), 0.125), np.empty((0, 6)))

@@ -10,9 +10,9 @@ import pytest
 import rigidfx as rf
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments, Step
-from rigidfx.step.judge import Attempt
-from rigidfx.step.jumps import Jumps, jump_of
-from rigidfx.step.solution import Solution
+from rigidfx.step.newton.solution import Solution
+from rigidfx.step.watches.judge import Attempt
+from rigidfx.step.watches.jumps import Jumps, jump_of
 
 DT = 0.1
 SOLVED = Solution(True, "", (0.0,), 1, 1, "LU", None, 0.0, 0.0)

@@ -16,12 +16,12 @@ import rigidfx as rf
 from rigidfx.coupling.dof_layout import dof_layout
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.mechanics.bodies import Bodies
-from rigidfx.step import chord
-from rigidfx.step.chord_test import ChordTest
-from rigidfx.step.frames import Frames
-from rigidfx.step.kept_tangent import KeptTangent
-from rigidfx.step.refresh import Refresh
-from rigidfx.step.stopping_test import MAX_ITERATIONS, ROUNDING
+from rigidfx.step.newton import chord
+from rigidfx.step.newton.chord_test import ChordTest
+from rigidfx.step.newton.frames import Frames
+from rigidfx.step.newton.kept_tangent import KeptTangent
+from rigidfx.step.newton.refresh import Refresh
+from rigidfx.step.newton.stopping_test import MAX_ITERATIONS, ROUNDING
 
 STEEL = rf.StVenantKirchhoff(E=2e11, nu=0.3, rho=7800.0)
 DT = 1.2e-4  # s; some 25 to a period of the bar's first bending motion

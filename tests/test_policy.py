@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import rigidfx as rf
-from rigidfx.decide.observation import Observation
+from rigidfx.decide.criteria.observation import Observation
 from rigidfx.report.report import report_of
 from rigidfx.scene.timeline import Timeline
 from rigidfx.simulation import prepare

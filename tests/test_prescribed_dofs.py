@@ -20,8 +20,8 @@ from rigidfx.base.errors import SceneError
 from rigidfx.effects import Support
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body, BodyMotion
-from rigidfx.step.rigid_motion import free_to_move
-from rigidfx.step.supports import PrescribedDofs, impose_velocity
+from rigidfx.step.system.rigid_motion import free_to_move
+from rigidfx.step.system.supports import PrescribedDofs, impose_velocity
 
 MATERIAL = rf.StVenantKirchhoff(rho=2.0, E=50.0, nu=0.3)
 MASSES = pytest.mark.parametrize("mass", ["lumped", "consistent"])

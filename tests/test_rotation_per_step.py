@@ -10,7 +10,7 @@ import pytest
 
 import rigidfx as rf
 from rigidfx.mechanics.rotation import cayley
-from rigidfx.step.rotation_per_step import cell_rotations
+from rigidfx.step.watches.rotation_per_step import cell_rotations
 
 DT = 0.1
 

@@ -15,8 +15,8 @@ from scipy.interpolate import CubicHermiteSpline
 import rigidfx as rf
 from rigidfx.plot.ledger import spent
 from rigidfx.scene.timeline import Timeline
-from rigidfx.step.step_length import StepLength
-from rigidfx.step.time_error import TimeError
+from rigidfx.step.length.step_length import StepLength
+from rigidfx.step.length.time_error import TimeError
 
 SOFT = rf.StVenantKirchhoff(E=1e6, nu=0.3, rho=1000.0)
 T = 8.0

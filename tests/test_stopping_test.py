@@ -7,7 +7,7 @@ import pytest
 from histories import EPS, column, drift, show
 
 import rigidfx as rf
-from rigidfx.step.stopping_test import ROUNDING, TIGHTEST, StoppingTest, reason_name
+from rigidfx.step.newton.stopping_test import ROUNDING, TIGHTEST, StoppingTest, reason_name
 
 LEVEL = 1e-6  # N
 

@@ -16,7 +16,7 @@ from dolfinx import fem
 import rigidfx as rf
 from rigidfx.base.taken import taken
 from rigidfx.domain.domain import EntitySet
-from rigidfx.effects.support import Support
+from rigidfx.effects.supports.support import Support
 from rigidfx.plot import Curve
 from rigidfx.report.report import Report
 

@@ -15,15 +15,15 @@ from mpi4py import MPI
 
 import rigidfx as rf
 from rigidfx.base.errors import SceneError, StepError
-from rigidfx.decide.concentration import quiet_enough
+from rigidfx.decide.criteria.concentration import quiet_enough
+from rigidfx.decide.memory.strokes import Strokes
 from rigidfx.decide.policy import CHECKED, FORESEEN
-from rigidfx.decide.strokes import Strokes
 from rigidfx.flexible.stress import CauchyStress
 from rigidfx.shadow import pace, shadow
 from rigidfx.shadow.dashpots import of_neighbours
 from rigidfx.shadow.pace import LONG, LOOKS, Pace
 from rigidfx.shadow.shadow import Shadow
-from rigidfx.step.judge import Judge
+from rigidfx.step.watches.judge import Judge
 
 COMM = MPI.COMM_WORLD
 DT, WINDOW = 0.02, 20  # s, steps

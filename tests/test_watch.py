@@ -7,7 +7,7 @@ import numpy as np
 import rigidfx as rf
 from rigidfx.scene.timeline import Timeline
 from rigidfx.simulation import prepare
-from rigidfx.step.watch import Watch
+from rigidfx.step.watches.watch import Watch
 
 
 class Notes(Watch):

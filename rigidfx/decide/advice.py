@@ -10,7 +10,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.base.warning import warn
-from rigidfx.decide.judging import Criterion
+from rigidfx.decide.criteria.judging import Criterion
 from rigidfx.shadow.motion import Strained
 
 __all__ = ["Advice", "Seen"]

@@ -19,20 +19,20 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.decide.advice import Advice, Seen
-from rigidfx.decide.back_off import BackOff
 from rigidfx.decide.clusters import NONE, CellGraph, find_clusters
-from rigidfx.decide.concentration import Concentration
-from rigidfx.decide.contact_changes import ContactChanges
+from rigidfx.decide.criteria.concentration import Concentration
+from rigidfx.decide.criteria.judging import Criterion
+from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.decision import Decision, plan_bodies, qualify
-from rigidfx.decide.judging import Criterion
-from rigidfx.decide.load_changes import LoadChanges
-from rigidfx.decide.memory import Memory
+from rigidfx.decide.memory.back_off import BackOff
+from rigidfx.decide.memory.contact_changes import ContactChanges
+from rigidfx.decide.memory.load_changes import LoadChanges
+from rigidfx.decide.memory.memory import Memory
+from rigidfx.decide.memory.signals import Signals
+from rigidfx.decide.memory.strokes import Strokes
+from rigidfx.decide.memory.window import Window
 from rigidfx.decide.named_parts import NamedParts
-from rigidfx.decide.observation import Observation
 from rigidfx.decide.releases import PLANNED, Releases
-from rigidfx.decide.signals import Signals
-from rigidfx.decide.strokes import Strokes
-from rigidfx.decide.window import Window
 from rigidfx.effects import Touch
 from rigidfx.report.ledger import Rigidity
 from rigidfx.report.report import Report

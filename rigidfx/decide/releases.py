@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError, together
-from rigidfx.decide.release import Release
+from rigidfx.decide.criteria.release import Release
 from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene

@@ -6,31 +6,31 @@ adds nothing to the compiled forms, and no action to a step: see `action`.
 """
 
 from rigidfx.effects.action import Action, FormTerm, Structure, Touch
+from rigidfx.effects.attached.point_mass import PointMass
+from rigidfx.effects.attached.spring import Spring
 from rigidfx.effects.base import Effect, Table, Windowed, bends_of
-from rigidfx.effects.body_force import BodyForce
 from rigidfx.effects.contact import Contact
 from rigidfx.effects.contacts.obstacles import Cylinder, Obstacle, Plane, Sphere
-from rigidfx.effects.dead_load import DeadLoad
-from rigidfx.effects.fixed import Fixed
-from rigidfx.effects.gravity import Gravity
-from rigidfx.effects.initial_displacement import InitialDisplacement
-from rigidfx.effects.initial_velocity import InitialVelocity
-from rigidfx.effects.kelvin_voigt import KelvinVoigt
-from rigidfx.effects.mass_damping import MassDamping
-from rigidfx.effects.nodal_force import NodalForce
-from rigidfx.effects.numerical_damping import NumericalDamping
-from rigidfx.effects.point_mass import PointMass
-from rigidfx.effects.preload import Preload
-from rigidfx.effects.prescribed_motion import PrescribedMotion
-from rigidfx.effects.prescribed_rotation import PrescribedRotation
-from rigidfx.effects.pressure import Pressure
-from rigidfx.effects.resultant import Resultant
+from rigidfx.effects.damping.kelvin_voigt import KelvinVoigt
+from rigidfx.effects.damping.mass_damping import MassDamping
+from rigidfx.effects.damping.numerical_damping import NumericalDamping
+from rigidfx.effects.damping.stiffness_damping import StiffnessDamping
+from rigidfx.effects.initial.initial_displacement import InitialDisplacement
+from rigidfx.effects.initial.initial_velocity import InitialVelocity
+from rigidfx.effects.loads.body_force import BodyForce
+from rigidfx.effects.loads.dead_load import DeadLoad
+from rigidfx.effects.loads.gravity import Gravity
+from rigidfx.effects.loads.nodal_force import NodalForce
+from rigidfx.effects.loads.preload import Preload
+from rigidfx.effects.loads.pressure import Pressure
+from rigidfx.effects.loads.resultant import Resultant
+from rigidfx.effects.loads.traction import Traction
 from rigidfx.effects.rigid import Rigid
-from rigidfx.effects.spring import Spring
-from rigidfx.effects.stiffness_damping import StiffnessDamping
-from rigidfx.effects.support import Support
-from rigidfx.effects.symmetry import Symmetry
-from rigidfx.effects.traction import Traction
+from rigidfx.effects.supports.fixed import Fixed
+from rigidfx.effects.supports.prescribed_motion import PrescribedMotion
+from rigidfx.effects.supports.prescribed_rotation import PrescribedRotation
+from rigidfx.effects.supports.support import Support
+from rigidfx.effects.supports.symmetry import Symmetry
 
 __all__ = [
     "Action",

@@ -20,7 +20,7 @@ from rigidfx.effects.contacts.pairs import PairForces
 from rigidfx.effects.contacts.pressing import Friction
 from rigidfx.effects.contacts.surface import surface_of
 from rigidfx.effects.fields import values_of
-from rigidfx.effects.initial_displacement import InitialDisplacement
+from rigidfx.effects.initial.initial_displacement import InitialDisplacement
 
 __all__ = ["Contact"]
 

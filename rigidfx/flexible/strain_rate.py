@@ -34,7 +34,7 @@ class StrainRates:
         Args:
             scene: The problem.
             forces: Internal forces, whose u₀ and u₁ hold the ends of a step.
-            measure: See `rigidfx.decide.criterion.StrainRate`.
+            measure: See `rigidfx.decide.criteria.criterion.StrainRate`.
         """
         self._forces = forces
         space = fem.functionspace(scene.mesh, ("DG", 0))

@@ -6,9 +6,9 @@
     rigidity   estimated error of displacements by what is rigid                     [m]
     damping    energy that numerical damping has taken so far                         [J]
 
-Energies are relative to the largest energy of deformation so far (`rigidfx.step.deformation`),
-errors of displacements to the largest displacement so far of what is watched. The error of the mesh
-is not estimated.
+Energies are relative to the largest energy of deformation so far
+(`rigidfx.step.length.deformation`), errors of displacements to the largest displacement so far of
+what is watched. The error of the mesh is not estimated.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from math import isnan, nan, pi
 from typing import ClassVar, Literal
 
 from rigidfx.effects import NumericalDamping
-from rigidfx.step.deformation import Deformation
-from rigidfx.step.energies import Measures
+from rigidfx.step.equations.energies import Measures
+from rigidfx.step.length.deformation import Deformation
 from rigidfx.step.stepper import Stepper
 
 __all__ = ["Entry", "Ledger", "Ledgers", "Rigidity"]

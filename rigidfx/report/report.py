@@ -23,9 +23,9 @@ from rigidfx.report.probe_stress import StressAt
 from rigidfx.report.probes import Probes
 from rigidfx.shadow.shadow import Shadow
 from rigidfx.state import State
-from rigidfx.step.energies import Measures
+from rigidfx.step.equations.energies import Measures
 from rigidfx.step.stepper import Stepper, StepResult
-from rigidfx.step.supports import Impact
+from rigidfx.step.system.supports import Impact
 
 __all__ = ["Report", "amended", "report_of", "with_ledger"]
 

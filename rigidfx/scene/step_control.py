@@ -41,7 +41,8 @@ class StepControl:
     """Δt follows from the error of displacements that time integration is allowed to make.
 
     The errors of all steps, added up, are kept below `tol` times the largest displacement so far;
-    see `rigidfx.step.time_error` for the estimate and `rigidfx.step.step_length` for the rule.
+    see `rigidfx.step.length.time_error` for the estimate and `rigidfx.step.length.step_length` for
+    the rule.
 
     Attributes:
         tol: Error of a run over the largest displacement so far, such as 0.01.

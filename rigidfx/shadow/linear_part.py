@@ -12,7 +12,7 @@ from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.rows import Rows
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.shadow.parts import Parts
-from rigidfx.step.linear_solver import default_options
+from rigidfx.step.linear.linear_solver import default_options
 
 __all__ = ["LinearPart"]
 

@@ -32,9 +32,9 @@ from rigidfx.shadow.motion import Limits, Motion, Strained, at_rest, part_of
 from rigidfx.shadow.pace import Pace
 from rigidfx.shadow.parts import Parts, watched
 from rigidfx.shadow.withheld import Withheld
-from rigidfx.step.judge import Attempt
 from rigidfx.step.stepper import Stepper
-from rigidfx.step.watch import Watch
+from rigidfx.step.watches.judge import Attempt
+from rigidfx.step.watches.watch import Watch
 
 __all__ = ["Shadow"]
 

@@ -22,9 +22,9 @@ from rigidfx.effects import Windowed
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.shadow.parts import Parts
-from rigidfx.step.actions import Actions
+from rigidfx.step.equations.actions import Actions
+from rigidfx.step.equations.structure import BoundStructure
 from rigidfx.step.stepper import Stepper
-from rigidfx.step.structure import BoundStructure
 
 __all__ = ["Withheld"]
 

@@ -16,18 +16,18 @@ from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.inversion import Inversion, InvertedCells
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
-from rigidfx.step.compression import Compression
-from rigidfx.step.division import Division
-from rigidfx.step.energies import Measures, Momenta
-from rigidfx.step.judge import Attempt, Judge
-from rigidfx.step.jumps import Jumps
-from rigidfx.step.rotation_per_step import RotationPerStep
-from rigidfx.step.solution import Solution
-from rigidfx.step.supports import Impact, PrescribedDofs, impose_velocity, supports_of
-from rigidfx.step.system import System
-from rigidfx.step.time_control import TimeControl
-from rigidfx.step.unresolved import Unresolved
-from rigidfx.step.watch import Measuring, Watch
+from rigidfx.step.equations.energies import Measures, Momenta
+from rigidfx.step.length.time_control import TimeControl
+from rigidfx.step.newton.solution import Solution
+from rigidfx.step.system.division import Division
+from rigidfx.step.system.supports import Impact, PrescribedDofs, impose_velocity, supports_of
+from rigidfx.step.system.system import System
+from rigidfx.step.watches.compression import Compression
+from rigidfx.step.watches.judge import Attempt, Judge
+from rigidfx.step.watches.jumps import Jumps
+from rigidfx.step.watches.rotation_per_step import RotationPerStep
+from rigidfx.step.watches.unresolved import Unresolved
+from rigidfx.step.watches.watch import Measuring, Watch
 
 __all__ = ["StepResult", "Stepper"]
 

@@ -35,8 +35,8 @@ from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body, Frozen
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
-from rigidfx.step.division import Division
-from rigidfx.step.linear_solver import conjugate_gradients
+from rigidfx.step.linear.linear_solver import conjugate_gradients
+from rigidfx.step.system.division import Division
 from rigidfx.switch.exchange import freeze
 
 __all__ = ["ConsistentExchange"]

@@ -20,8 +20,8 @@ from rigidfx.mechanics.rigid_body import NOTHING, Body
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
 from rigidfx.state import State
-from rigidfx.step.division import Division
-from rigidfx.step.supports import dofs_of, supports_of
+from rigidfx.step.system.division import Division
+from rigidfx.step.system.supports import dofs_of, supports_of
 from rigidfx.switch.exchange import freeze
 
 __all__ = ["check_clamps", "divide"]

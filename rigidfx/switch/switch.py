@@ -17,10 +17,10 @@ from rigidfx.mechanics.rigid_body import Body, RigidBody
 from rigidfx.report.events import BodyChange, Event
 from rigidfx.scene.timeline import Timeline
 from rigidfx.state import initial_displacement, initial_velocity
-from rigidfx.step.judge import INVERTED, remedy
-from rigidfx.step.preload import apply_preload
 from rigidfx.step.stepper import Stepper
-from rigidfx.step.supports import Impact, PrescribedDofs, supports_of
+from rigidfx.step.system.preload import apply_preload
+from rigidfx.step.system.supports import Impact, PrescribedDofs, supports_of
+from rigidfx.step.watches.judge import INVERTED, remedy
 from rigidfx.switch.consistent_exchange import ConsistentExchange
 from rigidfx.switch.exchange import Exchange, LumpedExchange
 from rigidfx.switch.inventory import check_clamps, divide

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rigidfx.base.errors import SceneError
-from rigidfx.decide.back_off import BackOff
-from rigidfx.decide.criterion import StrainRate
+from rigidfx.decide.criteria.criterion import StrainRate
+from rigidfx.decide.memory.back_off import BackOff
 
 WINDOW = 1.0  # s
 YES, NO = np.array([True]), np.array([False])

@@ -1,0 +1,1 @@
+"""Criteria: what a user writes, and the rules by which cells are judged."""

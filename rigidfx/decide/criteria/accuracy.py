@@ -1,0 +1,199 @@
+"""Accuracy as a user states it: one per cent of the motion of a probe."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from rigidfx.base.errors import SceneError
+from rigidfx.base.inputs import positive, whole
+from rigidfx.base.log import tell
+from rigidfx.base.taken import take_fields
+from rigidfx.base.warning import warn
+from rigidfx.decide.criteria.budget_rule import BudgetRule
+from rigidfx.decide.criteria.judging import Criterion, never_rigid
+from rigidfx.decide.criteria.rule import Rule
+from rigidfx.decide.memory.memory import Memory
+from rigidfx.report.beside import beside
+from rigidfx.report.report import Report
+from rigidfx.scene.scene import Scene
+from rigidfx.scene.step_control import StepControl, check_probes, fraction, probe_names
+from rigidfx.scene.timeline import Timeline
+
+__all__ = ["Accuracy", "controlled"]
+
+OF_TIME = 0.5  # share of the budget that time integration may spend; rigidity has the rest
+FINER = 4  # a twin's Δt
+
+
+@dataclass(frozen=True)
+class Accuracy(Criterion):
+    """How far off a motion may be, for whatever reason a run decides about by itself.
+
+    Δt, what becomes rigid, and when it wakes follow from it: half of the budget is time
+    integration's (`rigidfx.scene.step_control.StepControl`), half is rigidity's
+    (`rigidfx.decide.criteria.budget_rule`). What both have spent is in each report's ledger. The
+    error of the mesh is not estimated.
+
+    Attributes:
+        budget: Error of the displacement over the largest one so far, such as 0.01.
+        at: Names of the probes whose displacements count; some nodes far from each other if None.
+        of: Displacement that the budget is a part of [m]; the largest so far if None.
+        smallest: Smallest Δt [s]; a thousandth of the largest if None.
+        never: Names of sets of cells that stay flexible.
+        min_cells: Least number of cells of a new body; a twentieth of all, or two, if None.
+        check: Whether the flexible twin runs beside, with steps a quarter as long or so: reports'
+            ledgers then have the error that was measured.
+    """
+
+    budget: float
+    at: str | Sequence[str] | None = None
+    of: float | None = field(default=None, kw_only=True)
+    smallest: float | None = field(default=None, kw_only=True)
+    never: Sequence[str] = field(default=(), kw_only=True)
+    min_cells: int | None = field(default=None, kw_only=True)
+    check: bool = field(default=False, kw_only=True)
+
+    def __post_init__(self) -> None:
+        """Check all values, and take them.
+
+        Raises:
+            SceneError: If one cannot be used.
+        """
+        owner = "Accuracy"
+        fraction(owner, "budget", self.budget)
+        object.__setattr__(self, "at", probe_names(owner, self.at))
+        for name in ("of", "smallest"):
+            if getattr(self, name) is not None:
+                positive(owner, name, getattr(self, name))
+        if not isinstance(self.check, (bool, np.bool_)):
+            raise SceneError(f"Accuracy: check must be True or False, got {self.check!r}.")
+        object.__setattr__(self, "never", never_rigid(owner, self.never))
+        if self.min_cells is not None:
+            whole(owner, "min_cells", self.min_cells, least=1)
+        take_fields(self)
+
+    def finer(self, control: StepControl) -> StepControl:
+        """How Δt of the flexible twin is chosen: a quarter as long, or so.
+
+        Args:
+            control: How that of the run is.
+        """
+        tol, largest = float(control.tol) / FINER**2, float(control.largest) / FINER
+        return StepControl(
+            tol, control.at, largest=largest, smallest=control.least / FINER, of=control.of
+        )
+
+    def followed(
+        self,
+        reports: Iterator[Report],
+        scene: Scene,
+        rule: Rule,
+        twin: Callable[..., Iterator[Report]],
+    ) -> Iterator[Report]:
+        """The reports of a run; at its end it is said whether it has kept the budget. Collective.
+
+        Args:
+            reports: The reports.
+            scene: The problem.
+            rule: What judges cells by it.
+            twin: Begins the twin.
+        """
+        if self.check:
+            reports = beside(
+                reports, twin(progress=False, verbose=False), tuple(self.at or scene.probes)
+            )
+        last = None
+        with closing(reports):  # type: ignore[type-var]
+            for report in reports:
+                last = report
+                yield report
+        if last is None or last.ledger is None:
+            return
+        ledger, budget = last.ledger, float(self.budget)
+        tell(scene.comm, f"{budget:.3g} of the largest displacement was asked:\n{ledger}")
+        tell(scene.comm, rule.told())
+        shares = {
+            "time integration": (ledger.time, OF_TIME, "estimated"),
+            "rigidity": (ledger.rigidity, 1 - OF_TIME, "estimated"),
+            "the run": (ledger.measured, 1.0, "measured against a finer flexible run"),
+        }
+        over = [
+            f"{words} errs by {entry.relative:.3g} ({how}) of the {share * budget:.3g} allowed"
+            for words, (entry, share, how) in shares.items()
+            if entry.relative > share * budget * (1 + 1e-9)
+        ]
+        if ledger.damping.relative / 2 > budget:
+            taken = f"numerical damping takes {ledger.damping.relative:.3g} of the energy"
+            over.append(f"{taken}, and half of that of amplitudes")
+        if over:
+            warn(
+                scene.comm,
+                f"Accuracy: the budget of {budget:.3g} was not met: {'; '.join(over)}. Take a "
+                "larger budget, a smaller `smallest`, or a smaller dt where loads are over in less "
+                "and are no time windows.",
+            )
+
+    def rule(self, scene: Scene, timeline: Timeline, memory: Memory) -> BudgetRule:
+        """See `Criterion`."""
+        return BudgetRule(scene, timeline, memory, (1 - OF_TIME) * float(self.budget))
+
+    @property
+    def remedy(self) -> str:
+        """See `Criterion`."""
+        return "Take a larger budget, or name their cells `never`."
+
+    @property
+    def limit(self) -> str:
+        """See `Criterion`."""
+        return "the strain with which bodies would use up half of what the budget leaves them"
+
+    @property
+    def pardon(self) -> str:
+        """See `Criterion`."""
+        return "take a larger budget"
+
+
+def controlled(accuracy: Any, scene: Scene, dt: Any, rigidify: Any) -> StepControl:
+    """How Δt is chosen in a run with an `Accuracy`.
+
+    Args:
+        accuracy: The record.
+        scene: The problem.
+        dt: Largest Δt [s].
+        rigidify: A criterion besides it.
+
+    Raises:
+        SceneError: If accuracy is none, there is such a criterion, dt is no length, a probe is
+            unknown, or there is none to check.
+    """
+    if not isinstance(accuracy, Accuracy):
+        raise SceneError(f"simulate: accuracy must be an Accuracy, got {accuracy!r}.")
+    if rigidify is not None:
+        raise SceneError(
+            "simulate: accuracy chooses what becomes rigid, and so does rigidify: give one of them."
+        )
+    if isinstance(dt, (StepControl, Mapping)):
+        what = "a StepControl" if isinstance(dt, StepControl) else "several values of dt"
+        raise SceneError(
+            f"simulate: accuracy chooses Δt, and so would {what}: give the largest Δt in s, such "
+            "as dt=0.05, with it."
+        )
+    largest = positive("simulate", "dt", dt)
+    if accuracy.smallest is not None and accuracy.smallest > largest:
+        raise SceneError(
+            f"Accuracy: needs smallest ≤ dt, the largest Δt, got {accuracy.smallest!r} and "
+            f"{largest!r} s."
+        )
+    names: Any = accuracy.at
+    check_probes("Accuracy", names or (), scene)
+    if accuracy.check and not scene.probes:
+        raise SceneError(
+            "Accuracy: check compares displacements of probes, and the scene has none: give one."
+        )
+    tol = OF_TIME * float(accuracy.budget)
+    return StepControl(tol, names, largest=largest, smallest=accuracy.smallest, of=accuracy.of)

@@ -1,0 +1,233 @@
+"""The rule of `Accuracy`: what rigidity takes from a motion stays below a budget.
+
+A displacement is a sum over cells, u = ∫ σ : ε dV, σ the stresses of a unit force there. What
+bodies withhold of their cells' strains, s, takes a part of it; with the largest strains so far, S,
+in the place of σ, which are those of the motion that the budget is a part of,
+
+    m = Σ w S s / Σ w S² ,    w = C V   of each cell, sums over rigid cells, and all.
+
+Of a steady motion s = S, and m is E_w/H, the strain energy withheld over that of deformation; of a
+vibration that has come down to a part r it is r E_w/H. A frequency is off by E_w/2H (Rayleigh), the
+motion by πN times E_w/H after N periods: what a run has spent is
+
+    m + π ∫ m dN .
+
+What is allowed, A, leaves room for the periods to come: π ∫ m dN will be A in each, if m is half of
+A at the turns of a vibration, as cells freeze, and 2/π of that in the mean over time. It is below
+what is left whatever comes, so that the budget holds; a wrong guess only spends it early or late.
+
+Cells freeze in the order of what they would withhold, until half of what is allowed is used; as
+much as is above it wakes, the largest contributions first. What a flexible cell would withhold is
+taken from its largest strain rate in a window, times τ = sqrt(Σ w S²/Σ w P²), P the largest rates
+so far: 1/ω where all vibrates with ω. What a body does withhold its shadow tells.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import pi
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from rigidfx.decide.criteria.concentration import stiffness
+from rigidfx.decide.criteria.observation import Observation
+from rigidfx.decide.criteria.rule import Waking
+from rigidfx.decide.memory.memory import Memory
+from rigidfx.report.ledger import Rigidity
+from rigidfx.scene.scene import Scene
+from rigidfx.scene.timeline import Timeline
+from rigidfx.shadow.motion import Limits, Strained
+
+__all__ = ["BudgetRule", "level"]
+
+Array = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
+
+HALF = 0.5  # of what is allowed, that freezing may use, and that waking leaves
+MEAN = 2 / pi  # of a vibration's size over time, over what it is at its turns
+MARGIN = 1.25  # a window in halves of a period, 2π τ
+FEWEST = 8  # steps of a window
+PER_OCTAVE, OCTAVES = 4, 400  # levels between which contributions are told apart
+AMPLIFIED = 2.0  # what rigidity does to a motion under loads that change, over m
+TINY = 1e-200  # strain that is none: where nothing is allowed, all that strains is too much
+RINGING = 1.5  # times what loads at rest would withhold, above which shadows ring
+STEPS_AT_REST = 2  # in which loads have not changed where motions are free
+
+
+@dataclass
+class Past:
+    """What is remembered of owned cells, and of the run.
+
+    Attributes:
+        strains: Largest strains so far.
+        sums: Σ w ε² and Σ w ε̇² of flexible cells, integrated over time [J s, J/s].
+        period: 2π τ [s]; NaN while nothing but rounding has strained.
+        whole: Σ w S², over all ranks [J].
+        now: m.
+        phase: π ∫ m dN.
+        free: Whether loads rest.
+        rings: Whether shadows swing by more than loads at rest would strain them.
+        t: Time [s].
+    """
+
+    strains: Array
+    sums: Array
+    period: float = np.nan
+    whole: float = 0.0
+    now: float = 0.0
+    phase: float = 0.0
+    free: bool = False
+    rings: bool = False
+    t: float = 0.0
+
+
+class BudgetRule:
+    """Cells are quiet as long as all that they would withhold is in the budget."""
+
+    def __init__(self, scene: Scene, timeline: Timeline, memory: Memory, budget: float) -> None:
+        """Nothing has strained. Collective.
+
+        Args:
+            scene: The problem.
+            timeline: Where steps end.
+            memory: What the policy remembers.
+            budget: Part of the largest displacement.
+        """
+        self._scene, self._timeline, self._memory, self._budget = scene, timeline, memory, budget
+        self._stiffness = stiffness(scene)
+        cells = self._stiffness.size
+        self._weights: Array = np.zeros(cells)
+        self.past = Past(np.zeros(cells), np.zeros(2))
+        self._tol: Array = np.zeros(cells)
+        self._limit = np.inf
+
+    @property
+    def tol(self) -> Array:
+        """Strain rate up to which each owned cell was quiet at the end of the last window [1/s]."""
+        return self._tol
+
+    @property
+    def allowed(self) -> float:
+        """What m may be now: freezing up to half of it to the end would spend the budget."""
+        past, left = self.past, self._budget - self.past.phase
+        if not past.free or np.isnan(past.period):
+            return max(left, 0.0) / AMPLIFIED
+        periods = max(self._timeline.t_end - past.t, 0.0) / past.period
+        return max(left, 0.0) / (1 + pi * HALF * MEAN * periods)
+
+    @property
+    def rigidity(self) -> Rigidity:
+        """What bodies do to the motion."""
+        past = self.past
+        return Rigidity(past.now + past.phase, self._budget, past.free, past.rings)
+
+    @property
+    def limits(self) -> Limits:
+        """Strains that use up what is allowed, or more, if all cells of bodies have them."""
+        rigid = self._memory.back_off.rigid
+        w, S = self._weights[rigid], self.past.strains[rigid]
+        one, both = self._scene.sum(np.array([w.sum(), (w * S).sum()]))
+        room = self.allowed * self.past.whole
+        strain = HALF * min(room / both, np.sqrt(room / one)) if both > 0 else np.inf
+        self._limit = strain = max(float(strain), TINY)
+        each, window = np.full(self._tol.size, strain), self.length()
+        return Limits(
+            rates=np.full_like(each, np.inf),
+            strains=each,
+            window=np.inf if np.isnan(window) else window,
+            swings=each,
+        )
+
+    def length(self) -> float:
+        """How long a window is to be [s]; NaN while that is not known."""
+        if self._memory.window.steps < FEWEST:
+            return np.nan
+        return MARGIN * self.past.period / 2
+
+    def observe(self, seen: Observation) -> None:
+        """Remember the largest strains and rates; what rigidity costs goes on. Collective."""
+        past, indicator = self.past, seen.indicator
+        self._weights = self._stiffness * indicator.weights
+        w, now, noise = self._weights, seen.strains, seen.noise
+        np.maximum(past.strains, now, out=past.strains)
+        local = [w @ past.strains**2, w @ now**2, w @ indicator.values**2, w.sum()]
+        past.whole, strain, rate, one = map(float, self._scene.sum(np.array(local)))
+        past.sums += np.array([strain, rate]) * seen.dt * (rate > one * (10 * noise) ** 2)
+        past.period = 2 * pi * np.sqrt(past.sums[0] / past.sums[1]) if past.sums[1] > 0 else np.nan
+        if not seen.bodies:
+            past.now = 0.0
+        past.free = seen.t - self._memory.loads.resting_since > STEPS_AT_REST * seen.dt
+        if past.free and past.now > 0:
+            past.phase += pi * past.now * (seen.t - past.t) / past.period
+        past.t = seen.t
+
+    def window_ends(self, seen: Observation, flexible: Bools) -> None:
+        """Find the tolerances with which half of what is allowed is used. Collective."""
+        past, w = self.past, self._weights
+        tau = past.period / (2 * pi)
+        s = self._memory.window.worst * tau
+        S = np.maximum(past.strains, s)
+        density = np.where(flexible, self._stiffness * S * s, 0.0)
+        share = np.where(flexible, w * S * s, 0.0)
+        room = (HALF * self.allowed - past.now) * past.whole
+        most = level(density, share, room, self._scene)
+        steep = self._stiffness * S * tau  # zero where strains are too small to be squared
+        self._tol = np.divide(most, steep, out=np.zeros_like(steep), where=steep > 0)
+
+    def told(self) -> str:
+        """What a user would set by hand to have the same. Collective."""
+        some = self._tol[self._tol > 0]
+        ends = np.array([some.min(initial=np.inf), -some.max(initial=0.0)])
+        self._scene.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MIN)
+        if not np.isfinite(ends[0]):
+            return "nothing was observed for long enough to become rigid"
+        window = MARGIN * self.past.period / 2
+        return (
+            f"StrainRate with tol from {ends[0]:.3g} to {-ends[1]:.3g} 1/s, by cell, "
+            f"window={window:.3g}, wake='local', kappa={1 / HALF:g} did the same at last"
+        )
+
+    def waking(self, strained: Strained, free: Bools) -> Waking:
+        """What is above the budget wakes, the largest contributions first. Collective."""
+        past, w, nothing = self.past, self._weights, np.zeros(free.size, dtype=bool)
+        if not np.isfinite(self._limit):
+            return Waking(nothing, nothing)
+        assert strained.swing is not None
+        still, swing = strained.sum * self._limit, strained.swing * self._limit
+        s: Array = np.where(free, np.maximum(still, swing), 0.0)
+        S = np.maximum(past.strains, s)
+        share = w * S * s
+        slow = w * np.maximum(past.strains, still) * np.where(free, still, 0.0)
+        total, whole, steady = self._scene.sum(
+            np.array([share.sum(), (w * S**2).sum(), slow.sum()])
+        )
+        past.rings = bool(total > RINGING * steady)
+        past.now = float(total / whole) if whole > 0 else 0.0
+        if past.now <= self.allowed:
+            return Waking(nothing, nothing)
+        density = self._stiffness * S * s
+        most = level(density, share, HALF * self.allowed * whole, self._scene)
+        cells = (density >= most) & (s > 0)
+        return Waking(cells, cells & (still >= swing))
+
+
+def level(density: Array, share: Array, room: float, scene: Scene) -> float:
+    """The density below which cells' shares add up to what there is room for. Collective.
+
+    Args:
+        density: Of each owned cell, ≥ 0.
+        share: Of each owned cell.
+        room: In the unit of the shares.
+        scene: The problem.
+    """
+    if room <= 0:
+        return 0.0
+    some = density > 0
+    number = np.floor(PER_OCTAVE * np.log2(density[some])).astype(np.int64)
+    bins = 2 * PER_OCTAVE * OCTAVES
+    place = np.clip(number + bins // 2, 0, bins - 1)
+    sums = np.asarray(scene.sum(np.bincount(place, share[some], bins)))
+    k = int(np.searchsorted(np.cumsum(sums), room, side="right"))
+    return float(2.0 ** ((k - bins // 2) / PER_OCTAVE))

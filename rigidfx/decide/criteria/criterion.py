@@ -1,0 +1,162 @@
+"""When parts of a structure become rigid, and when they are released: what the user states."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from math import inf
+from typing import Literal
+
+from rigidfx.base.errors import SceneError
+from rigidfx.base.inputs import number, positive, whole
+from rigidfx.base.taken import take_fields
+from rigidfx.decide.criteria.judging import Criterion, never_rigid
+from rigidfx.decide.criteria.rate_rule import RateRule
+from rigidfx.decide.criteria.relative import Relative
+from rigidfx.decide.criteria.release import Release
+from rigidfx.decide.criteria.rule import Rule
+from rigidfx.decide.memory.memory import Memory
+from rigidfx.flexible.indicator import Indicator
+from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.flexible.strain_rate import StrainRates
+from rigidfx.scene.scene import Scene
+from rigidfx.scene.timeline import Timeline
+
+__all__ = ["StrainRate"]
+
+
+SETTLING = 5.0  # windows in which the vibration of a body's shadow is damped out
+
+
+@dataclass(frozen=True)
+class StrainRate(Criterion):
+    """Parts whose strain rate stays below a tolerance become rigid: equations (23), (24).
+
+    The run is observed window by window. A cell qualifies if its strain rate, a mean over the cell,
+    was at most `tol` in every step of a window; at the window's end connected cells that qualify
+    become rigid bodies. A change of a load or of a support releases them all, and a new window
+    begins.
+
+    Cells named by a `Rigid` effect are rigid always; bodies that are found may grow together with
+    them unless the effect gives their mass or inertia or a `Resultant` acts on them.
+
+    Attributes:
+        tol: Largest strain rate of a cell that counts as rigid [1/s]; with measure="paper"
+            [m^-1.5/s]. `Relative(0.02)` is that part of the largest strain rate so far.
+        window: Length of a window T_red [s]; "auto" takes it from the longest period that is
+            seen in the motion and in the loads.
+        measure: "rms", sqrt(∫ ΔE:ΔE dV0 / V0)/Δt, which does not depend on the mesh, or
+            "paper", sqrt(∫ ΔE:ΔE dV0)/(Δt V0), the paper's (24), which grows as cells shrink.
+        tolerances: Tolerance of named sets of cells in place of `tol`; the least where they
+            overlap.
+        never: Names of sets of cells that stay flexible.
+        min_cells: Least number of cells of a new body; a cell alone, with six numbers in place of
+            those of its nodes that no other cell has, hardly saves anything.
+        release: Releases at given times or on the user's conditions.
+        load_change: A load, or the velocity of a support, that differs from what it was at the last
+            freeze by more than this fraction of its largest value so far has changed; infinity lets
+            only jumps, kinks and windows count.
+        wake: What ends a body. "all": any change of a load or of a support releases all of them,
+            the paper's rule. "local": what the forces on a body would strain, were it flexible,
+            is computed in each step; cells that it would strain at more than `kappa` times their
+            tolerance are released with a ring of cells round them, and the step is solved again. A
+            change of a load releases nothing by itself. "none": nothing, but what `release` asks
+            for. In any case all bodies are released where a support begins or ends.
+        kappa: κ ≥ 1 of "local".
+        patience: Factor γ ≥ 1 by which cells have to qualify in more windows, one after the other,
+            each time they are released sooner than they were observed, from the second time in a
+            row on; 1 lets them never wait. Planned releases (`Release(at=…)`) do not count.
+        since: Time [s] at which observation begins.
+        until: Time [s] from which on no more bodies are formed.
+    """
+
+    tol: float | Relative
+    window: float | Literal["auto"]
+    measure: Literal["rms", "paper"] = field(default="rms", kw_only=True)
+    tolerances: Mapping[str, float] = field(default_factory=dict, kw_only=True)
+    never: Sequence[str] = field(default=(), kw_only=True)
+    min_cells: int = field(default=2, kw_only=True)
+    release: Sequence[Release] | Release = field(default=(), kw_only=True)
+    load_change: float = field(default=0.1, kw_only=True)
+    wake: Literal["all", "local", "none"] = field(default="all", kw_only=True)
+    kappa: float = field(default=3.0, kw_only=True)
+    patience: float = field(default=2.0, kw_only=True)
+    since: float = field(default=0.0, kw_only=True)
+    until: float = field(default=inf, kw_only=True)
+
+    def __post_init__(self) -> None:
+        """Check all values, and take them.
+
+        Raises:
+            SceneError: If a number or a name cannot be used.
+        """
+        owner = "StrainRate"
+        if not isinstance(self.tol, Relative) and not number(owner, "tol", self.tol) >= 0:
+            raise SceneError(f"StrainRate: tol must be ≥ 0, got {self.tol!r}.")
+        if not isinstance(self.window, str) or self.window != "auto":
+            if isinstance(self.window, str):
+                raise SceneError(
+                    f"StrainRate: window must be a time in s or 'auto', got {self.window!r}."
+                )
+            positive(owner, "window", self.window)
+        if self.measure == "printed":  # its former name
+            object.__setattr__(self, "measure", "paper")
+        if self.measure not in ("rms", "paper"):
+            raise SceneError(f"StrainRate: measure must be 'rms' or 'paper', got {self.measure!r}.")
+        named = isinstance(self.tolerances, Mapping)
+        if not named or not all(isinstance(name, str) for name in self.tolerances):
+            raise SceneError(
+                "StrainRate: tolerances must be a dict of cell-set names to numbers, got "
+                f"{self.tolerances!r}."
+            )
+        for name, tol in self.tolerances.items():
+            if not number(owner, f"the tolerance of '{name}'", tol) >= 0:
+                raise SceneError(f"StrainRate: the tolerance of '{name}' must be ≥ 0, got {tol!r}.")
+        object.__setattr__(self, "never", never_rigid(owner, self.never))
+        whole(owner, "min_cells", self.min_cells, least=1)
+        listed = isinstance(self.release, (Release, Sequence))
+        if not listed or not all(isinstance(release, Release) for release in self.releases):
+            raise SceneError(f"StrainRate: release must be Release records, got {self.release!r}.")
+        positive(owner, "load_change", self.load_change, infinite=True)
+        if self.wake not in ("all", "local", "none"):
+            raise SceneError(
+                f"StrainRate: wake must be 'all', 'local' or 'none', got {self.wake!r}."
+            )
+        if not number(owner, "kappa", self.kappa) >= 1:
+            raise SceneError(f"StrainRate: kappa must be ≥ 1, got {self.kappa!r}.")
+        if not number(owner, "patience", self.patience) >= 1:
+            raise SceneError(f"StrainRate: patience must be ≥ 1, got {self.patience!r}.")
+        since = number(owner, "since", self.since)
+        if not max(since, 0.0) < number(owner, "until", self.until, infinite=True):
+            raise SceneError(
+                f"StrainRate: needs since < until, got {self.since!r} … {self.until!r}."
+            )
+        # In one order on all ranks, as the sets are looked up on all at a time.
+        object.__setattr__(self, "tolerances", dict(sorted(self.tolerances.items())))
+        take_fields(self)  # at last, so that messages show what was given
+
+    @property
+    def releases(self) -> tuple[Release, ...]:
+        """The releases, one or several."""
+        return (self.release,) if isinstance(self.release, Release) else tuple(self.release)
+
+    @property
+    def remedy(self) -> str:
+        """What keeps bodies from being released again and again."""
+        helps = {"all": "a larger load_change", "local": "a larger tol or kappa"}
+        helps_here = helps.get(self.wake, "fewer releases")
+        return f"Take a longer window, {helps_here}, or look at the conditions of Release."
+
+    @property
+    def settling(self) -> float:
+        """Time in which the vibration of shadows is damped out [s]; infinite for auto windows."""
+        return inf if isinstance(self.window, str) else SETTLING * self.window
+
+    def rule(self, scene: Scene, timeline: Timeline, memory: Memory) -> Rule:
+        """See `Criterion`."""
+        kappa = float(self.kappa) if self.wake == "local" else None
+        return RateRule(scene, timeline, memory, self.tol, self.tolerances, self.window, kappa)
+
+    def indicator(self, scene: Scene, forces: InternalForces) -> Indicator:
+        """See `Criterion`."""
+        return StrainRates(scene, forces, self.measure)

@@ -1,0 +1,120 @@
+"""What a policy asks of any criterion, and what it gets where a criterion says nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence, Set
+from math import inf
+from typing import Any, Literal
+
+from rigidfx.base.errors import SceneError
+from rigidfx.decide.criteria.release import Release
+from rigidfx.decide.criteria.rule import Rule
+from rigidfx.decide.memory.memory import Memory
+from rigidfx.flexible.indicator import Indicator
+from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.flexible.strain_rate import StrainRates
+from rigidfx.scene.scene import Scene
+from rigidfx.scene.timeline import Timeline
+
+__all__ = ["Criterion", "never_rigid"]
+
+LEAST = 2  # cells of a body: one alone hardly saves anything
+WORTH = 0.05  # of all cells: what is less saves less than its switches and its shadow cost
+
+
+class Criterion:
+    """Base of the records of criteria.
+
+    `rigidfx.decide.criteria.criterion.StrainRate` says what the attributes mean.
+    """
+
+    wake: Literal["all", "local", "none"] = "local"
+    window: float | Literal["auto"] = "auto"
+    never: Sequence[str] = ()
+    min_cells: int | None = 2
+    load_change: float = inf
+    patience: float = 2.0
+    since: float = 0.0
+    until: float = inf
+
+    @property
+    def releases(self) -> tuple[Release, ...]:
+        """Releases that are asked for."""
+        return ()
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Times of planned releases [s], at which steps end."""
+        return tuple(sorted({t for release in self.releases for t in release.times}))
+
+    @property
+    def settling(self) -> float:
+        """Time in which the vibration of shadows is damped out [s]."""
+        return inf
+
+    @property
+    def remedy(self) -> str:
+        """What keeps bodies from being released again and again."""
+        return "Take fewer releases."
+
+    @property
+    def limit(self) -> str:
+        """What the strains of parts that are named rigid are compared with, in words."""
+        return "what wakes other cells (kappa · tol)"
+
+    @property
+    def pardon(self) -> str:
+        """What lets such parts withhold more, in words."""
+        return "give its cells a larger tolerance (tolerances)"
+
+    def least_cells(self, scene: Scene) -> int:
+        """Least number of cells of a new body. Collective.
+
+        Args:
+            scene: The problem.
+        """
+        if self.min_cells is not None:
+            return int(self.min_cells)
+        every = scene.comm.allreduce(scene.owned_cells(None, "").size)
+        return max(LEAST, round(WORTH * every))
+
+    def rule(self, scene: Scene, timeline: Timeline, memory: Memory) -> Rule:
+        """What judges cells by it. Collective.
+
+        Args:
+            scene: The problem.
+            timeline: Where steps end.
+            memory: What the policy remembers.
+
+        Raises:
+            SceneError: If a name of its own is unknown.
+        """
+        raise NotImplementedError
+
+    def indicator(self, scene: Scene, forces: InternalForces) -> Indicator:
+        """What measures the cells. Collective.
+
+        Args:
+            scene: The problem.
+            forces: Internal forces, whose u₀ and u₁ hold the ends of a step.
+        """
+        return StrainRates(scene, forces, "rms")
+
+
+def never_rigid(owner: str, never: Any) -> tuple[str, ...]:
+    """Names of sets of cells that a criterion leaves flexible.
+
+    Args:
+        owner: Whose names these are, for the message.
+        never: What was given.
+
+    Raises:
+        SceneError: If it is anything else.
+    """
+    names = (never,) if isinstance(never, str) else never
+    listed = isinstance(names, Iterable)
+    # A set has another order on each rank, as texts are hashed with a random number.
+    names = tuple(sorted(names) if isinstance(names, Set) else names) if listed else ()
+    if not listed or not all(isinstance(name, str) for name in names):
+        raise SceneError(f"{owner}: never must be names of cell sets, got {never!r}.")
+    return names

@@ -1,0 +1,116 @@
+"""The rule of `StrainRate`: a tolerance of each cell, the same at a freeze and at waking."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from rigidfx.decide.criteria.observation import Observation
+from rigidfx.decide.criteria.relative import Relative
+from rigidfx.decide.criteria.rule import Waking
+from rigidfx.decide.memory.memory import Memory
+from rigidfx.scene.scene import Scene
+from rigidfx.scene.timeline import Timeline
+from rigidfx.shadow.motion import Limits, Strained
+
+__all__ = ["RateRule"]
+
+Array = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
+
+MARGIN = 1.25  # an automatic window in longest periods
+FEWEST = 8  # steps of an automatic window
+
+
+class RateRule:
+    """Cells are quiet up to a strain rate, and wake above κ times that."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        timeline: Timeline,
+        memory: Memory,
+        tol: float | Relative,
+        tolerances: Mapping[str, float],
+        window: float | Literal["auto"],
+        kappa: float | None,
+    ) -> None:
+        """Find the cells that have a tolerance of their own. Collective.
+
+        Args:
+            scene: The problem.
+            timeline: Where steps end.
+            memory: What the policy remembers.
+            tol: See `rigidfx.decide.criteria.criterion.StrainRate`, as of all that follows.
+            tolerances: Of named sets of cells.
+            window: Length of a window [s].
+            kappa: Factor of waking; None if forces wake nothing.
+
+        Raises:
+            SceneError: If a name is unknown.
+        """
+        self._comm, self._timeline, self._memory = scene.comm, timeline, memory
+        self._tol, self._window, self._kappa = tol, window, kappa
+        special = np.full(memory.window.worst.size, np.inf)
+        for name, own in tolerances.items():
+            cells = scene.owned_cells(name, "StrainRate (tolerances)")
+            special[cells] = np.minimum(special[cells], own)
+        self._special = special
+
+    @property
+    def tol(self) -> Array:
+        """Tolerance of each owned cell now [1/s]."""
+        tol = self._tol
+        now = tol.part * self._memory.largest if isinstance(tol, Relative) else float(tol)
+        return np.where(np.isfinite(self._special), self._special, now)
+
+    @property
+    def limits(self) -> Limits:
+        """What wakes cells: strains of a window, of a stroke, or of a step while none is known."""
+        window = self._window
+        period = MARGIN * self._memory.signals.period() if isinstance(window, str) else window
+        length = np.inf if np.isnan(period) else float(period)
+        stroke, rates = self._memory.strokes.time, (self._kappa or 1.0) * self.tol
+        strains = rates * min(length, stroke if np.isfinite(stroke) else self._timeline.dt)
+        return Limits(rates, strains, length)
+
+    @property
+    def rigidity(self) -> None:
+        """Not estimated: tolerances are the user's."""
+        return None
+
+    def length(self) -> float:
+        """How long a window is to be [s]; NaN while that is not known. Collective."""
+        if not isinstance(self._window, str):
+            return float(self._window)
+        if self._memory.window.steps < FEWEST:
+            return np.nan
+        return MARGIN * self._memory.signals.period()
+
+    def observe(self, seen: Observation) -> None:
+        """Remember the largest strain rates. Collective."""
+        memory, indicator = self._memory, seen.indicator
+        memory.strokes.add(indicator.values)
+        if isinstance(self._tol, Relative):
+            most = float(indicator.values[indicator.cells].max(initial=0.0))
+            most = self._comm.allreduce(most, op=MPI.MAX)
+            # What is at rest strains by noise, of which no part means anything.
+            if memory.largest > 0 or most > seen.noise:
+                memory.largest = max(memory.largest, most)
+
+    def window_ends(self, seen: Observation, flexible: Bools) -> None:
+        """Remember the largest strain, if it wakes cells. Collective."""
+        if self._kappa is not None:
+            self._memory.strokes.look(seen.strains, seen.noise)
+
+    def told(self) -> str:
+        """Nothing that the user has not set."""
+        return ""
+
+    def waking(self, strained: Strained, free: Bools) -> Waking:
+        """Each cell that would strain too fast wakes; what has withheld too much, whole."""
+        return Waking((strained.ratio > 1) & free, free & (strained.sum > 1))

@@ -1,0 +1,85 @@
+"""Rules: which cells are quiet enough to be rigid, and which bodies are not any more.
+
+A policy asks one; it knows neither windows in a row nor connected cells nor releases.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.decide.criteria.observation import Observation
+from rigidfx.report.ledger import Rigidity
+from rigidfx.shadow.motion import Limits, Strained
+
+__all__ = ["Rule", "Waking"]
+
+Array = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Waking:
+    """Owned cells of bodies that forces would strain too much.
+
+    Attributes:
+        cells: Those that wake, with the cells round them.
+        stale: Those whose whole body is released: it has withheld too much, and is not in the
+            shape that its forces would give it. To let some of its cells spring into theirs would
+            be a blow that wakes others.
+    """
+
+    cells: Bools
+    stale: Bools
+
+
+class Rule(Protocol):
+    """What a criterion judges cells by."""
+
+    @property
+    def tol(self) -> Array:
+        """Strain rate up to which each owned cell is quiet now [1/s]."""
+        ...
+
+    @property
+    def limits(self) -> Limits:
+        """What shadows compare with."""
+        ...
+
+    @property
+    def rigidity(self) -> Rigidity | None:
+        """What bodies do to the motion; None if that is not estimated."""
+        ...
+
+    def length(self) -> float:
+        """How long a window is to be [s]; NaN while that is not known. Collective."""
+        ...
+
+    def observe(self, seen: Observation) -> None:
+        """Take notice of a step that was accepted, once observation has begun. Collective."""
+        ...
+
+    def window_ends(self, seen: Observation, flexible: Bools) -> None:
+        """Take notice of the end of a window, before `tol` is asked. Collective.
+
+        Args:
+            seen: The state at that time.
+            flexible: Owned cells that were flexible in all of the window.
+        """
+        ...
+
+    def told(self) -> str:
+        """What a user would set by hand to have the same. Collective."""
+        ...
+
+    def waking(self, strained: Strained, free: Bools) -> Waking:
+        """Which cells wake. Collective.
+
+        Args:
+            strained: What cells of bodies would strain, over `limits`.
+            free: Owned cells of bodies that may wake.
+        """
+        ...

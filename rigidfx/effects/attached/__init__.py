@@ -1,0 +1,1 @@
+"""What is attached to nodes: springs, dashpots, masses."""

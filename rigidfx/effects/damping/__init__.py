@@ -1,0 +1,1 @@
+"""Damping of four kinds."""

@@ -1,0 +1,1 @@
+"""What a motion begins with."""

@@ -1,0 +1,1 @@
+"""Supports: what holds or moves nodes."""

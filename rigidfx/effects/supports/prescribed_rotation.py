@@ -1,0 +1,127 @@
+"""Nodes that are turned about an axis."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from math import isfinite
+from typing import ClassVar
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from rigidfx.base.errors import SceneError
+from rigidfx.base.inputs import is_function, scalar, shown, vector
+from rigidfx.effects.base import Vector
+from rigidfx.effects.supports.guided_support import GuidedSupport
+from rigidfx.effects.supports.path_velocity import PathAndVelocity
+from rigidfx.effects.supports.support import Array, Support
+
+__all__ = ["PrescribedRotation"]
+
+
+@dataclass(frozen=True)
+class PrescribedRotation(GuidedSupport):
+    """Turns the nodes of a named set about a fixed axis, as they lie in the undeformed body.
+
+    A node at X moves by (R(φ(t)) - R(φ(t₀))) (X - c) from where it is at the start t₀. Its work is
+    force times path, so that energy balances whatever Δt. The velocity of its nodes is 2 Δu/Δt less
+    the one before, as everywhere: it alternates about ω × r by (ωΔt)²/12 of that.
+
+    Attributes:
+        axis: Direction of the axis, of any length; the angle counts by the right hand.
+        through: A point of the axis, c [m].
+        angle: Function t → φ [rad], such as a `Table`; only its increments count. An attribute
+            `breakpoints` of it names the instants of its kinks.
+        speed: Its derivative [rad/s]; by a one-sided second-order difference if None. Both are
+            compared, as the path and the velocity of a `PrescribedMotion` are.
+    """
+
+    uniform: ClassVar[bool] = False
+
+    axis: Vector = field(kw_only=True)
+    through: Vector = field(default=(0.0, 0.0, 0.0), kw_only=True)
+    angle: Callable[[float], float] = field(kw_only=True)
+    speed: Callable[[float], float] | None = field(default=None, kw_only=True)
+
+    def __post_init__(self) -> None:
+        """Check axis and functions.
+
+        Raises:
+            SceneError: If the axis is no direction, or angle or speed is not a function.
+        """
+        super().__post_init__()
+        if not vector(self, "axis", self.axis).any():
+            raise SceneError(f"{self.owner}: axis must be a direction, got {self.axis!r}.")
+        vector(self, "through", self.through)
+        for name in ("angle", "speed"):
+            f = getattr(self, name)
+            if not is_function(f) and not (name == "speed" and f is None):
+                raise SceneError(f"{self.owner}: {name} must be a function of t, got {shown(f)}.")
+
+    @property
+    def direction(self) -> Array:
+        """Unit vector along the axis."""
+        axis = np.asarray(self.axis, dtype=np.float64)
+        axis = axis / np.abs(axis).max()  # whose squares neither overflow nor vanish
+        return np.asarray(axis / np.linalg.norm(axis))
+
+    def _asked(self, name: str, t: float) -> float:
+        """Angle or speed at t."""
+        given = getattr(self, name)(t)
+        value = scalar(given)
+        if not isfinite(value):
+            raise SceneError(
+                f"{self.owner}: at t = {t:g} s {name} must be a finite number, got {shown(given)}."
+            )
+        return value
+
+    def angular_velocity(self, t: float, dt: float) -> Array:
+        """ω just after t, shape (3,) [rad/s]."""
+        if self.speed is not None:
+            return self._asked("speed", t) * self.direction
+        h = 1e-3 * dt
+        p0, p1, p2 = (self._asked("angle", t + k * h) for k in range(3))
+        return (4 * p1 - 3 * p0 - p2) / (2 * h) * self.direction
+
+    @property
+    def path_and_velocity(self) -> PathAndVelocity | None:
+        """The angle and the given speed, as vectors along the axis."""
+        speed, axis = self.speed, self.direction
+        if speed is None:
+            return None
+        return PathAndVelocity(
+            lambda t: scalar(self.angle(t)) * axis,
+            lambda t: scalar(speed(t)) * axis,
+            (0, 1, 2),
+            "rad",
+        )
+
+    def displacements_at(self, t: float, X: Array) -> Array:
+        """(R - I)(X - c) of some points, shape (points, 3) [m]."""
+        arms = X - np.asarray(self.through)
+        turn = self._asked("angle", t) * self.direction
+        return np.asarray(Rotation.from_rotvec(turn).apply(arms) - arms).reshape(-1, 3)
+
+    def velocities_at(self, t: float, dt: float, X: Array) -> Array:
+        """ω × R (X - c) of some points just after t, shape (points, 3) [m/s]."""
+        now = X - np.asarray(self.through) + self.displacements_at(t, X)
+        return np.cross(self.angular_velocity(t, dt), now)
+
+    @property
+    def keeps_rigid(self) -> bool:
+        """Whether it acts from the start on, where parts are as they were meshed."""
+        return self.since <= 0.0
+
+    def same_motion(self, other: Support) -> bool:
+        """The same angle about the same axis."""
+        return (
+            isinstance(other, PrescribedRotation)
+            and (other.angle, other.speed) == (self.angle, self.speed)
+            and np.array_equal(other.direction, self.direction)
+            and not np.cross(np.subtract(other.through, self.through), self.direction).any()
+        )
+
+    def signal(self, t: float, dt: float) -> Array:
+        """The angular velocity, while it acts."""
+        return self.angular_velocity(t, dt) if self.acts(t) else np.zeros(3)

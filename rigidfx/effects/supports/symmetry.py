@@ -1,0 +1,70 @@
+"""A plane of symmetry."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from dolfinx.mesh import entities_to_geometry
+
+from rigidfx.base.errors import SceneError
+from rigidfx.effects.supports.fixed import Fixed
+
+__all__ = ["Symmetry"]
+
+FLAT = 1e-9  # of the size of the mesh
+
+
+@dataclass(frozen=True)
+class Symmetry(Fixed):
+    """Holds the nodes of a plane in the direction of its normal, which is x, y or z.
+
+    What lies on the other side is the mirror image: loads, reactions and energies are those of the
+    half that there is. Of a force in the plane itself half is to be given.
+
+    Attributes:
+        components: The normal: found by the scene.
+    """
+
+    components: str = field(default="xyz", init=False)
+
+    def placed(self, domain: Any) -> Symmetry:
+        """The same with the normal of its plane. Collective.
+
+        Raises:
+            SceneError: If the set is unknown, or no plane with the normal x, y or z.
+        """
+        mesh = domain.mesh
+        found = domain.find(self.where, (2,), self.kind)
+        mesh.topology.create_connectivity(2, 3)
+        X: Any = np.empty((0, 3))
+        if found.entities.size:  # a rank may have none, which DOLFINx divides by
+            X = mesh.geometry.x[np.unique(entities_to_geometry(mesh, 2, found.entities))]
+        comm = domain.comm
+        ends = [
+            comm.allreduce(tuple(map(float, values)), op=op)
+            for values, op in (
+                (X.min(axis=0, initial=np.inf), _low),
+                (X.max(axis=0, initial=-np.inf), _high),
+            )
+        ]
+        extent = np.subtract(ends[1], ends[0])
+        size = float(np.max(np.nan_to_num(extent, posinf=0.0, neginf=0.0)))
+        flat = np.flatnonzero(extent <= FLAT * max(size, np.abs(ends).max()))
+        if len(flat) != 1:
+            raise SceneError(
+                f"{self.owner}: its facets must lie in one plane whose normal is x, y or z; they "
+                f"reach from {ends[0]} to {ends[1]} m."
+            )
+        out = replace(self)
+        object.__setattr__(out, "components", "xyz"[int(flat[0])])
+        return out
+
+
+def _low(a: tuple[float, ...], b: tuple[float, ...]) -> tuple[float, ...]:
+    return tuple(map(min, a, b))
+
+
+def _high(a: tuple[float, ...], b: tuple[float, ...]) -> tuple[float, ...]:
+    return tuple(map(max, a, b))

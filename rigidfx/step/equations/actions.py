@@ -1,0 +1,239 @@
+"""The actions of a scene's effects on one division, added up.
+
+An action is asked for what its kind does, and for nothing else: which of them resist, stiffen or
+store energy is found once, when effects begin or end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from rigidfx.base.errors import by_name, together
+from rigidfx.coupling.condensed_tangent import CondensedMatrix
+from rigidfx.coupling.prolongation import Prolongation
+from rigidfx.effects import Action, Effect, Touch, Windowed
+from rigidfx.mechanics.bodies import Bodies
+from rigidfx.mechanics.body_step import Increments
+from rigidfx.step.equations.structure import BoundStructure
+
+__all__ = ["Actions"]
+
+Array = npt.NDArray[np.float64]
+
+
+class Actions:
+    """Sum of the actions of the effects that act; `destroy` frees them.
+
+    Attributes:
+        external: Dead loads on the nodes of the rows in the present step [N].
+        moments: Σ f and Σ V fᵀ of dead loads on each body, V in its frame, shape (bodies, 4, 3)
+            [N, N m].
+        torques: Torques in space on the bodies as such, shape (bodies, 3) [N m].
+        kinds: Names of the kinds of effects that act.
+        rounding: Size of a force that the machine precision is to be multiplied with [N].
+    """
+
+    def __init__(
+        self,
+        structure: BoundStructure,
+        effects: Sequence[Effect],
+        acting: Sequence[Effect],
+    ) -> None:
+        """Bind effects. Collective.
+
+        Args:
+            structure: What they are bound to.
+            effects: All effects; those that act now, or are dead loads and may act later, are
+                bound.
+            acting: The effects with a time window that act now.
+        """
+        self._comm = structure.scene.comm
+        here = {id(effect) for effect in acting}
+        wanted = (e for e in effects if e.is_dead or not isinstance(e, Windowed) or id(e) in here)
+        pairs = [(effect, effect.bind(structure)) for effect in wanted]
+        self._every = [(effect, action) for effect, action in pairs if action is not None]
+        self._owners = {id(action): effect.owner for effect, action in self._every}
+        bodies = len(structure.bodies)
+        self._forces: Array = np.zeros((structure.rows.nodes.size, 3))
+        self.external = structure.rows.vector()
+        self.moments, self.torques = np.zeros((bodies, 4, 3)), np.zeros((bodies, 3))
+        self._with_bodies = bodies > 0
+        self._touches: Mapping[str, Touch] | None = None  # of the present step, once asked for
+        self.select(acting)
+
+    def select(self, acting: Iterable[Effect]) -> None:
+        """From now on let those act that are among the given effects, or have no time window."""
+        here = {id(effect) for effect in acting}
+        every = [a for e, a in self._every if id(e) in here or not isinstance(e, Windowed)]
+        self._timed = _that(every, "set_time")
+        self._load_nodes = _that(every, "load_nodes")
+        self._look = _that(every, "look")
+        self._accept = _that(every, "accept")
+        self._resistance_at = _that(every, "resistance_at")
+        self._resist_nodes = _that(every, "resist_nodes")
+        self._stiffen_nodes = _that(every, "stiffen_nodes")
+        self._potential = _that(every, "potential")
+        self._dissipated = _that(every, "dissipated")
+        self._contacts = _that(every, "touch")
+        on_bodies = every if self._with_bodies else []
+        self._load_bodies = _that(on_bodies, "load_bodies")
+        self._resist_bodies = _that(on_bodies, "resist_bodies")
+        self._stiffen_bodies = _that(on_bodies, "stiffen_bodies")
+        self._work_on_bodies = _that(on_bodies, "work_on_bodies")
+        self._potential_of_bodies = _that(on_bodies, "potential_of_bodies")
+        self._dissipated_by_bodies = _that(on_bodies, "dissipated_by_bodies")
+        self.kinds = tuple(dict.fromkeys(action.kind for action in every))
+        self.rounding = sum(action.rounding for action in every)
+
+    def set_time(self, t: float, dt: float) -> None:
+        """Evaluate functions of time, and dead loads, for a step. Collective.
+
+        Args:
+            t: Midpoint of the step [s].
+            dt: Its length [s].
+
+        Raises:
+            SceneError: On every rank, if a user's function fails on any.
+        """
+        self._touches = None
+        if self._timed:
+
+            def evaluate() -> None:
+                for action in self._timed:
+                    by_name(self._owners[id(action)], t, partial(action.set_time, t, dt))
+
+            together(self._comm, "A load", evaluate)
+        self._forces[:] = self.moments[:] = self.torques[:] = 0.0
+        for action in self._load_nodes:
+            action.load_nodes(self._forces)
+        self.external.array[:] = self._forces.reshape(-1)
+        for action in self._load_bodies:
+            action.load_bodies(self.moments, self.torques)
+
+    # In each iteration --------------------------------------------------------------------------
+
+    def look(self, d: PETSc.Vec, increments: Increments) -> None:
+        """Have those see an iterate that look at nodes and bodies together. Collective."""
+        for action in self._look:
+            action.look(d, increments)
+
+    def resist_nodes(self, d: PETSc.Vec, dt: float, f: PETSc.Vec) -> None:
+        """Add the resistance of nodes that are no body's to f, for increments d. Collective."""
+        for action in self._resist_nodes:
+            action.resist_nodes(d, dt, f)
+
+    def stiffen_nodes(
+        self, tangent: CondensedMatrix, dt: float, prolongation: Prolongation
+    ) -> None:
+        """Add its derivative to an assembled tangent that is not finished yet. Collective."""
+        for action in self._stiffen_nodes:
+            action.stiffen_nodes(tangent, dt, prolongation)
+
+    def resist_bodies(self, increments: Increments, moments: Array) -> None:
+        """Add Σ f and Σ V fᵀ of resistance less loads to those of nodal forces."""
+        moments -= self.moments
+        for action in self._resist_bodies:
+            moments += action.resist_bodies(increments)
+
+    def stiffen_bodies(self, increments: Increments, blocks: Array) -> None:
+        """Add the derivative of their resultants to the bodies' blocks."""
+        for action in self._stiffen_bodies:
+            blocks += action.stiffen_bodies(increments)
+
+    # After a step -------------------------------------------------------------------------------
+
+    def work_on_bodies(self, increments: Increments) -> float:
+        """Work of loads on the bodies in a step [J]."""
+        if not self._with_bodies:
+            return 0.0
+        dead = increments.work(increments.resultant(self.moments))
+        dead += float(np.vdot(self.torques, increments.theta))
+        return dead + sum(action.work_on_bodies(increments) for action in self._work_on_bodies)
+
+    def dissipated(self, d: PETSc.Vec, dt: float) -> list[tuple[str, float]]:
+        """What kinds of effects take from the nodes of this rank in a step [J]."""
+        return [(action.kind, action.dissipated(d, dt)) for action in self._dissipated]
+
+    def dissipated_by_bodies(self, increments: Increments) -> list[tuple[str, float]]:
+        """What kinds of effects take from the bodies in a step [J]."""
+        return [
+            (action.kind, action.dissipated_by_bodies(increments))
+            for action in self._dissipated_by_bodies
+        ]
+
+    def potential(self, u: Array) -> float:
+        """Potential energy of nodes of this rank at displacements of the rows [J]."""
+        return sum(action.potential(u) for action in self._potential)
+
+    def potential_of_bodies(self, bodies: Bodies) -> float:
+        """Potential energy of the bodies [J]."""
+        return sum(action.potential_of_bodies(bodies) for action in self._potential_of_bodies)
+
+    def accept(self) -> None:
+        """Take note that the last iterate has become a step."""
+        for action in self._accept:
+            action.accept()
+
+    def resistance_at(self, nodes: npt.NDArray[np.int32]) -> list[Array]:
+        """Resistance of owned nodes by actions that are not bound to bodies' nodes [N]."""
+        return [action.resistance_at(nodes) for action in self._resistance_at]
+
+    # Contacts -----------------------------------------------------------------------------------
+
+    def touches(self) -> Mapping[str, Touch]:
+        """What contacts did in the step that has been solved, by their titles. Collective."""
+        if self._touches is None:
+            local = [action.touch() for action in self._contacts]
+            every = self._comm.allgather(local) if local and self._comm.size > 1 else [local]
+            self._touches = {
+                touch.name: sum(parts, Touch(touch.name))
+                for touch, parts in zip(local, zip(*every, strict=True), strict=True)
+            }
+        return self._touches
+
+    def stored_in_contact(self, u: Array, bodies: Bodies, t: float) -> float:
+        """Energy stored on this rank in contact at t [s], at displacements u of the rows [J]."""
+        return sum(action.stored_in_contact(u, bodies, t) for action in self._contacts)
+
+    def closing(self, v: Array, t: float, dt: float, bodies: Bodies) -> dict[str, float]:
+        """Time until each contact closes at constant velocities, by titles [s]. Collective.
+
+        It is infinite where none does, and negative where it is closed already.
+
+        Args:
+            v: Velocities of the rows [m/s].
+            t: Time [s].
+            dt: Length of the next step [s].
+            bodies: The bodies at t.
+
+        Raises:
+            SceneError: On every rank, if the path of an obstacle fails on any.
+        """
+        if not self._contacts:
+            return {}
+
+        def closing() -> Array:  # asks users' paths, which may fail on some ranks
+            return np.array([a.closes_after(v, t, dt, bodies) for a in self._contacts])
+
+        times = together(self._comm, "A contact", closing)
+        self._comm.Allreduce(MPI.IN_PLACE, times, op=MPI.MIN)
+        pairs = zip(self._contacts, times, strict=True)
+        return {action.title: float(time) for action, time in pairs}
+
+    def destroy(self) -> None:
+        """Free the PETSc objects. Collective."""
+        self.external.destroy()
+        for _, action in self._every:
+            action.destroy()
+
+
+def _that(actions: Sequence[Action], method: str) -> list[Any]:
+    """Those actions whose class does something of its own by a method."""
+    return [a for a in actions if getattr(type(a), method) is not getattr(Action, method)]

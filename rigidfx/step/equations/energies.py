@@ -1,0 +1,134 @@
+"""Read-only numbers of a state: energies and momenta, already summed over ranks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+from rigidfx.coupling.dof_layout import DofLayout
+from rigidfx.coupling.mass import Mass
+from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.mechanics.rotation import axial
+from rigidfx.scene.scene import Scene
+from rigidfx.state import State
+from rigidfx.step.equations.actions import Actions
+
+__all__ = ["Energies", "Measures", "Momenta"]
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Measures:
+    """Energies and momenta of a state.
+
+    Attributes:
+        kinetic: ½ v·M v [J].
+        strain: ∫ W dV of the flexible cells [J].
+        stored: Energy that bodies keep for their release [J].
+        springs: Potential energy of springs to ground [J].
+        contact: Energy stored in contacts [J].
+        linear_momentum: L = Σ (M v)ᵢ, shape (3,) [kg m/s].
+        angular_momentum: J = Σ xᵢ × (M v)ᵢ about the origin, shape (3,) [kg m²/s].
+        momentum_scale: Σ |(M v)ᵢ| [kg m/s], what L is to be compared with; a body counts with
+            |m ṙ| + |π|/ℓ.
+    """
+
+    kinetic: float
+    strain: float
+    stored: float
+    springs: float
+    contact: float
+    linear_momentum: Array
+    angular_momentum: Array
+    momentum_scale: float
+
+    @property
+    def energy(self) -> float:
+        """H = kinetic + strain + stored + springs + contact [J]."""
+        return self.kinetic + self.strain + self.stored + self.springs + self.contact
+
+
+@dataclass(frozen=True)
+class Momenta:
+    """Linear and angular momentum.
+
+    Attributes:
+        linear: L, shape (3,) [kg m/s].
+        angular: J about the origin, shape (3,) [kg m²/s].
+    """
+
+    linear: Array
+    angular: Array
+
+
+class Energies:
+    """Measures states of a scene."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        forces: InternalForces,
+        mass: Mass,
+        layout: DofLayout,
+        actions: Actions,
+    ) -> None:
+        """Bind the stored energy to the flexible cells. Collective."""
+        self._actions = actions
+        self._scene, self._mass, self._rows = scene, mass, layout.rows
+        self._energy = forces.bind_energy(layout.flexible)
+        self._v, self._p = self._rows.vector(), self._rows.vector()
+        self._held = layout.prescribed[self._rows.dofs]
+
+    def measure(self, state: State) -> Measures:
+        """Energies and momenta of the state that the forms' u₀ belongs to. Collective."""
+        dofs = self._rows.dofs
+        p, x = self._momenta(state)
+        u, bodies = state.u.x.array[dofs], state.bodies
+        local = np.empty(11)
+        local[0] = 0.5 * float(self._v.array_r @ self._p.array_r)
+        local[1] = fem.assemble_scalar(self._energy)
+        local[2:5] = p.sum(axis=0)
+        local[5:8] = axial(x.T @ p)
+        local[8] = np.sqrt((p * p).sum(axis=1)).sum()
+        local[9] = self._actions.potential(u)
+        local[10] = self._actions.stored_in_contact(u, bodies, state.t)
+        total = np.asarray(self._scene.sum(local))
+        if len(bodies):
+            total[0] += bodies.kinetic
+            total[2:5] += bodies.momentum.sum(axis=0)
+            total[5:8] += axial(bodies.r.T @ bodies.momentum) + bodies.angular_momentum.sum(axis=0)
+            total[8] += bodies.momentum_scale
+            total[9] += self._actions.potential_of_bodies(bodies)
+        return Measures(
+            kinetic=float(total[0]),
+            strain=float(total[1]),
+            stored=state.stored,
+            springs=float(total[9]),
+            contact=float(total[10]),
+            linear_momentum=total[2:5],
+            angular_momentum=total[5:8],
+            momentum_scale=float(total[8]),
+        )
+
+    def held_momenta(self, state: State) -> Momenta:
+        """What of the momenta is that of dofs which supports hold. Collective."""
+        p, x = self._momenta(state)
+        held = np.where(self._held, p.reshape(-1), 0.0).reshape(-1, 3)
+        total = np.asarray(self._scene.sum(np.concatenate([held.sum(axis=0), axial(x.T @ held)])))
+        return Momenta(total[:3], total[3:])
+
+    def _momenta(self, state: State) -> tuple[Array, Array]:
+        """M v and x of the active nodes, shapes (nodes, 3) [kg m/s, m]. Collective."""
+        dofs = self._rows.dofs
+        self._v.array[:] = state.v.x.array[dofs]
+        self._mass.mult(self._v, self._p)
+        return self._p.array_r.reshape(-1, 3), self._rows.X + state.u.x.array[dofs].reshape(-1, 3)
+
+    def destroy(self) -> None:
+        """Free the PETSc objects. Collective."""
+        self._v.destroy()
+        self._p.destroy()

@@ -1,0 +1,216 @@
+"""The equations of one step (or of statics): their residual and its tangent.
+
+The unknowns y are increments, of the free dofs and of the rigid bodies, so that a motion far from
+the origin loses no digits; with d = d(y) = u₁ - u₀ and v₁ = 2 d/Δt - v₀ the residual reads
+
+    f(d) = M (2 d/Δt - 2 v₀)/Δt + f_int(u₀, u₀ + d) - f_ext(t½),    R(y) = Lᵀ f + bodies' own,
+
+all in newtons; the prolongation d(y) carries supports and bodies, see `prolongation` and
+`increments`. d and f have rows for the active nodes only. `newton` solves R(y) = 0.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem, la
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from rigidfx.coupling.condensed_tangent import CondensedMatrix
+from rigidfx.coupling.mass import Mass
+from rigidfx.coupling.prolongation import Prolongation
+from rigidfx.flexible.bound_forces import BoundForces
+from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.mechanics.bodies import Bodies
+from rigidfx.mechanics.body_step import Step
+from rigidfx.scene.scene import Scene
+from rigidfx.step.equations.actions import Actions
+from rigidfx.step.equations.round_off import Rounding
+
+__all__ = ["Equilibrium"]
+
+Array = npt.NDArray[np.float64]
+
+
+class Equilibrium:
+    """The balance of forces in the steps of one division; `destroy` frees its PETSc objects.
+
+    Attributes:
+        prolongation: Map between unknowns and dofs.
+        inertial: Whether masses resist; not in statics.
+        dt: Δt of the present step [s].
+        d: Increments of the active nodes at the iterate of the last residual [m].
+        forces_out_of_balance: Residual at the active nodes there [N]; at held dofs it is what the
+            supports exert.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        forces: InternalForces,
+        bound: BoundForces,
+        mass: Mass | None,
+        prolongation: Prolongation,
+        actions: Actions,
+    ) -> None:
+        """Create matrices and vectors. Collective.
+
+        Args:
+            scene: The problem.
+            forces: Owner of the coefficient u₁ that the forms read, and of u₀.
+            bound: Forms over the flexible cells.
+            mass: Mass operator, or None for statics.
+            prolongation: Map between unknowns and dofs.
+            actions: What acts on nodes and bodies.
+        """
+        self.prolongation = prolongation
+        self.inertial = mass is not None
+        self._forces, self._bound, self._mass = forces, bound, mass
+        self._actions = actions
+        self._rows = prolongation.layout.rows
+        self._reached = prolongation.layout.reached
+        self._b = fem.Function(scene.space)
+        self._tangent = CondensedMatrix(prolongation, bound.interior, bound.interface)
+        self.d, self.forces_out_of_balance, self._work, self._inertia = (
+            self._rows.vector() for _ in range(4)
+        )
+        self._moments: Array = np.empty((0, 4, 3))
+        self._last: Array = np.empty(0)  # unknowns that d and u₁ belong to
+        self.dt = 0.0
+        self._v0: PETSc.Vec = None
+        self._step = prolongation.increments.step
+        self._imposed: Array = np.empty(0)
+        self._rounding = Rounding(
+            scene, forces, bound.undeformed, self._tangent, mass, prolongation, actions
+        )
+
+    def begin(self, dt: float, v0: PETSc.Vec | None, imposed: Array, start: Bodies) -> None:
+        """Begin a step, under the loads that the actions have now.
+
+        Args:
+            dt: Δt [s]; of no meaning in statics.
+            v0: Velocity of the active nodes at the start of the step [m/s]; None in statics.
+            imposed: Increments of the held dofs [m].
+            start: The bodies at the start of the step.
+        """
+        self._step = Step(start, dt)
+        self.dt, self._v0, self._imposed = dt, v0, imposed
+
+    def _expand(self, y: PETSc.Vec) -> None:
+        """Set d and the forms' u₁ from the unknowns."""
+        self._last = y.array_r.copy()
+        self.prolongation.expand(y, self._step, self._imposed, self.d)
+        u1, dofs = self._forces.u1.x, self._rows.dofs
+        u1.array[dofs] = self._forces.u0.x.array[dofs] + self.d.array_r
+        u1.scatter_forward()
+
+    def return_to(self, y: PETSc.Vec, r: PETSc.Vec) -> None:
+        """Have d, u₁ and forces belong to these unknowns, as a rule the last ones. Collective.
+
+        A solver of the user's, chosen by PETSc's options, may have looked elsewhere last.
+
+        Args:
+            y: Unknowns.
+            r: Residual, overwritten where they are others [N].
+        """
+        same = np.array_equal(self._last, y.array_r)
+        if not self.prolongation.comm.allreduce(same, op=MPI.LAND):
+            self.residual(y, r)
+
+    def residual(self, y: PETSc.Vec, r: PETSc.Vec) -> None:
+        """R at the unknowns y. Collective.
+
+        Args:
+            y: Unknowns.
+            r: Residual, overwritten [N].
+        """
+        self._expand(y)
+        self._actions.look(self.d, self.prolongation.increments)
+        b = self._b.x
+        b.array[self._reached] = 0.0
+        fem.assemble_vector(b.array, self._bound.residual)
+        b.scatter_reverse(la.InsertMode.add)
+        f = self.forces_out_of_balance
+        f.array[:] = b.array[self._rows.dofs]
+        f.axpy(-1.0, self._actions.external)
+        if self._mass is not None:
+            # M (v₁ - v₀)/Δt with v₁ = 2 d/Δt - v₀, rounded as the update of the velocity is.
+            self._v0.copy(self._work)
+            self._work.axpby(2 / self.dt, -2.0, self.d)
+            self._mass.mult(self._work, self._inertia)
+            f.axpy(1 / self.dt, self._inertia)
+        self._actions.resist_nodes(self.d, self.dt, f)
+        self.prolongation.collapse(f.array_r, self._body_forces(), r)
+
+    def _body_forces(self) -> Array:
+        """Residual of the bodies, shape (bodies, 6) [N]. Collective."""
+        increments = self.prolongation.increments
+        if not len(increments):  # without bodies nothing of them is computed
+            return np.empty((0, 6))
+        self._moments = self.prolongation.moments(self.forces_out_of_balance)
+        self._actions.resist_bodies(increments, self._moments)
+        out = increments.inertia_force()
+        out += increments.resultant(self._moments)
+        out[:, 3:] -= self._actions.torques / self._step.start.of.length[:, None]
+        return out
+
+    def tangent(self) -> None:
+        """Assemble and condense the tangent at the last iterate. Collective."""
+        K = self._tangent
+        K.assemble()
+        if self._mass is not None:
+            self._mass.add_to(K, 2 / self.dt**2, self.prolongation)
+        self._actions.stiffen_nodes(K, self.dt, self.prolongation)
+        K.finish(self._blocks() if self.prolongation.layout.bodies else None)
+
+    def _blocks(self) -> Array:
+        """Derivative of the bodies' rows that the condensed tangent does not hold."""
+        increments = self.prolongation.increments
+        blocks = increments.tangent(increments.couples(self._moments))
+        self._actions.stiffen_bodies(increments, blocks)
+        return blocks
+
+    @property
+    def tangent_matrix(self) -> PETSc.Mat:
+        """The reduced tangent as `tangent` has left it [N/m]."""
+        return self._tangent.matrix
+
+    @property
+    def start(self) -> Array:
+        """Displacements of the active nodes at the start of the step [m]."""
+        return np.asarray(self._forces.u0.x.array[self._rows.dofs])
+
+    def waves(self, dt: float) -> float:
+        """How many cells a wave passes in a step of Δt [s], about."""
+        return self._rounding.waves(dt)
+
+    def noise(self) -> float:
+        """Size of what the last residual is the small difference of [N]. Collective."""
+        external = self._actions.external
+        return self._rounding.in_residual(self.dt, self._v0, external, self._step.start)
+
+    def left(self, residual: PETSc.Vec) -> float:
+        """How far what is left of R [N] moves an unknown by itself [m], at most. Collective."""
+        return self._rounding.left(residual)
+
+    def strain_error(self, residual: float) -> float:
+        """Strain that rounding, and a residual ‖R‖ [N], may leave in a cell. Collective."""
+        return self._rounding.in_strain(residual)
+
+    def worst_place(self) -> Array:
+        """Reference position of the node with the largest residual [m], shape (3,). Collective."""
+        f, free = np.zeros(self._rows.dofs.size), self.prolongation.free
+        f[free] = self.forces_out_of_balance.array_r[free]
+        size = np.nan_to_num(np.abs(f), nan=np.inf).reshape(-1, 3).max(axis=1)
+        k = int(np.argmax(size)) if size.size else -1
+        best: tuple[float, Any] = (float(size[k]), self._rows.X[k]) if k >= 0 else (-1.0, None)
+        return max(self.prolongation.comm.allgather(best), key=lambda item: item[0])[1]
+
+    def destroy(self) -> None:
+        """Free all PETSc objects. Collective."""
+        own = self.d, self.forces_out_of_balance, self._work, self._inertia
+        for item in (self._tangent, self._rounding, *own):
+            item.destroy()

@@ -1,0 +1,151 @@
+"""What rounding leaves: in the residual of a step, and in the strains that its solution gives.
+
+Both are judged by the stiffness of the undeformed scene, to which a viscous stress adds η/Δt. Not
+by that of the current state: near the collapse of a cell that one grows without bound, and any
+residual would pass for rounding.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from rigidfx.coupling.condensed_tangent import CondensedMatrix
+from rigidfx.coupling.mass import Mass
+from rigidfx.coupling.prolongation import Prolongation
+from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.mechanics.bodies import Bodies
+from rigidfx.scene.scene import Scene
+from rigidfx.step.equations.actions import Actions
+from rigidfx.step.equations.stiff_parts import StiffParts
+
+__all__ = ["Rounding"]
+
+Array = npt.NDArray[np.float64]
+
+
+class Rounding:
+    """Rounding in the equations of one division; `destroy` frees its work vector."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        forces: InternalForces,
+        undeformed: tuple[fem.Form, fem.Form],
+        tangent: CondensedMatrix,
+        mass: Mass | None,
+        prolongation: Prolongation,
+        actions: Actions,
+    ) -> None:
+        """Find the stiffness without deformation. Collective.
+
+        Args:
+            scene: The problem.
+            forces: Owner of the coefficients that the forms read.
+            undeformed: The tangent without deformation, over interior and interface cells.
+            tangent: Matrix of such a form, overwritten; that of the steps later on.
+            mass: Mass operator, or None for statics.
+            prolongation: Map between unknowns and dofs.
+            actions: What acts on nodes and bodies.
+        """
+        self._forces, self._mass, self._actions = forces, mass, actions
+        self._tangent = tangent
+        self._rest = undeformed
+        self._cell_size = scene.mean_cell_size
+        self._comm, rows = prolongation.comm, prolongation.layout.rows
+        self._stiff_parts = StiffParts(scene, prolongation)
+        self._dofs, self._momentum = rows.dofs[prolongation.free], rows.vector()
+        # Per unknown of this rank, as a step of infinite length has it, and what 1/Δt adds.
+        forces.set_rate(0.0)
+        self._elastic = self._stiffness = self._undeformed(tangent)  # [N/m]
+        self._viscous: Array | None = None  # [N s/m]
+        if forces.viscous:
+            forces.set_rate(1.0)
+            self._viscous = self._undeformed(tangent) - self._elastic
+        free = float(self._elastic[: self._dofs.size].sum())
+        own_mass = 3 * float(prolongation.layout.masses.sum())
+        stiffness, inertia = self._comm.allreduce(np.array([free, own_mass]))
+        self._frequency = float(np.sqrt(stiffness / inertia)) if inertia > 0 else 0.0  # [1/s]
+
+    def in_residual(
+        self,
+        dt: float,
+        v0: PETSc.Vec | None,
+        f_ext: PETSc.Vec,
+        start: Bodies,
+    ) -> float:
+        """Size of what the residual at the present u₁ is the small difference of [N]. Collective.
+
+        Args:
+            dt: Δt [s]; of no meaning in statics.
+            v0: Velocity of the active nodes at the start of the step [m/s]; None in statics.
+            f_ext: External forces at the active nodes at the midpoint [N].
+            start: The bodies at the start of the step.
+        """
+        if self._viscous is not None:
+            self._stiffness = self._elastic + self._viscous / dt
+        u1 = np.abs(self._forces.u1.x.array[self._dofs])
+        strained = self._forces.strain_noise * self._cell_size
+        moved = np.full(self._stiffness.size, strained)
+        moved[: u1.size] += u1
+        elastic = self._stiffness * moved
+        noise = float(np.sqrt(self._comm.allreduce(elastic @ elastic))) + f_ext.norm()
+        if self._mass is not None:
+            self._mass.mult(v0, self._momentum)
+            noise += 2 / dt * self._momentum.norm()
+        if len(start):
+            noise += 2 / dt * start.momentum_scale
+        return float(noise + self._actions.rounding)
+
+    def in_strain(self, residual: float) -> float:
+        """Strain that a residual and rounding may leave in a cell. Collective.
+
+        The residual moves a node by no more than it would against the mean stiffness of a node;
+        without flexible cells it strains nothing.
+
+        Args:
+            residual: ‖R‖ of a solution [N].
+        """
+        sums = np.array([self._stiffness.sum(), self._stiffness.size])
+        total = self._comm.allreduce(sums, op=MPI.SUM)
+        moved = residual / total[0] * np.sqrt(total[1]) if total[0] > 0 else 0.0
+        eps = float(np.finfo(np.float64).eps)
+        return float(moved / self._cell_size + eps * self._forces.strain_noise)
+
+    def waves(self, dt: float) -> float:
+        """How many cells a wave passes in a step of Δt [s], about."""
+        return dt * self._frequency
+
+    def left(self, residual: PETSc.Vec) -> float:
+        """How far a residual moves an unknown by itself, or a stiff part, at most [m]. Collective.
+
+        That is |Rᵢ|/Kᵢᵢ of an unknown.
+
+        Args:
+            residual: R, against which the last tangent that was assembled stands [N].
+        """
+        diagonal = self._tangent.matrix.getDiagonal()
+        K, R = np.abs(diagonal.array_r), np.abs(residual.array_r)
+        most = float((R[K > 0] / K[K > 0]).max(initial=0.0))
+        diagonal.destroy()
+        of_parts = self._stiff_parts.left(self._tangent.matrix, residual, self._forces.u1.x.array)
+        return max(float(self._comm.allreduce(most, op=MPI.MAX)), of_parts)
+
+    def _undeformed(self, tangent: CondensedMatrix) -> Array:
+        """Diagonal of the tangent without deformation, at the present rate. Collective."""
+        tangent.assemble(self._rest)
+        tangent.finish()
+        diagonal = tangent.matrix.getDiagonal()
+        out = diagonal.array_r.copy()
+        diagonal.destroy()
+        # Of bodies the translations tell: those of rotations grow with (V/ℓ)², where a heavy centre
+        # makes ℓ small without bound.
+        out[self._dofs.size :].reshape(-1, 6)[:, 3:] = 0.0
+        return np.asarray(out)
+
+    def destroy(self) -> None:
+        """Free the work vector. Collective."""
+        self._momentum.destroy()

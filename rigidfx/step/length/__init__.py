@@ -1,0 +1,1 @@
+"""The length of a step by the error that it makes."""

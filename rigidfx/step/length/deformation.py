@@ -1,0 +1,105 @@
+"""The energy of deformation: what a structure has beyond its rigid motion.
+
+Strain energy, what bodies keep, and the kinetic energy relative to the best rigid motion of each
+connected part, the one that has its momenta. What is relative to an energy is relative to this one:
+one per cent of the energy with which a body flies would let all of its vibration freeze.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from rigidfx.mechanics.bodies import Bodies
+from rigidfx.scene.scene import Scene
+from rigidfx.state import State
+from rigidfx.step.equations.energies import Measures
+from rigidfx.step.system.system import System
+
+__all__ = ["Deformation"]
+
+Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+
+class Deformation:
+    """Measures the energy of deformation of a scene.
+
+    Attributes:
+        largest: The largest so far [J].
+        kinetic: Kinetic energy beyond rigid motions at the last measure [J].
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        """Find the connected part of each node. Collective."""
+        self._scene, self._parts = scene, scene.parts
+        dofmap = scene.space.dofmap.list
+        self._of_node = np.zeros(scene.space.tabulate_dof_coordinates().shape[0], dtype=np.int64)
+        self._of_node[dofmap] = self._parts.of_cell[: len(dofmap), None]
+        self._system: object = None
+        self._of_body: Ints = np.empty(0, dtype=np.int64)
+        self.largest = self.kinetic = 0.0
+
+    def measure(self, system: System, state: State, measures: Measures) -> float:
+        """The energy of deformation now [J]. Collective.
+
+        Args:
+            system: Equations of the present division.
+            state: The state.
+            measures: Its energies.
+        """
+        if system is not self._system:
+            self._system, self._of_body = system, self._parts_of(state.bodies)
+        rigid = _rigid_energies(self._sums(system, state)).sum()
+        self.kinetic = max(measures.kinetic - float(rigid), 0.0)
+        now = measures.strain + measures.stored + self.kinetic
+        self.largest = max(self.largest, now)
+        return now
+
+    def _parts_of(self, bodies: Bodies) -> Ints:
+        """Connected part of each body. Collective."""
+        found = [int(self._parts.of_cell[b.cells].max(initial=0)) for b in bodies.of.records]
+        of = np.array(found, dtype=np.int64)
+        self._scene.comm.Allreduce(MPI.IN_PLACE, of, op=MPI.MAX)
+        return of
+
+    def _sums(self, system: System, state: State) -> Array:
+        """m, m x, p, m x xᵀ and x × p of each part, shape (parts, 19). Collective."""
+        rows, mass = system.layout.rows, system.layout.masses
+        x = rows.X + state.u.x.array[rows.dofs].reshape(-1, 3)
+        p = mass[:, None] * state.v.x.array[rows.dofs].reshape(-1, 3)
+        spread = mass[:, None] * (x[:, :, None] * x[:, None, :]).reshape(-1, 9)
+        columns = np.hstack([mass[:, None], mass[:, None] * x, p, spread, np.cross(x, p)])
+        of, count = self._of_node[rows.nodes], self._parts.count
+        local = np.array([np.bincount(of, c, count) for c in columns.T]).T
+        total = np.asarray(self._scene.sum(local))
+        bodies = state.bodies
+        if len(bodies):
+            m, r = bodies.of.mass, bodies.r
+            turned = bodies.R @ bodies.rotated_inertia
+            # Σ m y yᵀ = ½ tr J I - J about the centre.
+            trace = np.trace(turned, axis1=1, axis2=2)[:, None, None]
+            own = 0.5 * trace * np.eye(3) - turned + m[:, None, None] * r[:, :, None] * r[:, None]
+            J = np.cross(r, bodies.momentum) + bodies.angular_momentum
+            parts = [m[:, None], m[:, None] * r, bodies.momentum, own.reshape(-1, 9), J]
+            np.add.at(total, self._of_body, np.hstack(parts))
+        return total
+
+
+def _rigid_energies(sums: Array) -> Array:
+    """½ p²/m + ½ Jc·Ic⁻¹ Jc of each part, shape (parts,) [J]."""
+    out = np.zeros(len(sums))
+    for k in range(len(sums)):
+        part = sums[k]
+        m, p = part[0], part[4:7]
+        if m <= 0:
+            continue
+        c = part[1:4] / m
+        spread = part[7:16].reshape(3, 3) - m * np.outer(c, c)
+        inertia = np.trace(spread) * np.eye(3) - spread
+        J = part[16:] - np.cross(c, p)
+        out[k] = 0.5 * float(p @ p) / m + 0.5 * float(
+            J @ np.linalg.lstsq(inertia, J, rcond=1e-9)[0]
+        )
+    return out

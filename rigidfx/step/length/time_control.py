@@ -1,0 +1,149 @@
+"""Steps whose length follows from their error: estimate, length, breakpoints, objections."""
+
+from __future__ import annotations
+
+from math import ceil
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.base.errors import StepError
+from rigidfx.scene.scene import Scene
+from rigidfx.scene.step_control import StepControl
+from rigidfx.scene.timeline import Timeline
+from rigidfx.state import State
+from rigidfx.step.length.step_length import StepLength
+from rigidfx.step.length.time_error import TimeError
+from rigidfx.step.length.tracked import Tracked
+from rigidfx.step.system.system import System
+from rigidfx.step.watches.judge import Attempt
+from rigidfx.step.watches.watch import WarnsOnce
+
+__all__ = ["TimeControl"]
+
+FIRST = 16  # parts of the Δt that is wanted after a breakpoint: nothing is known of the next steps
+OF_WAY = 8  # parts of the way to the next breakpoint, in which something happens
+STRETCH = 0.1  # by so much may a step be longer than wanted, to end at a breakpoint
+
+
+class TimeControl(WarnsOnce):
+    """Says where steps end, and whether one errs by too much.
+
+    Attributes:
+        length: Chooses Δt.
+        rejected: Steps that were repeated for the sake of the error.
+    """
+
+    def __init__(self, scene: Scene, control: StepControl, timeline: Timeline) -> None:
+        """Find what is tracked. Collective.
+
+        Args:
+            scene: The problem.
+            control: What the user states.
+            timeline: Breakpoints are added to it, but for kinks that may be stepped over.
+        """
+        super().__init__(scene.comm)
+        self._control, self._timeline = control, timeline
+        self._tracked = Tracked(scene, control.names)
+        self._error = TimeError(self._tracked.count)
+        bends = scene.bends
+        self._bends = np.array(list(bends)), np.array(list(bends.values()))
+        self._breaks = [t for t in scene.breakpoints if t > 0 and t not in bends]
+        timeline.stop_at(self._breaks)
+        largest = min(float(control.largest), timeline.t_end)
+        least, size = min(control.least, largest), scene.mean_cell_size
+        self.length = StepLength(
+            control.tol, timeline.t_end, largest, least, largest, size, control.of
+        )
+        self.rejected = 0
+        self._objections = 0
+        self._u: npt.NDArray[np.float64] = np.empty((0, 3))  # displacements at the end of that step
+        self._fresh, self._touch = True, np.nan
+        self._stop = self._step = self._for = np.nan
+        self._found = np.nan  # error of the step that was looked at last
+        self._system: Any = None
+        self._state: Any = None
+
+    @property
+    def tol(self) -> float:
+        """What is asked, over the largest displacement."""
+        return float(self._control.tol)
+
+    def follow(self, system: System, state: State) -> None:
+        """Take over the equations of a division. Collective."""
+        self._system, self._state = system, state
+        if self._tracked.bind(system, state.bodies):
+            self._error.switched()
+
+    def expect(self, touch: float) -> None:
+        """Take the first touch of a contact, at that time [s], for a breakpoint."""
+        self._touch = touch
+
+    def target(self, t: float) -> float:
+        """End of the step that begins at t [s]: what is left up to a breakpoint is divided evenly.
+
+        Args:
+            t: Time [s].
+        """
+        length, timeline = self.length, self._timeline
+        if self._fresh:
+            self._fresh = False
+            way = timeline.stop_after(t) - t
+            length.begin(max(min(length.wanted / FIRST, way / OF_WAY), length.shortest))
+        stop = self._stop_after(t)
+        if stop != self._stop or length.wanted != self._for:
+            self._stop, self._for = stop, length.wanted
+            steps = max(1, ceil((stop - t) / length.wanted - STRETCH))
+            if (stop - t) / steps > length.longest * (1 + 1e-9):
+                steps += 1
+            self._step = (stop - t) / steps
+        return stop if round((stop - t) / self._step) <= 1 else t + self._step
+
+    def _stop_after(self, t: float) -> float:
+        """The next breakpoint at which a step has to end [s]."""
+        stop = self._timeline.stop_after(t)
+        times, changes = self._bends
+        # Over a kink inside, the load at the middle is wrong by an eighth of that, in the mean.
+        strong = times[changes * self.length.wanted / 8 > self._control.tol]
+        k = int(np.searchsorted(strong, t + self._timeline.resolution, side="right"))
+        return min(stop, float(strong[k])) if k < strong.size else stop
+
+    def objection(self, attempt: Attempt) -> StepError | None:
+        """An error if a step is to be repeated with half of Δt; None to accept it. Collective.
+
+        Args:
+            attempt: The step that has been solved.
+        """
+        t, dt = attempt.t, attempt.dt
+        v0, v1, self._u = self._tracked.motion(self._system, self._state, dt)
+        self._found = self._error.look(v0, v1, t, dt)
+        if attempt.final or not self.length.too_much(self._found, t, dt):
+            return None
+        if dt < 2 * self.length.shortest:
+            if self.waits:
+                self.say(
+                    f"StepControl: steps of {dt:.3g} s, as short as they may be, err by more than "
+                    f"tol = {self.tol:g} allows. Take a smaller `smallest`, or a larger tol; the "
+                    "report's ledger says what was reached."
+                )
+            return None
+        self._objections += 1
+        return StepError(
+            f"The step from t = {t:.9g} s errs by {self._found:.3g} m, with Δt = {dt:.3g} s.",
+            "Try a larger tol.",
+        )
+
+    def accept(self, attempt: Attempt) -> None:
+        """Take note that the step that was looked at last is one. Collective."""
+        young = self._error.young
+        self._error.accept()
+        if attempt.cuts:
+            self.length.wanted = attempt.dt
+        largest = float(np.linalg.norm(self._u, axis=1).max())
+        self.length.accept(self._found, attempt.end, attempt.dt, largest, young)
+        self.rejected, self._objections = self.rejected + self._objections, 0
+        breaks = *self._breaks, self._touch
+        self._fresh = any(self._timeline.same(attempt.end, b) for b in breaks)
+        if self._fresh:
+            self._error.forget()

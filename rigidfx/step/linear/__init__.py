@@ -1,0 +1,1 @@
+"""Solvers of linear systems, and PETSc's options for them."""

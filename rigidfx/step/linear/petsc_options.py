@@ -1,0 +1,230 @@
+"""PETSc's options: where they come from, which are honoured, which refused.
+
+Every option of SNES, KSP and PC is understood under the prefix `rigidfx_`. It is taken, the first
+one that has it, from
+
+1. the command line, behind the script's own arguments: `run.py … --petsc -rigidfx_ksp_type bcgs`;
+2. the environment: PETSC_OPTIONS="-rigidfx_ksp_type bcgs";
+3. `simulate(…, petsc_options={"ksp_type": "bcgs"})`, without the prefix, for this run only.
+
+What is known to be ignored, or ends in an error of PETSc's own, is refused by name. Of other
+options from Python a run warns if none of PETSc's objects has asked for them once it has solved.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from rigidfx.base.errors import SceneError, agree
+from rigidfx.base.warning import warn
+from rigidfx.step.linear.asked_options import asked
+from rigidfx.step.linear.linear_solver import PREFIX, default_options
+
+__all__ = [
+    "SolverOptions",
+    "loose_solves_allowed",
+    "monitor_solves",
+    "take_arguments",
+]
+
+Monitor = Callable[[int, float], None]
+
+FAMILIES = ("snes_", "ksp_", "pc_", "mat_", "sub_", "mg_")
+OWN_TEST = "Newton stops by a test of its own: take snes_rtol (1e-12) and snes_max_it (25)"
+ASSEMBLED = "the tangent is an assembled matrix"
+REFUSED = {
+    "snes_atol": OWN_TEST,
+    "snes_stol": OWN_TEST,
+    "snes_divergence_tolerance": OWN_TEST,
+    "snes_max_funcs": OWN_TEST,
+    "snes_convergence_test": OWN_TEST,
+    "snes_mf": ASSEMBLED,
+    "snes_mf_operator": ASSEMBLED,
+    "snes_fd": ASSEMBLED,
+    "snes_fd_color": ASSEMBLED,
+}
+NEWTON = "newtonls"
+TOLERANCES = ("_rtol", "_atol")
+LATE = ("mat_mumps_", "pc_factor_")  # asked for by LU, to which a later step may have to turn
+
+
+@dataclass(frozen=True)
+class SolverOptions:
+    """What a run is told of its solver.
+
+    Attributes:
+        options: PETSc's options by name, without a prefix; None or "" for those without a value.
+        monitor: Called with the number of each Newton iterate and ‖R‖ [N] there, on every rank.
+    """
+
+    options: Mapping[str, Any] = field(default_factory=dict)
+    monitor: Monitor | None = None
+    _unasked: set[str] = field(default_factory=set, init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Check the record, and the options from elsewhere.
+
+        Raises:
+            SceneError: If an option is unknown, or cannot be honoured.
+        """
+        if not isinstance(self.options, Mapping):
+            raise SceneError(
+                "simulate: petsc_options must be a dict of PETSc's options without a prefix, such "
+                f"as {{'ksp_type': 'gmres'}}, got {self.options!r}."
+            )
+        if self.monitor is not None and not callable(self.monitor):
+            raise SceneError(
+                "simulate: monitor must be a function of the number of an iterate and its "
+                f"residual, got {self.monitor!r}."
+            )
+        values = {name: _text(name, value) for name, value in self.options.items()}
+        object.__setattr__(self, "options", MappingProxyType(values))
+        self._unasked.update(name for name in values if not name.startswith(LATE))
+        _check(PETSc.Options(PREFIX).getAll() | values)
+
+    @contextmanager
+    def at_work(self) -> Iterator[None]:
+        """Around all that makes solvers and solves in this run; not around what users do.
+
+        Raises:
+            SceneError: If PETSc cannot solve with the user's options.
+        """
+        token = _monitor.set(self.monitor)
+        try:
+            with default_options(PREFIX, **self.options):
+                try:
+                    yield
+                except PETSc.Error as error:
+                    raise _named(error) from None
+                finally:  # the marks go with the options
+                    found = asked(PREFIX + name for name in self._unasked)
+                    self._unasked.difference_update(name.removeprefix(PREFIX) for name in found)
+        finally:
+            _monitor.reset(token)
+
+    def warn_of_unasked(self, comm: MPI.Intracomm) -> None:
+        """Warn, once, of options that nobody has asked for; after linear systems were solved.
+
+        Args:
+            comm: Ranks that take part.
+        """
+        if not self._unasked:
+            return
+        names = ", ".join(f"'{name}'" for name in sorted(self._unasked))
+        self._unasked.clear()
+        warn(
+            comm,
+            f"simulate: petsc_options: no solver at work has asked for {names}, which therefore "
+            "had no effect: misspelt, or an option of another solver, or of none (PETSc's "
+            "manual pages of SNES, KSP and PC say which there are).",
+        )
+
+
+_monitor: ContextVar[Monitor | None] = ContextVar("monitor", default=None)
+
+
+def monitor_solves(snes: PETSc.SNES) -> None:
+    """Have the monitor of the run at work see the iterates of a solver."""
+    if _monitor.get() is None:
+        return
+
+    def show(snes: PETSc.SNES, iteration: int, norm: float) -> None:
+        monitor = _monitor.get()
+        if monitor is None:
+            return
+        own: Exception | None = None
+        try:
+            monitor(iteration, norm)
+        except Exception as error:  # whatever a user's function may raise
+            own = error
+        problem = f"simulate: monitor failed with {type(own).__name__}: {own}" if own else None
+        try:
+            agree(snes.comm.tompi4py(), problem)
+        except SceneError as told:
+            raise (own or told) from None
+
+    snes.setMonitor(show)
+
+
+def loose_solves_allowed() -> bool:
+    """Whether linear systems may be solved as far as Newton can use it only (Eisenstat-Walker).
+
+    Not where the user says how far: a tolerance of theirs would have no effect.
+    """
+    return not any(PETSc.Options(PREFIX).hasName(name) for name in ("ksp_rtol", "ksp_atol"))
+
+
+def _named(error: PETSc.Error) -> Exception:
+    """What to raise for an error of PETSc's own: the user's options, where there are any."""
+    given = PETSc.Options(PREFIX).getAll()
+    if not given:
+        return error
+    named = " ".join(f"-{PREFIX}{name} {value}".strip() for name, value in sorted(given.items()))
+    # Without the numbers of lines of PETSc's own that follow its error code.
+    lines = [line.split("] ", 1)[-1] for line in str(error).splitlines()[1:]]
+    text = " ".join(line.strip() for line in lines if ") at ./" not in line)
+    return SceneError(f"PETSc cannot solve with the options {named}: {text or error}")
+
+
+def take_arguments(arguments: list[str]) -> None:
+    """Give PETSc the options behind `--petsc`, and take them away from a script's own parser.
+
+    Args:
+        arguments: The command line, shortened where it has such options.
+    """
+    if "--petsc" not in arguments:
+        return
+    begin = arguments.index("--petsc")
+    options = PETSc.Options()
+    options.insertString(" ".join(arguments[begin + 1 :]))
+    del arguments[begin:]
+    if options.hasName("log_view"):  # too late for PETSc to see it by itself
+        PETSc.Log.begin()
+
+
+def _text(name: Any, value: Any) -> str:
+    """A value as PETSc reads it."""
+    if not isinstance(name, str) or not name.startswith(FAMILIES) or name.split() != [name]:
+        raise SceneError(
+            f"simulate: petsc_options: {name!r} is no option of the solver; names begin with "
+            f"{', '.join(FAMILIES)}, without a prefix or '-'."
+        )
+    if value is None:
+        return ""
+    if isinstance(value, (bool, np.bool_)):
+        return "true" if value else "false"
+    if isinstance(value, (str, int, float, np.number)):
+        return str(value)
+    raise SceneError(f"simulate: petsc_options: {name} must be a text or a number, got {value!r}.")
+
+
+def _number(value: str) -> float:
+    """What PETSc reads as a number; others it refuses itself."""
+    try:
+        return float(value)
+    except ValueError:
+        return 1.0
+
+
+def _check(options: Mapping[str, str]) -> None:
+    for name, value in options.items():
+        reason = REFUSED.get(name, "")
+        if name == "snes_type" and value != NEWTON:
+            reason = f"the solver has to be Newton's method ({NEWTON})"
+        if name.endswith(TOLERANCES) and _number(value) <= 0:
+            reason = "a tolerance is a number above zero"
+        if reason:
+            raise SceneError(f"The option -{PREFIX}{name} {value} cannot be honoured: {reason}.")
+
+
+take_arguments(sys.argv)

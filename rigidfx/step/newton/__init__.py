@@ -1,0 +1,1 @@
+"""Newton's method for the equations of a step, with tangents that are kept where that pays."""

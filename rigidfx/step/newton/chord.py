@@ -1,0 +1,152 @@
+"""Newton's method with factors that are kept over steps, the chord method: where it pays, and how.
+
+Parts of metal, with the time steps that their slow motions need, take a factorisation in any case,
+and that costs more than some iterations with kept factors. Soft parts have GMRES with incomplete
+factors instead; they gain as long as kept factors fit, which large strains end. So for them the
+factors' cost is counted, and where it is not worth it, Newton's method takes over for a while.
+(Kept incomplete factors saved a soft part two thirds of a step; but what GMRES leaves is no
+rounding, and in the 520 s of the main demo angular momentum drifted by 8e-13 with them.)
+"""
+
+from __future__ import annotations
+
+from petsc4py import PETSc
+
+from rigidfx.domain.connected import ConnectedParts
+from rigidfx.step.equations.equations import Equilibrium
+from rigidfx.step.linear.linear_solver import PREFIX, configure
+from rigidfx.step.newton.chord_test import ChordTest
+from rigidfx.step.newton.frames import Frames
+from rigidfx.step.newton.kept_tangent import KeptTangent
+from rigidfx.step.newton.pause import Pause
+from rigidfx.step.newton.refresh import Refresh
+
+__all__ = ["Chord", "pays"]
+
+# Unknowns. Kept factors took 1.05 of a step by GMRES at 243, 0.73 at 480 and 0.60 at 1008.
+SMALLEST = 500
+DIRECT_UP_TO = 300_000  # unknowns; beyond, factors fill gigabytes
+# Beyond, GMRES takes no longer with first-order hexahedra (0.91 of a step by GMRES at 86 000).
+SOFT_UP_TO = 100_000  # unknowns
+# Cells that a wave passes in a step, as the diagonals of stiffness and mass estimate them. From a
+# prototype that counted them by the material's wave speed; not measured again for the diagonals.
+DIRECT_FROM = 15.0
+MAX_FAILURES = 3  # solves in a row after which Newton's method is left alone
+OF_SOLVERS = "ksp_", "pc_", "mat_", "sub_", "mg_", "snes_lag_"
+
+
+class Chord:
+    """Keeps the tangent of the equations of one division; `destroy` frees its PETSc objects.
+
+    Attributes:
+        stop: Stopping test.
+        ksp: Linear solver for SNES.
+        tangents: How many have been made in the last solve.
+    """
+
+    def __init__(self, equilibrium: Equilibrium, parts: ConnectedParts, stop: ChordTest) -> None:
+        """Create the solver. Collective.
+
+        Args:
+            equilibrium: The equations.
+            parts: Connected parts of the mesh.
+            stop: Stopping test.
+        """
+        self.stop = stop
+        self.tangents = 0
+        self._equilibrium, p = equilibrium, equilibrium.prolongation
+        self._failures = 0
+        self._pause = Pause()
+        self._inner = PETSc.KSP().create(p.comm)
+        configure(self._inner, True, p.size, len(p.layout.bodies) > 0)
+        self._inner.setOperators(equilibrium.tangent_matrix)
+        like = p.unknowns()
+        self._kept = KeptTangent(self._inner, Frames(p, parts), like)
+        like.destroy()
+        self._refresh = Refresh(tangent_cost(p.size))
+        self.ksp = PETSc.KSP().create(p.comm)
+        self.ksp.setType(PETSc.KSP.Type.PREONLY)
+        self.ksp.getPC().setType(PETSc.PC.Type.PYTHON)
+        self.ksp.getPC().setPythonContext(self._kept)
+
+    @property
+    def solver(self) -> str:
+        """Linear solver, in words."""
+        return f"kept {self._inner.getType()}+{self._inner.getPC().getType()}"
+
+    @property
+    def linear_iterations(self) -> int:
+        """Linear solves with the factors that the last solve took."""
+        return self._kept.iterations
+
+    def begin(self, dt: float) -> None:
+        """Begin a step, or an attempt at it. Collective.
+
+        Args:
+            dt: Δt [s].
+        """
+        if not self._kept.fits(dt):
+            self._refresh.due = True
+        self._kept.begin(self._equilibrium.start, dt)
+        self._refresh.begin()
+        self.tangents = 0
+
+    def renew(self) -> None:
+        """Assemble the tangent at the last iterate, if that is worth it. Collective."""
+        if self._refresh.wanted(self.stop.history, self.stop.target):
+            self._equilibrium.tangent()
+            self._kept.renewed()
+            self.stop.renewed()
+            self._refresh.renewed(self.stop.history)
+            self.tangents += 1
+
+    @property
+    def due(self) -> bool:
+        """Whether the next step begins with a new tangent."""
+        return self._refresh.due
+
+    def fail(self) -> None:
+        """Take note that Newton's method takes over, and makes tangents of its own."""
+        self._failures += 1
+        self._refresh.due = True
+
+    def accept(self) -> None:
+        """Take note that the last solve has become a step."""
+        self._failures = 0
+        iterations = len(self.stop.history) - 1
+        self._refresh.accepted(iterations)
+        self._pause.kept(iterations + self._refresh.cost * self.tangents)
+
+    def accept_newton(self) -> None:
+        """Take note that a solve by Newton's method has become a step."""
+        self._pause.passed()
+        self._refresh.due = True
+
+    def serves(self, dt: float) -> bool:
+        """Whether factors are worth keeping in steps of Δt [s]."""
+        if self._failures >= MAX_FAILURES:
+            return False
+        soft = self._equilibrium.waves(dt) < DIRECT_FROM
+        return not soft or (self._pause.over and self._equilibrium.prolongation.size <= SOFT_UP_TO)
+
+    def destroy(self) -> None:
+        """Free the solvers. Collective."""
+        self.ksp.destroy()  # and with it what has been kept
+
+
+def pays(equilibrium: Equilibrium) -> bool:
+    """Whether factors may be worth keeping, and PETSc's options leave it so."""
+    given = PETSc.Options(PREFIX).getAll()
+    told = any(name.startswith(OF_SOLVERS) for name in given)
+    sizes = SMALLEST <= equilibrium.prolongation.size <= DIRECT_UP_TO
+    return equilibrium.inertial and sizes and not told
+
+
+def tangent_cost(unknowns: int) -> float:
+    """What a new tangent costs, in iterations with a kept one, of one rank.
+
+    Between what was measured of slender and of compact parts: bars took 7 at 10³ unknowns and 9 at
+    5·10³, blocks 13 at 2·10³ and 28 at 1.5·10⁴, an L 6, 12, 16 and 23 at 670, 4·10³, 1.2·10⁴ and
+    2.7·10⁴. Where a tangent is renewed depends on it weakly.
+    """
+    return 0.6 * unknowns**0.36

@@ -1,0 +1,240 @@
+"""Solve the equations of one step (or of statics) with PETSc's SNES, one solve per step.
+
+Where a Krylov solver gives up, or its loose solves have misled Newton, the step is solved again,
+by a factorisation or tightly, before anybody cuts it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from petsc4py import PETSc
+
+from rigidfx.scene.scene import Scene
+from rigidfx.step.equations.equations import Equilibrium
+from rigidfx.step.linear.linear_solver import PREFIX, configure, default_options, prefers_direct
+from rigidfx.step.linear.petsc_options import loose_solves_allowed, monitor_solves
+from rigidfx.step.newton.callbacks import errors_of_callbacks
+from rigidfx.step.newton.chord import Chord, pays
+from rigidfx.step.newton.chord_test import ChordTest
+from rigidfx.step.newton.first_guess import Guess
+from rigidfx.step.newton.solution import Solution
+from rigidfx.step.newton.stopping_test import (
+    MAX_ITERATIONS,
+    RELATIVE_TOLERANCE,
+    StoppingTest,
+    judged,
+    reason_name,
+)
+
+__all__ = ["Newton"]
+
+MAX_FALLBACKS = 3  # direct solves in place of failed Krylov solves before Krylov is given up
+
+
+def residual(snes: PETSc.SNES, y: PETSc.Vec, r: PETSc.Vec, newton: Newton) -> None:
+    """SNES callback: R(y)."""
+    newton.equilibrium.residual(y, r)
+
+
+def tangent(snes: PETSc.SNES, y: PETSc.Vec, A: PETSc.Mat, B: PETSc.Mat, newton: Newton) -> None:
+    """SNES callback: dR/dy at the iterate of the last residual, unless an older one is kept."""
+    newton.renew_tangent()
+
+
+def convergence(
+    snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float], newton: Newton
+) -> int:
+    """SNES callback: the stopping test, and how far the next linear system is to be solved."""
+    reason = newton.stop(iteration, norms[2])
+    if reason == 0:
+        newton.limit_linear_error()
+    return reason
+
+
+class Newton:
+    """Newton's method for the equations of one division; `destroy` frees its PETSc objects.
+
+    Attributes:
+        equilibrium: The equations.
+        stop: The stopping test, with the history of the last solve.
+    """
+
+    def __init__(self, equilibrium: Equilibrium, scene: Scene) -> None:
+        """Create the SNES. Collective.
+
+        Args:
+            equilibrium: The equations.
+            scene: The problem.
+        """
+        self.equilibrium = equilibrium
+        self._y = equilibrium.prolongation.unknowns()
+        self._r = self._y.duplicate()
+        self._krylov = equilibrium.inertial and not prefers_direct(equilibrium.prolongation.size)
+        self._fallbacks = 0
+        self._snes = self._create_snes()
+        # How loosely Krylov solves may end, first and later.
+        self._loosest = [(name, self._snes.getParamsEW()[name]) for name in ("rtol_0", "rtol_max")]
+        rtol, _, _, max_it = self._snes.getTolerances()
+        self.stop = StoppingTest(rtol, max_it)
+        self._chord: Chord | None = None
+        if pays(equilibrium):
+            self._chord = Chord(equilibrium, scene.parts, ChordTest(rtol, max_it))
+        self._keeping = False  # whether the present solve is by the chord method ...
+        self._kept = False  # ... and whether that has found the last solution
+        self._offered, self._best = 0, 0  # first guesses of the last choice, and what it was
+        self._tangents = 0
+        self._left = 0.0  # ‖R‖ of the last solution [N]
+
+    def _create_snes(self) -> PETSc.SNES:
+        snes = PETSc.SNES().create(self.equilibrium.prolongation.comm)
+        snes.setOptionsPrefix(PREFIX)
+        snes.setType(PETSc.SNES.Type.NEWTONLS)
+        snes.setFunction(residual, self._r, args=(self,))
+        snes.setJacobian(tangent, self.equilibrium.tangent_matrix, args=(self,))
+        snes.setConvergenceTest(convergence, args=(self,))
+        snes.setTolerances(rtol=RELATIVE_TOLERANCE, max_it=MAX_ITERATIONS)
+        if self._krylov and loose_solves_allowed():
+            # Linear systems are solved no further than Newton's quadratic convergence will get:
+            # three Krylov iterations in ten are saved, for a Newton iteration in ten more at most.
+            snes.setParamsEW(version=2, rtol_0=3e-3, gamma=0.3, alpha=2.0)
+            snes.setUseEW(True)
+        with default_options(PREFIX, snes_linesearch_type="basic"):
+            snes.setFromOptions()
+        monitor_solves(snes)
+        self._configure(snes.getKSP(), not self._krylov)
+        return snes
+
+    def _configure(self, ksp: PETSc.KSP, direct: bool) -> None:
+        p = self.equilibrium.prolongation
+        configure(ksp, direct, p.size, len(p.layout.bodies) > 0)
+
+    def solve(self, guesses: Sequence[Guess]) -> Solution:
+        """Find the increment of the step that the equations have begun. Collective.
+
+        Args:
+            guesses: First guesses; the one with the smallest residual is taken.
+        """
+        self._kept = False
+        if self._chord is not None and self._chord.serves(self.equilibrium.dt):
+            found = self._solve_by_chord(self._chord, guesses)
+            if found.converged:
+                return found
+        return self._solve_by_newton(guesses)
+
+    def _solve_by_chord(self, chord: Chord, guesses: Sequence[Guess]) -> Solution:
+        """Solve with a tangent that is kept."""
+        own, loose = (self._snes.getKSP(), self.stop), self._snes.getUseEW()
+        chord.begin(self.equilibrium.dt)
+        if len(guesses) == self._offered and not chord.due:  # the better one costs two residuals
+            guesses = [guesses[self._best]]
+        self._snes.setKSP(chord.ksp)
+        self._snes.setUseEW(False)
+        self.stop, self._keeping = chord.stop, True
+        reason = self._iterate(guesses)
+        self._kept = reason > 0
+        if not self._kept:
+            chord.fail()
+        found = self._solution(reason, chord.tangents, chord.linear_iterations, chord.solver)
+        self._snes.setKSP(own[0])
+        self._snes.setUseEW(loose)
+        self.stop, self._keeping = own[1], False
+        return found
+
+    def _solve_by_newton(self, guesses: Sequence[Guess]) -> Solution:
+        """Solve with a new tangent in each iteration."""
+        krylov = self._krylov and self._fallbacks < MAX_FALLBACKS
+        self._tangents = 0
+        reason, remark = self._iterate(guesses), ""
+        if reason == PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE and krylov:
+            # The Krylov solver gave up: repeat the step with a factorisation.
+            self._fallbacks += 1
+            self._configure(self._snes.getKSP(), True)
+            reason, remark = self._iterate(guesses), " (fall-back from Krylov)"
+            if self._fallbacks < MAX_FALLBACKS:
+                self._configure(self._snes.getKSP(), False)
+        elif reason < 0 and krylov and self._snes.getUseEW():
+            # Newton may have failed on loosely solved systems, whose errors depend on the number
+            # of ranks: before the step is cut, they are solved as if each were the last.
+            self._snes.setUseEW(False)
+            reason, remark = self._iterate(guesses), " (solved tightly)"
+            self._snes.setUseEW(True)
+        ksp, linear = self._snes.getKSP(), self._snes.getLinearSolveIterations()
+        solver = f"{ksp.getType()}+{ksp.getPC().getType()}{remark}"
+        return self._solution(reason, self._tangents, linear, solver)
+
+    def _solution(self, reason: int, tangents: int, linear: int, solver: str) -> Solution:
+        """What has been found. Collective."""
+        self.equilibrium.return_to(self._y, self._r)
+        self._left = self.stop.history[-1] if self.stop.history else np.inf
+        return Solution(
+            reason > 0,
+            reason_name(reason),
+            tuple(self.stop.history),
+            tangents,
+            linear,
+            solver,
+            None if reason > 0 else self.equilibrium.worst_place(),
+            float(self._y.norm(PETSc.NormType.INFINITY)),
+            self.equilibrium.left(self._r) if self.stop.at_rounding(reason) else 0.0,
+        )
+
+    def renew_tangent(self) -> None:
+        """Have the tangent ready that the next linear system takes. Collective."""
+        if self._keeping and self._chord is not None:
+            self._chord.renew()
+        else:
+            self.equilibrium.tangent()
+            self._tangents += 1
+
+    def _iterate(self, guesses: Sequence[Guess]) -> int:
+        self.stop.restart()
+        if len(guesses) > 1:
+            norms = [self._norm_at(guess) for guess in guesses]
+            self._offered, self._best = len(norms), int(np.argmin(np.nan_to_num(norms, nan=np.inf)))
+            guesses = [guesses[self._best]]
+        self._start_at(guesses[0])
+        self.stop.expect_rounding(self.equilibrium.noise())
+        with errors_of_callbacks():
+            self._snes.solve(None, self._y)
+        return judged(int(self._snes.getConvergedReason()))
+
+    def _start_at(self, guess: Guess) -> None:
+        self.equilibrium.prolongation.collapse(guess.increment, guess.bodies, self._y)
+
+    def _norm_at(self, guess: Guess) -> float:
+        self._start_at(guess)
+        self.equilibrium.residual(self._y, self._r)
+        return float(self._r.norm())
+
+    def limit_linear_error(self) -> None:
+        """Have the next Krylov solve leave no more than Newton's stopping test can stand."""
+        if self._krylov and not self._keeping:
+            limits = {name: self.stop.linear_tolerance(value) for name, value in self._loosest}
+            self._snes.setParamsEW(**limits)
+
+    def accept(self) -> None:
+        """Take note that the last solution has become a step."""
+        if self._chord is None:
+            return
+        if self._kept:
+            self._chord.accept()
+        else:
+            self._chord.accept_newton()
+
+    @property
+    def unknowns(self) -> PETSc.Vec:
+        """Unknowns y of the last solve [m]; not to be changed."""
+        return self._y
+
+    @property
+    def strain_error(self) -> float:
+        """Strain that the last solve and rounding may leave in a cell. Collective."""
+        return self.equilibrium.strain_error(self._left)
+
+    def destroy(self) -> None:
+        """Free all PETSc objects. Collective."""
+        for item in (self._snes, self._chord, self._y, self._r):
+            if item is not None:
+                item.destroy()

@@ -1,0 +1,97 @@
+"""Do supports and springs exclude every small rigid motion, of every part of a mesh?
+
+Cells joined through facets move as one where nothing strains: six numbers each such part, about its
+own centre. Parts that share nodes only are hinged to each other, those that share none are loose.
+What is asked of the motions, to vanish at prescribed dofs and springs and to agree at hinges, is
+B y = 0; the eigenvalues of BᵀB tell whether y = 0 is all that fulfils it, and if not, what moves.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.domain.connected import ConnectedParts, connected_parts
+from rigidfx.scene.scene import Scene
+from rigidfx.step.system.supports import PrescribedDofs
+
+__all__ = ["free_to_move"]
+
+Array = npt.NDArray[np.float64]
+Labels = npt.NDArray[np.int64]
+
+FREE = 1e-10  # of the largest eigenvalue
+
+
+def free_to_move(scene: Scene, prescribed: PrescribedDofs) -> str:
+    """Where a part is that some rigid motion is left to, "" if there is none. Collective.
+
+    Args:
+        scene: The problem.
+        prescribed: Dofs that supports hold.
+    """
+    parts = connected_parts(scene.mesh, 2)
+    n = scene.owned_nodes
+    dofmap = scene.space.dofmap
+    X = scene.space.tabulate_dof_coordinates()
+    part = np.zeros(len(X), dtype=np.int64)
+    part[dofmap.list] = parts.of_cell[: len(dofmap.list), None]
+    gram = np.zeros((6 * parts.count, 6 * parts.count))
+    held = np.flatnonzero(prescribed.mask)
+    rows = _motions(X[held // 3], part[held // 3], parts)[np.arange(held.size), held % 3]
+    _add(gram, rows[:, None], part[held // 3])
+    for effect in scene.effects:
+        K = effect.ground_stiffness
+        if K is None:
+            continue
+        own = np.flatnonzero(scene.shares(getattr(effect, "where", ""), effect.kind)[:n] > 0)
+        values, vectors = np.linalg.eigh(K / max(float(np.linalg.norm(K)), 1e-300))
+        root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
+        _add(gram, root @ _motions(X[own], part[own], parts), part[own])
+    gram = np.asarray(scene.sum(gram))
+    if parts.count > 1:
+        _add_hinges(scene, gram, parts)
+    values, vectors = np.linalg.eigh(gram)
+    if values[0] > FREE * max(values[-1], 1e-300):
+        return ""
+    moving = np.linalg.norm(vectors[:, 0].reshape(-1, 6), axis=1)
+    return parts.place(int(np.argmax(moving))) if parts.count > 1 else "the whole"
+
+
+def _motions(X: Array, part: Labels, parts: ConnectedParts) -> Array:
+    """Displacements of points by the six motions of the parts they are in, shape (points, 3, 6)."""
+    size = np.linalg.norm(parts.upper - parts.lower, axis=1)
+    arms = (X - (parts.lower + parts.upper)[part] / 2) / size[part, None]
+    out = np.zeros((len(X), 3, 6))
+    out[:, :, :3] = np.eye(3)
+    out[:, :, 3:] = np.cross(np.eye(3)[None], arms[:, None]).swapaxes(1, 2)
+    return out
+
+
+def _add(gram: Array, rows: Array, part: Labels) -> None:
+    """Add rows of shape (points, rows, 6), each of one part, to BᵀB."""
+    blocks = gram.reshape(len(gram) // 6, 6, len(gram) // 6, 6)  # of a view: gram is changed
+    for k in np.unique(part):
+        own = rows[part == k].reshape(-1, 6)
+        blocks[k, :, k] += own.T @ own
+
+
+def _add_hinges(scene: Scene, gram: Array, parts: ConnectedParts) -> None:
+    """Add that parts agree in the displacement of the nodes they share. Collective."""
+    dofmap = scene.space.dofmap
+    nodes = dofmap.list.astype(np.int64)
+    names = dofmap.index_map.local_to_global(nodes.reshape(-1)).astype(np.int64)
+    of_cell = np.repeat(parts.of_cell[: len(nodes)], nodes.shape[1])
+    pairs, where = np.unique(np.stack([names, of_cell]), axis=1, return_index=True)
+    X = scene.space.tabulate_dof_coordinates()[nodes.reshape(-1)[where]]
+    found = scene.comm.allgather((pairs, X))
+    pairs, first = np.unique(
+        np.concatenate([own for own, _ in found], axis=1), axis=1, return_index=True
+    )
+    X = np.concatenate([points for _, points in found])[first]
+    k = np.flatnonzero(pairs[0, 1:] == pairs[0, :-1])  # a node's parts come one after another
+    a, b = pairs[1, k], pairs[1, k + 1]
+    A, B = _motions(X[k], a, parts), _motions(X[k], b, parts)
+    blocks = gram.reshape(parts.count, 6, parts.count, 6).swapaxes(1, 2)
+    for i, P, j, Q in ((a, A, a, A), (b, B, b, B), (a, A, b, -B), (b, -B, a, A)):
+        np.add.at(blocks, (i, j), P.swapaxes(1, 2) @ Q)

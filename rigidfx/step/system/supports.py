@@ -1,0 +1,252 @@
+"""Which dofs the supports hold at a time, how they move, and what happens where a support begins.
+
+A support that begins on a moving node, or a prescribed motion that jumps in velocity, is an
+impact: the update of the velocity would otherwise ring for ever. The velocity is projected, in the
+metric of the mass, on what the support allows; the energy and the impulse of that are reported.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from petsc4py import PETSc
+
+from rigidfx.base.errors import SceneError, together
+from rigidfx.coupling.dof_layout import DofLayout
+from rigidfx.coupling.mass import Mass
+from rigidfx.coupling.prolongation import Prolongation
+from rigidfx.effects import Support, Windowed
+from rigidfx.scene.scene import Scene
+from rigidfx.state import State
+from rigidfx.step.linear.linear_solver import conjugate_gradients
+from rigidfx.step.watches.jumps import Jumps
+
+__all__ = ["Impact", "PrescribedDofs", "impose_velocity", "supports_of"]
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Impact:
+    """Velocity taken over from a support at an instant; or energy of a contact that begins or ends.
+
+    Attributes:
+        t: Time [s].
+        supports: Names of the supports that caused it, titles of the contacts.
+        energy: Change of kinetic energy, and of what a body has kept that a support takes over, and
+            of what contacts store [J]; negative is lost.
+        impulse: Impulse exerted on the structure, shape (3,) [N s].
+        angular_impulse: Its moment about the origin, shape (3,) [N m s].
+    """
+
+    t: float
+    supports: tuple[str, ...]
+    energy: float
+    impulse: Array
+    angular_impulse: Array
+
+    def __add__(self, other: Impact) -> Impact:
+        """Both of one instant."""
+        return Impact(
+            self.t,
+            (*self.supports, *other.supports),
+            self.energy + other.energy,
+            self.impulse + other.impulse,
+            self.angular_impulse + other.angular_impulse,
+        )
+
+
+class PrescribedDofs:
+    """The dofs held by the supports that act at one time.
+
+    Attributes:
+        active: The supports.
+        mask: For each owned dof, whether it is prescribed, shape (3 · owned nodes,).
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        active: tuple[Support, ...],
+        driven: Mapping[int, npt.NDArray[np.int32]] | None = None,
+        jumps: Jumps | None = None,
+    ) -> None:
+        """Find the dofs of the supports that act.
+
+        Args:
+            scene: The problem.
+            active: Supports.
+            driven: Further owned nodes, of bodies that a support moves, by its number.
+            jumps: What looks at the paths of steps, if anything.
+        """
+        self._scene = scene
+        self.active = active
+        self._jumps = jumps
+        owner = np.full(3 * scene.owned_nodes, -1, dtype=np.int32)
+        for k, support in reversed(list(enumerate(self.active))):
+            owner[dofs_of(scene, support)] = k
+        for k, nodes in (driven or {}).items():
+            owner[(3 * nodes[:, None] + np.arange(3)).reshape(-1)] = k
+        self.mask = owner >= 0
+        self._owner = owner[self.mask]
+        held = np.flatnonzero(self.mask)
+        self._axis = (held % 3).astype(np.int32)
+        self._X = scene.space.tabulate_dof_coordinates()[held // 3]
+        self._own = [np.flatnonzero(self._owner == k) for k in range(len(self.active))]
+
+    def _spread(self, per_support: list[Array]) -> Array:
+        out = np.zeros(self._owner.size)
+        for own, values in zip(self._own, per_support, strict=True):
+            each = np.broadcast_to(values, (own.size, 3))
+            out[own] = each[np.arange(own.size), self._axis[own]]
+        return out
+
+    def increments(self, t0: float, t1: float) -> Array:
+        """Prescribed increments of the held dofs from t0 to t1 [m]. Collective."""
+
+        def gained(support: Support, X: Array) -> Array:
+            if not support.uniform:
+                return support.displacements_at(t1, X) - support.displacements_at(t0, X)
+            u0 = np.array(support.displacement_at(t0))  # a path may change one array in place
+            u1 = np.array(support.displacement_at(t1))
+            for given in (u0, u1):
+                if given.shape != (3,):
+                    return given  # which is an error below
+            if self._jumps is not None and support.moves:
+                self._jumps.look(support, t0, t1, u0, u1)
+            return np.asarray(u1 - u0)
+
+        if self._jumps is not None:
+            self._jumps.begin()
+        return self._ask(gained, t1)
+
+    def velocities(self, t: float, dt: float) -> Array:
+        """Prescribed velocities of the held dofs just after t [m/s]. Collective."""
+        return self._ask(lambda support, X: support.velocities_at(t, dt, X), t)
+
+    def _ask(self, question: Callable[[Support, Array], Array], t: float) -> Array:
+        """Answers of each support, spread over its dofs; what a user's function does is checked.
+
+        Args:
+            question: Function of a support and of the reference positions of its dofs' nodes, shape
+                (dofs, 3) [m], to a vector for each of them, or one for all.
+            t: Time, for messages [s].
+
+        Raises:
+            SceneError: On every rank, if one fails or is not three finite numbers. Collective.
+        """
+
+        def answers() -> list[Array]:
+            out = []
+            for support, own in zip(self.active, self._own, strict=True):
+                X = self._X[own]
+                name = f"{type(support).__name__} on '{support.where}'"
+                try:
+                    value = question(support, X)
+                except Exception as error:  # whatever a user's function may raise
+                    raise SceneError(
+                        f"{name}: its path failed near t = {t:g} s with "
+                        f"{type(error).__name__}: {error}"
+                    ) from error
+                if np.shape(value) not in ((3,), X.shape) or not np.isfinite(value).all():
+                    raise SceneError(
+                        f"{name}: near t = {t:g} s its path or velocity is not three finite "
+                        f"numbers but {value}."
+                    )
+                out.append(value)
+            return out
+
+        if not any(s.moves for s in self.active):
+            return self._spread(answers())
+        return self._spread(together(self._scene.comm, "A support", answers))
+
+    def reactions(self, forces: Array, x: Array) -> tuple[Mapping[str, Array], Mapping[str, Array]]:
+        """Force that each support exerts on the structure, and its moment. Collective.
+
+        Args:
+            forces: Out-of-balance forces of the held dofs [N].
+            x: Positions of their nodes at the midpoint, shape (dofs, 3) [m].
+
+        Returns:
+            By the name of the support's set, shapes (3,) [N] and, about the origin, (3,) [N m].
+        """
+        vectors = np.zeros((forces.size, 3))
+        vectors[np.arange(forces.size), self._axis] = forces
+        both = np.hstack([vectors, np.cross(x, vectors)])
+        sums = [both[self._owner == k].sum(axis=0) for k in range(len(self.active))]
+        out: dict[str, Array] = {}
+        for support, total in zip(self.active, np.asarray(self._scene.sum(sums)), strict=True):
+            out[support.where] = out.get(support.where, 0.0) + total
+        return {k: v[:3] for k, v in out.items()}, {k: v[3:] for k, v in out.items()}
+
+
+def supports_of(acting: Sequence[Windowed]) -> tuple[Support, ...]:
+    """The supports among the effects that act."""
+    return tuple(effect for effect in acting if isinstance(effect, Support))
+
+
+def dofs_of(scene: Scene, support: Support) -> npt.NDArray[np.int64]:
+    """Owned dofs that a support holds while it acts."""
+    nodes = next(nodes for s, nodes in scene.supports if s is support)
+    owned = nodes[nodes < scene.owned_nodes].astype(np.int64)
+    return (3 * owned[:, None] + np.asarray(support.axes)).reshape(-1)
+
+
+def impose_velocity(
+    scene: Scene, state: State, mass: Mass, layout: DofLayout, velocities: Array
+) -> bool:
+    """Give the held dofs their prescribed velocity by an impact without rebound. Collective.
+
+    The impulse acts on held dofs only, so the momentum of all others stays: with Δv_s given,
+    (Lᵀ M L + bodies) Δy = -Lᵀ M Δv_s. For a lumped mass no other velocity changes.
+
+    Args:
+        scene: The problem.
+        state: Its velocities are changed.
+        mass: Mass operator.
+        layout: Division of the dofs for the supports that act now.
+        velocities: Prescribed velocities of the held dofs [m/s].
+
+    Returns:
+        Whether any velocity changed.
+    """
+    rows = layout.rows
+    prescribed = np.flatnonzero(layout.prescribed[rows.dofs])
+    dv, p = rows.vector(), rows.vector()
+    dv.set(0.0)
+    dv.array[prescribed] = velocities - state.v.x.array[rows.dofs[prescribed]]
+    changed = dv.norm(PETSc.NormType.INFINITY) > 0.0
+    if changed:
+        mass.mult(dv, p)
+        prolongation = Prolongation(layout, scene.comm)
+        rhs, dy = prolongation.unknowns(), prolongation.unknowns()
+        prolongation.pose(state.bodies)
+        bodies = state.bodies
+        prolongation.restrict(p, np.zeros((len(layout.bodies), 6)), rhs)
+        rhs.scale(-1.0)
+        if rhs.norm() > 0.0:
+            _solve(prolongation, mass, state, rhs, dy)
+            y = prolongation.bodies_part(dy)
+            prolongation.apply(dy, y, dv.array_r[prescribed], dv)
+            bodies = bodies.with_six(bodies.six + y)
+        state.kick(rows.dofs, dv.array_r, bodies)
+        rhs.destroy()
+        dy.destroy()
+    dv.destroy()
+    p.destroy()
+    return changed
+
+
+def _solve(
+    prolongation: Prolongation, mass: Mass, state: State, rhs: PETSc.Vec, dy: PETSc.Vec
+) -> None:
+    """Solve (Lᵀ M L + bodies) Δy = rhs by conjugate gradients. Collective."""
+    M = mass.matrix()
+    reduced = prolongation.condense(M)
+    prolongation.add_blocks(reduced, state.bodies.mass_blocks)
+    conjugate_gradients(reduced, rhs, dy)
+    reduced.destroy()
+    M.destroy()

@@ -1,0 +1,212 @@
+"""Everything that is bound to one division: forms, mass, actions of effects, equations.
+
+It is made when the division changes and destroyed when the next one takes over; a step works on
+nothing else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+from rigidfx.coupling.dof_layout import dof_layout
+from rigidfx.coupling.mass import mass_operator
+from rigidfx.coupling.prolongation import Prolongation
+from rigidfx.effects import Touch, Windowed
+from rigidfx.flexible.internal_forces import Cells, InternalForces
+from rigidfx.mechanics.body_step import Increments
+from rigidfx.scene.scene import Scene
+from rigidfx.state import State
+from rigidfx.step.equations.actions import Actions
+from rigidfx.step.equations.energies import Energies
+from rigidfx.step.equations.equations import Equilibrium
+from rigidfx.step.equations.structure import BoundStructure
+from rigidfx.step.newton.first_guess import predict
+from rigidfx.step.newton.newton import Newton
+from rigidfx.step.newton.solution import Solution
+from rigidfx.step.system.supports import PrescribedDofs
+
+__all__ = ["System", "Work"]
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Work:
+    """What external forces did in a step.
+
+    Attributes:
+        loads: Work of the loads [J].
+        supports: Work of the reactions, and of obstacles that move [J].
+        dissipated: Energy taken by each kind of damping [J].
+        reactions: Force of each support on the structure, by the name of its set, shape (3,) [N].
+        reaction_moments: Its moment about the origin, at the midpoint, shape (3,) [N m].
+        touches: What each contact did, by its title.
+    """
+
+    loads: float
+    supports: float
+    dissipated: Mapping[str, float]
+    reactions: Mapping[str, Array]
+    reaction_moments: Mapping[str, Array]
+    touches: Mapping[str, Touch]
+
+
+class System:
+    """The equations of motion of one division.
+
+    Attributes:
+        acting: The effects with a time window that act.
+        layout: Division of cells and dofs.
+        mass: Mass operator of the flexible cells.
+        structure: The division as effects see it.
+        actions: What effects do to nodes and bodies.
+        energies: Measures states.
+        equilibrium: The equations of a step.
+        newton: Solves them.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        forces: InternalForces,
+        state: State,
+        acting: Sequence[Windowed],
+        flexible: Cells,
+        prescribed: PrescribedDofs,
+        driven: Cells | None = None,
+    ) -> None:
+        """Bind everything to a division and to the effects that act. Collective.
+
+        Args:
+            scene: The problem.
+            forces: Compiled internal forces.
+            state: State with its bodies.
+            acting: The effects with a time window that act from now on.
+            flexible: Flexible owned cells by subdomain id.
+            prescribed: Dofs held by supports.
+            driven: Owned cells by subdomain id that move with a support: not flexible, all their
+                dofs prescribed, their mass counted.
+        """
+        self._scene, self._forces, self._prescribed = scene, forces, prescribed
+        self.acting = tuple(acting)
+        layout = self.layout = dof_layout(scene, flexible, state.bodies.of, prescribed.mask, driven)
+        rows, own = layout.rows, layout.massive[layout.rows.nodes]
+        state.follow(layout.following)
+        self.mass = mass_operator(scene, rows, flexible, own, driven)
+        forces.select(acting)
+        state.rebuild()  # effects may look at the displacement inside bodies
+        self.structure = BoundStructure(
+            scene=scene,
+            rows=rows,
+            own=own,
+            bodies=state.bodies,
+            mass=self.mass,
+            u=state.u.x.array,
+            surface=forces.surface,
+            notes=state.notes,
+        )
+        self.actions = Actions(self.structure, scene.effects, acting)
+        self.energies = Energies(scene, forces, self.mass, layout, self.actions)
+        self._taken = forces.bind_taken(flexible, driven)
+        self.equilibrium = Equilibrium(
+            scene,
+            forces,
+            forces.bind(flexible, layout.interior, layout.interface, driven),
+            self.mass,
+            Prolongation(layout, scene.comm),
+            self.actions,
+        )
+        self.newton = Newton(self.equilibrium, scene)
+        self._v0 = rows.vector()
+
+    def follow(self, acting: Sequence[Windowed]) -> bool:
+        """Let dead loads begin and end; False if other effects do, which takes a new system.
+
+        Args:
+            acting: The effects with a time window that act from now on.
+        """
+        if _lasting(acting) != _lasting(self.acting):
+            return False
+        self.acting = tuple(acting)
+        self.actions.select(acting)
+        return True
+
+    def solve(self, state: State, dt: float) -> Solution:
+        """Find the increment of a step of length dt [s]; the state is not changed. Collective."""
+        middle = state.t + dt / 2
+        self._forces.set_time(middle, dt)
+        self.actions.set_time(middle, dt)
+        self._v0.array[:] = state.v.x.array[self.layout.rows.dofs]
+        imposed = self._prescribed.increments(state.t, state.t + dt)
+        self.equilibrium.begin(dt, self._v0, imposed, state.bodies)
+        return self.newton.solve(predict(self._scene, state, self.layout, state.bodies, dt))
+
+    @property
+    def increments(self) -> Increments:
+        """What the last solution moves the rigid bodies by."""
+        return self.equilibrium.prolongation.increments
+
+    def accept(self, state: State, dt: float, t: float) -> Work:
+        """Take the found increment over into the state, which then is at time t. Collective."""
+        work = self._work(state, dt)
+        self.newton.accept()
+        self.actions.accept()
+        d, dofs = self.equilibrium.d.array_r, self.layout.rows.dofs
+        prolongation, bodies = self.equilibrium.prolongation, self.increments.end
+        state.advance(
+            t,
+            dofs,
+            d,
+            2 / dt * d - self._v0.array_r,
+            bodies,
+            dofs[prolongation.attached],
+            prolongation.places(bodies),
+        )
+        return work
+
+    def _work(self, state: State, dt: float) -> Work:
+        """What forces did in the step that has been solved. Collective."""
+        prolongation, actions = self.equilibrium.prolongation, self.actions
+        d, forces = self.equilibrium.d.array_r, self.equilibrium.forces_out_of_balance.array_r
+        prescribed, rows = prolongation.prescribed, self.layout.rows
+        at = prescribed // 3
+        u = state.u.x.array.reshape(-1, 3)[rows.nodes[at]]
+        x = rows.X[at] + u + 0.5 * d.reshape(-1, 3)[at]
+        reactions, moments = self._prescribed.reactions(forces[prescribed], x)
+        of_nodes = actions.dissipated(self.equilibrium.d, dt)
+        local = [
+            actions.external.array_r @ d,
+            forces[prescribed] @ d[prescribed],
+            -sum(map(fem.assemble_scalar, self._taken.against_loads)),
+            *map(fem.assemble_scalar, self._taken.dissipated.values()),
+            *(energy for _, energy in of_nodes),
+        ]
+        dead, supports, followed, *lost = map(float, self._scene.sum(local))
+        kinds = [*self._taken.dissipated, *(kind for kind, _ in of_nodes)]
+        increments = prolongation.increments
+        dissipated: dict[str, float] = {}
+        for kind, energy in (
+            *zip(kinds, lost, strict=True),
+            *actions.dissipated_by_bodies(increments),
+        ):
+            dissipated[kind] = dissipated.get(kind, 0.0) + energy
+        loads = dead + followed + actions.work_on_bodies(increments)
+        touches = actions.touches()
+        supports += sum(touch.work for touch in touches.values())
+        return Work(loads, supports, dissipated, reactions, moments, touches)
+
+    def destroy(self) -> None:
+        """Free all PETSc objects. Collective."""
+        solved = self.newton, self.equilibrium
+        for item in (*solved, self.mass, self.energies, self.actions, self._v0):
+            item.destroy()
+
+
+def _lasting(acting: Sequence[Windowed]) -> list[int]:
+    """Identities of those effects that are more than dead loads."""
+    return [id(effect) for effect in acting if not effect.is_dead]

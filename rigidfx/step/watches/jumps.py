@@ -1,0 +1,113 @@
+"""Does the path of a support jump?
+
+A step takes what a path gains for a motion. Of a jump by J it makes the velocity 2 J/Δt, which
+alternates in sign from then on, and an energy that grows as 1/Δt²: no shorter step ever helps. What
+tells a jump from all else, kinks and steep slopes among it, is that halving the interval does not
+halve it. That takes values of the path between the ends of steps, so it is looked at only where a
+path gains twice as much as in the step before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.effects import Support
+from rigidfx.scene.scene import Scene
+from rigidfx.step.watches.judge import Attempt
+from rigidfx.step.watches.watch import WarnsOnce
+
+__all__ = ["Jumps", "jump_of"]
+
+Array = npt.NDArray[np.float64]
+
+SUDDEN = 2.0  # times what the path gained in the step before
+HALVINGS = 20  # of a step: a path that takes a millionth of it for its way jumps
+NEGLIGIBLE = 1e-9  # of a cell's size: what rounding of times may make of a ramp
+ROUNDING = 64 * float(np.finfo(np.float64).eps)  # of a displacement
+
+
+class Jumps(WarnsOnce):
+    """Looks at the paths of supports, step by step; warns once."""
+
+    def __init__(self, scene: Scene) -> None:
+        """Begin before the first step. Collective.
+
+        Args:
+            scene: The problem.
+        """
+        super().__init__(scene.comm)
+        self._least = NEGLIGIBLE * scene.mean_cell_size
+        # By identity, what each path gained in its last step, and in the attempt under way.
+        self._before: dict[int, float] = {}
+        self._now: dict[int, float] = {}
+        self._found = ""
+
+    def look(self, support: Support, t0: float, t1: float, u0: Array, u1: Array) -> None:
+        """Look at an attempt at a step of a support; what its path raises goes through.
+
+        Args:
+            support: A support that moves.
+            t0: Start of the step [s].
+            t1: End of the step [s].
+            u0: Path at its start, shape (3,) [m].
+            u1: Path at its end, likewise.
+        """
+        if not self.waits:
+            return
+        axes = list(support.axes)
+        gain = float(np.abs(u1 - u0)[axes].max())
+        least = max(self._least, ROUNDING * float(np.abs(u1).max()))
+        before = self._before.get(id(support), 0.0)
+        self._now[id(support)] = gain
+        if not gain > max(SUDDEN * before, least):
+            return
+        jump = jump_of(lambda t: support.displacement_at(t)[axes], t0, t1, u0[axes], u1[axes])
+        if jump is not None:
+            t, size = jump
+            self._found = (
+                f"{type(support).__name__} on '{support.where}': its path jumps by {size:.3g} m at "
+                f"t = {t:.6g} s. The nodes get a velocity of {2 * size / (t1 - t0):.3g} m/s, twice "
+                "the jump over Δt, that alternates in sign from then on, and shorter steps make it "
+                "larger. Let the path take some steps for its way, and name the instants of its "
+                "kinks by its attribute breakpoints."
+            )
+
+    def begin(self) -> None:
+        """Begin an attempt at a step: what the last one has found is forgotten."""
+        self._found = ""
+
+    def accept(self, attempt: Attempt) -> None:
+        """Take note that the last attempt becomes a step, and warn of what it has found."""
+        self._before |= self._now
+        if self._found and self.waits:
+            self.say(self._found)
+
+
+def jump_of(
+    path: Callable[[float], Array], t0: float, t1: float, u0: Array, u1: Array
+) -> tuple[float, float] | None:
+    """When [s] and by how much [m] a path jumps, if by half of its way from t0 to t1 or more.
+
+    Args:
+        path: Function t → displacement, shape (n,) [m].
+        t0: Start [s].
+        t1: End [s].
+        u0: The path at t0, shape (n,) [m].
+        u1: The path at t1, likewise.
+    """
+    half = 0.5 * np.abs(u1 - u0).max()
+    for _ in range(HALVINGS):
+        t = 0.5 * (t0 + t1)
+        if not t0 < t < t1:
+            break
+        u = path(t)
+        if np.abs(u - u0).max() >= np.abs(u1 - u).max():
+            t1, u1 = t, u
+        else:
+            t0, u0 = t, u
+        if not np.abs(u1 - u0).max() > half * (1 + 1e-9):
+            return None
+    return t1, float(np.abs(u1 - u0).max())
