@@ -24,7 +24,7 @@ from rigidfx.base.log import heard, tell
 from rigidfx.base.progress import progress_bar
 from rigidfx.base.same_input import check_same
 from rigidfx.decide.criteria.accuracy import Accuracy, controlled
-from rigidfx.decide.criteria.criterion import StrainRate
+from rigidfx.decide.criteria.judging import Criterion
 from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.decision import Decision
 from rigidfx.decide.policy import CHECKED, FORESEEN, Policy
@@ -57,7 +57,7 @@ def simulate(
     dt: float | Mapping[float, float] | StepControl,
     t_end: float,
     *,
-    rigidify: StrainRate | None = None,
+    rigidify: Criterion | None = None,
     accuracy: Accuracy | None = None,
     progress: bool | None = None,
     verbose: bool | None = None,
@@ -111,7 +111,7 @@ def simulate(
         timeline = Timeline(control.largest, t_end, control.least)
     else:
         timeline = Timeline(dt, t_end)  # type: ignore[arg-type]
-    if rigidify is not None and not isinstance(rigidify, StrainRate):
+    if isinstance(rigidify, Accuracy) or not isinstance(rigidify, Criterion | None):
         raise SceneError(f"simulate: rigidify must be a StrainRate, got {rigidify!r}.")
     criterion = rigidify if accuracy is None else accuracy
     if criterion is not None and not scene.scheme.couples:
@@ -253,7 +253,7 @@ class Run:
 def prepare(
     scene: Scene,
     timeline: Timeline,
-    rigidify: StrainRate | Accuracy | None = None,
+    rigidify: Criterion | None = None,
     control: StepControl | None = None,
 ) -> tuple[Run, Impact | None]:
     """Prepare a run up to its first step; its stepper is to be closed. Collective.

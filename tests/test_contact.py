@@ -349,7 +349,10 @@ REFUSED = {
     "no axis": (lambda: rf.Cylinder((0, 0, 0), 1.0, axis=(0, 0, 0)), "axis must have a direction"),
     "inside": (lambda: rf.Sphere((0, 0, 0), 1.0, inside=2), "inside must be True or False"),
     "path": (lambda: rf.Plane((0, 0, 0), (0, 0, 1), path=(0, 0, 1)), "must be a function of t"),
-    "nothing": (lambda: rf.Contact("skin", against=None), "against must be a Plane, Sphere or"),
+    "nothing": (
+        lambda: rf.Contact("skin", against=None),
+        "against must be a Plane or another obstacle",
+    ),
     "friction": (lambda: rf.Contact("skin", against=FLOOR, friction=-0.1), "friction must be ≥ 0"),
     "creep": (lambda: rf.Contact("skin", against=FLOOR, friction=0.1), "friction needs creep"),
     "stiffness": (lambda: rf.Contact("skin", against=FLOOR, stiffness=0), "stiffness must be a"),

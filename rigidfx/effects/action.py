@@ -199,6 +199,10 @@ class Action:
         """Potential energy of the bodies [J]."""
         return 0.0
 
+    def potential_of_links(self, u: Array, bodies: Bodies) -> float:
+        """Potential energy on this rank of what ties nodes and bodies together [J]. Collective."""
+        return 0.0
+
     def work_on_bodies(self, increments: Increments) -> float:
         """Work that a load which depends on the motion does on bodies in a step [J]."""
         return 0.0

@@ -166,6 +166,11 @@ class Effect:
         """Total stiffness against the ground, shape (3, 3) [N/m]; None if it has none."""
         return None
 
+    @property
+    def joins(self) -> tuple[str | None, ...]:
+        """Sets that it keeps together, so that parts cannot drift away; None means all cells."""
+        return ()
+
     def nodal_mass(self, scene: Any) -> Array | None:
         """Mass that it adds to each local node, ghosts included [kg]; None if none. Collective.
 

@@ -66,7 +66,7 @@ class Contact(Windowed):
         super().__post_init__()
         if not isinstance(self.against, (Obstacle, str)):
             raise SceneError(
-                f"{self.owner}: against must be a Plane, Sphere or Cylinder, or the name of a set, "
+                f"{self.owner}: against must be a Plane or another obstacle, or the name of a set, "
                 f"got {shown(self.against)}."
             )
         if self.against == self.where:

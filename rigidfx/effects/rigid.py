@@ -47,6 +47,11 @@ class Rigid(Effect):
         return self.where or WHOLE
 
     @property
+    def joins(self) -> tuple[str | None, ...]:
+        """Its cells."""
+        return (self.where,)
+
+    @property
     def given(self) -> bool:
         """Whether it has a mass or an inertia other than that of its cells."""
         return self.mass is not None or self.inertia is not None

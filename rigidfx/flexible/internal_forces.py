@@ -145,10 +145,11 @@ class InternalForces:
             step = (self._element, self.u0, self.u1, test, trial)
             here = [scene.scheme.eliminated(*step, xi)]
             here += [t.eliminated(*step) for k, t in acts if k in self._of_class[i - 1]]
-            return sum(part for part in here if part is not None)
+            parts = [part for part in here if part is not None]
+            return sum(parts) if parts else None
 
         work = self.integrate(virtual_work)
-        less = self.integrate(eliminated) if self._element.enhanced else ufl.Form([])
+        less = self.integrate(eliminated)
         for k, term in on_facets:
             integrand = term.virtual_work(self._element, self.u0, self.u1, test)
             work += integrand * scene.boundary_measure(k + 1)

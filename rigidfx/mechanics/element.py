@@ -20,10 +20,14 @@ class Element(Protocol):
     """The kinematics of a cell.
 
     Attributes:
-        enhanced: Whether the strain that makes stress is another than that of the displacement.
+        name: What a scene calls it.
+        locks: Whether first-order cells of it lock in bending and at ν near ½.
+        buckles: Whether its cells may buckle under compression before their material does.
     """
 
-    enhanced: ClassVar[bool]
+    name: ClassVar[str]
+    locks: ClassVar[bool]
+    buckles: ClassVar[bool]
 
     def deformation_gradient(self, u: Any) -> Any:
         """F = I + Grad u, equation (19), at a displacement u."""
@@ -65,7 +69,9 @@ class Element(Protocol):
 class StandardElement:
     """The strain is that of the displacement alone: C = Fᵀ F."""
 
-    enhanced: ClassVar[bool] = False
+    name: ClassVar[str] = "standard"
+    locks: ClassVar[bool] = True
+    buckles: ClassVar[bool] = False
 
     def deformation_gradient(self, u: Any) -> Any:
         """F = I + Grad u, equation (19), at a displacement u."""

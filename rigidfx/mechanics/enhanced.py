@@ -89,7 +89,9 @@ class Elimination(ufl.Constant):
 class EnhancedElement:
     """8-node hexahedra of a material with quadratic energy whose strain is enhanced by 21 modes."""
 
-    enhanced: ClassVar[bool] = True
+    name: ClassVar[str] = "enhanced"
+    locks: ClassVar[bool] = False
+    buckles: ClassVar[bool] = True
 
     def __init__(self, elastic: Any, viscous: Any) -> None:
         """Take over what the modes are eliminated with.

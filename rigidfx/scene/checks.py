@@ -82,7 +82,7 @@ def check_discretisation(scene: Any) -> None:
 
 def warn_of_locking(scene: Any) -> None:
     """Warn of first-order cells that lock. Collective."""
-    if scene.order != 1 or scene.element.enhanced:
+    if scene.order != 1 or not scene.element.locks:
         return
     instead = "order=2" if scene.simplex else "element='enhanced' or order=2"
     nu = max((getattr(m, "nu", 0.0) for m, _ in scene.materials), default=0.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import basix.ufl
@@ -13,9 +14,7 @@ from rigidfx.mechanics.enhanced import EnhancedElement
 from rigidfx.mechanics.materials import StVenantKirchhoff
 from rigidfx.mechanics.schemes import EnergyMomentum
 
-__all__ = ["element_of"]
-
-ELEMENTS = ("standard", "enhanced")
+__all__ = ["ELEMENTS", "element_of"]
 
 
 def element_of(scene: Any, name: Any) -> Element:
@@ -23,15 +22,24 @@ def element_of(scene: Any, name: Any) -> Element:
 
     Args:
         scene: The problem, as far as its mesh, materials and scheme.
-        name: "standard" or "enhanced".
+        name: Such as "standard"; see `ELEMENTS`.
 
     Raises:
         SceneError: If the name is unknown, or the element cannot do with the rest.
     """
     if not isinstance(name, str) or name not in ELEMENTS:
-        raise SceneError(f"Scene: element must be 'standard' or 'enhanced', got {name!r}.")
-    if name == "standard":
-        return StandardElement()
+        known = " or ".join(map(repr, ELEMENTS))
+        raise SceneError(f"Scene: element must be {known}, got {name!r}.")
+    return ELEMENTS[name](scene)
+
+
+def _standard(scene: Any) -> Element:
+    """It goes with everything."""
+    return StandardElement()
+
+
+def _enhanced(scene: Any) -> Element:
+    """With the elastic constants of each cell."""
     _check_enhanced(scene)
     return EnhancedElement(
         _law(scene, [((m.parameters["lmbda"], m.parameters["mu"]), c) for m, c in scene.materials]),
@@ -79,3 +87,10 @@ def _law(scene: Any, values: Any) -> fem.Function:
         f.x.array[6 * dofs[cells]] = first
         f.x.array[6 * dofs[cells] + 1] = second
     return f
+
+
+# How each is made of a scene, which it may refuse.
+ELEMENTS: Mapping[str, Callable[[Any], Element]] = {
+    StandardElement.name: _standard,
+    EnhancedElement.name: _enhanced,
+}

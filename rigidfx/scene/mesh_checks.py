@@ -51,7 +51,7 @@ def warn_of_gaps(domain: Domain, effects: Sequence[fx.Effect]) -> None:
     """Warn of parts that nothing holds, and that touch others without sharing nodes. Collective.
 
     Parts that fly freely on their own are none of these, however near they are.
-    A support, a spring, or a rigid body that has cells of several parts, holds or joins them.
+    A support or a spring holds parts; a rigid body that has cells of several joins them.
 
     Args:
         domain: Mesh and names.
@@ -141,12 +141,11 @@ def _held(domain: Domain, parts: ConnectedParts, effects: Sequence[fx.Effect]) -
 
 
 def _joined(domain: Domain, parts: ConnectedParts, effects: Sequence[fx.Effect]) -> Any:
-    """A number for each part, the same for those that rigid bodies join. Collective."""
+    """A number for each part, the same for those that effects join. Collective."""
     links = [np.empty((2, 0), np.int64)]
-    rigid: list[Any] = [e for e in effects if e.is_rigid]
-    for effect in rigid:
-        own = _parts_of(domain, parts, effect.where, effect.kind)
-        links.append(np.stack([own, np.full(own.size, own[0])]))
+    for effect in effects:
+        own = [_parts_of(domain, parts, name, effect.kind) for name in effect.joins]
+        links += [np.stack([some, np.full(some.size, own[0][0])]) for some in own]
     a, b = np.concatenate(links, axis=1)
     graph = coo_array((np.ones(a.size), (a, b)), (parts.count, parts.count))
     return connected_components(graph, directed=False)[1]

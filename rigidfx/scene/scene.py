@@ -85,7 +85,7 @@ class Scene:
         order: int = 1,
         mass: Literal["lumped", "consistent"] = "lumped",
         scheme: Scheme | None = None,
-        element: Literal["standard", "enhanced"] = "standard",
+        element: str = "standard",
         probes: Mapping[str, Sequence[float]] | None = None,
     ) -> None:
         """Validate the problem. Collective.

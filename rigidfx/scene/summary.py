@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import ufl
 
-from rigidfx.effects import Effect, Spring, Table, Windowed
+from rigidfx.effects import Effect, Table, Windowed
+from rigidfx.mechanics.element import StandardElement
 from rigidfx.scene.mesh_checks import parts_in_words
 
 __all__ = ["description", "effects_table", "in_a_line", "in_words", "phases"]
@@ -34,7 +35,7 @@ def description(scene: Any, step: float | None) -> list[str]:
     nodes = scene.space.dofmap.index_map.size_global
     lines = [
         f"Scene of {cells} {_cells(scene)} of order {scene.order}"
-        f"{', enhanced' if scene.element.enhanced else ''}, {nodes} nodes; {scene.mass} mass; "
+        f"{_element(scene)}, {nodes} nodes; {scene.mass} mass; "
         f"{type(scene.scheme).__name__}",
         f"  {_extent(scene)}",
         *(f"  {line}, which shares no node with others" for line in parts_in_words(scene.domain)),
@@ -49,9 +50,14 @@ def description(scene: Any, step: float | None) -> list[str]:
         "Effects" if scene.effects else "Effects: none",
         *(f"  {line}" for line in effects_table(scene.effects)),
     ]
-    if scene.named(Windowed) or scene.named(Spring):
-        lines += ["Acting", *(f"  {line}" for line in phases(scene.effects))]
-    return lines
+    acting = phases(scene.effects)
+    return lines + (["Acting", *(f"  {line}" for line in acting)] if acting else [])
+
+
+def _element(scene: Any) -> str:
+    """The name of its element, if that is not the usual one."""
+    name = scene.element.name
+    return "" if name == StandardElement.name else f", {name}"
 
 
 def _extent(scene: Any) -> str:
@@ -134,7 +140,8 @@ def effects_table(effects: Sequence[Effect]) -> list[str]:
 def phases(effects: Sequence[Effect]) -> list[str]:
     """A line for each span of time in which the same effects act, from t = 0 on.
 
-    Springs have no time window: they act in all of them. None if nothing of the kind is there.
+    What has no time window and acts, such as a spring, does so in all of them. None if nothing of
+    the kind is there.
     """
     windowed = [e for e in effects if isinstance(e, Windowed)]
     if not windowed and not any(e.is_lasting for e in effects):

@@ -102,7 +102,7 @@ class Stepper:
         self._jumps = Jumps(scene)
         measuring = () if indicator is None else (Measuring(indicator),)
         others = Unresolved(scene), RotationPerStep(scene, forces), self._jumps
-        squeezed = (Compression(scene, forces),) if scene.element.enhanced else ()
+        squeezed = (Compression(scene, forces),) if scene.element.buckles else ()
         controls = () if control is None else (control,)
         self.watches: list[Watch] = [*measuring, *others, *squeezed, *controls]
         self._trial = np.inf  # length of the next attempt after a cut ...

@@ -23,11 +23,12 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.sparse import csr_array, diags_array
+from scipy.sparse import diags_array
 
 from rigidfx.effects.action import Action, Structure, Touch
 from rigidfx.effects.contacts.pair_surface import PairSurface, projected
 from rigidfx.effects.contacts.penalty import secant, stored
+from rigidfx.effects.linked import LinkedNodes
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments
 
@@ -64,31 +65,13 @@ class PairForces(Action):
             structure: What it acts on.
         """
         self.kind, self.title = effect.kind, effect.title
-        scene, rows = structure.scene, structure.rows
+        scene = structure.scene
         self._comm: MPI.Intracomm = scene.comm
-        self._surface, self._u0 = surface, structure.u
+        self._surface = surface
         fresh = PairMemory(np.full(surface.slaves.size, np.inf), np.full(surface.slaves.size, -1))
         assert structure.notes is not None  # else it is not bound
         self._memory: PairMemory = structure.notes.setdefault(id(effect), fresh)
-        places = np.full(scene.owned_nodes, -1)
-        places[rows.nodes[structure.own]] = np.flatnonzero(structure.own)
-        mine = places[surface.nodes] >= 0
-        self._at, self._at_numbers = places[surface.nodes[mine]], surface.numbers[mine]
-        self._X = rows.X[self._at]
-        self._dofs = rows.dofs.reshape(-1, 3)[self._at]
-        number_of = np.full(scene.owned_nodes, -1)
-        number_of[surface.nodes] = surface.numbers
-        held = [number_of[body.nodes] for body in structure.bodies.of.records]
-        pairs = list(zip(structure.bodies.of.records, held, strict=True))
-        self._of = np.repeat(np.arange(len(held)), [int((own >= 0).sum()) for own in held])
-        self._of_numbers = np.concatenate([np.empty(0, np.int64), *(o[o >= 0] for o in held)])
-        coordinates = [np.c_[np.ones(body.nodes.size), body.offsets][o >= 0] for body, o in pairs]
-        self._a = np.concatenate([np.empty((0, 4)), *coordinates])
-        of = self._everywhere(self._of_numbers, self._of[:, None] + 1.0)[:, 0]
-        self._bodies: Ints = of.astype(np.int64) - 1
-        self._coordinates = self._everywhere(self._of_numbers, self._a)
-        self._one = bool((self._bodies >= 0).all() and np.ptp(self._bodies) == 0)
-        self._unknowns: Ints | None = None
+        self._nodes = LinkedNodes(structure, surface.nodes, surface.numbers, surface.size)
         far = np.abs(scene.space.tabulate_dof_coordinates()).max(initial=0.0)
         far = self._comm.allreduce(float(far), op=MPI.MAX)
         self.rounding = float(np.linalg.norm(surface.stiffness)) * far
@@ -106,20 +89,6 @@ class PairForces(Action):
         self._slope: Array = np.empty(0)
         self._next = PairMemory(self._memory.gap.copy(), self._memory.mate.copy())
 
-    def _everywhere(self, numbers: Ints, values: Array) -> Array:
-        """Values of all nodes from those of this rank, zero where there are none. Collective."""
-        out = np.zeros((self._surface.size, *values.shape[1:]))
-        out[numbers] = values
-        if self._comm.size > 1:
-            self._comm.Allreduce(MPI.IN_PLACE, out)
-        return out
-
-    def _of_all(self, of_nodes: Array, matrices: Array) -> Array:
-        """Vectors of all nodes, from those at rows and the matrices of bodies. Collective."""
-        of_bodies = (self._a[:, None] @ matrices[self._of])[:, 0]
-        numbers = np.r_[self._at_numbers, self._of_numbers]
-        return self._everywhere(numbers, np.concatenate([of_nodes, of_bodies]))
-
     def set_time(self, t: float, dt: float) -> None:
         """A new attempt at a step: what the last one has found is forgotten."""
         self._forget()
@@ -128,12 +97,11 @@ class PairForces(Action):
 
     def look(self, d: Any, increments: Increments) -> None:
         """See `Action`; between nodes of one body there is nothing to see. Collective."""
-        if self._one:
+        if self._nodes.in_one_body:
             return
-        moved = self._of_all(d.array_r.reshape(-1, 3)[self._at], increments.displacement)
+        moved = self._nodes.moved(d, increments)
         if self._x0 is None:
-            here = self._X + self._u0[self._dofs]
-            self._x0 = self._of_all(here, increments.start.pose)
+            self._x0 = self._nodes.positions(increments.start)
             self._meet(self._x0, moved)
         slaves = self._surface.slaves[self._active]
         half = self._half = self._x0 + 0.5 * moved
@@ -152,7 +120,7 @@ class PairForces(Action):
         """Find which triangle each node may meet in this step."""
         surface, memory = self._surface, self._memory
         with _SEARCH:
-            mate = surface.mates(x0 + 0.5 * moved, self._bodies)
+            mate = surface.mates(x0 + 0.5 * moved, self._nodes.bodies)
         closed = memory.gap < 0
         mate = np.where(closed & (mate < 0), memory.mate, mate)
         self._active = np.flatnonzero(mate >= 0)
@@ -164,68 +132,23 @@ class PairForces(Action):
 
     def resist_nodes(self, d: Any, dt: float, f: Any) -> None:
         """See `Action`."""
-        f.array.reshape(-1, 3)[self._at] += self._force[self._at_numbers]
+        self._nodes.resist_nodes(self._force, f)
 
     def resist_bodies(self, increments: Increments) -> Array:
         """See `Action`. Collective."""
-        out = np.zeros((len(increments), 4, 3))
-        force = self._force[self._of_numbers]
-        np.add.at(out, self._of, self._a[:, :, None] * force[:, None])
-        if self._comm.size > 1:
-            self._comm.Allreduce(MPI.IN_PLACE, out)
-        return out
+        return self._nodes.moments(self._force, len(increments))
 
     def stiffen_nodes(self, tangent: Any, dt: float, prolongation: Any) -> None:
         """See `Action`: Σ [U]' (Lᵀ G)(Gᵀ P), G = n at the node and -N n at the triangle's."""
-        if self._unknowns is None:
-            self._unknowns = self._numbered(prolongation)
         used = np.flatnonzero(self._slope > 0)
         if not used.size:
             return
-        increments = prolongation.increments
         nodes = np.c_[self._surface.slaves[self._active[used]], self._corners[used]]
         weights = np.c_[np.ones(used.size), -self._weights[used]]
         G = weights[:, :, None] * self._normals[used, None]
-        sides = (self._rows(nodes, G, M, prolongation) for M in (increments.L, increments.P))
-        left, right = sides
+        left, right = self._nodes.derivatives(nodes, G, prolongation)
         slope = diags_array(self._slope[used])
         tangent.add_coupling((left.T @ slope @ right).tocsr())
-
-    def _numbered(self, prolongation: Any) -> Ints:
-        """Unknown of each dof of all nodes, -1 where there is none, shape (size, 3). Collective."""
-        numbers = np.zeros(prolongation.layout.rows.dofs.size)
-        numbers[prolongation.free] = prolongation.first_column + np.arange(prolongation.free.size)
-        numbers[prolongation.free] += 1
-        own = numbers.reshape(-1, 3)[self._at]
-        return self._everywhere(self._at_numbers, own).astype(np.int64) - 1
-
-    def _rows(self, nodes: Ints, G: Array, M: Array, prolongation: Any) -> csr_array:
-        """Derivatives of gaps by the unknowns.
-
-        Args:
-            nodes: Of each gap, shape (n, 4).
-            G: Derivative by their displacements, shape (n, 4, 3).
-            M: L or P of the bodies, shape (bodies, 12, 6).
-            prolongation: Map between unknowns and dofs.
-        """
-        assert self._unknowns is not None
-        gap = np.broadcast_to(np.arange(len(nodes))[:, None], nodes.shape)
-        alone = self._bodies[nodes] < 0
-        columns = [self._unknowns[nodes[alone]].reshape(-1)]
-        values = [G[alone].reshape(-1)]
-        rows = [np.repeat(gap[alone], 3)]
-        if not alone.all():
-            held = nodes[~alone]
-            of = self._bodies[held]
-            moves = M.reshape(-1, 4, 3, 6)[of]
-            moved = np.einsum("na,naij,ni->nj", self._coordinates[held], moves, G[~alone])
-            columns.append(prolongation.body_columns[of].reshape(-1))
-            values.append(moved.reshape(-1))
-            rows.append(np.repeat(gap[~alone], 6))
-        row, column, value = (np.concatenate(part) for part in (rows, columns, values))
-        known = column >= 0
-        shape = len(nodes), prolongation.size
-        return csr_array((value[known], (row[known], column[known])), shape=shape)
 
     def resistance_at(self, nodes: npt.NDArray[np.int32]) -> Array:
         """See `Action`."""
@@ -269,19 +192,14 @@ class PairForces(Action):
 
     def closes_after(self, v: Array, t: float, dt: float, bodies: Bodies) -> float:
         """See `Action`. Collective."""
-        if self._one:
+        if self._nodes.in_one_body:
             return np.inf
-        x = self._of_all(self._X + self._u0[self._dofs], bodies.pose)
-        omega = bodies.angular_velocity[self._of]
-        arms = (self._a[:, None] @ bodies.pose[self._of])[:, 0] - bodies.r[self._of]
-        loaded = bodies.velocity[self._of] + np.cross(omega, arms)
-        numbers = np.r_[self._at_numbers, self._of_numbers]
-        w = self._everywhere(numbers, np.concatenate([v.reshape(-1, 3)[self._at], loaded]))
+        x, w = self._nodes.positions(bodies), self._nodes.velocities(v, bodies)
         if (self._memory.gap < 0).any():
             return -1.0
         surface = self._surface
         with _SEARCH:
-            mate = surface.mates(x + 0.5 * dt * w, self._bodies)
+            mate = surface.mates(x + 0.5 * dt * w, self._nodes.bodies)
         met = np.flatnonzero(mate >= 0)
         slaves, corners = surface.slaves[met], surface.triangles[mate[met]]
         g, n, N = projected(x[slaves], x[corners])

@@ -80,6 +80,7 @@ class Actions:
         self._resist_nodes = _that(every, "resist_nodes")
         self._stiffen_nodes = _that(every, "stiffen_nodes")
         self._potential = _that(every, "potential")
+        self._potential_of_links = _that(every, "potential_of_links")
         self._dissipated = _that(every, "dissipated")
         self._contacts = _that(every, "touch")
         on_bodies = every if self._with_bodies else []
@@ -175,6 +176,10 @@ class Actions:
     def potential_of_bodies(self, bodies: Bodies) -> float:
         """Potential energy of the bodies [J]."""
         return sum(action.potential_of_bodies(bodies) for action in self._potential_of_bodies)
+
+    def potential_of_links(self, u: Array, bodies: Bodies) -> float:
+        """Potential energy on this rank of what ties nodes and bodies together [J]. Collective."""
+        return sum(action.potential_of_links(u, bodies) for action in self._potential_of_links)
 
     def accept(self) -> None:
         """Take note that the last iterate has become a step."""

@@ -94,7 +94,7 @@ class Energies:
         local[2:5] = p.sum(axis=0)
         local[5:8] = axial(x.T @ p)
         local[8] = np.sqrt((p * p).sum(axis=1)).sum()
-        local[9] = self._actions.potential(u)
+        local[9] = self._actions.potential(u) + self._actions.potential_of_links(u, bodies)
         local[10] = self._actions.stored_in_contact(u, bodies, state.t)
         total = np.asarray(self._scene.sum(local))
         if len(bodies):
