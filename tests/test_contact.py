@@ -15,6 +15,8 @@ from mpi4py import MPI
 import rigidfx as rf
 from rigidfx.effects.contacts.penalty import secant, stored
 from rigidfx.effects.contacts.pressing import Friction, Points
+from rigidfx.step.equations.actions import Actions
+from rigidfx.step.newton.chord import Chord
 
 SOFT = rf.StVenantKirchhoff(rho=1000.0, E=1e6, nu=0.3)
 FLOOR = rf.Plane((0, 0, 0), (0, 0, 1))
@@ -249,6 +251,32 @@ def test_a_block_on_a_slope_creeps_no_faster_than_told():
     speed = (end.rigid.r - begin.rigid.r)[0, 0] / (end.t - begin.t)
     fastest = creep * slope / np.sqrt(mu**2 - slope**2)
     assert speed == pytest.approx(fastest, rel=1e-2)
+
+
+# Kept tangents ---------------------------------------------------------------------------------
+
+
+@NO_WARNINGS
+def test_a_kept_tangent_is_renewed_where_a_gap_closes_or_opens(monkeypatch):
+    """A corner of steel comes and goes: no solve with kept factors is in vain."""
+    steel = rf.StVenantKirchhoff(E=2e11, nu=0.3, rho=7800.0)
+    failed = []
+    fail = Chord.fail
+    monkeypatch.setattr(Chord, "fail", lambda self: (failed.append(self), fail(self)))
+
+    def touching():
+        contact = rf.Contact("skin", against=FLOOR)
+        scene = block(contact, THROWN, material=steel, cells=(8, 4, 4), above=1e-3)
+        reports = list(rf.simulate(scene, 5e-5, 1.5e-3))[1:]
+        return [r for r in reports if r.touches[contact.title].nodes]
+
+    tangents = sum(r.tangents for r in touching())
+    assert not failed
+    monkeypatch.setattr(Actions, "outdated", lambda self: False)
+    reports = touching()
+    assert len(reports) >= 5
+    assert failed
+    assert tangents <= sum(r.tangents for r in reports)
 
 
 # Waking ----------------------------------------------------------------------------------------

@@ -189,6 +189,13 @@ class Action:
         """Derivative of its resultant as far as forces change, shape (bodies, 6, 6) [N/m]."""
         raise NotImplementedError
 
+    def outdated(self) -> bool:
+        """Whether its derivative has jumped on this rank since a tangent was assembled.
+
+        A kept tangent is then renewed at once; what changes little by little shows in residuals.
+        """
+        return False
+
     # Energies: asked after a step.
 
     def potential(self, u: Array) -> float:

@@ -108,6 +108,7 @@ class ObstacleForces(Action):
         pressed = self._points.pressed
         assert pressed is not None  # residuals come before tangents
         tangent.add_nodal(self._nodes[pressed.at], pressed.stiffness)
+        self._points.assembled()
 
     def resist_bodies(self, increments: Increments) -> Array:
         """See `Action`. Collective."""
@@ -128,12 +129,17 @@ class ObstacleForces(Action):
         """See `Action`. Collective."""
         p = self._loaded.pressed
         assert p is not None  # residuals come before tangents
+        self._loaded.assembled()
         a = self._a[p.at]
         blocks = a[:, :, None, None, None] * a[:, None, None, :, None]
         out = np.zeros((len(increments), 4, 3, 4, 3))
         np.add.at(out, self._of[p.at], blocks * p.stiffness[:, None, :, None])
         sums = self._summed(out).reshape(-1, 12, 12)
         return np.asarray(increments.L.swapaxes(1, 2) @ sums @ increments.P)
+
+    def outdated(self) -> bool:
+        """See `Action`."""
+        return self._points.outdated or self._loaded.outdated
 
     def _summed(self, values: Array) -> Array:
         """Sum over ranks, in place. Collective."""

@@ -27,7 +27,7 @@ from scipy.sparse import diags_array
 
 from rigidfx.effects.action import Action, Structure, Touch
 from rigidfx.effects.contacts.pair_surface import PairSurface, projected
-from rigidfx.effects.contacts.penalty import secant, stored
+from rigidfx.effects.contacts.penalty import outdated, secant, stored
 from rigidfx.effects.linked import LinkedNodes
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments
@@ -72,6 +72,7 @@ class PairForces(Action):
         assert structure.notes is not None  # else it is not bound
         self._memory: PairMemory = structure.notes.setdefault(id(effect), fresh)
         self._nodes = LinkedNodes(structure, surface.nodes, surface.numbers, surface.size)
+        self._in_tangent: Array = np.zeros(surface.slaves.size)
         far = np.abs(scene.space.tabulate_dof_coordinates()).max(initial=0.0)
         far = self._comm.allreduce(float(far), op=MPI.MAX)
         self.rounding = float(np.linalg.norm(surface.stiffness)) * far
@@ -141,6 +142,7 @@ class PairForces(Action):
     def stiffen_nodes(self, tangent: Any, dt: float, prolongation: Any) -> None:
         """See `Action`: Σ [U]' (Lᵀ G)(Gᵀ P), G = n at the node and -N n at the triangle's."""
         used = np.flatnonzero(self._slope > 0)
+        self._in_tangent = self._slopes()
         if not used.size:
             return
         nodes = np.c_[self._surface.slaves[self._active[used]], self._corners[used]]
@@ -149,6 +151,16 @@ class PairForces(Action):
         left, right = self._nodes.derivatives(nodes, G, prolongation)
         slope = diags_array(self._slope[used])
         tangent.add_coupling((left.T @ slope @ right).tocsr())
+
+    def outdated(self) -> bool:
+        """See `Action`."""
+        return outdated(self._surface.stiffness, self._in_tangent, self._slopes())
+
+    def _slopes(self) -> Array:
+        """Derivatives of [U] by ḡ₁ of all nodes that are kept out, shape (n,) [N/m]."""
+        out = np.zeros(self._surface.slaves.size)
+        out[self._active] = self._slope
+        return out
 
     def resistance_at(self, nodes: npt.NDArray[np.int32]) -> Array:
         """See `Action`."""

@@ -10,9 +10,11 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["secant", "stored"]
+__all__ = ["outdated", "secant", "stored"]
 
 Array = npt.NDArray[np.float64]
+
+STALE = 0.05  # change of a derivative, which is k/2 at most, by k
 
 
 def stored(k: Array, g: Array) -> Array:
@@ -41,3 +43,14 @@ def secant(k: Array, g0: Array, g1: Array) -> tuple[Array, Array]:
     value = np.where(opens, -0.5 * k * g0 * share0, value)
     slope = np.where(opens, 0.5 * k * share0**2, slope)
     return value, slope
+
+
+def outdated(k: Array, then: Array, now: Array) -> bool:
+    """Whether gaps have closed or opened so far that a tangent does not fit any more.
+
+    Args:
+        k: Stiffnesses, shape (n,) [N/m].
+        then: Derivatives of [U] in the tangent, shape (n,) [N/m].
+        now: Derivatives of [U] at the last iterate, likewise.
+    """
+    return bool((np.abs(now - then) > STALE * np.maximum(k, now)).any())

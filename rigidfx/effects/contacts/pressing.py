@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.effects.contacts.obstacles import Approach, Obstacle
-from rigidfx.effects.contacts.penalty import secant
+from rigidfx.effects.contacts.penalty import outdated, secant
 
 __all__ = ["Friction", "Points", "Pressed", "Sliding"]
 
@@ -143,6 +143,7 @@ class Points:
     def __init__(self, obstacle: Obstacle, k: Array) -> None:
         """Take the stiffnesses over."""
         self._obstacle, self.k = obstacle, k
+        self._in_tangent: tuple[Array, Array] = np.zeros(k.size), np.zeros(k.size)
         self.begin(np.empty((0, 3)), None)
 
     def begin(self, y0: Array, friction: Friction | None) -> None:
@@ -183,6 +184,26 @@ class Points:
             force = force + grip[:, None] * sliding.slid
         self.pressed = Pressed(at, force, moved, (value, slope), approach, sliding)
         return self.pressed
+
+    def assembled(self) -> None:
+        """Take note that a tangent has their stiffness at the last iterate."""
+        self._in_tangent = self._stiffnesses()
+
+    @property
+    def outdated(self) -> bool:
+        """Whether some have closed, opened, stuck or slipped since the tangent was assembled."""
+        both = zip(self._in_tangent, self._stiffnesses(), strict=True)
+        return any(outdated(self.k, then, now) for then, now in both)
+
+    def _stiffnesses(self) -> tuple[Array, Array]:
+        """Derivatives of [U] by g₁, and of friction across where points stick, [N/m]."""
+        press, grip, p = np.zeros(self.k.size), np.zeros(self.k.size), self.pressed
+        if p is not None:
+            press[p.at] = p.normal[1]
+            if p.sliding is not None:
+                s = p.sliding
+                grip[p.at] = -s.mu * p.normal[0] * s.length / s.root
+        return press, grip
 
     def _sliding(self, friction: Friction, at: Ints, approach: Approach, moved: Array) -> Sliding:
         """How points slide; t follows from the linearised system of the last iterate."""

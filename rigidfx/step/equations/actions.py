@@ -79,6 +79,7 @@ class Actions:
         self._resistance_at = _that(every, "resistance_at")
         self._resist_nodes = _that(every, "resist_nodes")
         self._stiffen_nodes = _that(every, "stiffen_nodes")
+        self._outdated = _that(every, "outdated")
         self._potential = _that(every, "potential")
         self._potential_of_links = _that(every, "potential_of_links")
         self._dissipated = _that(every, "dissipated")
@@ -147,6 +148,13 @@ class Actions:
         """Add the derivative of their resultants to the bodies' blocks."""
         for action in self._stiffen_bodies:
             blocks += action.stiffen_bodies(increments)
+
+    def outdated(self) -> bool:
+        """Whether a derivative has jumped since the tangent was assembled. Collective."""
+        if not self._outdated:
+            return False
+        here = any(action.outdated() for action in self._outdated)
+        return bool(self._comm.allreduce(here, op=MPI.LOR))
 
     # After a step -------------------------------------------------------------------------------
 

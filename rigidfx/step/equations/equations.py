@@ -166,6 +166,10 @@ class Equilibrium:
         self._actions.stiffen_nodes(K, self.dt, self.prolongation)
         K.finish(self._blocks() if self.prolongation.layout.bodies else None)
 
+    def outdated(self) -> bool:
+        """Whether what contacts resist with has jumped since the last tangent. Collective."""
+        return self._actions.outdated()
+
     def _blocks(self) -> Array:
         """Derivative of the bodies' rows that the condensed tangent does not hold."""
         increments = self.prolongation.increments

@@ -93,7 +93,8 @@ class Chord:
 
     def renew(self) -> None:
         """Assemble the tangent at the last iterate, if that is worth it. Collective."""
-        if self._refresh.wanted(self.stop.history, self.stop.target):
+        slow = self._refresh.wanted(self.stop.history, self.stop.target)
+        if slow or self._equilibrium.outdated():
             self._equilibrium.tangent()
             self._kept.renewed()
             self.stop.renewed()
