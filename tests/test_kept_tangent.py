@@ -201,7 +201,7 @@ def follow(name, options, dt=DT):
 def _keeping(monkeypatch):
     """Tangents are kept however small a scene is."""
     monkeypatch.setattr(chord, "SMALLEST", 0)
-    monkeypatch.setattr(chord, "DIRECT_FROM", 0.0)
+    monkeypatch.setattr(chord, "STIFF_FROM", 0.0)
 
 
 @pytest.mark.usefixtures("_keeping")
@@ -272,7 +272,7 @@ def histories():
     out = {}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(chord, "SMALLEST", 0)
-        patch.setattr(chord, "DIRECT_FROM", 0.0)
+        patch.setattr(chord, "STIFF_FROM", 0.0)
         for name in ("turning", "rigid middle", "held in part"):
             reports = follow(name, {})
             assert sum(r.tangents for r in reports) <= STEPS / 2

@@ -187,6 +187,12 @@ class Equilibrium:
         """Displacements of the active nodes at the start of the step [m]."""
         return np.asarray(self._forces.u0.x.array[self._rows.dofs])
 
+    @property
+    def positions(self) -> Array:
+        """Where the active nodes are at the iterate of the last residual, shape (nodes, 3) [m]."""
+        u = self._forces.u1.x.array[self._rows.dofs]
+        return np.asarray(self._rows.X + u.reshape(-1, 3))
+
     def waves(self, dt: float) -> float:
         """How many cells a wave passes in a step of Δt [s], about."""
         return self._rounding.waves(dt)

@@ -5,7 +5,8 @@ and that costs more than some iterations with kept factors. Soft parts have GMRE
 factors instead; they gain as long as kept factors fit, which large strains end. So for them the
 factors' cost is counted, and where it is not worth it, Newton's method takes over for a while.
 (Kept incomplete factors saved a soft part two thirds of a step; but what GMRES leaves is no
-rounding, and in the 520 s of the main demo angular momentum drifted by 8e-13 with them.)
+rounding, and in the 520 s of the main demo angular momentum drifted by 8e-13 with them.) Where
+factors would fill the memory, multigrid solves with the tangent that is kept.
 """
 
 from __future__ import annotations
@@ -14,10 +15,12 @@ from petsc4py import PETSc
 
 from rigidfx.domain.connected import ConnectedParts
 from rigidfx.step.equations.equations import Equilibrium
-from rigidfx.step.linear.linear_solver import PREFIX, configure
+from rigidfx.step.linear.linear_solver import PREFIX
 from rigidfx.step.newton.chord_test import ChordTest
+from rigidfx.step.newton.factors import Factors
 from rigidfx.step.newton.frames import Frames
 from rigidfx.step.newton.kept_tangent import KeptTangent
+from rigidfx.step.newton.multigrid import Multigrid
 from rigidfx.step.newton.pause import Pause
 from rigidfx.step.newton.refresh import Refresh
 
@@ -25,12 +28,15 @@ __all__ = ["Chord", "pays"]
 
 # Unknowns. Kept factors took 1.05 of a step by GMRES at 243, 0.73 at 480 and 0.60 at 1008.
 SMALLEST = 500
-DIRECT_UP_TO = 300_000  # unknowns; beyond, factors fill gigabytes
-# Beyond, GMRES takes no longer with first-order hexahedra (0.91 of a step by GMRES at 86 000).
+# Unknowns up to which factors are kept; beyond, they fill gigabytes: multigrid takes over. Where
+# both can be had, factors are faster: a fifth of a step of steel at 10⁵ unknowns.
+FACTORS_UP_TO = 300_000
+# Beyond, GMRES takes no longer with first-order hexahedra: 0.91 of a step by GMRES at 86 000 with
+# factors, 1.0 to 1.6 at 280 000 by multigrid.
 SOFT_UP_TO = 100_000  # unknowns
 # Cells that a wave passes in a step, as the diagonals of stiffness and mass estimate them. From a
 # prototype that counted them by the material's wave speed; not measured again for the diagonals.
-DIRECT_FROM = 15.0
+STIFF_FROM = 15.0
 MAX_FAILURES = 3  # solves in a row after which Newton's method is left alone
 OF_SOLVERS = "ksp_", "pc_", "mat_", "sub_", "mg_", "snes_lag_"
 
@@ -57,13 +63,11 @@ class Chord:
         self._equilibrium, p = equilibrium, equilibrium.prolongation
         self._failures = 0
         self._pause = Pause()
-        self._inner = PETSc.KSP().create(p.comm)
-        configure(self._inner, True, p.size, len(p.layout.bodies) > 0)
-        self._inner.setOperators(equilibrium.tangent_matrix)
         like = p.unknowns()
-        self._kept = KeptTangent(self._inner, Frames(p, parts), like)
+        inverse = Factors if p.size <= FACTORS_UP_TO else Multigrid
+        self._kept = KeptTangent(inverse(equilibrium), Frames(p, parts), like)
         like.destroy()
-        self._refresh = Refresh(tangent_cost(p.size))
+        self._refresh = Refresh(self._kept.inverse.renewal)
         self.ksp = PETSc.KSP().create(p.comm)
         self.ksp.setType(PETSc.KSP.Type.PREONLY)
         self.ksp.getPC().setType(PETSc.PC.Type.PYTHON)
@@ -72,11 +76,11 @@ class Chord:
     @property
     def solver(self) -> str:
         """Linear solver, in words."""
-        return f"kept {self._inner.getType()}+{self._inner.getPC().getType()}"
+        return f"kept {self._kept.inverse.name}"
 
     @property
     def linear_iterations(self) -> int:
-        """Linear solves with the factors that the last solve took."""
+        """Linear iterations that the last solve took; with factors, one in each of Newton's."""
         return self._kept.iterations
 
     def begin(self, dt: float) -> None:
@@ -127,7 +131,7 @@ class Chord:
         """Whether factors are worth keeping in steps of Δt [s]."""
         if self._failures >= MAX_FAILURES:
             return False
-        soft = self._equilibrium.waves(dt) < DIRECT_FROM
+        soft = self._equilibrium.waves(dt) < STIFF_FROM
         return not soft or (self._pause.over and self._equilibrium.prolongation.size <= SOFT_UP_TO)
 
     def destroy(self) -> None:
@@ -139,15 +143,4 @@ def pays(equilibrium: Equilibrium) -> bool:
     """Whether factors may be worth keeping, and PETSc's options leave it so."""
     given = PETSc.Options(PREFIX).getAll()
     told = any(name.startswith(OF_SOLVERS) for name in given)
-    sizes = SMALLEST <= equilibrium.prolongation.size <= DIRECT_UP_TO
-    return equilibrium.inertial and sizes and not told
-
-
-def tangent_cost(unknowns: int) -> float:
-    """What a new tangent costs, in iterations with a kept one, of one rank.
-
-    Between what was measured of slender and of compact parts: bars took 7 at 10³ unknowns and 9 at
-    5·10³, blocks 13 at 2·10³ and 28 at 1.5·10⁴, an L 6, 12, 16 and 23 at 670, 4·10³, 1.2·10⁴ and
-    2.7·10⁴. Where a tangent is renewed depends on it weakly.
-    """
-    return 0.6 * unknowns**0.36
+    return equilibrium.inertial and equilibrium.prolongation.size >= SMALLEST and not told

@@ -13,35 +13,70 @@ tangent still fits. For a steadily turning body the fit is exact.
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
 from rigidfx.step.newton.frames import Frames
 
-__all__ = ["KeptTangent"]
+__all__ = ["Inverse", "KeptTangent"]
 
 Array = npt.NDArray[np.float64]
 
 NEAR = 0.1  # change of Δt that a tangent survives
 
 
+class Inverse(Protocol):
+    """What solves with a tangent that has been assembled once, exactly or nearly so.
+
+    Attributes:
+        renewal: What a new tangent costs, in iterations with a kept one.
+    """
+
+    renewal: float
+
+    @property
+    def name(self) -> str:
+        """Its name in reports."""
+        ...
+
+    @property
+    def iterations(self) -> int:
+        """How many linear iterations the last solve took."""
+        ...
+
+    def renew(self) -> None:
+        """Take note of a new tangent. Collective."""
+        ...
+
+    def solve(self, r: PETSc.Vec, z: PETSc.Vec) -> None:
+        """A₀ z = r. Collective."""
+        ...
+
+    def destroy(self) -> None:
+        """Free what it has made. Collective."""
+        ...
+
+
 class KeptTangent:
     """A preconditioner of PETSc's in Python: all of a linear solve, by what has been kept.
 
     Attributes:
+        inverse: Solves with the tangent.
         iterations: How many it has taken since the step began.
     """
 
-    def __init__(self, solver: PETSc.KSP, frames: Frames, y: PETSc.Vec) -> None:
-        """Take over a solver for a matrix that others fill, and which it factors when it changes.
+    def __init__(self, inverse: Inverse, frames: Frames, y: PETSc.Vec) -> None:
+        """Take over what solves with a matrix that others fill.
 
         Args:
-            solver: Solves with it.
+            inverse: Solves with it.
             frames: Parts of the structure.
             y: Of the kind of the unknowns; not kept.
         """
-        self._solver, self._frames = solver, frames
+        self.inverse, self._frames = inverse, frames
         self._right = y.duplicate()
         self._now = self._then = np.eye(3)[None]
         self._Q: Array | None = None
@@ -68,24 +103,25 @@ class KeptTangent:
         self._dt, self._factor = dt, 2 / (1 + (self._assembled_for / dt) ** 2)
 
     def renewed(self) -> None:
-        """Take note that the tangent has just been assembled, in this step."""
+        """Take note that the tangent has just been assembled, in this step. Collective."""
+        self.inverse.renew()
         self._then, self._Q = self._now, None
         self._assembled_for, self._factor = self._dt, 1.0
 
     def apply(self, pc: PETSc.PC, r: PETSc.Vec, z: PETSc.Vec) -> None:
         """PETSc's call: z = Q A₀⁻¹ Qᵀ r. Collective."""
         if self._Q is None:
-            self._solver.solve(r, z)
+            self.inverse.solve(r, z)
         else:
             r.copy(self._right)
             self._frames.turn(self._right.array, self._Q.swapaxes(1, 2))
-            self._solver.solve(self._right, z)
+            self.inverse.solve(self._right, z)
             self._frames.turn(z.array, self._Q)
         if self._factor != 1.0:
             z.scale(self._factor)
-        self.iterations += max(1, self._solver.getIterationNumber())
+        self.iterations += self.inverse.iterations
 
     def destroy(self, pc: PETSc.PC) -> None:
-        """PETSc's call: free the solver and the work vector. Collective."""
-        self._solver.destroy()
+        """PETSc's call: free the inverse and the work vector. Collective."""
+        self.inverse.destroy()
         self._right.destroy()
