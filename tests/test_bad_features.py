@@ -97,7 +97,7 @@ def _other_mesh():
 # name: (what is done, part of the message)
 CASES = {
     "contact with a class": (lambda: _contact(against=rf.Plane), "against must be a Plane"),
-    "contact with itself": (lambda: _contact(against="z0"), "a surface does not meet itself"),
+    "contact with itself": (lambda: _scene(_contact(against="z0")), "is flat, so it does not meet"),
     "contact with cells": (lambda: _scene(_contact(against="a")), "there are no facets named 'a'"),
     "contact of a plane": (lambda: rf.Contact(BELOW, against="z0"), "where must be the name"),
     "contact, several": (lambda: _contact(["z0", "z1"]), "where must be the name of a set"),

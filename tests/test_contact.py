@@ -355,7 +355,7 @@ def test_histories_and_fields_tell_of_contacts(tmp_path):
     h = rf.read_history(recorder.history)
     touches = [r.touches["floor"] for r in reports[1:]]
     np.testing.assert_array_equal(h["contact"], [r.contact for r in reports])
-    for name in ("energy", "dissipated", "penetration", "nodes"):
+    for name in ("pressing", "energy", "dissipated", "penetration", "nodes"):
         expected = [getattr(touch, name) for touch in touches]
         np.testing.assert_array_equal(h[f"contact_floor_{name}"][1:], expected)
     np.testing.assert_array_equal(h["contact_floor_force_z"][1:], [t.force[2] for t in touches])

@@ -11,6 +11,7 @@ import pytest
 from mpi4py import MPI
 
 import rigidfx as rf
+from rigidfx.step.first_touch import FirstTouch
 
 SOFT = rf.StVenantKirchhoff(rho=1000.0, E=1e6, nu=0.3)
 BOTH = rf.Contact("upper", against="lower"), rf.Contact("lower", against="upper")
@@ -117,30 +118,105 @@ def test_equal_bars_exchange_their_velocities():
     assert reports[-1].touches[contact.title].nodes == 0
 
 
-@NO_WARNINGS
-def test_parts_of_one_surface_meet():
+def fork(*effects):
     """The prongs of a fork, thrown at each other; at its root the sets have nodes in common."""
     points, cells = arrays((((0, 0, 0), (0.5, 0.1, 0.3), (5, 1, 6)),))
     middle = points[cells].mean(axis=1)
-    fork = cells[(middle[:, 0] < 0.1) | (np.abs(middle[:, 2] - 0.15) > 0.05)]
-    used, fork = np.unique(fork, return_inverse=True)
-    domain = rf.from_arrays(points[used], fork.reshape(-1, 8))
+    cells = cells[(middle[:, 0] < 0.1) | (np.abs(middle[:, 2] - 0.15) > 0.05)]
+    used, cells = np.unique(cells, return_inverse=True)
+    on_rank_0 = slice(0 if MPI.COMM_WORLD.rank else None)
+    domain = rf.from_arrays(points[used][on_rank_0], cells.reshape(-1, 8)[on_rank_0])
 
     def within(x):
         return (x[0] > 0.1 - 1e-6) & (np.abs(x[2] - 0.15) < 0.05 + 1e-6)
 
     domain = domain.with_facets("upper", lambda x: within(x) & (x[2] > 0.2 - 1e-6))
     domain = domain.with_facets("lower", lambda x: within(x) & (x[2] < 0.2 - 1e-6))
+    domain = domain.with_facets("slot", within)
 
     def closing(x):
-        return np.stack([0 * x[0], 0 * x[0], 12 * x[0] * np.sign(0.15 - x[2])])
+        return np.stack([0 * x[0], 0.5 * x[0], 12 * x[0] * np.sign(0.15 - x[2])])
 
-    effects = [*BOTH, rf.InitialVelocity(function=closing)]
-    scene = rf.Scene(domain, SOFT, effects)
-    reports, H, L, J = drifts(scene, 1e-3, 60)
-    assert max(t.nodes for r in reports for t in r.touches.values()) >= 2
+    return rf.Scene(domain, SOFT, [*effects, rf.InitialVelocity(function=closing)])
+
+
+@NO_WARNINGS
+def test_parts_of_one_surface_meet_named_or_not(monkeypatch):
+    """The slot against itself is its upper side against its lower one, and the other way round."""
+    monkeypatch.setattr(FirstTouch, "before", lambda self, target: target)  # of one, or of two
+    named, H, L, J = drifts(fork(*BOTH), 1e-3, 60)
+    itself = drifts(fork(rf.Contact("slot", against="slot")), 1e-3, 60)
+    assert max(t.nodes for r in named for t in r.touches.values()) >= 2
+    assert max(H, itself[1]) <= 1e-11
+    assert max(L, J, *itself[2:]) <= 1e-12
+    energies = [[(r.kinetic, r.strain, r.contact) for r in of] for of in (named, itself[0])]
+    np.testing.assert_allclose(*energies, atol=1e-12 * named[0].energy)
+    pressing = [sum(t.pressing for t in r.touches.values()) for r in named[1:]]
+    both = [r.touches["slot_slot"] for r in itself[0][1:]]
+    np.testing.assert_allclose([t.pressing for t in both], pressing, atol=1e-9 * max(pressing))
+    assert not any(touch.force.any() or touch.moment.any() for touch in both)
+
+
+def curved(kind, *effects, n=24):
+    """A strip bent to a C, all of it one surface: its ends, or its backs, fly at each other."""
+    points, cells = arrays((((0.15, 0.0, 0.34), (2 * np.pi - 0.15, 0.1, 0.4), (n, 1, 1)),))
+    angle, y, r = points.T
+    bent = np.c_[r * np.cos(angle), y, r * np.sin(angle)]
+    on_rank_0 = slice(0 if MPI.COMM_WORLD.rank else None)
+    domain = rf.from_arrays(bent[on_rank_0], cells[on_rank_0])
+    domain = domain.with_facets("skin", lambda x: np.full(x.shape[1], True))
+    domain = domain.with_cells("upper", lambda x: x[2] > 0.2)
+
+    def thrown(x):
+        ends = -3 * np.maximum(x[0], 0) * np.sign(x[2]), -20 * x[2]
+        return np.stack([0 * x[0] + 0.3, 0.2 * x[2], ends[kind == "backs"]])
+
+    skin = rf.Contact("skin", against="skin")
+    return rf.Scene(domain, SOFT, [skin, rf.InitialVelocity(function=thrown), *effects])
+
+
+@NO_WARNINGS
+@pytest.mark.parametrize(
+    ("kind", "parts"), [("ends", ()), ("backs", ()), ("backs", (rf.Rigid("upper"),))]
+)
+def test_a_curved_surface_meets_itself(kind, parts):
+    """Where it closes, nowhere before, and never through its own thickness."""
+    reports, H, L, J = drifts(curved(kind, *parts), 1e-3, 100 if kind == "ends" else 40)
+    touches = [r.touches["skin_skin"] for r in reports[1:]]
+    first = next(k for k, touch in enumerate(touches) if touch.nodes)
+    assert first >= (55 if kind == "ends" else 8)
+    assert sum(touch.nodes > 0 for touch in touches) >= 5
+    assert max(touch.penetration for touch in touches) < 0.01
     assert H <= 1e-11
     assert max(L, J) <= 1e-12
+
+
+@NO_WARNINGS
+def test_a_surface_that_meets_itself_wakes():
+    """Its ends fly at each other as parts of bodies, and are flexible where they meet."""
+    rule = rf.StrainRate(0.3, 0.008, patience=1.0)
+    reports, H, L, J = drifts(curved("ends"), 1e-3, 75, rigidify=rule)
+    first = next(r for r in reports if r.step and r.touches["skin_skin"].nodes)
+    before = reports[first.step - 1]
+    assert before.unknowns < first.unknowns == reports[0].unknowns
+    assert any("contact 'skin_skin' changes" in e.reason for e in first.events + before.events)
+    assert H <= 1e-11
+    assert max(L, J) <= 1e-12
+
+
+@NO_WARNINGS
+def test_a_thin_plate_does_not_meet_its_other_side():
+    """However it bends: its thickness is a tenth of its cells."""
+    plate = rf.box((0, 0, 0), (1, 0.5, 0.01), (10, 5, 1))
+    plate = plate.with_facets("skin", lambda x: np.full(x.shape[1], True))
+
+    def thrown(x):
+        return np.stack([0 * x[0], 0 * x[0], 4 * np.cos(2 * np.pi * x[0]) + 3 * x[0] * x[1]])
+
+    effects = rf.Contact("skin", against="skin"), rf.InitialVelocity(function=thrown)
+    reports, *_ = drifts(rf.Scene(plate, SOFT, effects), 2e-3, 30)
+    assert max(r.strain for r in reports) > 0.3 * reports[0].kinetic
+    assert all(r.contact == 0.0 for r in reports)
 
 
 @NO_WARNINGS
@@ -163,8 +239,13 @@ def test_what_overlaps_at_the_start_is_told():
         blocks(BOTH[0], gap=-0.02)
 
 
+def flat(*effects):
+    """A block with faces that are flat."""
+    return rf.Scene(rf.box((0, 0, 0), (1, 1, 1), (2, 2, 2)), SOFT, effects)
+
+
 REFUSED = {
-    "itself": (lambda: rf.Contact("upper", against="upper"), "does not meet itself"),
+    "itself": (lambda: flat(rf.Contact("x0", against="x0")), "'x0' is flat, so it does not meet"),
     "friction": (
         lambda: rf.Contact("upper", against="lower", friction=0.1, creep=1.0),
         "friction is for obstacles",
@@ -181,13 +262,14 @@ def test_is_refused(case):
 
 
 def histories():
-    """Numbers of two blocks that meet, flexible and partly rigid."""
+    """Numbers of two blocks that meet, flexible and partly rigid, and of a strip with itself."""
     rows = []
-    for parts in ("flexible", "mixed"):
-        for r in drifts(blocks(*BOTH, *PARTS[parts]), 1e-3, 50)[0][1:]:
-            touch = r.touches[BOTH[0].title]
-            rows.append([r.kinetic, r.strain, r.contact, *r.angular_momentum, *touch.force,
-                         *touch.moment, touch.penetration, touch.nodes])  # fmt: skip
+    scenes = [blocks(*BOTH, *PARTS[parts]) for parts in ("flexible", "mixed")]
+    for scene in (*scenes, curved("backs", rf.Rigid("upper"))):
+        for r in drifts(scene, 1e-3, 40)[0][1:]:
+            touch = next(iter(r.touches.values()))
+            row = [r.kinetic, r.strain, r.contact, *r.angular_momentum, *touch.force, *touch.moment]
+            rows.append([*row, touch.pressing, touch.penetration, touch.nodes])
     return rows
 
 

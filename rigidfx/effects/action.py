@@ -107,8 +107,9 @@ class Touch:
 
     Attributes:
         name: Title of the contact.
-        force: On the structure at the step's midpoint, shape (3,) [N].
+        force: On the surface at the step's midpoint, shape (3,) [N]; zero where it meets itself.
         moment: Its moment about the origin, likewise [N m].
+        pressing: Sum of the sizes of the forces at nodes [N].
         energy: Stored in the contact at its end [J].
         work: Work of a moving obstacle on the structure [J].
         dissipated: Energy that friction took [J].
@@ -119,6 +120,7 @@ class Touch:
     name: str
     force: Array = field(default_factory=lambda: np.zeros(3))
     moment: Array = field(default_factory=lambda: np.zeros(3))
+    pressing: float = 0.0
     energy: float = 0.0
     work: float = 0.0
     dissipated: float = 0.0
@@ -131,6 +133,7 @@ class Touch:
             self.name,
             self.force + other.force,
             self.moment + other.moment,
+            self.pressing + other.pressing,
             self.energy + other.energy,
             self.work + other.work,
             self.dissipated + other.dissipated,

@@ -41,7 +41,8 @@ class Contact(Windowed):
     Attributes:
         where: Name of a set of boundary facets.
         against: A `Plane`, `Sphere` or `Cylinder`, at rest or moving; or the name of another set of
-            boundary facets, between the nodes of which those of `where` may not come.
+            boundary facets, between the nodes of which those of `where` may not come; or its own,
+            for a surface that may meet itself.
         stiffness: k [N/m³]; five times that of a layer of the cells behind if None.
         friction: Coefficient of Coulomb friction μ ≥ 0.
         creep: Speed ε below which what sticks creeps [m/s]; to be given with friction.
@@ -68,11 +69,6 @@ class Contact(Windowed):
             raise SceneError(
                 f"{self.owner}: against must be a Plane or another obstacle, or the name of a set, "
                 f"got {shown(self.against)}."
-            )
-        if self.against == self.where:
-            raise SceneError(
-                f"{self.owner}: a surface does not meet itself; name the parts of it that may meet "
-                "as two sets."
             )
         if self.stiffness is not None:
             positive(self.owner, "stiffness", self.stiffness)
@@ -116,6 +112,10 @@ class Contact(Windowed):
             )
         surface = surface_of(scene, self.where, self.stiffness, self.owner)
         against, start = self.against, self.start
+        if against == self.where:
+            pair = pair_of(scene, self.where, self.where, self.stiffness, self.owner)
+            if pair.flat:
+                raise SceneError(f"{self.owner}: '{against}' is flat, so it does not meet itself.")
         if isinstance(against, Obstacle):
             check_vector(scene, self.owner, start, lambda: against.displacement(start))
         if start > 0.0:

@@ -20,6 +20,7 @@ Columns, in SI units; a vector has one column for each of x, y, z:
                                              averaged, see `rigidfx.flexible.nodal_stress`
     contact                                  stored in contacts at t [J]; in scenes with contacts
     contact_NAME_force_x …, _moment_x …      of each contact [N, N m], zero while it does not act
+    contact_NAME_pressing                    sum of the sizes of its nodal forces [N]
     contact_NAME_energy, _dissipated         stored at t, taken by friction in the step [J]
     contact_NAME_penetration, _nodes         greatest [m], number of nodes that touch, at t
     withheld, frozen, damped                 what the ledger says: withheld by rigidity, kept of
@@ -154,7 +155,7 @@ def _of_contacts(contacts: Sequence[str], touches: Mapping[str, Touch]) -> dict[
         touch = touches.get(title, Touch(title))
         out |= components(f"contact_{title}_force", touch.force)
         out |= components(f"contact_{title}_moment", touch.moment)
-        for name in ("energy", "dissipated", "penetration", "nodes"):
+        for name in ("pressing", "energy", "dissipated", "penetration", "nodes"):
             out[f"contact_{title}_{name}"] = float(getattr(touch, name))
     return out
 

@@ -3,7 +3,8 @@
 The force of a contact is known when a step has been solved. If it differs from that under which the
 present bodies were frozen by more than a given fraction of its largest value so far, bodies are
 released and that step is solved again: what is struck is flexible in the step in which it is
-struck. A first touch is such a change; what rattles by less is none.
+struck. A first touch is such a change; what rattles by less is none. Forces that add up to nothing,
+as of a surface that meets itself, tell of a change by the sum of their sizes.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from rigidfx.effects import Touch
 __all__ = ["ContactChanges"]
 
 Array = npt.NDArray[np.float64]
-NOTHING = np.zeros(3)
+NOTHING = np.zeros(4)
 
 
 class ContactChanges:
@@ -44,18 +45,27 @@ class ContactChanges:
         if not np.isfinite(self._fraction):
             return ""
         for title, touch in touches.items():
-            change = np.linalg.norm(touch.force - self._reference.get(title, NOTHING))
-            if change > self._fraction * self._largest.get(title, 0.0):
+            change = _of(touch) - self._reference.get(title, NOTHING)
+            if _size(change) > self._fraction * self._largest.get(title, 0.0):
                 return title
         return ""
 
     def follow(self, touches: Mapping[str, Touch]) -> None:
         """Take note of a step that was accepted."""
-        self._last = {title: touch.force for title, touch in touches.items()}
-        for title, force in self._last.items():
-            size = float(np.linalg.norm(force))
-            self._largest[title] = max(size, self._largest.get(title, 0.0))
+        self._last = {title: _of(touch) for title, touch in touches.items()}
+        for title, forces in self._last.items():
+            self._largest[title] = max(_size(forces), self._largest.get(title, 0.0))
 
     def remember(self) -> None:
         """Take the last forces as those of the present bodies."""
         self._reference = dict(self._last)
+
+
+def _of(touch: Touch) -> Array:
+    """The force of a contact, and the sum of the sizes of its nodal forces, shape (4,) [N]."""
+    return np.array([*touch.force, touch.pressing])
+
+
+def _size(forces: Array) -> float:
+    """Size of either, or of its change, whichever is larger [N]."""
+    return max(float(np.linalg.norm(forces[:3])), abs(float(forces[3])))

@@ -176,6 +176,7 @@ class ObstacleForces(Action):
                 self.title,
                 force=force,
                 moment=-np.cross(middle, p.force).sum(axis=0),
+                pressing=float(np.linalg.norm(p.force, axis=1).sum()),
                 energy=float(stored(points.k[p.at], g).sum()),
                 work=float(force @ self._moved),
                 dissipated=p.dissipated,

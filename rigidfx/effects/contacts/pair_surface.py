@@ -1,5 +1,8 @@
 """Two surfaces that may meet: nodes of one, flat triangles between the nodes of the other.
 
+A surface may meet itself: then a node meets only what faces it, and not what was near and behind it
+in the reference, which is the other side of a thin wall.
+
 All ranks know both, by numbers that are the same everywhere: a contact couples nodes of any two
 ranks, and surfaces are small beside what they bound. Which triangle a node may meet is found by
 SciPy's cKDTree over their centres.
@@ -29,6 +32,8 @@ _known = WeakKeyDictionary()
 
 NEAREST = 12  # triangles that are looked at for a node
 BESIDE = 1e-6  # of a triangle: how far beside it a node may be and still meet it
+FLAT = 1e-9  # of the cosine of two normals
+TINY = float(np.finfo(np.float64).tiny)
 DEEPEST = 0.5  # of the distance of nodes: what is deeper has come from the other side
 
 
@@ -45,6 +50,8 @@ class PairSurface:
         triangles: Numbers of the nodes of the triangles, normals outwards, shape (m, 3).
         reach: Distance within which a node may meet a triangle [m].
         spacing: A typical distance of nodes [m].
+        X: Reference positions of all nodes, shape (size, 3) [m].
+        itself: Whether both are one surface.
     """
 
     nodes: Ints
@@ -55,6 +62,8 @@ class PairSurface:
     triangles: Ints
     reach: float
     spacing: float
+    X: Array
+    itself: bool
 
     def everywhere(self, comm: MPI.Intracomm, values: Array) -> Array:
         """Values of all nodes from those of this rank's local ones, shape (size, 3). Collective."""
@@ -71,33 +80,68 @@ class PairSurface:
             bodies: Body of each, -1 if none; what is of one body does not meet.
         """
         out = np.full(self.slaves.size, -1)
-        corners = x[self.triangles]
-        low, high = corners.min(axis=(0, 1)) - self.reach, corners.max(axis=(0, 1)) + self.reach
-        p = x[self.slaves]
-        near = np.flatnonzero(((p >= low) & (p <= high)).all(axis=1))
-        if not near.size:
-            return out
-        centres = corners.mean(axis=1)
-        low, high = p[near].min(axis=0) - self.reach, p[near].max(axis=0) + self.reach
-        facing = np.flatnonzero(((centres >= low) & (centres <= high)).all(axis=1))
-        if not facing.size:
-            return out
-        count = min(NEAREST, facing.size)
-        tree = cKDTree(centres[facing])
-        far, found = tree.query(p[near], k=count, distance_upper_bound=self.reach)
-        far, found = far.reshape(near.size, -1), found.reshape(near.size, -1)
-        row, column = np.nonzero(np.isfinite(far))
-        node, triangle = near[row], facing[found[row, column]]
-        g, _, N = projected(p[node], corners[triangle])
+        node, triangle = self._nearest(x)
+        g, _, N = projected(x[self.slaves[node]], x[self.triangles[triangle]])
         of = bodies[self.triangles[triangle]]
         one = (of == bodies[self.slaves[node], None]).all(axis=1) & (of[:, 0] >= 0)
         one |= (self.triangles[triangle] == self.slaves[node, None]).any(axis=1)  # its own
         may = (N > -BESIDE).all(axis=1) & (g > -DEEPEST * self.spacing) & ~one
+        if self.itself:
+            may &= ~self._of_one_wall(node, triangle)
         node, triangle, g = node[may], triangle[may], np.abs(g[may])
         order = np.lexsort((triangle, g.round(12), node))
         node, first = np.unique(node[order], return_index=True)
         out[node] = triangle[order][first]
         return out
+
+    def _nearest(self, x: Array) -> tuple[Ints, Ints]:
+        """Slaves and the triangles near them, or near and facing them, shapes (n,) and (n,).
+
+        A surface that may meet itself is all near: its triangles are looked for by their places and
+        normals together, and those that look the same way as the node are far.
+        """
+        corners, p = x[self.triangles], x[self.slaves]
+        low, high = corners.min(axis=(0, 1)) - self.reach, corners.max(axis=(0, 1)) + self.reach
+        near = np.flatnonzero(((p >= low) & (p <= high)).all(axis=1))
+        centres = corners.mean(axis=1)
+        low = p[near].min(axis=0, initial=np.inf) - self.reach
+        high = p[near].max(axis=0, initial=-np.inf) + self.reach
+        facing = np.flatnonzero(((centres >= low) & (centres <= high)).all(axis=1))
+        if not near.size or not facing.size:
+            return np.empty(0, np.int64), np.empty(0, np.int64)
+        places, wanted, farthest = centres[facing], p[near], self.reach
+        if self.itself:
+            normals, at_nodes = self._normals(x)
+            places = np.c_[places, self.reach * normals[facing]]
+            wanted = np.c_[wanted, -self.reach * at_nodes[self.slaves[near]]]
+            farthest *= np.sqrt(3.0)  # within reach, and less than a right angle off
+        count = min(NEAREST, facing.size)
+        far, found = cKDTree(places).query(wanted, k=count, distance_upper_bound=farthest)
+        far, found = far.reshape(near.size, -1), found.reshape(near.size, -1)
+        row, column = np.nonzero(np.isfinite(far))
+        return near[row], facing[found[row, column]]
+
+    def _normals(self, x: Array) -> tuple[Array, Array]:
+        """Unit normals of triangles and of all nodes, shapes (m, 3) and (size, 3)."""
+        a, b, c = x[self.triangles].swapaxes(0, 1)
+        areas, at_nodes = np.cross(b - a, c - a), np.zeros((self.size, 3))
+        np.add.at(at_nodes, self.triangles, areas[:, None])
+        both = (n / np.maximum(np.linalg.norm(n, axis=1), TINY)[:, None] for n in (areas, at_nodes))
+        normals, of_nodes = both
+        return normals, of_nodes
+
+    def _of_one_wall(self, node: Ints, triangle: Ints) -> npt.NDArray[np.bool_]:
+        """Whether nodes are near triangles in the reference, and behind: on a wall's other side."""
+        X, corners = self.X[self.slaves[node]], self.X[self.triangles[triangle]]
+        g, _, _ = projected(X, corners)
+        apart = np.linalg.norm(X - corners.mean(axis=1), axis=1)
+        return np.asarray((g < 0) & (apart < 2 * self.reach))
+
+    @property
+    def flat(self) -> bool:
+        """Whether all triangles look the same way in the reference."""
+        normals, _ = self._normals(self.X)
+        return bool((normals @ normals[0] > 1 - FLAT).all())
 
     def gaps(self, x: Array) -> tuple[Ints, Array]:
         """Slaves near a triangle, and their distances from its plane, shapes (n,) and (n,) [m].
@@ -181,15 +225,20 @@ def _found(
     all_slaves, all_k, all_triangles = (
         np.concatenate([part[j] for part in parts]) for j in range(3)
     )
+    every = np.zeros((comm.allreduce(nodes.size), 3))
+    every[numbers] = X[nodes]
+    comm.Allreduce(MPI.IN_PLACE, every)
     return PairSurface(
         nodes,
         numbers,
-        int(comm.allreduce(nodes.size)),
+        len(every),
         all_slaves,
         all_k,
         all_triangles,
         reach=max(part[3] for part in parts) + spacing,
         spacing=spacing,
+        X=every,
+        itself=where == against,
     )
 
 

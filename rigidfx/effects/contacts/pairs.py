@@ -190,14 +190,20 @@ class PairForces(Action):
         """See `Action`."""
         if self._comm.rank or self._x0 is None:
             return Touch(self.title)
-        slaves, g = self._surface.slaves[self._active], self._gaps[1]
-        value, _ = secant(self._surface.stiffness[self._active], *self._gaps)
+        surface, g = self._surface, self._gaps[1]
+        slaves, k = surface.slaves[self._active], surface.stiffness[self._active]
+        value, _ = secant(k, *self._gaps)
         force = -value[:, None] * self._normals
+        if surface.itself:  # each has its reaction on the same surface
+            total, moment = np.zeros(3), np.zeros(3)
+        else:
+            total, moment = force.sum(axis=0), np.cross(self._half[slaves], force).sum(axis=0)
         return Touch(
             self.title,
-            force=force.sum(axis=0),
-            moment=np.cross(self._half[slaves], force).sum(axis=0),
-            energy=float(stored(self._surface.stiffness[self._active], g).sum()),
+            force=total,
+            moment=moment,
+            pressing=float(-value.sum()),
+            energy=float(stored(k, g).sum()),
             penetration=float(np.maximum(-g, 0.0).max(initial=0.0)),
             nodes=int(np.count_nonzero(g < 0)),
         )
