@@ -42,7 +42,7 @@ with told(parser):
     scene = rf.Scene(
         domain,
         rf.StVenantKirchhoff(E=options.E, nu=options.nu, rho=options.rho),
-        supports_and_loads(parser, options, domain, until),
+        supports_and_loads(options, until),
         order=options.order,
         mass="consistent" if options.order == 2 else "lumped",
     )

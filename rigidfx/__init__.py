@@ -13,6 +13,7 @@ from rigidfx.base.errors import (
     SceneError,
     StepError,
 )
+from rigidfx.coupling.periods import periods
 from rigidfx.decide.criteria.accuracy import Accuracy
 from rigidfx.decide.criteria.criterion import StrainRate
 from rigidfx.decide.criteria.relative import Relative
@@ -121,6 +122,7 @@ __all__ = [
     "from_arrays",
     "from_gmsh",
     "list_cad",
+    "periods",
     "read_bodies",
     "read_cad",
     "read_geo",

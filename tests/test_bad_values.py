@@ -199,6 +199,10 @@ CASES = {
         ),
         "Traction: there are no facets named 'a'. Known names: 'a'",
     ),
+    "a force as the total": (
+        lambda: rf.Traction("x1", (1, 0, 0), total=50.0),
+        "Traction on 'x1': total must be True or False, got 50.0; the force itself is its value.",
+    ),
     "pressure on nodes": (
         lambda: _scene(
             rf.Pressure("a", 1.0), domain=_box().with_vertices("a", lambda x: x[0] < 1e-9)

@@ -90,6 +90,10 @@ RIGHT = (2, 0, 0), SIZE
 LOADS = {
     "Traction": (rf.Traction("x1", tuple(Q)), per_volume((4, 0, 0), SIZE)),
     "Traction along": (rf.Traction("y0", tuple(Q)), per_volume((0, 0, 0), (4, 0, 1))),
+    "Traction in all": (
+        rf.Traction("y0", tuple(Q), total=True),
+        lambda X: per_volume((0, 0, 0), (4, 0, 1))(X) / 4,
+    ),
     "BodyForce": (rf.BodyForce(tuple(Q)), per_volume((0, 0, 0), SIZE)),
     "BodyForce on a body": (rf.BodyForce(tuple(Q), "right"), per_volume(*RIGHT)),
     "BodyForce on a part": (rf.BodyForce(tuple(Q), "tip"), per_volume((3, 0, 0), SIZE)),

@@ -18,6 +18,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 from importlib import import_module
+from math import floor, log10
 from pathlib import Path
 from typing import Any
 
@@ -28,16 +29,19 @@ MADE_IN = ""  # the folder that a copy was made for; some versions do not tell a
 LIGHT, DARK, EDGES = (0.91, 0.89, 0.85), (0.2, 0.28, 0.36), (0.3, 0.3, 0.3)
 ON_CELLS = ("rigid", "cell_von_mises", "body", "strain_rate", "material")
 ON_POINTS = ("displacement", "velocity", "von_mises", "contact_pressure", "gap")
-TITLES = {
-    "rigid": "cells",
-    "von_mises": "von Mises stress at nodes (Pa)",
-    "cell_von_mises": "von Mises stress, mean of each cell (Pa)",
-    "strain_rate": "strain rate (1/s)",
-    "displacement": "displacement (m)",
-    "velocity": "velocity (m/s)",
-    "contact_pressure": "pressure of contacts (Pa)",
-    "gap": "gap of contacts (m)",
+FLAGS = {"rigid": "cells", "body": "number of the body", "material": "number of the material"}
+SCALES = {  # titles and units
+    "von_mises": ("von Mises stress at nodes", "Pa"),
+    "cell_von_mises": ("von Mises stress, mean of each cell", "Pa"),
+    "strain_rate": ("strain rate", "1/s"),
+    "displacement": ("displacement", "m"),
+    "velocity": ("velocity", "m/s"),
+    "contact_pressure": ("pressure of contacts", "Pa"),
+    "gap": ("gap of contacts", "m"),
 }
+VECTORS, LOGARITHMIC = ("displacement", "velocity"), ("strain_rate",)
+DECADES = 6  # that a logarithmic scale shows at most
+PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}
 FILMS = (  # encoders among VTK's modules; a ParaView may lack each of them
     ("vtkIOFFMPEG", "vtkFFMPEGWriter", ".avi"),
     ("vtkIOOggTheora", "vtkOggTheoraWriter", ".ogv"),
@@ -63,7 +67,7 @@ def main(folder: Path, arguments: Sequence[str] | None, interactive: bool) -> No
     reader.UpdatePipeline()
     times = list(reader.TimestepValues) or [0.0]
     view = pv.GetActiveViewOrCreate("RenderView")
-    body, shown = _draw(pv, view, reader, options)
+    body = _draw(pv, view, reader, options)
     scene = pv.GetAnimationScene()
     scene.UpdateAnimationUsingDataTimeSteps()
     if options.film:
@@ -79,12 +83,13 @@ def main(folder: Path, arguments: Sequence[str] | None, interactive: bool) -> No
         view.ViewSize = list(options.size)  # letters are scaled with a picture that is larger
     colours = _colours(reader, options)
     for colour in colours[:1] if interactive else colours:
-        bar = _colour(pv, view, shown, colour)
+        shown, bar = _coloured(pv, view, body, colour, times, options)
         pictures = []
         for k, t in enumerate(wanted):
             scene.AnimationTime = t
             view.ViewTime = t
             body.UpdatePipeline(t)
+            shown.UpdatePipeline(t)
             _aim(view, body, size, options)
             pv.Render(view)
             if not interactive:
@@ -93,7 +98,9 @@ def main(folder: Path, arguments: Sequence[str] | None, interactive: bool) -> No
                 pv.SaveScreenshot(str(pictures[-1]), view, ImageResolution=list(options.size))
         if options.film and not interactive:
             _film(out / f"view_{colour}", pictures, options.rate)
-        bar.Visibility = int(interactive)
+        if not interactive:
+            bar.Visibility = 0
+            pv.Hide(shown, view)
 
 
 def write(folder: Path) -> None:
@@ -144,25 +151,31 @@ def _options(arguments: Sequence[str] | None) -> Any:
     return parser.parse_args(arguments)
 
 
-def _draw(pv: Any, view: Any, reader: Any, options: Any) -> tuple[Any, Any]:
-    """The deformed body and the time; returns the body and how it is shown."""
+def _draw(pv: Any, view: Any, reader: Any, options: Any) -> Any:
+    """The deformed body; and the time, and how large displacements are drawn."""
     body = pv.WarpByVector(Input=reader)
     body.Vectors = ["POINTS", "displacement"]
     body.ScaleFactor = options.scale
     pv.RenameSource("deformed", body)
     pv.Hide(reader, view)
-    shown = pv.Show(body, view)
-    shown.Representation = "Surface" if options.no_edges else "Surface With Edges"
-    shown.EdgeColor = list(EDGES)
-    shown.Ambient, shown.Diffuse, shown.Specular = 0.45, 0.6, 0.0  # near the colours of the legend
     clock = pv.AnnotateTimeFilter(Input=reader)
-    clock.Format = "t = {time:.4g} s"
+    scale = "to scale" if options.scale == 1 else f"times {options.scale:g}"
+    clock.Format = "t = {time:.4g} s, displacements " + scale
     text = pv.Show(clock, view)
     text.Color = [0.0, 0.0, 0.0]
     view.UseColorPaletteForBackground = 0
     view.Background = [1.0, 1.0, 1.0]
     pv.SetActiveSource(body)
-    return body, shown
+    return body
+
+
+def _show(pv: Any, view: Any, source: Any, options: Any) -> Any:
+    """How a source is shown."""
+    shown = pv.Show(source, view)
+    shown.Representation = "Surface" if options.no_edges else "Surface With Edges"
+    shown.EdgeColor = list(EDGES)
+    shown.Ambient, shown.Diffuse, shown.Specular = 0.45, 0.6, 0.0  # near the colours of the legend
+    return shown
 
 
 def _colours(reader: Any, options: Any) -> list[str]:
@@ -177,24 +190,77 @@ def _colours(reader: Any, options: Any) -> list[str]:
     return list(options.colour)
 
 
-def _colour(pv: Any, view: Any, shown: Any, colour: str) -> Any:
-    """Colour by a field, alike at all times; returns the scale."""
-    pv.ColorBy(shown, ("CELLS" if colour in ON_CELLS else "POINTS", colour))
-    table = pv.GetColorTransferFunction(colour)
+def _coloured(
+    pv: Any, view: Any, body: Any, colour: str, times: Sequence[float], options: Any
+) -> tuple[Any, Any]:
+    """Show the body coloured by a field, alike at all times; returns what is shown, and the key."""
+    where = "CELLS" if colour in ON_CELLS else "POINTS"
+    name, title, source, ends = colour, FLAGS.get(colour, colour), body, None
+    if colour in SCALES:
+        bottom, top = _ends(body, where, colour, times)
+        factor, unit = _prefixed(SCALES[colour][1], max(abs(bottom), abs(top)))
+        name = title = f"{SCALES[colour][0]} ({unit})"
+        source, ends = pv.Calculator(Input=body), (bottom * factor, top * factor)
+        source.AttributeType = "Cell Data" if where == "CELLS" else "Point Data"
+        value = f"mag({colour})" if colour in VECTORS else colour
+        source.Function, source.ResultArrayName = f"{factor:g}*{value}", name
+        source.ReplaceInvalidResults = 0  # contacts have values on their surfaces only
+        pv.Hide(body, view)
+    shown = _show(pv, view, source, options)
+    pv.ColorBy(shown, (where, name))
+    table = pv.GetColorTransferFunction(name)
     if colour == "rigid":
         table.InterpretValuesAsCategories = 1
         table.Annotations = ["0", "flexible", "1", "rigid"]
         table.IndexedColors = [*LIGHT, *DARK]
     else:
         table.ApplyPreset("Viridis (matplotlib)", True)
-        table.NanColor = LIGHT  # contacts have values on their surfaces only
-        shown.RescaleTransferFunctionToDataRangeOverTime()
+        table.NanColor = LIGHT
+        if ends is None:
+            shown.RescaleTransferFunctionToDataRangeOverTime()
+        else:
+            table.RescaleTransferFunction(*ends)
+    if colour in LOGARITHMIC:
+        table.MapControlPointsToLogSpace()
+        table.UseLogScale = 1
     shown.SetScalarBarVisibility(view, True)
     bar = pv.GetScalarBar(table, view)
-    bar.Title = TITLES.get(colour, colour)
-    bar.ComponentTitle = ""
+    bar.Title, bar.ComponentTitle = title, ""
     bar.TitleColor = bar.LabelColor = [0.0, 0.0, 0.0]
-    return bar
+    bar.WindowLocation, bar.Position, bar.ScalarBarLength = "Any Location", [0.88, 0.25], 0.5
+    bar.RangeLabelFormat = "%.3g" if pv.GetParaViewVersion().major < 6 else "{:.3g}"
+    return source, bar
+
+
+def _ends(body: Any, where: str, colour: str, times: Sequence[float]) -> tuple[float, float]:
+    """The ends of a field's scale over all times; of a logarithmic one above zero."""
+    from paraview import servermanager
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    found = []
+    for t in times:
+        body.UpdatePipeline(t)
+        data = servermanager.Fetch(body)
+        values = data.GetCellData() if where == "CELLS" else data.GetPointData()
+        own = vtk_to_numpy(values.GetArray(colour))
+        if colour in VECTORS:
+            own = (own**2).sum(axis=1) ** 0.5
+        own = own[own > 0] if colour in LOGARITHMIC else own[own == own]
+        if own.size:
+            found.append((float(own.min()), float(own.max())))
+    bottom = min((low for low, _ in found), default=0.0)
+    top = max((high for _, high in found), default=1.0)
+    if colour in LOGARITHMIC:
+        return max(min(bottom, top / 100) or top / 100, top * 10.0**-DECADES), top
+    return (bottom, top) if bottom < 0 else (0.0, top or 1.0)
+
+
+def _prefixed(unit: str, largest: float) -> tuple[float, str]:
+    """The factor to a unit with a prefix, and its name: as in `rigidfx.plot.units`."""
+    if unit[0].isdigit() or not 0 < largest < float("inf"):
+        return 1.0, unit
+    power = min(max(3 * floor(log10(largest) / 3 + 1e-12), -12), 12)
+    return 10.0**-power, PREFIXES[power] + unit
 
 
 def _film(path: Path, pictures: Sequence[Path], rate: int) -> None:

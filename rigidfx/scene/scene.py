@@ -22,7 +22,7 @@ from rigidfx import effects as fx
 from rigidfx.base import compat
 from rigidfx.base.errors import SceneError
 from rigidfx.base.form_cache import form_on
-from rigidfx.base.inputs import positive
+from rigidfx.base.inputs import positive, whole
 from rigidfx.base.same_input import check_same
 from rigidfx.base.taken import read_only
 from rigidfx.domain.connected import ConnectedParts, connected_parts
@@ -324,22 +324,21 @@ class Scene:
         """Size and number of effects, in a line."""
         return in_a_line(self)
 
-    def describe(self, dt: float | None = None) -> str:
+    def describe(self, dt: float | None = None, periods: int | None = None) -> str:
         """Print, on rank 0, what there is in the scene and when it acts. Collective.
-
-        An effect that is not listed adds no term to the equations; one whose time window is closed
-        has none any more.
 
         Args:
             dt: Time step that is thought of [s]: it is told how many cells a wave passes in it, if
-                given. About one resolves waves; a swing of the whole takes a twentieth of its
-                period, whatever the waves do.
+                given. About one resolves waves; a swing takes a twentieth of its period.
+            periods: How many of the longest periods of vibrations; if None, three where the scene
+                is small enough for a second to do. See `rigidfx.periods`.
 
         Returns:
             The text, on all ranks.
         """
         step = None if dt is None else positive("describe", "dt", dt)
-        text = "\n".join(description(self, step))
+        count = None if periods is None else whole("describe", "periods", periods, least=0)
+        text = "\n".join(description(self, step, count))
         if self.comm.rank == 0:
             print(text, flush=True)  # noqa: T201 - it is what this is for
         return text

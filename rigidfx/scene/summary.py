@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import fields
 from math import inf, isfinite
 from typing import Any
@@ -14,9 +14,13 @@ from rigidfx.effects import Effect, Table, Windowed
 from rigidfx.mechanics.element import StandardElement
 from rigidfx.scene.mesh_checks import parts_in_words
 
-__all__ = ["description", "effects_table", "in_a_line", "in_words", "phases"]
+__all__ = ["FURTHER", "description", "effects_table", "in_a_line", "in_words", "phases"]
 
 ELSEWHERE = ("where", "components", "since", "until")  # not among the values
+
+# What modules that come later in the flow of data add to a description, from the scene, the time
+# step thought of and the number of periods: lines.
+FURTHER: list[Callable[[Any, float | None, int | None], list[str]]] = []
 
 
 def in_words(record: Any) -> str:
@@ -24,12 +28,13 @@ def in_words(record: Any) -> str:
     return f"{_kind(record)}: {_values(record)}"
 
 
-def description(scene: Any, step: float | None) -> list[str]:
+def description(scene: Any, step: float | None, periods: int | None = None) -> list[str]:
     """What there is in a scene and when it acts, line by line. Collective.
 
     Args:
         scene: The scene.
         step: Time step that is thought of [s], if any.
+        periods: How many periods of vibrations; those that are cheap if None.
     """
     cells = scene.mesh.topology.index_map(3).size_global
     nodes = scene.space.dofmap.index_map.size_global
@@ -47,6 +52,7 @@ def description(scene: Any, step: float | None) -> list[str]:
                 scene.material_sets, scene.materials, _speeds(scene, step), strict=True
             )
         ),
+        *(line for more in FURTHER for line in more(scene, step, periods)),
         "Effects" if scene.effects else "Effects: none",
         *(f"  {line}" for line in effects_table(scene.effects)),
     ]

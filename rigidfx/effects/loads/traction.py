@@ -1,10 +1,12 @@
-"""Dead loads per area."""
+"""Dead loads on surfaces, per area or in all."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
+from rigidfx.base.errors import SceneError
+from rigidfx.base.inputs import shown
 from rigidfx.effects.base import Array, Vector
 from rigidfx.effects.fields import PlaceAndTime
 from rigidfx.effects.loads.dead_load import DeadLoad
@@ -20,6 +22,8 @@ class Traction(DeadLoad):
         where: Name of a set of facets.
         value: Three components [Pa], or a function t giving them, or a function x, t of
             reference positions of shape (3, n) [m] giving shape (3, n).
+        total: Whether values are of the force in all [N], spread evenly over the area; one that
+            depends on the place has its mean as the resultant.
     """
 
     dims: ClassVar[tuple[int, ...]] = (2,)
@@ -27,7 +31,22 @@ class Traction(DeadLoad):
 
     where: str
     value: Vector | PlaceAndTime
+    total: bool = field(default=False, kw_only=True)
+
+    def __post_init__(self) -> None:
+        """Check the values.
+
+        Raises:
+            SceneError: If one cannot be used.
+        """
+        super().__post_init__()
+        if not isinstance(self.total, bool):
+            raise SceneError(
+                f"{self.owner}: total must be True or False, got {shown(self.total)}; the force "
+                "itself is its value."
+            )
 
     def weights(self, scene: Any) -> Array:
-        """Area of each node [m²]."""
-        return scene.facet_weights(self.where, self.kind)
+        """Area of each node [m²], or its part of the whole area [1]."""
+        areas = scene.facet_weights(self.where, self.kind)
+        return areas / scene.sum(areas[: scene.owned_nodes].sum()) if self.total else areas
