@@ -18,14 +18,14 @@ import time
 from dataclasses import asdict
 
 import numpy as np
-from common import Parser, comm, say, write_json
+from common import Parser, chosen, comm, say, write_json
 from hardcases import CASES, Result, carry_out
 from hardcases.stiffness import compare
 
 from rigidfx.plot import figure_of, on_first_rank, save
 
 parser = Parser(__file__, "Hard cases: what stays stable, and how well.", "coarse and short")
-parser.add_argument("--only", default="", help="cases or groups whose names contain this")
+parser.add_only("cases or groups")
 options = parser.read()
 # Before hours are spent for a folder that cannot be written:
 write_json(options.out / "summary.json", [])
@@ -42,7 +42,7 @@ say(f"{'case':38}{'way':32}{'steps':>7}{'Newton':>11}{'energy':>9}{'momentum':>1
 results: list[Result] = []
 begin = time.perf_counter()
 for case in CASES:
-    if options.only not in case.name and options.only not in case.group:
+    if not chosen(options, [case.name, case.group]):
         continue
     say(f"\n{case.group}: {case.hard}")
     for r in carry_out(case, options.short):

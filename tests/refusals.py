@@ -12,6 +12,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping
 
 import parallel
+import pytest
 from mpi4py import MPI
 
 import rigidfx as rf
@@ -59,6 +60,13 @@ def found_on_two_ranks(script: str) -> Iterator[tuple[str, Outcome]]:
         first, second = (tuple(rank[name]) for rank in ranks)
         assert first == second, name
         yield name, first
+
+
+def check(action, message, error=rf.SceneError):
+    """Assert that an action is refused by an error whose message names what is wrong."""
+    with pytest.raises(error) as caught:
+        action()
+    assert message in str(caught.value)
 
 
 def check_on_two_ranks(script, cases):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import importlib
+import statistics
 from pathlib import Path
 
 import pytest
@@ -34,6 +35,8 @@ PACKAGE = Path(rigidfx.__file__).parent
 OFFERS = sorted(PACKAGE.glob("*/**/__init__.py"))
 FILES = sorted(path for path in PACKAGE.rglob("*.py") if path.stem not in ("__init__", *MOVED))
 
+TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in [*FILES, *OFFERS]}
+
 
 def _room(path):
     return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
@@ -45,7 +48,7 @@ def _name(path):
 
 def _imports(path):
     """Modules of this package that a file imports, wherever in it."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(TREES[path]):
         if isinstance(node, ast.Import):
             yield from (a.name for a in node.names if a.name.startswith("rigidfx."))
         elif isinstance(node, ast.ImportFrom):
@@ -66,30 +69,38 @@ def test_every_folder_has_its_place():
     assert {_room(path) for path in FILES} == set(FLOW)
 
 
-@pytest.mark.parametrize("path", FILES, ids=_name)
-def test_imports_run_one_way(path):
-    """From folders above, or from the same folder."""
-    allowed = FLOW[: FLOW.index(_room(path)) + 1]
-    for module in _imports(path):
-        assert module.split(".")[1] in allowed, f"{path} imports {module}, which is not above it"
+def test_imports_run_one_way():
+    """From folders above, or from the same folder; what a folder offers, too."""
+    for path in [*FILES, *OFFERS]:
+        allowed = FLOW[: FLOW.index(_room(path)) + 1]
+        for module in _imports(path):
+            assert module.split(".")[1] in allowed, f"{path} imports {module}, not above it"
 
 
-@pytest.mark.parametrize("path", OFFERS, ids=_name)
-def test_folders_offer_what_is_theirs(path):
-    """The file of a folder imports from folders above and from its own."""
-    test_imports_run_one_way(path)
-
-
-@pytest.mark.parametrize("path", [*FILES, *OFFERS], ids=_name)
-def test_imports_can_be_read(path):
+def test_imports_can_be_read():
     """Neither by name, nor all of the package at once, which is made of everything."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            assert "rigidfx" not in [a.name for a in node.names]
-        elif isinstance(node, ast.ImportFrom) and node.module == "rigidfx":
-            assert all(_exists(f"rigidfx.{a.name}") for a in node.names)
-        elif isinstance(node, ast.Call) and "import_" in ast.unparse(node.func):
-            assert "rigidfx" not in ast.unparse(node)
+    for path in [*FILES, *OFFERS]:
+        for node in ast.walk(TREES[path]):
+            if isinstance(node, ast.Import):
+                assert "rigidfx" not in [a.name for a in node.names], path
+            elif isinstance(node, ast.ImportFrom) and node.module == "rigidfx":
+                assert all(_exists(f"rigidfx.{a.name}") for a in node.names), path
+            elif isinstance(node, ast.Call) and "import_" in ast.unparse(node.func):
+                assert "rigidfx" not in ast.unparse(node), path
+
+
+def test_modules_and_functions_are_short():
+    """Of at most 350 lines, half of them of at most 150; below 60, but for what they promise."""
+    sizes = [len(path.read_text(encoding="utf-8").splitlines()) for path in FILES]
+    assert max(sizes) <= 350
+    assert statistics.median(sizes) <= 150
+    for path in FILES:
+        for node in ast.walk(TREES[path]):
+            if isinstance(node, ast.FunctionDef):
+                told = node.body[0] if ast.get_docstring(node, clean=False) is not None else None
+                lines = node.end_lineno - node.lineno + 1
+                lines -= told.end_lineno - told.lineno + 1 if told else 0
+                assert lines < 60, f"{path}: {node.name} has {lines} lines"
 
 
 def test_modules_of_a_folder_do_not_import_in_a_circle():
@@ -117,13 +128,13 @@ def test_rooms_of_a_folder_do_not_import_in_a_circle():
     assert not left
 
 
-@pytest.mark.parametrize("path", FILES, ids=_name)
-def test_modules_name_what_they_offer(path):
-    module = importlib.import_module(_name(path))
-    assert module.__doc__
-    assert module.__all__ == sorted(module.__all__, key=_isort_key)
-    for item in module.__all__:
-        assert hasattr(module, item), f"{module.__name__}.__all__ names {item}"
+def test_modules_name_what_they_offer():
+    for path in FILES:
+        module = importlib.import_module(_name(path))
+        assert module.__doc__, path
+        assert module.__all__ == sorted(module.__all__, key=_isort_key), path
+        for item in module.__all__:
+            assert hasattr(module, item), f"{module.__name__}.__all__ names {item}"
 
 
 def test_what_the_package_exports_is_offered_by_a_module():
@@ -261,13 +272,11 @@ def writes_to_state(source):
     return sorted(set(found))
 
 
-@pytest.mark.parametrize("path", FILES, ids=_name)
-def test_one_place_writes_the_state(path):
+def test_one_place_writes_the_state():
     """No module but state.py assigns to an attribute of a state, or into its arrays."""
-    if path.stem == "state":
-        return
-    for line, written in writes_to_state(path.read_text(encoding="utf-8")):
-        raise AssertionError(f"{path}:{line} writes {written}")
+    for path in FILES:
+        found = writes_to_state(path.read_text(encoding="utf-8")) if path.stem != "state" else []
+        assert not found, f"{path}: {found}"
 
 
 @pytest.mark.parametrize(
@@ -341,10 +350,10 @@ def private(source):
     return found
 
 
-@pytest.mark.parametrize("path", USERS, ids=lambda path: str(path.relative_to(ROOT)))
-def test_users_use_what_is_public(path):
+def test_users_use_what_is_public():
     """No test and no demo pokes at what begins with an underscore."""
-    assert private(path.read_text(encoding="utf-8")) == []
+    for path in USERS:
+        assert private(path.read_text(encoding="utf-8")) == [], path
 
 
 @pytest.mark.parametrize(

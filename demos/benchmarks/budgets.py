@@ -22,7 +22,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from bench import Parser, conclude, timed
+from bench import Parser, chosen, conclude, timed
 from bench.budget_scenes import CASES, Case
 from scipy.interpolate import CubicHermiteSpline
 
@@ -136,17 +136,13 @@ def measure(
 def main() -> None:
     """Run the scenes and write the summary."""
     parser = Parser(__file__, __doc__.splitlines()[0], short="two structures")
-    parser.add_argument("--only", help="name of a scene, or the beginning of names")
+    parser.add_only("scenes")
     parser.add_argument("--no-hand", action="store_true", help="nothing set by hand beside it")
     parser.add_argument("--budgets", default=",".join(map(str, BUDGETS)), help="parts of one")
     options = parser.read()
     budgets = tuple(float(word) for word in options.budgets.split(","))
-    only = options.only or ""
-    names = [name for name in CASES if name.startswith(only)]
-    if options.short and not only:
-        names = ["frame", "tumbling L"]
     summary = []
-    for name in names:
+    for name in chosen(options, CASES, short=["frame", "tumbling L"]):
         finer = FINER_SHORT if options.short else FINER
         for row in measure(name, budgets, not options.no_hand, finer):
             summary.append(row)

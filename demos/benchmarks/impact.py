@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from bench import Parser, conclude
+from bench import Parser, chosen, conclude
 from impacts import (
     bar_against_wall,
     bars,
@@ -27,7 +27,7 @@ from impacts import (
 )
 
 parser = Parser(__file__, __doc__.splitlines()[0], "fewer cells, steps and bounces")
-parser.add_argument("--only", default="", help="cases whose names contain this")
+parser.add_only("cases")
 
 CASES: dict[str, Callable[[bool], dict[str, float]]] = {
     "wall": bar_against_wall,
@@ -62,8 +62,7 @@ BOUNDS_OF = {"hertz": {"force_error": 0.05}}  # where a case has another
 def main() -> None:
     """Run the cases and judge them."""
     options = parser.read()
-    chosen = {name: case for name, case in CASES.items() if options.only in name}
-    cases = {name: case(options.short) for name, case in chosen.items()}
+    cases = {name: CASES[name](options.short) for name in chosen(options, CASES)}
     conclude(options.out, {**cases.get("wall", {}), "cases": cases})
     for name, found in cases.items():
         bounds = BOUNDS if options.short else {**BOUNDS, **IN_FULL}

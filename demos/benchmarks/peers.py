@@ -112,7 +112,7 @@ def main() -> None:
     parser.add_argument("--kratos", help="Kratos: path of the Python that has it")
     options = parser.read()
     if options.short:
-        cases = [soft_l(1, 100), metal_bracket(0.02, 60)]
+        cases = [soft_l(1, 70), metal_bracket(0.02, 30)]
     else:
         cases = [soft_l(1, 400), soft_l(2, 100), soft_l(4, 60), metal_bracket(0.009, 60)]
     summary = []

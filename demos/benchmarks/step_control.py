@@ -14,7 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from bench import Parser, conclude, timed
+from bench import Parser, chosen, conclude, timed
 from scipy.interpolate import CubicHermiteSpline
 
 import rigidfx as rf
@@ -130,14 +130,10 @@ def measure(name: str, budgets: tuple[float, ...]) -> list[dict[str, object]]:
 def main() -> None:
     """Run the scenes and write the summary."""
     parser = Parser(__file__, __doc__.splitlines()[0], short="two scenes, two budgets")
-    parser.add_argument("--only", help="name of a scene, or the beginning of names")
+    parser.add_only("scenes")
     options = parser.read()
-    only = options.only or ""
-    names = [name for name in SCENES if name.startswith(only)]
-    if options.short and not only:
-        names = ["push", "tumble"]
     summary = []
-    for name in names:
+    for name in chosen(options, SCENES, short=["push", "tumble"]):
         for row in measure(name, BUDGETS[:2] if options.short else BUDGETS):
             summary.append(row)
             print(row)

@@ -23,7 +23,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from bench import Parser, Turns, conclude
+from bench import Parser, Turns, chosen, conclude
 from petsc4py import PETSc
 
 import rigidfx as rf
@@ -265,14 +265,13 @@ def main() -> None:
     """Run the comparison and write its summary."""
     parser = Parser(__file__, __doc__.splitlines()[0], short="600 unknowns")
     parser.add_argument("--across", type=int, default=4, help="cells across a bar")
-    parser.add_argument("--only", help="name of a scene, or the beginning of names")
+    parser.add_only("scenes")
     options = parser.read(across=2)
     PETSc.Log.begin()
     summary = []
-    for name in CASES:
-        if options.only is None or name.startswith(options.only):
-            summary.append(measure(name, options.across))
-            print(summary[-1])
+    for name in chosen(options, CASES):
+        summary.append(measure(name, options.across))
+        print(summary[-1])
     conclude(options.out, summary)
     assert all(entry["missed"] <= 0.01 for entry in summary)
 

@@ -12,9 +12,10 @@ from .finish import conclude, write, write_json
 from .numbers import nonnegative, number, positive
 from .pair import Pair
 from .reports import curve, energy_jump, events_of, freezes_of
-from .start import ROOT, Parser, comm, say
+from .start import ROOT, Parser, chosen, comm, say
 
 __all__ = [
-    "ROOT", "Pair", "Parser", "comm", "conclude", "curve", "energy_jump", "events_of",
-    "freezes_of", "nonnegative", "number", "positive", "say", "write", "write_json",
+    "ROOT", "Pair", "Parser", "chosen", "comm", "conclude", "curve", "energy_jump",
+    "events_of", "freezes_of", "nonnegative", "number", "positive", "say", "write",
+    "write_json",
 ]  # fmt: skip

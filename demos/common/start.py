@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -38,6 +39,10 @@ class Parser(argparse.ArgumentParser):
         folder = ROOT / "out" / Path(script).stem
         self.add_argument("--out", type=Path, default=folder, help="folder")
 
+    def add_only(self, of: str) -> None:
+        """Have an option --only, for some of what there is; see `chosen`."""
+        self.add_argument("--only", default="", help=f"{of} whose names contain this")
+
     def read(self, **short: Any) -> argparse.Namespace:
         """The options as given; by name, the defaults of those that --short changes."""
         options = self.parse_args()
@@ -57,3 +62,18 @@ class Parser(argparse.ArgumentParser):
     def _print_message(self, message: str, file: Any = None) -> None:
         if comm.rank == 0:
             super()._print_message(message, file)
+
+
+def chosen(
+    options: argparse.Namespace, names: Iterable[str], short: Sequence[str] = ()
+) -> list[str]:
+    """The names that --only asks for; without it all, or those of the short run.
+
+    Args:
+        options: As read.
+        names: All there are.
+        short: Those of the short run; all if it has none of its own.
+    """
+    if options.short and short and not options.only:
+        return list(short)
+    return [name for name in names if options.only in name]

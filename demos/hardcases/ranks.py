@@ -46,7 +46,7 @@ def _middles(domain: rf.Domain) -> np.ndarray:
 @case("parallel", "a body of one cell: all ranks but one have none")
 def rank_without_cells(short: bool) -> Iterator[Run]:
     """The history is that on one rank to 1e-9, with all balances."""
-    t_end = 3.0 if short else 5.0
+    t_end = 2.4 if short else 5.0
     check = _compare()
     for way, comm in BOTH.items():
         domain = rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1), comm=comm)
@@ -57,7 +57,7 @@ def rank_without_cells(short: bool) -> Iterator[Run]:
 @case("parallel", "the last rank has frozen cells only")
 def rank_with_frozen_cells_only(short: bool) -> Iterator[Run]:
     """The history is that on one rank to 1e-9, with all balances."""
-    t_end = 3.0 if short else 5.0
+    t_end = 2.4 if short else 5.0
     world = MPI.COMM_WORLD
     size, cells = (8.0, 2.0, 1.0), (8, 2, 1)
     on_all = rf.box((0, 0, 0), size, cells)
@@ -91,7 +91,7 @@ def _with_ghosts(domain: rf.Domain) -> np.ndarray:
 @case("parallel", "one body has cells on every rank")
 def body_across_all_ranks(short: bool) -> Iterator[Run]:
     """The history is that on one rank to 1e-9, with all balances."""
-    t_end = 3.0 if short else 5.0
+    t_end = 2.4 if short else 5.0
     for kind in ("named", "adaptive"):
         check = _compare()
         for way, comm in BOTH.items():

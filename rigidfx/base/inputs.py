@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Set
 from math import isfinite, isnan
 from pathlib import Path
 from typing import Any, TypeGuard
@@ -18,6 +18,7 @@ __all__ = [
     "check_factor",
     "communicator",
     "is_function",
+    "names",
     "number",
     "numbers",
     "path_of",
@@ -196,6 +197,27 @@ def vector(owner: object, name: str, value: Any) -> npt.NDArray[np.float64]:
             f"{type(owner).__name__}: {name} must be three finite numbers, got {shown(value)}."
         )
     return array
+
+
+def names(owner: str, name: str, given: Any, of: str) -> tuple[str, ...]:
+    """Names as a user lists them; one alone is a list of one.
+
+    Args:
+        owner: Whose names these are, for the message.
+        name: What they are given as.
+        given: What was given.
+        of: What they are names of, for the message.
+
+    Raises:
+        SceneError: If it is anything else.
+    """
+    listed = (given,) if isinstance(given, str) else given
+    # A set has another order on each rank, as texts are hashed with a random number.
+    every = sorted(listed, key=str) if isinstance(listed, Set) else listed
+    found = tuple(every) if isinstance(every, Iterable) else (None,)
+    if not all(isinstance(one, str) for one in found):
+        raise SceneError(f"{owner}: {name} must be names of {of}, got {given!r}.")
+    return found
 
 
 def is_function(value: Any) -> TypeGuard[Callable[..., Any]]:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -103,77 +104,67 @@ def pictures(
         for file in (history, series):
             if not file.exists():
                 raise OutputError(f"there is no {file}; a Recorder writes it")
-        alone = MPI.COMM_SELF
-        made.append(place / "histories.png")
-        histories(history, made[-1], free_since=free_since, title=title, comm=alone)
-        h = read_history(history)
-        panels = _panels(h)
-        if panels:
-            made.append(place / "probes.png")
-            curves(
-                {heading: lines for heading, (lines, _) in panels.items()},
-                made[-1],
-                xlabel="time (s)",
-                ylabel=[label for _, label in panels.values()],
-                title=title,
-                comm=alone,
-            )
-        if np.ptp(h["unknowns"]) > 0:
-            made.append(place / "unknowns.png")
-            curves(
-                {
-                    "Unknowns": [Curve("unknowns", h["t"], h["unknowns"])],
-                    "Rigid bodies": [Curve("bodies", h["t"], h["bodies"])],
-                },
-                made[-1],
-                xlabel="time (s)",
-                ylabel="number",
-                title=title,
-                comm=alone,
-            )
-        accounts = spent(h)
-        if accounts:
-            made.append(place / "ledger.png")
-            curves(
-                accounts, made[-1], xlabel="time (s)", ylabel="spent (%)", title=title, comm=alone
-            )
-        run = _Run(series)
-        first = "rigid" if run.was_rigid() else "displacement"
-        wanted = {"shapes": first} | {
-            name: field
-            for name, field in (("stress", "von_mises"), ("strain_rate", "strain_rate"))
-            if run.has(field)
-        }
-        for name, field in wanted.items():
-            made.append(place / f"{name}.png")
-            photographs = run.photographs(field, int(shapes), factor)
-            sheet(
-                made[-1],
-                photographs,
-                field,
-                columns=4,
-                view=view,
-                up=up,
-                title=title,
-                edges=run.edges,
-                scale=factor,
-            )
-        if frames > 0:
-            made.append(place / "film.gif")
-            photographs = run.photographs(first, int(frames), factor)
-            film(
-                made[-1],
-                photographs,
-                first,
-                view=view,
-                up=up,
-                title=title,
-                edges=run.edges,
-                scale=factor,
-            )
+        made.extend(_of_numbers(history, free_since, title))
+        made.extend(_of_shapes(series, int(shapes), int(frames), _Look(view, up, title, factor)))
 
     on_first_rank(comm, draw, f"pictures of '{folder}'")
     return list(comm.bcast(made))
+
+
+def _of_numbers(history: Path, free_since: float | None, title: str) -> list[Path]:
+    """Draw what a table tells; the files written, on this rank."""
+    place, h = history.parent, read_history(history)
+    made = [place / "histories.png"]
+    histories(history, made[0], free_since=free_since, title=title, comm=MPI.COMM_SELF)
+
+    def add(name: str, panels: Mapping[str, Sequence[Curve]], ylabel: str | Sequence[str]) -> None:
+        if panels:
+            made.append(place / name)
+            curves(
+                panels,
+                made[-1],
+                xlabel="time (s)",
+                ylabel=ylabel,
+                title=title,
+                comm=MPI.COMM_SELF,
+            )
+
+    panels = _panels(h)
+    of_probes = {heading: lines for heading, (lines, _) in panels.items()}
+    add("probes.png", of_probes, [label for _, label in panels.values()])
+    if np.ptp(h["unknowns"]) > 0:
+        numbers = {"Unknowns": "unknowns", "Rigid bodies": "bodies"}
+        of_numbers = {heading: [Curve(n, h["t"], h[n])] for heading, n in numbers.items()}
+        add("unknowns.png", of_numbers, "number")
+    add("ledger.png", spent(h), "spent (%)")
+    return made
+
+
+@dataclass(frozen=True)
+class _Look:
+    """How shapes are looked at; see `pictures`."""
+
+    view: Sequence[float]
+    up: Sequence[float]
+    title: str
+    scale: float
+
+
+def _of_shapes(series: Path, shapes: int, frames: int, look: _Look) -> list[Path]:
+    """Draw what the fields of a run tell; the files written, on this rank."""
+    run, made = _Run(series), []
+    as_asked = {**vars(look), "edges": run.edges}
+    first = "rigid" if run.was_rigid() else "displacement"
+    others = {"stress": "von_mises", "strain_rate": "strain_rate"}
+    wanted = {"shapes": first} | {name: f for name, f in others.items() if run.has(f)}
+    for name, field in wanted.items():
+        made.append(series.parent / f"{name}.png")
+        photographs = run.photographs(field, shapes, look.scale)
+        sheet(made[-1], photographs, field, columns=4, **as_asked)
+    if frames > 0:
+        made.append(series.parent / "film.gif")
+        film(made[-1], run.photographs(first, frames, look.scale), first, **as_asked)
+    return made
 
 
 def _panels(h: Mapping[str, Array]) -> dict[str, tuple[list[Curve], str]]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from time import perf_counter
-from types import TracebackType
 
 from mpi4py import MPI
 
@@ -58,12 +57,7 @@ class Account:
         """Nothing to do."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: object, *of_error: object) -> None:
         """Say how the run ended, and what it took."""
         last, took = self._last, perf_counter() - self._began
         if last is None:

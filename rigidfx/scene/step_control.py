@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from rigidfx.base.errors import SceneError
-from rigidfx.base.inputs import number, positive
+from rigidfx.base.inputs import names, number, positive
 from rigidfx.base.taken import take_fields
 from rigidfx.scene.scene import Scene
 
@@ -110,13 +110,12 @@ def probe_names(owner: str, at: Any) -> tuple[str, ...] | None:
     Raises:
         SceneError: If it is anything else.
     """
-    given = (at,) if isinstance(at, str) else at
-    if given is None:
+    if at is None:
         return None
-    names = tuple(given) if isinstance(given, Iterable) else ()
-    if not names or not all(isinstance(name, str) for name in names):
+    given = names(owner, "at", at, "probes")
+    if not given:
         raise SceneError(f"{owner}: at must be names of probes, got {at!r}.")
-    return tuple(sorted(set(names)))
+    return tuple(sorted(set(given)))
 
 
 def check_probes(owner: str, names: Sequence[str], scene: Scene) -> None:

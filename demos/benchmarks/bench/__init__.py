@@ -8,12 +8,12 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from common import Parser, conclude, write
+from common import Parser, chosen, conclude, write
 
 from .bar import DT, MATERIAL, PUSH, bar, cells_of_bar
 from .turns import Turns, timed
 
 __all__ = [
-    "DT", "MATERIAL", "PUSH", "Parser", "Turns", "bar", "cells_of_bar", "conclude", "timed",
-    "write",
+    "DT", "MATERIAL", "PUSH", "Parser", "Turns", "bar", "cells_of_bar", "chosen", "conclude",
+    "timed", "write",
 ]  # fmt: skip

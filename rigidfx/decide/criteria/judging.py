@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence, Set
+from collections.abc import Sequence
 from math import inf
 from typing import Any, Literal
 
-from rigidfx.base.errors import SceneError
+from rigidfx.base.inputs import names
 from rigidfx.decide.criteria.release import Release
 from rigidfx.decide.criteria.rule import Rule
 from rigidfx.decide.memory.memory import Memory
@@ -111,10 +111,4 @@ def never_rigid(owner: str, never: Any) -> tuple[str, ...]:
     Raises:
         SceneError: If it is anything else.
     """
-    names = (never,) if isinstance(never, str) else never
-    listed = isinstance(names, Iterable)
-    # A set has another order on each rank, as texts are hashed with a random number.
-    names = tuple(sorted(names) if isinstance(names, Set) else names) if listed else ()
-    if not listed or not all(isinstance(name, str) for name in names):
-        raise SceneError(f"{owner}: never must be names of cell sets, got {never!r}.")
-    return names
+    return names(owner, "never", never, "cell sets")
