@@ -384,15 +384,64 @@ def test_the_quietest_parts_freeze_as_long_as_the_rest_can_take_the_motion():
 
 
 def test_a_stroke_is_the_largest_strain_over_the_largest_rate():
-    strokes = Strokes(COMM)
-    strokes.add(np.array([1e-9]))
-    strokes.look(np.array([1e-9]), 1e-8)
-    assert strokes.time == np.inf
-    strokes.add(np.array([0.0, 4.0]))
-    strokes.look(np.array([2.0, 1.0]), 0.0)
-    strokes.add(np.array([1.0]))
-    strokes.look(np.array([0.5]), 0.0)
-    assert strokes.time == 0.5
+    found, free = Strokes(COMM, 2), np.zeros(2, dtype=bool)
+    found.add(np.array([1e-9, 0.0]))
+    found.look(np.array([1e-9, 0.0]), 1e-8, 1.0, free)
+    assert found.time == np.inf
+    found.add(np.array([0.0, 4.0]))
+    found.look(np.array([2.0, 1.0]), 0.0, 1.0, free)
+    found.add(np.array([1.0, 0.0]))
+    found.look(np.array([0.5, 0.0]), 0.0, 1.0, free)
+    assert found.time == 0.5
+
+
+def test_what_rings_now_is_told_by_the_last_windows():
+    """A vibration with ω = 5 turns round in 0.2 s, whatever blow has come before."""
+    found, rigid = Strokes(COMM, 2), np.array([False, True])
+    cells = np.array([0], dtype=np.int32)
+    t = 0.0
+
+    def window(steps, size, omega):
+        nonlocal t
+        for _ in range(steps):
+            t += 0.02
+            if found.add(np.array([size * omega * abs(np.cos(omega * t)), 0.0])):
+                found.swing(cells, np.array([size * abs(np.sin(omega * t)), 0.0]))
+        found.look(np.zeros(2), 0.0, steps * 0.02, rigid)
+
+    window(50, 1.0, 100.0)
+    assert found.seen == pytest.approx(0.01, rel=0.2)
+    window(50, 1e-3, 5.0)
+    assert found.seen[0] < 0.02  # the blow was in the last window but one
+    window(50, 1e-3, 5.0)
+    assert found.seen == pytest.approx(0.2, rel=0.1)
+    window(50, 1.0, 100.0)
+    assert found.seen[0] == pytest.approx(0.01, rel=0.2)
+    assert found.seen[1] == pytest.approx(0.2, rel=0.1)  # what is rigid keeps what was seen
+    for _ in range(3):
+        window(20, 1e-3, 5.0)  # no room for half a period, 0.63 s
+    assert found.seen[0] == 0.0
+    found.look(np.zeros(2), 1e-6, 1.0, rigid)  # nothing moves: what was seen holds
+    assert found.seen[0] > 0.1
+
+
+def struck():
+    """A bar in flight that is hit for two steps, and then swings with 0.6 Hz."""
+    hit = rf.Traction("x1", (-6e4, 0, 3e3), time=lambda t: float(1.0 < t < 1.04))
+    return bar(hit, rf.StiffnessDamping(ratio=0.1, frequency=0.6), block=SOFT)
+
+
+def events_after_a_blow(scene):
+    rule = rf.StrainRate(0.017, 1.2, wake="local")
+    reports = rf.simulate(scene, DT, 4.0, rigidify=rule, progress=False)
+    return [event.kind for report in reports for event in report.events]
+
+
+def test_what_freezes_after_a_blow_lasts(monkeypatch):
+    """By the stroke of the blow alone it would wake in the second step."""
+    assert events_after_a_blow(struck()) == ["freeze"]
+    monkeypatch.setattr(Strokes, "_recent", lambda _: 0.0)
+    assert events_after_a_blow(struck()) == ["freeze", "release"]
 
 
 def test_named_parts_never_wake_but_it_is_said_what_they_withhold():

@@ -88,7 +88,7 @@ class Policy:
             loads=LoadChanges(scene, criterion.load_change, timeline),
             contacts=ContactChanges(criterion.load_change),
             next_number=self.named.count + 1,
-            strokes=Strokes(scene.comm),
+            strokes=Strokes(scene.comm, self._graph.owned),
         )
         self.rule = criterion.rule(scene, timeline, self.memory)
 
@@ -174,7 +174,7 @@ class Policy:
         numbers = self._numbers(seen)
         apart = {body.name: body.cells for body in seen.bodies if body.name in self.named.apart}
         if named := {**self.named.cells, **apart}:
-            against = Seen(self.rule.limits.rates, self.memory.strokes.rate, seen.t)
+            against = Seen(self.rule.limits().rates, self.memory.strokes.rate, seen.t)
             self._advice.of_named(named, strained, against)
         free = (numbers != NONE) & ~self.named.mask
         waking = self.rule.waking(strained, free)

@@ -123,9 +123,11 @@ class BudgetRule:
         past = self.past
         return Rigidity(past.now + past.phase, self._budget, past.free, past.rings)
 
-    @property
     def limits(self) -> Limits:
-        """Strains that use up what is allowed, or more, if all cells of bodies have them."""
+        """Strains that use up what is allowed, or more, if all cells of bodies have them.
+
+        Collective; `waking` is told strains over these.
+        """
         rigid = self._memory.back_off.rigid
         w, S = self._weights[rigid], self.past.strains[rigid]
         one, both = self._scene.sum(np.array([w.sum(), (w * S).sum()]))

@@ -68,15 +68,14 @@ class RateRule:
         now = tol.part * self._memory.largest if isinstance(tol, Relative) else float(tol)
         return np.where(np.isfinite(self._special), self._special, now)
 
-    @property
     def limits(self) -> Limits:
         """What wakes cells: strains of a window, of a stroke, or of a step while none is known."""
         window = self._window
         period = MARGIN * self._memory.signals.period() if isinstance(window, str) else window
         length = np.inf if np.isnan(period) else float(period)
-        stroke, rates = self._memory.strokes.time, (self._kappa or 1.0) * self.tol
-        strains = rates * min(length, stroke if np.isfinite(stroke) else self._timeline.dt)
-        return Limits(rates, strains, length)
+        strokes, rates = self._memory.strokes, (self._kappa or 1.0) * self.tol
+        stroke = strokes.time if np.isfinite(strokes.time) else self._timeline.dt
+        return Limits(rates, rates * np.maximum(min(length, stroke), strokes.seen), length)
 
     @property
     def rigidity(self) -> None:
@@ -94,7 +93,8 @@ class RateRule:
     def observe(self, seen: Observation) -> None:
         """Remember the largest strain rates. Collective."""
         memory, indicator = self._memory, seen.indicator
-        memory.strokes.add(indicator.values)
+        if memory.strokes.add(indicator.values) and self._kappa is not None:
+            memory.strokes.swing(indicator.cells, seen.strains)
         if isinstance(self._tol, Relative):
             most = float(indicator.values[indicator.cells].max(initial=0.0))
             most = self._comm.allreduce(most, op=MPI.MAX)
@@ -105,7 +105,9 @@ class RateRule:
     def window_ends(self, seen: Observation, flexible: Bools) -> None:
         """Remember the largest strain, if it wakes cells. Collective."""
         if self._kappa is not None:
-            self._memory.strokes.look(seen.strains, seen.noise)
+            memory = self._memory
+            length, rigid = seen.t - memory.window.start, memory.back_off.rigid
+            memory.strokes.look(seen.strains, seen.noise, length, rigid)
 
     def told(self) -> str:
         """Nothing that the user has not set."""

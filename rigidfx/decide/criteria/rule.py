@@ -44,9 +44,8 @@ class Rule(Protocol):
         """Strain rate up to which each owned cell is quiet now [1/s]."""
         ...
 
-    @property
     def limits(self) -> Limits:
-        """What shadows compare with."""
+        """What shadows compare with in the step to come. Collective."""
         ...
 
     @property

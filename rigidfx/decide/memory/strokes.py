@@ -1,6 +1,18 @@
-"""The time in which a structure strains: its largest strain over its largest strain rate."""
+"""The times in which a structure strains: what a strain rate is worth as a strain.
+
+A rate that is quiet, for the time in which a motion turns round, is a strain that is quiet. Of all
+that has been seen so far that time is the largest strain over the largest strain rate, a *stroke*.
+A blow leaves a short one, below what rings after it: what then freezes withholds the strains it
+rings with, and would wake at once. So there is also the time in which what moves *now* turns round,
+of the last two windows: the largest swing of strains, from the least to the most of a cell, over
+the largest rate; 1/ω of a vibration with ω. It counts only where a window has room for half a
+period, π times that. What creeps back in shorter windows, slowly enough for cells to qualify, is on
+its way by much more than it is seen to swing.
+"""
 
 from __future__ import annotations
+
+from math import pi
 
 import numpy as np
 import numpy.typing as npt
@@ -9,40 +21,86 @@ from mpi4py import MPI
 __all__ = ["Strokes"]
 
 Array = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
+
+EVERY = 2  # steps from look to look at strains
+RECENT = 2  # windows that tell what moves now
 
 
 class Strokes:
-    """Remembers the largest strain and the largest strain rate of flexible cells.
+    """Remembers strains and strain rates of flexible cells.
 
     Attributes:
         time: Largest strain over largest rate at the end of the last window [s]; infinite while
             nothing but rounding has strained.
         rate: Largest rate on this rank so far [1/s].
+        seen: For each owned cell the time in which turned round what moved when it froze, or
+            since [s]; of a flexible cell, what moves now. Zero where windows are too short.
     """
 
-    def __init__(self, comm: MPI.Intracomm) -> None:
+    def __init__(self, comm: MPI.Intracomm, cells: int) -> None:
         """Nothing has strained.
 
         Args:
             comm: Communicator of the mesh.
+            cells: Number of owned cells.
         """
         self._comm, self.rate, self._strain = comm, 0.0, 0.0
         self.time = np.inf
+        self.seen: Array = np.zeros(cells)
+        self._least, self._most = np.full(cells, np.inf), np.full(cells, -np.inf)
+        self._now = 0.0  # largest rate since the last window's end
+        self._steps = 0
+        self._windows: list[tuple[float, float]] = []  # largest rate and swing of the last ones
 
-    def add(self, rates: Array) -> None:
-        """Take note of the rates of a step [1/s]."""
-        self.rate = max(self.rate, float(rates.max(initial=0.0)))
+    def add(self, rates: Array) -> bool:
+        """Take note of the rates of a step [1/s].
 
-    def look(self, strains: Array, noise: float) -> None:
+        Returns:
+            Whether strains are to be told, too.
+        """
+        self._now = max(self._now, float(rates.max(initial=0.0)))
+        self.rate = max(self.rate, self._now)
+        self._steps += 1
+        return self._steps % EVERY == 0
+
+    def swing(self, cells: npt.NDArray[np.int32], strains: Array) -> None:
+        """Take note of the strains at the end of a step.
+
+        Args:
+            cells: Flexible owned cells.
+            strains: Of all owned cells.
+        """
+        self._least[cells] = np.minimum(self._least[cells], strains[cells])
+        self._most[cells] = np.maximum(self._most[cells], strains[cells])
+
+    def look(self, strains: Array, noise: float, length: float, rigid: Bools) -> None:
         """Take note of the end of a window. Collective.
 
         Args:
             strains: Of all owned cells.
             noise: Strain rate that rounding may leave [1/s].
+            length: Length of the window [s].
+            rigid: Owned cells of bodies, before any decision.
         """
         self._strain = max(self._strain, float(strains.max(initial=0.0)))
-        both = np.array([self.rate, self._strain])
-        self._comm.Allreduce(MPI.IN_PLACE, both, op=MPI.MAX)
-        rate, strain = both
+        swing = float((self._most - self._least).max(initial=0.0))
+        largest = np.array([self.rate, self._strain, self._now, swing])
+        self._comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
+        rate, strain, now, swing = map(float, largest)
         if rate > noise and strain > 0:
-            self.time = float(strain / rate)
+            self.time = strain / rate
+        # Where all is rigid nothing moves, and what was seen last holds.
+        if now > noise:
+            self._windows = [*self._windows, (now, swing)][-RECENT:]
+        recent = self._recent()
+        seen = recent if pi * recent <= length else 0.0
+        self.seen = np.where(rigid, np.maximum(self.seen, seen), seen)
+        self._least[:], self._most[:], self._now = np.inf, -np.inf, 0.0
+
+    def _recent(self) -> float:
+        """Largest swing over largest rate of the last windows [s]."""
+        if not self._windows:
+            return 0.0
+        rate, swing = np.max(self._windows, axis=0)
+        return float(swing / rate)
