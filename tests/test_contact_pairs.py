@@ -11,6 +11,7 @@ import pytest
 from mpi4py import MPI
 
 import rigidfx as rf
+from rigidfx.effects.contacts.pair_surface import PairSurface
 from rigidfx.step.first_touch import FirstTouch
 
 SOFT = rf.StVenantKirchhoff(rho=1000.0, E=1e6, nu=0.3)
@@ -205,6 +206,40 @@ def test_a_surface_that_meets_itself_wakes():
 
 
 @NO_WARNINGS
+def test_two_sides_of_one_body_are_not_looked_at(monkeypatch):
+    """A prong of the fork flies at the other, or both do as one body: nothing is searched for."""
+    looked = []
+    mates = PairSurface.mates
+
+    def counted(*given):
+        looked.append(given)
+        return mates(*given)
+
+    for parts in ((), (rf.Rigid(),)):
+        scene = fork(*BOTH, *parts)  # which looks where they are at the start
+        monkeypatch.setattr(PairSurface, "mates", counted)
+        looked.clear()
+        reports = list(rf.simulate(scene, 1e-3, 0.01))
+        monkeypatch.undo()
+        assert bool(looked) == (not parts)
+    assert reports[-1].unknowns == 6
+
+
+@NO_WARNINGS
+def test_what_is_pressed_within_one_body_keeps_its_energy():
+    """A fork freezes as a whole while its prongs press on each other."""
+    freezes = rf.StrainRate(1e9, 0.023, wake="none", release=rf.Release(at=0.04))
+    reports, H, L, J = drifts(fork(*BOTH), 1e-3, 60, rigidify=freezes)
+    frozen = [r for r in reports if r.unknowns == 6]
+    assert H <= 1e-11
+    assert max(L, J) <= 1e-12
+    for r in reports[1:]:
+        told = sum(touch.energy for touch in r.touches.values())
+        assert told == pytest.approx(r.contact, abs=1e-14 * reports[0].energy)
+    assert frozen[-1].contact > 0
+
+
+@NO_WARNINGS
 def test_a_thin_plate_does_not_meet_its_other_side():
     """However it bends: its thickness is a tenth of its cells."""
     plate = rf.box((0, 0, 0), (1, 0.5, 0.01), (10, 5, 1))
@@ -262,13 +297,26 @@ def test_is_refused(case):
 
 
 def histories():
-    """Numbers of two blocks that meet, flexible and partly rigid, and of a strip with itself."""
+    """Numbers of two blocks that meet, one pair switched, and of a strip with itself."""
     rows = []
-    scenes = [blocks(*BOTH, *PARTS[parts]) for parts in ("flexible", "mixed")]
-    for scene in (*scenes, curved("backs", rf.Rigid("upper"))):
-        for r in drifts(scene, 1e-3, 40)[0][1:]:
+    switched = {"rigidify": rf.StrainRate(3e-2, 0.008, patience=1.0)}
+    runs = [
+        (blocks(*BOTH), switched),
+        (blocks(*BOTH, *PARTS["mixed"]), {}),
+        (curved("backs", rf.Rigid("upper")), {}),
+    ]
+    for scene, options in runs:
+        for r in drifts(scene, 1e-3, 40, **options)[0][1:]:
             touch = next(iter(r.touches.values()))
-            row = [r.kinetic, r.strain, r.contact, *r.angular_momentum, *touch.force, *touch.moment]
+            row = [
+                r.unknowns,
+                r.kinetic,
+                r.strain,
+                r.contact,
+                *r.angular_momentum,
+                *touch.force,
+                *touch.moment,
+            ]
             rows.append([*row, touch.pressing, touch.penetration, touch.nodes])
     return rows
 

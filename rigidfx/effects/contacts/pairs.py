@@ -137,6 +137,8 @@ class PairForces(Action):
 
     def resist_bodies(self, increments: Increments) -> Array:
         """See `Action`. Collective."""
+        if self._nodes.in_one_body:
+            return np.zeros((len(increments), 4, 3))
         return self._nodes.moments(self._force, len(increments))
 
     def stiffen_nodes(self, tangent: Any, dt: float, prolongation: Any) -> None:
@@ -187,9 +189,15 @@ class PairForces(Action):
         return float(stored(self._surface.stiffness, g).sum())
 
     def touch(self) -> Touch:
-        """See `Action`."""
-        if self._comm.rank or self._x0 is None:
+        """See `Action`; what is pressed within one body has no force, but keeps its energy."""
+        if self._comm.rank:
             return Touch(self.title)
+        if self._nodes.in_one_body:
+            gap, k = self._memory.gap, self._surface.stiffness
+            g = np.where(np.isfinite(gap), gap, 0.0)
+            deepest, count = float(np.maximum(-g, 0.0).max(initial=0.0)), np.count_nonzero(g < 0)
+            energy = float(stored(k, g).sum())
+            return Touch(self.title, energy=energy, penetration=deepest, nodes=int(count))
         surface, g = self._surface, self._gaps[1]
         slaves, k = surface.slaves[self._active], surface.stiffness[self._active]
         value, _ = secant(k, *self._gaps)

@@ -84,7 +84,7 @@ class Judge:
             f"Δt = {attempt.dt:.3g} s ({solution.reason}; residuals "
             f"{', '.join(f'{r:.2e}' for r in solution.residuals[:6]) or 'not finite'} N). "
             f"The largest residual is at the node X = ({x:.6g}, {y:.6g}, {z:.6g}) m.",
-            "Try a smaller Δt, look at loads and supports near that place, or add "
+            "Try a smaller Δt, look at loads, supports and contacts near that place, or add "
             "NumericalDamping.",
         )
 
