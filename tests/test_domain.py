@@ -335,6 +335,23 @@ def _save(path, build):
     return path
 
 
+def test_file_without_groups_is_a_body(tmp_path):
+    """As meshio leaves it: all volume cells are one set."""
+
+    def build(model):
+        model.occ.addBox(0, 0, 0, 1, 1, 1)
+        model.occ.addBox(2, 0, 0, 1, 1, 1)
+        model.occ.synchronize()
+        model.mesh.generate(3)
+
+    domain = rf.read_msh(_save(tmp_path / "boxes.msh", build))
+    assert list(domain.sets) == [("body", 3)]
+    assert (
+        domain.count(domain.find("body", (3,), "test"))
+        == domain.mesh.topology.index_map(3).size_global
+    )
+
+
 def test_overlapping_groups(tmp_path):
     """A face in two groups and a volume in two groups belong to both; points are vertices."""
 

@@ -42,16 +42,17 @@ def read_msh(
 
     Groups of cells and facets become sets of these, groups of points sets of vertices, groups of
     curves sets of the vertices on them. A group without a name goes by its kind and number, such as
-    "facets-4". A name without elements is kept, as an empty set.
+    "facets-4". A name without elements is kept, as an empty set. Of a file without any group, as
+    converters leave it, all volume cells are named "body".
 
     Args:
         path: A .msh file of gmsh, of version 4.1 or 2.2; it is read on rank 0 only. Meshes in other
-            formats go through a converter: gmsh itself, or meshio.
+            formats go through a converter, such as meshio.
         comm: Communicator of the mesh.
         scale: Metres per unit of length of the file.
 
     Raises:
-        SceneError: If the file is missing or unreadable, holds no named group of volume cells,
+        SceneError: If the file is missing or unreadable, holds groups but none of volume cells,
             cells of several or unknown kinds, facets that bound none of them, or a name twice.
     """
     factor = positive("read_msh", "scale", scale)
@@ -65,11 +66,14 @@ def read_msh(
             if not file.readline().lstrip().startswith(b"$"):
                 # gmsh would take it for a script, and its parser not forget where it stopped.
                 raise SceneError(
-                    f"'{path}' is no mesh file of gmsh: no $MeshFormat. Convert other formats, by "
-                    "'gmsh FILE -save -o part.msh' or 'meshio convert FILE part.msh'."
+                    f"'{path}' is no mesh file of gmsh: no $MeshFormat. Convert other formats, "
+                    "such as by 'meshio convert FILE part.msh --output-format gmsh22'."
                 )
         gmsh.open(str(path))
-        return names_in_header(path)
+        header = names_in_header(path)
+        if not header and not gmsh.model.getPhysicalGroups():
+            gmsh.model.addPhysicalGroup(3, [e for _, e in gmsh.model.getEntities(3)], name="body")
+        return header
 
     return domain_of(comm, f"gmsh: reading '{path}'", f"'{path}'", fill, factor)
 
