@@ -107,7 +107,7 @@ def test_description_has_them_where_they_are_cheap(monkeypatch, capsys):
     assert f"the first is {first / 1e-3:.3g} steps of Δt = 0.001 s" in scene.describe(1e-3, 1)
     assert "Periods" not in scene.describe(periods=0)
     monkeypatch.setattr(module, "CHEAP", 100)
-    assert "Periods" not in scene.describe()
+    assert "describe(periods=3) finds them" in scene.describe()
     assert line in scene.describe(periods=2)
     given = block(rf.Rigid(mass=3.0))
     assert "Periods" not in given.describe()
