@@ -146,7 +146,7 @@ STRUCTURES = [
         body,
         bending,
         free=2.0,
-        t_end=16.0 if options.short else 30.0,
+        t_end=12.0 if options.short else 30.0,
         min_cells=20,
         at="end",
         settings=plan(
@@ -164,7 +164,7 @@ STRUCTURES = [
         frame,
         sway,
         free=0.05,
-        t_end=0.8 if options.short else 1.25,
+        t_end=0.6 if options.short else 1.25,
         min_cells=1,
         at="a",
         settings=plan(
@@ -181,7 +181,7 @@ STRUCTURES = [
         tumbling,
         bending,
         free=5.0,
-        t_end=12.0 if options.short else 20.0,
+        t_end=9.0 if options.short else 20.0,
         min_cells=1,
         at="end",
         settings=plan(
