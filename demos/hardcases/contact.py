@@ -52,3 +52,28 @@ def rattle_in_a_tube(short: bool) -> Iterator[Run]:
     for rigid in ([], [rf.Rigid()]):
         way = "rigid" if rigid else "flexible"
         yield Run(way, _block(contact, thrown, *rigid, above=0.0), 2e-3, steps * 2e-3, **options)
+
+
+@case("contact", "a squashed ring, slit at one end, that meets itself")
+def ring_meets_itself(short: bool) -> Iterator[Run]:
+    """H, L and J to Newton's tolerance; a thin wall does not meet its other side."""
+    for t, longest in ((0.06, 400), (0.015, 50)):  # the thin one is crushed after that
+        for rigid in ([], [rf.Rigid("upper")]):
+            way = f"{t:g} m thick, {'upper half rigid' if rigid else 'flexible'}"
+            scene, steps = _ring(t, *rigid), 40 if short else longest
+            yield Run(way, scene, 1e-3, steps * 1e-3, energy=1e-10, cuts=20, tangents=25)
+
+
+def _ring(t: float, *effects: rf.Effect) -> rf.Scene:
+    box = rf.box((0.1, 0.0, 0.4 - t), (2 * np.pi - 0.1, 0.1, 0.4), (24, 1, 1))  # angle, y, radius
+    angle, y, r = box.mesh.geometry.x.T.copy()
+    box.mesh.geometry.x[:] = np.c_[r * np.cos(angle), y, r * np.sin(angle)]
+    ring = box.with_facets("skin", lambda x: np.full(x.shape[1], True))
+    ring = ring.with_cells("upper", lambda x: x[2] > 0.2)
+
+    def thrown(x: np.ndarray) -> np.ndarray:
+        return np.stack([0 * x[0] + 0.3, 0.2 * x[2], -20 * x[2]])
+
+    skin = rf.Contact("skin", against="skin")
+    effects = skin, rf.InitialVelocity(function=thrown), *effects
+    return rf.Scene(ring, SOFT, effects, element="enhanced")
