@@ -14,7 +14,7 @@ from mpi4py import MPI
 
 import rigidfx as rf
 from rigidfx.decide.advice import Advice, Seen
-from rigidfx.decide.criteria.budget_rule import level
+from rigidfx.decide.criteria.budget_rule import believed, level
 from rigidfx.plot.ledger import spent
 from rigidfx.shadow.motion import Strained
 
@@ -124,6 +124,42 @@ def test_a_budget_that_is_not_met_is_said():
     with pytest.warns(rf.RigidfxWarning, match=r"budget of 0\.001 was not met: time integration"):
         ledger = run(swaying(), asked, 3.0)[-1].ledger
     assert ledger.time.relative > 0.5e-3
+
+
+def test_what_cells_have_swung_by_stands_for_a_shadow_that_tells_more():
+    """Unless it tells more than four times as much; of some nothing has been seen."""
+    told = np.array([0.005, 0.03, 0.08, 0.08])
+    seen = np.array([0.01, 0.01, 0.01, np.inf])
+    assert believed(told, seen) == pytest.approx([0.005, 0.01, 0.02, 0.08])
+
+
+def arms():
+    """Two arms that stand out from a narrow foot; one is pushed and let go."""
+    box = rf.box((0, 0, 0), (16, 1, 1), (32, 1, 1))
+    box = box.with_facets("foot", lambda x: (abs(x[0] - 8) < 0.6) & (x[2] < 1e-9))
+    box = box.with_facets("end", lambda x: (x[0] > 14.9) & (x[2] > 1 - 1e-9))
+    push = rf.Traction("end", (0, 0, -200.0), until=1.0)
+    effects = [rf.Fixed("foot"), push, rf.StiffnessDamping(ratio=0.003, frequency=0.1)]
+    return rf.Scene(box, SOFT, effects, probes={"pushed": (16, 0.5, 0.5), "other": (0, 0.5, 0.5)})
+
+
+def test_vibration_that_goes_from_part_to_part_is_not_frozen():
+    """The other arm is almost at rest at first, and swings as far as the pushed one in the end."""
+    ends = "pushed", "other"
+
+    def motion(reports):
+        rows = [(r.t, *(r.probes[name][2] for name in ends)) for r in reports]
+        return np.array(rows).T
+
+    reports = run(arms(), rf.Accuracy(0.05, ends), 20.0, dt=0.4)
+    assert min(r.unknowns for r in reports) < reports[0].unknowns
+    t, *found = motion(reports)
+    fine, *exact = motion(rf.simulate(arms(), 0.05, 20.0, progress=False))
+    size = max(np.abs(way).max() for way in exact)
+    early = np.abs(exact[1][fine < 5.0]).max()
+    assert np.abs(exact[1]).max() > 2 * early
+    for ours, way in zip(found, exact, strict=True):
+        assert np.abs(ours - np.interp(t, fine, way)).max() < 0.05 * size
 
 
 def test_named_sets_stay_flexible():

@@ -58,9 +58,11 @@ class Parts:
             frozen[at] = body.origin + body.offsets
         self.shape: Array = (frozen - self.rows.X).reshape(-1)
         self._weights = scene.nodal_mass[nodes]
+        each = zip(self.bodies, self.at, strict=True)
+        self._modes = [self._rigid_motions(at, body.length) for body, at in each]
         self._inverse = [np.linalg.pinv(block) for block in self._inertia()]
 
-    def _modes(self, at: Ints, length: float) -> Array:
+    def _rigid_motions(self, at: Ints, length: float) -> Array:
         """Rigid motions of nodes of a body, shape (nodes, 3, 6); rotations as lengths."""
         modes = np.zeros((at.size, 3, 6))
         modes[:, :, :3] = np.eye(3)
@@ -70,8 +72,7 @@ class Parts:
     def _inertia(self) -> Array:
         """Σ m modesᵀ modes of each body, shape (bodies, 6, 6) [kg]. Collective."""
         local = np.zeros((len(self.bodies), 6, 6))
-        for block, body, at in zip(local, self.bodies, self.at, strict=True):
-            modes = self._modes(at, body.length)
+        for block, modes, at in zip(local, self._modes, self.at, strict=True):
             block += np.einsum("n,nik,nil->kl", self._weights[at], modes, modes)
         return np.asarray(self._scene.sum(local))
 
@@ -97,7 +98,7 @@ class Parts:
 
     def _of_rigid_motion(self, momentum: Array) -> list[tuple[Ints, Array]]:
         """Of each body its rows, and its rigid motion with the sums of a momentum. Collective."""
-        modes = [self._modes(at, b.length) for b, at in zip(self.bodies, self.at, strict=True)]
+        modes = self._modes
         local = [
             np.einsum("nik,ni->k", m, momentum[at]) for m, at in zip(modes, self.at, strict=True)
         ]
@@ -139,8 +140,8 @@ class Parts:
     def held(self) -> Ints:
         """Numbers of six rows of each body, on all ranks, that keep it from moving. Collective."""
         out = []
-        for body, at in zip(self.bodies, self.at, strict=True):
-            modes = self._modes(at, body.length).reshape(-1, 6)
+        for motions, at in zip(self._modes, self.at, strict=True):
+            modes = motions.reshape(-1, 6)
             own = (self.rows.first + 3 * at[:, None] + np.arange(3)).reshape(-1)
             best = _independent(modes)
             offers = self._scene.comm.allgather((modes[best], own[best]))

@@ -17,9 +17,13 @@ A at the turns of a vibration, as cells freeze, and 2/π of that in the mean ove
 what is left whatever comes, so that the budget holds; a wrong guess only spends it early or late.
 
 Cells freeze in the order of what they would withhold, until half of what is allowed is used; as
-much as is above it wakes, the largest contributions first. What a flexible cell would withhold is
-taken from its largest strain rate in a window, times τ = sqrt(Σ w S²/Σ w P²), P the largest rates
-so far: 1/ω where all vibrates with ω. What a body does withhold its shadow tells.
+much as is above it wakes, the largest contributions first. While loads rest a flexible cell would
+withhold the strain that it has swung by in a window; while they change that is no more to be
+relied on, and it is its largest strain rate times τ = sqrt(Σ w S²/Σ w P²), P the largest rates so
+far: 1/ω where all vibrates with ω. What a body does withhold its shadow tells. It tells too much
+where the neighbours are stiffer than the body, for they push a rigid one harder than one that
+gives way. So what a cell has swung by stands for what the shadow says while loads rest, unless
+that is more than four times as much: where vibration goes from part to part.
 """
 
 from __future__ import annotations
@@ -35,12 +39,13 @@ from rigidfx.decide.criteria.concentration import stiffness
 from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.criteria.rule import Waking
 from rigidfx.decide.memory.memory import Memory
+from rigidfx.decide.memory.swings import Swings
 from rigidfx.report.ledger import Rigidity
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
 from rigidfx.shadow.motion import Limits, Strained
 
-__all__ = ["BudgetRule", "level"]
+__all__ = ["BudgetRule", "believed", "level"]
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -53,6 +58,7 @@ PER_OCTAVE, OCTAVES = 4, 400  # levels between which contributions are told apar
 AMPLIFIED = 2.0  # what rigidity does to a motion under loads that change, over m
 TINY = 1e-200  # strain that is none: where nothing is allowed, all that strains is too much
 RINGING = 1.5  # times what loads at rest would withhold, above which shadows ring
+PUSHED = 4.0  # times what cells strain, that their shadow may tell beside stiffer neighbours
 STEPS_AT_REST = 2  # in which loads have not changed where motions are free
 
 
@@ -62,6 +68,9 @@ class Past:
 
     Attributes:
         strains: Largest strains so far.
+        swings: How far strains have swung in the window.
+        seen: What cells of bodies were expected to withhold when they froze; infinite of others
+            that have not been observed for a window.
         sums: Σ w ε² and Σ w ε̇² of flexible cells, integrated over time [J s, J/s].
         period: 2π τ [s]; NaN while nothing but rounding has strained.
         whole: Σ w S², over all ranks [J].
@@ -73,6 +82,8 @@ class Past:
     """
 
     strains: Array
+    swings: Swings
+    seen: Array
     sums: Array
     period: float = np.nan
     whole: float = 0.0
@@ -99,7 +110,7 @@ class BudgetRule:
         self._stiffness = stiffness(scene)
         cells = self._stiffness.size
         self._weights: Array = np.zeros(cells)
-        self.past = Past(np.zeros(cells), np.zeros(2))
+        self.past = Past(np.zeros(cells), Swings(cells), np.full(cells, np.inf), np.zeros(2))
         self._tol: Array = np.zeros(cells)
         self._limit = np.inf
 
@@ -154,6 +165,7 @@ class BudgetRule:
         self._weights = self._stiffness * indicator.weights
         w, now, noise = self._weights, seen.strains, seen.noise
         np.maximum(past.strains, now, out=past.strains)
+        past.swings.add(indicator.cells, now)
         local = [w @ past.strains**2, w @ now**2, w @ indicator.values**2, w.sum()]
         past.whole, strain, rate, one = map(float, self._scene.sum(np.array(local)))
         past.sums += np.array([strain, rate]) * seen.dt * (rate > one * (10 * noise) ** 2)
@@ -167,16 +179,17 @@ class BudgetRule:
 
     def window_ends(self, seen: Observation, flexible: Bools) -> None:
         """Find the tolerances with which half of what is allowed is used. Collective."""
-        past, w = self.past, self._weights
-        tau = past.period / (2 * pi)
-        s = self._memory.window.worst * tau
-        S = np.maximum(past.strains, s)
-        density = np.where(flexible, self._stiffness * S * s, 0.0)
-        share = np.where(flexible, w * S * s, 0.0)
+        past, w, worst = self.past, self._weights, self._memory.window.worst
+        swing, fast = past.swings.end(), worst * past.period / (2 * pi)
+        s = swing if past.free else fast
+        expected = np.where(flexible, np.maximum(s, swing), np.inf)
+        past.seen = np.where(self._memory.back_off.rigid, past.seen, expected)
+        density = np.where(flexible, self._stiffness * np.maximum(past.strains, s) * s, 0.0)
+        share = density * w / self._stiffness
         room = (HALF * self.allowed - past.now) * past.whole
         most = level(density, share, room, self._scene)
-        steep = self._stiffness * S * tau  # zero where strains are too small to be squared
-        self._tol = np.divide(most, steep, out=np.zeros_like(steep), where=steep > 0)
+        # Zero where strains are too small to be squared.
+        self._tol = np.divide(worst * most, density, out=np.zeros_like(worst), where=density > 0)
 
     def told(self) -> str:
         """What a user would set by hand to have the same. Collective."""
@@ -199,9 +212,11 @@ class BudgetRule:
         assert strained.swing is not None
         still, swing = strained.sum * self._limit, strained.swing * self._limit
         s: Array = np.where(free, np.maximum(still, swing), 0.0)
+        if past.free:
+            s = believed(s, past.seen)
         S = np.maximum(past.strains, s)
         share = w * S * s
-        slow = w * np.maximum(past.strains, still) * np.where(free, still, 0.0)
+        slow = w * np.maximum(past.strains, still) * np.where(free, np.minimum(still, s), 0.0)
         total, whole, steady = self._scene.sum(
             np.array([share.sum(), (w * S**2).sum(), slow.sum()])
         )
@@ -213,6 +228,16 @@ class BudgetRule:
         most = level(density, share, HALF * self.allowed * whole, self._scene)
         cells = (density >= most) & (s > 0)
         return Waking(cells, cells & (still >= swing))
+
+
+def believed(told: Array, seen: Array) -> Array:
+    """Strains that cells of bodies withhold while loads rest.
+
+    Args:
+        told: By their shadow.
+        seen: What they had swung by when they froze.
+    """
+    return np.maximum(np.minimum(told, seen), told / PUSHED)
 
 
 def level(density: Array, share: Array, room: float, scene: Scene) -> float:

@@ -18,6 +18,8 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
+from rigidfx.decide.memory.swings import Swings
+
 __all__ = ["Strokes"]
 
 Array = npt.NDArray[np.float64]
@@ -48,7 +50,7 @@ class Strokes:
         self._comm, self.rate, self._strain = comm, 0.0, 0.0
         self.time = np.inf
         self.seen: Array = np.zeros(cells)
-        self._least, self._most = np.full(cells, np.inf), np.full(cells, -np.inf)
+        self._swings = Swings(cells)
         self._now = 0.0  # largest rate since the last window's end
         self._steps = 0
         self._windows: list[tuple[float, float]] = []  # largest rate and swing of the last ones
@@ -71,8 +73,7 @@ class Strokes:
             cells: Flexible owned cells.
             strains: Of all owned cells.
         """
-        self._least[cells] = np.minimum(self._least[cells], strains[cells])
-        self._most[cells] = np.maximum(self._most[cells], strains[cells])
+        self._swings.add(cells, strains)
 
     def look(self, strains: Array, noise: float, length: float, rigid: Bools) -> None:
         """Take note of the end of a window. Collective.
@@ -84,7 +85,7 @@ class Strokes:
             rigid: Owned cells of bodies, before any decision.
         """
         self._strain = max(self._strain, float(strains.max(initial=0.0)))
-        swing = float((self._most - self._least).max(initial=0.0))
+        swing = float(self._swings.end().max(initial=0.0))
         largest = np.array([self.rate, self._strain, self._now, swing])
         self._comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
         rate, strain, now, swing = map(float, largest)
@@ -96,7 +97,7 @@ class Strokes:
         recent = self._recent()
         seen = recent if pi * recent <= length else 0.0
         self.seen = np.where(rigid, np.maximum(self.seen, seen), seen)
-        self._least[:], self._most[:], self._now = np.inf, -np.inf, 0.0
+        self._now = 0.0
 
     def _recent(self) -> float:
         """Largest swing over largest rate of the last windows [s]."""

@@ -1,0 +1,42 @@
+"""How far strains of cells have swung: from the least to the most."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["Swings"]
+
+Array = npt.NDArray[np.float64]
+
+
+class Swings:
+    """The least and the most strain of each cell since a window began.
+
+    A strain is a size, without a direction: of a vibration about no strain its swing is the
+    amplitude, of one about a larger strain twice that.
+    """
+
+    def __init__(self, cells: int) -> None:
+        """Nothing has been observed.
+
+        Args:
+            cells: Number of owned cells.
+        """
+        self._least, self._most = np.full(cells, np.inf), np.full(cells, -np.inf)
+
+    def add(self, cells: npt.NDArray[np.int32], strains: Array) -> None:
+        """Observe the end of a step.
+
+        Args:
+            cells: Flexible owned cells.
+            strains: Of all owned cells.
+        """
+        self._least[cells] = np.minimum(self._least[cells], strains[cells])
+        self._most[cells] = np.maximum(self._most[cells], strains[cells])
+
+    def end(self) -> Array:
+        """The swing of each owned cell, zero where none was observed; another window begins."""
+        out = np.maximum(self._most - self._least, 0.0)
+        self._least[:], self._most[:] = np.inf, -np.inf
+        return out
