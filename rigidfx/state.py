@@ -60,13 +60,13 @@ class State:
 
     def positions(self, nodes: npt.NDArray[np.int64]) -> Array:
         """Positions of owned nodes, also of those inside bodies, shape (nodes, 3) [m]."""
-        x = self.X[nodes] + self.u.x.array.reshape(-1, 3)[nodes]
-        for body in self.bodies:
-            place = np.searchsorted(body.data.nodes, nodes)
-            inside = place < body.data.nodes.size
-            inside[inside] = body.data.nodes[place[inside]] == nodes[inside]
-            x[inside] = body.motion.positions(body.data.offsets[place[inside]])
-        return np.asarray(x)
+        x = np.asarray(self.X[nodes] + self.u.x.array.reshape(-1, 3)[nodes])
+        if len(self.bodies):
+            body, coordinates = self.bodies.of.holding(len(self.X))
+            inside = np.flatnonzero(body[nodes] >= 0)
+            held = nodes[inside]
+            x[inside] = (coordinates[held][:, None] @ self.bodies.pose[body[held]])[:, 0]
+        return x
 
     @property
     def stored(self) -> float:

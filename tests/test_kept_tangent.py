@@ -256,8 +256,18 @@ def test_who_chooses_a_solver_is_obeyed(options):
 
 
 def test_small_systems_do_not_keep_tangents():
-    """They would not gain by it."""
-    assert all(r.tangents == r.iterations for r in follow("clamped", {}))
+    """They would not gain by it: 96 unknowns."""
+    bar = rf.box((0, 0, 0), (1, 0.1, 0.1), (8, 1, 1))
+    scene = rf.Scene(bar, STEEL, [rf.Fixed("x0"), PUSH])
+    reports = list(rf.simulate(scene, DT, 4 * DT))
+    assert all(r.tangents == r.iterations for r in reports)
+
+
+def test_small_systems_keep_tangents_where_inertia_is_large():
+    """216 unknowns: with Δt of 11 cells that the fastest wave passes, not of 110."""
+    for dt, kept in ((DT, True), (10 * DT, False)):
+        *_, last = rf.simulate(MOTIONS["clamped"](), dt, 4 * dt)
+        assert last.solver.startswith("kept") == kept
 
 
 @pytest.mark.parallel

@@ -142,7 +142,8 @@ class Prolongation:
         """
         if self.layout.bodies:
             self.rotate(self.bodies_part(y), step)
-            self._z_bodies[:] = self.increments.displacement
+            if self.touched:
+                self._z_bodies[:] = self.increments.displacement
         self._multiply(y, imposed, d)
 
     def apply(self, y: PETSc.Vec, six: Array, imposed: Array, d: PETSc.Vec) -> None:
@@ -209,6 +210,8 @@ class Prolongation:
 
         Their `Increments.resultant` is what Lᵀ f has in the bodies' rows.
         """
+        if not self.touched:
+            return np.zeros((len(self.layout.bodies), 4, 3))
         return self._sum((self._A_bodies @ f.array_r).reshape(-1, 4, 3))
 
     def restrict(self, f: PETSc.Vec, bodies: Array, r: PETSc.Vec) -> None:

@@ -20,7 +20,7 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from rigidfx.flexible.internal_forces import Cells, InternalForces
-from rigidfx.flexible.kernels import Kernel
+from rigidfx.flexible.kernels import Kernel, add_vector
 from rigidfx.scene.scene import Scene
 
 __all__ = ["Inversion", "InvertedCells"]
@@ -83,7 +83,7 @@ class Inversion:
         """The cells that u₁ turns inside out; None if there are none. Collective."""
         volume = self._volume.x.array
         volume[self._own] = 0.0
-        fem.assemble_vector(volume, self._form)
+        add_vector(volume, self._form)
         cells = self._cells[volume[self._own] > 0]
         count = self._comm.allreduce(cells.size, op=MPI.SUM)
         if count == 0:

@@ -32,7 +32,7 @@ from rigidfx.base.form_cache import compile_form
 from rigidfx.flexible.elimination import eliminate
 from rigidfx.mechanics.enhanced import Elimination, Enhancement
 
-__all__ = ["FLAGS", "Kernel", "jit_options"]
+__all__ = ["FLAGS", "Kernel", "add_vector", "integral", "jit_options"]
 
 FLAGS = "RIGIDFX_KERNEL_FLAGS"  # environment variable: the compiler's flags, as in a shell
 
@@ -164,4 +164,19 @@ class Kernel:
             self._constants,
         )
         form.kernel = self._compiled  # holds what it calls as long as the form may call it
+        form.reaches = any(len(own) for parts in domains.values() for _, own in parts)
         return form
+
+
+# A step without flexible cells is so short that the mere calls of DOLFINx would count.
+
+
+def integral(form: fem.Form) -> float:
+    """The value on this rank of a bound form without arguments."""
+    return float(fem.assemble_scalar(form)) if form.reaches else 0.0
+
+
+def add_vector(values: npt.NDArray[np.float64], form: fem.Form) -> None:
+    """Add a bound linear form of this rank's cells to the numbers of its local dofs."""
+    if form.reaches:
+        fem.assemble_vector(values, form)

@@ -15,7 +15,7 @@ from dolfinx import fem
 
 from rigidfx.base.form_cache import form_on
 from rigidfx.flexible.internal_forces import Cells, InternalForces
-from rigidfx.flexible.kernels import Kernel
+from rigidfx.flexible.kernels import Kernel, add_vector
 from rigidfx.scene.scene import Scene
 
 __all__ = ["StrainRates"]
@@ -93,7 +93,7 @@ class StrainRates:
         """Strain of the bound cells between the ends of a form."""
         square = self._square.x.array
         square[self._own] = 0.0
-        fem.assemble_vector(square, form)
+        add_vector(square, form)
         return np.asarray(np.sqrt(square[self._own]) / self._divisor)
 
 

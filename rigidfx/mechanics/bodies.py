@@ -37,6 +37,7 @@ class Ensemble:
         length: ℓ, shape (bodies,) [m].
         square_length: ℓ², shape (bodies, 1, 1) [m²].
         frames: The part of `Increments.L` that does not turn, shape (bodies, 12, 6).
+        stored: Energy that they keep for their release [J].
         skews: v times them is -v̂/ℓ, row by row; shape (bodies, 3, 9) [1/m].
     """
 
@@ -47,6 +48,8 @@ class Ensemble:
         self.inertia = np.reshape([body.inertia for body in records], (-1, 3, 3))
         self.excess = np.reshape([body.excess for body in records], (-1, 3, 3))
         self.excessive = bool(self.excess.any())
+        self._holding: tuple[npt.NDArray[np.int32], Array] | None = None
+        self.stored = float(sum(body.frozen.energy for body in records))
         self.length = np.array([body.length for body in records], dtype=np.float64)
         self.square_length = (self.length**2)[:, None, None]
         self.skews = UNIT_SKEWS / -self.length[:, None, None]
@@ -56,6 +59,25 @@ class Ensemble:
     def __len__(self) -> int:
         """Number of bodies."""
         return len(self.records)
+
+    def holding(self, count: int) -> tuple[npt.NDArray[np.int32], Array]:
+        """Which of the first nodes are bodies', found once.
+
+        Args:
+            count: Number of nodes.
+
+        Returns:
+            Number of each node's body, -1 if it has none, and its body-fixed [1, V], shapes
+            (nodes,) and (nodes, 4) [1, m].
+        """
+        if self._holding is None:
+            body, coordinates = np.full(count, -1, dtype=np.int32), np.zeros((count, 4))
+            for k, record in enumerate(self.records):
+                body[record.nodes] = k
+                coordinates[record.nodes, 0] = 1.0
+                coordinates[record.nodes, 1:] = record.offsets
+            self._holding = body, coordinates
+        return self._holding
 
     @property
     def at_rest(self) -> Bodies:
@@ -141,7 +163,7 @@ class Bodies:
     @property
     def stored(self) -> float:
         """Energy that the bodies keep for their release [J]."""
-        return sum(body.frozen.energy for body in self.of.records)
+        return self.of.stored
 
     @cached_property
     def momentum(self) -> Array:

@@ -17,10 +17,11 @@ __all__ = ["LumpedInertia"]
 
 WORTH_A_WARNING = 0.05  # of the kinetic energy of a body, and ...
 OF_ALL = 0.01  # ... of all kinetic energy
+EVERY = 8  # steps: what turns about such an axis does so for long
 
 
 class LumpedInertia:
-    """Looks at the bodies of each report; warns once."""
+    """Looks at the bodies of some reports; warns once."""
 
     def __init__(self, scene: Scene) -> None:
         """Begin before the first report.
@@ -37,7 +38,7 @@ class LumpedInertia:
             report: The next one.
         """
         bodies = report.rigid
-        if not self._waits or not bodies.of.excessive:
+        if not self._waits or not bodies.of.excessive or report.step % EVERY > 1:
             return
         excess, kinetic = bodies.kinetic_excess, bodies.kinetic_of_each
         shares = np.where(kinetic > 0, excess / np.where(kinetic > 0, kinetic, 1.0), 0.0)

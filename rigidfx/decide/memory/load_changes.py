@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.errors import by_name, together
-from rigidfx.effects import Support, Windowed
+from rigidfx.effects import Effect, Support, Windowed
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
 
@@ -46,7 +46,8 @@ class LoadChanges:
         windowed = [effect for effect in scene.named(Windowed) if effect.is_load]
         self._breakpoints = np.unique([t for effect in windowed for t in effect.breakpoints])
         self._supports = np.unique([t for effect in scene.named(Support) for t in effect.ends])
-        self._loads = windowed
+        self._loads = [load for load in windowed if type(load).signal is not Effect.signal]
+        self._idle: list[Array] | None = None  # what signals are while no load acts
         self.reference = self._signals(0.0)
         self.largest = [float(np.linalg.norm(q)) for q in self.reference]
         self.resting_since, self._resting = 0.0, self.reference
@@ -85,6 +86,14 @@ class LoadChanges:
         return np.concatenate([np.empty(0), *values])
 
     def _signals(self, t: float) -> list[Array]:
+        if any(load.acts(t) for load in self._loads):
+            return self._asked(t)
+        if self._idle is None:
+            self._idle = self._asked(t)
+        return self._idle
+
+    def _asked(self, t: float) -> list[Array]:
+        """Signals of the loads as they themselves give them. Collective."""
         dt = self._timeline.dt
 
         def signals() -> list[Array]:

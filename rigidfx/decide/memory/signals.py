@@ -54,9 +54,10 @@ class Signals:
             loads: Components of the loads.
         """
         x = state.positions(self._nodes)
-        everywhere = np.concatenate(self._comm.allgather(x))[self._order]
+        if self._comm.size > 1:
+            x = np.concatenate(self._comm.allgather(x))
         self._times.append(state.t)
-        self._distances.append(pdist(everywhere))
+        self._distances.append(pdist(x[self._order]))
         self._loads.append(loads)
         self._added += 1
 

@@ -37,6 +37,7 @@ class Actions:
             [N, N m].
         torques: Torques in space on the bodies as such, shape (bodies, 3) [N m].
         kinds: Names of the kinds of effects that act.
+        stiffen: Whether any of them changes the tangent.
         rounding: Size of a force that the machine precision is to be multiplied with [N].
     """
 
@@ -91,6 +92,7 @@ class Actions:
         self._work_on_bodies = _that(on_bodies, "work_on_bodies")
         self._potential_of_bodies = _that(on_bodies, "potential_of_bodies")
         self._dissipated_by_bodies = _that(on_bodies, "dissipated_by_bodies")
+        self.stiffen = bool(self._stiffen_nodes or self._stiffen_bodies or self._look)
         self.kinds = tuple(dict.fromkeys(action.kind for action in every))
         self.rounding = sum(action.rounding for action in every)
 

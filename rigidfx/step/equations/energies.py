@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem
 
 from rigidfx.coupling.dof_layout import DofLayout
 from rigidfx.coupling.mass import Mass
 from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.flexible.kernels import integral
 from rigidfx.mechanics.rotation import axial
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
@@ -90,7 +90,7 @@ class Energies:
         u, bodies = state.u.x.array[dofs], state.bodies
         local = np.empty(11)
         local[0] = 0.5 * float(self._v.array_r @ self._p.array_r)
-        local[1] = fem.assemble_scalar(self._energy)
+        local[1] = integral(self._energy)
         local[2:5] = p.sum(axis=0)
         local[5:8] = axial(x.T @ p)
         local[8] = np.sqrt((p * p).sum(axis=1)).sum()

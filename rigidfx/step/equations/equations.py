@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem, la
+from dolfinx import la
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -24,6 +24,7 @@ from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.flexible.bound_forces import BoundForces
 from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.flexible.kernels import add_vector
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Step
 from rigidfx.scene.scene import Scene
@@ -33,6 +34,8 @@ from rigidfx.step.equations.round_off import Rounding
 __all__ = ["Equilibrium"]
 
 Array = npt.NDArray[np.float64]
+
+WELL_CONDITIONED = 50.0  # cells that the fastest wave passes in a step; its square is the condition
 
 
 class Equilibrium:
@@ -72,7 +75,10 @@ class Equilibrium:
         self._actions = actions
         self._rows = prolongation.layout.rows
         self._reached = prolongation.layout.reached
-        self._b = fem.Function(scene.space)
+        self._b = la.vector(scene.space.dofmap.index_map, 3)
+        # DOLFINx makes a new array of a vector each time that it is asked for one.
+        self._values = self._b.array
+        self._u0, self._u1 = forces.u0.x.array, forces.u1.x.array
         self._tangent = CondensedMatrix(prolongation, bound.interior, bound.interface)
         self.d, self.forces_out_of_balance, self._work, self._inertia = (
             self._rows.vector() for _ in range(4)
@@ -103,9 +109,9 @@ class Equilibrium:
         """Set d and the forms' u₁ from the unknowns."""
         self._last = y.array_r.copy()
         self.prolongation.expand(y, self._step, self._imposed, self.d)
-        u1, dofs = self._forces.u1.x, self._rows.dofs
-        u1.array[dofs] = self._forces.u0.x.array[dofs] + self.d.array_r
-        u1.scatter_forward()
+        dofs = self._rows.dofs
+        self._u1[dofs] = self._u0[dofs] + self.d.array_r
+        self._forces.u1.x.scatter_forward()
 
     def return_to(self, y: PETSc.Vec, r: PETSc.Vec) -> None:
         """Have d, u₁ and forces belong to these unknowns, as a rule the last ones. Collective.
@@ -129,12 +135,11 @@ class Equilibrium:
         """
         self._expand(y)
         self._actions.look(self.d, self.prolongation.increments)
-        b = self._b.x
-        b.array[self._reached] = 0.0
-        fem.assemble_vector(b.array, self._bound.residual)
-        b.scatter_reverse(la.InsertMode.add)
+        self._values[self._reached] = 0.0
+        add_vector(self._values, self._bound.residual)
+        self._b.scatter_reverse(la.InsertMode.add)
         f = self.forces_out_of_balance
-        f.array[:] = b.array[self._rows.dofs]
+        f.array[:] = self._values[self._rows.dofs]
         f.axpy(-1.0, self._actions.external)
         if self._mass is not None:
             # M (v₁ - v₀)/Δt with v₁ = 2 d/Δt - v₀, rounded as the update of the velocity is.
@@ -153,7 +158,8 @@ class Equilibrium:
         self._moments = self.prolongation.moments(self.forces_out_of_balance)
         self._actions.resist_bodies(increments, self._moments)
         out = increments.inertia_force()
-        out += increments.resultant(self._moments)
+        if self._moments.any():
+            out += increments.resultant(self._moments)
         out[:, 3:] -= self._actions.torques / self._step.start.of.length[:, None]
         return out
 
@@ -185,7 +191,7 @@ class Equilibrium:
     @property
     def start(self) -> Array:
         """Displacements of the active nodes at the start of the step [m]."""
-        return np.asarray(self._forces.u0.x.array[self._rows.dofs])
+        return np.asarray(self._u0[self._rows.dofs])
 
     @property
     def positions(self) -> Array:
@@ -196,6 +202,12 @@ class Equilibrium:
     def waves(self, dt: float) -> float:
         """How many cells a wave passes in a step of Δt [s], about."""
         return self._rounding.waves(dt)
+
+    @property
+    def well_conditioned(self) -> bool:
+        """Whether inertia is as large as any stiffness in the present step, but for some orders."""
+        calm = self.inertial and not self._actions.stiffen
+        return calm and self._rounding.fastest(self.dt) <= WELL_CONDITIONED
 
     def noise(self) -> float:
         """Size of what the last residual is the small difference of [N]. Collective."""

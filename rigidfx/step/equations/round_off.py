@@ -51,7 +51,7 @@ class Rounding:
             prolongation: Map between unknowns and dofs.
             actions: What acts on nodes and bodies.
         """
-        self._forces, self._mass, self._actions = forces, mass, actions
+        self._scene, self._forces, self._mass, self._actions = scene, forces, mass, actions
         self._tangent = tangent
         self._rest = undeformed
         self._cell_size = scene.mean_cell_size
@@ -68,6 +68,9 @@ class Rounding:
         free = float(self._elastic[: self._dofs.size].sum())
         own_mass = 3 * float(prolongation.layout.masses.sum())
         stiffness, inertia = self._comm.allreduce(np.array([free, own_mass]))
+        self._largest = self._largest_ratios(prolongation)
+        strained = forces.strain_noise * self._cell_size
+        self._u1, self._strained = forces.u1.x.array, np.full(self._elastic.size, strained)
         self._frequency = float(np.sqrt(stiffness / inertia)) if inertia > 0 else 0.0  # [1/s]
 
     def in_residual(
@@ -87,12 +90,10 @@ class Rounding:
         """
         if self._viscous is not None:
             self._stiffness = self._elastic + self._viscous / dt
-        u1 = np.abs(self._forces.u1.x.array[self._dofs])
-        strained = self._forces.strain_noise * self._cell_size
-        moved = np.full(self._stiffness.size, strained)
-        moved[: u1.size] += u1
+        moved = self._strained.copy()
+        moved[: self._dofs.size] += np.abs(self._u1[self._dofs])
         elastic = self._stiffness * moved
-        noise = float(np.sqrt(self._comm.allreduce(elastic @ elastic))) + f_ext.norm()
+        noise = float(np.sqrt(self._scene.sum(elastic @ elastic))) + f_ext.norm()
         if self._mass is not None:
             self._mass.mult(v0, self._momentum)
             noise += 2 / dt * self._momentum.norm()
@@ -119,6 +120,10 @@ class Rounding:
         """How many cells a wave passes in a step of Δt [s], about."""
         return dt * self._frequency
 
+    def fastest(self, dt: float) -> float:
+        """The same of the node, or body, that is the stiffest for its mass; at most."""
+        return dt * float(np.sqrt(self._largest[0] + self._largest[1] / dt))
+
     def left(self, residual: PETSc.Vec) -> float:
         """How far a residual moves an unknown by itself, or a stiff part, at most [m]. Collective.
 
@@ -133,6 +138,22 @@ class Rounding:
         diagonal.destroy()
         of_parts = self._stiff_parts.left(self._tangent.matrix, residual, self._forces.u1.x.array)
         return max(float(self._comm.allreduce(most, op=MPI.MAX)), of_parts)
+
+    def _largest_ratios(self, prolongation: Prolongation) -> Array:
+        """Largest elastic stiffness over lumped mass [1/s²], and viscous [1/s]. Collective.
+
+        Infinite where lumping leaves a node no mass, as at vertices of second-order tetrahedra.
+        """
+        layout, bodies = prolongation.layout, prolongation.owned_bodies
+        of_bodies = np.repeat(layout.ensemble.mass[bodies], 6)
+        mass = np.concatenate([layout.masses[prolongation.free // 3], of_bodies])
+        ratios = [
+            0.0
+            if K is None
+            else np.divide(K, mass, out=np.full(K.size, np.inf), where=mass > 0).max(initial=0.0)
+            for K in (self._elastic, self._viscous)
+        ]
+        return np.asarray(self._comm.allreduce(np.array(ratios), op=MPI.MAX))
 
     def _undeformed(self, tangent: CondensedMatrix) -> Array:
         """Diagonal of the tangent without deformation, at the present rate. Collective."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Iterable
+from functools import cache
 
 from petsc4py import PETSc
 
@@ -20,11 +21,17 @@ def asked(names: Iterable[str]) -> set[str]:
     Args:
         names: Names with their prefix, without '-'.
     """
+    used, every = _options_used(), set(names)
+    return every if used is None else {name for name in every if _is_marked(used, name)}
+
+
+@cache
+def _options_used() -> ctypes._NamedFuncPointer | None:
+    """PETSc's function that tells; None if there is none."""
     try:
-        used = ctypes.CDLL(PETSc.__file__).PetscOptionsUsed
+        return ctypes.CDLL(PETSc.__file__).PetscOptionsUsed
     except (AttributeError, OSError):
-        return set(names)
-    return {name for name in names if _is_marked(used, name)}
+        return None
 
 
 def _is_marked(used: ctypes._NamedFuncPointer, name: str) -> bool:

@@ -26,8 +26,12 @@ from rigidfx.step.newton.refresh import Refresh
 
 __all__ = ["Chord", "pays"]
 
-# Unknowns. Kept factors took 1.05 of a step by GMRES at 243, 0.73 at 480 and 0.60 at 1008.
+# Unknowns. With MUMPS's factors steps took 1.05 of those by GMRES at 243, 0.73 at 480 and 0.60 at
+# 1008. Momenta of a needle of steel, of 351 unknowns, were off by 8e-5 with factors that were kept.
 SMALLEST = 500
+# With PETSc's own, which well-conditioned systems of one rank have, 1.10 at 96 unknowns, 1.02 at
+# 144, 0.83 at 162, 0.67 at 270 and 0.55 at 486.
+SMALLEST_WELL_CONDITIONED = 150
 # Unknowns up to which factors are kept; beyond, they fill gigabytes: multigrid takes over. Where
 # both can be had, factors are faster: a fifth of a step of steel at 10⁵ unknowns.
 FACTORS_UP_TO = 300_000
@@ -129,10 +133,12 @@ class Chord:
 
     def serves(self, dt: float) -> bool:
         """Whether factors are worth keeping in steps of Δt [s]."""
-        if self._failures >= MAX_FAILURES:
+        p = self._equilibrium.prolongation
+        small = p.size < SMALLEST and not (p.comm.size == 1 and self._equilibrium.well_conditioned)
+        if small or self._failures >= MAX_FAILURES:
             return False
         soft = self._equilibrium.waves(dt) < STIFF_FROM
-        return not soft or (self._pause.over and self._equilibrium.prolongation.size <= SOFT_UP_TO)
+        return not soft or (self._pause.over and p.size <= SOFT_UP_TO)
 
     def destroy(self) -> None:
         """Free the solvers. Collective."""
@@ -143,4 +149,6 @@ def pays(equilibrium: Equilibrium) -> bool:
     """Whether factors may be worth keeping, and PETSc's options leave it so."""
     given = PETSc.Options(PREFIX).getAll()
     told = any(name.startswith(OF_SOLVERS) for name in given)
-    return equilibrium.inertial and equilibrium.prolongation.size >= SMALLEST and not told
+    p = equilibrium.prolongation
+    least = min(SMALLEST, SMALLEST_WELL_CONDITIONED) if p.comm.size == 1 else SMALLEST
+    return equilibrium.inertial and p.size >= least and not told

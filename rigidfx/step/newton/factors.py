@@ -28,9 +28,14 @@ class Factors:
         """
         p = equilibrium.prolongation
         self.renewal = renewal_by_factors(p.size)
+        self._equilibrium = equilibrium
         self._ksp = PETSc.KSP().create(p.comm)
-        configure(self._ksp, True, p.size, len(p.layout.bodies) > 0)
-        self._ksp.setOperators(equilibrium.tangent_matrix)
+        self._take_pivots(True)
+
+    def _take_pivots(self, pivots: bool) -> None:
+        self._pivots, p = pivots, self._equilibrium.prolongation
+        configure(self._ksp, True, p.size, len(p.layout.bodies) > 0, pivots)
+        self._ksp.setOperators(self._equilibrium.tangent_matrix)
 
     @property
     def name(self) -> str:
@@ -38,7 +43,9 @@ class Factors:
         return f"{self._ksp.getType()}+{self._ksp.getPC().getType()}"
 
     def renew(self) -> None:
-        """Take note of a new tangent, which PETSc sees by itself."""
+        """Take note of a new tangent, which PETSc sees by itself; choose whether it has pivots."""
+        if self._pivots == self._equilibrium.well_conditioned:
+            self._take_pivots(not self._pivots)
 
     def solve(self, r: PETSc.Vec, z: PETSc.Vec) -> None:
         """A z = r. Collective."""

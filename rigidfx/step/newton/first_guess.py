@@ -28,7 +28,9 @@ __all__ = ["Guess", "predict"]
 Array = npt.NDArray[np.float64]
 
 SMALL = 0.02  # rotation per step [rad] below which the tangent is as good a guess
-TRIES, ENOUGH = 20, 1e-10  # iterations for the rotation of a free body, and where they end
+SINGULAR = 1e-9  # ratio of the least extension by a matrix to its largest that counts as none
+# Iterations for the rotation of a free body, and the correction whose square is left of it.
+TRIES, ENOUGH = 20, 1e-5
 
 
 @dataclass(frozen=True)
@@ -70,17 +72,17 @@ def predict(
     angle = 2 * np.arctan(size / 2)
     turn, half = cayley(theta) - IDENTITY, cayley(2 * np.tan(angle / 4) / size * theta)
 
-    def continued(x: Array, v: Array, share: float) -> Array:
-        relative = v - velocity - (x - c) @ skew(omega).T
-        return np.asarray(dt * velocity + (x - c) @ turn.T + share * dt * relative @ half.T)
+    def parts(x: Array, v: Array) -> tuple[Array, Array]:
+        """Increments by the mean motion, and by what goes along relative to it."""
+        arms = x - c
+        relative = v - velocity - arms @ skew(omega).T
+        return dt * velocity + arms @ turn.T, dt * relative @ half.T
 
-    guesses = []
-    for share in (1.0, 0.0):
-        increment = continued(x, v, share).reshape(-1)
-        centres = continued(start.r, start.velocity, share)
-        turns = theta + dt * share * (spinning - omega)
-        guesses.append(Guess(increment, _six(start, centres, turns)))
-    return tuple(guesses)
+    of_nodes, of_centres = parts(x, v), parts(start.r, start.velocity)
+    turns = np.broadcast_to(theta, spinning.shape), dt * (spinning - omega)
+    along = tuple(map(np.add, *zip(of_nodes, of_centres, turns, strict=True)))
+    both = along, (of_nodes[0], of_centres[0], turns[0])
+    return tuple(Guess(d.reshape(-1), _six(start, r, turn)) for d, r, turn in both)
 
 
 def free_rotation(inertia: Array, omega: Array, dt: float) -> Array:
@@ -93,14 +95,16 @@ def free_rotation(inertia: Array, omega: Array, dt: float) -> Array:
     """
     theta, momentum = dt * omega, inertia @ omega
     for _ in range(TRIES):
-        R = cayley(theta)
-        now = R @ inertia @ (2 / dt * theta - omega)
-        slope = 2 / dt * R @ inertia - skew(now) @ cayley_tangent(theta)
+        half = skew(0.5 * theta)
+        T = cayley_tangent(theta, half)
+        turned = inertia + 2 * half @ T @ inertia  # R J, as cay(θ) = I + θ̂ T
+        now = turned @ (2 / dt * theta - omega)
+        slope = 2 / dt * turned - skew(now) @ T
         if not (np.isfinite(slope).all() and np.isfinite(momentum - now).all()):
             break
-        change = np.linalg.lstsq(slope, momentum - now, rcond=1e-9)[0]
+        change = _solution(slope, momentum - now)
         theta = theta + change
-        if np.linalg.norm(change) <= ENOUGH * np.linalg.norm(theta):
+        if np.vdot(change, change) <= ENOUGH**2 * np.vdot(theta, theta):
             return np.asarray(theta)
     return dt * omega
 
@@ -133,9 +137,16 @@ def _mean_motion(
     whole = second[3:].reshape(3, 3)
     if not np.isfinite(second).all():  # the step will say so
         return c, velocity, np.zeros(3), whole
-    return c, velocity, np.linalg.lstsq(whole, second[:3], rcond=1e-9)[0], whole
+    return c, velocity, _solution(whole, second[:3]), whole
 
 
 def _inertia(spread: Array) -> Array:
     """Σ m (y·y I - y yᵀ) from Σ m y yᵀ."""
-    return np.asarray(np.trace(spread) * IDENTITY - spread)
+    return np.asarray(spread.trace() * IDENTITY - spread)
+
+
+def _solution(A: Array, b: Array) -> Array:
+    """A⁻¹ b, shape (3,); of the least size where A is all but singular, as that of a line is."""
+    if abs(np.linalg.det(A)) > SINGULAR * np.vdot(A, A) ** 1.5:
+        return np.asarray(np.linalg.solve(A, b))
+    return np.asarray(np.linalg.lstsq(A, b, rcond=SINGULAR)[0])

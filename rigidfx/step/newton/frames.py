@@ -80,14 +80,21 @@ class Frames:
         Args:
             u: Displacements of the active nodes, one number per row [m].
         """
-        x = self._arms + u.reshape(-1, 3)
-        spread = (x[:, :, None] * self._arms[:, None, :]).reshape(-1, 9)
         # Arms sum up to zero, so that a displacement as a whole does not count.
-        W, size, Vt = np.linalg.svd(self._summed(spread).reshape(-1, 3, 3))
+        W, size, Vt = np.linalg.svd(self._spread(self._arms + u.reshape(-1, 3)))
         W[:, :, 2] *= np.linalg.det(W @ Vt)[:, None]
         R = W @ Vt
         R[size[:, 1] <= SLENDER**2 * size[:, 0]] = IDENTITY
         return np.asarray(R)
+
+    def _spread(self, x: Array) -> Array:
+        """Σ x Xᵀ over the rows of each part, X their arms, shape (parts, 3, 3) [m²]. Collective."""
+        if not self._whole:
+            products = (x[:, :, None] * self._arms[:, None, :]).reshape(-1, 9)
+            return self._summed(products).reshape(-1, 3, 3)
+        out = (x.T @ self._arms)[None]
+        self._comm.Allreduce(MPI.IN_PLACE, out)
+        return out
 
     def turn(self, y: Array, Q: Array) -> None:
         """Turn unknowns, or residuals, of this rank by the rotations of their parts, in place.

@@ -34,8 +34,11 @@ MAX_FALLBACKS = 3  # direct solves in place of failed Krylov solves before Krylo
 
 
 def residual(snes: PETSc.SNES, y: PETSc.Vec, r: PETSc.Vec, newton: Newton) -> None:
-    """SNES callback: R(y)."""
-    newton.equilibrium.residual(y, r)
+    """SNES callback: R(y), unless the choice of a first guess has left it there."""
+    if newton.known:
+        newton.known = False
+    else:
+        newton.equilibrium.residual(y, r)
 
 
 def tangent(snes: PETSc.SNES, y: PETSc.Vec, A: PETSc.Mat, B: PETSc.Mat, newton: Newton) -> None:
@@ -59,6 +62,7 @@ class Newton:
     Attributes:
         equilibrium: The equations.
         stop: The stopping test, with the history of the last solve.
+        known: Whether the residual at the first guess has been evaluated already.
     """
 
     def __init__(self, equilibrium: Equilibrium, scene: Scene) -> None:
@@ -73,6 +77,7 @@ class Newton:
         self._r = self._y.duplicate()
         self._krylov = equilibrium.inertial and not prefers_direct(equilibrium.prolongation.size)
         self._fallbacks = 0
+        self._pivots = True  # whether factors need them
         self._snes = self._create_snes()
         # How loosely Krylov solves may end, first and later.
         self._loosest = [(name, self._snes.getParamsEW()[name]) for name in ("rtol_0", "rtol_max")]
@@ -84,6 +89,7 @@ class Newton:
         self._keeping = False  # whether the present solve is by the chord method ...
         self._kept = False  # ... and whether that has found the last solution
         self._offered, self._best = 0, 0  # first guesses of the last choice, and what it was
+        self.known = False
         self._tangents = 0
         self._left = 0.0  # ‖R‖ of the last solution [N]
 
@@ -108,7 +114,7 @@ class Newton:
 
     def _configure(self, ksp: PETSc.KSP, direct: bool) -> None:
         p = self.equilibrium.prolongation
-        configure(ksp, direct, p.size, len(p.layout.bodies) > 0)
+        configure(ksp, direct, p.size, len(p.layout.bodies) > 0, self._pivots)
 
     def solve(self, guesses: Sequence[Guess]) -> Solution:
         """Find the increment of the step that the equations have begun. Collective.
@@ -145,6 +151,7 @@ class Newton:
     def _solve_by_newton(self, guesses: Sequence[Guess]) -> Solution:
         """Solve with a new tangent in each iteration."""
         krylov = self._krylov and self._fallbacks < MAX_FALLBACKS
+        self._take_pivots(not self.equilibrium.well_conditioned)
         self._tangents = 0
         reason, remark = self._iterate(guesses), ""
         if reason == PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE and krylov:
@@ -154,6 +161,10 @@ class Newton:
             reason, remark = self._iterate(guesses), " (fall-back from Krylov)"
             if self._fallbacks < MAX_FALLBACKS:
                 self._configure(self._snes.getKSP(), False)
+        elif reason < 0 and not krylov and not self._pivots:
+            # Whatever it was: factors with pivots are sure.
+            self._take_pivots(True)
+            reason, remark = self._iterate(guesses), " (with pivots)"
         elif reason < 0 and krylov and self._snes.getUseEW():
             # Newton may have failed on loosely solved systems, whose errors depend on the number
             # of ranks: before the step is cut, they are solved as if each were the last.
@@ -163,6 +174,12 @@ class Newton:
         ksp, linear = self._snes.getKSP(), self._snes.getLinearSolveIterations()
         solver = f"{ksp.getType()}+{ksp.getPC().getType()}{remark}"
         return self._solution(reason, self._tangents, linear, solver)
+
+    def _take_pivots(self, pivots: bool) -> None:
+        """Have factors of Newton's own solver with pivots, or without."""
+        if not self._krylov and pivots != self._pivots:
+            self._pivots = pivots
+            self._configure(self._snes.getKSP(), True)
 
     def _solution(self, reason: int, tangents: int, linear: int, solver: str) -> Solution:
         """What has been found. Collective."""
@@ -190,11 +207,17 @@ class Newton:
 
     def _iterate(self, guesses: Sequence[Guess]) -> int:
         self.stop.restart()
+        self.known = False
         if len(guesses) > 1:
-            norms = [self._norm_at(guess) for guess in guesses]
-            self._offered, self._best = len(norms), int(np.argmin(np.nan_to_num(norms, nan=np.inf)))
+            # The likely one comes last, so that SNES finds its residual.
+            order = sorted(range(len(guesses)), key=lambda k: k == self._best)
+            norms = [self._norm_at(guesses[k]) for k in order]
+            last = int(np.argmin(np.nan_to_num(norms, nan=np.inf)))
+            self._offered, self._best = len(norms), order[last]
+            self.known = last == len(norms) - 1
             guesses = [guesses[self._best]]
-        self._start_at(guesses[0])
+        if not self.known:
+            self._start_at(guesses[0])
         self.stop.expect_rounding(self.equilibrium.noise())
         with errors_of_callbacks():
             self._snes.solve(None, self._y)

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem
 
 from rigidfx.coupling.dof_layout import dof_layout
 from rigidfx.coupling.mass import mass_operator
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects import Touch, Windowed
 from rigidfx.flexible.internal_forces import Cells, InternalForces
+from rigidfx.flexible.kernels import integral
 from rigidfx.mechanics.body_step import Increments
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
@@ -173,17 +173,14 @@ class System:
         """What forces did in the step that has been solved. Collective."""
         prolongation, actions = self.equilibrium.prolongation, self.actions
         d, forces = self.equilibrium.d.array_r, self.equilibrium.forces_out_of_balance.array_r
-        prescribed, rows = prolongation.prescribed, self.layout.rows
-        at = prescribed // 3
-        u = state.u.x.array.reshape(-1, 3)[rows.nodes[at]]
-        x = rows.X[at] + u + 0.5 * d.reshape(-1, 3)[at]
-        reactions, moments = self._prescribed.reactions(forces[prescribed], x)
+        prescribed = prolongation.prescribed
+        reactions, moments = self._reactions(state, d, forces)
         of_nodes = actions.dissipated(self.equilibrium.d, dt)
         local = [
             actions.external.array_r @ d,
             forces[prescribed] @ d[prescribed],
-            -sum(map(fem.assemble_scalar, self._taken.against_loads)),
-            *map(fem.assemble_scalar, self._taken.dissipated.values()),
+            -sum(map(integral, self._taken.against_loads)),
+            *map(integral, self._taken.dissipated.values()),
             *(energy for _, energy in of_nodes),
         ]
         dead, supports, followed, *lost = map(float, self._scene.sum(local))
@@ -199,6 +196,18 @@ class System:
         touches = actions.touches()
         supports += sum(touch.work for touch in touches.values())
         return Work(loads, supports, dissipated, reactions, moments, touches)
+
+    def _reactions(
+        self, state: State, d: Array, forces: Array
+    ) -> tuple[Mapping[str, Array], Mapping[str, Array]]:
+        """Force and moment of each support on the structure, by the name of its set. Collective."""
+        if not self._prescribed.active:
+            return {}, {}
+        prescribed, rows = self.equilibrium.prolongation.prescribed, self.layout.rows
+        at = prescribed // 3
+        u = state.u.x.array.reshape(-1, 3)[rows.nodes[at]]
+        x = rows.X[at] + u + 0.5 * d.reshape(-1, 3)[at]
+        return self._prescribed.reactions(forces[prescribed], x)
 
     def destroy(self) -> None:
         """Free all PETSc objects. Collective."""
