@@ -444,6 +444,23 @@ def test_what_freezes_after_a_blow_lasts(monkeypatch):
     assert events_after_a_blow(struck()) == ["freeze", "release"]
 
 
+def test_cells_spring_within_a_step_however_long_those_of_shadows_are(monkeypatch):
+    looks, look = [], Shadow.look
+
+    def seen(self, t, dt, limits):
+        if (found := look(self, t, dt, limits)) is not None:
+            looks.append((t, found.sum * limits.strains, found.spring * limits.rates * dt))
+        return found
+
+    monkeypatch.setattr(Shadow, "look", seen)
+    _, tol = gentle()
+    run(on_a_block(), 2.0, local(tol))
+    times, strains, sprung = map(np.array, zip(*looks, strict=True))
+    assert np.diff(times).max() > 3.5 * DT  # long steps
+    assert strains[-1].max() > 0
+    assert sprung == pytest.approx(strains, rel=1e-9, abs=1e-15)
+
+
 def test_named_parts_never_wake_but_it_is_said_what_they_withhold():
     scene = on_a_block(STRIKES["traction"], rf.Rigid("block"))
     said = "strain the part 'block' that is named Rigid.* off by some .*%"

@@ -222,7 +222,8 @@ class Shadow(Watch):
             found = self._strained(start, motion, span, limits, found)
             begin += span
         assert found is not None
-        return motion, found
+        # Cells spring within a step, however long that of the shadows was.
+        return motion, replace(found, spring=found.spring * (span / dt))
 
     def _take(
         self, motion: Motion, force: Array, change: float, ratio: float, withheld: float
