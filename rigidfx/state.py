@@ -14,10 +14,11 @@ import numpy.typing as npt
 from dolfinx import fem
 from mpi4py import MPI
 
-from rigidfx.base.errors import agree, together
+from rigidfx.base.errors import together
 from rigidfx.base.taken import read_only
 from rigidfx.effects import InitialDisplacement, InitialVelocity
 from rigidfx.effects.fields import values_of
+from rigidfx.effects.initial.initial_velocity import agree_with_support, given_velocity
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body
 from rigidfx.scene.scene import Scene
@@ -213,10 +214,6 @@ class State:
         self.v.x.scatter_forward()
 
 
-# Relative error of the difference quotient for a path whose velocity is not given.
-CONTRADICTION = 1e-5
-
-
 def initial_velocity(scene: Scene, dt: float, start: float) -> Array:
     """Velocity at the start per local node with ghosts, shape (nodes, 3) [m/s]. Collective.
 
@@ -230,15 +227,8 @@ def initial_velocity(scene: Scene, dt: float, start: float) -> Array:
             start. Where no velocity is given, a support simply begins to move its nodes.
     """
     X = scene.space.tabulate_dof_coordinates()
-    v = np.zeros_like(X)
-    given = scene.named(InitialVelocity)
-    for effect in given:
-        centre = scene.centre_of_mass if effect.centre is None else np.asarray(effect.centre)
-        v += np.asarray(effect.linear) + np.cross(effect.angular, X - centre)
-        if effect.function is not None:
-            v += values_of(effect.kind, effect.function, scene)
-    scale = scene.comm.allreduce(float(np.abs(v).max(initial=0.0)), op=MPI.MAX)
-    for support, nodes in scene.supports if given else ():
+    v = given_velocity(scene)
+    for support, nodes in scene.supports if scene.named(InitialVelocity) else ():
         if not support.acts(start):
             continue
         wanted = together(
@@ -246,17 +236,7 @@ def initial_velocity(scene: Scene, dt: float, start: float) -> Array:
             f"{type(support).__name__} on '{support.where}'",
             lambda s=support, at=X[nodes]: s.velocities_at(0.0, dt, at),  # type: ignore[misc]
         )
-        axes = list(support.axes)
-        error = np.abs((v[nodes] - wanted)[:, axes]).max(initial=0.0)
-        bound = max(scale, float(np.abs(wanted).max(initial=0.0)))
-        agree(
-            scene.comm,
-            None
-            if error <= CONTRADICTION * bound
-            else f"InitialVelocity contradicts {type(support).__name__} on '{support.where}' "
-            f"(components '{support.components}'): they differ by {error:.3g} m/s at its nodes. "
-            "Give the nodes of a support its velocity, or start the support later.",
-        )
+        agree_with_support(scene, v, support, nodes, wanted)
     return v
 
 

@@ -224,7 +224,7 @@ CASES = {
     "symmetry of cells": (lambda: _scene(rf.Symmetry("a")), "there are no facets named 'a'"),
     "symmetry of a box": (lambda: _scene(rf.Symmetry("skin")), "must lie in one plane"),
     "velocity across a mirror": (
-        lambda: _run(rf.Symmetry("x0"), rf.InitialVelocity(linear=(1, 0, 0))),
+        lambda: _scene(rf.Symmetry("x0"), rf.InitialVelocity(linear=(1, 0, 0))),
         "InitialVelocity contradicts Symmetry on 'x0' (components 'x')",
     ),
     "ratio in per cent": (lambda: rf.StiffnessDamping("2%", 1.0), "ratio must be a finite"),
@@ -235,11 +235,11 @@ CASES = {
     ),
     "displacement of a vector": (lambda: rf.InitialDisplacement((1, 0, 0)), "must be a function"),
     "displacement transposed": (
-        lambda: _run(rf.InitialDisplacement(lambda x: 0.01 * x.T)),
+        lambda: _scene(rf.InitialDisplacement(lambda x: 0.01 * x.T)),
         "InitialDisplacement: function must map (3, n) to (3, n)",
     ),
     "displacement that fails on the last rank": (
-        lambda: _run(rf.InitialDisplacement(lambda x: x * _fails_later(1.0))),
+        lambda: _scene(rf.InitialDisplacement(lambda x: x * _fails_later(1.0))),
         "it failed with KeyError: 'no file'",
     ),
     "displacement beside a rigid part": (

@@ -793,23 +793,23 @@ CASES = {
         "InitialVelocity: linear must be three finite numbers, got (1,",
     ),
     "velocity function const": (
-        lambda: _run(rf.InitialVelocity(function=(1, 0, 0))),
+        lambda: _scene(rf.InitialVelocity(function=(1, 0, 0))),
         "InitialVelocity: function must be callable.",
     ),
     "velocity function shape": (
-        lambda: _run(rf.InitialVelocity(function=lambda x: np.zeros((2, x.shape[1])))),
+        lambda: _scene(rf.InitialVelocity(function=lambda x: np.zeros((2, x.shape[1])))),
         "InitialVelocity: function must map (3, n) to (3, n); it failed",
     ),
     "velocity function transposed": (
-        lambda: _run(rf.InitialVelocity(function=lambda x: x.T)),
+        lambda: _scene(rf.InitialVelocity(function=lambda x: x.T)),
         "InitialVelocity: function must map (3, n) to (3, n); it failed",
     ),
     "velocity function none": (
-        lambda: _run(rf.InitialVelocity(function=lambda x: None)),
+        lambda: _scene(rf.InitialVelocity(function=lambda x: None)),
         "InitialVelocity: function must map (3, n) to (3, n); it failed",
     ),
     "velocity function complex": (
-        lambda: _run(rf.InitialVelocity(function=lambda x: x * 1j)),
+        lambda: _scene(rf.InitialVelocity(function=lambda x: x * 1j)),
         "InitialVelocity: function must map (3, n) to (3, n); it failed",
     ),
     "velocity centre text": (

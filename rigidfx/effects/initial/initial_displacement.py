@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
 from rigidfx.effects.base import Effect
+from rigidfx.effects.fields import values_of
 
 __all__ = ["InitialDisplacement"]
 
@@ -35,3 +37,7 @@ class InitialDisplacement(Effect):
         super().__post_init__()
         if not callable(self.function):
             raise SceneError("InitialDisplacement: function must be a function of x.")
+
+    def check(self, scene: Any) -> None:
+        """See whether the function gives finite vectors. Collective."""
+        values_of(self.kind, self.function, scene)

@@ -4,15 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 
-from rigidfx.base.errors import SceneError
+from rigidfx.base.errors import SceneError, agree
 from rigidfx.base.inputs import vector
 from rigidfx.effects.base import Effect, Vector
+from rigidfx.effects.fields import values_of
+from rigidfx.effects.supports.fixed import Fixed
 
-__all__ = ["InitialVelocity"]
+__all__ = ["InitialVelocity", "agree_with_support", "given_velocity"]
+
+Array = npt.NDArray[np.float64]
+
+# Relative error of the difference quotient for a path whose velocity is not given.
+CONTRADICTION = 1e-5
 
 
 @dataclass(frozen=True)
@@ -45,3 +54,61 @@ class InitialVelocity(Effect):
             vector(self, "centre", self.centre)
         if self.function is not None and not callable(self.function):
             raise SceneError("InitialVelocity: function must be callable.")
+
+    def check(self, scene: Any) -> None:
+        """See whether what is held from the start has no velocity. Collective.
+
+        Supports that move are looked at when a run starts: their velocity may be a difference
+        quotient, over a part of Δt.
+        """
+        velocity = given_velocity(scene)
+        for support, nodes in scene.supports:
+            if isinstance(support, Fixed) and support.acts(0.0):
+                agree_with_support(scene, velocity, support, nodes, np.zeros(3))
+
+
+def given_velocity(scene: Any) -> Array:
+    """What all initial velocities of a scene give together, shape (nodes, 3) [m/s]. Collective.
+
+    Args:
+        scene: The scene, whose masses are known already.
+
+    Raises:
+        SceneError: On every rank, if a function gives anything but finite vectors.
+    """
+    X = scene.space.tabulate_dof_coordinates()
+    v = np.zeros_like(X)
+    for effect in scene.named(InitialVelocity):
+        centre = scene.centre_of_mass if effect.centre is None else np.asarray(effect.centre)
+        v += np.asarray(effect.linear) + np.cross(effect.angular, X - centre)
+        if effect.function is not None:
+            v += values_of(effect.kind, effect.function, scene)
+    return v
+
+
+def agree_with_support(
+    scene: Any, velocity: Array, support: Any, nodes: npt.NDArray[np.int32], wanted: Array
+) -> None:
+    """Refuse a velocity at the start that contradicts a support. Collective.
+
+    Args:
+        scene: The scene.
+        velocity: Given velocities of all local nodes, shape (nodes, 3) [m/s].
+        support: The support.
+        nodes: Its nodes.
+        wanted: Its velocities of these, shape (3,) or (its nodes, 3) [m/s].
+
+    Raises:
+        SceneError: If they differ, on any rank.
+    """
+    scale = scene.comm.allreduce(float(np.abs(velocity).max(initial=0.0)), op=MPI.MAX)
+    error = np.abs((velocity[nodes] - wanted)[:, list(support.axes)]).max(initial=0.0)
+    bound = max(scale, float(np.abs(wanted).max(initial=0.0)))
+    agree(
+        scene.comm,
+        None
+        if error <= CONTRADICTION * bound
+        else f"InitialVelocity contradicts {support.owner} "
+        f"(components '{support.components}'): they differ by {error:.3g} m/s at its nodes. "
+        "Give the nodes of a support its velocity, or start the support later.",
+    )
