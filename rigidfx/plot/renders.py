@@ -220,7 +220,8 @@ def images(
     plotter = pv.Plotter(off_screen=True, window_size=(pixels, pixels))
     plotter.set_background("white")
     plotter.enable_parallel_projection()
-    plotter.enable_anti_aliasing("ssaa")
+    # To draw pictures four times as large, and to shrink them, takes a fifth more time in all.
+    plotter.enable_anti_aliasing("msaa", multi_samples=4)
     for photograph in photographs:
         plotter.clear_actors()
         if logarithmic:  # none is below the scale, such as zeros of rigid cells
