@@ -46,8 +46,9 @@ def read_msh(
     converters leave it, all volume cells are named "body".
 
     Args:
-        path: A .msh file of gmsh, of version 4.1 or 2.2; it is read on rank 0 only. Meshes in other
-            formats go through a converter, such as meshio.
+        path: A .msh file of gmsh, of version 4.1 or 2.2; it is read on rank 0 only. UNV, CGNS,
+            BDF, VTK and MESH are for `from_gmsh`, whose function merges them; other formats for a
+            converter, such as meshio.
         comm: Communicator of the mesh.
         scale: Metres per unit of length of the file.
 
@@ -66,8 +67,9 @@ def read_msh(
             if not file.readline().lstrip().startswith(b"$"):
                 # gmsh would take it for a script, and its parser not forget where it stopped.
                 raise SceneError(
-                    f"'{path}' is no mesh file of gmsh: no $MeshFormat. Convert other formats, "
-                    "such as by 'meshio convert FILE part.msh --output-format gmsh22'."
+                    f"'{path}' is no mesh file of gmsh: no $MeshFormat. UNV, CGNS, BDF, VTK and "
+                    "MESH are read by from_gmsh(lambda gmsh: gmsh.merge(FILE)); convert others, by "
+                    "'meshio convert FILE part.msh --output-format gmsh22'."
                 )
         gmsh.open(str(path))
         header = names_in_header(path)
