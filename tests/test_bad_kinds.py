@@ -10,6 +10,8 @@ from fractions import Fraction
 import numpy as np
 import pytest
 import refusals
+import ufl
+from dolfinx import fem
 from mpi4py import MPI
 
 import rigidfx as rf
@@ -264,6 +266,34 @@ def test_is_refused(name):
     with pytest.raises(SceneError) as caught:
         action()
     assert message in str(caught.value)
+
+
+def _ten_nodes():
+    """Two tetrahedra of ten nodes, with their edges' in VTK's order; one edge is curved."""
+    corners = [*CUBE[[0, 1, 2, 4]], (1, 1, 1)]
+    points, cells, number = list(map(np.asarray, corners)), [], {}
+    for cell in ((0, 1, 2, 3), (1, 2, 3, 4)):
+        row = list(cell)
+        for i, j in ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)):
+            edge = frozenset((cell[i], cell[j]))
+            if edge not in number:
+                number[edge] = len(points)
+                points.append((points[cell[i]] + points[cell[j]]) / 2)
+            row.append(number[edge])
+        cells.append(row)
+    points[cells[0][4]] = points[cells[0][4]] + (0, -0.1, 0)
+    return np.array(points, float), np.array(cells)
+
+
+def test_order_of_nodes_on_edges():
+    """That of VTK is taken; that of gmsh is refused, and corners at the end, with what is due."""
+    points, cells = _ten_nodes()
+    domain = _arrays(points, cells, "tetrahedron")
+    volume = domain.mesh.comm.allreduce(fem.assemble_scalar(fem.form(1.0 * ufl.dx(domain.mesh))))
+    assert volume == pytest.approx(0.5 + 0.1 / 6)  # 1/6 and 1/3, and what the curved edge adds
+    for order in ([0, 1, 2, 3, 4, 5, 6, 7, 9, 8], [*range(4, 10), *range(4)]):
+        with pytest.raises(rf.SceneError, match="on its edges 01, 12, 20, 03, 13, 23, in this"):
+            _arrays(points, cells[:, order], "tetrahedron")
 
 
 def test_what_is_right_is_taken():

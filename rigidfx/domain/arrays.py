@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Sequence
+from typing import Any
 
 import basix.ufl
 import dolfinx.mesh as dmesh
@@ -22,6 +23,7 @@ __all__ = ["box", "from_arrays"]
 
 # Of a tetrahedron of ten nodes, in VTK's order; DOLFINx has edges 23, 13, 12, 03, 02, 01.
 FROM_VTK = (0, 1, 2, 3, 9, 8, 5, 7, 6, 4)
+EDGES = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))  # in VTK's order
 MOST = 2**31 - 1  # cells in a direction
 
 
@@ -100,8 +102,8 @@ def from_arrays(
         comm: Communicator of the mesh.
 
     Raises:
-        SceneError: If shapes, kinds or numbers do not fit, a cell is there twice, or cells are
-            inverted or flat.
+        SceneError: If shapes, kinds or numbers do not fit, a cell is there twice, nodes on edges
+            are in another order, or cells are inverted or flat.
     """
     known = {"hexahedron": (8,), "tetrahedron": (4, 10)}
     if not isinstance(cell, str) or cell not in known:
@@ -146,7 +148,30 @@ def _misfit(points: npt.ArrayLike, cells: npt.ArrayLike, corners: tuple[int, ...
     )
     if times.max() > 1:
         return f"from_arrays: cell {first[np.argmax(times)]} is there {times.max()} times."
-    return None
+    return _disorder(x, rows) if rows.shape[1] == len(FROM_VTK) else None
+
+
+def _disorder(x: npt.NDArray[Any], rows: npt.NDArray[Any]) -> str | None:
+    """What is wrong with the order of nodes on edges, if most cells have it wrong; else None.
+
+    A node belongs to the edge whose middle is nearest. Of a few cells that may be due to their
+    curvature, and whether they are sound is for det J to say.
+    """
+    middles = x[rows[:, EDGES]].mean(axis=2)
+    distances = np.linalg.norm(x[rows[:, 4:], None] - middles[:, None], axis=-1)
+    nearest = distances.argmin(axis=2)
+    wrong = np.flatnonzero((nearest != np.arange(len(EDGES))).any(axis=1))
+    if 2 * wrong.size <= len(rows):
+        return None
+    expected, found = (
+        ", ".join(f"{EDGES[k][0]}{EDGES[k][1]}" for k in order)
+        for order in (range(len(EDGES)), nearest[wrong[0]])
+    )
+    return (
+        "from_arrays: after four corners a tetrahedron's nodes must be those on its edges "
+        f"{expected}, in this order (gmsh has the last two the other way round), but cell "
+        f"{wrong[0]} has them on {found}. Reorder the columns of cells."
+    )
 
 
 def _on_plane(axis: int, value: float, tol: float) -> Marker:
