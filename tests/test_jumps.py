@@ -58,6 +58,37 @@ def test_a_jump_is_warned_of_once(name):
     assert float(said.split("at t = ")[1].split(" s")[0]) == pytest.approx(t, abs=1e-6)
 
 
+PLACES = {
+    "a rotation": lambda f: rf.PrescribedRotation("x0", axis=(0, 0, 1), angle=f),
+    "a path of place": lambda f: rf.PrescribedMotion(
+        "x0", displacement=lambda x, t: np.stack([0 * x[0], f(t) * x[2], 0 * x[0]])
+    ),
+}
+
+
+def placed(name, f):
+    material = rf.NeoHooke(E=1e3, nu=0.0, rho=10.0)
+    return rf.Scene(rf.box((0, 0, 0), (2, 1, 1), (2, 1, 1)), material, [PLACES[name](f)])
+
+
+@pytest.mark.parametrize(("name", "size"), [("a rotation", 0.0998), ("a path of place", 0.1)])
+def test_a_jump_of_what_moves_each_node_in_its_own_way_is_warned_of(name, size):
+    """Only paths that move all nodes alike were looked at."""
+    scene = placed(name, lambda t: 0.1 * (t >= 0.45))
+    with pytest.warns(rf.RigidfxWarning, match=f"jumps by {size} m at t = 0.45 s") as shown:
+        run(scene)
+    assert sum("jumps" in str(w.message) for w in shown) == 1
+
+
+def test_what_turns_or_moves_by_place_and_does_not_jump_passes():
+    """An angle that is counted anew after each turn moves nothing by that."""
+    turn = 2 * np.pi
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", rf.RigidfxWarning)
+        run(placed("a rotation", lambda t: (turn - 0.02 + 0.1 * t) % turn), t_end=0.5)
+        run(placed("a path of place", lambda t: 0.05 * np.sin(3 * t)), t_end=0.5)
+
+
 def test_what_the_warning_says_of_the_nodes():
     """Twice the jump over Δt, with alternating sign, and half of Δt doubles it."""
     for dt in (DT, DT / 2):
@@ -142,7 +173,7 @@ def test_an_attempt_that_becomes_no_step_is_forgotten():
 
     def attempt(t0, t1):
         jumps.begin()
-        jumps.look(support, t0, t1, *map(support.displacement_at, (t0, t1)))
+        jumps.look(support, t0, t1, *map(support.path_at, (t0, t1)))
         return Attempt(t0, t1 - t0, SOLVED, t1, NO_BODIES)
 
     with warnings.catch_warnings():

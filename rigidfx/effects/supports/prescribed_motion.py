@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import is_function, numbers, shown
-from rigidfx.effects.fields import Array, PlaceAndTime, of_place, some_points, values_at
+from rigidfx.effects.fields import Array, PlaceAndTime, of_place, values_at
 from rigidfx.effects.supports.guided_support import GuidedSupport
 from rigidfx.effects.supports.path_velocity import PathAndVelocity
 from rigidfx.effects.supports.support import Support
@@ -99,13 +99,6 @@ class PrescribedMotion(GuidedSupport):
             and other.velocity == self.velocity
         )
 
-    def check(self, scene: Any) -> None:
-        """See whether path and velocity can be used, and go together at the start and at kinks."""
-        if not self.uniform:
-            nodes = next(nodes for support, nodes in scene.supports if support is self)
-            object.__setattr__(self, "_some", some_points(scene, nodes))  # for `signal`
-        super().check(scene)
-
     @property
     def path_and_velocity(self) -> PathAndVelocity | None:
         """Path and given velocity, of the held components; None without such a velocity."""
@@ -127,8 +120,3 @@ class PrescribedMotion(GuidedSupport):
         if not self.acts(t):
             return np.zeros(some.size)
         return np.asarray(np.broadcast_to(self.velocities_at(t, dt, some), some.shape)).ravel()
-
-    @property
-    def _points(self) -> Array:
-        """Some points of its set, since it was checked."""
-        return getattr(self, "_some", np.zeros((1, 3)))

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError, together
 from rigidfx.effects.base import Windowed, check_vector
+from rigidfx.effects.fields import some_points
 
 __all__ = ["Support"]
 
@@ -92,6 +93,22 @@ class Support(Windowed):
         """
         return self.velocity_at(t, dt)
 
+    def path_at(self, t: float) -> Array:
+        """Its path in the components held, of all its nodes or some; equal on all ranks [m].
+
+        Args:
+            t: Time [s].
+        """
+        axes = list(self.axes)
+        if self.uniform:
+            return self.displacement_at(t)[axes]
+        return np.asarray(self.displacements_at(t, self._points)[:, axes]).ravel()
+
+    @property
+    def _points(self) -> Array:
+        """Some points of its set, since it was checked."""
+        return getattr(self, "_some", np.zeros((1, 3)))
+
     @property
     def keeps_rigid(self) -> bool:
         """Whether it may take a part named rigid along: its motion strains nothing."""
@@ -114,6 +131,7 @@ class Support(Windowed):
         """See whether a motion that differs from node to node can be used. Collective."""
         nodes = next(nodes for support, nodes in scene.supports if support is self)
         X = scene.space.tabulate_dof_coordinates()[nodes]
+        object.__setattr__(self, "_some", some_points(scene, nodes))
 
         def check() -> None:
             for value in (

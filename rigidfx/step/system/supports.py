@@ -108,15 +108,19 @@ class PrescribedDofs:
         """Prescribed increments of the held dofs from t0 to t1 [m]. Collective."""
 
         def gained(support: Support, X: Array) -> Array:
+            jumps = self._jumps if support.moves else None
             if not support.uniform:
+                if jumps is not None:
+                    jumps.look(support, t0, t1, support.path_at(t0), support.path_at(t1))
                 return support.displacements_at(t1, X) - support.displacements_at(t0, X)
             u0 = np.array(support.displacement_at(t0))  # a path may change one array in place
             u1 = np.array(support.displacement_at(t1))
             for given in (u0, u1):
                 if given.shape != (3,):
                     return given  # which is an error below
-            if self._jumps is not None and support.moves:
-                self._jumps.look(support, t0, t1, u0, u1)
+            if jumps is not None:
+                axes = list(support.axes)
+                jumps.look(support, t0, t1, u0[axes], u1[axes])
             return np.asarray(u1 - u0)
 
         if self._jumps is not None:

@@ -52,19 +52,18 @@ class Jumps(WarnsOnce):
             support: A support that moves.
             t0: Start of the step [s].
             t1: End of the step [s].
-            u0: Path at its start, shape (3,) [m].
-            u1: Path at its end, likewise.
+            u0: Its `path_at` the start, shape (n,) [m].
+            u1: Its `path_at` the end, likewise.
         """
         if not self.waits:
             return
-        axes = list(support.axes)
-        gain = float(np.abs(u1 - u0)[axes].max())
+        gain = float(np.abs(u1 - u0).max())
         least = max(self._least, ROUNDING * float(np.abs(u1).max()))
         before = self._before.get(id(support), 0.0)
         self._now[id(support)] = gain
         if not gain > max(SUDDEN * before, least):
             return
-        jump = jump_of(lambda t: support.displacement_at(t)[axes], t0, t1, u0[axes], u1[axes])
+        jump = jump_of(support.path_at, t0, t1, u0, u1)
         if jump is not None:
             t, size = jump
             self._found = (
