@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import resource
 import shutil
 from pathlib import Path
 
@@ -148,3 +149,20 @@ def test_wrong_flags_are_named(cache, monkeypatch, flags):
     with pytest.raises(rf.SceneError, match=kernels.FLAGS) as error:
         compile_form()
     assert flags in str(error.value)
+
+
+@pytest.mark.parametrize("reason", ["File exists", "File too large"])
+def test_a_cache_that_cannot_be_written_to_is_named(cache, reason):
+    """Such as a full disk, or a home that may only be read: a bare OSError of another package."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    if reason == "File exists":
+        cache.touch()
+    else:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1000, hard))
+    try:
+        with pytest.raises(rf.OutputError, match=f"'{cache}' .{reason}.*XDG_CACHE_HOME"):
+            compile_form()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    if reason == "File too large":
+        compile_form()  # nothing that is half written is in the way

@@ -11,9 +11,10 @@ from __future__ import annotations
 
 import fcntl
 import logging
+import re
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +40,8 @@ def compile_form(comm: MPI.Intracomm, form: ufl.Form, options: dict[str, Any]) -
         options: Options for FFCx's compiler; after their timeout, others are asked about.
 
     Raises:
-        OutputError: On every rank, if a file that is in the way cannot be removed.
+        OutputError: On every rank, if the cache cannot be written to, or a file that is in the way
+            not be removed.
     """
     return _past_the_cache(comm, options, lambda **how: fem.compile_form(comm, form, **how))
 
@@ -52,7 +54,8 @@ def form_on(comm: MPI.Intracomm, form: ufl.Form) -> fem.Form:
         form: UFL form.
 
     Raises:
-        OutputError: On every rank, if a file that is in the way cannot be removed.
+        OutputError: On every rank, if the cache cannot be written to, or a file that is in the way
+            not be removed.
     """
     return _past_the_cache(comm, SMALL, lambda **how: fem.form(form, **how))
 
@@ -69,7 +72,8 @@ def compile_expression(
         options: Options for FFCx's compiler.
 
     Raises:
-        OutputError: On every rank, if a file that is in the way cannot be removed.
+        OutputError: On every rank, if the cache cannot be written to, or a file that is in the way
+            not be removed.
     """
     return _past_the_cache(
         comm, options, lambda **how: fem.Expression(expression, points, comm=comm, **how)
@@ -85,9 +89,10 @@ def _past_the_cache(
         with _may_compile(comm, options), listening() as log:
             try:
                 return compiled(form_compiler_options=heard, jit_options=options)
-            except (RuntimeError, TimeoutError, ImportError) as error:
+            except (RuntimeError, OSError, ImportError) as error:
                 found = [source for source in comm.allgather(log.source) if source is not None]
                 if not found:
+                    agree(comm, _unwritten(error, options), OutputError)
                     raise
                 damaged = isinstance(error, ImportError)
         damaged = comm.allreduce(damaged, op=MPI.LOR)
@@ -101,10 +106,25 @@ def _may_compile(comm: MPI.Intracomm, options: dict[str, Any]) -> Iterator[None]
         yield
         return
     folder = Path(jit.get_options(options)["cache_dir"])
-    folder.mkdir(parents=True, exist_ok=True)
-    with (folder / LOCK).open("w") as file:
-        _locks(file, fcntl.LOCK_SH)
+    with ExitStack() as stack:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            _locks(stack.enter_context((folder / LOCK).open("w")), fcntl.LOCK_SH)
+        except OSError:  # what is there may be read; what has to be written says what is wrong
+            pass
         yield
+
+
+def _unwritten(error: Exception, options: dict[str, Any]) -> str | None:
+    """What to do where the cache cannot be written to, None if that is not what has gone wrong."""
+    said = re.search(r"\[Errno \d+\] ([^:]*)", str(error))  # on several ranks within a text
+    if said is None:
+        return None
+    return (
+        f"A form cannot be compiled into the folder '{jit.get_options(options)['cache_dir']}' "
+        f"({said[1].strip()}). Check the space left there and whether you may write to it, or name "
+        "another folder by the environment variable XDG_CACHE_HOME."
+    )
 
 
 def _cleared(source: Path, damaged: bool) -> str | None:
