@@ -5,6 +5,8 @@ Run as a script under mpirun, this file goes through all cases on each rank.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache, partial
 from math import inf, nan
 
@@ -14,6 +16,7 @@ import refusals
 from mpi4py import MPI
 
 import rigidfx as rf
+from rigidfx.effects.contacts.obstacles import Approach, Obstacle
 from rigidfx.flexible.stress import CauchyStress
 
 COMM = MPI.COMM_WORLD
@@ -77,6 +80,23 @@ class Kinked:
 
     def __call__(self, t):
         return (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Told(Obstacle):
+    """An obstacle of a user's own, whose gap is what a function tells."""
+
+    told: Callable = None
+
+    def gap(self, y):
+        return self.told(y)
+
+    def approach(self, y0, y1):
+        return Approach(y0 * np.nan, None, y1)
+
+
+def _told(function):
+    return _scene(_contact(against=Told(function)))
 
 
 @cache
@@ -143,6 +163,26 @@ CASES = {
     "path that fails on the last rank": (
         lambda: _run(_moving(_of_vectors(_fails_later))),
         "Contact on 'z0': its path of the Plane failed at t = ",
+    ),
+    "obstacle without a shape": (
+        lambda: _scene(_contact(against=Obstacle())),
+        "Contact on 'z0': its obstacle failed with NotImplementedError",
+    ),
+    "gap that fails": (
+        lambda: _told(lambda y: y[:, 3]),
+        "Contact on 'z0': its obstacle failed with IndexError",
+    ),
+    "gap of vectors": (
+        lambda: _told(lambda y: y),
+        "Contact on 'z0': gap of the Told must give finite numbers of shape (",
+    ),
+    "gap that is none": (
+        lambda: _told(lambda y: np.full(len(y) or 1, nan)),
+        "Contact on 'z0': gap of the Told must give finite numbers of shape (",
+    ),
+    "approach that is none": (
+        lambda: _told(lambda y: 1 + y[:, 2]),
+        "Contact on 'z0': approach of the Told must give finite numbers of shape (",
     ),
     "kinks of text": (
         lambda: _moving(Kinked("abc")),

@@ -124,6 +124,14 @@ CASES = {
     "points as texts": (lambda: _arrays(CUBE.astype(str), ONE), "points must be real numbers"),
     "points that are booleans": (lambda: _arrays(CUBE > 0, ONE), "got bool"),
     "point that is not finite": (lambda: _arrays(CUBE + np.inf, ONE), "points must be finite"),
+    "points that are masked": (
+        lambda: _arrays(np.ma.masked_equal(CUBE, 1.0), ONE),
+        "from_arrays: some of the points are masked",
+    ),
+    "corners that are masked": (
+        lambda: _arrays(CUBE, np.ma.masked_equal(ONE, 3)),
+        "from_arrays: some of the cells are masked",
+    ),
     "cells of floats": (lambda: _arrays(CUBE, ONE + 0.4), "cells must be whole numbers"),
     "cells in one row": (lambda: _arrays(CUBE, ONE[0]), "of shape (n, 8), got int64"),
     "cells of four corners": (lambda: _arrays(CUBE, ONE.reshape(2, 4)), "of shape (2, 4)"),
@@ -221,6 +229,11 @@ CASES = {
         "interval must be a finite number",
     ),
     "release at bytes": (lambda: rf.Release(at=b"12"), "at must be a finite number, got b'12'"),
+    "release at a dict": (lambda: rf.Release(at={0.1: 2.0}), "at must be a finite number, got"),
+    "probes in a dict": (
+        lambda: rf.StepControl(0.1, at={"tip": 2.0}, largest=0.1),
+        "at must be names of probes, got {'tip': 2.0}",
+    ),
     "order that is true": (lambda: _scene(order=True), "order must be 1 or 2, got True"),
     "masked cells": (
         lambda: _box().with_cell_set("a", np.ma.array([0, 1], mask=[0, 1])),

@@ -114,6 +114,8 @@ def test_description_has_them_where_they_are_cheap(monkeypatch, capsys):
     for count in (0, -1, 1.5, True, "3"):
         with pytest.raises(rf.SceneError, match="periods: count must be a whole number ≥ 1"):
             rf.periods(scene, count)
+    with pytest.raises(rf.SceneError, match="periods: scene must be a Scene, got NoneType"):
+        rf.periods(None)
     with pytest.raises(rf.SceneError, match="mass or inertia of a Rigid part is given"):
         rf.periods(given)
     with pytest.raises(rf.SceneError, match="describe: periods must be a whole number ≥ 0"):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Set
+from collections.abc import Callable, Iterable, Mapping, Set
 from math import isfinite, isnan
 from pathlib import Path
 from typing import Any, TypeGuard
@@ -214,7 +214,8 @@ def names(owner: str, name: str, given: Any, of: str) -> tuple[str, ...]:
     listed = (given,) if isinstance(given, str) else given
     # A set has another order on each rank, as texts are hashed with a random number.
     every = sorted(listed, key=str) if isinstance(listed, Set) else listed
-    found = tuple(every) if isinstance(every, Iterable) else (None,)
+    several = isinstance(every, Iterable) and not isinstance(every, Mapping)
+    found = tuple(every) if several else (None,)
     if not all(isinstance(one, str) for one in found):
         raise SceneError(f"{owner}: {name} must be names of {of}, got {given!r}.")
     return found

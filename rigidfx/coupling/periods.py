@@ -64,9 +64,11 @@ def periods(scene: Scene, count: int = 3) -> Array:
         supports and springs leave free are left out.
 
     Raises:
-        SceneError: If the count is none, the mass of a part named rigid is given, or there are too
-            many motions without stiffness for the others to be found.
+        SceneError: If there is no scene, the count is none, the mass of a part named rigid is
+            given, or there are too many motions without stiffness for the others to be found.
     """
+    if not isinstance(scene, Scene):
+        raise SceneError(f"periods: scene must be a Scene, got {type(scene).__name__}.")
     count, comm = whole("periods", "count", count, least=1), scene.comm
     agree(comm, _unanswered(scene))
     K, M, held, parts = _problem(scene)

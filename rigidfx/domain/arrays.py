@@ -137,6 +137,9 @@ def _misfit(points: npt.ArrayLike, cells: npt.ArrayLike, corners: tuple[int, ...
                 f"from_arrays: {name} must be {kind} of shape {shapes}, got {given.dtype} of "
                 f"shape {given.shape}."
             )
+    for name, array in (("points", points), ("cells", cells)):
+        if np.ma.is_masked(array):
+            return f"from_arrays: some of the {name} are masked; fill them, or leave them out."
     if not np.isfinite(x.astype(np.float64)).all():
         return "from_arrays: points must be finite."
     if rows.size == 0:

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx.base.errors import SceneError
+from rigidfx.base.errors import SceneError, together
 from rigidfx.base.inputs import number, positive, shown
 from rigidfx.base.warning import warn
 from rigidfx.effects.action import Action, Structure
@@ -118,6 +118,11 @@ class Contact(Windowed):
                 raise SceneError(f"{self.owner}: '{against}' is flat, so it does not meet itself.")
         if isinstance(against, Obstacle):
             check_vector(scene, self.owner, start, lambda: against.displacement(start))
+            X = scene.space.tabulate_dof_coordinates()[surface.area > 0]
+            y = X - against.displacement(start)
+            together(
+                scene.comm, f"{self.owner}: its obstacle", lambda: self._check_gaps(against, y)
+            )
         if start > 0.0:
             return  # nobody knows where it will be
         X = scene.space.tabulate_dof_coordinates()
@@ -135,6 +140,20 @@ class Contact(Windowed):
             raise SceneError(f"{found}: move one of them, or turn the normal or inside around.")
         begins = "with the energy of that" if isinstance(against, Obstacle) else "there"
         warn(scene.comm, f"{found}; the contact begins {begins}.")
+
+    def _check_gaps(self, obstacle: Obstacle, y: Array) -> None:
+        """See whether an obstacle, which may be of a user's own, tells gaps and directions.
+
+        Raises:
+            SceneError: On this rank, if they are not finite, or not as many as there are points.
+        """
+        found = {"gap": obstacle.gap(y), "approach": obstacle.approach(y, y).m}
+        for (name, given), shape in zip(found.items(), (y.shape[:1], y.shape), strict=True):
+            if np.shape(given) != shape or not np.isfinite(given).all():
+                raise SceneError(
+                    f"{self.owner}: {name} of the {obstacle.kind} must give finite numbers of "
+                    f"shape {shape} for points of shape {y.shape}, got {shown(given)}."
+                )
 
     def check_preloaded(self, scene: Any, x: Array, start: float) -> None:
         """Refuse a static equilibrium that presses: statics know nothing of contacts. Collective.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -38,7 +38,7 @@ class Release:
             SceneError: If there is neither a time nor a condition, or one cannot be used.
         """
         at: Any = taken(self.at)
-        several = isinstance(at, Iterable) and not isinstance(at, (str, bytes))
+        several = isinstance(at, Iterable) and not isinstance(at, (str, bytes, Mapping))
         times = tuple(at) if several else (at,)
         for t in times:
             if not number("Release", "at", t) > 0:
