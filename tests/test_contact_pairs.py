@@ -239,6 +239,26 @@ def test_what_is_pressed_within_one_body_keeps_its_energy():
     assert frozen[-1].contact > 0
 
 
+@pytest.mark.parametrize("size", [1.0, 1e-12])
+def test_the_nearer_of_two_facets_is_met_in_any_unit_of_length(size):
+    """In a corner, the wall: gaps counted as equal within 1e-12 m, so the floor was met."""
+    floor, wall = [(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 0, 0), (0, 1, 0), (0, 0, 1)]
+    x = size * np.array([(0.01, 0.3, 0.02), *floor, *wall])
+    pair = PairSurface(
+        nodes=np.arange(7),
+        numbers=np.arange(7),
+        size=7,
+        slaves=np.array([0]),
+        stiffness=np.ones(1),
+        triangles=np.array([[1, 2, 3], [4, 5, 6]]),
+        reach=2 * size,
+        spacing=size,
+        X=x,
+        itself=False,
+    )
+    assert pair.mates(x, np.full(7, -1)).tolist() == [1]
+
+
 @NO_WARNINGS
 def test_a_thin_plate_does_not_meet_its_other_side():
     """However it bends: its thickness is a tenth of its cells."""

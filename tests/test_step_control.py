@@ -14,6 +14,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 import rigidfx as rf
 from rigidfx.plot.ledger import spent
+from rigidfx.scene.points import far_apart
 from rigidfx.scene.timeline import Timeline
 from rigidfx.step.length.step_length import StepLength
 from rigidfx.step.length.time_error import TimeError
@@ -31,6 +32,16 @@ def pushed():
     """A clamped bar, pushed for two seconds: it swings from then on."""
     push = rf.Traction("x1", (0, 0, 200.0), time=lambda t: np.sin(np.pi * t / 2), until=2.0)
     return bar(rf.Fixed("x0"), push)
+
+
+def test_nodes_that_count_are_the_same_in_any_unit_of_length():
+    """Their coordinates were rounded to 1e-9 m: of a tiny mesh one node counted again and again."""
+    found = []
+    for size in (1.0, 1e-10):
+        box = rf.box((0, 0, 0), (8 * size, size, size), (4, 2, 2))
+        found.append(far_apart(rf.Scene(box, SOFT), 6)[0].tolist())
+    assert found[0] == found[1]
+    assert len(set(found[0])) == 6
 
 
 def tumbling():

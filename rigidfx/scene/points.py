@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 
 from rigidfx.base.compat import cell_geometry_dofs, coordinate_map
 from rigidfx.scene.scene import Scene
@@ -83,6 +84,8 @@ def far_apart(scene: Scene, count: int) -> tuple[Ints, Ints]:
     """
     comm, X = scene.comm, scene.space.tabulate_dof_coordinates()[: scene.owned_nodes]
     distance = np.linalg.norm(X - scene.centre_of_mass, axis=1)
+    size = comm.allreduce(float(distance.max(initial=0.0)), op=MPI.MAX)
+    X, distance = X / size, distance / size  # so that digits are those of any unit of length
     mine, places = [], []
     for place in range(count):
         far = np.flatnonzero(distance >= distance.max(initial=0.0) * (1 - 1e-9))

@@ -34,6 +34,7 @@ NEAREST = 12  # triangles that are looked at for a node
 BESIDE = 1e-6  # of a triangle: how far beside it a node may be and still meet it
 FLAT = 1e-9  # of the cosine of two normals
 TINY = float(np.finfo(np.float64).tiny)
+EQUALLY = 9  # digits of a gap over the distance of nodes: what agrees in them is equally near
 DEEPEST = 0.5  # of the distance of nodes: what is deeper has come from the other side
 
 
@@ -88,8 +89,8 @@ class PairSurface:
         may = (N > -BESIDE).all(axis=1) & (g > -DEEPEST * self.spacing) & ~one
         if self.itself:
             may &= ~self._of_one_wall(node, triangle)
-        node, triangle, g = node[may], triangle[may], np.abs(g[may])
-        order = np.lexsort((triangle, g.round(12), node))
+        node, triangle, g = node[may], triangle[may], np.abs(g[may]) / self.spacing
+        order = np.lexsort((triangle, g.round(EQUALLY), node))
         node, first = np.unique(node[order], return_index=True)
         out[node] = triangle[order][first]
         return out
