@@ -275,6 +275,25 @@ def test_a_thin_plate_does_not_meet_its_other_side():
 
 
 @NO_WARNINGS
+def test_a_plate_that_stands_on_its_edge_is_met():
+    """By another of the same surface; the normal at its rim is no good if areas weigh it."""
+    lying = (0, 0, 0), (0.4, 0.4, 0.01), (4, 4, 1)
+    plates = boxes(lying, ((0.23, 0.07, 0.02), (0.24, 0.27, 0.22), (1, 2, 2)))
+    plates = plates.with_facets("skin", lambda x: np.full(x.shape[1], True))
+
+    def falling(x):
+        return np.where(x[2] > 0.015, -2.0, 0.0) * np.array([[0.0], [0.0], [1.0]])
+
+    skin = rf.Contact("skin", against="skin")
+    scene = rf.Scene(plates, SOFT, [skin, rf.InitialVelocity(function=falling)])
+    reports, H, L, J = drifts(scene, 1e-3, 20)
+    assert max(r.touches["skin_skin"].nodes for r in reports[1:]) >= 6  # three along each side
+    assert max(r.touches["skin_skin"].penetration for r in reports[1:]) < 1e-3
+    assert H <= 1e-11
+    assert max(L, J) <= 1e-12
+
+
+@NO_WARNINGS
 @pytest.mark.parametrize("wake", ["all", "local"])
 def test_what_is_struck_is_flexible_in_that_very_step(wake):
     """Both blocks fly as bodies, and meet."""
@@ -292,6 +311,23 @@ def test_what_is_struck_is_flexible_in_that_very_step(wake):
 def test_what_overlaps_at_the_start_is_told():
     with pytest.raises(rf.SceneError, match=r"at the start it is 0\.02 m inside 'lower' at"):
         blocks(BOTH[0], gap=-0.02)
+
+
+@pytest.mark.filterwarnings("ignore:Scene. the part")  # touches another
+@pytest.mark.parametrize(("low", "count"), [((0.23, 0.07, 0.15), (3, 2, 2)), ((0.1, 0, 0.1), 2)])
+def test_a_mesh_that_overlaps_itself_is_refused(low, count):
+    """Whether nodes coincide or not; what touches is taken."""
+    high, count = tuple(a + 0.2 for a in low), (2, 2, 2) if count == 2 else count
+    one = (0, 0, 0), (0.4, 0.2, 0.2), (4, 2, 2)
+    skin = rf.Contact("skin", against="skin")
+
+    def scene(up):
+        both = boxes(one, ((*low[:2], low[2] + up), (*high[:2], high[2] + up), count))
+        return rf.Scene(both.with_facets("skin", lambda x: x[0] > -1), SOFT, [skin])
+
+    with pytest.raises(rf.SceneError, match=r"the mesh overlaps itself at \(0\.\d*, .* m, and"):
+        scene(0.0)
+    scene(0.2 - low[2])
 
 
 def flat(*effects):

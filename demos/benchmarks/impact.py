@@ -55,7 +55,8 @@ BOUNDS = {
     "largest_gain_of_energy": 1e-12,
     "force_error": 0.03,
 }
-IN_FULL = {"search_by_step": 0.05}  # of 27 000 unknowns
+# Of 29 478 unknowns.
+IN_FULL = {"search_by_step": 0.05, "search_of_skin_by_step": 0.05}
 BOUNDS_OF = {"hertz": {"force_error": 0.05}}  # where a case has another
 
 

@@ -15,6 +15,7 @@ from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.base import Windowed, check_vector
 from rigidfx.effects.contacts.against_obstacle import ObstacleForces
 from rigidfx.effects.contacts.obstacles import Obstacle
+from rigidfx.effects.contacts.overlap import refuse_overlap
 from rigidfx.effects.contacts.pair_surface import pair_of
 from rigidfx.effects.contacts.pairs import PairForces
 from rigidfx.effects.contacts.pressing import Friction
@@ -116,6 +117,7 @@ class Contact(Windowed):
             pair = pair_of(scene, self.where, self.where, self.stiffness, self.owner)
             if pair.flat:
                 raise SceneError(f"{self.owner}: '{against}' is flat, so it does not meet itself.")
+            refuse_overlap(scene, self.where, self.owner)
         if isinstance(against, Obstacle):
             check_vector(scene, self.owner, start, lambda: against.displacement(start))
             X = scene.space.tabulate_dof_coordinates()[surface.area > 0]

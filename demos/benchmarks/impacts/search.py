@@ -12,20 +12,26 @@ from .pairs import boxes
 
 
 def share_of_search(short: bool) -> dict[str, float]:
-    """Part of a flexible step in which all of both surfaces is looked at, both ways."""
-    n = 7 if short else 16
+    """Part of a flexible step of two surfaces, both ways, and of one skin that may meet itself."""
+    both = rf.Contact("lower", against="upper"), rf.Contact("upper", against="lower")
+    found = _share(7 if short else 16, *both)
+    of_skin = _share(7 if short else 16, rf.Contact("skin", against="skin"))
+    return {**found, "search_of_skin_by_step": of_skin["search_by_step"]}
+
+
+def _share(n: int, *contacts: rf.Contact) -> dict[str, float]:
     domain = boxes(
         ((0, 0, 0), (0.2, 0.2, 0.2), (n, n, n)),
         ((0.003, 0.005, 0.2001), (0.203, 0.205, 0.4001), (n, n, n)),
     )
     domain = domain.with_facets("lower", lambda x: x[2] < 0.20005)
     domain = domain.with_facets("upper", lambda x: x[2] > 0.20005)
+    domain = domain.with_facets("skin", lambda x: np.full(x.shape[1], True))
 
     def thrown(x: np.ndarray) -> np.ndarray:
         return np.where(x[2] > 0.20005, -0.3, 0.3) * np.array([[0.0], [0.0], [1.0]])
 
-    both = rf.Contact("lower", against="upper"), rf.Contact("upper", against="lower")
-    scene = rf.Scene(domain, SOFT, [*both, rf.InitialVelocity(function=thrown)])
+    scene = rf.Scene(domain, SOFT, [*contacts, rf.InitialVelocity(function=thrown)])
     PETSc.Log.begin()
     search, wall, begun, steps = PETSc.Log.Event("rigidfxSearch"), 0.0, 0.0, 0
     for r in rf.simulate(scene, 2e-4, 12 * 2e-4, progress=False):

@@ -82,13 +82,15 @@ class PairSurface:
         """
         out = np.full(self.slaves.size, -1)
         node, triangle = self._nearest(x)
+        slaves, of_triangles = self.slaves[node], self.triangles[triangle]
+        of = bodies[of_triangles]
+        one = (of == bodies[slaves, None]).all(axis=1) & (of[:, 0] >= 0)
+        one |= (of_triangles == slaves[:, None]).any(axis=1)  # its own
+        node, triangle = node[~one], triangle[~one]
         g, _, N = projected(x[self.slaves[node]], x[self.triangles[triangle]])
-        of = bodies[self.triangles[triangle]]
-        one = (of == bodies[self.slaves[node], None]).all(axis=1) & (of[:, 0] >= 0)
-        one |= (self.triangles[triangle] == self.slaves[node, None]).any(axis=1)  # its own
-        may = (N > -BESIDE).all(axis=1) & (g > -DEEPEST * self.spacing) & ~one
+        may = np.flatnonzero((N.min(axis=1, initial=1.0) > -BESIDE) & (g > -DEEPEST * self.spacing))
         if self.itself:
-            may &= ~self._of_one_wall(node, triangle)
+            may = may[~self._of_one_wall(node[may], triangle[may])]
         node, triangle, g = node[may], triangle[may], np.abs(g[may]) / self.spacing
         order = np.lexsort((triangle, g.round(EQUALLY), node))
         node, first = np.unique(node[order], return_index=True)
@@ -101,10 +103,9 @@ class PairSurface:
         A surface that may meet itself is all near: its triangles are looked for by their places and
         normals together, and those that look the same way as the node are far.
         """
-        corners, p = x[self.triangles], x[self.slaves]
-        low, high = corners.min(axis=(0, 1)) - self.reach, corners.max(axis=(0, 1)) + self.reach
+        centres, p = x[self.triangles].mean(axis=1), x[self.slaves]
+        low, high = centres.min(axis=0) - self.reach, centres.max(axis=0) + self.reach
         near = np.flatnonzero(((p >= low) & (p <= high)).all(axis=1))
-        centres = corners.mean(axis=1)
         low = p[near].min(axis=0, initial=np.inf) - self.reach
         high = p[near].max(axis=0, initial=-np.inf) + self.reach
         facing = np.flatnonzero(((centres >= low) & (centres <= high)).all(axis=1))
@@ -115,7 +116,8 @@ class PairSurface:
             normals, at_nodes = self._normals(x)
             places = np.c_[places, self.reach * normals[facing]]
             wanted = np.c_[wanted, -self.reach * at_nodes[self.slaves[near]]]
-            farthest *= np.sqrt(3.0)  # within reach, and less than a right angle off
+            # At 60° within reach, at a right angle nowhere: not the next side of its own edge.
+            farthest *= np.sqrt(2.0)
         count = min(NEAREST, facing.size)
         far, found = cKDTree(places).query(wanted, k=count, distance_upper_bound=farthest)
         far, found = far.reshape(near.size, -1), found.reshape(near.size, -1)
@@ -123,13 +125,14 @@ class PairSurface:
         return near[row], facing[found[row, column]]
 
     def _normals(self, x: Array) -> tuple[Array, Array]:
-        """Unit normals of triangles and of all nodes, shapes (m, 3) and (size, 3)."""
+        """Unit normals of triangles, and means of theirs at all nodes, shapes (m, 3) and (size, 3).
+
+        All count alike at a node: by areas, the rim of a thin plate would look as its sides do.
+        """
         a, b, c = x[self.triangles].swapaxes(0, 1)
-        areas, at_nodes = np.cross(b - a, c - a), np.zeros((self.size, 3))
-        np.add.at(at_nodes, self.triangles, areas[:, None])
-        both = (n / np.maximum(np.linalg.norm(n, axis=1), TINY)[:, None] for n in (areas, at_nodes))
-        normals, of_nodes = both
-        return normals, of_nodes
+        normals, at_nodes = _unit(np.cross(b - a, c - a)), np.zeros((self.size, 3))
+        np.add.at(at_nodes, self.triangles, normals[:, None])
+        return normals, _unit(at_nodes)
 
     def _of_one_wall(self, node: Ints, triangle: Ints) -> npt.NDArray[np.bool_]:
         """Whether nodes are near triangles in the reference, and behind: on a wall's other side."""
@@ -155,6 +158,11 @@ class PairSurface:
         slaves = self.slaves[near]
         g, _, _ = projected(x[slaves], x[self.triangles[mate[near]]])
         return slaves, g
+
+
+def _unit(v: Array) -> Array:
+    """Vectors of length one, shape (n, 3)."""
+    return np.asarray(v / np.maximum(np.linalg.norm(v, axis=1, keepdims=True), TINY))
 
 
 def projected(p: Array, corners: Array) -> tuple[Array, Array, Array]:
