@@ -20,6 +20,7 @@ from rigidfx.step.newton import chord
 from rigidfx.step.newton.chord_test import ChordTest
 from rigidfx.step.newton.frames import Frames
 from rigidfx.step.newton.kept_tangent import KeptTangent
+from rigidfx.step.newton.pause import LENGTH, MAX_FAILURES, Pause
 from rigidfx.step.newton.refresh import Refresh
 from rigidfx.step.newton.stopping_test import MAX_ITERATIONS, ROUNDING
 
@@ -107,6 +108,22 @@ def test_slow_convergence_is_no_stall_unless_the_tangent_is_new():
 def test_reduction_ends_a_step_well_below_that_of_newton():
     assert end([1e7, 1e1, 1e-5, 1e-6, 1e-7], level(0.0)) == 4
     assert end([1.0] * 50, level(0.0)) == MAX_ITERATIONS
+
+
+def test_what_fails_pauses_and_is_tried_again():
+    """Not for good, as a contact that opens and closes goes by; once is enough the next time."""
+    pause = Pause()
+    for failures in (MAX_FAILURES, 1):
+        for _ in range(failures):
+            assert not pause.failed
+            pause.failure()
+        for _ in range(LENGTH):
+            assert pause.failed
+            pause.passed()
+    pause.kept(4.0)
+    pause.failure()
+    assert not pause.failed
+    assert pause.over
 
 
 # Frames ----------------------------------------------------------------------------------------

@@ -41,7 +41,6 @@ SOFT_UP_TO = 100_000  # unknowns
 # Cells that a wave passes in a step, as the diagonals of stiffness and mass estimate them. From a
 # prototype that counted them by the material's wave speed; not measured again for the diagonals.
 STIFF_FROM = 15.0
-MAX_FAILURES = 3  # solves in a row after which Newton's method is left alone
 OF_SOLVERS = "ksp_", "pc_", "mat_", "sub_", "mg_", "snes_lag_"
 
 
@@ -65,7 +64,6 @@ class Chord:
         self.stop = stop
         self.tangents = 0
         self._equilibrium, p = equilibrium, equilibrium.prolongation
-        self._failures = 0
         self._pause = Pause()
         like = p.unknowns()
         inverse = Factors if p.size <= FACTORS_UP_TO else Multigrid
@@ -116,12 +114,11 @@ class Chord:
 
     def fail(self) -> None:
         """Take note that Newton's method takes over, and makes tangents of its own."""
-        self._failures += 1
+        self._pause.failure()
         self._refresh.due = True
 
     def accept(self) -> None:
         """Take note that the last solve has become a step."""
-        self._failures = 0
         iterations = len(self.stop.history) - 1
         self._refresh.accepted(iterations)
         self._pause.kept(iterations + self._refresh.cost * self.tangents)
@@ -135,7 +132,7 @@ class Chord:
         """Whether factors are worth keeping in steps of Δt [s]."""
         p = self._equilibrium.prolongation
         small = p.size < SMALLEST and not (p.comm.size == 1 and self._equilibrium.well_conditioned)
-        if small or self._failures >= MAX_FAILURES:
+        if small or self._pause.failed:
             return False
         soft = self._equilibrium.waves(dt) < STIFF_FROM
         return not soft or (self._pause.over and p.size <= SOFT_UP_TO)

@@ -3,7 +3,8 @@
 A step of a soft part by Newton's method and GMRES costs as much as 9 iterations with kept factors
 at 500 unknowns, and as 11 to 14 at 4000 to 30 000. Where steps with kept factors cost more than
 that in the mean, new tangents included, Newton's method has its turn for a while, after which the
-factors are tried again.
+factors are tried again. So it has where solves with them fail again and again: a contact that opens
+and closes goes by, and what is stiff gains too much by kept factors to do without them for good.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ __all__ = ["Pause"]
 WORTH = 12.0  # iterations with kept factors that a step by GMRES costs
 LENGTH = 30  # steps
 MEMORY = 10.0  # steps that the mean goes over
+MAX_FAILURES = 3  # solves in a row after which it pauses; another one after the pause does too
 
 
 class Pause:
@@ -20,12 +22,24 @@ class Pause:
 
     def __init__(self) -> None:
         """Begin with steps that cost nothing."""
-        self._mean, self._left = 0.0, 0
+        self._mean, self._left = 0.0, 0  # steps
+        self._failures = 0  # in a row
 
     @property
     def over(self) -> bool:
         """Whether factors are to be kept at present."""
         return self._left == 0
+
+    @property
+    def failed(self) -> bool:
+        """Whether they pause as they have failed."""
+        return self._failures >= MAX_FAILURES and self._left > 0
+
+    def failure(self) -> None:
+        """Take note of a solve with kept factors that has failed."""
+        self._failures += 1
+        if self._failures >= MAX_FAILURES:
+            self._left = LENGTH
 
     def kept(self, cost: float) -> None:
         """Take note of a step with kept factors.
@@ -33,6 +47,7 @@ class Pause:
         Args:
             cost: Its iterations, and what its tangents cost in iterations.
         """
+        self._failures = 0
         self._mean += (cost - self._mean) / MEMORY
         if self._mean > WORTH:
             self._mean, self._left = 0.0, LENGTH
