@@ -107,6 +107,15 @@ def test_traction_of_place(rigid):
     assert J[1] == pytest.approx(-3 * (1 / 3 + 1 / 24) * 0.4**2, rel=0.01)
 
 
+def test_total_traction_of_place():
+    """Its force is the mean of the function over the area, on which it is spread."""
+    domain = rf.box((0, 0, 0), (2, 3, 2), (1, 2, 2))
+    pull = rf.Traction("x1", lambda x, t: np.stack([x[1], 0 * x[1], 1 + 0 * x[1]]), total=True)
+    scene = rf.Scene(domain, MATERIAL, [rf.Fixed("x0"), pull, rf.Preload([pull])])
+    first = next(rf.simulate(scene, 0.1, 0.1, progress=False))
+    np.testing.assert_allclose(first.reactions["x0"], (-1.5, 0, -1), atol=1e-8)
+
+
 def test_initial_displacement_is_let_go():
     """Energy is there from the start and stays; a support holds what it displaced."""
     start = rf.InitialDisplacement(lambda x: np.array([0.1 * x[2], 0 * x[0], 0 * x[0]]))
