@@ -12,7 +12,7 @@ import ufl
 from mpi4py import MPI
 
 import rigidfx as rf
-from rigidfx.base import cache_log, form_cache
+from rigidfx.base import c_library, cache_log, form_cache
 from rigidfx.flexible import kernels
 from rigidfx.flexible.kernels import Kernel
 
@@ -166,3 +166,12 @@ def test_a_cache_that_cannot_be_written_to_is_named(cache, reason):
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     if reason == "File too large":
         compile_form()  # nothing that is half written is in the way
+
+
+def test_a_library_that_cannot_be_written_is_named(tmp_path, monkeypatch):
+    """On rank 0 alone: the others waited for it."""
+    file = tmp_path / "file"
+    file.touch()
+    monkeypatch.setattr(c_library.jit, "get_options", lambda given: {"cache_dir": str(file)})
+    with pytest.raises(rf.OutputError, match=f"'{file}' .File exists.*XDG_CACHE_HOME"):
+        c_library.c_library(MPI.COMM_SELF, "none", "int one = 1;", "int one;", ["-O0"])

@@ -19,6 +19,9 @@ from cffi import FFI, VerificationError
 from dolfinx import jit
 from mpi4py import MPI
 
+from rigidfx.base.errors import OutputError, agree
+from rigidfx.base.form_cache import unwritten
+
 __all__ = ["c_library"]
 
 
@@ -35,17 +38,21 @@ def c_library(
         flags: The compiler's.
 
     Raises:
+        OutputError: On every rank, if the cache cannot be written to.
         VerificationError: On every rank, if the compiler fails.
     """
     told = "\0".join([source, declarations, *flags, sys.version])
     name = f"rigidfx_{name}_{hashlib.sha1(told.encode()).hexdigest()}"
     folder = Path(jit.get_options(None)["cache_dir"])
-    problem, path = None, None
+    problem, full, path = None, None, None
     if comm.rank == 0:
         try:
             path = _found(folder, name) or _compiled(folder, name, source, declarations, flags)
         except VerificationError as error:
             problem = str(error)
+        except OSError as error:
+            full = unwritten(error, folder) or str(error)
+    agree(comm, full, OutputError)
     problem, path = comm.bcast((problem, path))
     if path is None:
         raise VerificationError(problem)

@@ -25,7 +25,7 @@ from mpi4py import MPI
 from rigidfx.base.cache_log import listening
 from rigidfx.base.errors import OutputError, agree
 
-__all__ = ["compile_expression", "compile_form", "form_on", "wait_or_clear"]
+__all__ = ["compile_expression", "compile_form", "form_on", "unwritten", "wait_or_clear"]
 
 LOCK = "rigidfx.lock"  # beside the compiled forms
 SMALL = {"timeout": 10}  # options for small forms; who holds the lock is waited for longer
@@ -92,7 +92,9 @@ def _past_the_cache(
             except (RuntimeError, OSError, ImportError) as error:
                 found = [source for source in comm.allgather(log.source) if source is not None]
                 if not found:
-                    agree(comm, _unwritten(error, options), OutputError)
+                    agree(
+                        comm, unwritten(error, jit.get_options(options)["cache_dir"]), OutputError
+                    )
                     raise
                 damaged = isinstance(error, ImportError)
         damaged = comm.allreduce(damaged, op=MPI.LOR)
@@ -115,15 +117,20 @@ def _may_compile(comm: MPI.Intracomm, options: dict[str, Any]) -> Iterator[None]
         yield
 
 
-def _unwritten(error: Exception, options: dict[str, Any]) -> str | None:
-    """What to do where the cache cannot be written to, None if that is not what has gone wrong."""
-    said = re.search(r"\[Errno \d+\] ([^:]*)", str(error))  # on several ranks within a text
+def unwritten(error: Exception, folder: str | Path) -> str | None:
+    """What to do where the cache cannot be written to, None if that is not what has gone wrong.
+
+    Args:
+        error: What a compilation has raised; on several ranks a text that tells of it.
+        folder: The cache.
+    """
+    said = re.search(r"\[Errno \d+\] ([^:]*)", str(error))
     if said is None:
         return None
     return (
-        f"A form cannot be compiled into the folder '{jit.get_options(options)['cache_dir']}' "
-        f"({said[1].strip()}). Check the space left there and whether you may write to it, or name "
-        "another folder by the environment variable XDG_CACHE_HOME."
+        f"Nothing can be compiled into the folder '{folder}' ({said[1].strip()}). Check the space "
+        "left there and whether you may write to it, or name another folder by the environment "
+        "variable XDG_CACHE_HOME."
     )
 
 
