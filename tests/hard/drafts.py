@@ -54,7 +54,7 @@ _supports = st.fixed_dictionaries(
 )
 _contacts = st.fixed_dictionaries(
     {
-        "kind": _choice("plane", "sphere", "tube"),
+        "kind": _choice("plane", "sphere", "tube", "itself"),
         "where": _choice(*FACES),
         "away": _number(-0.1, 1.0),  # of the way in ten steps
         "friction": _choice(0.0, 0.0, 0.3),
@@ -121,6 +121,7 @@ def build(
     }
     for name, marker in markers.items():
         domain = domain.with_cells(name, marker)
+    domain = domain.with_facets("skin", lambda x: np.full(x.shape[1], True))
     E, rho = ([10.0 ** draft[name][0], 10.0 ** sum(draft[name])] for name in ("E", "rho"))
     material: Any = rf.StVenantKirchhoff(E=E[0], nu=draft["nu"], rho=rho[0])
     if draft["two materials"]:
@@ -216,7 +217,12 @@ def _support(support: Draft, dt: float, slow: float, size: float) -> rf.Effect:
 
 
 def _contact(contact: Draft, dt: float, slow: float, size: Any) -> rf.Effect:
-    """A face against an obstacle before it, or a little inside it; deeper is refused."""
+    """A face against an obstacle before it, or a little inside it, which refuses what is deeper.
+
+    Or all faces against each other: they do not meet, but they are looked at, and wake.
+    """
+    if contact["kind"] == "itself":
+        return rf.Contact("skin", against="skin", **_times(contact["window"], dt))
     axis, high = "xyz".index(contact["where"][0]), contact["where"][1] == "1"
     n = np.zeros(3)
     n[axis] = -1.0 if high else 1.0
