@@ -330,6 +330,17 @@ def test_a_mesh_that_overlaps_itself_is_refused(low, count):
     scene(0.2 - low[2])
 
 
+@pytest.mark.filterwarnings("ignore:Scene. the part")
+def test_cells_with_warped_faces_are_no_larger_than_they_are():
+    """The hull of the lower one goes far into the upper one."""
+    points, cells = arrays(
+        (((0, 0, 0), (1, 1, 1), (1, 1, 1)), ((0, 0, 1.01), (1, 1, 2), (1, 1, 1)))
+    )
+    points[:, 2] -= 0.3 * points[:, 0] * points[:, 1]
+    both = rf.from_arrays(points, cells).with_facets("skin", lambda x: x[0] > -1)
+    rf.Scene(both, SOFT, [rf.Contact("skin", against="skin")])
+
+
 def flat(*effects):
     """A block with faces that are flat."""
     return rf.Scene(rf.box((0, 0, 0), (1, 1, 1), (2, 2, 2)), SOFT, effects)

@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from dolfinx import geometry
+from dolfinx import mesh as dmesh
 
+from rigidfx.base.compat import cell_geometry_dofs, coordinate_map
 from rigidfx.base.errors import SceneError, agree
 from rigidfx.effects.contacts.surface import triangles_of
 
@@ -22,8 +24,6 @@ INSIDE = 0.1  # of the way from a triangle to the middle of the cell behind: sur
 
 def refuse_overlap(scene: Any, where: str, owner: str) -> None:
     """Refuse a surface behind which there are cells in cells. Collective.
-
-    Cells that share a node count as one: those of curved ones may be larger than they are.
 
     Args:
         scene: The problem.
@@ -47,7 +47,9 @@ def refuse_overlap(scene: Any, where: str, owner: str) -> None:
     shared = np.zeros(point.size, dtype=bool)
     for a in range(hit.shape[1]):  # nodes of one cell
         shared |= (nodes[point] == hit[:, a, None]).any(axis=1)
-    every = np.unique(np.concatenate(comm.allgather(point[~shared])))
+    point, cell = point[~shared], cell[~shared]
+    held = [_holds(scene.mesh, c, points[p]) for p, c in zip(point, cell, strict=True)]
+    every = np.unique(np.concatenate(comm.allgather(point[np.array(held, dtype=bool)])))
     problem = None
     if every.size:
         x, y, z = points[every[0]]
@@ -60,7 +62,7 @@ def refuse_overlap(scene: Any, where: str, owner: str) -> None:
 
 
 def _hits(mesh: Any, points: npt.NDArray[np.float64]) -> tuple[Any, Any]:
-    """Points, and owned cells that they are in, by their numbers, one for each pair."""
+    """Points, and owned cells whose convex hulls they are in, by numbers, one for each pair."""
     owned = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
     if not owned.size or not len(points):
         return np.empty(0, np.int64), np.empty(0, np.int64)
@@ -68,3 +70,14 @@ def _hits(mesh: Any, points: npt.NDArray[np.float64]) -> tuple[Any, Any]:
     candidates = geometry.compute_collisions_points(tree, points)
     hits = geometry.compute_colliding_cells(mesh, candidates, points)
     return np.repeat(np.arange(len(points)), np.diff(hits.offsets)), hits.array
+
+
+def _holds(mesh: Any, cell: int, point: npt.NDArray[np.float64]) -> bool:
+    """Whether a point is in a cell, which may be smaller than its hull; few are asked for."""
+    corners = mesh.geometry.x[cell_geometry_dofs(mesh)[cell]]
+    try:
+        X = coordinate_map(mesh).pull_back(point.reshape(1, 3), corners)
+    except RuntimeError:  # nowhere near: no such place is found
+        return False
+    simplex = mesh.topology.cell_type == dmesh.CellType.tetrahedron
+    return bool((X > 0).all() and (X.sum() < 1 if simplex else (X < 1).all()))
