@@ -207,4 +207,4 @@ def controlled_steps(short: bool) -> Iterator[Run]:
         control = rf.StepControl(tol, "tip", largest=0.5)
         yield Run(f"{tol:.0%}", scene, control, t_end, momentum=None, cuts=cuts)
     asked = rf.Accuracy(0.1, "tip")
-    yield Run("10% of all", scene, 0.5, t_end, asked, momentum=None, cuts=cuts, freezes=False)
+    yield Run("10% of all", scene, 0.5, t_end, asked, momentum=None, cuts=cuts)
