@@ -147,13 +147,13 @@ class Rounding:
         layout, bodies = prolongation.layout, prolongation.owned_bodies
         of_bodies = np.repeat(layout.ensemble.mass[bodies], 6)
         mass = np.concatenate([layout.masses[prolongation.free // 3], of_bodies])
-        ratios = [
-            0.0
-            if K is None
-            else np.divide(K, mass, out=np.full(K.size, np.inf), where=mass > 0).max(initial=0.0)
-            for K in (self._elastic, self._viscous)
-        ]
-        return np.asarray(self._comm.allreduce(np.array(ratios), op=MPI.MAX))
+        ratios = np.zeros(2)
+        for k, K in enumerate((self._elastic, self._viscous)):
+            if K is not None:
+                own = np.divide(K, mass, out=np.full(K.size, np.inf), where=mass > 0)
+                ratios[k] = own.max(initial=0.0)
+        self._comm.Allreduce(MPI.IN_PLACE, ratios, op=MPI.MAX)
+        return ratios
 
     def _undeformed(self, tangent: CondensedMatrix) -> Array:
         """Diagonal of the tangent without deformation, at the present rate. Collective."""
