@@ -41,8 +41,8 @@ SOFT_UP_TO = 100_000  # unknowns
 # Cells that a wave passes in a step, as the diagonals of stiffness and mass estimate them. From a
 # prototype that counted them by the material's wave speed; not measured again for the diagonals.
 STIFF_FROM = 15.0
-# Beyond, solves with kept factors turn a slender part about its axis by rounding, for good: at 2·10⁵
-# a needle of 1107 unknowns lost 8e-4 of its energy in 500 steps.
+# Beyond, solves with kept factors turn a slender part about its axis by rounding, for good: at
+# 2·10⁵ a needle of 1107 unknowns lost 8e-4 of its energy in 500 steps.
 STIFF_UP_TO = 5e3
 OF_SOLVERS = "ksp_", "pc_", "mat_", "sub_", "mg_", "snes_lag_"
 
