@@ -1,16 +1,23 @@
-"""What somebody adds of his own, without a change of the package: an obstacle, a criterion."""
+"""What somebody adds of his own, without a change of the package: obstacle, criterion, joint."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import pytest
+from histories import column, drift, show
+from scipy.sparse import diags_array
+from scipy.spatial import cKDTree
 
 import rigidfx as rf
 from rigidfx.decide.criteria.judging import Criterion
 from rigidfx.decide.criteria.rate_rule import RateRule
+from rigidfx.effects.action import Action
+from rigidfx.effects.base import Effect
 from rigidfx.effects.contacts.obstacles import Approach, Obstacle
+from rigidfx.effects.linked import LinkedNodes
 
 MATERIAL = rf.StVenantKirchhoff(E=1e5, nu=0.3, rho=1000.0)
 
@@ -69,3 +76,93 @@ def test_an_accuracy_is_no_criterion_beside_a_time_step():
     scene = rf.Scene(rf.box((0, 0, 0), (2, 1, 1), (2, 1, 1)), MATERIAL)
     with pytest.raises(rf.SceneError, match="rigidify must be a StrainRate"):
         rf.simulate(scene, 0.25, 1.5, rigidify=rf.Accuracy(0.01))
+
+
+@dataclass(frozen=True)
+class Tie(Effect):
+    """Springs of no length between the nodes of two faces, k in all [N/m]."""
+
+    is_lasting: ClassVar[bool] = True
+    where: str
+    to: str
+    k: float
+
+    @property
+    def joins(self):
+        return self.where, self.to
+
+    def bind(self, structure):
+        return None if structure.notes is None else TieForces(self, structure)
+
+
+class TieForces(Action):
+    """A force k x½ on one node of each pair, minus that on the other: all balances are exact."""
+
+    kind = "Tie"
+
+    def __init__(self, tie, structure):
+        """On one rank, which knows all nodes."""
+        X = structure.scene.space.tabulate_dof_coordinates()
+        nodes = np.concatenate([structure.scene.nodes(name, "Tie") for name in tie.joins])
+        order = np.argsort(nodes)
+        self.own, self.number = nodes[order], order
+        self.nodes = LinkedNodes(structure, self.own, self.number, nodes.size)
+        n = nodes.size // 2
+        _, mate = cKDTree(X[nodes[n:]]).query(X[nodes[:n]])
+        self.pairs, self.k = np.c_[np.arange(n), n + mate], tie.k / n
+        self.start, self.rounding = None, tie.k
+
+    def set_time(self, t, dt):
+        self.start = None
+
+    def look(self, d, increments):
+        if self.start is None:
+            self.start = self.nodes.positions(increments.start)
+        x = self.start + 0.5 * self.nodes.moved(d, increments)
+        a, b = self.pairs.T
+        self.force = np.zeros_like(x)
+        self.force[a] = self.k * (x[a] - x[b])
+        self.force[b] = -self.force[a]
+
+    def resist_nodes(self, d, dt, f):
+        self.nodes.resist_nodes(self.force, f)
+
+    def resist_bodies(self, increments):
+        return self.nodes.moments(self.force, len(increments))
+
+    def stiffen_nodes(self, tangent, dt, prolongation):
+        G = np.stack([np.eye(3), -np.eye(3)], axis=1)  # [component, end, axis]
+        every = np.tile(G, (len(self.pairs), 1, 1))
+        pairs = np.repeat(self.pairs, 3, axis=0)
+        left, right = self.nodes.derivatives(pairs, every, prolongation)
+        stiffness = diags_array(np.full(len(pairs), 0.5 * self.k))
+        tangent.add_coupling((left.T @ stiffness @ right).tocsr())
+
+    def potential_of_links(self, u, bodies):
+        x = self.nodes.positions_at(u, bodies)
+        a, b = self.pairs.T
+        return 0.5 * self.k * np.vdot(x[a] - x[b], x[a] - x[b])
+
+    def resistance_at(self, nodes):
+        at = np.minimum(np.searchsorted(self.own, nodes), self.own.size - 1)
+        return np.where((self.own[at] == nodes)[:, None], self.force[self.number[at]], 0.0)
+
+
+@pytest.mark.parametrize("rigid", [(), ("left",), ("left", "right")])
+def test_a_joint_of_ones_own(rigid):
+    """Two blocks tied at a face, flexible or in bodies: energy and both momenta stay."""
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
+    cell = np.array([[0, 4, 2, 6, 1, 5, 3, 7]])
+    points = np.vstack([corners, corners + np.array([1.01, 0, 0])])
+    pair = rf.from_arrays(points, np.vstack([cell, cell + 8]), "hexahedron")
+    pair = pair.with_cells("left", lambda x: x[0] < 1.005).with_cells("right", lambda x: x[0] > 1.0)
+    pair = pair.with_facets("a", lambda x: abs(x[0] - 1) < 1e-6)
+    pair = pair.with_facets("b", lambda x: abs(x[0] - 1.01) < 1e-6)
+    turning = rf.InitialVelocity(linear=(0.1, 0.2, 0.0), angular=(0.5, 0.0, 1.0))
+    effects = [Tie("a", "b", 1e5), turning, *map(rf.Rigid, rigid)]
+    reports = list(rf.simulate(rf.Scene(pair, MATERIAL, effects), 0.01, 0.5))
+    names = "energy", "linear_momentum", "angular_momentum"
+    lost = {name: drift(column(reports, name)) for name in names}
+    show(**lost, springs=max(report.springs for report in reports))
+    assert max(report.springs for report in reports) > 1e-3 * reports[0].energy
+    assert max(lost.values()) <= 1e-11

@@ -214,11 +214,21 @@ def follow(name, options, dt=DT):
     return list(rf.simulate(MOTIONS[name](), dt, STEPS * DT, petsc_options=options))
 
 
+def keep(patch):
+    """Have tangents kept however small a scene is."""
+    patch.setattr(chord, "SMALLEST", 0)
+    patch.setattr(chord, "STIFF_FROM", 0.0)
+
+
+def by_multigrid(patch):
+    """Have multigrid solve with them, too."""
+    keep(patch)
+    patch.setattr(chord, "FACTORS_UP_TO", 0)
+
+
 @pytest.fixture
 def _keeping(monkeypatch):
-    """Tangents are kept however small a scene is."""
-    monkeypatch.setattr(chord, "SMALLEST", 0)
-    monkeypatch.setattr(chord, "STIFF_FROM", 0.0)
+    keep(monkeypatch)
 
 
 @pytest.mark.usefixtures("_keeping")
@@ -313,13 +323,19 @@ def test_several_ranks_move_as_one(ranks):
 def histories():
     out = {}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(chord, "SMALLEST", 0)
-        patch.setattr(chord, "STIFF_FROM", 0.0)
+        keep(patch)
         for name in ("turning", "rigid middle", "held in part"):
-            reports = follow(name, {})
-            assert sum(r.tangents for r in reports) <= STEPS / 2
-            out[name] = [[r.kinetic, r.strain, *r.angular_momentum] for r in reports]
+            out[name] = _history(name)
+        by_multigrid(patch)
+        for name in ("rigid middle", "held in part"):
+            out[f"{name}, multigrid"] = _history(name)
     return out
+
+
+def _history(name):
+    reports = follow(name, {})
+    assert sum(r.tangents for r in reports) <= STEPS / 2
+    return [[r.kinetic, r.strain, *r.angular_momentum] for r in reports]
 
 
 if __name__ == "__main__":

@@ -1,16 +1,12 @@
-"""Multigrid in place of factors: the same motions, whatever is held, rigid or turning.
-
-Run as a script under mpirun, this file reports histories of motions by multigrid.
-"""
+"""Multigrid in place of factors: the same motions, whatever is held, rigid or turning."""
 
 from __future__ import annotations
 
 import numpy as np
-import parallel
 import pytest
 from histories import column, drift, show
-from mpi4py import MPI
 from petsc4py import PETSc
+from test_kept_tangent import STEEL, STEPS, by_multigrid, follow
 
 import rigidfx as rf
 from rigidfx.coupling.dof_layout import dof_layout
@@ -19,51 +15,18 @@ from rigidfx.mechanics.bodies import Bodies
 from rigidfx.step.newton import chord
 from rigidfx.step.newton.multigrid import rigid_motions
 
-STEEL = rf.StVenantKirchhoff(E=2e11, nu=0.3, rho=7800.0)
-DT = 1.2e-4  # s
-SPIN = rf.InitialVelocity(angular=(100.0, 400.0, 50.0))  # 0.05 rad per step
-PUSH = rf.Traction("x1", (0.0, 0.0, 2e7), until=6 * DT)
-STEPS = 20
-
-
-def _bar(*effects, **options):
-    bar = rf.box((0, 0, 0), (1, 0.2, 0.2), (8, 2, 2))
-    bar = bar.with_cells("end", lambda x: x[0] > 0.8)
-    return rf.Scene(bar, STEEL, effects, probes={"tip": (1, 0.1, 0.1)}, **options)
-
-
-MOTIONS = {
-    "clamped": lambda: _bar(rf.Fixed("x0"), PUSH),
-    "turning": lambda: _bar(SPIN, PUSH),
-    "held in part": lambda: _bar(rf.Fixed("x0", components="x"), PUSH),
-    "rigid end": lambda: _bar(
-        rf.Rigid("end"), SPIN, rf.Traction("x0", (0, 0, 2e7), until=6 * DT), mass="consistent"
-    ),
-}
-
-
-def follow(name, options=None):
-    return list(rf.simulate(MOTIONS[name](), DT, STEPS * DT, petsc_options=options or {}))
-
 
 @pytest.fixture
 def _multigrid(monkeypatch):
-    """Multigrid takes over however small a scene is."""
-    _large(monkeypatch)
-
-
-def _large(patch):
-    patch.setattr(chord, "SMALLEST", 0)
-    patch.setattr(chord, "STIFF_FROM", 0.0)
-    patch.setattr(chord, "FACTORS_UP_TO", 0)
+    by_multigrid(monkeypatch)
 
 
 @pytest.mark.usefixtures("_multigrid")
-@pytest.mark.parametrize("name", MOTIONS)
+@pytest.mark.parametrize("name", ["clamped", "turning", "held in part", "rigid middle"])
 def test_the_motion_is_that_by_factors(name, monkeypatch):
-    mine = follow(name)
+    mine = follow(name, {})
     monkeypatch.setattr(chord, "FACTORS_UP_TO", 10**6)
-    factors = follow(name)
+    factors = follow(name, {})
     assert all(r.solver == "kept gmres+gamg" for r in mine[1:])
     assert all(r.solver == "kept preonly+lu" for r in factors[1:])
     tips = [np.array([r.probes["tip"] for r in run]) for run in (mine, factors)]
@@ -85,7 +48,7 @@ def test_its_options_are_obeyed():
     options = PETSc.Options("rigidfx_multigrid_")
     options["ksp_type"] = "fgmres"
     try:
-        assert follow("clamped")[-1].solver == "kept fgmres+gamg"
+        assert follow("clamped", {})[-1].solver == "kept fgmres+gamg"
     finally:
         options.delValue("ksp_type")
 
@@ -114,26 +77,3 @@ def test_motions_that_supports_leave_none_of_are_left_out():
     # Of motions along z are left: the displacement, and rotations about x and y.
     assert found.shape == (12, 3)
     assert found.T @ found == pytest.approx(np.eye(3), abs=1e-14)
-
-
-@pytest.mark.parallel
-@pytest.mark.parametrize("ranks", [2, 3])
-def test_several_ranks_move_as_one(ranks):
-    one, several = histories(), parallel.run(__file__, ranks, 300)
-    for name, found in several.items():
-        assert np.abs(np.array(found) - one[name]).max() <= 1e-11 * np.abs(one[name]).max()
-
-
-def histories():
-    out = {}
-    with pytest.MonkeyPatch.context() as patch:
-        _large(patch)
-        for name in ("rigid end", "held in part"):
-            out[name] = [[r.kinetic, r.strain, *r.angular_momentum] for r in follow(name)]
-    return out
-
-
-if __name__ == "__main__":
-    found = histories()
-    if MPI.COMM_WORLD.rank == 0:
-        parallel.report(found)

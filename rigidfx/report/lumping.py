@@ -17,7 +17,7 @@ __all__ = ["LumpedInertia"]
 
 WORTH_A_WARNING = 0.05  # of the kinetic energy of a body, and ...
 OF_ALL = 0.01  # ... of all kinetic energy
-EVERY = 8  # steps: what turns about such an axis does so for long
+EVERY = 8  # steps from look to look at the same bodies
 
 
 class LumpedInertia:
@@ -30,6 +30,7 @@ class LumpedInertia:
             scene: The problem.
         """
         self._comm, self._waits = scene.comm, scene.mass == "lumped"
+        self._seen: object = None  # the bodies that were looked at last
 
     def follow(self, report: Report) -> None:
         """Look at the bodies of a report.
@@ -38,8 +39,11 @@ class LumpedInertia:
             report: The next one.
         """
         bodies = report.rigid
-        if not self._waits or not bodies.of.excessive or report.step % EVERY > 1:
+        if not self._waits or not bodies.of.excessive:
             return
+        if bodies.of is self._seen and report.step % EVERY:
+            return
+        self._seen = bodies.of
         excess, kinetic = bodies.kinetic_excess, bodies.kinetic_of_each
         shares = np.where(kinetic > 0, excess / np.where(kinetic > 0, kinetic, 1.0), 0.0)
         k = int(np.argmax(shares))
