@@ -34,7 +34,10 @@ def cache(tmp_path, monkeypatch):
     return tmp_path / "forms"
 
 
-def compile_form():
+def compile_form(afresh=True):
+    """As a new process would, or as one that has compiled it before."""
+    if afresh:
+        form_cache.FOUND.clear()
     mesh = rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1)).mesh
     return Kernel(ufl.Constant(mesh) * ufl.dx(domain=mesh, subdomain_id=0), [], mesh)
 
@@ -57,6 +60,14 @@ def test_a_stopped_compilation_is_told_and_cleared(cache, caplog):
     assert "waits for another process" in told
     assert f"remove '{source}'" in told
     assert the_file(cache, ".c.cached").exists()
+
+
+def test_a_form_is_looked_for_once(cache):
+    """FFCx reads the names of all files in the cache, which may be very many."""
+    compile_form()
+    shutil.rmtree(cache)
+    compile_form(afresh=False)
+    assert not cache.exists()
 
 
 @pytest.mark.parametrize("damage", ["emptied", "cut", "gone"])

@@ -98,7 +98,7 @@ class CellGraph:
             if alone
             else None,
         )
-        self._cell_field = fem.Function(fem.functionspace(scene.mesh, ("DG", 0)))
+        self._cell_field = fem.Function(scene.cell_space)
         self._cell_dofs = self._cell_field.function_space.dofmap.list[:, 0]
         self._node_field = fem.Function(scene.space)
 

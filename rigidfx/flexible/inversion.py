@@ -61,7 +61,7 @@ class Inversion:
             forces: Internal forces, whose u₁ holds the end of a step.
         """
         self._mesh, self._comm = scene.mesh, scene.comm
-        space = fem.functionspace(scene.mesh, ("DG", 0))
+        space = scene.cell_space
         dx, F = scene.cell_measure, scene.element.deformation_gradient(forces.u1)
         sound = ufl.And(ufl.gt(ufl.det(F), 0.0), ufl.lt(ufl.inner(F, F), LARGEST_STRETCH**2))
         turned = ufl.conditional(sound, 0.0, 1.0)

@@ -37,7 +37,7 @@ class StrainRates:
             measure: See `rigidfx.decide.criteria.criterion.StrainRate`.
         """
         self._forces = forces
-        space = fem.functionspace(scene.mesh, ("DG", 0))
+        space = scene.cell_space
         dx, C = scene.cell_measure, scene.element.right_cauchy_green
         dE = (C(forces.u1) - C(forces.u0)) / 2
         form = ufl.inner(dE, dE) * ufl.TestFunction(space) * dx(tuple(forces.cells()))

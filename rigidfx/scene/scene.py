@@ -67,7 +67,7 @@ class Scene:
         order: Order of the Lagrange displacement.
         mass: "lumped" (diagonal, default) or "consistent".
         scheme: Time integration scheme.
-        space: Vector-valued function space of displacement and velocity.
+        space, cell_space: Functions of displacement and velocity; piecewise constant ones.
         nodal_mass: ∫ ρ0 Nᵢ dV and point masses per local node with ghosts, shape (nodes,) [kg].
         point_masses: The point masses in it [kg].
         element: How its cells strain.
@@ -134,6 +134,7 @@ class Scene:
     def _weigh(self) -> None:
         """Set nodes up, and their masses. Collective."""
         self.space = fem.functionspace(self.mesh, ("Lagrange", self.order, (3,)))
+        self.cell_space = fem.functionspace(self.mesh, ("DG", 0))
         self.point_masses = read_only(self._point_masses())
         own = self.cell_weights(self.density(), self.owned_cells(None, "Scene"))
         self.nodal_mass = read_only(own + self.point_masses)
@@ -314,7 +315,7 @@ class Scene:
 
     def cellwise(self, values: Sequence[tuple[float, Nodes]]) -> fem.Function:
         """A piecewise constant function from values and the owned cells that have them."""
-        f = fem.Function(fem.functionspace(self.mesh, ("DG", 0)))
+        f = fem.Function(self.cell_space)
         for value, cells in values:
             f.x.array[f.function_space.dofmap.list[cells, 0]] = value
         f.x.scatter_forward()

@@ -159,7 +159,7 @@ def _layers(scene: Any, where: str, owner: str) -> fem.Function:
     h is the volume of a cell by the area of its facets in the set, three times that in tetrahedra:
     their height. Collective.
     """
-    space = fem.functionspace(scene.mesh, ("DG", 0))
+    space = scene.cell_space
     test, facets = ufl.TestFunction(space), scene.boundary(where, owner)
     ds = ufl.Measure("ds", domain=scene.mesh, subdomain_data=[(1, facets.reshape(-1))])(1)
     forms = test * ufl.dx(domain=scene.mesh), test * ds
