@@ -50,6 +50,7 @@ from rigidfx.effects import (
     Table,
     Traction,
 )
+from rigidfx.mechanics.assumed import AssumedStrains
 from rigidfx.mechanics.materials import (
     Hyperelastic,
     Material,
@@ -71,6 +72,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Accuracy",
+    "AssumedStrains",
     "BodyForce",
     "Contact",
     "Cylinder",

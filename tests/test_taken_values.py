@@ -90,6 +90,7 @@ RECORDS = {
         "patience": np.array(2.0),
         **_window(),
     },
+    rf.AssumedStrains: lambda: {"thickness": "x0"},
     rf.Relative: lambda: {"part": np.array(0.1)},
     rf.StepControl: lambda: {
         "tol": np.array(0.1),

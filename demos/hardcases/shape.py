@@ -97,6 +97,9 @@ def distorted_hexahedra(short: bool) -> Iterator[Run]:
     yield Run("adaptive", scene, 0.1, t_end, adaptive, energy=1e-11, momentum=1e-11)
     enhanced = rf.Scene(domain, MATERIAL, [SPIN], element="enhanced")
     yield Run("enhanced", enhanced, 0.1, t_end, adaptive, energy=1e-11, momentum=1e-11)
+    top = domain.with_facets("top", lambda X: X[2] > (1.5 if short else 2.5))
+    assumed = rf.Scene(top, MATERIAL, [SPIN], element=rf.AssumedStrains("top"))
+    yield Run("assumed", assumed, 0.1, t_end, adaptive, energy=1e-11, momentum=1e-11)
 
 
 @case("shape", "tetrahedra of a thousandth of their neighbours' volume")

@@ -6,7 +6,8 @@ FFCx compiles a form with enhancements as coefficients and eliminations as const
 coefficients, and at last takes off a matrix what the elimination costs it. DOLFINx sees the form
 with these kernels in the place of FFCx's.
 
-Nothing is stored: λ and μ come with the coefficients, all else is computed from the cell's corners.
+Nothing is stored: λ, μ and the direction of the thickness come with the coefficients, all else is
+computed from the cell's corners.
 """
 
 from __future__ import annotations
@@ -23,14 +24,15 @@ from ffcx.codegeneration import get_include_path
 from ufl.algorithms.analysis import extract_coefficients, extract_constants
 
 from rigidfx.base.c_library import c_library
+from rigidfx.mechanics.assumed import AssumedWork
 from rigidfx.mechanics.enhanced import Elimination, Enhancement
 
 __all__ = ["alive", "eliminate", "library_of"]
 
-MOVES, STRAINS, BLOCKS, LARGEST = 4, 8, 4, 1024  # as in the C source
+MOVES, STRAINS, BLOCKS, PORTIONS, LARGEST = 4, 8, 4, 8, 1024  # as in the C source
 SLOTS = 1024  # kernels that may live at a time
 
-SOURCE = Path(__file__).with_suffix(".c")
+SOURCES = [Path(__file__).with_name(f"{name}.c") for name in ("enhanced", "assumed", "elimination")]
 DECLARED = """
 typedef struct {
   void *kernel;
@@ -43,10 +45,18 @@ typedef struct {
   double left[4][4], right[4][4];
   double factor[4];
   int more[4];
+  int rank;
+  int portions;
+  int portion_law[8], portion_end[8], portion_start[8];
+  double portion_factor[8];
+  int portion_more[8];
+  double middle[4];
+  int by;
 } closure_t;
 extern closure_t closures[1024];
 extern void *slots[1024];
 void prepare(void);
+void prepare_assumed(void);
 void enhancements(int, const double *, const double *, const double *, double *);
 """
 
@@ -116,11 +126,14 @@ def _fill(closure: Any, form: ufl.Form, compiled: Any, number: int) -> dict[int,
     parts = [i for i in form.integrals_by_type("cell") if number in np.atleast_1d(i.subdomain_id())]
     of = [w for w in extract_coefficients(ufl.Form(parts)) if isinstance(w, Enhancement)]
     blocks = [c for c in extract_constants(ufl.Form(parts)) if isinstance(c, Elimination)]
+    works = [c for c in extract_constants(ufl.Form(parts)) if isinstance(c, AssumedWork)]
     numbers = {n for w in of for n in (w.end, w.start) if n is not None}
-    moves = sorted(numbers.union(*(b.left for b in blocks)))
+    moves = sorted(numbers.union(*(b.left for b in blocks), *map(_displacements, works)))
     closure.size = places[-1]
     closure.moves, closure.strains, closure.blocks = len(moves), len(of), len(blocks)
-    asked, room = (len(moves), len(of), len(blocks), places[-1]), (MOVES, STRAINS, BLOCKS, LARGEST)
+    portions = [portion for work in works for portion in work.portions]
+    asked = len(moves), len(of), len(blocks), len(portions), places[-1]
+    room = MOVES, STRAINS, BLOCKS, PORTIONS, LARGEST
     if any(a > b for a, b in zip(asked, room, strict=True)):
         raise RuntimeError(f"A form with enhanced strains needs {asked} places, and has {room}.")
     for k, n in enumerate(moves):
@@ -136,9 +149,26 @@ def _fill(closure: Any, form: ufl.Form, compiled: Any, number: int) -> dict[int,
         for m, n in enumerate(moves):
             closure.left[k][m] = block.left.count(n) / len(block.left)
             closure.right[k][m] = float(n == block.right)
+    closure.rank, closure.portions = compiled.rank, len(portions)
+    for k, (law, end, start, factor, more) in enumerate(portions):
+        closure.portion_law[k] = next(i for i, v in enumerate(of) if v.law is law)
+        closure.portion_end[k] = moves.index(end)
+        closure.portion_start[k] = -1 if start is None else moves.index(start)
+        closure.portion_factor[k] = factor
+        closure.portion_more[k] = -1 if more is None else constants[more]
+    for work in works[:1]:  # a form's stresses do work at one place
+        closure.by = moves.index(work.by)
+        for m, n in enumerate(moves):
+            closure.middle[m] = work.middle.count(n) / len(work.middle)
     firsts = {next(v for v in of if v.law is w.law).count() for w in of}
     needed = {k: w.count() in firsts for k, w in enumerate(used) if w in of}
     return needed | {k: True for k, w in enumerate(used) if w.count() in moves}
+
+
+def _displacements(work: AssumedWork) -> set[int]:
+    """The numbers of those that it depends on."""
+    ends = {n for _, end, start, *_ in work.portions for n in (end, start) if n is not None}
+    return ends | set(work.middle)
 
 
 def _places(form: ufl.Form, compiled: Any) -> tuple[list[Any], dict[int, int]]:
@@ -164,11 +194,12 @@ def library_of(comm: Any, flags: Sequence[str]) -> tuple[Any, list[int]]:
     custom = "custom_data" in header
     extra = {"_TYPE": ", void *", "": ", void *custom", "_NAME": ", custom"}
     lines = [f"#define KERNEL_EXTRA{name} {text * custom}" for name, text in extra.items()]
-    lines.append(SOURCE.read_text())
+    lines += [source.read_text() for source in SOURCES]
     lines += [f"SLOT({k})" for k in range(SLOTS)]
     lines.append("void *slots[] = {" + ", ".join(f"(void *)slot_{k}" for k in range(SLOTS)) + "};")
     library = c_library(comm, "elimination", "\n".join(lines), DECLARED, flags)
     if library.__name__ not in _free:
         library.lib.prepare()
+        library.lib.prepare_assumed()
         _free[library.__name__] = list(range(SLOTS))
     return library, _free[library.__name__]

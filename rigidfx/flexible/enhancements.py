@@ -46,7 +46,7 @@ class Enhancements:
         dofs = self._law.function_space.dofmap.list[cells]
         x = mesh.geometry.x[cell_geometry_dofs(mesh)[cells]]
         u = self._u.x.array.reshape(-1, 3)[V.dofmap.list[cells]]
-        law = self._law.x.array.reshape(-1, 6)[dofs[:, 0], :2]
+        law = self._law.x.array.reshape(-1, 6)[dofs[:, 0], :3]
         eta = np.empty((cells.size, dofs.shape[1], 6))
         ffi = self._library.ffi
         given = (ffi.from_buffer("double[]", np.ascontiguousarray(a)) for a in (x, u, law))

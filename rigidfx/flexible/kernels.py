@@ -30,7 +30,7 @@ from rigidfx.base.compat import bindable
 from rigidfx.base.errors import SceneError
 from rigidfx.base.form_cache import compile_form
 from rigidfx.flexible.elimination import eliminate
-from rigidfx.mechanics.enhanced import Elimination, Enhancement
+from rigidfx.mechanics.enhanced import Enhancement, Note
 
 __all__ = ["FLAGS", "Kernel", "add_vector", "integral", "jit_options"]
 
@@ -124,7 +124,7 @@ class Kernel:
         self._mesh = mesh
         self._coefficients = {w: w.law if isinstance(w, Enhancement) else w for w in coefficients}
         zero = fem.Constant(mesh, 0.0)
-        self._constants = {c: zero if isinstance(c, Elimination) else c for c in form.constants()}
+        self._constants = {c: zero if isinstance(c, Note) else c for c in form.constants()}
 
     @property
     def library(self) -> Path:

@@ -14,6 +14,7 @@ from dolfinx import fem
 from rigidfx.flexible.internal_forces import Cells, InternalForces
 from rigidfx.flexible.kernels import Kernel
 from rigidfx.flexible.material_classes import MaterialClass
+from rigidfx.mechanics.element import Portion
 from rigidfx.mechanics.schemes import second_piola_kirchhoff, static_virtual_work
 from rigidfx.scene.scene import Scene
 
@@ -44,8 +45,8 @@ class LinearForms:
         def stiff(i: int, c: MaterialClass) -> Any:
             C = element.right_cauchy_green(strained)
             S = second_piola_kirchhoff(c.law.energy, C, c.law.parameters)
-            F = element.deformation_gradient(self.shape)
-            return ufl.inner(F * S, ufl.grad(self._test))
+            portion = Portion("elastic", strained)
+            return element.virtual_work(S, (portion,), (self.shape,), self._test)
 
         def strains(i: int, c: MaterialClass) -> Any:
             return static_virtual_work(element, c.law, self.shape, self._test)

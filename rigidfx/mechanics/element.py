@@ -9,11 +9,30 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, Literal, Protocol
 
 import ufl
 
-__all__ = ["Element", "StandardElement"]
+__all__ = ["Element", "Portion", "StandardElement"]
+
+
+@dataclass(frozen=True)
+class Portion:
+    """A portion of a stress that is linear in strains: (factor + more) ℂ:(Ẽ(end) - Ẽ(start)).
+
+    Attributes:
+        law: "elastic" for the stiffness ℂ of the stored energy, "viscous" for the identity.
+        end: A displacement.
+        start: Another, whose strain is taken off; None if none is.
+        factor: A number,
+        more: and a constant to be added to it; None if there is none.
+    """
+
+    law: Literal["elastic", "viscous"]
+    end: Any
+    start: Any = None
+    factor: float = 1.0
+    more: Any = None
 
 
 class Element(Protocol):
@@ -43,6 +62,20 @@ class Element(Protocol):
 
     def viscous_strain_increment(self, u0: Any, u1: Any) -> Any:
         """E₁ - E₀ of the strain that makes a viscous stress: η times it, over Δt."""
+        ...
+
+    def virtual_work(
+        self, stress: Any, portions: Sequence[Portion], at: Sequence[Any], w: Any
+    ) -> Any:
+        """F S : Grad w.
+
+        Args:
+            stress: S.
+            portions: What it is made of, the one with the displacement of derivatives last; none if
+                it is not linear in strains.
+            at: Displacements, one or two, at whose mean F is.
+            w: Test function.
+        """
         ...
 
     def eliminated(
@@ -94,6 +127,13 @@ class StandardElement:
     def viscous_strain_increment(self, u0: Any, u1: Any) -> Any:
         """The same."""
         return self.strain_increment(u0, u1)
+
+    def virtual_work(
+        self, stress: Any, portions: Sequence[Portion], at: Sequence[Any], w: Any
+    ) -> Any:
+        """F S : Grad w."""
+        F = self.deformation_gradient(at[0] if len(at) == 1 else (at[0] + at[1]) / 2)
+        return ufl.inner(F * stress, ufl.grad(w))
 
     def eliminated(
         self, at: Sequence[Any], by: Any, factor: float, more: Any, w: Any, du: Any

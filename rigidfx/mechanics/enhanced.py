@@ -38,9 +38,9 @@ from weakref import WeakKeyDictionary
 
 import ufl
 
-from rigidfx.mechanics.element import StandardElement
+from rigidfx.mechanics.element import Portion, StandardElement
 
-__all__ = ["Elimination", "EnhancedElement", "Enhancement"]
+__all__ = ["Elimination", "EnhancedElement", "Enhancement", "Note"]
 
 _STANDARD = StandardElement()
 
@@ -66,7 +66,11 @@ class Enhancement(ufl.Coefficient):
         return ufl.as_matrix([[a, d, f], [d, b, e], [f, e, c]])
 
 
-class Elimination(ufl.Constant):
+class Note(ufl.Constant):
+    """Zero in a form, and what it tells the form's kernel."""
+
+
+class Elimination(Note):
     """Zero, and what a tangent loses: (factor + more) B(left)ᵀ D⁻¹ B(right).
 
     Attributes:
@@ -98,10 +102,10 @@ class EnhancedElement:
 
         Args:
             elastic: Function on the integration points with six components, whose first two values
-                at a cell are λ and μ of its material [Pa].
+                at a cell are λ and μ of its material [Pa], and the third one 0.
             viscous: The same with 0 and ½, which make the identity of ℂ.
         """
-        self._laws = {"elastic": elastic, "viscous": viscous}
+        self.laws = {"elastic": elastic, "viscous": viscous}
         self._known: WeakKeyDictionary[Any, dict[Any, Enhancement]] = WeakKeyDictionary()
 
     def _enhancement(self, law: str, u: Any, start: Any = None) -> Enhancement:
@@ -109,7 +113,7 @@ class EnhancedElement:
         number = None if start is None else start.count()
         known = self._known.setdefault(u, {})
         if (law, number) not in known:
-            known[law, number] = Enhancement(self._laws[law], u.count(), number)
+            known[law, number] = Enhancement(self.laws[law], u.count(), number)
         return known[law, number]
 
     def deformation_gradient(self, u: Any) -> Any:
@@ -127,6 +131,12 @@ class EnhancedElement:
     def viscous_strain_increment(self, u0: Any, u1: Any) -> Any:
         """Ẽ₁ - Ẽ₀ with modes orthogonal to it, u₀ and u₁ functions."""
         return _STANDARD.strain_increment(u0, u1) + self._enhancement("viscous", u1, u0).tensor
+
+    def virtual_work(
+        self, stress: Any, portions: Sequence[Portion], at: Sequence[Any], w: Any
+    ) -> Any:
+        """F S : Grad w."""
+        return _STANDARD.virtual_work(stress, portions, at, w)
 
     def eliminated(
         self, at: Sequence[Any], by: Any, factor: float, more: Any, w: Any, du: Any

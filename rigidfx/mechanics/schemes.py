@@ -31,7 +31,7 @@ from typing import Any, ClassVar, Protocol
 import ufl
 
 from rigidfx.base.errors import SceneError
-from rigidfx.mechanics.element import Element
+from rigidfx.mechanics.element import Element, Portion
 from rigidfx.mechanics.materials import Energy
 from rigidfx.mechanics.rounding import rounding_of_energy
 
@@ -85,7 +85,7 @@ def stored_energy(element: Element, law: Law, u: Any) -> Any:
 def static_virtual_work(element: Element, law: Law, u: Any, w: Any) -> Any:
     """F S : Grad w at the displacement u: the internal virtual work of statics."""
     S = second_piola_kirchhoff(law.energy, element.right_cauchy_green(u), law.parameters)
-    return ufl.inner(element.deformation_gradient(u) * S, ufl.grad(w))
+    return element.virtual_work(S, (Portion("elastic", u),), (u,), w)
 
 
 def initial_stiffness_times(energy: Energy, p: dict[str, Any], dE: Any) -> Any:
@@ -171,16 +171,17 @@ class EnergyMomentum:
         """F½ S_alg : Grad w."""
         energy, p = law.energy, law.parameters
         C0, C1 = element.right_cauchy_green(u0), element.right_cauchy_green(u1)
+        portions: tuple[Portion, ...] = ()
         if law.quadratic:
             # S is linear in C: the weighted mean of stresses is the stress of the weighted mean.
             weight = 0.5 if xi is None else 0.5 + xi
             S = second_piola_kirchhoff(energy, C0 + weight * (C1 - C0), p)
+            portions = Portion("elastic", u0), Portion("elastic", u1, u0, 0.5, xi)
         else:
             S = discrete_gradient(energy, p, C0, C1)
             if xi is not None:
                 S = S + xi * initial_stiffness_times(energy, p, (C1 - C0) / 2)
-        F = element.deformation_gradient((u0 + u1) / 2)
-        return ufl.inner(F * S, ufl.grad(w))
+        return element.virtual_work(S, portions, (u0, u1), w)
 
     def eliminated(self, element: Element, u0: Any, u1: Any, w: Any, du: Any, xi: Any) -> Any:
         """(½ + ξ) ∂S₁/∂u₁ at F½."""

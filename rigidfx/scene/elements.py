@@ -9,6 +9,8 @@ import basix.ufl
 from dolfinx import fem
 
 from rigidfx.base.errors import SceneError
+from rigidfx.domain.thickness import thickness_axes
+from rigidfx.mechanics.assumed import AssumedElement, AssumedStrains
 from rigidfx.mechanics.element import Element, StandardElement
 from rigidfx.mechanics.enhanced import EnhancedElement
 from rigidfx.mechanics.materials import StVenantKirchhoff
@@ -22,14 +24,16 @@ def element_of(scene: Any, name: Any) -> Element:
 
     Args:
         scene: The problem, as far as its mesh, materials and scheme.
-        name: Such as "standard"; see `ELEMENTS`.
+        name: Such as "standard", see `ELEMENTS`; or AssumedStrains(…).
 
     Raises:
         SceneError: If the name is unknown, or the element cannot do with the rest.
     """
+    if isinstance(name, AssumedStrains):
+        return _assumed(scene, name)
     if not isinstance(name, str) or name not in ELEMENTS:
-        known = " or ".join(map(repr, ELEMENTS))
-        raise SceneError(f"Scene: element must be {known}, got {name!r}.")
+        known = ", ".join(map(repr, ELEMENTS))
+        raise SceneError(f"Scene: element must be {known} or AssumedStrains(…), got {name!r}.")
     return ELEMENTS[name](scene)
 
 
@@ -40,15 +44,25 @@ def _standard(scene: Any) -> Element:
 
 def _enhanced(scene: Any) -> Element:
     """With the elastic constants of each cell."""
-    _check_enhanced(scene)
-    return EnhancedElement(
-        _law(scene, [((m.parameters["lmbda"], m.parameters["mu"]), c) for m, c in scene.materials]),
-        _law(scene, [((0.0, 0.5), c) for _, c in scene.materials]),
-    )
+    _check_enhanced(scene, "'enhanced'")
+    return EnhancedElement(*_laws(scene, 0))
 
 
-def _check_enhanced(scene: Any) -> None:
-    """Refuse what enhanced strains cannot do with.
+def _assumed(scene: Any, asked: AssumedStrains) -> Element:
+    """With the direction of each cell's thickness, too."""
+    _check_enhanced(scene, "AssumedStrains")
+    return AssumedElement(*_laws(scene, thickness_axes(scene.domain, asked.thickness)))
+
+
+def _laws(scene: Any, axes: Any) -> tuple[fem.Function, fem.Function]:
+    """Elastic constants and, for viscous stresses, those of the identity."""
+    elastic = [((m.parameters["lmbda"], m.parameters["mu"]), c) for m, c in scene.materials]
+    viscous = [((0.0, 0.5), c) for _, c in scene.materials]
+    return _law(scene, elastic, axes), _law(scene, viscous, axes)
+
+
+def _check_enhanced(scene: Any, asked: str) -> None:
+    """Refuse what enhanced and assumed strains cannot do with.
 
     Raises:
         SceneError: If there is any.
@@ -73,11 +87,11 @@ def _check_enhanced(scene: Any) -> None:
     elif not isinstance(scene.scheme, EnergyMomentum):
         wrong = f"goes with EnergyMomentum, not with {type(scene.scheme).__name__}"
     if wrong is not None:
-        raise SceneError(f"Scene: element='enhanced' {wrong}.")
+        raise SceneError(f"Scene: element={asked} {wrong}.")
 
 
-def _law(scene: Any, values: Any) -> fem.Function:
-    """A function on the integration points whose first two values at a cell are λ and μ."""
+def _law(scene: Any, values: Any, axes: Any = 0) -> fem.Function:
+    """A function on the integration points: λ, μ and a thickness's axis, or 0, of a cell first."""
     element = basix.ufl.quadrature_element(
         scene.mesh.basix_cell(), value_shape=(6,), degree=scene.quadrature_degree
     )
@@ -86,6 +100,7 @@ def _law(scene: Any, values: Any) -> fem.Function:
     for (first, second), cells in values:
         f.x.array[6 * dofs[cells]] = first
         f.x.array[6 * dofs[cells] + 1] = second
+    f.x.array[6 * dofs + 2] = axes
     return f
 
 

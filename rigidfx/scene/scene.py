@@ -27,6 +27,7 @@ from rigidfx.base.same_input import check_same
 from rigidfx.base.taken import read_only
 from rigidfx.domain.connected import ConnectedParts, connected_parts
 from rigidfx.domain.domain import Domain
+from rigidfx.mechanics.assumed import AssumedStrains
 from rigidfx.mechanics.element import Element
 from rigidfx.mechanics.materials import Material
 from rigidfx.mechanics.schemes import Scheme, scheme_of
@@ -85,7 +86,7 @@ class Scene:
         order: int = 1,
         mass: Literal["lumped", "consistent"] = "lumped",
         scheme: Scheme | None = None,
-        element: str = "standard",
+        element: str | AssumedStrains = "standard",
         probes: Mapping[str, Sequence[float]] | None = None,
     ) -> None:
         """Validate the problem. Collective.
@@ -100,8 +101,8 @@ class Scene:
                 the consistent matrix.
             mass: "lumped" or "consistent", for the whole run.
             scheme: EnergyMomentum() if None; Midpoint() or Trapezoidal() otherwise.
-            element: "enhanced" lets hexahedra of order 1 bend and shear without locking, of
-                St.Venant-Kirchhoff materials and with EnergyMomentum(); "standard" does not.
+            element: "enhanced" lets hexahedra of order 1 bend and shear without locking, and so
+                does AssumedStrains(…) if they are thin and curved, too; "standard" does not.
             probes: Name → reference point [m].
 
         Raises:

@@ -85,7 +85,7 @@ drafts = st.fixed_dictionaries(
         "rho": st.tuples(_number(-1, 4), _number(-2, 2)),
         "nu": _number(-0.3, 0.45),
         "mass": _choice("lumped", "consistent"),
-        "element": _choice("standard", "enhanced"),
+        "element": _choice("standard", "enhanced", "assumed"),
         "dt": _number(-1.5, 1.5),
         "steps": st.integers(4, 20),
         "linear": _vector,
@@ -153,6 +153,8 @@ def build(
     # what the enhanced element refuses has tests of its own
     able = draft["cell"] == "hexahedron" and not draft["two materials"]
     element = draft["element"] if able else "standard"
+    if element == "assumed":
+        element = rf.AssumedStrains("z1")
     scene = rf.Scene(domain, material, effects, mass=draft["mass"], element=element)
     if budget := draft.get("accuracy"):
         accuracy = rf.Accuracy(budget, smallest=dt / 8, min_cells=1)

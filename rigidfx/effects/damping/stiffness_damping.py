@@ -64,7 +64,7 @@ class StiffnessDamping(Windowed):
 class ProportionalStress(ViscousTerm):
     """S = β ℂ₀:ΔE/Δt in the compiled forms, of one law."""
 
-    kind = StiffnessDamping.__name__
+    kind, law = StiffnessDamping.__name__, "elastic"
 
     def __init__(self, beta: float, rate: Any, law: Law | None = None) -> None:
         """Take β [s] over, and the constant of the forms that is β/Δt."""

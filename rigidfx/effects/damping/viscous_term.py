@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-import ufl
+from typing import Any, Literal
 
 from rigidfx.effects.action import FormTerm
-from rigidfx.mechanics.element import Element
+from rigidfx.mechanics.element import Element, Portion
 
 __all__ = ["ViscousTerm"]
 
@@ -16,6 +14,7 @@ class ViscousTerm(FormTerm):
     """A stress that is a modulus times a strain increment over Δt."""
 
     viscous = True
+    law: Literal["elastic", "viscous"] = "viscous"  # what the modulus multiplies: see `Portion`
 
     def __init__(self, modulus: float, rate: Any) -> None:
         """Take the modulus over, and the constant of the forms that is modulus/Δt."""
@@ -35,5 +34,5 @@ class ViscousTerm(FormTerm):
 
     def virtual_work(self, element: Element, u0: Any, u1: Any, w: Any) -> Any:
         """F½ S : Grad w."""
-        F = element.deformation_gradient((u0 + u1) / 2)
-        return ufl.inner(F * self.stress(element, u0, u1), ufl.grad(w))
+        S, portion = self.stress(element, u0, u1), Portion(self.law, u1, u0, 0.0, self._rate)
+        return element.virtual_work(S, (portion,), (u0, u1), w)
