@@ -15,13 +15,12 @@ import dolfinx.mesh as dmesh
 import numpy as np
 import numpy.typing as npt
 import ufl
-from dolfinx import fem, la
+from dolfinx import fem
 from mpi4py import MPI
 
 from rigidfx import effects as fx
 from rigidfx.base import compat
 from rigidfx.base.errors import SceneError
-from rigidfx.base.form_cache import form_on
 from rigidfx.base.inputs import positive, whole
 from rigidfx.base.same_input import check_same
 from rigidfx.base.taken import read_only
@@ -49,6 +48,7 @@ from rigidfx.scene.mesh_checks import warn_of_distance, warn_of_gaps
 from rigidfx.scene.places import cells_of
 from rigidfx.scene.stiffness import stiff_parts
 from rigidfx.scene.summary import description, in_a_line
+from rigidfx.scene.weights import nodal_weights
 
 __all__ = ["Scene"]
 
@@ -278,30 +278,13 @@ class Scene:
         mass = self.sum(own[: self.owned_nodes].sum())
         return float(np.cbrt(mass / self.sum(sum(m.rho * c.size for m, c in self.materials))))
 
-    def nodal_weights(self, density: Any, measure: ufl.Measure) -> Array:
-        """∫ density Nᵢ over a measure, per local node with ghosts, shape (nodes,). Collective."""
-        along_x = ufl.dot(ufl.as_vector((1.0, 0.0, 0.0)), ufl.TestFunction(self.space))
-        form = form_on(self.comm, density * along_x * measure)
-        out = fem.Function(self.space)
-        fem.assemble_vector(out.x.array, form)
-        out.x.scatter_reverse(la.InsertMode.add)
-        out.x.scatter_forward()
-        return out.x.array[::3].copy()
-
     def cell_weights(self, density: Any, cells: Nodes) -> Array:
         """∫ density Nᵢ dV over owned cells, per local node with ghosts. Collective."""
-        return self.nodal_weights(density, self._measure("dx", cells))
+        return nodal_weights(self.space, density, "dx", cells)
 
     def facet_weights(self, name: str, wanted_by: str, density: Any = 1.0) -> Array:
         """∫ density Nᵢ dA over a set's boundary facets, per local node with ghosts. Collective."""
-        return self.nodal_weights(density, self._measure("ds", self.boundary(name, wanted_by)))
-
-    def _measure(self, kind: str, where: Nodes) -> ufl.Measure:
-        """The measure of weights over owned cells (dx), or owned cells and facets in them (ds)."""
-        # Two degrees above the integrand of an affine cell, for cells that are not.
-        degree = {"quadrature_degree": 2 * self.order + 2}
-        data = [(1, where.reshape(-1))]
-        return ufl.Measure(kind, domain=self.mesh, metadata=degree, subdomain_data=data)(1)
+        return nodal_weights(self.space, density, "ds", self.boundary(name, wanted_by))
 
     def _point_masses(self) -> Array:
         total = np.zeros(self.space.tabulate_dof_coordinates().shape[0])

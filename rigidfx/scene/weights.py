@@ -1,0 +1,38 @@
+"""What each node has of an integral over cells or facets: masses, areas, forces of a load."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem, la
+
+from rigidfx.base.form_cache import form_on
+
+__all__ = ["nodal_weights"]
+
+
+def nodal_weights(
+    space: fem.FunctionSpace, density: Any, kind: Literal["dx", "ds"], where: npt.NDArray[np.int32]
+) -> npt.NDArray[np.float64]:
+    """∫ density Nᵢ, per local node with ghosts, shape (nodes,). Collective.
+
+    Args:
+        space: Of vectors; Nᵢ are its shape functions.
+        density: Number or UFL expression.
+        kind: Over cells (dx) or boundary facets (ds).
+        where: Owned cells; or owned cells and the facets in them, shape (facets, 2).
+    """
+    mesh = space.mesh
+    # Two degrees above the integrand of an affine cell, for cells that are not.
+    degree = {"quadrature_degree": 2 * space.element.basix_element.degree + 2}
+    data = [(1, where.reshape(-1))]
+    measure = ufl.Measure(kind, domain=mesh, metadata=degree, subdomain_data=data)(1)
+    along_x = ufl.dot(ufl.as_vector((1.0, 0.0, 0.0)), ufl.TestFunction(space))
+    out = fem.Function(space)
+    fem.assemble_vector(out.x.array, form_on(mesh.comm, density * along_x * measure))
+    out.x.scatter_reverse(la.InsertMode.add)
+    out.x.scatter_forward()
+    return np.asarray(out.x.array[::3].copy())
