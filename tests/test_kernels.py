@@ -14,6 +14,7 @@ from dolfinx import fem
 from mpi4py import MPI
 
 import rigidfx as rf
+from rigidfx.base import form_cache
 from rigidfx.base.form_cache import LOCK, wait_or_clear
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.kernels import FLAGS, Kernel, jit_options
@@ -77,6 +78,7 @@ def test_what_an_interrupted_compilation_left_is_removed(monkeypatch):
         built.unlink()
         source.write_text("")
     mesh.comm.barrier()
+    form_cache.FOUND.clear()
     Kernel(form, [], mesh)
     assert built.exists()
 
