@@ -23,6 +23,7 @@ from rigidfx.domain.cad import list_cad, read_cad
 from rigidfx.domain.domain import Domain
 from rigidfx.domain.gmsh_model import from_gmsh, read_msh
 from rigidfx.domain.gmsh_script import read_geo
+from rigidfx.domain.redistribute import redistribute
 from rigidfx.effects import (
     BodyForce,
     Contact,
@@ -131,6 +132,7 @@ __all__ = [
     "read_history",
     "read_msh",
     "recovered_stress",
+    "redistribute",
     "simulate",
     "write_bodies",
 ]

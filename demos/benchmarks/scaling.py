@@ -5,7 +5,7 @@ tetrahedra and 25 steps to the first period; all flexible, or most of it one com
 Under mpirun all ranks share each size.
 
     ./fenicsx python3 demos/benchmarks/scaling.py --unknowns 10000 100000 1000000
-    ./fenicsx mpirun -n 2 python3 demos/benchmarks/scaling.py --case metal --rigid
+    ./fenicsx mpirun -n 2 python3 demos/benchmarks/scaling.py --case metal --rigid --redistribute
 
 `cost_exponent` is the slope of log(seconds per step) over log(unknowns), from 10 000 on. Δt stays
 the same, so that in finer meshes waves pass more cells in a step. `memory` is the largest so far of
@@ -38,19 +38,21 @@ DT = 0.05  # s, of the L
 SMALL = 9000  # unknowns; fewer do not tell how cost grows
 
 
-def soft(refine: int, rigid: bool) -> tuple[rf.Scene, float]:
+def soft(refine: int, rigid: bool, redistribute: bool) -> tuple[rf.Scene, float]:
     """The L with cells of edge 1/refine, and Δt [s]; rigid but for its upper tenth."""
     domain = tumbling_l(refine).with_cells("rigid", lambda x: x[1] <= 8.7 + 1e-9)
+    domain = rf.redistribute(domain, ["rigid"]) if redistribute else domain
     loads = {"top": TRACTION, "side": -TRACTION}
     effects: list[rf.Effect] = [rf.Traction(name, tuple(t)) for name, t in loads.items()]
     return rf.Scene(domain, RUBBER, effects + [rf.Rigid("rigid")] * rigid), DT
 
 
-def metal(across: int, rigid: bool) -> tuple[rf.Scene, float]:
+def metal(across: int, rigid: bool, redistribute: bool) -> tuple[rf.Scene, float]:
     """The bar with so many cells across, and Δt [s]; rigid but for the tenth at its support."""
     cells = (5 * across, across, across)
     domain = rf.box((0, 0, 0), BAR, cells, cell="tetrahedron")
     domain = domain.with_cells("rigid", lambda x: x[0] >= 0.1 * BAR[0] - 1e-9)
+    domain = rf.redistribute(domain, ["rigid"]) if redistribute else domain
     push = rf.Traction("x1", (0.0, 0.0, 1e6))
     scene = rf.Scene(
         domain,
@@ -70,11 +72,13 @@ COUNT: dict[str, Callable[[int], int]] = {
 SCENES = {"soft": soft, "metal": metal}
 
 
-def measure(case: str, fineness: int, rigid: bool, steps: int) -> dict[str, object]:
+def measure(
+    case: str, fineness: int, rigid: bool, redistribute: bool, steps: int
+) -> dict[str, object]:
     """One size."""
 
     def begin() -> tuple[rf.Scene, float]:
-        return SCENES[case](fineness, rigid)
+        return SCENES[case](fineness, rigid, redistribute)
 
     building, (scene, dt) = timed(begin)
     with closing(rf.simulate(scene, dt, 1e6 * dt, progress=False)) as reports:
@@ -106,6 +110,9 @@ def main() -> None:
     parser = Parser(__file__, __doc__.splitlines()[0], short="up to 10 000 unknowns")
     parser.add_argument("--case", choices=list(SCENES), default="soft")
     parser.add_argument("--rigid", action="store_true", help="nine tenths are one rigid body")
+    parser.add_argument(
+        "--redistribute", action="store_true", help="rigid and flexible cells divided alike"
+    )
     sizes = [10_000, 30_000, 100_000, 300_000, 1_000_000]
     parser.add_argument("--unknowns", type=int, nargs="+", default=sizes, help="about so many")
     parser.add_argument("--steps", type=int, default=5, help="timed steps of each")
@@ -114,10 +121,11 @@ def main() -> None:
         min(range(1, 60), key=lambda n: abs(COUNT[options.case](n) - wanted))
         for wanted in sorted(options.unknowns)
     ]
-    measure(options.case, 1, options.rigid, 1)  # compiles
+    chosen = options.rigid, options.redistribute
+    measure(options.case, 1, *chosen, 1)  # compiles
     rows = []
     for n in fineness:
-        rows.append(measure(options.case, n, options.rigid, options.steps))
+        rows.append(measure(options.case, n, *chosen, options.steps))
         say(str(rows[-1]))
     large = [row for row in rows if row["unknowns"] >= SMALL] or rows
     x, y = (np.log([row[key] for row in large]) for key in ("unknowns", "seconds_per_step"))
@@ -126,6 +134,7 @@ def main() -> None:
         {
             "case": options.case,
             "rigid": options.rigid,
+            "redistributed": options.redistribute,
             "ranks": comm.size,
             "cost_exponent": float(np.polyfit(x, y, 1)[0]) if len(large) > 1 else None,
             "memory_per_million_unknowns": rows[-1]["memory"] / rows[-1]["unknowns"] * 1e6,

@@ -13,6 +13,7 @@ from mpi4py import MPI
 
 __all__ = [
     "VERSION",
+    "adjacency",
     "assemble_unrolled",
     "bindable",
     "cell_geometry_dofs",
@@ -22,6 +23,7 @@ __all__ = [
     "integration_facets",
     "known_columns",
     "model_to_mesh",
+    "partition",
 ]
 
 VERSION = tuple(int(part) for part in dolfinx.__version__.split(".")[:2])
@@ -64,10 +66,28 @@ def ghosted_partitioner() -> Any:
     return dolfinx.mesh.create_cell_partitioner(mode, 2)
 
 
-def create_mesh(comm: MPI.Intracomm, cells: Any, points: Any, element: Any) -> Any:
+def create_mesh(
+    comm: MPI.Intracomm, cells: Any, points: Any, element: Any, partitioner: Any = None
+) -> Any:
     """A mesh of cells given on any ranks as numbers of points."""
     order = (points, element) if VERSION == (0, 9) else (element, points)
-    return dolfinx.mesh.create_mesh(comm, cells, *order, ghosted_partitioner())
+    shares = ghosted_partitioner() if partitioner is None else partitioner
+    return dolfinx.mesh.create_mesh(comm, cells, *order, shares)
+
+
+def adjacency(values: npt.NDArray[Any], offsets: npt.NDArray[np.int32]) -> Any:
+    """Lists of whole numbers, one after the other, as C++ has them."""
+    found = dolfinx.graph.adjacencylist(values, offsets)
+    return getattr(found, "_cpp_object", found)
+
+
+def partition(
+    neighbours: npt.NDArray[np.int64], offsets: npt.NDArray[np.int32], parts: int
+) -> npt.NDArray[np.int64]:
+    """The part of each node of a graph, of this process alone, that is cut into equal parts."""
+    graph = adjacency(neighbours, offsets)
+    found = dolfinx.graph.partitioner()(MPI.COMM_SELF, parts, graph, False)
+    return np.asarray(found.array, dtype=np.int64)
 
 
 def model_to_mesh(model: Any, comm: MPI.Intracomm) -> tuple[Any, Any, Any]:
