@@ -6,6 +6,7 @@ Run as a script under mpirun, this file reports histories with wakes.
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -17,6 +18,7 @@ import rigidfx as rf
 from rigidfx.base.errors import SceneError, StepError
 from rigidfx.decide.criteria.concentration import quiet_enough
 from rigidfx.decide.memory.strokes import Strokes
+from rigidfx.decide.memory.work import Work
 from rigidfx.decide.policy import CHECKED, FORESEEN
 from rigidfx.flexible.stress import CauchyStress
 from rigidfx.shadow import pace, shadow
@@ -193,7 +195,7 @@ def test_a_shadow_begins_as_a_linear_twin(mass, damping, monkeypatch):
     # Every cell qualifies and none wakes.
     rule = rf.StrainRate(rates.max(), 0.3, wake="local", kappa=2.0)
     run(scene, t_end, rule)
-    times, shadows = zip(*seen, strict=True)
+    times, shadows = zip(*seen[1:], strict=True)  # the first look tells nothing by rates
     twin = np.array([rates[round(t / DT)] for t in times])
     strong = twin > 0.3 * twin.max()
     early = np.array(times) < 0.6
@@ -381,6 +383,64 @@ def test_the_quietest_parts_freeze_as_long_as_the_rest_can_take_the_motion():
     assert quiet_enough(loud, 9.0, share).tolist() == [False, True, False]
     assert quiet_enough(np.zeros(2), 0.0, np.zeros(2)).all()
     assert not quiet_enough(np.array([0.5]), 1.0, np.ones(1)).any()
+
+
+def test_a_freeze_pays_as_much_work_as_it_costs():
+    work, one = Work(), np.ones(10, dtype=bool)
+    assert work.price == 0.0  # nothing has been done, and nothing is known
+    for _ in range(20):
+        work.follow(5, 0)
+    assert work.price == pytest.approx(9.0)
+    small, large = np.array([0], np.int32), np.arange(1, 6, dtype=np.int32)
+    quiet = np.full(10, 20.0)
+    parts = [small, large]  # a tenth and half of the cells, quiet for 20 steps: 2 and 10 steps
+    assert np.flatnonzero(work.too_dear(parts, quiet, one, MPI.COMM_SELF)).tolist() == [0]
+    quiet[0] = 90.0
+    assert not work.too_dear(parts, quiet, one, MPI.COMM_SELF).any()
+    work.window_begins()
+    work.follow(3, 3)  # steps with all their tangents are dear, switches beside them are not
+    assert work.price == pytest.approx(2.5)
+
+
+@pytest.mark.parametrize(("where", "windows"), [(2.0, 1), (7.0, 3)])
+def test_small_parts_wait_longer_than_large_ones(where, windows):
+    box = rf.box((0, 0, 0), (8, 1, 1), (16, 2, 2))
+    box = box.with_cells("end", lambda x: x[0] >= where - 1e-9)
+    swings = rf.InitialVelocity(function=lambda x: np.stack([0 * x[0], 0 * x[0], 0.1 * x[0]]))
+    scene = rf.Scene(box, SOFT, [rf.Fixed("x0"), swings])
+    rule = rf.StrainRate(0.0, WINDOW * DT, tolerances={"end": 1e9}, wake="local")
+    events = [
+        (round(event.t / (WINDOW * DT)), event.kind)
+        for report in rf.simulate(scene, DT, 4 * WINDOW * DT, rigidify=rule, progress=False)
+        for event in report.events
+    ]
+    assert events == [(windows, "freeze")]
+
+
+def test_what_rings_from_step_to_step_or_turns_wakes_nothing(monkeypatch):
+    """The midpoint rule has it ring for ever where steps do not resolve it."""
+    looks, look = [], Shadow.look
+
+    def seen(self, t, dt, limits):
+        found = look(self, t, dt, limits)
+        if found is not None and not looks:
+            stretch = 1e-3 * self._parts.V
+            turn = np.cross((0, 0, 0.1), self._parts.V)
+            ends, told = ((stretch, stretch), (stretch, -stretch), (turn, turn)), []
+            now = self._motion
+            for before, then in ends:
+                end = replace(now, u=now.u + dt * then, w=then)
+                told.append(self._strained(replace(now, w=before), end, dt, limits, None))
+            looks.extend(strained.rate.max() for strained in told)
+        return found
+
+    monkeypatch.setattr(Shadow, "look", seen)
+    _, tol = gentle()
+    run(on_a_block(), 1.0, local(tol))
+    steady, ringing, turning = looks
+    assert steady > 0
+    assert ringing <= 1e-9 * steady
+    assert turning <= 1e-3 * steady  # its strain is of second order
 
 
 def test_a_stroke_is_the_largest_strain_over_the_largest_rate():

@@ -20,10 +20,10 @@ from mpi4py import MPI
 
 from rigidfx.decide.advice import Advice, Seen
 from rigidfx.decide.clusters import NONE, CellGraph, find_clusters
-from rigidfx.decide.criteria.concentration import Concentration
 from rigidfx.decide.criteria.judging import Criterion
 from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.decision import Decision, plan_bodies, qualify
+from rigidfx.decide.lasting import Lasting
 from rigidfx.decide.memory.back_off import BackOff
 from rigidfx.decide.memory.contact_changes import ContactChanges
 from rigidfx.decide.memory.load_changes import LoadChanges
@@ -31,6 +31,7 @@ from rigidfx.decide.memory.memory import Memory
 from rigidfx.decide.memory.signals import Signals
 from rigidfx.decide.memory.strokes import Strokes
 from rigidfx.decide.memory.window import Window
+from rigidfx.decide.memory.work import Work
 from rigidfx.decide.named_parts import NamedParts
 from rigidfx.decide.releases import PLANNED, Releases
 from rigidfx.effects import Touch
@@ -80,7 +81,6 @@ class Policy:
         self._least = criterion.least_cells(scene)
         self._releases = Releases(scene, criterion.releases, timeline)
         self.named = NamedParts(scene, self._graph)
-        self._concentration = Concentration(scene)
         self.memory = Memory(
             window=self._new_window(0.0),
             signals=Signals(scene),
@@ -89,7 +89,9 @@ class Policy:
             contacts=ContactChanges(criterion.load_change),
             next_number=self.named.count + 1,
             strokes=Strokes(scene.comm, self._graph.owned),
+            work=Work(),
         )
+        self._lasting = Lasting(scene, self.memory)
         self.rule = criterion.rule(scene, timeline, self.memory)
 
     @property
@@ -150,6 +152,7 @@ class Policy:
         """
         t = seen.t
         self.memory.contacts.follow(report.touches)
+        self.memory.work.follow(report.iterations, report.tangents)
         reasons, cells = self._releases.asked(t, report, seen.bodies)
         if self._criterion.wake == "all" and self.memory.loads.declared(t):
             decision = self._release(seen, "a load or a support changes", self._every)
@@ -207,18 +210,15 @@ class Policy:
         existing = self._numbers(seen)
         barred = self._never | (~seen.flexible & (existing == NONE)) | self._chained(seen)
         reason = f"strain rates in a window that ended at {t:.6g} s"
-        decision = self._plan("freeze", reason, seen, able, existing, barred)
-        if self._criterion.wake == "local" and memory.loads.resting_since <= memory.window.start:
-            loud = self._too_loud(decision, seen)
-            if self._graph.comm.allreduce(bool(loud.any()), op=MPI.LOR):
-                decision = self._plan("freeze", reason, seen, able & ~loud, existing, barred | loud)
-        return replace(decision, qualified=qualified, closeness=closeness, loads_at=t)
 
-    def _too_loud(self, decision: Decision, seen: Observation) -> Bools:
-        """Cells that would withhold too much if bodies were as decided. Collective."""
-        parts = [body.cells[seen.flexible[body.cells]] for body in decision.bodies if not body.kept]
-        worst, weights = self.memory.window.worst, seen.indicator.weights
-        return self._concentration.too_loud(parts, worst, weights, self.rule.tol, seen.flexible)
+        def plan(able: Bools, barred: Bools) -> Decision:
+            return self._plan("freeze", reason, seen, able, existing, barred)
+
+        if self._criterion.wake == "local":
+            decision = self._lasting.bodies(plan, seen, tol, able, barred)
+        else:
+            decision = plan(able, barred)
+        return replace(decision, qualified=qualified, closeness=closeness, loads_at=t)
 
     def _release(self, seen: Observation, reason: str, cells: Bools) -> Decision:
         """Release owned cells from their bodies; what is left of these stays rigid. Collective."""
@@ -317,3 +317,4 @@ class Policy:
         if not freezes:
             memory.back_off.restart()
         memory.window = self._new_window(t)
+        memory.work.window_begins()

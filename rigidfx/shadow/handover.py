@@ -31,8 +31,8 @@ class Carried:
             bodies: Bodies at the end of the last accepted step.
             motion: Of their shadows.
         """
-        # δ, δ̇, K⁺ρ, its mean, the velocity of the bodies themselves; NaN without a shadow.
-        self._moved = np.full((5, nodes, 3), np.nan)
+        # δ, δ̇ and its mean, K⁺ρ and its mean, the velocity of the bodies; NaN without a shadow.
+        self._moved = np.full((6, nodes, 3), np.nan)
         self._before: set[int] = set()
         if parts is None:
             return
@@ -41,7 +41,7 @@ class Carried:
         for body in bodies:
             if id(body.data) in of:
                 at, R = of[id(body.data)], body.motion.R
-                fields = motion.u, motion.v, motion.still, motion.mean
+                fields = motion.u, motion.v, motion.w, motion.still, motion.mean
                 own = np.stack([field[at] for field in fields]) @ R.T
                 self._moved[:, body.data.nodes] = [*own, body.velocities]
 
@@ -64,12 +64,12 @@ class Carried:
         grown: list[Ints] = []
         for data, at, (old, every) in zip(parts.bodies, parts.at, counts, strict=True):
             body, here = present[id(data)], known[data.nodes, None]
-            u, v, still, mean, whole = moved[:, data.nodes]
+            u, v, w, still, mean, whole = moved[:, data.nodes]
             if old < every:
                 v = whole - body.velocities
                 grown += [at] if old else []
             else:
-                motion.u[at] = u @ body.motion.R
+                motion.u[at], motion.w[at] = u @ body.motion.R, w @ body.motion.R
             motion.v[at] = np.where(here, v @ body.motion.R, frozen_velocities(data))
             if id(data) in self._before:
                 motion.still[at], motion.mean[at] = still @ body.motion.R, mean @ body.motion.R

@@ -21,12 +21,14 @@ class Motion:
     Attributes:
         u: δ [m].
         v: δ̇ [m/s].
+        w: Its mean over the last step [m/s]; NaN where there was none.
         still: K⁺ρ of the last step [m]; NaN where there is none yet.
         mean: Its mean over the time before, in which recent steps count most [m]; NaN likewise.
     """
 
     u: Array
     v: Array
+    w: Array
     still: Array
     mean: Array
 
@@ -74,8 +76,8 @@ class Strained:
 def at_rest(nodes: int) -> Motion:
     """A motion of so many nodes of which nothing is known."""
     u, v = np.zeros((2, nodes, 3))
-    still, mean = np.full((2, nodes, 3), np.nan)
-    return Motion(u, v, still, mean)
+    w, still, mean = np.full((3, nodes, 3), np.nan)
+    return Motion(u, v, w, still, mean)
 
 
 def frozen_velocities(body: RigidBody) -> Array:

@@ -54,6 +54,10 @@ UNSETTLED = 4
 # see, and a body's response to it is none of a body at rest.
 LAG = 0.25
 
+# Part of a change of shape that is measured: a shadow is linear, but where bodies grow together it
+# turns by what they had turned against each other, and the strain of that is of second order.
+LITTLE = 2.0**-8
+
 
 class Shadow(Watch):
     """The shadows of the bodies of a run; `destroy` frees the PETSc objects.
@@ -214,7 +218,7 @@ class Shadow(Watch):
         """The motion at the end of a step under a force, and what cells strain. Collective."""
         # While no window is known, the mean is over little more than a step.
         self._lag = LAG * limits.window if np.isfinite(limits.window) else dt
-        motion = self._begun(self._motion, force)
+        motion = self._begun(self._motion, force, dt)
         begin = t - sum(span for _, span in self._pace.waiting)
         found: Strained | None = None
         for mean, span in self._pace.stretches(force, dt):
@@ -231,14 +235,18 @@ class Shadow(Watch):
         self._motion, self._grown, self.withheld = motion, [], withheld
         self._pace.taken(force, change, ratio)
 
-    def _begun(self, motion: Motion, force: Array) -> Motion:
-        """The motion, where bodies have just grown that at rest under the forces. Collective."""
+    def _begun(self, motion: Motion, force: Array, dt: float) -> Motion:
+        """The motion, where bodies have just grown that under the forces alone. Collective.
+
+        At the middle of the step they are strained as these would; were they so at its start, the
+        step would throw them back.
+        """
         if not self._grown:
             return motion
         assert self._part is not None
         u, still = motion.u.copy(), self._part.at_rest(force)
         for at in self._grown:
-            u[at] = still[at]
+            u[at] = still[at] - dt / 2 * motion.v[at]
         return replace(motion, u=u)
 
     def _stepped(self, motion: Motion, force: Array, t: float, dt: float) -> Motion:
@@ -254,7 +262,7 @@ class Shadow(Watch):
         mean = np.where(
             known, motion.mean - np.expm1(-dt / self._lag) * (still - motion.mean), still
         )
-        return Motion(motion.u + d, 2 / dt * d - motion.v, still, mean)
+        return Motion(motion.u + d, 2 / dt * d - motion.v, np.asarray(d / dt), still, mean)
 
     def _strained(
         self, start: Motion, end: Motion, dt: float, limits: Limits, before: Strained | None
@@ -262,7 +270,10 @@ class Shadow(Watch):
         """What each owned cell would strain in a step, and before. Collective."""
         known = ~np.isnan(start.mean)
         slow = self._measured(np.where(known, end.mean - start.mean, 0.0), dt)
-        rates = self._measured(end.u - start.u, dt)
+        # What a step does not resolve rings from step to step: nothing is left of two together.
+        both = dt * (start.w + end.w)
+        lasting = self._measured(np.where(np.isnan(both), 0.0, both), dt)
+        rates = np.minimum(self._measured(end.u - start.u, dt), lasting)
         if self._looks > UNSETTLED:
             rates = np.maximum(rates, slow)
         total = self._measured(np.where(known, end.mean, 0.0), 1.0)
@@ -278,9 +289,9 @@ class Shadow(Watch):
         shape, end = (f.x for f in self._ends)
         dofs = self._parts.rows.dofs
         end.array[:] = shape.array
-        end.array[dofs] += change.reshape(-1)
+        end.array[dofs] += LITTLE * change.reshape(-1)
         end.scatter_forward()
-        self._indicator.measure(dt)
+        self._indicator.measure(LITTLE * dt)
         return self._indicator.values.copy()
 
     def accept(self, attempt: Attempt) -> None:

@@ -10,6 +10,7 @@ from rigidfx.decide.memory.load_changes import LoadChanges
 from rigidfx.decide.memory.signals import Signals
 from rigidfx.decide.memory.strokes import Strokes
 from rigidfx.decide.memory.window import Window
+from rigidfx.decide.memory.work import Work
 
 __all__ = ["Memory"]
 
@@ -27,6 +28,7 @@ class Memory:
         next_number: First number that no body has had.
         said: Kinds of warnings that were given.
         strokes: Largest strains and rates so far.
+        work: Of the steps in the window.
         largest: Largest strain rate of any cell so far, if tolerances are relative to it [1/s].
     """
 
@@ -37,5 +39,6 @@ class Memory:
     contacts: ContactChanges
     next_number: int
     strokes: Strokes
+    work: Work
     said: set[str] = field(default_factory=set)
     largest: float = 0.0
