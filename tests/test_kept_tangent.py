@@ -120,7 +120,7 @@ def test_what_fails_pauses_and_is_tried_again():
         for _ in range(LENGTH):
             assert pause.failed
             pause.passed()
-    pause.kept(4.0)
+    pause.kept(0.3)
     pause.failure()
     assert not pause.failed
     assert pause.over

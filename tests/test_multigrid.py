@@ -13,7 +13,7 @@ from rigidfx.coupling.dof_layout import dof_layout
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.step.newton import chord
-from rigidfx.step.newton.multigrid import rigid_motions
+from rigidfx.step.newton.motions import rigid_motions
 
 
 @pytest.fixture

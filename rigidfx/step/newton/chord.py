@@ -1,12 +1,10 @@
-"""Newton's method with factors that are kept over steps, the chord method: where it pays, and how.
+"""Newton's method with tangents that are kept over steps, the chord method: where it pays, and how.
 
 Parts of metal, with the time steps that their slow motions need, take a factorisation in any case,
-and that costs more than some iterations with kept factors. Soft parts have GMRES with incomplete
-factors instead; they gain as long as kept factors fit, which large strains end. So for them the
-factors' cost is counted, and where it is not worth it, Newton's method takes over for a while.
-(Kept incomplete factors saved a soft part two thirds of a step; but what GMRES leaves is no
-rounding, and in the 520 s of the main demo angular momentum drifted by 8e-13 with them.) Where
-factors would fill the memory, multigrid solves with the tangent that is kept.
+and that costs more than some iterations with kept factors; where these would fill the memory,
+multigrid solves with the tangent that is kept. Soft parts, whose inertia is large, have GMRES with
+incomplete factors, and these are kept as well. Large strains end what a soft part's tangent is good
+for. So its cost is counted, and where it is not worth it, Newton's method takes over for a while.
 """
 
 from __future__ import annotations
@@ -19,6 +17,7 @@ from rigidfx.step.linear.linear_solver import PREFIX
 from rigidfx.step.newton.chord_test import ChordTest
 from rigidfx.step.newton.factors import Factors
 from rigidfx.step.newton.frames import Frames
+from rigidfx.step.newton.incomplete import IncompleteFactors
 from rigidfx.step.newton.kept_tangent import KeptTangent
 from rigidfx.step.newton.multigrid import Multigrid
 from rigidfx.step.newton.pause import Pause
@@ -35,9 +34,6 @@ SMALLEST_WELL_CONDITIONED = 150
 # Unknowns up to which factors are kept; beyond, they fill gigabytes: multigrid takes over. Where
 # both can be had, factors are faster: a fifth of a step of steel at 10⁵ unknowns.
 FACTORS_UP_TO = 300_000
-# Beyond, GMRES takes no longer with first-order hexahedra: 0.91 of a step by GMRES at 86 000 with
-# factors, 1.0 to 1.6 at 280 000 by multigrid.
-SOFT_UP_TO = 100_000  # unknowns
 # Cells that a wave passes in a step, as the diagonals of stiffness and mass estimate them. From a
 # prototype that counted them by the material's wave speed; not measured again for the diagonals.
 STIFF_FROM = 15.0
@@ -69,8 +65,7 @@ class Chord:
         self._equilibrium, p = equilibrium, equilibrium.prolongation
         self._pause = Pause()
         like = p.unknowns()
-        inverse = Factors if p.size <= FACTORS_UP_TO else Multigrid
-        self._kept = KeptTangent(inverse(equilibrium), Frames(p, parts), like)
+        self._kept = KeptTangent(self._suited(0.0)(equilibrium), Frames(p, parts), like)
         like.destroy()
         self._refresh = Refresh(self._kept.inverse.renewal)
         self.ksp = PETSc.KSP().create(p.comm)
@@ -88,12 +83,23 @@ class Chord:
         """Linear iterations that the last solve took; with factors, one in each of Newton's."""
         return self._kept.iterations
 
+    def _suited(self, dt: float) -> type[Factors | IncompleteFactors | Multigrid]:
+        """What is to solve with the tangents of steps of Δt [s]."""
+        size = self._equilibrium.prolongation.size
+        if self._equilibrium.waves(dt) >= STIFF_FROM:
+            return Factors if size <= FACTORS_UP_TO else Multigrid
+        return Factors if size < SMALLEST else IncompleteFactors
+
     def begin(self, dt: float) -> None:
         """Begin a step, or an attempt at it. Collective.
 
         Args:
             dt: Δt [s].
         """
+        suited = self._suited(dt)
+        if not isinstance(self._kept.inverse, suited):
+            self._kept.replace(suited(self._equilibrium))
+            self._refresh = Refresh(self._kept.inverse.renewal)
         if not self._kept.fits(dt):
             self._refresh.due = True
         self._kept.begin(self._equilibrium.start, dt)
@@ -124,7 +130,8 @@ class Chord:
         """Take note that the last solve has become a step."""
         iterations = len(self.stop.history) - 1
         self._refresh.accepted(iterations)
-        self._pause.kept(iterations + self._refresh.cost * self.tangents)
+        cost = iterations + self._refresh.cost * self.tangents
+        self._pause.kept(cost / self._kept.inverse.worth)
 
     def accept_newton(self) -> None:
         """Take note that a solve by Newton's method has become a step."""
@@ -132,7 +139,7 @@ class Chord:
         self._refresh.due = True
 
     def serves(self, dt: float) -> bool:
-        """Whether factors are worth keeping in steps of Δt [s]."""
+        """Whether tangents are worth keeping in steps of Δt [s]."""
         p = self._equilibrium.prolongation
         small = p.size < SMALLEST and not (p.comm.size == 1 and self._equilibrium.well_conditioned)
         if small or self._pause.failed:
@@ -140,7 +147,7 @@ class Chord:
         waves = self._equilibrium.waves(dt)
         if waves > STIFF_UP_TO:
             return False
-        return waves >= STIFF_FROM or (self._pause.over and p.size <= SOFT_UP_TO)
+        return waves >= STIFF_FROM or self._pause.over
 
     def destroy(self) -> None:
         """Free the solvers. Collective."""
@@ -148,7 +155,7 @@ class Chord:
 
 
 def pays(equilibrium: Equilibrium) -> bool:
-    """Whether factors may be worth keeping, and PETSc's options leave it so."""
+    """Whether tangents may be worth keeping, and PETSc's options leave it so."""
     given = PETSc.Options(PREFIX).getAll()
     told = any(name.startswith(OF_SOLVERS) for name in given)
     p = equilibrium.prolongation

@@ -33,9 +33,11 @@ class Inverse(Protocol):
 
     Attributes:
         renewal: What a new tangent costs, in iterations with a kept one.
+        worth: What a step by Newton's method costs in these.
     """
 
     renewal: float
+    worth: float
 
     @property
     def name(self) -> str:
@@ -83,6 +85,15 @@ class KeptTangent:
         self._factor = 1.0
         self._dt = self._assembled_for = 0.0
         self.iterations = 0
+
+    def replace(self, inverse: Inverse) -> None:
+        """Take another inverse, which has no tangent yet. Collective.
+
+        Args:
+            inverse: Solves with what others fill.
+        """
+        self.inverse.destroy()
+        self.inverse, self._assembled_for = inverse, 0.0
 
     def fits(self, dt: float) -> bool:
         """Whether a step of Δt [s] is near enough to the one that the tangent was assembled for."""

@@ -1,0 +1,49 @@
+"""The rigid motions of what a layout leaves to move: what hardly strains, and momenta belong to."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from rigidfx.coupling.prolongation import Prolongation
+
+__all__ = ["rigid_motions"]
+
+Array = npt.NDArray[np.float64]
+
+EMPTY = 1e-12  # squared norm of a motion that no unknown takes part in, relative to the largest
+
+
+def rigid_motions(prolongation: Prolongation, x: Array) -> Array:
+    """An orthonormal basis of the unknowns' rigid motions. Collective.
+
+    Args:
+        prolongation: Map between unknowns and dofs.
+        x: Positions of the active nodes, shape (nodes, 3) [m].
+
+    Returns:
+        Shape (owned unknowns, motions): six, fewer where supports leave none of some.
+    """
+    increments, free = prolongation.increments, prolongation.free
+    own = prolongation.owned_bodies
+    comm = prolongation.comm
+    sums = np.append(x.sum(axis=0), len(x))
+    comm.Allreduce(MPI.IN_PLACE, sums)
+    middle = sums[:3] / max(sums[3], 1.0)
+    out = np.zeros((prolongation.owned, 6))
+    nodes, axis = np.divmod(free, 3)
+    each = np.arange(free.size)
+    out[each, axis] = 1.0
+    turned = np.cross(np.eye(3)[None], (x[nodes] - middle)[:, None])  # [unknown, rotation, axis]
+    out[each, 3:] = turned[each, :, axis]
+    six = out[free.size :].reshape(-1, 6, 6)  # Δr and ℓθ of each body, by motions
+    six[:, :3, :3] = np.eye(3)
+    arms = increments.start.r[own] - middle
+    six[:, :3, 3:] = np.cross(np.eye(3)[None], arms[:, None]).swapaxes(1, 2)
+    six[:, 3:, 3:] = np.eye(3) * increments.start.of.length[own, None, None]
+    gram = out.T @ out
+    comm.Allreduce(MPI.IN_PLACE, gram)
+    squares, vectors = np.linalg.eigh(gram)
+    kept = squares > EMPTY * squares[-1]
+    return np.asarray(out @ (vectors[:, kept] / np.sqrt(squares[kept])))

@@ -1,0 +1,78 @@
+"""Incomplete factors that are kept: the same motions as by Newton's method, and momenta as well."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from histories import column, drift, show
+from test_kept_tangent import NEWTON, STEPS, follow
+from tumbling_l import tumbling_l
+
+import rigidfx as rf
+from rigidfx.step.newton import chord
+from rigidfx.step.newton.incomplete import REDUCTION, IncompleteFactors
+
+RUBBER = rf.StVenantKirchhoff(E=1e4, nu=0.3, rho=10.0)
+KEPT = "kept gmres+ilu"
+
+
+@pytest.fixture
+def _soft(monkeypatch):
+    """Have all systems count as large and soft."""
+    monkeypatch.setattr(chord, "SMALLEST", 0)
+    monkeypatch.setattr(chord, "STIFF_FROM", 1e9)
+
+
+@pytest.mark.usefixtures("_soft")
+@pytest.mark.parametrize("name", ["turning", "held in part", "springs", "rigid middle"])
+def test_the_motion_is_that_of_newtons_method(name):
+    mine, newton = follow(name, {}), follow(name, NEWTON)
+    assert all(r.solver == KEPT for r in mine[1:])
+    tips = [np.array([r.probes["tip"] for r in run]) for run in (mine, newton)]
+    apart = np.abs(tips[0] - tips[1]).max() / np.abs(tips[1]).max()
+    show(apart=apart, tangents=sum(r.tangents for r in mine))
+    assert apart <= 1e-11
+    assert sum(r.tangents for r in mine) <= STEPS / 2
+    for key in ("energy", "angular_momentum"):
+        own, other = (column(run, key)[12:] for run in (mine, newton))
+        assert drift(own) <= 2 * drift(other) + 2e-14
+
+
+def _tumbling():
+    """The L at widely varying strains, free after half a second."""
+    t = np.array([256.0, 512.0, 768.0]) / 8
+    effects = [rf.Traction(n, tuple(f), until=0.5) for n, f in (("top", t), ("side", -t))]
+    return rf.Scene(tumbling_l(1), RUBBER, effects)
+
+
+def test_soft_parts_keep_them_and_no_momentum_is_lost():
+    """672 unknowns, by the rules as they are."""
+    reports = [r for r in rf.simulate(_tumbling(), 0.05, 8.0) if r.t > 0.5]
+    kept = [r for r in reports if r.solver == KEPT]
+    H, J = (column(reports, key) for key in ("energy", "angular_momentum"))
+    show(H=drift(H), J=drift(J), kept=len(kept), of=len(reports))
+    assert len(kept) >= 0.9 * len(reports)
+    assert sum(r.tangents for r in kept) <= 0.7 * len(kept)
+    assert max(drift(H), drift(J)) <= 1e-13
+
+
+def test_a_solve_leaves_no_resultant(monkeypatch):
+    """Neither force nor moment, though GMRES stops at a hundredth."""
+    left = []
+    solve = IncompleteFactors.solve
+
+    def seen(self, r, z):
+        solve(self, r, z)
+        after = r.duplicate()
+        self._equilibrium.tangent_matrix.mult(z, after)
+        after.aypx(-1.0, r)
+        resultant = np.abs(self._motions.T @ after.array_r).max()
+        left.append((after.norm() / r.norm(), resultant / r.norm()))
+        after.destroy()
+
+    monkeypatch.setattr(IncompleteFactors, "solve", seen)
+    list(rf.simulate(_tumbling(), 0.05, 0.5))
+    loose, resultants = np.transpose(left)
+    show(loose=loose.max(), resultants=resultants.max())
+    assert 0.1 * REDUCTION <= loose.max() <= 2 * REDUCTION
+    assert resultants.max() <= 1e-12
