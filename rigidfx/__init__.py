@@ -6,6 +6,7 @@ writes ParaView files and a CSV.
 """
 
 from rigidfx.base.errors import (
+    CompilerError,
     InversionError,
     OutputError,
     RigidfxError,
@@ -75,6 +76,7 @@ __all__ = [
     "Accuracy",
     "AssumedStrains",
     "BodyForce",
+    "CompilerError",
     "Contact",
     "Cylinder",
     "Domain",

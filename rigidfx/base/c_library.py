@@ -19,8 +19,8 @@ from cffi import FFI, VerificationError
 from dolfinx import jit
 from mpi4py import MPI
 
-from rigidfx.base.errors import OutputError, agree
-from rigidfx.base.form_cache import unwritten
+from rigidfx.base.compiler import raise_uncompiled
+from rigidfx.base.errors import CompilerError
 
 __all__ = ["c_library"]
 
@@ -39,23 +39,22 @@ def c_library(
 
     Raises:
         OutputError: On every rank, if the cache cannot be written to.
-        VerificationError: On every rank, if the compiler fails.
+        CompilerError: On every rank, if the C compiler cannot be run, or fails.
     """
     told = "\0".join([source, declarations, *flags, sys.version])
     name = f"rigidfx_{name}_{hashlib.sha1(told.encode()).hexdigest()}"
     folder = Path(jit.get_options(None)["cache_dir"])
-    problem, full, path = None, None, None
+    failed: Exception | None = None
+    path: Path | None = None
     if comm.rank == 0:
         try:
             path = _found(folder, name) or _compiled(folder, name, source, declarations, flags)
-        except VerificationError as error:
-            problem = str(error)
-        except OSError as error:
-            full = unwritten(error, folder) or str(error)
-    agree(comm, full, OutputError)
-    problem, path = comm.bcast((problem, path))
+        except (VerificationError, OSError) as error:
+            failed = error
+    raise_uncompiled(comm, failed, folder)
+    path, problem = comm.bcast((path, str(failed)))
     if path is None:
-        raise VerificationError(problem)
+        raise CompilerError(problem) from failed
     if name not in sys.modules:
         spec: Any = importlib.util.spec_from_file_location(name, path)
         sys.modules[name] = importlib.util.module_from_spec(spec)

@@ -57,7 +57,8 @@ class CacheLog(logging.Filter):
 @contextmanager
 def listening() -> Iterator[CacheLog]:
     """Around a compilation, whose option verbosity must be logging.INFO."""
-    logger = logging.getLogger("ffcx")
+    logger, root = logging.getLogger("ffcx"), logging.getLogger()
+    handlers = root.handlers.copy()  # FFCx takes them away, for good where the compiler fails
     log, level = CacheLog(logger.getEffectiveLevel()), logger.level
     logger.addFilter(log)
     try:
@@ -65,3 +66,4 @@ def listening() -> Iterator[CacheLog]:
     finally:
         logger.setLevel(level)
         logger.removeFilter(log)
+        root.handlers = handlers

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "InversionError",
+    "CompilerError",
     "OutputError",
     "RigidfxError",
     "RigidfxWarning",
@@ -64,6 +65,10 @@ class InversionError(StepError):
 
 class OutputError(RigidfxError, OSError):
     """Results cannot be written where they should go, or not be read back."""
+
+class CompilerError(RigidfxError, RuntimeError):
+    """A form cannot be compiled: there is no C compiler, or it fails."""
+
 
 
 def agree(comm: MPI.Intracomm, message: str | None, error: type[RigidfxError] = SceneError) -> None:

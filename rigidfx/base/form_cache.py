@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import fcntl
 import logging
-import re
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -23,13 +22,15 @@ from pathlib import Path
 from typing import Any
 
 import ufl
+from cffi import VerificationError
 from dolfinx import fem, jit
 from mpi4py import MPI
 
 from rigidfx.base.cache_log import listening
+from rigidfx.base.compiler import raise_uncompiled
 from rigidfx.base.errors import OutputError, agree
 
-__all__ = ["compile_expression", "compile_form", "form_on", "unwritten", "wait_or_clear"]
+__all__ = ["compile_expression", "compile_form", "form_on", "wait_or_clear"]
 
 LOCK = "rigidfx.lock"  # beside the compiled forms
 
@@ -51,6 +52,7 @@ def compile_form(comm: MPI.Intracomm, form: ufl.Form, options: dict[str, Any]) -
     Raises:
         OutputError: On every rank, if the cache cannot be written to, or a file that is in the way
             not be removed.
+        CompilerError: On every rank, if the C compiler cannot be run, or fails.
     """
     key = form.signature(), repr(sorted(jit.get_options(options).items()))
     if not comm.allreduce(key in FOUND, op=MPI.LAND):
@@ -69,6 +71,7 @@ def form_on(comm: MPI.Intracomm, form: ufl.Form) -> fem.Form:
     Raises:
         OutputError: On every rank, if the cache cannot be written to, or a file that is in the way
             not be removed.
+        CompilerError: On every rank, if the C compiler cannot be run, or fails.
     """
     return _past_the_cache(comm, SMALL, lambda **how: fem.form(form, **how))
 
@@ -87,6 +90,7 @@ def compile_expression(
     Raises:
         OutputError: On every rank, if the cache cannot be written to, or a file that is in the way
             not be removed.
+        CompilerError: On every rank, if the C compiler cannot be run, or fails.
     """
     return _past_the_cache(
         comm, options, lambda **how: fem.Expression(expression, points, comm=comm, **how)
@@ -102,12 +106,10 @@ def _past_the_cache(
         with _may_compile(comm, options), listening() as log:
             try:
                 return compiled(form_compiler_options=heard, jit_options=options)
-            except (RuntimeError, OSError, ImportError) as error:
+            except (RuntimeError, OSError, ImportError, VerificationError) as error:
                 found = [source for source in comm.allgather(log.source) if source is not None]
                 if not found:
-                    agree(
-                        comm, unwritten(error, jit.get_options(options)["cache_dir"]), OutputError
-                    )
+                    raise_uncompiled(comm, error, jit.get_options(options)["cache_dir"])
                     raise
                 damaged = isinstance(error, ImportError)
         damaged = comm.allreduce(damaged, op=MPI.LOR)
@@ -128,23 +130,6 @@ def _may_compile(comm: MPI.Intracomm, options: dict[str, Any]) -> Iterator[None]
         except OSError:  # what is there may be read; what has to be written says what is wrong
             pass
         yield
-
-
-def unwritten(error: Exception, folder: str | Path) -> str | None:
-    """What to do where the cache cannot be written to, None if that is not what has gone wrong.
-
-    Args:
-        error: What a compilation has raised; on several ranks a text that tells of it.
-        folder: The cache.
-    """
-    said = re.search(r"\[Errno \d+\] ([^:]*)", str(error))
-    if said is None:
-        return None
-    return (
-        f"Nothing can be compiled into the folder '{folder}' ({said[1].strip()}). Check the space "
-        "left there and whether you may write to it, or name another folder by the environment "
-        "variable XDG_CACHE_HOME."
-    )
 
 
 def _cleared(source: Path, damaged: bool) -> str | None:

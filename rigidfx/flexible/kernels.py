@@ -22,12 +22,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import ufl
-from cffi import VerificationError
 from dolfinx import fem
 from ufl.algorithms import expand_derivatives
 
 from rigidfx.base.compat import bindable
-from rigidfx.base.errors import SceneError
+from rigidfx.base.errors import CompilerError, SceneError
 from rigidfx.base.form_cache import compile_form
 from rigidfx.flexible.elimination import eliminate
 from rigidfx.mechanics.enhanced import Enhancement, Note
@@ -101,7 +100,8 @@ class Kernel:
         """Compile the form. Collective.
 
         Raises:
-            SceneError: If the C compiler fails with the environment's flags.
+            CompilerError: On every rank, if the C compiler cannot be run, or fails.
+            SceneError: Likewise, if it fails with the environment's flags.
         """
         # FFCx applies derivatives when it compiles. To do so here would take longer than to find a
         # form among those that are compiled already; but an elimination is told by what is left.
@@ -110,7 +110,8 @@ class Kernel:
         self.form = form
         try:
             compiled = compile_form(mesh.comm, form, jit_options())
-        except (VerificationError, RuntimeError) as error:  # the latter on several ranks
+            compiled = eliminate(mesh, form, compiled, jit_options())
+        except CompilerError as error:
             given = os.environ.get(FLAGS)
             if not given:
                 raise
@@ -118,7 +119,6 @@ class Kernel:
                 f"The C compiler cannot make a kernel with the flags {given!r}, which the "
                 f"environment variable {FLAGS} holds: correct or unset it. ({error})"
             ) from error
-        compiled = eliminate(mesh, form, compiled, jit_options())
         self._compiled, coefficients = bindable(compiled)
         self._arguments = arguments
         self._mesh = mesh

@@ -1,0 +1,73 @@
+"""What to do where the C compiler has failed, or its result cannot be kept.
+
+cffi says no more than "CompileError: command ... failed", on rank 0, and DOLFINx on the others that
+a form has not been compiled; what the compiler itself says goes to standard error.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import sysconfig
+from pathlib import Path
+
+from mpi4py import MPI
+
+from rigidfx.base.errors import CompilerError, OutputError, agree
+
+__all__ = ["raise_uncompiled"]
+
+
+def raise_uncompiled(comm: MPI.Intracomm, error: Exception | None, folder: str | Path) -> None:
+    """Raise, on all ranks, what a user can do about a compilation that has failed. Collective.
+
+    Args:
+        comm: Ranks that have compiled.
+        error: What it has raised on this rank, if anything; on several ranks a text that tells of
+            what rank 0 has raised.
+        folder: The cache of compiled forms.
+
+    Raises:
+        OutputError: On every rank, if the cache cannot be written to on any.
+        CompilerError: On every rank, if the compiler cannot be run, or fails.
+    """
+    agree(comm, None if error is None else _unwritten(error, folder), OutputError)
+    agree(comm, None if error is None else _uncompiled(error, folder), CompilerError)
+
+
+def _unwritten(error: Exception, folder: str | Path) -> str | None:
+    """What to do where the cache cannot be written to, None if that is not what has gone wrong."""
+    said = re.search(r"\[Errno \d+\] ([^:]*)", str(error))
+    if said is None:
+        return None
+    return (
+        f"Nothing can be compiled into the folder '{folder}' ({said[1].strip()}). Check the space "
+        "left there and whether you may write to it, or name another folder by the environment "
+        "variable XDG_CACHE_HOME."
+    )
+
+
+def _uncompiled(error: Exception, folder: str | Path) -> str | None:
+    """What to do about the compiler, None if it has not failed."""
+    said = re.search(r"(?:Compile|Link)Error: (?:command '([^']*)' )?(.*)", str(error))
+    if said is None:
+        return None
+    given = os.environ.get("CC", "")
+    command = said[1] or given or str(sysconfig.get_config_var("CC"))
+    named = f", which the environment variable CC names: {given!r}," if given else ""
+    what = f"The C compiler '{command}'{named} that makes kernels of forms"
+    how = said[2].strip().removeprefix("failed").lstrip(": ")
+    if not re.search("exit (code|status)|signal", how):
+        remedy = (
+            "Correct or unset CC."
+            if given
+            else "Install it, with the headers of the C library (Debian: gcc, libc6-dev), or name "
+            "another by the environment variable CC."
+        )
+        return f"{what} cannot be run ({how or 'it was not found'}). {remedy}"
+    return (
+        f"{what} has failed {how}; what it says of that is on standard error. Among the causes "
+        f"are headers that are missing (Debian: libc6-dev, python3-dev), and too little memory, or "
+        f"space in '{folder}' or in the folder for temporary files. Compiled forms are made anew "
+        "once that folder is removed."
+    )
