@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import logging
+import os
 import re
 import resource
 import signal
 import subprocess
 import sys
+from errno import ENOSPC
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +17,8 @@ import pytest
 from mpi4py import MPI
 
 import rigidfx as rf
+from rigidfx.base.log import tell
+from rigidfx.output.csv_file import CsvFile
 
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="one rank is enough")
 
@@ -178,3 +183,48 @@ def test_a_full_disk_is_told_by_the_recorders_own_error(tmp_path):
     assert recorder.history.read_bytes().endswith(b"\r\n")
     history = rf.read_history(recorder.history)
     np.testing.assert_array_equal(history["step"], [0, 1, 2, 3])
+
+
+def write_with(recorder, scene):
+    with recorder:
+        for report in run(scene):
+            recorder.write(report)
+
+
+def write_by_hand(recorder, scene):
+    for report in run(scene):
+        recorder.write(report)
+    recorder.close()
+
+
+@pytest.mark.parametrize("write", [write_with, write_by_hand])
+def test_a_close_that_fails_is_told(tmp_path, monkeypatch, write):
+    """As of a disk that is full, or of a file system far away: by the recorder's own error."""
+    scene, close = make_scene(), CsvFile.close
+
+    def fails(file):
+        close(file)
+        raise OSError(ENOSPC, "No space left on device", str(tmp_path / "history.csv"))
+
+    recorder = rf.Recorder(scene, tmp_path, every=1)
+    monkeypatch.setattr(CsvFile, "close", fails)
+    with pytest.raises(rf.OutputError, match=r"No space left on device.*check the space left"):
+        write(recorder, scene)
+    monkeypatch.undo()
+    assert rf.read_history(recorder.history)["step"].tolist() == [0, 1, 2, 3, 4, 5]
+    assert recorder.series.read_text().count("DataSet") == 6
+    assert not logging.getLogger("rigidfx").handlers
+    rf.Recorder(scene, tmp_path).close()  # its lock has ended
+
+
+def test_a_log_that_cannot_be_written_is_told_once(tmp_path, capfd):
+    """Not by a traceback of logging for each line that it says."""
+    scene = make_scene()
+    recorder = rf.Recorder(scene, tmp_path)
+    (handler,) = logging.getLogger("rigidfx").handlers
+    os.dup2(os.open("/dev/full", os.O_WRONLY), handler.stream.fileno())
+    tell(scene.comm, "one line")
+    tell(scene.comm, "another")
+    with pytest.raises(rf.OutputError, match="No space left on device"):
+        recorder.close()
+    assert "Traceback" not in capfd.readouterr().err

@@ -77,5 +77,5 @@ def hearing(handler: Any) -> Iterator[None]:
         yield
     finally:
         LOGGER.removeHandler(handler)
-        handler.close()
         LOGGER.setLevel(level)
+        handler.close()

@@ -19,6 +19,7 @@ that was written. While it goes on no other recorder gets the folder.
 from __future__ import annotations
 
 import logging
+import sys
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack, closing, suppress
 from functools import cached_property
@@ -29,7 +30,7 @@ from types import TracebackType
 import numpy as np
 
 from rigidfx.base.errors import OutputError, SceneError, StepError, agree, together
-from rigidfx.base.inputs import path_of, positive, whole
+from rigidfx.base.inputs import path_of, positive, shown, whole
 from rigidfx.base.instants import at_latest
 from rigidfx.base.log import hearing
 from rigidfx.base.same_input import check_same
@@ -99,7 +100,7 @@ class Recorder:
         check_same(scene.comm, "Recorder", given)
         for name, value in (("stress", stress), ("integration_points", integration_points)):
             if not isinstance(value, (bool, np.bool_)):
-                raise SceneError(f"Recorder: {name} must be True or False, got {value!r}.")
+                raise SceneError(f"Recorder: {name} must be True or False, got {shown(value)}.")
         self._every = whole("Recorder", "every", every, least=1)
         self._interval = None if interval is None else positive("Recorder", "interval", interval)
         self._next = 0.0
@@ -181,16 +182,14 @@ class Recorder:
             self._write_fields(report)
 
     def close(self) -> None:
-        """Close the files, and let other recorders have the folder. Not collective.
+        """Close the files, and let other recorders have the folder. Collective.
 
         Raises:
-            OutputError: On rank 0, if the file system has not been able to keep what it took.
+            OutputError: On every rank, if the file system has not been able to keep what it took;
+                the files are closed all the same.
         """
         self._closed = True
-        try:
-            self._files.close()
-        except OSError as error:
-            raise OutputError(self._problem(error)) from error
+        self._on_first_rank(self._files.close)
 
     def __enter__(self) -> Recorder:
         """Nothing to do: all is open from construction."""
@@ -214,10 +213,11 @@ class Recorder:
             if together and last and last.step != self._fields_at and last.current:
                 self._write_fields(last)
             if error is None:
-                self._on_first_rank(self._files.close)
-        finally:
-            with suppress(OutputError):  # the error that is under way tells more
                 self.close()
+        finally:  # of this rank alone: others may not be here
+            self._closed = True
+            with suppress(OSError):  # the error that is under way tells more
+                self._files.close()
 
     def _check(self, report: Report) -> None:
         if self._closed:
@@ -282,8 +282,16 @@ class Recorder:
         )
 
 
+class _LogFile(logging.FileHandler):
+    """A file whose errors are told when it is closed, and not on standard error each time."""
+
+    def handleError(self, record: logging.LogRecord) -> None:
+        if not isinstance(sys.exc_info()[1], OSError):
+            super().handleError(record)
+
+
 def _log_file(path: Path) -> logging.Handler:
     """A handler that writes a file anew, with times."""
-    handler = logging.FileHandler(path, mode="w", encoding="utf-8")
+    handler = _LogFile(path, mode="w", encoding="utf-8")
     handler.setFormatter(logging.Formatter("%(asctime)s %(message)s"))
     return handler
