@@ -20,10 +20,12 @@ import numpy as np
 from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError, StepError
+from rigidfx.base.failures import Failures
 from rigidfx.base.log import heard, tell
 from rigidfx.base.progress import progress_bar
 from rigidfx.base.same_input import check_same
 from rigidfx.decide.criteria.accuracy import Accuracy, controlled
+from rigidfx.decide.criteria.heeded import heeded_indicator
 from rigidfx.decide.criteria.judging import Criterion
 from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.decision import Decision
@@ -276,18 +278,18 @@ def prepare(
     probes, state = Probes(scene), State(scene)
     starts = {0.0, *(t for t in scene.breakpoints if t > 0)}
     acting = [scene.acting(timeline.after(t)) for t in sorted(starts, reverse=True)]
-    forces = InternalForces(scene, state.u, acting)
-    indicator = None if rigidify is None else rigidify.indicator(scene, forces)
+    forces, failures = InternalForces(scene, state.u, acting), Failures(scene.comm)
+    indicator = None if rigidify is None else heeded_indicator(rigidify, scene, forces, failures)
     chooses = None if control is None else TimeControl(scene, control, timeline)
-    stepper = Stepper(scene, state, forces, indicator, chooses)
+    stepper = Stepper(scene, state, forces, indicator, chooses, failures)
     with ExitStack() as stack:
         stack.callback(stepper.close)
         switch = Switch(stepper, timeline)
         impact = switch.begin()
-        policy = None if rigidify is None else Policy(scene, rigidify, timeline)
+        policy = None if rigidify is None else Policy(scene, rigidify, timeline, failures)
         shadow = None
         if rigidify is not None and policy is not None and rigidify.wake == "local":
-            measure = rigidify.indicator(scene, forces)
+            measure = heeded_indicator(rigidify, scene, forces, failures)
             shadow = Shadow(stepper, measure, rigidify.settling, policy.named.in_pieces)
             stepper.watches.append(shadow)
         ledgers = None if shadow is None and control is None else Ledgers(stepper)
@@ -322,6 +324,7 @@ def _reports(
         yield report
         for step in count(1):
             if timeline.over(state.t):
+                stepper.failures.settle()
                 return balance.end()
             target, start = run.target(), perf_counter()
             with solver.at_work():

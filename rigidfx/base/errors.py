@@ -7,6 +7,7 @@ through `agree`.
 
 from __future__ import annotations
 
+import traceback
 from collections.abc import Callable
 from typing import TYPE_CHECKING, TypeVar
 
@@ -14,15 +15,17 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
 __all__ = [
-    "InversionError",
     "CompilerError",
+    "InversionError",
     "OutputError",
     "RigidfxError",
     "RigidfxWarning",
     "SceneError",
     "StepError",
+    "Trace",
     "agree",
     "together",
+    "trace_of",
 ]
 
 T = TypeVar("T")
@@ -63,28 +66,54 @@ class InversionError(StepError):
     """A flexible cell is inside out or torn apart, however short the step."""
 
 
-class OutputError(RigidfxError, OSError):
-    """Results cannot be written where they should go, or not be read back."""
-
 class CompilerError(RigidfxError, RuntimeError):
     """A form cannot be compiled: there is no C compiler, or it fails."""
 
 
+class OutputError(RigidfxError, OSError):
+    """Results cannot be written where they should go, or not be read back."""
 
-def agree(comm: MPI.Intracomm, message: str | None, error: type[RigidfxError] = SceneError) -> None:
+
+class Trace(Exception):
+    """Where an error has come from on some rank, as text, so that all ranks can show it.
+
+    An error itself would keep alive, on one rank only, what its traceback refers to. PETSc's
+    objects among that have to go on all ranks together: those made next would wait for ever.
+    """
+
+    def __str__(self) -> str:
+        """The text apart from the line before."""
+        return f"\n{self.args[0]}"
+
+
+def trace_of(error: BaseException | None) -> str:
+    """The traceback of an error as Python shows it; empty if there is none."""
+    return "" if error is None else "".join(traceback.format_exception(error))
+
+
+def agree(
+    comm: MPI.Intracomm,
+    message: str | None,
+    error: type[RigidfxError] = SceneError,
+    trace: str = "",
+) -> None:
     """Raise `error` on all ranks as soon as one rank has a message. Collective.
 
     Args:
         comm: Communicator of the mesh.
         message: The fault on this rank, or None.
         error: Class to raise; its text is the message of the lowest rank that has one.
+        trace: Where on this rank it has come from, as `trace_of` tells; shown on all ranks.
 
     Raises:
         RigidfxError: Of class `error`, on every rank alike.
     """
-    messages = [m for m in comm.allgather(message) if m is not None]
-    if messages:
-        raise error(messages[0])
+    mine = None if message is None else (message, trace)
+    for found in comm.allgather(mine):
+        if found is not None and found[1]:
+            raise error(found[0]) from Trace(found[1])
+        if found is not None:
+            raise error(found[0])
 
 
 def by_name(owner: str, t: float, function: Callable[[], T]) -> T:
@@ -118,12 +147,12 @@ def together(comm: MPI.Intracomm, owner: str, function: Callable[[], T]) -> T:
     Raises:
         SceneError: On every rank, with the message of the lowest rank that failed.
     """
-    problem, value = None, None
+    problem, value, trace = None, None, ""
     try:
         value = function()
     except RigidfxError as error:
-        problem = str(error)
+        problem, trace = str(error), trace_of(error.__cause__)
     except Exception as error:  # whatever a user's function may raise
-        problem = f"{owner} failed with {type(error).__name__}: {error}"
-    agree(comm, problem)
+        problem, trace = f"{owner} failed with {type(error).__name__}: {error}", trace_of(error)
+    agree(comm, problem, SceneError, trace)
     return value  # type: ignore[return-value]

@@ -18,8 +18,10 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
+from rigidfx.base.failures import Failures
 from rigidfx.decide.advice import Advice, Seen
 from rigidfx.decide.clusters import NONE, CellGraph, find_clusters
+from rigidfx.decide.criteria.heeded import heeded_rule
 from rigidfx.decide.criteria.judging import Criterion
 from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.decision import Decision, plan_bodies, qualify
@@ -60,13 +62,16 @@ class Policy:
         rule: Says which cells are quiet, and which bodies are not.
     """
 
-    def __init__(self, scene: Scene, criterion: Criterion, timeline: Timeline) -> None:
+    def __init__(
+        self, scene: Scene, criterion: Criterion, timeline: Timeline, failures: Failures
+    ) -> None:
         """Find the cells that the criterion names. Collective.
 
         Args:
             scene: The problem.
             criterion: What the user states.
             timeline: Where steps end; planned releases are added to it.
+            failures: Keeps what the criterion's rule raises.
 
         Raises:
             SceneError: If a name is unknown, or the mesh was distributed without ghost cells.
@@ -92,7 +97,7 @@ class Policy:
             work=Work(),
         )
         self._lasting = Lasting(scene, self.memory)
-        self.rule = criterion.rule(scene, timeline, self.memory)
+        self.rule = heeded_rule(criterion, scene, timeline, self.memory, failures)
 
     @property
     def _advice(self) -> Advice:

@@ -16,6 +16,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.base.failures import Failures
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments
 from rigidfx.mechanics.element import Element
@@ -38,6 +39,7 @@ class Structure(Protocol):
         notes: What effects remember from step to step, by their identity; None where bodies are
             looked at as if they were flexible.
         static: Whether forces are those at the end of a step, and nothing moves.
+        failures: Keeps what a user's functions raise until all ranks are told.
     """
 
     @property
@@ -77,6 +79,11 @@ class Structure(Protocol):
 
     @property
     def static(self) -> bool:
+        """See above."""
+        ...
+
+    @property
+    def failures(self) -> Failures:
         """See above."""
         ...
 

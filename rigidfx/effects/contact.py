@@ -14,6 +14,7 @@ from rigidfx.base.warning import warn
 from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.base import Windowed, check_vector
 from rigidfx.effects.contacts.against_obstacle import ObstacleForces
+from rigidfx.effects.contacts.asked import checked_approach, checked_gap, checked_outward
 from rigidfx.effects.contacts.obstacles import Obstacle
 from rigidfx.effects.contacts.overlap import refuse_overlap
 from rigidfx.effects.contacts.pair_surface import pair_of
@@ -74,7 +75,7 @@ class Contact(Windowed):
         if self.stiffness is not None:
             positive(self.owner, "stiffness", self.stiffness)
         if number(self.owner, "friction", self.friction) < 0:
-            raise SceneError(f"{self.owner}: friction must be ≥ 0, got {self.friction!r}.")
+            raise SceneError(f"{self.owner}: friction must be ≥ 0, got {shown(self.friction)}.")
         if self.creep is not None:
             positive(self.owner, "creep", self.creep)
         elif self.friction > 0:
@@ -149,13 +150,9 @@ class Contact(Windowed):
         Raises:
             SceneError: On this rank, if they are not finite, or not as many as there are points.
         """
-        found = {"gap": obstacle.gap(y), "approach": obstacle.approach(y, y).m}
-        for (name, given), shape in zip(found.items(), (y.shape[:1], y.shape), strict=True):
-            if np.shape(given) != shape or not np.isfinite(given).all():
-                raise SceneError(
-                    f"{self.owner}: {name} of the {obstacle.kind} must give finite numbers of "
-                    f"shape {shape} for points of shape {y.shape}, got {shown(given)}."
-                )
+        checked_gap(self.owner, obstacle, y)
+        checked_approach(self.owner, obstacle, y, y)
+        checked_outward(self.owner, obstacle, y)
 
     def check_preloaded(self, scene: Any, x: Array, start: float) -> None:
         """Refuse a static equilibrium that presses: statics know nothing of contacts. Collective.
@@ -221,7 +218,12 @@ class Contact(Windowed):
             on = pair.nodes[np.searchsorted(pair.numbers, near[own])]
             gap = gap[own]
         else:
-            gap = self.against.gap(x[on] - self.against.displacement(t))
+            against, at = self.against, x[on]
+            gap = together(
+                scene.comm,
+                f"{self.owner}: its obstacle",
+                lambda: checked_gap(self.owner, against, at - against.displacement(t)),
+            )
         pressure = surface.stiffness[on] / surface.area[on] * np.maximum(-gap, 0.0)
         return on, gap, pressure
 

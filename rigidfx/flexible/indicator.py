@@ -24,9 +24,20 @@ class Indicator(Protocol):
         weights: ∫ Ė:Ė dV of each owned cell over its number squared, [m³] for strain rates.
     """
 
-    cells: npt.NDArray[np.int32]
-    values: Array
-    weights: Array
+    @property
+    def cells(self) -> npt.NDArray[np.int32]:
+        """See above."""
+        ...
+
+    @property
+    def values(self) -> Array:
+        """See above."""
+        ...
+
+    @property
+    def weights(self) -> Array:
+        """See above."""
+        ...
 
     def bind(
         self, flexible: Cells, between: tuple[fem.Function, fem.Function] | None = None

@@ -66,6 +66,7 @@ class Withheld:
             mass=mass,
             u=self._u0.x.array,
             surface=forces.surface,
+            failures=stepper.failures,
         )
         self._place(self._u0, stepper.state.bodies)
         self._acting: Sequence[Windowed] = stepper.system.acting
@@ -110,8 +111,7 @@ class Withheld:
         self._mass.mult(self._a, f)
         f.array[:] -= self._given
         self._actions.resist_nodes(self._d, dt, f)
-        for force in system.actions.resistance_at(parts.rows.nodes):
-            f.array[:] += force.reshape(-1)
+        system.actions.resist_at(parts.rows.nodes, f.array.reshape(-1, 3))
         residual = f.array.reshape(-1, 3)
         of_flexible = system.equilibrium.forces_out_of_balance.array_r.reshape(-1, 3)
         for own, active in self._attached:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.base.failures import Failures
 from rigidfx.base.instants import longer
 from rigidfx.effects import Contact, Support, Touch, Windowed
 from rigidfx.flexible.indicator import Indicator
@@ -71,6 +72,7 @@ class Stepper:
         forces: Internal forces of the scene's cells.
         indicator: What measures flexible cells in each step; None if nothing does.
         control: What chooses Δt by its error; None if nothing does.
+        failures: Keeps what a user's functions raise until all ranks are told.
         prescribed: Dofs that supports hold, of the division it is bound to.
         system: Everything that is bound to that division.
         watches: What takes notice of attempts that become steps; more may be added.
@@ -83,6 +85,7 @@ class Stepper:
         forces: InternalForces,
         indicator: Indicator | None = None,
         control: TimeControl | None = None,
+        failures: Failures | None = None,
     ) -> None:
         """Compile the look for inverted cells. Collective.
 
@@ -92,8 +95,10 @@ class Stepper:
             forces: Internal forces, whose u₀ is the state's displacement.
             indicator: What measures flexible cells, if anything.
             control: What chooses Δt by its error, if anything does.
+            failures: Keeps what a user's functions raise; its own if None.
         """
         self.scene, self.state, self.forces, self.indicator = scene, state, forces, indicator
+        self.failures = Failures(scene.comm) if failures is None else failures
         self._inversion = Inversion(scene, forces)
         self.control = control
         inexact = None if control is None else control.objection
@@ -132,6 +137,7 @@ class Stepper:
             acting,
             division.flexible,
             self.prescribed,
+            self.failures,
             division.driven_cells,
         )
         if self.control is not None:
@@ -212,11 +218,11 @@ class Stepper:
                 is not objected to.
 
         Raises:
-            SceneError: If a load takes a value that is not finite.
+            SceneError: On every rank, if a user's function fails on any, or gives no numbers.
             StepError: If the step does not converge after all cuts.
             InversionError: If it turns cells inside out after all cuts.
         """
-        left = target - self.state.t
+        left, self.failures.t = target - self.state.t, self.state.t
         if self._trial == np.inf:
             self._whole = left
         cuts = 0
@@ -231,6 +237,7 @@ class Stepper:
             if objection is None:
                 self._trial = np.inf if dt == left and cuts == 0 else 2 * dt
                 return attempt
+            self.system.explain(solution)
             if last:
                 raise objection
             cuts += 1

@@ -14,6 +14,7 @@ from mpi4py import MPI
 
 from rigidfx.effects.action import Action, Structure, Touch
 from rigidfx.effects.base import vector_at
+from rigidfx.effects.contacts.asked import AskedObstacle
 from rigidfx.effects.contacts.obstacles import Obstacle
 from rigidfx.effects.contacts.penalty import stored
 from rigidfx.effects.contacts.pressing import Points
@@ -46,12 +47,13 @@ class ObstacleForces(Action):
         """
         self.kind, self.title = effect.kind, effect.title
         self._effect, self._obstacle = effect, obstacle
+        self._asked = AskedObstacle(effect.owner, obstacle, structure.failures)
         scene, rows = structure.scene, structure.rows
         self._comm: MPI.Intracomm = scene.comm
         k = surface.stiffness[: scene.owned_nodes]
         self._at = np.flatnonzero(structure.own & (k[rows.nodes] > 0))
         self._nodes = rows.nodes[self._at]
-        self._X, self._points = rows.X[self._at], Points(obstacle, k[self._nodes])
+        self._X, self._points = rows.X[self._at], Points(self._asked, k[self._nodes])
         self._dofs, self._u0 = rows.dofs.reshape(-1, 3)[self._at], structure.u
         records = structure.bodies.of.records
         touching = [np.flatnonzero(k[body.nodes] > 0) for body in records]
@@ -60,7 +62,7 @@ class ObstacleForces(Action):
         every = [np.c_[np.ones(own.size), body.offsets[own]] for body, own in pairs]
         self._a = np.concatenate([np.empty((0, 4)), *every])
         of_bodies = [k[body.nodes[own]] for body, own in pairs]
-        self._loaded = Points(obstacle, np.concatenate([np.empty(0), *of_bodies]))
+        self._loaded = Points(self._asked, np.concatenate([np.empty(0), *of_bodies]))
         self._of_step: Step | None = None
         self._ends: Array = np.zeros((2, 3))  # displacements of the obstacle
         self._dt = 0.0
@@ -155,7 +157,7 @@ class ObstacleForces(Action):
         nodes = self._X + u.reshape(-1, 3)[self._at] - c
         loaded = self._follow(bodies.pose) - c
         pairs = (self._points.k, nodes), (self._loaded.k, loaded)
-        return sum(float(stored(k, self._obstacle.gap(y)).sum()) for k, y in pairs)
+        return sum(float(stored(k, self._asked.gap(y)).sum()) for k, y in pairs)
 
     def dissipated(self, d: Any, dt: float) -> float:
         """See `Action`."""
@@ -170,7 +172,7 @@ class ObstacleForces(Action):
             if p is None or not p.at.size:
                 continue
             middle = points.y0[p.at] + 0.5 * p.moved + self._ends.mean(axis=0)
-            g = self._obstacle.gap(points.y0[p.at] + p.moved)
+            g = self._asked.gap(points.y0[p.at] + p.moved)
             force = -p.force.sum(axis=0)
             out = out + Touch(
                 self.title,
@@ -193,10 +195,10 @@ class ObstacleForces(Action):
         loaded = bodies.velocity[self._of] + np.cross(omega, arms)
         y = np.concatenate([self._X + self._u0[self._dofs], x]) - c0
         w = np.concatenate([v.reshape(-1, 3)[self._at], loaded]) - (c1 - c0) / dt
-        g = self._obstacle.gap(y)
+        g = self._asked.gap(y)
         if (g < 0).any():
             return -1.0
-        rate = np.einsum("ni,ni->n", self._obstacle.outward(y), w)
+        rate = np.einsum("ni,ni->n", self._asked.outward(y), w)
         comes = rate < 0
         with np.errstate(over="ignore"):  # in longer than there are numbers
             return float((g[comes] / -rate[comes]).min(initial=np.inf))

@@ -20,7 +20,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx.effects.contacts.obstacles import Approach, Obstacle
+from rigidfx.effects.contacts.asked import AskedObstacle
+from rigidfx.effects.contacts.obstacles import Approach
 from rigidfx.effects.contacts.penalty import outdated, secant
 
 __all__ = ["Friction", "Points", "Pressed", "Sliding"]
@@ -140,7 +141,7 @@ class Points:
         pressed: Those that are pressed, at the last iterate.
     """
 
-    def __init__(self, obstacle: Obstacle, k: Array) -> None:
+    def __init__(self, obstacle: AskedObstacle, k: Array) -> None:
         """Take the stiffnesses over."""
         self._obstacle, self.k = obstacle, k
         self._in_tangent: tuple[Array, Array] = np.zeros(k.size), np.zeros(k.size)

@@ -6,9 +6,8 @@ store energy is found once, when effects begin or end.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,11 +15,13 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from rigidfx.base.errors import by_name, together
+from rigidfx.base.inputs import shown
 from rigidfx.coupling.condensed_tangent import CondensedMatrix
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects import Action, Effect, Touch, Windowed
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments
+from rigidfx.step.equations.heeded import Heeded, doing
 from rigidfx.step.equations.structure import BoundStructure
 
 __all__ = ["Actions"]
@@ -39,6 +40,7 @@ class Actions:
         kinds: Names of the kinds of effects that act.
         stiffen: Whether any of them changes the tangent.
         rounding: Size of a force that the machine precision is to be multiplied with [N].
+        failures: Keeps what they raise until all ranks are told.
     """
 
     def __init__(
@@ -54,13 +56,18 @@ class Actions:
             effects: All effects; those that act now, or are dead loads and may act later, are
                 bound.
             acting: The effects with a time window that act now.
+
+        Raises:
+            SceneError: On every rank, if an effect cannot be bound on any.
         """
-        self._comm = structure.scene.comm
+        self._comm, self.failures = structure.scene.comm, structure.failures
         here = {id(effect) for effect in acting}
         wanted = (e for e in effects if e.is_dead or not isinstance(e, Windowed) or id(e) in here)
-        pairs = [(effect, effect.bind(structure)) for effect in wanted]
+        pairs = [(effect, self._bound(effect, structure)) for effect in wanted]
+        self.failures.settle()  # all ranks go on with the same actions
         self._every = [(effect, action) for effect, action in pairs if action is not None]
         self._owners = {id(action): effect.owner for effect, action in self._every}
+        self._heeded = Heeded(self._owners, self.failures)
         bodies = len(structure.bodies)
         self._forces: Array = np.zeros((structure.rows.nodes.size, 3))
         self.external = structure.rows.vector()
@@ -69,29 +76,43 @@ class Actions:
         self._touches: Mapping[str, Touch] | None = None  # of the present step, once asked for
         self.select(acting)
 
+    def _bound(self, effect: Effect, structure: BoundStructure) -> Action | None:
+        """The action of an effect; none if that fails, of which all ranks are told. Collective."""
+
+        def bind(structure: BoundStructure) -> Action | None:
+            action = effect.bind(structure)
+            if not isinstance(action, Action | None):
+                raise TypeError(f"{shown(action)} is no Action")
+            return action
+
+        return self.failures.heeded(effect.owner, "bind", bind, lambda structure: None)(structure)
+
     def select(self, acting: Iterable[Effect]) -> None:
         """From now on let those act that are among the given effects, or have no time window."""
         here = {id(effect) for effect in acting}
         every = [a for e, a in self._every if id(e) in here or not isinstance(e, Windowed)]
-        self._timed = _that(every, "set_time")
-        self._load_nodes = _that(every, "load_nodes")
-        self._look = _that(every, "look")
-        self._accept = _that(every, "accept")
-        self._resistance_at = _that(every, "resistance_at")
-        self._resist_nodes = _that(every, "resist_nodes")
-        self._stiffen_nodes = _that(every, "stiffen_nodes")
-        self._outdated = _that(every, "outdated")
-        self._potential = _that(every, "potential")
-        self._potential_of_links = _that(every, "potential_of_links")
-        self._dissipated = _that(every, "dissipated")
-        self._contacts = _that(every, "touch")
         on_bodies = every if self._with_bodies else []
-        self._load_bodies = _that(on_bodies, "load_bodies")
-        self._resist_bodies = _that(on_bodies, "resist_bodies")
-        self._stiffen_bodies = _that(on_bodies, "stiffen_bodies")
-        self._work_on_bodies = _that(on_bodies, "work_on_bodies")
-        self._potential_of_bodies = _that(on_bodies, "potential_of_bodies")
-        self._dissipated_by_bodies = _that(on_bodies, "dissipated_by_bodies")
+        self._acting, self._acting_on_bodies = every, on_bodies
+        self._timed, self._contacts = doing(every, "set_time"), doing(every, "touch")
+        heeded = self._heeded
+        self._load_nodes = heeded.does(every, "load_nodes")
+        self._look = heeded.does(every, "look")
+        self._accept = heeded.does(every, "accept")
+        self._resistance_at = heeded.adds(every, "resistance_at")
+        self._resist_nodes = heeded.does(every, "resist_nodes")
+        self._stiffen_nodes = heeded.does(every, "stiffen_nodes")
+        self._outdated = heeded.answers(every, "outdated")
+        self._potential = heeded.tells(every, "potential")
+        self._potential_of_links = heeded.tells(every, "potential_of_links")
+        self._dissipated = _by_kind(every, "dissipated", heeded)
+        self._touch = heeded.touches(self._contacts)
+        self._stored = heeded.tells(self._contacts, "stored_in_contact")
+        self._load_bodies = heeded.does(on_bodies, "load_bodies")
+        self._resist_bodies = heeded.adds(on_bodies, "resist_bodies")
+        self._stiffen_bodies = heeded.adds(on_bodies, "stiffen_bodies")
+        self._work_on_bodies = heeded.tells(on_bodies, "work_on_bodies")
+        self._potential_of_bodies = heeded.tells(on_bodies, "potential_of_bodies")
+        self._dissipated_by_bodies = _by_kind(on_bodies, "dissipated_by_bodies", heeded)
         self.stiffen = bool(self._stiffen_nodes or self._stiffen_bodies or self._look)
         self.kinds = tuple(dict.fromkeys(action.kind for action in every))
         self.rounding = sum(action.rounding for action in every)
@@ -115,47 +136,47 @@ class Actions:
 
             together(self._comm, "A load", evaluate)
         self._forces[:] = self.moments[:] = self.torques[:] = 0.0
-        for action in self._load_nodes:
-            action.load_nodes(self._forces)
+        for load in self._load_nodes:
+            load(self._forces)
         self.external.array[:] = self._forces.reshape(-1)
-        for action in self._load_bodies:
-            action.load_bodies(self.moments, self.torques)
+        for load in self._load_bodies:
+            load(self.moments, self.torques)
 
     # In each iteration --------------------------------------------------------------------------
 
     def look(self, d: PETSc.Vec, increments: Increments) -> None:
         """Have those see an iterate that look at nodes and bodies together. Collective."""
-        for action in self._look:
-            action.look(d, increments)
+        for look in self._look:
+            look(d, increments)
 
     def resist_nodes(self, d: PETSc.Vec, dt: float, f: PETSc.Vec) -> None:
         """Add the resistance of nodes that are no body's to f, for increments d. Collective."""
-        for action in self._resist_nodes:
-            action.resist_nodes(d, dt, f)
+        for resist in self._resist_nodes:
+            resist(d, dt, f)
 
     def stiffen_nodes(
         self, tangent: CondensedMatrix, dt: float, prolongation: Prolongation
     ) -> None:
         """Add its derivative to an assembled tangent that is not finished yet. Collective."""
-        for action in self._stiffen_nodes:
-            action.stiffen_nodes(tangent, dt, prolongation)
+        for stiffen in self._stiffen_nodes:
+            stiffen(tangent, dt, prolongation)
 
     def resist_bodies(self, increments: Increments, moments: Array) -> None:
         """Add Σ f and Σ V fᵀ of resistance less loads to those of nodal forces."""
         moments -= self.moments
-        for action in self._resist_bodies:
-            moments += action.resist_bodies(increments)
+        for resist in self._resist_bodies:
+            resist(moments, increments)
 
     def stiffen_bodies(self, increments: Increments, blocks: Array) -> None:
         """Add the derivative of their resultants to the bodies' blocks."""
-        for action in self._stiffen_bodies:
-            blocks += action.stiffen_bodies(increments)
+        for stiffen in self._stiffen_bodies:
+            stiffen(blocks, increments)
 
     def outdated(self) -> bool:
         """Whether a derivative has jumped since the tangent was assembled. Collective."""
         if not self._outdated:
             return False
-        here = any(action.outdated() for action in self._outdated)
+        here = any(outdated() for outdated in self._outdated)
         return bool(self._comm.allreduce(here, op=MPI.LOR))
 
     # After a step -------------------------------------------------------------------------------
@@ -166,46 +187,81 @@ class Actions:
             return 0.0
         dead = increments.work(increments.resultant(self.moments))
         dead += float(np.vdot(self.torques, increments.theta))
-        return dead + sum(action.work_on_bodies(increments) for action in self._work_on_bodies)
+        return dead + sum(work(increments) for work in self._work_on_bodies)
 
     def dissipated(self, d: PETSc.Vec, dt: float) -> list[tuple[str, float]]:
         """What kinds of effects take from the nodes of this rank in a step [J]."""
-        return [(action.kind, action.dissipated(d, dt)) for action in self._dissipated]
+        return [(kind, dissipated(d, dt)) for kind, dissipated in self._dissipated]
 
     def dissipated_by_bodies(self, increments: Increments) -> list[tuple[str, float]]:
         """What kinds of effects take from the bodies in a step [J]."""
-        return [
-            (action.kind, action.dissipated_by_bodies(increments))
-            for action in self._dissipated_by_bodies
-        ]
+        return [(kind, dissipated(increments)) for kind, dissipated in self._dissipated_by_bodies]
 
     def potential(self, u: Array) -> float:
         """Potential energy of nodes of this rank at displacements of the rows [J]."""
-        return sum(action.potential(u) for action in self._potential)
+        return sum(potential(u) for potential in self._potential)
 
     def potential_of_bodies(self, bodies: Bodies) -> float:
         """Potential energy of the bodies [J]."""
-        return sum(action.potential_of_bodies(bodies) for action in self._potential_of_bodies)
+        return sum(potential(bodies) for potential in self._potential_of_bodies)
 
     def potential_of_links(self, u: Array, bodies: Bodies) -> float:
         """Potential energy on this rank of what ties nodes and bodies together [J]. Collective."""
-        return sum(action.potential_of_links(u, bodies) for action in self._potential_of_links)
+        return sum(potential(u, bodies) for potential in self._potential_of_links)
 
     def accept(self) -> None:
         """Take note that the last iterate has become a step."""
-        for action in self._accept:
-            action.accept()
+        for accept in self._accept:
+            accept()
 
-    def resistance_at(self, nodes: npt.NDArray[np.int32]) -> list[Array]:
-        """Resistance of owned nodes by actions that are not bound to bodies' nodes [N]."""
-        return [action.resistance_at(nodes) for action in self._resistance_at]
+    def resist_at(self, nodes: npt.NDArray[np.int32], forces: Array) -> None:
+        """Add the resistance of owned nodes by actions that are not bound to bodies' nodes [N]."""
+        for resist in self._resistance_at:
+            resist(forces, nodes)
+
+    def explain(self, d: PETSc.Vec, dt: float, increments: Increments) -> None:
+        """Find whose forces are no numbers, at increments that are, if anybody's. Collective.
+
+        Args:
+            d: Increments of the rows' nodes [m].
+            dt: Δt [s].
+            increments: Those of the bodies.
+        """
+        if not self._comm.allreduce(bool(np.isfinite(d.array_r).all()), op=MPI.LAND):
+            return
+        f = d.duplicate()
+
+        def resistance(action: Action) -> Array:
+            f.set(0.0)
+            action.resist_nodes(d, dt, f)
+            return np.array(f.array_r)
+
+        def loads(action: Action) -> Array:
+            forces = np.zeros_like(self._forces)
+            action.load_nodes(forces)
+            return forces
+
+        def loads_of_bodies(action: Action) -> Array:
+            forces = np.zeros_like(self.moments), np.zeros_like(self.torques)
+            action.load_bodies(*forces)
+            return np.concatenate([part.reshape(-1) for part in forces])
+
+        self._heeded.blame(self._acting, "load_nodes", loads)
+        self._heeded.blame(self._acting, "resist_nodes", resistance)
+
+        def resistance_of_bodies(action: Action) -> Array:
+            return action.resist_bodies(increments)
+
+        self._heeded.blame(self._acting_on_bodies, "load_bodies", loads_of_bodies)
+        self._heeded.blame(self._acting_on_bodies, "resist_bodies", resistance_of_bodies)
+        f.destroy()
 
     # Contacts -----------------------------------------------------------------------------------
 
     def touches(self) -> Mapping[str, Touch]:
         """What contacts did in the step that has been solved, by their titles. Collective."""
         if self._touches is None:
-            local = [action.touch() for action in self._contacts]
+            local = [touch() for touch in self._touch]
             every = self._comm.allgather(local) if local and self._comm.size > 1 else [local]
             self._touches = {
                 touch.name: sum(parts, Touch(touch.name))
@@ -215,7 +271,7 @@ class Actions:
 
     def stored_in_contact(self, u: Array, bodies: Bodies, t: float) -> float:
         """Energy stored on this rank in contact at t [s], at displacements u of the rows [J]."""
-        return sum(action.stored_in_contact(u, bodies, t) for action in self._contacts)
+        return sum(stored(u, bodies, t) for stored in self._stored)
 
     def closing(self, v: Array, t: float, dt: float, bodies: Bodies) -> dict[str, float]:
         """Time until each contact closes at constant velocities, by titles [s]. Collective.
@@ -249,6 +305,9 @@ class Actions:
             action.destroy()
 
 
-def _that(actions: Sequence[Action], method: str) -> list[Any]:
-    """Those actions whose class does something of its own by a method."""
-    return [a for a in actions if getattr(type(a), method) is not getattr(Action, method)]
+def _by_kind(
+    actions: Sequence[Action], method: str, heeded: Heeded
+) -> list[tuple[str, Callable[..., float]]]:
+    """What actions tell by a method, each with the kind of its effect."""
+    kinds = [action.kind for action in doing(actions, method)]
+    return list(zip(kinds, heeded.tells(actions, method), strict=True))

@@ -84,11 +84,15 @@ class Energies:
         self._held = layout.prescribed[self._rows.dofs]
 
     def measure(self, state: State) -> Measures:
-        """Energies and momenta of the state that the forms' u₀ belongs to. Collective."""
+        """Energies and momenta of the state that the forms' u₀ belongs to. Collective.
+
+        Raises:
+            SceneError: On every rank, if a user's function has failed on any.
+        """
         dofs = self._rows.dofs
         p, x = self._momenta(state)
         u, bodies = state.u.x.array[dofs], state.bodies
-        local = np.empty(11)
+        local = np.empty(12)
         local[0] = 0.5 * float(self._v.array_r @ self._p.array_r)
         local[1] = integral(self._energy)
         local[2:5] = p.sum(axis=0)
@@ -96,13 +100,17 @@ class Energies:
         local[8] = np.sqrt((p * p).sum(axis=1)).sum()
         local[9] = self._actions.potential(u) + self._actions.potential_of_links(u, bodies)
         local[10] = self._actions.stored_in_contact(u, bodies, state.t)
+        of_bodies = self._actions.potential_of_bodies(bodies)
+        local[11] = self._actions.failures.count
         total = np.asarray(self._scene.sum(local))
+        if total[11]:
+            self._actions.failures.settle()
         if len(bodies):
             total[0] += bodies.kinetic
             total[2:5] += bodies.momentum.sum(axis=0)
             total[5:8] += axial(bodies.r.T @ bodies.momentum) + bodies.angular_momentum.sum(axis=0)
             total[8] += bodies.momentum_scale
-            total[9] += self._actions.potential_of_bodies(bodies)
+            total[9] += of_bodies
         return Measures(
             kinetic=float(total[0]),
             strain=float(total[1]),

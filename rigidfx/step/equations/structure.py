@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.base.failures import Failures
 from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.rows import Rows
 from rigidfx.flexible.surface import Surface
@@ -31,6 +32,7 @@ class BoundStructure:
         mass: Mass operator of these nodes; None in statics.
         u: Displacements of all local dofs at the start of a step [m].
         surface: The deformed boundary.
+        failures: Keeps what a user's functions raise until all ranks are told.
         notes: What effects remember from step to step; None where bodies are looked at as if they
             were flexible.
         static: Whether forces are those at the end of a step, and nothing moves.
@@ -43,6 +45,7 @@ class BoundStructure:
     mass: Mass | None
     u: Array
     surface: Surface
+    failures: Failures
     notes: dict[int, Any] | None = None
     static: bool = False
 

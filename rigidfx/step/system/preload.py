@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError, StepError
+from rigidfx.base.failures import Failures
 from rigidfx.coupling.dof_layout import DofLayout, dof_layout
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects import Contact, Preload
@@ -76,6 +77,7 @@ def apply_preload(
             nothing = np.zeros(statics.prolongation.prescribed.size)
             statics.begin(1.0, None, nothing, state.bodies)
             solution = newton.solve((rest,))
+            actions.failures.settle()
             if not solution.converged:
                 raise StepError(
                     f"Preload: increment {k} of {preload.increments} did not converge "
@@ -126,6 +128,7 @@ def _actions(
         mass=None,
         u=state.u.x.array,
         surface=forces.surface,
+        failures=Failures(scene.comm),
         static=True,
     )
     lasting = [effect for effect in scene.effects if effect.is_lasting]

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.base.failures import Failures
 from rigidfx.coupling.dof_layout import dof_layout
 from rigidfx.coupling.mass import mass_operator
 from rigidfx.coupling.prolongation import Prolongation
@@ -78,6 +79,7 @@ class System:
         acting: Sequence[Windowed],
         flexible: Cells,
         prescribed: PrescribedDofs,
+        failures: Failures,
         driven: Cells | None = None,
     ) -> None:
         """Bind everything to a division and to the effects that act. Collective.
@@ -89,6 +91,7 @@ class System:
             acting: The effects with a time window that act from now on.
             flexible: Flexible owned cells by subdomain id.
             prescribed: Dofs held by supports.
+            failures: Keeps what a user's functions raise until all ranks are told.
             driven: Owned cells by subdomain id that move with a support: not flexible, all their
                 dofs prescribed, their mass counted.
         """
@@ -108,6 +111,7 @@ class System:
             mass=self.mass,
             u=state.u.x.array,
             surface=forces.surface,
+            failures=failures,
             notes=state.notes,
         )
         self.actions = Actions(self.structure, scene.effects, acting)
@@ -146,6 +150,18 @@ class System:
         self.equilibrium.begin(dt, self._v0, imposed, state.bodies)
         return self.newton.solve(predict(self._scene, state, self.layout, state.bodies, dt))
 
+    def explain(self, solution: Solution) -> None:
+        """Raise what a user's functions have done to a step that is objected to. Collective.
+
+        Raises:
+            SceneError: On every rank, if one has failed on any, or has given forces that are no
+                numbers.
+        """
+        self.actions.failures.settle()
+        if not (solution.residuals and np.isfinite(solution.residuals).all()):
+            self.actions.explain(self.equilibrium.d, self.equilibrium.dt, self.increments)
+            self.actions.failures.settle()
+
     @property
     def increments(self) -> Increments:
         """What the last solution moves the rigid bodies by."""
@@ -183,17 +199,22 @@ class System:
             *map(integral, self._taken.dissipated.values()),
             *(energy for _, energy in of_nodes),
         ]
-        dead, supports, followed, *lost = map(float, self._scene.sum(local))
+        touches, increments = actions.touches(), prolongation.increments
+        of_bodies = actions.dissipated_by_bodies(increments)
+        on_bodies = actions.work_on_bodies(increments)
+        failed, dead, supports, followed, *lost = map(
+            float, self._scene.sum([self.actions.failures.count, *local])
+        )
+        if failed:
+            self.actions.failures.settle()
         kinds = [*self._taken.dissipated, *(kind for kind, _ in of_nodes)]
-        increments = prolongation.increments
         dissipated: dict[str, float] = {}
         for kind, energy in (
             *zip(kinds, lost, strict=True),
-            *actions.dissipated_by_bodies(increments),
+            *of_bodies,
         ):
             dissipated[kind] = dissipated.get(kind, 0.0) + energy
-        loads = dead + followed + actions.work_on_bodies(increments)
-        touches = actions.touches()
+        loads = dead + followed + on_bodies
         supports += sum(touch.work for touch in touches.values())
         return Work(loads, supports, dissipated, reactions, moments, touches)
 

@@ -1,0 +1,203 @@
+"""A criterion as a run asks it: one of a user's own may fail on some ranks, or give no numbers.
+
+Nothing becomes rigid, and nothing wakes, from then on; all ranks are told at the next sums over the
+state (`rigidfx.base.failures`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+from rigidfx.base.errors import SceneError, together
+from rigidfx.base.failures import Failures
+from rigidfx.base.inputs import shown
+from rigidfx.decide.criteria.judging import Criterion
+from rigidfx.decide.criteria.observation import Observation
+from rigidfx.decide.criteria.rule import Rule, Waking
+from rigidfx.decide.memory.memory import Memory
+from rigidfx.flexible.indicator import Indicator
+from rigidfx.flexible.internal_forces import Cells, InternalForces
+from rigidfx.report.ledger import Rigidity
+from rigidfx.scene.scene import Scene
+from rigidfx.scene.timeline import Timeline
+from rigidfx.shadow.motion import Limits, Strained
+
+__all__ = ["heeded_indicator", "heeded_rule"]
+
+Array = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
+T = TypeVar("T")
+
+
+def heeded_rule(
+    criterion: Criterion, scene: Scene, timeline: Timeline, memory: Memory, failures: Failures
+) -> Rule:
+    """The rule of a criterion; what it raises later is kept. Collective.
+
+    Args:
+        criterion: The criterion.
+        scene: The problem.
+        timeline: Where steps end.
+        memory: What the policy remembers.
+        failures: Keeps what the rule raises.
+
+    Raises:
+        SceneError: On every rank, if the criterion cannot make one.
+    """
+    owner = type(criterion).__name__
+    rule = together(
+        scene.comm, f"{owner}: its rule", lambda: criterion.rule(scene, timeline, memory)
+    )
+    return _Rule(rule, owner, failures, memory.window.worst.size)
+
+
+def heeded_indicator(
+    criterion: Criterion, scene: Scene, forces: InternalForces, failures: Failures
+) -> Indicator:
+    """The indicator of a criterion; what it raises later is kept. Collective.
+
+    Args:
+        criterion: The criterion.
+        scene: The problem.
+        forces: Internal forces, whose u₀ and u₁ hold the ends of a step.
+        failures: Keeps what the indicator raises.
+
+    Raises:
+        SceneError: On every rank, if the criterion cannot make one.
+    """
+    owner = type(criterion).__name__
+    indicator = together(
+        scene.comm, f"{owner}: its indicator", lambda: criterion.indicator(scene, forces)
+    )
+    return _Indicator(indicator, owner, failures, scene.owned_cells(None, owner).size)
+
+
+class _Heeded:
+    """Something of a criterion's, whose failures are kept."""
+
+    def __init__(self, given: Any, owner: str, failures: Failures, owned: int) -> None:
+        """Take it over.
+
+        Args:
+            given: The rule, or the indicator.
+            owner: Name of the criterion.
+            failures: Keeps what is raised.
+            owned: Number of owned cells.
+        """
+        self._given, self._owner, self._failures, self._owned = given, owner, failures, owned
+
+    def __getattr__(self, name: str) -> Any:
+        """What else it has."""
+        return getattr(self._given, name)
+
+    def _ask(self, name: str, instead: T, *given: Any, of: Callable[[Any], T] | None = None) -> T:
+        """What one of its functions or attributes is, looked at by `of`."""
+
+        def ask(*given: Any) -> T:
+            found = getattr(self._given, name)
+            found = found(*given) if callable(found) else found
+            return found if of is None else of(found)
+
+        return self._failures.heeded(self._owner, name, ask, lambda *given: instead)(*given)
+
+    def _a(self, kind: type[T]) -> Callable[[Any], T]:
+        """A look at what is to be of a class."""
+
+        def checked(found: Any) -> T:
+            if not isinstance(found, kind):
+                raise TypeError(f"{shown(found)} is no {kind.__name__}")
+            return found
+
+        return checked
+
+    def _of_cells(self, found: Any) -> Array:
+        """A look at what is to be a number of each owned cell."""
+        if np.shape(found) != (self._owned,) or np.isnan(found).any():
+            raise SceneError(
+                f"{self._owner}: a number is expected of each of a rank's cells, in an array of "
+                f"shape ({self._owned},), got {shown(found)}."
+            )
+        return np.asarray(found)
+
+
+class _Rule(_Heeded):
+    """A rule that lets everything be as it is as soon as it fails: see `Rule`."""
+
+    def __init__(self, rule: Rule, owner: str, failures: Failures, owned: int) -> None:
+        """Take it over; arguments as of the base."""
+        super().__init__(rule, owner, failures, owned)
+        self._no_cells = np.zeros(owned, dtype=bool)
+
+    @property
+    def tol(self) -> Array:
+        """See `Rule`."""
+        return self._ask("tol", np.zeros(self._owned), of=self._of_cells)
+
+    def limits(self) -> Limits:
+        """See `Rule`. Collective."""
+        no_limit = np.full(self._owned, np.inf)
+        return self._ask("limits", Limits(no_limit, no_limit, np.inf), of=self._a(Limits))
+
+    @property
+    def rigidity(self) -> Rigidity | None:
+        """See `Rule`."""
+        return self._ask("rigidity", None, of=self._a(Rigidity | None))  # type: ignore[arg-type]
+
+    def length(self) -> float:
+        """See `Rule`. Collective."""
+        return self._ask("length", np.nan, of=float)
+
+    def observe(self, seen: Observation) -> None:
+        """See `Rule`. Collective."""
+        self._ask("observe", None, seen)
+
+    def window_ends(self, seen: Observation, flexible: Bools) -> None:
+        """See `Rule`. Collective."""
+        self._ask("window_ends", None, seen, flexible)
+
+    def told(self) -> str:
+        """See `Rule`. Collective."""
+        return self._ask("told", "", of=str)
+
+    def waking(self, strained: Strained, free: Bools) -> Waking:
+        """See `Rule`. Collective."""
+        nothing = Waking(self._no_cells, self._no_cells)
+        return self._ask("waking", nothing, strained, free, of=self._a(Waking))
+
+
+class _Indicator(_Heeded):
+    """An indicator that finds nothing as soon as it fails: see `Indicator`."""
+
+    @property
+    def cells(self) -> npt.NDArray[np.int32]:
+        """See `Indicator`."""
+        return self._ask("cells", np.empty(0, np.int32))
+
+    @property
+    def values(self) -> Array:
+        """See `Indicator`."""
+        return self._ask("values", np.zeros(self._owned), of=self._of_cells)
+
+    @property
+    def weights(self) -> Array:
+        """See `Indicator`."""
+        return self._ask("weights", np.zeros(self._owned), of=self._of_cells)
+
+    def bind(
+        self, flexible: Cells, between: tuple[fem.Function, fem.Function] | None = None
+    ) -> None:
+        """See `Indicator`."""
+        self._ask("bind", None, flexible, *(() if between is None else (between,)))
+
+    def measure(self, dt: float) -> Array:
+        """See `Indicator`."""
+        return self._ask("measure", np.empty(0), dt)
+
+    def strains(self) -> Array:
+        """See `Indicator`."""
+        return self._ask("strains", np.zeros(self._owned), of=self._of_cells)

@@ -1,0 +1,114 @@
+"""What a step asks of actions, one of which may be of a user's own: none raises in a step.
+
+An action is asked for what its kind does, and for nothing else. What it raises, or gives in place
+of a number, is kept for all ranks to be told.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.base.failures import Failures
+from rigidfx.base.inputs import number, shown
+from rigidfx.effects import Action, Touch
+
+__all__ = ["Heeded", "doing"]
+
+Array = npt.NDArray[np.float64]
+T = TypeVar("T")
+
+
+def doing(actions: Sequence[Action], method: str) -> list[Any]:
+    """Those actions whose class does something of its own by a method."""
+    return [a for a in actions if getattr(type(a), method) is not getattr(Action, method)]
+
+
+class Heeded:
+    """Functions of those actions that do something of their own by a method."""
+
+    def __init__(self, owners: Mapping[int, str], failures: Failures) -> None:
+        """Take over who is who.
+
+        Args:
+            owners: Names of actions in messages, by their identities.
+            failures: Keeps what they raise.
+        """
+        self._owners, self._failures = owners, failures
+
+    def _each(
+        self,
+        actions: Sequence[Action],
+        method: str,
+        made: Callable[[str, Callable[..., Any]], Callable[..., T]],
+        instead: T,
+    ) -> list[Callable[..., T]]:
+        def heeded(action: Action) -> Callable[..., T]:
+            owner = self._owners[id(action)]
+            function = made(owner, getattr(action, method))
+            return self._failures.heeded(owner, method, function, lambda *given: instead)
+
+        return [heeded(action) for action in doing(actions, method)]
+
+    def does(self, actions: Sequence[Action], method: str) -> list[Callable[..., None]]:
+        """What changes arrays that it is given."""
+        return self._each(actions, method, lambda owner, function: function, None)
+
+    def adds(self, actions: Sequence[Action], method: str) -> list[Callable[..., None]]:
+        """What gives an array; functions add it to their first argument, and take the others."""
+        return self._each(actions, method, lambda owner, function: partial(_add, function), None)
+
+    def tells(self, actions: Sequence[Action], method: str) -> list[Callable[..., float]]:
+        """What gives a number."""
+
+        def made(owner: str, function: Callable[..., Any]) -> Callable[..., float]:
+            return lambda *given: number(owner, method, function(*given))
+
+        return self._each(actions, method, made, 0.0)
+
+    def answers(self, actions: Sequence[Action], method: str) -> list[Callable[..., bool]]:
+        """What says yes or no."""
+        return self._each(actions, method, lambda owner, function: function, False)
+
+    def touches(self, contacts: Sequence[Action]) -> list[Callable[..., Touch]]:
+        """What each contact did."""
+
+        def heeded(contact: Action) -> Callable[..., Touch]:
+            owner = self._owners[id(contact)]
+            nothing = Touch(contact.title)
+
+            def touch() -> Touch:
+                return nothing + contact.touch()
+
+            return self._failures.heeded(owner, "touch", touch, lambda: nothing)
+
+        return [heeded(contact) for contact in contacts]
+
+    def blame(
+        self, actions: Sequence[Action], method: str, given: Callable[[Action], Array]
+    ) -> None:
+        """Keep it for all ranks if forces that an action gives are not finite. Collective.
+
+        Args:
+            actions: Actions.
+            method: What is asked of them.
+            given: Asks one of them, for its forces.
+        """
+
+        def look(action: Action) -> None:
+            forces = np.ravel(given(action))
+            if not np.isfinite(forces).all():
+                worst = shown(forces[np.argmin(np.isfinite(forces))])
+                raise ValueError(f"a force of {worst} N")
+
+        for action in doing(actions, method):
+            owner = self._owners[id(action)]
+            self._failures.heeded(owner, method, look, lambda action: None)(action)
+
+
+def _add(function: Callable[..., Array], out: Array, *given: Any) -> None:
+    out += function(*given)

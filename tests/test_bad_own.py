@@ -1,0 +1,238 @@
+"""Code of a user's own that fails, or gives no numbers, in the middle of a run.
+
+All of it is asked on each rank about that rank's nodes and cells. What fails on the last rank alone
+left the others waiting; on all it arrived as whatever it was, a bare KeyError.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+import refusals
+from mpi4py import MPI
+
+import rigidfx as rf
+from rigidfx.decide.criteria.judging import Criterion
+from rigidfx.decide.criteria.rate_rule import RateRule
+from rigidfx.effects.action import Action
+from rigidfx.effects.base import Effect
+from rigidfx.effects.contacts.obstacles import Approach, Obstacle
+from rigidfx.flexible.strain_rate import StrainRates
+
+COMM = MPI.COMM_WORLD
+SOFT = rf.StVenantKirchhoff(E=1e5, nu=0.3, rho=1000.0)
+
+
+class Fault:
+    """Gives what it is given, but from some call on, on the last rank."""
+
+    def __init__(self, after=0, bad=None):
+        self.calls, self.after, self.bad = 0, after, bad
+
+    def __call__(self, good):
+        self.calls += 1
+        if self.calls <= self.after or COMM.rank < COMM.size - 1:
+            return good
+        return {}["no file"] if self.bad is None else self.bad(good)
+
+
+def _same(good):
+    return good
+
+
+@dataclass(frozen=True)
+class Floor(Obstacle):
+    """All below z = 0."""
+
+    in_gap: Any = _same
+    in_outward: Any = _same
+    in_approach: Any = _same
+
+    def gap(self, y):
+        return self.in_gap(y[:, 2])
+
+    def outward(self, y):
+        return self.in_outward(np.broadcast_to([0.0, 0.0, 1.0], y.shape))
+
+    def approach(self, y0, y1):
+        up = np.broadcast_to([0.0, 0.0, 1.0], y0.shape)
+        return self.in_approach(Approach(up, None, up))
+
+
+@dataclass(frozen=True)
+class Own(Effect):
+    """Does nothing, until one of its methods fails."""
+
+    is_lasting: ClassVar[bool] = True
+    method: str
+    fault: Any
+
+    def bind(self, structure):
+        if self.method == "bind":
+            return self.fault(None)
+        nothing = {"resist_bodies": np.zeros((len(structure.bodies), 4, 3)), "potential": 0.0}
+
+        def failing(action, *given):
+            found = self.fault(nothing.get(self.method))
+            if self.method in ("load_nodes", "resist_nodes") and found is not None:
+                np.asarray(getattr(given[-1], "array", given[-1]))[...] = found
+            return found
+
+        return type("OwnAction", (Action,), {self.method: failing, "kind": "Own"})()
+
+
+@dataclass(frozen=True)
+class Asking(Criterion):
+    """Strain rates, until something of it fails."""
+
+    method: str
+    fault: Any
+    wake: Any = "local"
+    window: float = 0.02
+
+    def _failing(self, kind, given):
+        if self.method == kind:
+            return self.fault(given)
+        if hasattr(given, self.method):
+            function = getattr(given, self.method)
+            if callable(function):
+                setattr(given, self.method, lambda *a: self.fault(function(*a)))
+            else:
+                own = property(lambda rule: self.fault(np.zeros_like(function)))
+                given.__class__ = type("Own", (type(given),), {self.method: own})
+        return given
+
+    def rule(self, scene, timeline, memory):
+        return self._failing("rule", RateRule(scene, timeline, memory, 1e-3, {}, self.window, 2.0))
+
+    def indicator(self, scene, forces):
+        return self._failing("indicator", StrainRates(scene, forces, "rms"))
+
+
+@cache
+def _box():
+    box = rf.box((0, 0, 0.01), (4, 1, 1.01), (4, 1, 1))
+    return box.with_cells("a", lambda x: x[0] < 1.0 + 1e-9)
+
+
+def _run(*effects, steps=8, **options):
+    falling = rf.InitialVelocity(linear=(0.1, 0.0, -1.0), angular=(0.0, 0.1, 0.0))
+    scene = rf.Scene(_box(), SOFT, [falling, *effects])
+    return list(rf.simulate(scene, 0.005, 0.005 * steps, **options))
+
+
+def _contact(*effects, **faults):
+    return _run(rf.Contact("z0", against=Floor(**faults), title="floor"), *effects)
+
+
+def _own(method, after=3, bad=None):
+    return _run(Own(method, Fault(after, bad)), rf.Rigid("a"), steps=4)
+
+
+def _asking(method, after=2, bad=None):
+    return _run(rigidify=Asking(method, Fault(after, bad)))
+
+
+def _nothing(good):
+    return good * np.nan
+
+
+KEY = "with KeyError: 'no file'"
+FLOOR, OWN = "Contact on 'z0': ", "Own on 'all cells': "
+CASES = {
+    "gap in a first step": (
+        lambda: _contact(in_gap=Fault(3)),
+        f"{FLOOR}its gap of the Floor failed in the step from t = ",
+    ),
+    "gap later": (lambda: _contact(in_gap=Fault(30)), f"{FLOOR}its gap of the Floor failed in"),
+    "gap at a body": (
+        lambda: _contact(rf.Rigid("a"), in_gap=Fault(40)),
+        f"{FLOOR}its gap of the Floor failed in the step from t = ",
+    ),
+    "gap that ceases": (
+        lambda: _contact(in_gap=Fault(30, _nothing)),
+        f"{FLOOR}gap of the Floor must give finite numbers of shape (",
+    ),
+    "gap of fewer points": (
+        lambda: _contact(in_gap=Fault(30, lambda g: g[1:])),
+        f"{FLOOR}gap of the Floor must give finite numbers of shape (",
+    ),
+    "outward": (lambda: _contact(in_outward=Fault(1)), f"{FLOOR}its outward of the Floor failed"),
+    "approach": (lambda: _contact(in_approach=Fault(2)), f"{FLOOR}its approach of the Floor fail"),
+    "approach that is none": (
+        lambda: _contact(in_approach=Fault(2, lambda a: None)),
+        "s with AttributeError: 'NoneType' object has no",
+    ),
+    "bind": (lambda: _own("bind", 0), f"{OWN}its bind failed in the step from t = 0 s {KEY}"),
+    "bind to no action": (
+        lambda: _own("bind", 0, lambda good: 3.0),
+        f"{OWN}its bind failed in the step from t = 0 s with TypeError: 3.0 is no Action",
+    ),
+    "loads": (lambda: _own("load_nodes"), f"{OWN}its load_nodes failed in the step from t = 0.01"),
+    "resistance": (lambda: _own("resist_nodes"), f"{OWN}its resist_nodes failed in the step from"),
+    "resistance of bodies": (lambda: _own("resist_bodies"), f"{OWN}its resist_bodies failed in"),
+    "tangent": (lambda: _own("stiffen_nodes"), f"{OWN}its stiffen_nodes failed in the step from"),
+    "energy": (lambda: _own("potential"), f"{OWN}its potential failed in the step from t = 0.0"),
+    "acceptance": (lambda: _own("accept", 2), f"{OWN}its accept failed in the step from t = 0.01"),
+    "loads that are no numbers": (
+        lambda: _own("load_nodes", 2, lambda good: np.nan),
+        f"{OWN}its load_nodes failed in the step from t = 0.01 s with ValueError: a force of nan N",
+    ),
+    "resistance that is no number": (
+        lambda: _own("resist_nodes", 3, lambda good: np.nan),
+        f"{OWN}its resist_nodes failed in the step from t = ",
+    ),
+    "resistance of bodies that is no number": (
+        lambda: _own("resist_bodies", 3, _nothing),
+        f"{OWN}its resist_bodies failed in the step from t = ",
+    ),
+    "energy that is no number": (
+        lambda: _own("potential", 3, lambda good: "high"),
+        f"{OWN}potential must be a finite number, got 'high'",
+    ),
+    "rule": (lambda: _asking("rule", 0), f"Asking: its rule failed {KEY}"),
+    "indicator": (lambda: _asking("indicator", 0), f"Asking: its indicator failed {KEY}"),
+    "limits": (lambda: _asking("limits"), "Asking: its limits failed in the step from t = 0"),
+    "tolerances": (lambda: _asking("tol"), "Asking: its limits failed in the step from t = 0"),
+    "tolerances that are no numbers": (
+        lambda: _run(rigidify=Asking("tol", Fault(0, _nothing), wake="none")),
+        "Asking: a number is expected of each of a rank's cells, in an array of shape (",
+    ),
+    "a rule's memory": (lambda: _asking("observe"), "Asking: its observe failed in the step from"),
+    "length of windows": (lambda: _asking("length"), "Asking: its length failed in the step from"),
+    "measure": (lambda: _asking("measure"), "Asking: its measure failed in the step from t = 0.0"),
+    "measure after the last step": (
+        lambda: _asking("length", 7),
+        "Asking: its length failed in the step from t = 0.035 s",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_is_told(name):
+    """By an error of this package, which names the thing, the time and the error."""
+    refusals.check(*CASES[name], rf.SceneError)
+
+
+@pytest.mark.parallel
+def test_is_told_on_two_ranks():
+    """Where it fails on the last of them: the same message on both, and no rank waits."""
+    found = dict(refusals.found_on_two_ranks(__file__))
+    assert found.keys() == CASES.keys()
+    for name, (_, message) in CASES.items():
+        assert message in found[name][1], (name, found[name])
+
+
+def test_the_traceback_is_shown():
+    """It names the line of the user's that has failed."""
+    with pytest.raises(rf.SceneError) as told:
+        _own("potential")
+    assert 'return {}["no file"] if self.bad is None' in str(told.value.__cause__)
+
+
+if __name__ == "__main__":
+    refusals.on_each_rank({name: action for name, (action, _) in CASES.items()})
