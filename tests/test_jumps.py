@@ -183,3 +183,57 @@ def test_an_attempt_that_becomes_no_step_is_forgotten():
     late = attempt(0.45, 0.6)
     with pytest.warns(rf.RigidfxWarning, match="its path jumps by"):
         jumps.accept(late)
+
+
+# Obstacles -------------------------------------------------------------------------------------
+
+
+def met(path, gap=1e-3, **options):
+    """A block at rest over a plane that follows a path upwards."""
+    plane = rf.Plane((0, 0, -gap), (0, 0, 1), path=lambda t: (0.0, 0.0, path(t)))
+    block = rf.box((0, 0, 0), (2, 1, 1), (2, 1, 1))
+    contact = rf.Contact("z0", against=plane, **options)
+    return rf.Scene(block, rf.NeoHooke(E=1e3, nu=0.0, rho=10.0), [contact])
+
+
+@pytest.mark.parametrize("at", [0.45, 0.5])
+def test_an_obstacle_that_jumps_into_a_body_is_told(at):
+    """It gives energy in one step, which was booked as work of supports without a word."""
+    with pytest.warns(rf.RigidfxWarning, match="path of the Plane jumps") as shown:
+        reports = run(met(lambda t: 0.02 * (t >= at)), t_end=0.7)
+    (said,) = [str(w.message) for w in shown]
+    work = max(report.work_of_supports for report in reports)
+    assert work > 0.1
+    assert f"jumps by 0.02 m at t = {at} s, where nodes touch it" in said
+    assert f"gives the structure {work:.3g} J" in said
+    energies = [report.energy for report in reports]
+    gained = sum(report.work_of_supports for report in reports)
+    assert energies[-1] == pytest.approx(energies[0] + gained, rel=1e-9)
+
+
+CLEAR = {
+    "jump away from it": (lambda t: -0.02 * (t >= 0.45), 1e-3),
+    "jump below it": (lambda t: 0.02 * (t >= 0.45), 0.5),
+    "sudden ramp": (ramp(0.3, 0.5), 0.05),
+    "sine": (lambda t: 0.05 * np.sin(2 * np.pi * t), 1e-3),
+}
+
+
+@pytest.mark.parametrize("name", CLEAR)
+def test_an_obstacle_that_does_no_harm_passes(name):
+    path, gap = CLEAR[name]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", rf.RigidfxWarning)
+        run(met(path, gap), t_end=0.7)
+
+
+def test_an_obstacle_is_not_asked_for_where_it_is_while_its_contact_does_not_act():
+    """Its path may be known for the window only."""
+    asked = []
+
+    def path(t):
+        asked.append(t)
+        return 0.0
+
+    run(met(path, since=0.25, until=0.5), t_end=0.8)
+    assert 0.2 < min(asked) <= max(asked) < 0.6

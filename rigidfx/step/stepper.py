@@ -24,7 +24,7 @@ from rigidfx.step.system.supports import Impact, PrescribedDofs, impose_velocity
 from rigidfx.step.system.system import System
 from rigidfx.step.watches.compression import Compression
 from rigidfx.step.watches.judge import Attempt, Judge
-from rigidfx.step.watches.jumps import Jumps
+from rigidfx.step.watches.jumps import JumpingObstacles, Jumps
 from rigidfx.step.watches.rotation_per_step import RotationPerStep
 from rigidfx.step.watches.unresolved import Unresolved
 from rigidfx.step.watches.watch import Measuring, Watch
@@ -105,7 +105,8 @@ class Stepper:
         self._judge = Judge(scene, self._inversion, inexact)
         self._jumps = Jumps(scene)
         measuring = () if indicator is None else (Measuring(indicator),)
-        others = Unresolved(scene), RotationPerStep(scene, forces), self._jumps
+        obstacles = JumpingObstacles(scene, self.touches, self.failures)
+        others = Unresolved(scene), RotationPerStep(scene, forces), self._jumps, obstacles
         squeezed = (Compression(scene, forces),) if scene.element.buckles else ()
         controls = () if control is None else (control,)
         self.watches: list[Watch] = [*measuring, *others, *squeezed, *controls]

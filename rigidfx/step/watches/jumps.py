@@ -1,32 +1,82 @@
-"""Does the path of a support jump?
+"""Does the path of a support, or of an obstacle, jump?
 
 A step takes what a path gains for a motion. Of a jump by J it makes the velocity 2 J/Δt, which
 alternates in sign from then on, and an energy that grows as 1/Δt²: no shorter step ever helps. What
 tells a jump from all else, kinks and steep slopes among it, is that halving the interval does not
 halve it. That takes values of the path between the ends of steps, so it is looked at only where a
 path gains twice as much as in the step before.
+
+An obstacle that jumps does no harm where it stays clear of the nodes. Where it lands in them, or
+leaves them while they press it, the step works against all of the jump: an energy that a shorter
+step does not change, and that nobody may have meant.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx.effects import Support
+from rigidfx.base.failures import Failures
+from rigidfx.effects import Contact, Obstacle, Support, Touch
 from rigidfx.scene.scene import Scene
 from rigidfx.step.watches.judge import Attempt
 from rigidfx.step.watches.watch import WarnsOnce
 
-__all__ = ["Jumps", "jump_of"]
+__all__ = ["JumpingObstacles", "Jumps", "jump_of"]
 
 Array = npt.NDArray[np.float64]
+Path = Callable[[float], Array]
 
 SUDDEN = 2.0  # times what the path gained in the step before
 HALVINGS = 20  # of a step: a path that takes a millionth of it for its way jumps
 NEGLIGIBLE = 1e-9  # of a cell's size: what rounding of times may make of a ramp
 ROUNDING = 64 * float(np.finfo(np.float64).eps)  # of a displacement
+REMEDY = (
+    "Let the path take some steps for its way, and name the instants of its kinks by its attribute "
+    "breakpoints."
+)
+
+
+class Gains:
+    """What paths gain from step to step, and whether that is by a jump."""
+
+    def __init__(self, scene: Scene) -> None:
+        """Begin before the first step. Collective.
+
+        Args:
+            scene: The problem.
+        """
+        self._least = NEGLIGIBLE * scene.mean_cell_size
+        # By identity, what each path gained in its last step, and in the attempt under way.
+        self._before: dict[int, float] = {}
+        self._now: dict[int, float] = {}
+
+    def jump(
+        self, owner: object, path: Path, t0: float, t1: float, u0: Array, u1: Array
+    ) -> tuple[float, float] | None:
+        """When [s] and by how much [m] a path jumps in an attempt at a step; None if it does not.
+
+        Args:
+            owner: Whose path it is.
+            path: Function t → displacement, shape (n,) [m]; what it raises goes through.
+            t0: Start of the step [s].
+            t1: End of the step [s].
+            u0: The path at the start, shape (n,) [m].
+            u1: The path at the end, likewise.
+        """
+        gain = float(np.abs(u1 - u0).max())
+        least = max(self._least, ROUNDING * float(np.abs(u1).max()))
+        before = self._before.get(id(owner), 0.0)
+        self._now[id(owner)] = gain
+        if not gain > max(SUDDEN * before, least):
+            return None
+        return jump_of(path, t0, t1, u0, u1)
+
+    def accept(self) -> None:
+        """Take note that the last attempt becomes a step."""
+        self._before |= self._now
 
 
 class Jumps(WarnsOnce):
@@ -39,11 +89,7 @@ class Jumps(WarnsOnce):
             scene: The problem.
         """
         super().__init__(scene.comm)
-        self._least = NEGLIGIBLE * scene.mean_cell_size
-        # By identity, what each path gained in its last step, and in the attempt under way.
-        self._before: dict[int, float] = {}
-        self._now: dict[int, float] = {}
-        self._found = ""
+        self._gains, self._found = Gains(scene), ""
 
     def look(self, support: Support, t0: float, t1: float, u0: Array, u1: Array) -> None:
         """Look at an attempt at a step of a support; what its path raises goes through.
@@ -57,21 +103,14 @@ class Jumps(WarnsOnce):
         """
         if not self.waits:
             return
-        gain = float(np.abs(u1 - u0).max())
-        least = max(self._least, ROUNDING * float(np.abs(u1).max()))
-        before = self._before.get(id(support), 0.0)
-        self._now[id(support)] = gain
-        if not gain > max(SUDDEN * before, least):
-            return
-        jump = jump_of(support.path_at, t0, t1, u0, u1)
+        jump = self._gains.jump(support, support.path_at, t0, t1, u0, u1)
         if jump is not None:
             t, size = jump
             self._found = (
                 f"{type(support).__name__} on '{support.where}': its path jumps by {size:.3g} m at "
                 f"t = {t:.6g} s. The nodes get a velocity of {2 * size / (t1 - t0):.3g} m/s, twice "
                 "the jump over Δt, that alternates in sign from then on, and shorter steps make it "
-                "larger. Let the path take some steps for its way, and name the instants of its "
-                "kinks by its attribute breakpoints."
+                f"larger. {REMEDY}"
             )
 
     def begin(self) -> None:
@@ -80,14 +119,65 @@ class Jumps(WarnsOnce):
 
     def accept(self, attempt: Attempt) -> None:
         """Take note that the last attempt becomes a step, and warn of what it has found."""
-        self._before |= self._now
+        self._gains.accept()
         if self._found and self.waits:
             self.say(self._found)
 
 
-def jump_of(
-    path: Callable[[float], Array], t0: float, t1: float, u0: Array, u1: Array
-) -> tuple[float, float] | None:
+class JumpingObstacles(WarnsOnce):
+    """Looks at the paths of obstacles in steps in which they press; warns once."""
+
+    def __init__(
+        self, scene: Scene, touches: Callable[[], Mapping[str, Touch]], failures: Failures
+    ) -> None:
+        """Begin before the first step. Collective.
+
+        Args:
+            scene: The problem.
+            touches: What contacts did in the last attempt, by their titles; collective.
+            failures: Keeps what paths raise.
+        """
+        super().__init__(scene.comm)
+        every = ((c, c.against) for c in scene.named(Contact))
+        moving = [(c, o) for c, o in every if isinstance(o, Obstacle) and o.path is not None]
+        self._touches, self._gains = touches, Gains(scene)
+        self._looks = [
+            (contact, obstacle, failures.heeded(contact.owner, "path", self._jump, _no_jump))
+            for contact, obstacle in moving
+        ]
+
+    def _jump(self, obstacle: Obstacle, t0: float, t1: float) -> tuple[float, float] | None:
+        path = obstacle.displacement
+        return self._gains.jump(obstacle, path, t0, t1, path(t0), path(t1))
+
+    def accept(self, attempt: Attempt) -> None:
+        """See `Watch`. Collective."""
+        if not self._looks:
+            return
+        touches, found = self._touches(), ""
+        for contact, obstacle, look in self._looks if self.waits else ():
+            touch = touches.get(contact.title)
+            jump = None if touch is None else look(obstacle, attempt.t, attempt.end)
+            if jump is None or touch is None or not touch.pressing or found:
+                continue
+            t, size = jump
+            found = (
+                f"{contact.owner}: the path of the {obstacle.kind} jumps by {size:.3g} m at t = "
+                f"{t:.6g} s, where nodes touch it: that step gives the structure "
+                f"{touch.work:.3g} J by it, and {touch.energy:.3g} J are stored in the contact at "
+                f"its end, at {touch.penetration:.3g} m of penetration, however short steps are. "
+                f"{REMEDY}"
+            )
+        self._gains.accept()
+        if found:
+            self.say(found)
+
+
+def _no_jump(obstacle: Obstacle, t0: float, t1: float) -> None:
+    """What is taken for the answer of a path that fails."""
+
+
+def jump_of(path: Path, t0: float, t1: float, u0: Array, u1: Array) -> tuple[float, float] | None:
     """When [s] and by how much [m] a path jumps, if by half of its way from t0 to t1 or more.
 
     Args:
