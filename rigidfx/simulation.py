@@ -21,6 +21,7 @@ from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError, StepError
 from rigidfx.base.failures import Failures
+from rigidfx.base.inputs import shown
 from rigidfx.base.log import heard, tell
 from rigidfx.base.progress import progress_bar
 from rigidfx.base.same_input import check_same
@@ -104,7 +105,7 @@ def simulate(
     check_same(scene.comm, "simulate", {**given, "petsc_options": petsc_options})
     for name, value in (("progress", progress), ("verbose", verbose)):
         if value is not None and not isinstance(value, (bool, np.bool_)):
-            raise SceneError(f"simulate: {name} must be True, False or None, got {value!r}.")
+            raise SceneError(f"simulate: {name} must be True, False or None, got {shown(value)}.")
     if accuracy is not None:
         dt = controlled(accuracy, scene, dt, rigidify)
     control = dt if isinstance(dt, StepControl) else None
@@ -114,7 +115,7 @@ def simulate(
     else:
         timeline = Timeline(dt, t_end)  # type: ignore[arg-type]
     if isinstance(rigidify, Accuracy) or not isinstance(rigidify, Criterion | None):
-        raise SceneError(f"simulate: rigidify must be a StrainRate, got {rigidify!r}.")
+        raise SceneError(f"simulate: rigidify must be a StrainRate, got {shown(rigidify)}.")
     criterion = rigidify if accuracy is None else accuracy
     if criterion is not None and not scene.scheme.couples:
         raise SceneError(

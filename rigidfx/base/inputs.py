@@ -122,7 +122,7 @@ def path_of(owner: str, name: str, value: Any) -> Path:
         text = os.fspath(value)
         if isinstance(text, str) and text and "\0" not in text:
             return Path(text)
-    raise SceneError(f"{owner}: {name} must be the name of a file or folder, got {value!r}.")
+    raise SceneError(f"{owner}: {name} must be the name of a file or folder, got {shown(value)}.")
 
 
 def _real(value: Any) -> float:
@@ -217,7 +217,7 @@ def names(owner: str, name: str, given: Any, of: str) -> tuple[str, ...]:
     several = isinstance(every, Iterable) and not isinstance(every, Mapping)
     found = tuple(every) if several else (None,)
     if not all(isinstance(one, str) for one in found):
-        raise SceneError(f"{owner}: {name} must be names of {of}, got {given!r}.")
+        raise SceneError(f"{owner}: {name} must be names of {of}, got {shown(given)}.")
     return found
 
 

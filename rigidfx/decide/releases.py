@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError, together
+from rigidfx.base.inputs import shown
 from rigidfx.decide.criteria.release import Release
 from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.report.report import Report
@@ -113,5 +114,5 @@ def _answer(condition: Any, report: Report) -> bool | list[str]:
         if all(isinstance(name, str) for name in names):
             return names
     raise SceneError(
-        f"Release: its condition must give True, False or names of bodies, got {answer!r}."
+        f"Release: its condition must give True, False or names of bodies, got {shown(answer)}."
     )

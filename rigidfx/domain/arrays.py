@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Sequence
+from math import prod
 from typing import Any
 
 import basix.ufl
@@ -24,7 +25,7 @@ __all__ = ["box", "from_arrays"]
 # Of a tetrahedron of ten nodes, in VTK's order; DOLFINx has edges 23, 13, 12, 03, 02, 01.
 FROM_VTK = (0, 1, 2, 3, 9, 8, 5, 7, 6, 4)
 EDGES = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))  # in VTK's order
-MOST = 2**31 - 1  # cells in a direction
+MOST = 2**31 - 1  # cells of a box
 
 
 def box(
@@ -65,11 +66,14 @@ def box(
             f"in all of x, y, z; got {shown(lower)}, {shown(upper)}."
         )
     truth = any(isinstance(n, (bool, np.bool_)) for n in given)
-    if truth or len(counts) != 3 or not 1 <= min(counts) <= max(counts) <= MOST:
-        raise SceneError(f"box: cells must be three whole numbers ≥ 1, got {cells}.")
+    if truth or len(counts) != 3 or not 1 <= min(counts) <= prod(counts) <= MOST:
+        raise SceneError(
+            f"box: cells must be three whole numbers ≥ 1, of {MOST} cells at most, got "
+            f"{shown(cells)}."
+        )
     kinds = {kind.name: kind for kind in CELLS}
     if not isinstance(cell, str) or cell not in kinds:
-        raise SceneError(f"box: cell must be one of {sorted(kinds)}, got {cell!r}.")
+        raise SceneError(f"box: cell must be one of {sorted(kinds)}, got {shown(cell)}.")
     try:
         mesh = dmesh.create_box(
             comm, [a, b], counts, kinds[cell], ghost_mode=dmesh.GhostMode.shared_facet
@@ -107,7 +111,7 @@ def from_arrays(
     """
     known = {"hexahedron": (8,), "tetrahedron": (4, 10)}
     if not isinstance(cell, str) or cell not in known:
-        raise SceneError(f"from_arrays: cell must be one of {sorted(known)}, got {cell!r}.")
+        raise SceneError(f"from_arrays: cell must be one of {sorted(known)}, got {shown(cell)}.")
     communicator("from_arrays", comm)
     agree(comm, _misfit(points, cells, known[cell]))
     x = np.asarray(points, dtype=np.float64).reshape(-1, 3)

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError, together
-from rigidfx.base.inputs import number, path_of, positive
+from rigidfx.base.inputs import number, path_of, positive, shown
 from rigidfx.domain.cad_entities import Cad, CadEntity, Which
 from rigidfx.domain.cad_names import named_surfaces, named_volumes, numbers_of
 from rigidfx.domain.domain import Domain
@@ -119,7 +119,7 @@ def read_cad(
     metres = _metres(path, positive("read_cad", "scale", scale))
     largest = None if size is None else positive("read_cad", "size", size)
     if not number("read_cad", "per_circle", per_circle) >= 0:
-        raise SceneError(f"read_cad: per_circle must be ≥ 0, got {per_circle!r}.")
+        raise SceneError(f"read_cad: per_circle must be ≥ 0, got {shown(per_circle)}.")
     check_order("read_cad", order)
     _check_wanted("volumes", volumes)
     _check_wanted("surfaces", surfaces)
@@ -164,7 +164,7 @@ def _check_wanted(called: str, wanted: object) -> None:
     ):
         raise SceneError(
             f"read_cad: {called} must be a dict of names to numbers, labels, functions of a "
-            f"CadEntity or lists of these, such as {{'end': [3, 4]}}; got {wanted!r}."
+            f"CadEntity or lists of these, such as {{'end': [3, 4]}}; got {shown(wanted)}."
         )
 
 

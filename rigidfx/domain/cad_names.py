@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from rigidfx.base.errors import SceneError
+from rigidfx.base.inputs import shown
 from rigidfx.domain.cad_entities import CALLED, Cad, Which
 from rigidfx.domain.domain import KINDS
 
@@ -97,7 +98,7 @@ def numbers_of(cad: Cad, dim: int, name: str, which: Which) -> list[int]:
         else:
             raise SceneError(
                 f"read_cad: {name} must be a number, a label, a function of a CadEntity or a list "
-                f"of these, got {one!r}."
+                f"of these, got {shown(one)}."
             )
         if not matches:
             asked = "with its condition" if callable(one) else f"{one!r}"

@@ -13,7 +13,7 @@ from typing import Any
 from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError
-from rigidfx.base.inputs import number, positive
+from rigidfx.base.inputs import number, positive, shown
 from rigidfx.domain.domain import Domain
 from rigidfx.domain.gmsh_model import domain_of, find_file
 
@@ -57,7 +57,8 @@ def read_geo(
     check_order("read_geo", order)
     if not (parameters is None or isinstance(parameters, Mapping)):
         raise SceneError(
-            f"read_geo: parameters must be a dict of names to numbers or texts, got {parameters!r}."
+            f"read_geo: parameters must be a dict of names to numbers or texts, "
+            f"got {shown(parameters)}."
         )
     given = dict(parameters or {})
     for name, value in given.items():
@@ -99,7 +100,7 @@ def _run(gmsh: Any, path: str | Path, given: Mapping[str, float | str]) -> None:
         if len(gmsh.parser.getNumber(name) if text else gmsh.parser.getString(name)):
             raise SceneError(
                 f"read_geo: the parameter '{name}' of '{path}' must be a "
-                f"{'number' if text else 'text'}, got {value!r}."
+                f"{'number' if text else 'text'}, got {shown(value)}."
             )
 
 
@@ -130,7 +131,7 @@ def check_order(owner: str, order: int | None) -> None:
         SceneError: If it is not 1, 2 or None.
     """
     if order not in (None, 1, 2):
-        raise SceneError(f"{owner}: order must be 1 or 2, got {order!r}.")
+        raise SceneError(f"{owner}: order must be 1 or 2, got {shown(order)}.")
 
 
 def _check_parameters(path: Path, given: Mapping[str, float | str]) -> None:

@@ -104,7 +104,9 @@ class Effect:
         for place in (f for f in fields(self) if f.name == "where"):
             where = getattr(self, "where", None)
             if not isinstance(where, str) and (where is not None or place.default is not None):
-                raise SceneError(f"{self.kind}: where must be the name of a set, got {where!r}.")
+                raise SceneError(
+                    f"{self.kind}: where must be the name of a set, got {shown(where)}."
+                )
 
     @property
     def kind(self) -> str:
@@ -260,7 +262,7 @@ class Windowed(Effect):
         if not since < until:
             raise SceneError(
                 f"{self.kind}: the time window needs since < until, "
-                f"got {self.since!r} … {self.until!r}."
+                f"got {shown(self.since)} … {self.until!r}."
             )
         kinks = [t for own in fields(self) for t in self._kinks_of(own.name)]
         object.__setattr__(self, "_kinks", tuple(t for t in kinks if since < t < until))
@@ -271,11 +273,13 @@ class Windowed(Effect):
 
     def _instants_of(self, name: str, function: Any) -> tuple[float, ...]:
         """Instants that a function names; the name is for messages."""
-        given = getattr(function, "breakpoints", ())
-        owner = f"{self.kind}: an instant among the breakpoints of {name}"
+        owner, given = f"{self.kind}: an instant among the breakpoints of {name}", None
         try:
+            given = getattr(function, "breakpoints", ())
             return tuple(number(owner, "t", t, infinite=True) for t in given)
-        except TypeError:
+        except SceneError:
+            raise
+        except Exception:  # whatever a user's attribute may raise
             raise SceneError(
                 f"{self.kind}: the attribute breakpoints of {name} must be a list of instants, got "
                 f"{shown(given)}."

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rigidfx.base.errors import SceneError
-from rigidfx.base.inputs import numbers, positive
+from rigidfx.base.inputs import numbers, positive, shown
 from rigidfx.effects.base import WHOLE, Effect
 
 __all__ = ["Rigid"]
@@ -76,7 +76,7 @@ class Rigid(Effect):
         shaped = J.shape == (3, 3) and np.isfinite(J).all()
         if not shaped or np.abs(J - J.T).max() > SYMMETRY * np.abs(J).max():
             raise SceneError(
-                f"Rigid: inertia must be a symmetric 3×3 matrix, got {self.inertia!r}."
+                f"Rigid: inertia must be a symmetric 3×3 matrix, got {shown(self.inertia)}."
             )
         a, b, c = np.linalg.eigvalsh(J)
         if a <= 0 or c > (a + b) * (1 + 1e-9):

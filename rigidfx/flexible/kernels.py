@@ -28,6 +28,7 @@ from ufl.algorithms import expand_derivatives
 from rigidfx.base.compat import bindable
 from rigidfx.base.errors import CompilerError, SceneError
 from rigidfx.base.form_cache import compile_form
+from rigidfx.base.inputs import shown
 from rigidfx.flexible.elimination import eliminate
 from rigidfx.mechanics.enhanced import Enhancement, Note
 
@@ -80,7 +81,7 @@ def _flags_given() -> list[str]:
     except ValueError as error:
         raise SceneError(
             f"The environment variable {FLAGS} must hold the C compiler's flags as in a shell, "
-            f"such as '-O2 -g0', got {given!r}: {error}."
+            f"such as '-O2 -g0', got {shown(given)}: {error}."
         ) from None
 
 

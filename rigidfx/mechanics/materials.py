@@ -17,7 +17,7 @@ from typing import Any, ClassVar
 import ufl
 
 from rigidfx.base.errors import SceneError
-from rigidfx.base.inputs import number, positive
+from rigidfx.base.inputs import number, positive, shown
 from rigidfx.base.taken import take_fields
 
 __all__ = ["Hyperelastic", "Material", "MooneyRivlin", "NeoHooke", "StVenantKirchhoff"]
@@ -30,7 +30,8 @@ def _lame(owner: object, E: float, nu: float) -> dict[str, float]:
     positive(type(owner).__name__, "E", E)
     if not -1 < number(type(owner).__name__, "nu", nu) < 0.5:
         raise SceneError(
-            f"{type(owner).__name__}: Poisson's ratio nu must lie inside (-1, 1/2), got {nu!r}; "
+            f"{type(owner).__name__}: Poisson's ratio nu must lie inside (-1, 1/2), "
+            f"got {shown(nu)}; "
             "for nearly incompressible behaviour take, say, 0.499 and second-order cells."
         )
     return {"lmbda": E * nu / ((1 + nu) * (1 - 2 * nu)), "mu": E / (2 * (1 + nu))}
@@ -214,10 +215,13 @@ class Hyperelastic(Material):
         """
         super().__post_init__()
         if not callable(self.W):
-            raise SceneError(f"{self.label}: W must be a function of C giving UFL, got {self.W!r}.")
+            raise SceneError(
+                f"{self.label}: W must be a function of C giving UFL, got {shown(self.W)}."
+            )
         if not isinstance(self.values, Mapping) or not all(isinstance(n, str) for n in self.values):
             raise SceneError(
-                f"{self.label}: values must be a dict of names to numbers, got {self.values!r}."
+                f"{self.label}: values must be a dict of names to numbers, "
+                f"got {shown(self.values)}."
             )
         for name, value in self.values.items():
             number(self.label, f"parameter {name}", value)

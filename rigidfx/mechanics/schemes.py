@@ -31,6 +31,7 @@ from typing import Any, ClassVar, Protocol
 import ufl
 
 from rigidfx.base.errors import SceneError
+from rigidfx.base.inputs import shown
 from rigidfx.mechanics.element import Element, Portion
 from rigidfx.mechanics.materials import Energy
 from rigidfx.mechanics.rounding import rounding_of_energy
@@ -233,6 +234,7 @@ def scheme_of(given: Any) -> Scheme:
     asked = "virtual_work", "conserving", "damps", "couples"
     if isinstance(given, type) or not all(hasattr(scheme, name) for name in asked):
         raise SceneError(
-            f"Scene: scheme must be EnergyMomentum(), Midpoint() or Trapezoidal(), got {given!r}."
+            f"Scene: scheme must be EnergyMomentum(), Midpoint() or Trapezoidal(), "
+            f"got {shown(given)}."
         )
     return scheme

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.base.errors import OutputError, SceneError, agree
-from rigidfx.base.inputs import number, numbers, path_of
+from rigidfx.base.inputs import number, numbers, path_of, shown
 from rigidfx.base.instants import reached
 from rigidfx.base.taken import take_fields
 from rigidfx.output.history import read_history
@@ -254,7 +254,9 @@ def curves(
 
 def _check_panels(panels: Any, ylabel: str | Sequence[str]) -> None:
     if not isinstance(panels, Mapping):
-        raise SceneError(f"curves: panels must be a dict of headings to curves, got {panels!r}.")
+        raise SceneError(
+            f"curves: panels must be a dict of headings to curves, got {shown(panels)}."
+        )
     if not panels:
         raise SceneError("curves: panels must name at least one panel.")
     for heading, group in panels.items():

@@ -22,7 +22,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.base.errors import OutputError, SceneError
-from rigidfx.base.inputs import number, path_of, positive
+from rigidfx.base.inputs import number, path_of, positive, shown
 from rigidfx.output.history import read_history
 from rigidfx.plot.curves import (
     Curve,
@@ -192,7 +192,7 @@ def _check(shapes: int, frames: int, view: Sequence[float], up: Sequence[float])
     for name, count, least in (("shapes", shapes, 1), ("frames", frames, 0)):
         value = number("pictures", name, count)
         if value < least or not value.is_integer():
-            raise SceneError(f"pictures: {name} must be an integer ≥ {least}, got {count!r}.")
+            raise SceneError(f"pictures: {name} must be an integer ≥ {least}, got {shown(count)}.")
     check_camera("pictures", view, up)
 
 

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
-from rigidfx.base.inputs import numbers
+from rigidfx.base.inputs import numbers, shown
 from rigidfx.plot.curves import DPI, figure_of, save
 from rigidfx.plot.units import prefixed
 
@@ -81,7 +81,8 @@ def check_camera(owner: str, view: Sequence[float], up: Sequence[float]) -> None
         array = numbers(direction)
         if array.shape != (3,) or not np.isfinite(array).all() or not array.any():
             raise SceneError(
-                f"{owner}: {name} must be three finite numbers, not all zero, got {direction!r}."
+                f"{owner}: {name} must be three finite numbers, not all zero, "
+                f"got {shown(direction)}."
             )
     if not np.cross(numbers(view), numbers(up)).any():
         raise SceneError(f"{owner}: view and up are parallel: {view!r} and {up!r}.")

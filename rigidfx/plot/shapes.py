@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
-from rigidfx.base.inputs import number, path_of, whole
+from rigidfx.base.inputs import number, path_of, shown, whole
 from rigidfx.base.instants import reached
 from rigidfx.flexible.nodal_stress import NodalStress, material_groups
 from rigidfx.flexible.stress import tensors, von_mises
@@ -71,13 +71,13 @@ class Shapes:
         """
         check_scene("Shapes", scene)
         if not isinstance(times, Iterable) or isinstance(times, str):
-            raise SceneError(f"Shapes: times must be a list of times, got {times!r}.")
+            raise SceneError(f"Shapes: times must be a list of times, got {shown(times)}.")
         self._times = sorted(number("Shapes", "times", t) for t in times)
         if not self._times:
             raise SceneError("Shapes: times must name at least one time.")
         if colour not in get_args(Colour):
             raise SceneError(
-                f"Shapes: colour must be one of {', '.join(get_args(Colour))}, got {colour!r}."
+                f"Shapes: colour must be one of {', '.join(get_args(Colour))}, got {shown(colour)}."
             )
         self._colour = colour
         self._scene, self._comm = scene, scene.comm

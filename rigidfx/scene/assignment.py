@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
+from rigidfx.base.inputs import shown
 from rigidfx.base.taken import read_only
 from rigidfx.domain.domain import Domain
 from rigidfx.mechanics.materials import Material
@@ -41,17 +42,19 @@ def assign(
     if not isinstance(material, Mapping) or not material:
         raise SceneError(
             f"Scene: material must be a Material or a dict of cell-set names to materials, "
-            f"got {material!r}."
+            f"got {shown(material)}."
         )
     times_used = np.zeros(owned, dtype=np.int32)
     pairs = []
     if not all(isinstance(name, str) for name in material):
-        raise SceneError(f"Scene: materials are given by names of cell sets, got {material!r}.")
+        raise SceneError(
+            f"Scene: materials are given by names of cell sets, got {shown(material)}."
+        )
     # The sets are looked up on all ranks at a time, and a dict may be ordered otherwise on each.
     for name in domain.comm.bcast(list(material)):
         m = material[name]
         if not isinstance(m, Material):
-            raise SceneError(f"Scene: the material of '{name}' must be a Material, got {m!r}.")
+            raise SceneError(f"Scene: the material of '{name}' must be a Material, got {shown(m)}.")
         entities = domain.find(name, (3,), "Scene (material)").entities
         cells = entities[entities < owned]
         times_used[cells] += 1

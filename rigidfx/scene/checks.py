@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from rigidfx.base import compat
 from rigidfx.base.errors import SceneError, agree
-from rigidfx.base.inputs import numbers
+from rigidfx.base.inputs import numbers, shown
 from rigidfx.base.taken import read_only
 from rigidfx.base.warning import warn
 from rigidfx.domain.domain import Domain
@@ -50,7 +50,7 @@ def effects_of(domain: Any, effects: Any) -> tuple[Any, ...]:
             f"DOLFINx mesh), got {type(domain).__name__}."
         )
     if isinstance(effects, (str, Set)) or not isinstance(effects, Iterable):
-        raise SceneError(f"Scene: effects must be a list of effects, got {effects!r}.")
+        raise SceneError(f"Scene: effects must be a list of effects, got {shown(effects)}.")
     return tuple(effects)
 
 
@@ -63,9 +63,9 @@ def check_discretisation(scene: Any) -> None:
     order, mass = scene.order, scene.mass
     whole = isinstance(order, (int, np.integer)) and not isinstance(order, bool)
     if not whole or order not in STIFFNESS_DEGREE:
-        raise SceneError(f"Scene: order must be 1 or 2, got {order!r}.")
+        raise SceneError(f"Scene: order must be 1 or 2, got {shown(order)}.")
     if mass not in ("lumped", "consistent"):
-        raise SceneError(f"Scene: mass must be 'lumped' or 'consistent', got {mass!r}.")
+        raise SceneError(f"Scene: mass must be 'lumped' or 'consistent', got {shown(mass)}.")
     if scene.simplex and order == 2 and mass == "lumped":
         raise SceneError(
             "Scene: second-order tetrahedra have negative lumped masses at their vertices. "
@@ -182,17 +182,19 @@ def points(comm: MPI.Intracomm, probes: Mapping[str, Sequence[float]]) -> dict[s
     """
     if not isinstance(probes, Mapping):
         raise SceneError(
-            f"Scene: probes must be a dict of names to three numbers each, got {probes!r}."
+            f"Scene: probes must be a dict of names to three numbers each, got {shown(probes)}."
         )
     found: dict[str, Array] = {}
     called: dict[str, Any] = {}
     for name, given in probes.items():
         point = numbers(given)
         if point.shape != (3,) or not np.isfinite(point).all():
-            raise SceneError(f"Scene: probe '{name}' must be three finite numbers, got {given!r}.")
+            raise SceneError(
+                f"Scene: probe '{name}' must be three finite numbers, got {shown(given)}."
+            )
         if not str(name) or not str(name).isprintable():
             raise SceneError(
-                f"Scene: the name of a probe must be one that can be printed, got {name!r}."
+                f"Scene: the name of a probe must be one that can be printed, got {shown(name)}."
             )
         if str(name) in called:
             raise SceneError(

@@ -9,6 +9,7 @@ import basix.ufl
 from dolfinx import fem
 
 from rigidfx.base.errors import SceneError
+from rigidfx.base.inputs import shown
 from rigidfx.domain.thickness import thickness_axes
 from rigidfx.mechanics.assumed import AssumedElement, AssumedStrains
 from rigidfx.mechanics.element import Element, StandardElement
@@ -33,7 +34,8 @@ def element_of(scene: Any, name: Any) -> Element:
         return _assumed(scene, name)
     if not isinstance(name, str) or name not in ELEMENTS:
         known = ", ".join(map(repr, ELEMENTS))
-        raise SceneError(f"Scene: element must be {known} or AssumedStrains(…), got {name!r}.")
+        given = shown(name)
+        raise SceneError(f"Scene: element must be {known} or AssumedStrains(…), got {given}.")
     return ELEMENTS[name](scene)
 
 

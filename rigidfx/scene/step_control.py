@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from rigidfx.base.errors import SceneError
-from rigidfx.base.inputs import names, number, positive
+from rigidfx.base.inputs import names, number, positive, shown
 from rigidfx.base.taken import take_fields
 from rigidfx.scene.scene import Scene
 
@@ -73,8 +73,8 @@ class StepControl:
             positive(owner, "smallest", self.smallest)
             if self.smallest > self.largest:
                 raise SceneError(
-                    f"StepControl: needs smallest ≤ largest, got {self.smallest!r} and "
-                    f"{self.largest!r} s."
+                    f"StepControl: needs smallest ≤ largest, got {shown(self.smallest)} and "
+                    f"{shown(self.largest)} s."
                 )
         if self.of is not None:
             positive(owner, "of", self.of)
@@ -114,7 +114,7 @@ def probe_names(owner: str, at: Any) -> tuple[str, ...] | None:
         return None
     given = names(owner, "at", at, "probes")
     if not given:
-        raise SceneError(f"{owner}: at must be names of probes, got {at!r}.")
+        raise SceneError(f"{owner}: at must be names of probes, got {shown(at)}.")
     return tuple(sorted(set(given)))
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from math import floor, ulp
 
 from rigidfx.base.errors import SceneError
-from rigidfx.base.inputs import number, positive
+from rigidfx.base.inputs import number, positive, shown
 from rigidfx.base.instants import resolution
 
 __all__ = ["Timeline"]
@@ -46,7 +46,7 @@ class Timeline:
         if not pairs or pairs[0][0] != 0 or not all(own > 0 for _, own in pairs):
             raise SceneError(
                 "simulate: dt must be a finite number > 0, or a dict of times to such numbers "
-                f"that begins with the time 0; got {dt!r}."
+                f"that begins with the time 0; got {shown(dt)}."
             )
         self.t_end = positive("simulate", "t_end", t_end)
         self._times, self._steps = [t for t, _ in pairs], [own for _, own in pairs]

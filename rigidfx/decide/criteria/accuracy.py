@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from rigidfx.base.errors import SceneError
-from rigidfx.base.inputs import positive, whole
+from rigidfx.base.inputs import positive, shown, whole
 from rigidfx.base.log import tell
 from rigidfx.base.taken import take_fields
 from rigidfx.base.warning import warn
@@ -71,7 +71,7 @@ class Accuracy(Criterion):
             if getattr(self, name) is not None:
                 positive(owner, name, getattr(self, name))
         if not isinstance(self.check, (bool, np.bool_)):
-            raise SceneError(f"Accuracy: check must be True or False, got {self.check!r}.")
+            raise SceneError(f"Accuracy: check must be True or False, got {shown(self.check)}.")
         object.__setattr__(self, "never", never_rigid(owner, self.never))
         if self.min_cells is not None:
             whole(owner, "min_cells", self.min_cells, least=1)
@@ -172,7 +172,7 @@ def controlled(accuracy: Any, scene: Scene, dt: Any, rigidify: Any) -> StepContr
             unknown, or there is none to check.
     """
     if not isinstance(accuracy, Accuracy):
-        raise SceneError(f"simulate: accuracy must be an Accuracy, got {accuracy!r}.")
+        raise SceneError(f"simulate: accuracy must be an Accuracy, got {shown(accuracy)}.")
     if rigidify is not None:
         raise SceneError(
             "simulate: accuracy chooses what becomes rigid, and so does rigidify: give one of them."
@@ -186,8 +186,8 @@ def controlled(accuracy: Any, scene: Scene, dt: Any, rigidify: Any) -> StepContr
     largest = positive("simulate", "dt", dt)
     if accuracy.smallest is not None and accuracy.smallest > largest:
         raise SceneError(
-            f"Accuracy: needs smallest ≤ dt, the largest Δt, got {accuracy.smallest!r} and "
-            f"{largest!r} s."
+            f"Accuracy: needs smallest ≤ dt, the largest Δt, got {shown(accuracy.smallest)} and "
+            f"{shown(largest)} s."
         )
     names: Any = accuracy.at
     check_probes("Accuracy", names or (), scene)

@@ -8,7 +8,7 @@ from math import inf
 from typing import Literal
 
 from rigidfx.base.errors import SceneError
-from rigidfx.base.inputs import number, positive, whole
+from rigidfx.base.inputs import number, positive, shown, whole
 from rigidfx.base.taken import take_fields
 from rigidfx.decide.criteria.judging import Criterion, never_rigid
 from rigidfx.decide.criteria.rate_rule import RateRule
@@ -92,17 +92,19 @@ class StrainRate(Criterion):
         """
         owner = "StrainRate"
         if not isinstance(self.tol, Relative) and not number(owner, "tol", self.tol) >= 0:
-            raise SceneError(f"StrainRate: tol must be ≥ 0, got {self.tol!r}.")
+            raise SceneError(f"StrainRate: tol must be ≥ 0, got {shown(self.tol)}.")
         if not isinstance(self.window, str) or self.window != "auto":
             if isinstance(self.window, str):
                 raise SceneError(
-                    f"StrainRate: window must be a time in s or 'auto', got {self.window!r}."
+                    f"StrainRate: window must be a time in s or 'auto', got {shown(self.window)}."
                 )
             positive(owner, "window", self.window)
         if self.measure == "printed":  # its former name
             object.__setattr__(self, "measure", "paper")
         if self.measure not in ("rms", "paper"):
-            raise SceneError(f"StrainRate: measure must be 'rms' or 'paper', got {self.measure!r}.")
+            raise SceneError(
+                f"StrainRate: measure must be 'rms' or 'paper', got {shown(self.measure)}."
+            )
         named = isinstance(self.tolerances, Mapping)
         if not named or not all(isinstance(name, str) for name in self.tolerances):
             raise SceneError(
@@ -111,25 +113,29 @@ class StrainRate(Criterion):
             )
         for name, tol in self.tolerances.items():
             if not number(owner, f"the tolerance of '{name}'", tol) >= 0:
-                raise SceneError(f"StrainRate: the tolerance of '{name}' must be ≥ 0, got {tol!r}.")
+                raise SceneError(
+                    f"StrainRate: the tolerance of '{name}' must be ≥ 0, got {shown(tol)}."
+                )
         object.__setattr__(self, "never", never_rigid(owner, self.never))
         whole(owner, "min_cells", self.min_cells, least=1)
         listed = isinstance(self.release, (Release, Sequence))
         if not listed or not all(isinstance(release, Release) for release in self.releases):
-            raise SceneError(f"StrainRate: release must be Release records, got {self.release!r}.")
+            raise SceneError(
+                f"StrainRate: release must be Release records, got {shown(self.release)}."
+            )
         positive(owner, "load_change", self.load_change, infinite=True)
         if self.wake not in ("all", "local", "none"):
             raise SceneError(
-                f"StrainRate: wake must be 'all', 'local' or 'none', got {self.wake!r}."
+                f"StrainRate: wake must be 'all', 'local' or 'none', got {shown(self.wake)}."
             )
         if not number(owner, "kappa", self.kappa) >= 1:
-            raise SceneError(f"StrainRate: kappa must be ≥ 1, got {self.kappa!r}.")
+            raise SceneError(f"StrainRate: kappa must be ≥ 1, got {shown(self.kappa)}.")
         if not number(owner, "patience", self.patience) >= 1:
-            raise SceneError(f"StrainRate: patience must be ≥ 1, got {self.patience!r}.")
+            raise SceneError(f"StrainRate: patience must be ≥ 1, got {shown(self.patience)}.")
         since = number(owner, "since", self.since)
         if not max(since, 0.0) < number(owner, "until", self.until, infinite=True):
             raise SceneError(
-                f"StrainRate: needs since < until, got {self.since!r} … {self.until!r}."
+                f"StrainRate: needs since < until, got {shown(self.since)} … {self.until!r}."
             )
         # In one order on all ranks, as the sets are looked up on all at a time.
         object.__setattr__(self, "tolerances", dict(sorted(self.tolerances.items())))

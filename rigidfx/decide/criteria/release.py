@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from rigidfx.base.errors import SceneError
-from rigidfx.base.inputs import number
+from rigidfx.base.inputs import number, shown
 from rigidfx.base.taken import taken
 
 __all__ = ["Release"]
@@ -42,12 +42,14 @@ class Release:
         times = tuple(at) if several else (at,)
         for t in times:
             if not number("Release", "at", t) > 0:
-                raise SceneError(f"Release: at must be later than the start, got {t!r}.")
+                raise SceneError(f"Release: at must be later than the start, got {shown(t)}.")
         object.__setattr__(self, "at", tuple(number("Release", "at", t) for t in times))
         if self.where is not None and not isinstance(self.where, str):
-            raise SceneError(f"Release: where must be the name of a set, got {self.where!r}.")
+            raise SceneError(f"Release: where must be the name of a set, got {shown(self.where)}.")
         if self.when is not None and not callable(self.when):
-            raise SceneError(f"Release: when must be a function of a report, got {self.when!r}.")
+            raise SceneError(
+                f"Release: when must be a function of a report, got {shown(self.when)}."
+            )
         if not self.times and self.when is None:
             raise SceneError("Release: name a time (at) or a condition (when).")
 

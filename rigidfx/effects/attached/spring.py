@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
-from rigidfx.base.inputs import numbers
+from rigidfx.base.inputs import numbers, shown
 from rigidfx.effects.action import Action, Array, Structure
 from rigidfx.effects.attached.grounded import Grounded, GroundedBodies
 from rigidfx.effects.base import Effect
@@ -163,6 +163,6 @@ def _tensor(where: str, name: str, value: Stiffness) -> npt.NDArray[np.float64]:
     if not good:
         raise SceneError(
             f"Spring on '{where}': {name} must be a number ≥ 0, three of them, or a symmetric 3×3 "
-            f"matrix without negative eigenvalue, got {value!r}."
+            f"matrix without negative eigenvalue, got {shown(value)}."
         )
     return tensor

@@ -162,7 +162,9 @@ class Round(Obstacle):
         vector(self, "centre", self.centre)
         positive(self.kind, "radius", self.radius)
         if not isinstance(self.inside, (bool, np.bool_)):
-            raise SceneError(f"{self.kind}: inside must be True or False, got {self.inside!r}.")
+            raise SceneError(
+                f"{self.kind}: inside must be True or False, got {shown(self.inside)}."
+            )
 
     @property
     def _sign(self) -> float:

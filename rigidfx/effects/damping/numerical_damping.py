@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from rigidfx.base.errors import SceneError
-from rigidfx.base.inputs import number
+from rigidfx.base.inputs import number, shown
 from rigidfx.effects.base import Windowed
 
 __all__ = ["NumericalDamping"]
@@ -31,7 +31,7 @@ class NumericalDamping(Windowed):
         """
         super().__post_init__()
         if not 0 <= number("NumericalDamping", "xi", self.xi) <= 0.5:
-            raise SceneError(f"NumericalDamping: xi must lie in [0, 1/2], got {self.xi!r}.")
+            raise SceneError(f"NumericalDamping: xi must lie in [0, 1/2], got {shown(self.xi)}.")
 
     @property
     def numerical_damping(self) -> float:

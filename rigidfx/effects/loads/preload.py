@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from rigidfx.base.errors import SceneError
-from rigidfx.base.inputs import whole
+from rigidfx.base.inputs import shown, whole
 from rigidfx.effects.base import Effect
 from rigidfx.effects.loads.dead_load import DeadLoad
 
@@ -40,7 +40,7 @@ class Preload(Effect):
         listed = isinstance(given, Iterable) and not isinstance(given, Set)
         loads = tuple(given) if listed else ()
         if not loads or not all(isinstance(load, DeadLoad) for load in loads):
-            raise SceneError(f"Preload: loads must be one or more dead loads, got {given!r}.")
+            raise SceneError(f"Preload: loads must be one or more dead loads, got {shown(given)}.")
         object.__setattr__(self, "loads", loads)
         increments = whole("Preload", "increments", self.increments, least=1)
         object.__setattr__(self, "increments", increments)

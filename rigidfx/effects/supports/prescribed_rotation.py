@@ -52,7 +52,7 @@ class PrescribedRotation(GuidedSupport):
         """
         super().__post_init__()
         if not vector(self, "axis", self.axis).any():
-            raise SceneError(f"{self.owner}: axis must be a direction, got {self.axis!r}.")
+            raise SceneError(f"{self.owner}: axis must be a direction, got {shown(self.axis)}.")
         vector(self, "through", self.through)
         for name in ("angle", "speed"):
             f = getattr(self, name)

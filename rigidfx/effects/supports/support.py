@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError, together
+from rigidfx.base.inputs import shown
 from rigidfx.effects.base import Windowed, check_vector
 from rigidfx.effects.fields import some_points
 
@@ -48,7 +49,7 @@ class Support(Windowed):
         if not isinstance(c, str) or not c or set(c) - set("xyz") or len(set(c)) != len(c):
             raise SceneError(
                 f"{type(self).__name__} on '{self.where}': components must be some of 'xyz', "
-                f"each once, got {c!r}."
+                f"each once, got {shown(c)}."
             )
 
     @property

@@ -26,6 +26,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from rigidfx.base.errors import SceneError, agree
+from rigidfx.base.inputs import shown
 from rigidfx.base.warning import warn
 from rigidfx.step.linear.asked_options import asked
 from rigidfx.step.linear.linear_solver import PREFIX, default_options
@@ -80,12 +81,12 @@ class SolverOptions:
         if not isinstance(self.options, Mapping):
             raise SceneError(
                 "simulate: petsc_options must be a dict of PETSc's options without a prefix, such "
-                f"as {{'ksp_type': 'gmres'}}, got {self.options!r}."
+                f"as {{'ksp_type': 'gmres'}}, got {shown(self.options)}."
             )
         if self.monitor is not None and not callable(self.monitor):
             raise SceneError(
                 "simulate: monitor must be a function of the number of an iterate and its "
-                f"residual, got {self.monitor!r}."
+                f"residual, got {shown(self.monitor)}."
             )
         values = {name: _text(name, value) for name, value in self.options.items()}
         object.__setattr__(self, "options", MappingProxyType(values))
@@ -205,7 +206,9 @@ def _text(name: Any, value: Any) -> str:
         return "true" if value else "false"
     if isinstance(value, (str, int, float, np.number)):
         return str(value)
-    raise SceneError(f"simulate: petsc_options: {name} must be a text or a number, got {value!r}.")
+    raise SceneError(
+        f"simulate: petsc_options: {name} must be a text or a number, got {shown(value)}."
+    )
 
 
 def _number(value: str) -> float:
