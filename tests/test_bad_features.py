@@ -82,6 +82,17 @@ class Kinked:
         return (0.0, 0.0, 0.0)
 
 
+class Unkinked:
+    """A path at rest that fails where it is asked for its breakpoints."""
+
+    @property
+    def breakpoints(self):
+        raise KeyError("no file")
+
+    def __call__(self, t):
+        return (0.0, 0.0, 0.0)
+
+
 @dataclass(frozen=True)
 class Told(Obstacle):
     """An obstacle of a user's own, whose gap is what a function tells."""
@@ -191,6 +202,10 @@ CASES = {
     "kinks at no number": (
         lambda: _moving(Kinked([nan])),
         "among the breakpoints of the path of against: t must be a finite number, got nan",
+    ),
+    "kinks that cannot be named": (
+        lambda: _moving(Unkinked()),
+        "the attribute breakpoints of the path of against must be a list of instants, got None",
     ),
     "kinks that are no list": (
         lambda: _moving(Kinked(3)),
@@ -344,6 +359,10 @@ APART = {
     "relative tolerance": (
         lambda k: _run(criterion=rf.StrainRate(rf.Relative(0.1 + 0.1 * k), 0.1)),
         "simulate: rigidify",
+    ),
+    "no cells but the same ones": (
+        lambda k: rf.from_arrays(np.argwhere(np.ones((2, 2, 2)))[:, ::-1], [range(8)]),
+        "from_arrays: ranks 0 and 1 give the same cells, so that each would be there twice",
     ),
     "integration points": (
         lambda k: rf.Recorder(_scene(), "nowhere", integration_points=bool(k)),

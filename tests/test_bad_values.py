@@ -903,7 +903,7 @@ CASES = {
     ),
     "box numpy true": (
         lambda: rf.box((0, 0, 0), (1, 1, 1), np.array([True, True, True])),
-        "box: cells must be three whole numbers ≥ 1, got [ True  True ",
+        "box: cells must be three whole numbers ≥ 1, got array([ True,  True,  True])",
     ),
     "box floats": (
         lambda: rf.box((0, 0, 0), (1, 1, 1), (1.0, 1.0, 1.0)),
@@ -924,6 +924,14 @@ CASES = {
     "box two": (
         lambda: rf.box((0, 0, 0), (1, 1, 1), (1, 1)),
         "box: cells must be three whole numbers ≥ 1, got (1, 1).",
+    ),
+    "box of more cells than are counted": (
+        lambda: rf.box((0, 0, 0), (1, 1, 1), (10**6, 10**6, 10**6)),
+        "box: (1000000, 1000000, 1000000) cells are more than the 2147483647 that are counted",
+    ),
+    "order of 5000 digits": (
+        lambda: _scene(order=10**5000),
+        "Scene: order must be 1 or 2, got something of type int",
     ),
     "box four": (
         lambda: rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1, 1)),

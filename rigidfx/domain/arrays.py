@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import operator
 from collections.abc import Sequence
 from math import prod
@@ -57,7 +58,7 @@ def box(
     except (TypeError, ValueError):
         raise SceneError(
             "box: lower and upper must be three numbers each and cells three whole numbers, got "
-            f"{lower!r}, {upper!r}, {cells!r}."
+            f"{shown(lower)}, {shown(upper)}, {shown(cells)}."
         ) from None
     finite = a.shape == b.shape == (3,) and bool(np.isfinite([a, b]).all())
     if not finite or not np.all(b > a):
@@ -66,11 +67,10 @@ def box(
             f"in all of x, y, z; got {shown(lower)}, {shown(upper)}."
         )
     truth = any(isinstance(n, (bool, np.bool_)) for n in given)
-    if truth or len(counts) != 3 or not 1 <= min(counts) <= prod(counts) <= MOST:
-        raise SceneError(
-            f"box: cells must be three whole numbers ≥ 1, of {MOST} cells at most, got "
-            f"{shown(cells)}."
-        )
+    if truth or len(counts) != 3 or min(counts) < 1:
+        raise SceneError(f"box: cells must be three whole numbers ≥ 1, got {shown(cells)}.")
+    if prod(counts) > MOST:
+        raise SceneError(f"box: {shown(cells)} cells are more than the {MOST} that are counted.")
     kinds = {kind.name: kind for kind in CELLS}
     if not isinstance(cell, str) or cell not in kinds:
         raise SceneError(f"box: cell must be one of {sorted(kinds)}, got {shown(cell)}.")
@@ -106,8 +106,8 @@ def from_arrays(
         comm: Communicator of the mesh.
 
     Raises:
-        SceneError: If shapes, kinds or numbers do not fit, a cell is there twice, nodes on edges
-            are in another order, or cells are inverted or flat.
+        SceneError: If shapes, kinds or numbers do not fit, a cell is there twice, two ranks give
+            the same cells, nodes on edges are in another order, or cells are inverted or flat.
     """
     known = {"hexahedron": (8,), "tetrahedron": (4, 10)}
     if not isinstance(cell, str) or cell not in known:
@@ -119,11 +119,25 @@ def from_arrays(
     width = comm.allreduce(table.shape[1] if table.size else 0, op=MPI.MAX) or known[cell][0]
     order = FROM_VTK if width == len(FROM_VTK) else tuple(range(width))
     rows = table.astype(np.int64).reshape(-1, width)[:, order]
-    some = comm.allreduce(len(rows)) > 0
-    agree(comm, None if some else "from_arrays: there are no cells.")
+    given = comm.allgather(hashlib.sha1(rows.tobytes()).digest() if rows.size else b"")
+    agree(comm, _repeated(given))
     degree = 2 if width == len(FROM_VTK) else 1
     element = basix.ufl.element("Lagrange", cell, degree, shape=(3,))
     return Domain(compat.create_mesh(comm, rows, x, ufl.Mesh(element)))
+
+
+def _repeated(given: Sequence[bytes]) -> str | None:
+    """What is wrong with the cells of ranks, by their digests, empty where there are none."""
+    some = [rank for rank, digest in enumerate(given) if digest]
+    if not some:
+        return "from_arrays: there are no cells."
+    for rank in some:
+        if (first := given.index(given[rank])) < rank:
+            return (
+                f"from_arrays: ranks {first} and {rank} give the same cells, so that each would be "
+                "there twice. Give points and cells on one rank, and empty arrays on all others."
+            )
+    return None
 
 
 def _misfit(points: npt.ArrayLike, cells: npt.ArrayLike, corners: tuple[int, ...]) -> str | None:
