@@ -40,6 +40,16 @@ def _run(*effects, dt=0.1, criterion=None, **options):
         pass
 
 
+def _overlapping():
+    """Two cells, of which one, with all of the skin, is in the other; given on one rank."""
+    cube = np.argwhere(np.ones((2, 2, 2)))[:, ::-1]
+    points, cells = np.vstack([cube, cube + 0.5]), np.arange(16).reshape(2, 8)
+    mine = slice(None) if COMM.rank == 0 else slice(0)
+    return rf.from_arrays(points[mine], cells[mine]).with_facets(
+        "skin", lambda x: (x < 1 + 1e-9).all(axis=0)
+    )
+
+
 def _contact(where="z0", **options):
     return rf.Contact(where, **{"against": BELOW} | options)
 
@@ -129,6 +139,10 @@ def _other_mesh():
 CASES = {
     "contact with a class": (lambda: _contact(against=rf.Plane), "against must be a Plane"),
     "contact with itself": (lambda: _scene(_contact(against="z0")), "is flat, so it does not meet"),
+    "contact of a skin that some ranks have nothing of": (
+        lambda: rf.Scene(_overlapping(), SOFT, [_contact("skin", against="skin")]),
+        "Contact on 'skin': the mesh overlaps itself at (",
+    ),
     "contact with cells": (lambda: _scene(_contact(against="a")), "there are no facets named 'a'"),
     "contact of a plane": (lambda: rf.Contact(BELOW, against="z0"), "where must be the name"),
     "contact, several": (lambda: _contact(["z0", "z1"]), "where must be the name of a set"),

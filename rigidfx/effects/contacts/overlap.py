@@ -39,11 +39,12 @@ def refuse_overlap(scene: Any, where: str, owner: str) -> None:
     dofs, number = dofmap.list, dofmap.index_map.local_to_global
     on = X[triangles].mean(axis=1)
     inside = on + INSIDE * (X[dofs[cells]].mean(axis=1) - on)
-    of_cells = number(dofs[cells].reshape(-1).astype(np.int32)).reshape(cells.size, -1)
+    each = dofs.shape[1]  # a rank may have none of the facets, or no cell at all
+    of_cells = number(dofs[cells].reshape(-1).astype(np.int32)).reshape(-1, each)
     points = np.concatenate(comm.allgather(inside))
     nodes = np.concatenate(comm.allgather(of_cells))
     point, cell = _hits(scene.mesh, points)
-    hit = number(dofs[cell].reshape(-1).astype(np.int32)).reshape(cell.size, -1)
+    hit = number(dofs[cell].reshape(-1).astype(np.int32)).reshape(-1, each)
     shared = np.zeros(point.size, dtype=bool)
     for a in range(hit.shape[1]):  # nodes of one cell
         shared |= (nodes[point] == hit[:, a, None]).any(axis=1)
