@@ -43,7 +43,7 @@ def _run(*effects, dt=0.1, criterion=None, **options):
 def _overlapping():
     """Two cells, of which one, with all of the skin, is in the other; given on one rank."""
     cube = np.argwhere(np.ones((2, 2, 2)))[:, ::-1]
-    points, cells = np.vstack([cube, cube + 0.5]), np.arange(16).reshape(2, 8)
+    points, cells = np.vstack([cube, cube + 0.2]), np.arange(16).reshape(2, 8)
     mine = slice(None) if COMM.rank == 0 else slice(0)
     return rf.from_arrays(points[mine], cells[mine]).with_facets(
         "skin", lambda x: (x < 1 + 1e-9).all(axis=0)
