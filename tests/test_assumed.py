@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from test_enhanced import MATERIAL, SPIN, Forces, drifts, imbalance
 
 import rigidfx as rf
+from rigidfx.base.compat import cell_geometry_dofs
 from rigidfx.domain.thickness import thickness_axes
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.stress import CauchyStress
@@ -332,7 +333,7 @@ def test_the_thickness_goes_on_through_layers():
     """From one side of three layers to the other, and no farther than the named part."""
     domain = rf.box((0, 0, 0), (4, 1, 1), (4, 1, 3), comm=MPI.COMM_SELF)
     domain = domain.with_facets("half", lambda x: (x[2] > 1 - 1e-9) & (x[0] < 2 + 1e-9))
-    middles = domain.mesh.geometry.x[domain.mesh.geometry.dofmap].mean(axis=1)
+    middles = domain.mesh.geometry.x[cell_geometry_dofs(domain.mesh)].mean(axis=1)
     np.testing.assert_array_equal(thickness_axes(domain, "half"), np.where(middles[:, 0] < 2, 3, 0))
 
 
