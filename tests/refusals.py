@@ -80,4 +80,4 @@ def check_on_two_ranks(script, cases):
     assert found.keys() == cases.keys()
     for name, (_, message) in cases.items():
         assert found[name][0] == "SceneError", (name, found[name])
-        assert message in found[name][1]
+        assert message in found[name][1], (name, found[name])

@@ -98,8 +98,10 @@ def digest(value: Any) -> bytes:
 
 def _plain(value: Any) -> Any:
     """What can be compared of a value."""
-    if value is None or isinstance(value, (bool, int, float, complex, str, bytes)):
+    if value is None or isinstance(value, (bool, float, complex, str, bytes)):
         return value
+    if isinstance(value, int):
+        return hex(value)  # Python writes no more than 4300 decimal digits
     if isinstance(value, os.PathLike):
         return os.fspath(value)
     if isinstance(value, (np.ndarray, np.generic)):

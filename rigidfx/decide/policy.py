@@ -201,7 +201,8 @@ class Policy:
         resolution = self._timeline.resolution
         if t <= criterion.since + resolution or t >= criterion.until - resolution:
             return False
-        return bool(t - self.memory.window.start + resolution >= self.rule.length())
+        over = t - self.memory.window.start + resolution >= self.rule.length()
+        return bool(self._graph.comm.allreduce(bool(over), op=MPI.LAND))  # a rank's may have failed
 
     def _freeze(self, seen: Observation) -> Decision:
         """Freeze what has qualified in the window. Collective."""
