@@ -35,7 +35,7 @@ from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.report.account import Account, beginning
 from rigidfx.report.energy_balance import EnergyBalance
 from rigidfx.report.events import Event
-from rigidfx.report.ledger import Ledgers, Rigidity
+from rigidfx.report.ledger import Ledgers
 from rigidfx.report.lumping import LumpedInertia
 from rigidfx.report.probes import Probes
 from rigidfx.report.report import Report, amended, report_of, with_ledger
@@ -114,10 +114,9 @@ def simulate(
         timeline = Timeline(control.largest, t_end, control.least)
     else:
         timeline = Timeline(dt, t_end)  # type: ignore[arg-type]
-        timeline.stop_at(scene.breakpoints)
     if isinstance(rigidify, Accuracy) or not isinstance(rigidify, Criterion | None):
         raise SceneError(f"simulate: rigidify must be a StrainRate, got {shown(rigidify)}.")
-    criterion = rigidify if accuracy is None else accuracy.watching(scene)
+    criterion = rigidify if accuracy is None else accuracy
     if criterion is not None and not scene.scheme.couples:
         raise SceneError(
             f"simulate: {type(scene.scheme).__name__} does not couple to rigid bodies; take "
@@ -129,14 +128,14 @@ def simulate(
     with solver.at_work(), heard(scene.comm, verbose):
         began = perf_counter()
         run, impact = prepare(scene, timeline, criterion, control)
-        run = replace(run, idle=None if accuracy is None else accuracy.idle)
         tell(scene.comm, beginning(scene, run.stepper.unknowns, t_end, perf_counter() - began))
+    if control is None:
+        timeline.stop_at(scene.breakpoints)
     reports = _reports(run, impact, (progress, verbose), solver)
-    if accuracy is None or control is None:
+    if accuracy is None or control is None or run.policy is None:
         return reports
-    rule = None if run.policy is None else run.policy.rule
     twin = partial(simulate, scene, accuracy.finer(control), t_end, petsc_options=petsc_options)
-    return accuracy.followed(reports, scene, rule, twin)
+    return accuracy.followed(reports, scene, run.policy.rule, twin)
 
 
 def _unheard(iteration: int, norm: float) -> None:
@@ -156,7 +155,6 @@ class Run:
         shadow: What bodies withhold; None if forces wake none.
         touch: What foresees the first touch of a contact.
         ledgers: What has been spent of accuracy; None if nothing estimates it.
-        idle: What rigidity does to the motion where nothing may become rigid, if that is told.
     """
 
     timeline: Timeline
@@ -167,7 +165,6 @@ class Run:
     shadow: Shadow | None
     touch: FirstTouch
     ledgers: Ledgers | None
-    idle: Rigidity | None = None
 
     def target(self) -> float:
         """Time at which the next step is to end [s]."""
@@ -210,6 +207,15 @@ class Run:
         seen = Observation(self.stepper, dt)
         return self._switched(policy, policy.woken(seen, strained, why), seen)
 
+    def __enter__(self) -> Run:
+        """Nothing to do: what it has was made before."""
+        return self
+
+    def __exit__(self, *of_error: object) -> None:
+        """Free what the shadow has of PETSc. Collective."""
+        if self.shadow is not None:
+            self.shadow.destroy()
+
     def ahead(self, target: float) -> list[Event]:
         """Decide before a step and switch; what happened. Collective."""
         state, policy = self.stepper.state, self.policy
@@ -234,12 +240,8 @@ class Run:
         if self.ledgers is None:
             return report
         withheld = np.nan if self.shadow is None else self.shadow.withheld
-        periods, rigidity = (0.0, self.idle) if self.policy is None else self.policy.spent(report.t)
-        if self.stepper.control is not None:
-            energy, taken = report.energy - report.contact, sum(report.dissipated.values())
-            rest = None if rigidity is None else rigidity.rest
-            self.stepper.control.learn(energy, taken, report.dt, rest)
-        return with_ledger(report, self.ledgers, withheld, periods, rigidity)
+        spent = (0.0, None) if self.policy is None else self.policy.spent(report.t)
+        return with_ledger(report, self.ledgers, withheld, *spent)
 
     def _switched(
         self, policy: Policy, decision: Decision | None, seen: Observation
@@ -309,13 +311,11 @@ def _reports(
     account = Account(stepper.scene.comm)
     with (
         stepper,
-        ExitStack() as freed,
+        run,
         heard(stepper.scene.comm, shown[1]),
         account,
         progress_bar(stepper.scene.comm, timeline.t_end, shown[0]) as bar,
     ):
-        if run.shadow is not None:
-            freed.callback(run.shadow.destroy)
         report = report_of(0, stepper, run.probes, None, impact, run.shadow)
         report = replace(report, reactions=switch.held[0], reaction_moments=switch.held[1])
         report = run.accounted(report)
