@@ -13,6 +13,7 @@ from petsc4py import PETSc
 
 from rigidfx.step.equations.equations import Equilibrium
 from rigidfx.step.linear.linear_solver import PREFIX, default_options
+from rigidfx.step.newton.krylov import Krylov
 from rigidfx.step.newton.motions import rigid_motions
 
 __all__ = ["Multigrid"]
@@ -30,7 +31,7 @@ DEFAULTS = {
 }
 
 
-class Multigrid:
+class Multigrid(Krylov):
     """GMRES preconditioned by smoothed aggregation; `destroy` frees it.
 
     Options of PETSc's are understood under the prefix `rigidfx_multigrid_`.
@@ -59,16 +60,6 @@ class Multigrid:
         self._ksp.getPC().setType(PETSc.PC.Type.GAMG)
         with default_options(OWN, **DEFAULTS):
             self._ksp.setFromOptions()
-
-    @property
-    def name(self) -> str:
-        """Its name in reports."""
-        return f"{self._ksp.getType()}+{self._ksp.getPC().getType()}"
-
-    @property
-    def iterations(self) -> int:
-        """How many the last solve took."""
-        return int(self._ksp.getIterationNumber())
 
     def renew(self) -> None:
         """Take note of a new tangent, at the last iterate of the equations. Collective."""
