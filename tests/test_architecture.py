@@ -25,6 +25,7 @@ FLOW = [
     "report",
     "decide",
     "switch",
+    "run",
     "simulation",
     "output",
     "plot",

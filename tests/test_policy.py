@@ -10,8 +10,8 @@ import pytest
 import rigidfx as rf
 from rigidfx.decide.criteria.observation import Observation
 from rigidfx.report.report import report_of
+from rigidfx.run import prepare
 from rigidfx.scene.timeline import Timeline
-from rigidfx.simulation import prepare
 
 pytestmark = pytest.mark.filterwarnings("ignore:StrainRate. the window:rigidfx.RigidfxWarning")
 

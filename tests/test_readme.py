@@ -152,7 +152,7 @@ def test_links_and_pictures_exist(path):
 @pytest.mark.parametrize("path", TEXTS, ids=lambda path: path.stem)
 def test_files_and_modules_exist(path):
     """From the project's folder, or from the package's, as in the page on theory."""
-    named = re.findall(r"`((?:\w+/)+(?:\w+\.py)?|(?:simulation|state)\.py)", TEXTS[path])
+    named = re.findall(r"`((?:\w+/)+(?:\w+\.py)?|(?:run|simulation|state)\.py)", TEXTS[path])
     for file in named:
         if not file.startswith("out/"):  # left by a run
             assert (ROOT / file).exists() or (ROOT / "rigidfx" / file).exists(), file

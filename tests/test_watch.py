@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 import rigidfx as rf
+from rigidfx.run import prepare
 from rigidfx.scene.timeline import Timeline
-from rigidfx.simulation import prepare
 from rigidfx.step.watches.watch import Watch
 
 

@@ -19,8 +19,8 @@ from scipy.sparse import csc_array, csr_array, diags_array
 from scipy.sparse.linalg import SuperLU, splu
 
 import rigidfx as rf
+from rigidfx.run import prepare
 from rigidfx.scene.timeline import Timeline
-from rigidfx.simulation import prepare
 
 __all__ = ["Oracle", "judged_oracle"]
 

@@ -1,0 +1,190 @@
+"""What takes part in a run: how it is prepared, and what its parts do before and after a step."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from dataclasses import dataclass
+
+import numpy as np
+
+from rigidfx.base.failures import Failures
+from rigidfx.decide.criteria.heeded import heeded_indicator
+from rigidfx.decide.criteria.judging import Criterion
+from rigidfx.decide.criteria.observation import Observation
+from rigidfx.decide.decision import Decision
+from rigidfx.decide.policy import CHECKED, FORESEEN, Policy
+from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.report.events import Event
+from rigidfx.report.ledger import Ledgers
+from rigidfx.report.probes import Probes
+from rigidfx.report.report import Report, with_ledger
+from rigidfx.scene.scene import Scene
+from rigidfx.scene.step_control import StepControl
+from rigidfx.scene.timeline import Timeline
+from rigidfx.shadow.motion import Strained
+from rigidfx.shadow.shadow import Shadow
+from rigidfx.state import State
+from rigidfx.step.first_touch import FirstTouch
+from rigidfx.step.length.time_control import TimeControl
+from rigidfx.step.stepper import Stepper, StepResult
+from rigidfx.step.system.supports import Impact
+from rigidfx.switch.switch import Switch
+
+__all__ = ["Run", "prepare"]
+
+
+@dataclass(frozen=True)
+class Run:
+    """What takes part in a run.
+
+    Attributes:
+        timeline: Where steps end.
+        stepper: Makes steps.
+        switch: Applies decisions, and follows effects that begin or end.
+        policy: Decides what becomes rigid and flexible; None if nothing does.
+        probes: Points that are reported.
+        shadow: What bodies withhold; None if forces wake none.
+        touch: What foresees the first touch of a contact.
+        ledgers: What has been spent of accuracy; None if nothing estimates it.
+    """
+
+    timeline: Timeline
+    stepper: Stepper
+    switch: Switch
+    policy: Policy | None
+    probes: Probes
+    shadow: Shadow | None
+    touch: FirstTouch
+    ledgers: Ledgers | None
+
+    def target(self) -> float:
+        """Time at which the next step is to end [s]."""
+        t, control = self.stepper.state.t, self.stepper.control
+        return self.timeline.next(t) if control is None else control.target(t)
+
+    def advance(self, target: float) -> tuple[StepResult, list[Event]]:
+        """Advance to the target time, or towards it; where bodies wake, once more. Collective.
+
+        Args:
+            target: Time at which the step is to end [s].
+
+        Returns:
+            What the step did, and what happened in it.
+        """
+        stepper, policy, shadow = self.stepper, self.policy, self.shadow
+        if policy is None:
+            return stepper.accept(stepper.attempt(target)), []
+        t, dt = stepper.state.t, target - stepper.state.t
+        events: list[Event] = []
+        if shadow is not None:
+            events = self._woken(policy, shadow.ahead(t, dt, policy.rule.limits()), FORESEEN, dt)
+        attempt = stepper.attempt(target)
+        if shadow is None:
+            seen = Observation(stepper, attempt.dt)
+            checked = self._switched(policy, policy.struck(seen, stepper.touches()), seen)
+        else:
+            found = shadow.look(t, attempt.dt, policy.rule.limits())
+            checked = self._woken(policy, found, CHECKED, attempt.dt)
+        if checked:
+            attempt = stepper.attempt(attempt.end, again=True)
+            if shadow is not None:
+                shadow.look(t, attempt.dt, policy.rule.limits())
+        return stepper.accept(attempt), [*events, *checked]
+
+    def _woken(self, policy: Policy, strained: Strained | None, why: str, dt: float) -> list[Event]:
+        """Let cells wake before a step, or before it is solved again. Collective."""
+        if strained is None:
+            return []
+        seen = Observation(self.stepper, dt)
+        return self._switched(policy, policy.woken(seen, strained, why), seen)
+
+    def __enter__(self) -> Run:
+        """Nothing to do: what it has was made before."""
+        return self
+
+    def __exit__(self, *of_error: object) -> None:
+        """Free what the shadow has of PETSc. Collective."""
+        if self.shadow is not None:
+            self.shadow.destroy()
+
+    def ahead(self, target: float) -> list[Event]:
+        """Decide before a step and switch; what happened. Collective."""
+        state, policy = self.stepper.state, self.policy
+        if policy is None:
+            return []
+        seen = Observation(self.stepper, target - state.t)
+        return self._switched(policy, policy.ahead(seen, (state.t + target) / 2), seen)
+
+    def after(self, report: Report) -> tuple[list[Event], float]:
+        """Decide after a step and switch; what happened, and how close it was. Collective."""
+        policy = self.policy
+        if policy is None:
+            return [], np.nan
+        seen = Observation(self.stepper, report.dt)
+        policy.observe(seen)
+        decision = policy.after(seen, report)
+        closeness = np.nan if decision is None else decision.closeness
+        return self._switched(policy, decision, seen), closeness
+
+    def accounted(self, report: Report) -> Report:
+        """A report with its ledger, if there is one. Collective."""
+        if self.ledgers is None:
+            return report
+        withheld = np.nan if self.shadow is None else self.shadow.withheld
+        spent = (0.0, None) if self.policy is None else self.policy.spent(report.t)
+        return with_ledger(report, self.ledgers, withheld, *spent)
+
+    def _switched(
+        self, policy: Policy, decision: Decision | None, seen: Observation
+    ) -> list[Event]:
+        if decision is None:
+            return []
+        event = self.switch.apply(decision)
+        policy.applied(decision, seen, event is not None)
+        return [] if event is None else [event]
+
+
+def prepare(
+    scene: Scene,
+    timeline: Timeline,
+    rigidify: Criterion | None = None,
+    control: StepControl | None = None,
+) -> tuple[Run, Impact | None]:
+    """Prepare a run up to its first step; its stepper is to be closed. Collective.
+
+    Args:
+        scene: The problem.
+        timeline: Where steps end.
+        rigidify: When parts become rigid and flexible again; no part does if None.
+        control: How Δt is chosen; the timeline says it if None.
+
+    Returns:
+        The run, and the velocity that supports have imposed at the start, if they have.
+
+    Raises:
+        SceneError: If the initial state is in conflict.
+        StepError: If a static preload does not converge.
+    """
+    for support, _ in scene.supports:
+        support.check_run(scene, timeline.t_end)
+    probes, state = Probes(scene), State(scene)
+    starts = {0.0, *(t for t in scene.breakpoints if t > 0)}
+    acting = [scene.acting(timeline.after(t)) for t in sorted(starts, reverse=True)]
+    forces, failures = InternalForces(scene, state.u, acting), Failures(scene.comm)
+    indicator = None if rigidify is None else heeded_indicator(rigidify, scene, forces, failures)
+    chooses = None if control is None else TimeControl(scene, control, timeline)
+    stepper = Stepper(scene, state, forces, indicator, chooses, failures)
+    with ExitStack() as stack:
+        stack.callback(stepper.close)
+        switch = Switch(stepper, timeline)
+        impact = switch.begin()
+        policy = None if rigidify is None else Policy(scene, rigidify, timeline, failures)
+        shadow = None
+        if rigidify is not None and policy is not None and rigidify.wake == "local":
+            measure = heeded_indicator(rigidify, scene, forces, failures)
+            shadow = Shadow(stepper, measure, rigidify.settling, policy.named.in_pieces)
+            stepper.watches.append(shadow)
+        ledgers = None if shadow is None and control is None else Ledgers(stepper)
+        stack.pop_all()
+    touch = FirstTouch(stepper)
+    return Run(timeline, stepper, switch, policy, probes, shadow, touch, ledgers), impact
