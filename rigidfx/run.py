@@ -15,7 +15,7 @@ from rigidfx.decide.decision import Decision
 from rigidfx.decide.policy import CHECKED, FORESEEN, Policy
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.report.events import Event
-from rigidfx.report.ledger import Ledgers
+from rigidfx.report.ledger import Ledgers, Rigidity
 from rigidfx.report.probes import Probes
 from rigidfx.report.report import Report, with_ledger
 from rigidfx.scene.scene import Scene
@@ -46,6 +46,7 @@ class Run:
         shadow: What bodies withhold; None if forces wake none.
         touch: What foresees the first touch of a contact.
         ledgers: What has been spent of accuracy; None if nothing estimates it.
+        idle: What rigidity does to the motion where nothing may become rigid, if that is told.
     """
 
     timeline: Timeline
@@ -56,6 +57,7 @@ class Run:
     shadow: Shadow | None
     touch: FirstTouch
     ledgers: Ledgers | None
+    idle: Rigidity | None = None
 
     def target(self) -> float:
         """Time at which the next step is to end [s]."""
@@ -131,8 +133,12 @@ class Run:
         if self.ledgers is None:
             return report
         withheld = np.nan if self.shadow is None else self.shadow.withheld
-        spent = (0.0, None) if self.policy is None else self.policy.spent(report.t)
-        return with_ledger(report, self.ledgers, withheld, *spent)
+        periods, rigidity = (0.0, self.idle) if self.policy is None else self.policy.spent(report.t)
+        if self.stepper.control is not None:
+            energy, taken = report.energy - report.contact, sum(report.dissipated.values())
+            rest = None if rigidity is None else rigidity.rest
+            self.stepper.control.learn(energy, taken, report.dt, rest)
+        return with_ledger(report, self.ledgers, withheld, periods, rigidity)
 
     def _switched(
         self, policy: Policy, decision: Decision | None, seen: Observation

@@ -98,9 +98,10 @@ def simulate(
         timeline = Timeline(control.largest, t_end, control.least)
     else:
         timeline = Timeline(dt, t_end)  # type: ignore[arg-type]
+        timeline.stop_at(scene.breakpoints)
     if isinstance(rigidify, Accuracy) or not isinstance(rigidify, Criterion | None):
         raise SceneError(f"simulate: rigidify must be a StrainRate, got {shown(rigidify)}.")
-    criterion = rigidify if accuracy is None else accuracy
+    criterion = rigidify if accuracy is None else accuracy.watching(scene)
     if criterion is not None and not scene.scheme.couples:
         raise SceneError(
             f"simulate: {type(scene.scheme).__name__} does not couple to rigid bodies; take "
@@ -112,14 +113,14 @@ def simulate(
     with solver.at_work(), heard(scene.comm, verbose):
         began = perf_counter()
         run, impact = prepare(scene, timeline, criterion, control)
+        run = replace(run, idle=None if accuracy is None else accuracy.idle)
         tell(scene.comm, beginning(scene, run.stepper.unknowns, t_end, perf_counter() - began))
-    if control is None:
-        timeline.stop_at(scene.breakpoints)
     reports = _reports(run, impact, (progress, verbose), solver)
-    if accuracy is None or control is None or run.policy is None:
+    if accuracy is None or control is None:
         return reports
+    rule = None if run.policy is None else run.policy.rule
     twin = partial(simulate, scene, accuracy.finer(control), t_end, petsc_options=petsc_options)
-    return accuracy.followed(reports, scene, run.policy.rule, twin)
+    return accuracy.followed(reports, scene, rule, twin)
 
 
 def _unheard(iteration: int, norm: float) -> None:

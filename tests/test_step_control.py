@@ -16,7 +16,8 @@ import rigidfx as rf
 from rigidfx.plot.ledger import spent
 from rigidfx.scene.points import far_apart
 from rigidfx.scene.timeline import Timeline
-from rigidfx.step.length.step_length import StepLength
+from rigidfx.step.length.forgetting import Forgetting, comes_back
+from rigidfx.step.length.step_length import Moves, StepLength
 from rigidfx.step.length.time_error import TimeError
 
 SOFT = rf.StVenantKirchhoff(E=1e6, nu=0.3, rho=1000.0)
@@ -125,17 +126,49 @@ def test_an_even_error_gets_an_even_step_that_uses_the_budget():
     while t < 10.0:
         dt = length.wanted
         t += dt
-        length.accept(c * dt**3, t, dt, 1.0, False)
+        length.accept(c * dt**3, t, dt, Moves(1.0), False)
         steps.append(dt)
     assert 0.3 * 0.01 < length.spent < 0.01
     assert len(set(steps)) <= 8
+
+
+def test_an_error_that_is_forgotten_allows_longer_steps():
+    """In a long run e/δ is what is left of it, whatever has been added up."""
+    found = []
+    for forgotten in (0.0, 2.0):
+        length, t, c = StepLength(0.01, 100.0, 0.1, 1e-3, 1.0, 1.0, of=1.0), 0.0, 0.02
+        length.forgotten = forgotten
+        while t < 99.0:
+            dt = length.wanted
+            t += dt
+            length.accept(c * dt**3, t, dt, Moves(1.0), False)
+        assert length.spent < 0.01
+        found.append(c * length.wanted**2)
+    assert found[1] / found[0] > 20  # δT = 200, but for the band in which Δt is not changed
+
+
+def test_errors_are_forgotten_where_structures_come_back():
+    """At half of what a drag takes of velocities; of free bodies, and beside obstacles, never."""
+    drag = rf.MassDamping(0.8)
+    swing = rf.Traction("x1", (0, 0, 20.0), until=0.5)
+    last = run(bar(rf.Fixed("x0"), swing, drag), rf.StepControl(0.02, "tip", largest=0.2), 6.0)[-1]
+    sums = [bar(*effects) for effects in ((rf.Fixed("x0"),), (), (rf.Fixed("x0", "xz"),))]
+    assert [comes_back(scene) for scene in sums] == [True, False, False]
+    assert not comes_back(bar(rf.Fixed("x0", until=3.0)))
+    assert not comes_back(bar(rf.Fixed("x0"), rf.MassDamping(0.8, until=3.0)))
+    assert last.ledger.rejected < 5
+    forgetting = Forgetting(bar(rf.Fixed("x0"), drag))
+    for k in range(1000):
+        # Kinetic energy is half of all in the mean, and loses twice what velocities do.
+        forgetting.follow(np.exp(-0.8 * 0.01 * k), 0.5 * 1.6 * np.exp(-0.8 * 0.01 * k) * 0.01, 0.01)
+    assert forgetting.rate == pytest.approx(0.4, rel=1e-2)
 
 
 def test_nothing_divides_by_rest():
     """Nothing moves, and nothing errs: the longest step."""
     length = StepLength(0.01, 10.0, 0.01, 1e-3, 0.5, 1.0)
     for k in range(20):
-        length.accept(0.0, 0.01 * (k + 1), length.wanted, 0.0, False)
+        length.accept(0.0, 0.01 * (k + 1), length.wanted, Moves(0.0), False)
         assert np.isfinite(length.allowed(0.01 * (k + 1)))
     assert length.wanted == 0.5
 

@@ -22,7 +22,7 @@ AHEAD = 2  # of them past the time that is asked, as slopes are taken from neigh
 
 
 def beside(
-    reports: Iterator[Report], finer: Iterator[Report], names: Sequence[str]
+    reports: Iterator[Report], finer: Iterator[Report], names: Sequence[str], budget: float
 ) -> Iterator[Report]:
     """Reports with the largest distance of probes from where they are in a finer run. Collective.
 
@@ -32,6 +32,7 @@ def beside(
         reports: Of a run with ledgers.
         finer: Of the other run.
         names: Which probes count.
+        budget: What their distance may be, over the largest displacement.
     """
     known: deque[tuple[float, Array]] = deque(maxlen=KNOWN)
     worst = 0.0
@@ -46,7 +47,7 @@ def beside(
             worst = max(worst, float(np.linalg.norm(now - _at(report.t, known), axis=1).max()))
             assert report.ledger is not None
             scale = report.ledger.time.scale
-            measured = Entry(worst, scale, float("nan"), "m")
+            measured = Entry(worst, scale, budget * scale, "m")
             yield replace(report, ledger=replace(report.ledger, measured=measured))
     finally:
         for run in (reports, finer):

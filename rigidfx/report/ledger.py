@@ -50,6 +50,11 @@ class Entry:
         """What has been spent, over the scale; zero where nothing has been."""
         return 0.0 if self.spent == 0 else self.spent / max(self.scale, TINY)
 
+    @property
+    def part(self) -> float:
+        """What was allowed, over the scale."""
+        return self.allowed / max(self.scale, TINY)
+
     def __str__(self) -> str:
         """In words."""
         if isnan(self.spent):
@@ -68,12 +73,14 @@ class Rigidity:
     Attributes:
         motion: Its error so far, over the largest displacement.
         allowed: What that may be at the end of the run.
+        rest: What is left to time integration.
         free: Whether loads rest.
         rings: Whether shadows swing by more than loads at rest would strain them.
     """
 
     motion: float
     allowed: float
+    rest: float
     free: bool
     rings: bool
 

@@ -50,6 +50,7 @@ __all__ = ["BudgetRule", "believed", "level"]
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
+OF_RIGIDITY = 0.5  # of the budget at first; time integration has the rest
 HALF = 0.5  # of what is allowed, that freezing may use, and that waking leaves
 MEAN = 2 / pi  # of a vibration's size over time, over what it is at its turns
 MARGIN = 1.25  # a window in halves of a period, 2π τ
@@ -79,12 +80,16 @@ class Past:
         free: Whether loads rest.
         rings: Whether shadows swing by more than loads at rest would strain them.
         t: Time [s].
+        budget: What rigidity may spend.
+        judged: Whether a window has ended, so that something might have become rigid.
     """
 
     strains: Array
     swings: Swings
     seen: Array
     sums: Array
+    budget: float
+    judged: bool = False
     period: float = np.nan
     whole: float = 0.0
     now: float = 0.0
@@ -104,13 +109,19 @@ class BudgetRule:
             scene: The problem.
             timeline: Where steps end.
             memory: What the policy remembers.
-            budget: Part of the largest displacement.
+            budget: Part of the largest displacement that rigidity and time integration may spend.
         """
-        self._scene, self._timeline, self._memory, self._budget = scene, timeline, memory, budget
+        self._scene, self._timeline, self._memory, self._whole = scene, timeline, memory, budget
         self._stiffness = stiffness(scene)
         cells = self._stiffness.size
         self._weights: Array = np.zeros(cells)
-        self.past = Past(np.zeros(cells), Swings(cells), np.full(cells, np.inf), np.zeros(2))
+        self.past = Past(
+            np.zeros(cells),
+            Swings(cells),
+            np.full(cells, np.inf),
+            np.zeros(2),
+            OF_RIGIDITY * budget,
+        )
         self._tol: Array = np.zeros(cells)
         self._limit = np.inf
 
@@ -122,7 +133,7 @@ class BudgetRule:
     @property
     def allowed(self) -> float:
         """What m may be now: freezing up to half of it to the end would spend the budget."""
-        past, left = self.past, self._budget - self.past.phase
+        past, left = self.past, self.past.budget - self.past.phase
         if not past.free or np.isnan(past.period):
             return max(left, 0.0) / AMPLIFIED
         periods = max(self._timeline.t_end - past.t, 0.0) / past.period
@@ -132,7 +143,8 @@ class BudgetRule:
     def rigidity(self) -> Rigidity:
         """What bodies do to the motion."""
         past = self.past
-        return Rigidity(past.now + past.phase, self._budget, past.free, past.rings)
+        motion, rest = past.now + past.phase, self._whole - past.budget
+        return Rigidity(motion, past.budget, rest, past.free, past.rings)
 
     def limits(self) -> Limits:
         """Strains that use up what is allowed, or more, if all cells of bodies have them.
@@ -175,11 +187,20 @@ class BudgetRule:
         past.free = seen.t - self._memory.loads.resting_since > STEPS_AT_REST * seen.dt
         if past.free and past.now > 0:
             past.phase += pi * past.now * (seen.t - past.t) / past.period
+        if past.judged and not seen.bodies:
+            self._pass_on(seen.t)
         past.t = seen.t
+
+    def _pass_on(self, t: float) -> None:
+        """What rigidity has not spent goes to time integration, evenly over the rest of the run."""
+        past, left = self.past, self._timeline.t_end - self.past.t
+        part = min((t - past.t) / left, 1.0) if left > 0 else 1.0
+        past.budget -= max(past.budget - past.phase, 0.0) * part
 
     def window_ends(self, seen: Observation, flexible: Bools) -> None:
         """Find the tolerances with which half of what is allowed is used. Collective."""
         past, w, worst = self.past, self._weights, self._memory.window.worst
+        past.judged = True
         swing, fast = past.swings.end(), worst * past.period / (2 * pi)
         s = swing if past.free else fast
         expected = np.where(flexible, np.maximum(s, swing), np.inf)

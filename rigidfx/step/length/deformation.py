@@ -67,13 +67,22 @@ class Deformation:
     def _sums(self, system: System, state: State) -> Array:
         """m, m x, p, m x xᵀ and x × p of each part, shape (parts, 19). Collective."""
         rows, mass = system.layout.rows, system.layout.masses
-        x = rows.X + state.u.x.array[rows.dofs].reshape(-1, 3)
-        p = mass[:, None] * state.v.x.array[rows.dofs].reshape(-1, 3)
-        spread = mass[:, None] * (x[:, :, None] * x[:, None, :]).reshape(-1, 9)
-        columns = np.hstack([mass[:, None], mass[:, None] * x, p, spread, np.cross(x, p)])
+        v = state.v.x.array[rows.dofs].reshape(-1, 3)
+        one_x_v = np.empty((len(v), 7))
+        one_x_v[:, 0], one_x_v[:, 4:] = 1.0, v
+        one_x_v[:, 1:4] = rows.X + state.u.x.array[rows.dofs].reshape(-1, 3)
+        left = mass[:, None] * one_x_v[:, :4]
         of, count = self._of_node[rows.nodes], self._parts.count
-        local = np.array([np.bincount(of, c, count) for c in columns.T]).T
-        total = np.asarray(self._scene.sum(local))
+        # Σ m (1, x) (1, x, v)ᵀ of each part.
+        if count == 1:
+            local = left.T @ one_x_v
+        else:
+            columns = (left[:, :, None] * one_x_v[:, None, :]).reshape(-1, 28).T
+            local = np.array([np.bincount(of, c, count) for c in columns]).T
+        sums = np.asarray(self._scene.sum(local)).reshape(-1, 4, 7)
+        m_mx_p, spread, x_p = sums[:, 0], sums[:, 1:, 1:4].reshape(-1, 9), sums[:, 1:, 4:]
+        turning = [x_p[:, i, j] - x_p[:, j, i] for i, j in ((1, 2), (2, 0), (0, 1))]
+        total = np.hstack([m_mx_p, spread, np.transpose(turning)])
         bodies = state.bodies
         if len(bodies):
             m, r = bodies.of.mass, bodies.r

@@ -3,43 +3,71 @@
 With r the error per time that may be spent, and c the envelope of e/Δt³ over the last steps,
 c Δt³ = r Δt gives Δt = 0.9 sqrt(r/c). What may be spent is
 
-    r = max( [0.6 tol U - Σe]/(T - t) ,  tol U/(5 s) ),
+    r = max( δ [0.6 tol U - E exp(-δ(T - t))]/[1 - exp(-δ(T - t))] ,
+             max[tol U' - E/0.6, ¼ tol U']/(5 s) ) ,
 
-the rest of the budget evenly over the rest of the run, in bounds; U is the largest displacement
-so far, and s the time in which it has grown to four times what it was. A motion that begins from
-rest would otherwise be computed to a part of what is next to nothing. Δt changes only where it is
-worth it, as what is kept for one Δt has to be made anew for another.
+the rest of the budget evenly over the rest of the run, in bounds. E is what has been spent, all e
+added up, of which damping lets a part δ per time be forgotten (`forgetting`); without it the first
+is [0.6 tol U - E]/(T - t). U is the largest displacement so far, and s the time in which it has
+grown to four times what it was. A motion that begins from rest would otherwise be computed to a
+part of what is next to nothing. So that it is not followed from its first instant on as closely as
+later, U' is what becomes of it as it moves now,
+
+    U' = U + |v| h + ½ |a| h² ,    h the longest step, or 4 s if that is less .
+
+Δt changes only where it is worth it, as what is kept for one Δt has to be made anew for another.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_right
-from math import exp, isnan, sqrt
+from dataclasses import dataclass
+from math import exp, expm1, isnan, sqrt
 
-__all__ = ["StepLength"]
+__all__ = ["Moves", "StepLength"]
 
 SHARE = 0.6  # of the budget that estimates are to add up to: they are 0.5 to 2.5 times the error
 SAFETY = 0.9
-DECAY = exp(-1 / 20)  # of the envelope in a step
-LONGER, SHORTER = 1.33, 0.8  # factors between which Δt stays as it is
-MOST, LEAST = 1.5, 0.5  # factor of a change
+DECAY = exp(-1 / 14)  # of the envelope in a step
+LONGER, SHORTER = 1.5, 0.7  # factors between which Δt stays as it is
+MOST, LEAST = 1.7, 0.5  # factor of a change
 MOST_YOUNG = 4.0  # while steps grow from the small first ones
 EARLY = 5.0  # motions that begin may err by tol U/(5 s) per time
+BEGINNING = 0.25  # of tol U', least that motions which begin may spend
 GROWN = 4.0  # factor of U in s
+AHEAD = 4.0  # of s, in which a motion that grows may be expected to go on ...
+MOST_AHEAD = 16.0  # ... up to so many times U
 POOREST, RICHEST = 0.1, 2.0  # of tol U/T, bounds of what is left
 OBJECTION = 2.0  # times what is asked, above which a step is repeated
 REST = 1e-7  # of the size of a cell: less than that is no displacement
 APART = 1.02  # factor of displacements that are remembered
 
 
+@dataclass(frozen=True)
+class Moves:
+    """How points move, the largest of all.
+
+    Attributes:
+        displacement: [m].
+        speed: [m/s].
+        acceleration: [m/s²].
+    """
+
+    displacement: float
+    speed: float = 0.0
+    acceleration: float = 0.0
+
+
 class StepLength:
     """Chooses Δt; knows neither meshes nor motions.
 
     Attributes:
+        tol: Error of the run over the largest displacement that may be; may be changed.
         wanted: Δt that is to be taken [s].
         shortest: Δt that is always long enough [s].
         longest: Δt that is never exceeded [s].
-        spent: Errors so far, added up [m].
+        spent: Largest error so far [m].
+        forgotten: Part of an error that is forgotten per time [1/s].
         displacement: Largest displacement so far, or what the user gave for it [m].
         changes: How often Δt was changed for the sake of the error.
     """
@@ -65,24 +93,59 @@ class StepLength:
             size: Size of a cell [m].
             of: Displacement in place of the largest so far [m].
         """
-        self._tol, self._t_end, self._of = tol, t_end, of
+        self.tol, self._t_end, self._of = tol, t_end, of
         self.wanted, self.longest, self.spent, self.changes = first, longest, 0.0, 0
+        self.forgotten = self._error = 0.0
         self.displacement = REST * size if of is None else of
         self.shortest = shortest
         self._times, self._sizes = [0.0], [self.displacement]
         self._envelope = self._last = 0.0
+        self._foreseen = self.displacement
 
     def allowed(self, t: float) -> float:
         """Error per time that may be spent at t [s], in m/s."""
-        whole = self._tol * self.displacement
-        even = whole / self._t_end
-        left = (SHARE * whole - self.spent) / max(self._t_end - t, 0.01 * self._t_end)
+        whole = self.tol * self.displacement
+        even = self._rate(whole, 0.0, self._t_end)
+        left = self._rate(SHARE * whole, self._error, max(self._t_end - t, 0.01 * self._t_end))
         left = min(max(left, POOREST * even), RICHEST * even)
         if self._of is not None:
             return left
+        growing, whole = self._growing(t), self.tol * self._foreseen
+        unspent = max(whole - self._error / SHARE, BEGINNING * whole)
+        return max(left, unspent / (EARLY * growing)) if growing > 0 else left
+
+    def _rate(self, end: float, start: float, time: float) -> float:
+        """Error per time by which one grows from a start to an end in a time [m/s]."""
+        part = -expm1(-self.forgotten * time)  # of an error that is forgotten in it
+        if part < 1e-9:
+            return (end - start) / time
+        return self.forgotten * (end - start * (1 - part)) / part
+
+    def _growing(self, t: float) -> float:
+        """Time in which the displacement has grown to what it is [s]."""
         k = max(bisect_right(self._sizes, self.displacement / GROWN) - 1, 0)
-        growing = t - self._times[k]
-        return max(left, whole / (EARLY * growing)) if growing > 0 else left
+        return t - self._times[k]
+
+    def _foresee(self, t: float, now: Moves) -> None:
+        """Expect that points go on as they move now."""
+        h, U = min(self.longest, AHEAD * self._growing(t)), self.displacement
+        expected = U + now.speed * h + now.acceleration * h**2 / 2
+        self._foreseen = min(expected, MOST_AHEAD * U)
+
+    def _spend(self, error: float, dt: float) -> None:
+        """Add the error of a step to what is left of those before."""
+        self._error = self._error * exp(-self.forgotten * dt) + error
+        self.spent = max(self.spent, self._error)
+
+    def _remember(self, largest: float, t: float, dt: float) -> None:
+        """Take note of a displacement, if it is the largest so far."""
+        if largest <= self.displacement:
+            return
+        self.displacement = largest
+        if largest > APART * self._sizes[-1]:
+            self._times[-1] = t - dt  # until then it was no more
+            self._times.append(t)
+            self._sizes.append(largest)
 
     def too_much(self, error: float, t: float, dt: float) -> bool:
         """Whether a step has to be repeated.
@@ -102,26 +165,23 @@ class StepLength:
         """
         self.wanted = min(self.wanted, longest)
 
-    def accept(self, error: float, t: float, dt: float, largest: float, young: bool) -> None:
+    def accept(self, error: float, t: float, dt: float, now: Moves, young: bool) -> None:
         """Take note of a step, and choose the next.
 
         Args:
             error: Its estimated error [m]; NaN if there is none.
             t: Time at its end [s].
             dt: Its length [s].
-            largest: Largest displacement now [m].
+            now: How points move.
             young: Whether steps grow from small first ones.
         """
-        if self._of is None and largest > self.displacement:
-            self.displacement = largest
-            if largest > APART * self._sizes[-1]:
-                self._times[-1] = t - dt  # until then it was no more
-                self._times.append(t)
-                self._sizes.append(largest)
+        if self._of is None:
+            self._remember(now.displacement, t, dt)
+            self._foresee(t, now)
         if isnan(error):  # of the size it was
-            self.spent += self._last * dt**3
+            self._spend(self._last * dt**3, dt)
             return
-        self.spent += error
+        self._spend(error, dt)
         self._last = error / dt**3
         self._envelope = max(self._last, self._envelope * DECAY)
         best = sqrt(self.allowed(t) / self._envelope) if self._envelope > 0 else float("inf")

@@ -13,7 +13,8 @@ from rigidfx.scene.scene import Scene
 from rigidfx.scene.step_control import StepControl
 from rigidfx.scene.timeline import Timeline
 from rigidfx.state import State
-from rigidfx.step.length.step_length import StepLength
+from rigidfx.step.length.forgetting import Forgetting
+from rigidfx.step.length.step_length import Moves, StepLength
 from rigidfx.step.length.time_error import TimeError
 from rigidfx.step.length.tracked import Tracked
 from rigidfx.step.system.system import System
@@ -47,6 +48,7 @@ class TimeControl(WarnsOnce):
         self._control, self._timeline = control, timeline
         self._tracked = Tracked(scene, control.names)
         self._error = TimeError(self._tracked.count)
+        self._forgetting = Forgetting(scene)
         bends = scene.bends
         self._bends = np.array(list(bends)), np.array(list(bends.values()))
         self._breaks = [t for t in scene.breakpoints if t > 0 and t not in bends]
@@ -54,11 +56,11 @@ class TimeControl(WarnsOnce):
         largest = min(float(control.largest), timeline.t_end)
         least, size = min(control.least, largest), scene.mean_cell_size
         self.length = StepLength(
-            control.tol, timeline.t_end, largest, least, largest, size, control.of
+            float(control.tol), timeline.t_end, largest, least, largest, size, control.of
         )
         self.rejected = 0
         self._objections = 0
-        self._u: npt.NDArray[np.float64] = np.empty((0, 3))  # displacements at the end of that step
+        self._end = Moves(0.0)  # at the end of the step that was looked at last
         self._fresh, self._touch = True, np.nan
         self._stop = self._step = self._for = np.nan
         self._found = np.nan  # error of the step that was looked at last
@@ -68,13 +70,28 @@ class TimeControl(WarnsOnce):
     @property
     def tol(self) -> float:
         """What is asked, over the largest displacement."""
-        return float(self._control.tol)
+        return self.length.tol
 
     def follow(self, system: System, state: State) -> None:
         """Take over the equations of a division. Collective."""
         self._system, self._state = system, state
         if self._tracked.bind(system, state.bodies):
             self._error.switched()
+
+    def learn(self, energy: float, taken: float, dt: float, tol: float | None) -> None:
+        """Take note of what has been found out about a step that was accepted.
+
+        Args:
+            energy: Kinetic and strain energy at its end [J].
+            taken: What damping took in it [J].
+            dt: Its length [s].
+            tol: Error that time integration may make from now on, over the largest displacement;
+                None if that stays as it is.
+        """
+        self._forgetting.follow(energy, taken, dt)
+        self.length.forgotten = self._forgetting.rate
+        if tol is not None:
+            self.length.tol = tol
 
     def expect(self, touch: float) -> None:
         """Take the first touch of a contact, at that time [s], for a breakpoint."""
@@ -105,7 +122,7 @@ class TimeControl(WarnsOnce):
         stop = self._timeline.stop_after(t)
         times, changes = self._bends
         # Over a kink inside, the load at the middle is wrong by an eighth of that, in the mean.
-        strong = times[changes * self.length.wanted / 8 > self._control.tol]
+        strong = times[changes * self.length.wanted / 8 > self.tol]
         k = int(np.searchsorted(strong, t + self._timeline.resolution, side="right"))
         return min(stop, float(strong[k])) if k < strong.size else stop
 
@@ -116,8 +133,9 @@ class TimeControl(WarnsOnce):
             attempt: The step that has been solved.
         """
         t, dt = attempt.t, attempt.dt
-        v0, v1, self._u = self._tracked.motion(self._system, self._state, dt)
+        v0, v1, u = self._tracked.motion(self._system, self._state, dt)
         self._found = self._error.look(v0, v1, t, dt)
+        self._end = Moves(longest(u), longest(v1), longest(v1 - v0) / dt)
         if attempt.final or not self.length.too_much(self._found, t, dt):
             return None
         if dt < 2 * self.length.shortest:
@@ -140,10 +158,14 @@ class TimeControl(WarnsOnce):
         self._error.accept()
         if attempt.cuts:
             self.length.wanted = attempt.dt
-        largest = float(np.linalg.norm(self._u, axis=1).max())
-        self.length.accept(self._found, attempt.end, attempt.dt, largest, young)
+        self.length.accept(self._found, attempt.end, attempt.dt, self._end, young)
         self.rejected, self._objections = self.rejected + self._objections, 0
         breaks = *self._breaks, self._touch
         self._fresh = any(self._timeline.same(attempt.end, b) for b in breaks)
         if self._fresh:
             self._error.forget()
+
+
+def longest(vectors: npt.NDArray[np.float64]) -> float:
+    """Length of the longest vector, of shape (points, 3)."""
+    return float(np.sqrt(np.einsum("ij,ij->i", vectors, vectors).max()))

@@ -13,6 +13,7 @@ there are fewer, ½ j_{n-1} + ½ j_n or j_n stand for it.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import isnan, sqrt
 
 import numpy as np
 import numpy.typing as npt
@@ -87,6 +88,10 @@ class TimeError:
         newest = (a - now.a) / (middle - now.t)
         j = np.concatenate([now.j[1:], newest[None]])
         self._next = Jerk(a, middle, j)
+        mean = np.einsum("k,kpi->pi", LOW_PASS, j)
+        largest = float(np.einsum("pi,pi->p", mean, mean).max())
+        if not isnan(largest):  # of all three differences are known
+            return dt**3 / 12 * sqrt(largest)
         known = (~np.isnan(j[:, :, 0])).sum(axis=0)
         weights = np.where(known == 3, LOW_PASS[:, None], YOUNGER[:, None])
         weights = np.where(known == 1, YOUNGEST[:, None], weights)

@@ -45,13 +45,15 @@ class Tracked:
             probes = find_probes(scene)
             points = [probes[name] for name in names]
             self._nodes = np.concatenate([point.nodes for point in points]).astype(np.int64)
-            self._weights = np.concatenate([point.weights for point in points])
-            self._of = np.repeat(np.arange(len(points)), [point.nodes.size for point in points])
+            weights = np.concatenate([point.weights for point in points])
+            of = np.repeat(np.arange(len(points)), [point.nodes.size for point in points])
             self.count = len(points)
         else:
-            self._nodes, self._of = far_apart(scene, NODES)
-            self._weights = np.ones(self._nodes.size)
+            self._nodes, of = far_apart(scene, NODES)
+            weights = np.ones(self._nodes.size)
             self.count = NODES
+        self._sums = np.zeros((self.count, self._nodes.size))
+        self._sums[of, np.arange(self._nodes.size)] = weights
         self._X = scene.space.tabulate_dof_coordinates()[self._nodes]
         self._dofs = 3 * self._nodes[:, None] + np.arange(3)
         self._body: Ints = np.full(self._nodes.size, NONE)
@@ -114,7 +116,5 @@ class Tracked:
             of_bodies = np.zeros(self._X.shape)
             of_bodies[inside] = end - self._X[inside]
             moved = np.where(inside[:, None], of_bodies, moved)
-        out = np.zeros((self.count, 9))
-        np.add.at(out, self._of, self._weights[:, None] * np.hstack([v0, v1, moved]))
-        total = np.asarray(self._scene.sum(out))
+        total = np.asarray(self._scene.sum(self._sums @ np.hstack([v0, v1, moved])))
         return total[:, :3], total[:, 3:6], total[:, 6:]
