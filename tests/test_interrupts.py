@@ -18,6 +18,7 @@ import os, signal, sys
 import rigidfx as rf
 from rigidfx.step.equations.equations import Equilibrium
 
+signal.signal(signal.SIGINT, signal.default_int_handler)
 material = rf.StVenantKirchhoff(E=1e4, nu=0.3, rho=1.0)
 pulled = [rf.Fixed("x0"), rf.Traction("x1", (1.0, 0.0, 2.0))]
 scene = rf.Scene(rf.box((0, 0, 0), (2, 1, 1), (2, 1, 1)), material, pulled)
@@ -33,6 +34,14 @@ Equilibrium.residual = interrupted
 for report in rf.simulate(scene, 0.1, 100.0):
     pass
 """
+
+
+@pytest.fixture
+def heard_signals():
+    """A shell's job in the background ignores SIGINT, and so do the processes it starts."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 def steps():
@@ -58,6 +67,7 @@ def test_what_a_callback_raises_is_raised(monkeypatch, owner, name, error):
         next(run)
 
 
+@pytest.mark.usefixtures("heard_signals")
 def test_a_signal_during_a_solve_is_a_keyboard_interrupt(monkeypatch):
     residual = Equilibrium.residual
 
