@@ -279,6 +279,15 @@ def test_a_step_that_may_not_be_shorter_says_so():
     assert spent.spent > spent.allowed
 
 
+def test_what_begins_from_rest_at_no_breakpoint_is_no_warning():
+    """Its first steps err by a good part of next to nothing, however short they are."""
+    push = rf.Traction("x1", (0, 0, 200.0), time=lambda t: max(0.0, t - 1.0) ** 2)
+    control = rf.StepControl(0.001, "tip", largest=0.2, smallest=1e-3)
+    reports = run(bar(rf.Fixed("x0"), push), control, 1.5)
+    assert min(r.dt for r in reports[1:]) < 2 * control.least
+    assert reports[-1].ledger.time.relative < 0.001
+
+
 def test_bodies_that_come_and_go():
     """They wake and freeze beside a controlled Δt; balances hold, and no Δt is cut for it."""
     rule = rf.StrainRate(2e-3, 1.0, wake="local", release=rf.Release(at=5.0))

@@ -39,6 +39,7 @@ AHEAD = 4.0  # of s, in which a motion that grows may be expected to go on ...
 MOST_AHEAD = 16.0  # ... up to so many times U
 POOREST, RICHEST = 0.1, 2.0  # of tol U/T, bounds of what is left
 OBJECTION = 2.0  # times what is asked, above which a step is repeated
+ON_THE_WAY = 0.6  # of the time since rest: to four times as much, t² grows in half of its time
 REST = 1e-7  # of the size of a cell: less than that is no displacement
 APART = 1.02  # factor of displacements that are remembered
 
@@ -125,6 +126,16 @@ class StepLength:
         """Time in which the displacement has grown to what it is [s]."""
         k = max(bisect_right(self._sizes, self.displacement / GROWN) - 1, 0)
         return t - self._times[k]
+
+    def begins(self, t: float) -> bool:
+        """Whether points have been on their way from rest for all of the time up to t [s].
+
+        However short the first steps are, they err by a good part of next to nothing, as the size
+        of what grows with a power of the time says nothing about Δt.
+        """
+        if self._of is not None:
+            return False
+        return len(self._times) == 1 or self._growing(t) < ON_THE_WAY * (t - self._times[0])
 
     def _foresee(self, t: float, now: Moves) -> None:
         """Expect that points go on as they move now."""
