@@ -133,6 +133,14 @@ def test_a_budget_that_is_not_met_is_said():
     assert ledger.time.relative > 0.5e-3
 
 
+def test_nothing_is_sure_where_loads_are_as_fast_as_the_structure():
+    """A bar that swings once in eleven seconds is pulled each four, and another one slowly."""
+    slow = rf.Traction("x1", (0, 0, 20.0), time=lambda t: np.sin(np.pi * t / 60) ** 2)
+    last = run(bar(rf.Fixed("x0"), slow, rf.MassDamping(1.0)), asked(0.1), 12.0, dt=0.5)[-1]
+    assert last.ledger.sure != "unknown"
+    assert checked()[-1].ledger.sure == "unknown"
+
+
 def test_what_cells_have_swung_by_stands_for_a_shadow_that_tells_more():
     """Unless it tells more than four times as much; of some nothing has been seen."""
     told = np.array([0.005, 0.03, 0.08, 0.08])

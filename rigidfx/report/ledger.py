@@ -98,7 +98,8 @@ class Ledger:
         rejected: Steps that were repeated so far, as they erred by too much in time.
         rigidity: Error of displacements by what is rigid so far, an estimate; of `Accuracy` only.
         sure: What that is now: an "estimate"; a "bound" where bodies' shadows ring; "unknown" where
-            loads change as fast as the structure vibrates, as near a resonance or in a blow.
+            loads change as fast as the structure vibrates, as near a resonance or in a blow, and
+            from then on if anything was rigid.
         measured: Largest distance from a finer flexible twin so far, of `Accuracy(check=True)`.
     """
 
@@ -156,6 +157,7 @@ class Ledgers:
         self._deformation = Deformation(stepper.scene)
         self._damped = 0.0
         self._inertia = 0.0, 0.0  # kinetic and strain energy while loads change, added up
+        self._lost = False  # whether something was rigid where nothing was known
 
     @property
     def deformation(self) -> float:
@@ -210,7 +212,10 @@ class Ledgers:
             own = self._deformation.kinetic, measures.strain + measures.stored
             self._inertia = kinetic, strain = kinetic + own[0], strain + own[1]
             if kinetic > SLOW * strain:
+                self._lost |= rigidity.motion > 0
                 return "unknown"
+        if self._lost:
+            return "unknown"
         return "bound" if rigidity.rings else "estimate"
 
     def _time(self) -> Entry:

@@ -2,7 +2,8 @@
 
 Strain energy, what bodies keep, and the kinetic energy relative to the best rigid motion of each
 connected part, the one that has its momenta. What is relative to an energy is relative to this one:
-one per cent of the energy with which a body flies would let all of its vibration freeze.
+one per cent of the energy with which a body flies would let all of its vibration freeze. What
+supports hold still has no rigid motion: all of its kinetic energy is of deformation.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from rigidfx.mechanics.bodies import Bodies
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.equations.energies import Measures
+from rigidfx.step.length.held import holding
 from rigidfx.step.system.system import System
 
 __all__ = ["Deformation"]
@@ -28,12 +30,14 @@ class Deformation:
 
     Attributes:
         largest: The largest so far [J].
-        kinetic: Kinetic energy beyond rigid motions at the last measure [J].
+        kinetic: Kinetic energy beyond rigid motions at the last measure [J]; all of it where
+            supports hold a structure still.
     """
 
     def __init__(self, scene: Scene) -> None:
         """Find the connected part of each node. Collective."""
         self._scene, self._parts = scene, scene.parts
+        self._still = any(not support.moves for support in holding(scene))
         dofmap = scene.space.dofmap.list
         self._of_node = np.zeros(scene.space.tabulate_dof_coordinates().shape[0], dtype=np.int64)
         self._of_node[dofmap] = self._parts.of_cell[: len(dofmap), None]
@@ -49,13 +53,18 @@ class Deformation:
             state: The state.
             measures: Its energies.
         """
-        if system is not self._system:
-            self._system, self._of_body = system, self._parts_of(state.bodies)
-        rigid = _rigid_energies(self._sums(system, state)).sum()
-        self.kinetic = max(measures.kinetic - float(rigid), 0.0)
+        self.kinetic = measures.kinetic
+        if not self._still:
+            self.kinetic = max(measures.kinetic - self._rigid(system, state), 0.0)
         now = measures.strain + measures.stored + self.kinetic
         self.largest = max(self.largest, now)
         return now
+
+    def _rigid(self, system: System, state: State) -> float:
+        """Energy of the best rigid motions [J]. Collective."""
+        if system is not self._system:
+            self._system, self._of_body = system, self._parts_of(state.bodies)
+        return float(_rigid_energies(self._sums(system, state)).sum())
 
     def _parts_of(self, bodies: Bodies) -> Ints:
         """Connected part of each body. Collective."""

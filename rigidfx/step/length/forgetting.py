@@ -14,24 +14,13 @@ or its turn.
 
 from __future__ import annotations
 
-from math import inf
-
-import numpy as np
-
-from rigidfx.effects import (
-    Contact,
-    KelvinVoigt,
-    MassDamping,
-    NumericalDamping,
-    StiffnessDamping,
-    Windowed,
-)
+from rigidfx.effects import Contact, KelvinVoigt, MassDamping, NumericalDamping, StiffnessDamping
 from rigidfx.scene.scene import Scene
+from rigidfx.step.length.held import always, holding
 
 __all__ = ["Forgetting", "comes_back"]
 
 DAMPING = KelvinVoigt, MassDamping, NumericalDamping, StiffnessDamping
-SPREAD = 1e-6  # of nodes that are held, the second axis over the first, squared: they form no line
 
 
 class Forgetting:
@@ -72,22 +61,6 @@ def comes_back(scene: Scene) -> bool:
         scene: The problem.
     """
     damping = [effect for kind in DAMPING for effect in scene.named(kind)]
-    if scene.parts.count > 1 or scene.named(Contact) or not all(map(_always, damping)):
+    if scene.named(Contact) or not all(map(always, damping)):
         return False
-    X, n = scene.space.tabulate_dof_coordinates(), scene.owned_nodes
-    for support, nodes in scene.supports:
-        if len(support.axes) < 3 or not _always(support):
-            continue
-        x = X[nodes[nodes < n]]
-        ones = np.hstack([np.ones((len(x), 1)), x])
-        moments = np.asarray(scene.sum(ones.T @ ones))
-        centre = moments[0, 1:] / moments[0, 0]
-        spread = np.linalg.eigvalsh(moments[1:, 1:] / moments[0, 0] - np.outer(centre, centre))
-        if spread[1] > SPREAD * spread[2]:
-            return True
-    return False
-
-
-def _always(effect: Windowed) -> bool:
-    """Whether an effect acts from the start to the end."""
-    return effect.since <= 0 and effect.until == inf
+    return bool(holding(scene))
