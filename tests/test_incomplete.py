@@ -1,4 +1,4 @@
-"""Incomplete factors that are kept: the same motions as by Newton's method, and momenta as well."""
+"""Factors that soft parts keep: the same motions as by Newton's method, and momenta as well."""
 
 from __future__ import annotations
 
@@ -23,7 +23,13 @@ def _soft(monkeypatch):
     monkeypatch.setattr(chord, "STIFF_FROM", 1e9)
 
 
-@pytest.mark.usefixtures("_soft")
+@pytest.fixture
+def _many_entries(monkeypatch):
+    """Have all full factors count as large."""
+    monkeypatch.setattr(chord, "few_entries", lambda A: False)
+
+
+@pytest.mark.usefixtures("_soft", "_many_entries")
 @pytest.mark.parametrize("name", ["turning", "held in part", "springs", "rigid middle"])
 def test_the_motion_is_that_of_newtons_method(name):
     mine, newton = follow(name, {}), follow(name, NEWTON)
@@ -45,10 +51,13 @@ def _tumbling():
     return rf.Scene(tumbling_l(1), RUBBER, effects)
 
 
-def test_soft_parts_keep_them_and_no_momentum_is_lost():
-    """672 unknowns, by the rules as they are."""
+@pytest.mark.parametrize("solver", [KEPT, "kept preonly+lu"])
+def test_soft_parts_keep_factors_and_no_momentum_is_lost(solver, request):
+    """672 unknowns: incomplete factors, and full ones by the rules as they are."""
+    if solver == KEPT:
+        request.getfixturevalue("_many_entries")
     reports = [r for r in rf.simulate(_tumbling(), 0.05, 8.0) if r.t > 0.5]
-    kept = [r for r in reports if r.solver == KEPT]
+    kept = [r for r in reports if r.solver == solver]
     H, J = (column(reports, key) for key in ("energy", "angular_momentum"))
     show(H=drift(H), J=drift(J), kept=len(kept), of=len(reports))
     assert len(kept) >= 0.9 * len(reports)
@@ -56,6 +65,7 @@ def test_soft_parts_keep_them_and_no_momentum_is_lost():
     assert max(drift(H), drift(J)) <= 1e-13
 
 
+@pytest.mark.usefixtures("_many_entries")
 def test_a_solve_leaves_no_resultant(monkeypatch):
     """Neither force nor moment, though GMRES stops at a hundredth."""
     left = []

@@ -204,10 +204,14 @@ class Equilibrium:
         return self._rounding.waves(dt)
 
     @property
+    def calm(self) -> bool:
+        """Whether masses and cells alone resist: no springs, drag or contact, which may jump."""
+        return self.inertial and not self._actions.stiffen
+
+    @property
     def well_conditioned(self) -> bool:
         """Whether inertia is as large as any stiffness in the present step, but for some orders."""
-        calm = self.inertial and not self._actions.stiffen
-        return calm and self._rounding.fastest(self.dt) <= WELL_CONDITIONED
+        return self.calm and self._rounding.fastest(self.dt) <= WELL_CONDITIONED
 
     def noise(self) -> float:
         """Size of what the last residual is the small difference of [N]. Collective."""

@@ -16,7 +16,14 @@ from petsc4py import PETSc
 
 from rigidfx.base.errors import StepError
 
-__all__ = ["PREFIX", "configure", "conjugate_gradients", "default_options", "prefers_direct"]
+__all__ = [
+    "PREFIX",
+    "QUICK_UP_TO",
+    "configure",
+    "conjugate_gradients",
+    "default_options",
+    "prefers_direct",
+]
 
 PREFIX = "rigidfx_"
 # With the preconditioner on the left, a step by LU took 2.4 ms at 78, 3.9 ms at 150 and 5.0 ms at
@@ -24,7 +31,7 @@ PREFIX = "rigidfx_"
 DIRECT_BELOW = 100  # unknowns
 # LU by MUMPS took 0.02 ms at 6 unknowns, 0.40 at 258, 0.72 at 426 and 1.5 ms at 636, by PETSc
 # 0.001, 0.20, 0.41 and 1.3 ms; a solve with the factors 0.013 to 0.07 ms, by PETSc 0.001 to 0.02.
-QUICK_UP_TO = 500  # unknowns; beyond, a seventh is gained at most
+QUICK_UP_TO = 500  # unknowns; beyond, new factors are hardly ever cheaper
 KRYLOV_RTOL = 1e-8
 RIGHT_SIDED = ("gmres", "fgmres", "lgmres", "dgmres", "pgmres", "gcr", "bcgs", "bcgsl", "tfqmr")
 
@@ -64,7 +71,7 @@ def krylov_limit(unknowns: int) -> int:
 
 
 def configure(
-    ksp: PETSc.KSP, direct: bool, unknowns: int, bodies: bool, pivots: bool = True
+    ksp: PETSc.KSP, direct: bool, unknowns: int, bodies: bool, quick: bool = False
 ) -> None:
     """Set a solver up, then let PETSc's options have their say. Collective.
 
@@ -73,14 +80,14 @@ def configure(
         direct: LU if true, else GMRES preconditioned by incomplete factors of each rank's block.
         unknowns: Size of the system.
         bodies: Whether its last unknowns are those of rigid bodies.
-        pivots: Whether LU has to look for pivots everywhere, however small the system is.
+        quick: Whether LU is PETSc's own, which hardly looks for pivots, where there is one rank.
     """
     pc = ksp.getPC()
     pc.reset()
     if direct:
         ksp.setType(PETSc.KSP.Type.PREONLY)
         pc.setType(PETSc.PC.Type.LU)
-        if not pivots and ksp.comm.size == 1 and unknowns <= QUICK_UP_TO:
+        if quick and ksp.comm.size == 1:
             pc.setFactorSolverType(PETSc.Mat.SolverType.PETSC)
             pc.setFactorOrdering(_ordering())
         else:

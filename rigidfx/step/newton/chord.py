@@ -9,11 +9,14 @@ for. So its cost is counted, and where it is not worth it, Newton's method takes
 
 from __future__ import annotations
 
+from functools import cached_property
+
 from petsc4py import PETSc
 
 from rigidfx.domain.connected import ConnectedParts
 from rigidfx.step.equations.equations import Equilibrium
 from rigidfx.step.linear.linear_solver import PREFIX
+from rigidfx.step.newton.band import few_entries
 from rigidfx.step.newton.chord_test import ChordTest
 from rigidfx.step.newton.factors import Factors
 from rigidfx.step.newton.frames import Frames
@@ -88,7 +91,13 @@ class Chord:
         size = self._equilibrium.prolongation.size
         if self._equilibrium.waves(dt) >= STIFF_FROM:
             return Factors if size <= FACTORS_UP_TO else Multigrid
-        return Factors if size < SMALLEST else IncompleteFactors
+        full = size < SMALLEST or (self._equilibrium.calm and self._few_entries)
+        return Factors if full else IncompleteFactors
+
+    @cached_property
+    def _few_entries(self) -> bool:
+        """Whether full factors have few entries."""
+        return few_entries(self._equilibrium.tangent_matrix)
 
     def begin(self, dt: float) -> None:
         """Begin a step, or an attempt at it. Collective.

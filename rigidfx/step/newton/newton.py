@@ -13,7 +13,13 @@ from petsc4py import PETSc
 
 from rigidfx.scene.scene import Scene
 from rigidfx.step.equations.equations import Equilibrium
-from rigidfx.step.linear.linear_solver import PREFIX, configure, default_options, prefers_direct
+from rigidfx.step.linear.linear_solver import (
+    PREFIX,
+    QUICK_UP_TO,
+    configure,
+    default_options,
+    prefers_direct,
+)
 from rigidfx.step.linear.petsc_options import loose_solves_allowed, monitor_solves
 from rigidfx.step.newton.callbacks import errors_of_callbacks
 from rigidfx.step.newton.chord import Chord, pays
@@ -114,7 +120,8 @@ class Newton:
 
     def _configure(self, ksp: PETSc.KSP, direct: bool) -> None:
         p = self.equilibrium.prolongation
-        configure(ksp, direct, p.size, len(p.layout.bodies) > 0, self._pivots)
+        quick = not self._pivots and p.size <= QUICK_UP_TO
+        configure(ksp, direct, p.size, len(p.layout.bodies) > 0, quick)
 
     def solve(self, guesses: Sequence[Guess]) -> Solution:
         """Find the increment of the step that the equations have begun. Collective.
