@@ -183,7 +183,7 @@ COMPILERS = {
     "missing": ("no-such-compiler", "'no-such-compiler', .*CC names.* cannot be run .*or unset CC"),
     "failing": (
         "false",
-        "'/.*false', .*CC names.* has failed with exit code 1; .*standard error.*python3-dev",
+        "'.*false', .*CC names.* has failed with exit .* 1; .*standard error.*python3-dev",
     ),
 }
 

@@ -17,6 +17,8 @@ from rigidfx.base.errors import CompilerError, OutputError, agree
 
 __all__ = ["raise_uncompiled"]
 
+COMPILING = re.compile(r"(?:Compile|Link)Error: (.*)", re.DOTALL)
+
 
 def raise_uncompiled(comm: MPI.Intracomm, error: Exception | None, folder: str | Path) -> None:
     """Raise, on all ranks, what a user can do about a compilation that has failed. Collective.
@@ -38,7 +40,7 @@ def raise_uncompiled(comm: MPI.Intracomm, error: Exception | None, folder: str |
 def _unwritten(error: Exception, folder: str | Path) -> str | None:
     """What to do where the cache cannot be written to, None if that is not what has gone wrong."""
     said = re.search(r"\[Errno \d+\] ([^:]*)", str(error))
-    if said is None:
+    if said is None or COMPILING.search(str(error)):
         return None
     return (
         f"Nothing can be compiled into the folder '{folder}' ({said[1].strip()}). Check the space "
@@ -49,15 +51,15 @@ def _unwritten(error: Exception, folder: str | Path) -> str | None:
 
 def _uncompiled(error: Exception, folder: str | Path) -> str | None:
     """What to do about the compiler, None if it has not failed."""
-    said = re.search(r"(?:Compile|Link)Error: (?:command '([^']*)' )?(.*)", str(error))
+    said = COMPILING.search(str(error))
     if said is None:
         return None
     given = os.environ.get("CC", "")
-    command = said[1] or given or str(sysconfig.get_config_var("CC"))
+    command, how, runs = _told(said[1])
+    command = command or given or str(sysconfig.get_config_var("CC"))
     named = f", which the environment variable CC names: {given!r}," if given else ""
     what = f"The C compiler '{command}'{named} that makes kernels of forms"
-    how = said[2].strip().removeprefix("failed").lstrip(": ")
-    if not re.search("exit (code|status)|signal", how):
+    if not runs:
         remedy = (
             "Correct or unset CC."
             if given
@@ -71,3 +73,16 @@ def _uncompiled(error: Exception, folder: str | Path) -> str | None:
         f"space in '{folder}' or in the folder for temporary files. Compiled forms are made anew "
         "once that folder is removed."
     )
+
+
+def _told(said: str) -> tuple[str, str, bool]:
+    """The command, how it has failed, and whether it has run at all, as setuptools tells them."""
+    found = re.match(r"command '([^']*)' failed:? ?(.*)", said)
+    if found:
+        return found[1], found[2], re.search("exit (code|status)|signal", found[2]) is not None
+    # From version 80 or so on, in the words of Python's own errors.
+    found = re.match(r"Command '\['([^']*)'.*\]' (?:returned non-zero (.*)|died (.*))\.", said)
+    if found:
+        return found[1], f"with {found[2]}" if found[2] else found[3], True
+    found = re.match(r"\[Errno \d+\] ([^:]*)(?:: '([^']*)')?", said)
+    return (found[2] or "", found[1], False) if found else ("", said, False)

@@ -54,7 +54,8 @@ def box(
     try:
         a, b = (numbers(corner) for corner in (lower, upper))
         given = list(cells)
-        counts = [operator.index(n) for n in given]
+        truth = any(isinstance(n, (bool, np.bool_)) for n in given)
+        counts = [] if truth else [operator.index(n) for n in given]
     except (TypeError, ValueError):
         raise SceneError(
             "box: lower and upper must be three numbers each and cells three whole numbers, got "
@@ -66,8 +67,7 @@ def box(
             "box: lower and upper must be three finite numbers each, and upper must exceed lower "
             f"in all of x, y, z; got {shown(lower)}, {shown(upper)}."
         )
-    truth = any(isinstance(n, (bool, np.bool_)) for n in given)
-    if truth or len(counts) != 3 or min(counts) < 1:
+    if len(counts) != 3 or min(counts) < 1:
         raise SceneError(f"box: cells must be three whole numbers ≥ 1, got {shown(cells)}.")
     if prod(counts) > MOST:
         raise SceneError(f"box: {shown(cells)} cells are more than the {MOST} that are counted.")
