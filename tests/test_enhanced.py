@@ -1,81 +1,29 @@
-"""Enhanced strains: patch test, rigid motion, conservation, bending, refusals."""
+"""Enhanced strains: a second program, bending, viscosity, kernels; see also test_elements.py."""
 
 from __future__ import annotations
 
 import gc
-from functools import cache
-from pathlib import Path
+from contextlib import nullcontext
 
 import basix
 import dolfinx.mesh as dmesh
 import numpy as np
-import parallel
 import pytest
 import ufl
 from dolfinx import fem
+from elements import MATERIAL, Forces, distorted
 from histories import show
 from mpi4py import MPI
 from scipy.sparse.linalg import spsolve
-from scipy.spatial.transform import Rotation
 
 import rigidfx as rf
 from rigidfx.flexible.elimination import alive
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.strain_rate import StrainRates
-from rigidfx.flexible.stress import CauchyStress
-
-HERE = Path(__file__).resolve().parent
-MATERIAL = rf.StVenantKirchhoff(E=1e4, nu=0.3, rho=10.0)
-EXACT = 1e-12
-ANY = 1e9  # a tolerance under which everything is rigid
-
-
-def _waves(X):
-    return np.stack([np.sin(2 * X[1] + X[0]), 0.7 * X[0] - 2, X[1] * X[0] - 2 * X[2]])
-
-
-SPIN = rf.InitialVelocity(angular=(0.3, 0.2, 1.0), function=_waves)
-
-
-def distorted(n=(3, 2, 2), size=(1.5, 1.0, 0.6), by=0.07):
-    """A box whose inner nodes are anywhere."""
-    x, y, z = (np.linspace(0, s, k + 1) for s, k in zip(size, n, strict=True))
-    points = np.stack(np.meshgrid(z, y, x, indexing="ij")[::-1], axis=-1).reshape(-1, 3)
-    inner = np.all((points > 1e-9) & (points < np.array(size) - 1e-9), axis=1)
-    rng = np.random.default_rng(3)
-    points[inner] += rng.uniform(-by, by, (inner.sum(), 3))
-    nx, ny = n[0] + 1, n[1] + 1
-    number = np.arange(len(points)).reshape(n[2] + 1, ny, nx)
-    corners = [number[k : k + n[2], j : j + n[1], i : i + n[0]].reshape(-1)
-               for k in (0, 1) for j in (0, 1) for i in (0, 1)]  # fmt: skip
-    return rf.from_arrays(points, np.stack(corners, axis=1), comm=MPI.COMM_SELF)
 
 
 def scene_of(domain, *effects, **options):
     return rf.Scene(domain, MATERIAL, effects, element="enhanced", **options)
-
-
-class Forces:
-    """Static forces and tangent of a scene at displacements, shape (nodes, 3)."""
-
-    def __init__(self, scene):
-        self.scene = scene
-        self.u0 = fem.Function(scene.space)
-        self.of = InternalForces(scene, self.u0)
-        self.cells = self.of.cells()
-        self.static = self.of.bind_static(self.cells)
-
-    def at(self, u):
-        self.of.u1.x.array[:] = u.reshape(-1)
-        return fem.assemble_vector(self.static.residual).array.copy()
-
-    def tangent(self, u):
-        self.of.u1.x.array[:] = u.reshape(-1)
-        return fem.assemble_matrix(self.static.interior).to_scipy().tocsr()
-
-    def energy(self, u):
-        self.u0.x.array[:] = u.reshape(-1)
-        return fem.assemble_scalar(self.of.bind_energy(self.cells))
 
 
 # The cell ----------------------------------------------------------------------------------------
@@ -125,88 +73,13 @@ def test_energy_of_a_distorted_cell_is_that_of_the_equations():
     assert forces.energy(u) == pytest.approx(expected, rel=1e-12)
 
 
-def test_forces_and_tangents_are_derivatives():
-    """Of the energy, and of the forces."""
-    scene = scene_of(distorted())
-    forces, rng = Forces(scene), np.random.default_rng(2)
-    u, d = rng.normal(scale=0.05, size=(2, forces.u0.x.array.size))
-    h = 1e-5
-    f = forces.at(u)
-    slope = (forces.energy(u + h * d) - forces.energy(u - h * d)) / (2 * h)
-    assert f @ d == pytest.approx(slope, rel=1e-7)
-    change = (forces.at(u + h * d) - forces.at(u - h * d)) / (2 * h)
-    K = forces.tangent(u)
-    np.testing.assert_allclose(K @ d, change, atol=1e-7 * np.abs(change).max())
-    assert abs(K - K.T).max() < EXACT * abs(K).max()
-
-
-@pytest.mark.parametrize("kind", ["plain", "damped"])
-def test_tangent_of_a_step_is_the_derivative_of_its_residual(kind):
-    """With and without ξ and a viscous stress, whose modes are its own."""
-    effects = [rf.KelvinVoigt(30.0), rf.NumericalDamping(0.1)] if kind == "damped" else []
-    scene = scene_of(distorted(), *effects)
-    u0 = fem.Function(scene.space)
-    forces = InternalForces(scene, u0, acting=[effects])
-    forces.set_time(0.0, 0.1)
-    bound = forces.bind(forces.cells())
-    x0, x1, d = np.random.default_rng(1).normal(scale=0.05, size=(3, u0.x.array.size))
-
-    def residual(x):
-        forces.u1.x.array[:] = x
-        return fem.assemble_vector(bound.residual).array.copy()
-
-    u0.x.array[:] = x0
-    h = 1e-5
-    change = (residual(x1 + h * d) - residual(x1 - h * d)) / (2 * h)
-    residual(x1)
-    K = fem.assemble_matrix(bound.interior).to_scipy()
-    np.testing.assert_allclose(K @ d, change, atol=1e-8 * np.abs(change).max())
-
-
-def test_patch():
-    """Any constant strain of distorted cells is found inside, and its energy is exact."""
-    scene = scene_of(distorted((3, 3, 3), (1.0, 1.1, 0.9), 0.1))
-    forces = Forces(scene)
-    X = scene.space.tabulate_dof_coordinates()
-    G = np.random.default_rng(4).normal(scale=1e-2, size=(3, 3))
-    u = X @ G.T
-    f = forces.at(u)
-    outside = np.any((X < 1e-9) | (np.array([1.0, 1.1, 0.9]) - 1e-9 < X), axis=1).repeat(3)
-    assert np.abs(f[~outside]).max() < EXACT * np.abs(f).max()
-    K = forces.tangent(0 * u)
-    held = u.reshape(-1) * outside
-    inner = np.flatnonzero(~outside)
-    found = spsolve(K[inner][:, inner].tocsc(), -(K @ held)[inner])
-    np.testing.assert_allclose(found, u.reshape(-1)[inner], atol=EXACT)
-    E = (G + G.T + G.T @ G) / 2
-    lam, mu = MATERIAL.parameters["lmbda"], MATERIAL.parameters["mu"]
-    W = lam / 2 * np.trace(E) ** 2 + mu * np.vdot(E, E)
-    assert forces.energy(u) == pytest.approx(W * 0.99, rel=EXACT)
-
-
-def test_rotations_strain_nothing():
-    """Nor do they change the energy of what is strained."""
-    scene = scene_of(distorted())
-    forces = Forces(scene)
-    X = scene.space.tabulate_dof_coordinates()
-    R = Rotation.from_rotvec([1.0, -2.0, 0.5]).as_matrix()
-    scale = np.abs(forces.at(0.1 * X)).max()
-    assert np.abs(forces.at(X @ R.T - X)).max() < 1e-13 * scale
-    u = np.random.default_rng(5).normal(scale=0.03, size=X.shape)
-    turned = (X + u) @ R.T - X
-    assert forces.energy(turned) == pytest.approx(forces.energy(u), rel=EXACT)
-    np.testing.assert_allclose(
-        forces.at(turned).reshape(-1, 3), forces.at(u).reshape(-1, 3) @ R.T, atol=EXACT * scale
-    )
-
-
 # Bending -----------------------------------------------------------------------------------------
 
 
 def tip(element, nu=0.0, cells=(10, 1, 1), order=1):
     """Deflection of a clamped bar of 10 × 1 × 0.1 m under a force at its end, over theory."""
     material = rf.StVenantKirchhoff(E=1e6, nu=nu, rho=1.0)
-    with pytest.warns(rf.RigidfxWarning) if element == "standard" else _nothing():
+    with pytest.warns(rf.RigidfxWarning) if element == "standard" else nullcontext():
         scene = rf.Scene(
             rf.box((0, 0, 0), (10, 1, 0.1), cells, comm=MPI.COMM_SELF), material,
             order=order, element=element,
@@ -224,14 +97,6 @@ def tip(element, nu=0.0, cells=(10, 1, 1), order=1):
     return u.reshape(-1, 3)[end, 2].mean() / theory
 
 
-class _nothing:
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        return False
-
-
 def test_bending_does_not_lock():
     """Ten cells, ten times as long as thick: theory by enhanced strains, 2 % of it without."""
     enhanced, standard = tip("enhanced"), tip("standard")
@@ -241,67 +106,6 @@ def test_bending_does_not_lock():
 
 
 # Dynamics ----------------------------------------------------------------------------------------
-
-
-def imbalance(reports):
-    """Largest |ΔH - work + dissipation| of a step over the largest H."""
-    H = np.array([r.energy for r in reports])
-    given = [r.work_of_loads + r.work_of_supports - sum(r.dissipated.values()) for r in reports]
-    return np.abs(np.diff(H) - given[1:]).max() / H.max()
-
-
-def drifts(reports):
-    """Of energy and both momenta, relative to the first and to what they are compared with."""
-    first, scale = reports[0], max(r.momentum_scale for r in reports)
-    return {
-        "H": max(abs(r.energy / first.energy - 1) for r in reports),
-        "L": max(np.abs(r.linear_momentum - first.linear_momentum).max() for r in reports) / scale,
-        "J": max(np.abs(r.angular_momentum - first.angular_momentum).max() for r in reports)
-        / np.abs(first.angular_momentum).max(),
-    }
-
-
-@pytest.mark.parametrize("mass", ["lumped", "consistent"])
-def test_free_flight_of_distorted_cells(mass):
-    """H, L and J stay, at strains of several per cent."""
-    reports = list(rf.simulate(scene_of(distorted(), SPIN, mass=mass), 0.02, 4.0))
-    found = drifts(reports)
-    show(**found, strain=max(r.strain for r in reports) / reports[0].energy)
-    assert max(r.strain for r in reports) > 0.02 * reports[0].energy
-    assert max(found.values()) < 1e-11
-
-
-@pytest.mark.parametrize("mass", ["lumped", "consistent"])
-def test_a_cycle_gives_everything_back(mass):
-    """Twice frozen, turned by a radian, released: H, L and J stay, and so does the strain."""
-    criterion = rf.StrainRate(ANY, 0.2, release=rf.Release(at=[1.0, 2.0]), until=1.5)
-    stress = CauchyStress(scene := scene_of(distorted(), SPIN, mass=mass))
-    reports, frozen, sizes = [], [], []
-    for r in rf.simulate(scene, 0.02, 2.4, rigidify=criterion):
-        reports.append(r)
-        frozen.append(r.unknowns == 6)
-        if frozen[-1]:
-            sizes.append(np.linalg.norm(stress.measure(r.state.u), axis=(1, 2)))
-    found = drifts(reports)
-    show(**found, share=np.mean(frozen))
-    assert max(found.values()) < 1e-11
-    assert sum(e.kind == "release" for r in reports for e in r.events) == 2
-    # a turned body keeps the size of its stresses
-    np.testing.assert_allclose(sizes[1], sizes[0], rtol=1e-10)
-    assert sizes[0].min() > 0
-
-
-def test_damping_takes_what_it_says():
-    """ξ and viscosity, without and with a pressure; neither ever gives energy."""
-    damping = [rf.NumericalDamping(0.1), rf.KelvinVoigt(40.0)]
-    for effects in (damping, [*damping, rf.Pressure("z1", 30.0)]):
-        domain = rf.box((0, 0, 0), (4, 1, 0.5), (5, 2, 1), comm=MPI.COMM_SELF)
-        reports = list(rf.simulate(scene_of(domain, SPIN, *effects), 0.02, 1.0))
-        assert imbalance(reports) < 1e-12
-        for kind in ("NumericalDamping", "KelvinVoigt"):
-            lost = [r.dissipated[kind] for r in reports[1:]]
-            assert min(lost) > 0
-            assert sum(lost) > 1e-3 * reports[0].energy
 
 
 def test_viscosity_does_not_lock():
@@ -352,31 +156,6 @@ def test_strain_rates_and_stresses_are_those_of_the_enhanced_strain():
     assert rates.measure(1.0)[0] == pytest.approx(expected, rel=0.05)
 
 
-@cache
-def _histories(ranks):
-    return np.array(parallel.run(HERE / "enhanced_on_ranks.py", ranks, 300))
-
-
-@parallel.on_1_to_3_ranks
-def test_ranks_agree(ranks):
-    """Histories with a body, pressure, viscosity and ξ."""
-    found, alone = _histories(ranks), _histories(1)
-    scale = np.abs(alone).max(axis=0)
-    np.testing.assert_allclose(found / scale, alone / scale, atol=1e-10)
-
-
-def test_bodies_wake_beside_enhanced_cells():
-    """Parts are found and woken by their shadows, whose stiffness and viscosity are enhanced."""
-    domain = rf.box((0, 0, 0), (8, 1, 0.5), (8, 1, 1), comm=MPI.COMM_SELF)
-    push = rf.Traction("x1", (0, 0, 4.0), time=rf.Table((0, 1, 2, 8), (0, 1, 0, 0)))
-    criterion = rf.StrainRate(tol=6e-3, window=0.5, wake="local", patience=1.0)
-    scene = scene_of(domain, rf.Fixed("x0"), push, rf.KelvinVoigt(10.0))
-    reports = list(rf.simulate(scene, 0.05, 6.0, rigidify=criterion))
-    assert any(e.kind == "freeze" for r in reports for e in r.events)
-    assert any(np.size(e.woken) for r in reports for e in r.events)
-    assert imbalance(reports) < 1e-11
-
-
 def test_strong_compression_is_warned_of():
     """A bar pushed together to 0.6 of its length, named cell and all; to 0.85, nothing is said."""
     for stretch in (0.85, 0.6):
@@ -401,25 +180,12 @@ def test_strong_compression_is_warned_of():
 # Refusals ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("options", "found"),
-    [
-        (
-            {"element": "enhanced!"},
-            "must be 'standard', 'enhanced' or AssumedStrains.*, got 'enhanced!'",
-        ),
-        ({"element": None}, "got None"),
-        ({"order": 2}, "is for order 1, got order 2"),
-        ({"material": rf.NeoHooke(E=1e4, nu=0.3, rho=1.0)}, "StVenantKirchhoff.*got NeoHooke"),
-        ({"scheme": rf.Midpoint()}, "goes with EnergyMomentum, not with Midpoint"),
-        ({"cell": "tetrahedron"}, "is for hexahedra"),
-    ],
-)
-def test_what_cannot_be_is_refused(options, found):
-    options = {"element": "enhanced", "cell": "hexahedron", "material": MATERIAL} | options
-    domain = rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1), options.pop("cell"))
-    with pytest.raises(rf.SceneError, match=found):
-        rf.Scene(domain, options.pop("material"), **options)
+@pytest.mark.parametrize("element", ["enhanced!", None])
+def test_what_is_no_element_is_refused(element):
+    domain = rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1))
+    expected = f"must be 'standard', 'enhanced' or AssumedStrains.*, got {element!r}"
+    with pytest.raises(rf.SceneError, match=expected):
+        rf.Scene(domain, MATERIAL, element=element)
 
 
 def test_an_element_costs_only_who_names_it():
