@@ -1,0 +1,101 @@
+"""A compiler or a disk that fails on one rank is told on all, and none waits.
+
+Run as a script under mpirun, this file goes through all cases on each rank.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from contextlib import closing, contextmanager
+from errno import ENOSPC
+from pathlib import Path
+from unittest.mock import patch
+
+import pytest
+import refusals
+import ufl
+from mpi4py import MPI
+
+import rigidfx as rf
+from rigidfx.base import c_library, form_cache
+from rigidfx.flexible import kernels
+from rigidfx.output.csv_file import CsvFile
+
+COMM = MPI.COMM_WORLD
+
+
+@contextmanager
+def _folder():
+    """An empty folder, the same on all ranks."""
+    with tempfile.TemporaryDirectory() as mine:
+        yield Path(COMM.bcast(mine))
+
+
+def _form(compiler):
+    """A form that is in no cache, by a compiler of that name."""
+    with (
+        _folder() as folder,
+        patch.dict(os.environ, {"CC": compiler}),
+        patch.object(kernels, "jit_options", lambda: {"cache_dir": str(folder)}),
+        patch.dict(form_cache.FOUND, clear=True),
+    ):
+        mesh = rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1)).mesh
+        kernels.Kernel(ufl.Constant(mesh) * ufl.dx(domain=mesh, subdomain_id=0), [], mesh)
+
+
+def _library(compiler):
+    """A library of ours, likewise."""
+    with (
+        _folder() as folder,
+        patch.dict(os.environ, {"CC": compiler}),
+        patch.object(c_library.jit, "get_options", lambda given: {"cache_dir": str(folder)}),
+    ):
+        c_library.c_library(COMM, "one", "int one = 1;", "extern int one;", ["-O0"])
+
+
+def _recorder(by_hand):
+    """A recorder whose table, on rank 0, cannot be closed."""
+    close = CsvFile.close
+
+    def fails(file):
+        close(file)
+        raise OSError(ENOSPC, "No space left on device", "history.csv")
+
+    scene = rf.Scene(
+        rf.box((0, 0, 0), (2, 1, 1), (2, 1, 1)), rf.StVenantKirchhoff(E=1e4, nu=0.3, rho=10.0)
+    )
+    with (
+        _folder() as folder,
+        closing(rf.simulate(scene, 0.1, 0.1)) as reports,
+        patch.object(CsvFile, "close", fails),
+    ):
+        recorder = rf.Recorder(scene, folder, every=1)
+        if by_hand:
+            recorder.write(next(reports))
+            recorder.close()
+        else:
+            with recorder:
+                recorder.write(next(reports))
+
+
+CASES = {
+    "no compiler": (lambda: _form("none"), "'none', which the environment variable CC names"),
+    "a compiler that fails": (lambda: _form("false"), "has failed with exit code 1"),
+    "no compiler of a library": (lambda: _library("none"), "cannot be run"),
+    "one that fails": (lambda: _library("false"), "has failed with exit code 1"),
+    "a close by hand": (lambda: _recorder(True), "No space left on device"),
+    "a close at the end": (lambda: _recorder(False), "No space left on device"),
+}
+
+
+@pytest.mark.parallel
+@pytest.mark.skipif(COMM.size > 1, reason="starts its ranks itself")
+def test_is_told_on_two_ranks():
+    for name, (kind, told) in refusals.found_on_two_ranks(__file__):
+        assert kind == ("OutputError" if "close" in name else "CompilerError"), (name, kind, told)
+        assert CASES[name][1] in told, (name, told)
+
+
+if __name__ == "__main__":
+    refusals.on_each_rank({name: action for name, (action, _) in CASES.items()})
