@@ -74,3 +74,17 @@ def drifts(reports: list[rf.Report]) -> dict[str, float]:
     }
     show(**out)
     return out
+
+
+def largest(rows: list[dict[str, Any]], key: str) -> float:
+    """The largest number in lists of that name."""
+    return max((abs(x) for row in rows for x in row[key]), default=0.0)
+
+
+def apart(one: list[dict[str, Any]], several: list[dict[str, Any]], key: str) -> float:
+    """The largest difference between lists of that name, which are as long in both histories."""
+    worst = 0.0
+    for a, b in zip(one, several, strict=True):
+        assert len(a[key]) == len(b[key])
+        worst = max([worst, *(abs(x - y) for x, y in zip(a[key], b[key], strict=True))])
+    return worst

@@ -22,6 +22,7 @@ import warnings
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 RESULT = "RIGIDFX_TEST_RESULT"  # names the file; standard output mixes what the ranks print
@@ -56,6 +57,18 @@ def run(script: str | Path, ranks: int, timeout: float, *arguments: str) -> Any:
     except BaseException:  # a keyboard's, too: nobody knows what the ranks are at
         _waiting.pop(ranks).end()
         raise
+
+
+def check_the_same(script: str | Path, ranks: int, alone: Any) -> None:
+    """Assert that a script reports, to 1e-9 of each column's largest number, what one rank finds.
+
+    Args:
+        script: Python file.
+        ranks: Number of MPI ranks.
+        alone: Rows of numbers.
+    """
+    one, several = np.array(alone), np.array(run(script, ranks, 300))
+    assert (np.abs(several - one).max(axis=0) <= 1e-9 * np.abs(one).max(axis=0)).all()
 
 
 class Ranks:

@@ -194,6 +194,10 @@ CASES = {
     "stiffness of texts as objects": (lambda: rf.Spring("x0", _texts(3)), "stiffness must be"),
     "stiffness that is true": (lambda: rf.Spring("x0", True), "stiffness must be a number"),
     "corner of texts as objects": (lambda: rf.box(_texts(3), (2, 2, 2), (1, 1, 1)), "three finite"),
+    "load function that is complex": (
+        lambda: _run(rf.Gravity(lambda t: (0, 0, 1j))),
+        "three finite components are expected, got what is no array of real numbers",
+    ),
     "load function of texts as objects": (
         lambda: _run(rf.Gravity(lambda t: _texts(3))),
         "three finite",

@@ -465,8 +465,7 @@ def histories():
 @pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its ranks itself")
 @pytest.mark.parametrize("ranks", [2])  # two surfaces are tried on three
 def test_the_same_on_several_ranks(ranks):
-    one, several = np.array(histories()), np.array(parallel.run(__file__, ranks, 300))
-    assert (np.abs(several - one).max(axis=0) <= 1e-9 * np.abs(one).max(axis=0)).all()
+    parallel.check_the_same(__file__, ranks, histories())
 
 
 if __name__ == "__main__":

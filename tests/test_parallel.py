@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import parallel
 import pytest
+from histories import apart, largest
 from mpi4py import MPI
 
 import rigidfx as rf
@@ -89,10 +90,6 @@ def _history(scene, dt, t_end):
     return rows
 
 
-def _largest(rows, key):
-    return max((abs(x) for row in rows for x in row[key]), default=0.0)
-
-
 @pytest.fixture(scope="module")
 def histories():
     return {n: parallel.run(__file__, n, timeout=600) for n in (1, 2, 3)}
@@ -110,11 +107,8 @@ def test_history_is_that_on_one_rank(histories, name, ranks):
     for key in ("energy", "linear momentum", "angular momentum", "displacement", "reactions",
                 "impact"):  # fmt: skip
         # Components that vanish are rounding of what they are sums of.
-        scale = max(_largest(one, key), momentum if "momentum" in key else 0.0)
-        worst = 0.0
-        for a, b in zip(one, several, strict=True):
-            assert len(a[key]) == len(b[key])
-            worst = max([worst, *(abs(x - y) for x, y in zip(a[key], b[key], strict=True))])
+        scale = max(largest(one, key), momentum if "momentum" in key else 0.0)
+        worst = apart(one, several, key)
         print(f"{key}: {worst / scale if scale else 0.0:.2g}")
         assert worst <= TOLERANCE * scale
 
@@ -123,10 +117,10 @@ def test_history_is_that_on_one_rank(histories, name, ranks):
 def test_there_is_something_to_compare(histories):
     """Motions, reactions and impacts, on as many ranks as asked for."""
     assert sum(bool(row["impact"]) for row in histories[1]["everything"]) >= 2
-    assert _largest(histories[1]["everything"], "reactions") > 0
+    assert largest(histories[1]["everything"], "reactions") > 0
     for name in SCENES:
-        assert _largest(histories[1][name], "displacement") > 0.05
-    assert _largest(histories[1]["tumbling"], "energy") > 1e3
+        assert largest(histories[1][name], "displacement") > 0.05
+    assert largest(histories[1]["tumbling"], "energy") > 1e3
     assert [histories[n]["ranks"] for n in (1, 2, 3)] == [1, 2, 3]
 
 

@@ -139,6 +139,9 @@ def test_the_usual_solvers_are_honoured(given, solver):
         ({"kps_type": "cg"}, "is no option of the solver"),
         ({5: "cg"}, "5 is no option of the solver"),
         ({"ksp_type": ["cg"]}, "ksp_type must be a text or a number"),
+        ({"ksp_type": "cg\0"}, "ksp_type must be a text or a number"),
+        ({"ksp_max_it": 10**5000}, "ksp_max_it must be a text or a number"),
+        ({"ksp_type\0": "cg"}, "is no option of the solver"),
     ],
 )
 def test_options_that_are_none_are_refused(given, message):

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 import parallel
 import pytest
+from histories import apart, largest
 from mpi4py import MPI
 from runs import prepared
 
@@ -187,11 +188,7 @@ def test_history_is_that_on_one_rank(histories, name, ranks):
     newton = [sum(row["iterations"] for row in rows) for rows in (one, several)]
     assert abs(newton[0] - newton[1]) <= 0.1 * newton[0]
     for key in KEYS:
-        scale = max((abs(x) for row in one for x in row[key]), default=0.0)
-        worst = 0.0
-        for a, b in zip(one, several, strict=True):
-            assert len(a[key]) == len(b[key])
-            worst = max([worst, *(abs(x - y) for x, y in zip(a[key], b[key], strict=True))])
+        scale, worst = largest(one, key), apart(one, several, key)
         print(f"{key}: {worst / scale if scale else 0.0:.2g}")
         assert worst <= TOLERANCE * scale, key
 

@@ -231,8 +231,9 @@ def vector_at(owner: str, what: str, t: float, function: Callable[[], Array]) ->
 
 def _three_finite(owner: str, t: float, value: Array, advice: str = "") -> None:
     if np.shape(value) != (3,) or not np.isfinite(value).all():
+        given = value if np.size(value) else "what is no array of real numbers"
         raise SceneError(
-            f"{owner}: at t = {t:g} s three finite components are expected, got {value}.{advice}"
+            f"{owner}: at t = {t:g} s three finite components are expected, got {given}.{advice}"
         )
 
 

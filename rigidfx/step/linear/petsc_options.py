@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -195,9 +195,10 @@ def take_arguments(arguments: list[str]) -> None:
 
 def _text(name: Any, value: Any) -> str:
     """A value as PETSc reads it."""
-    if not isinstance(name, str) or not name.startswith(FAMILIES) or name.split() != [name]:
+    is_one = isinstance(name, str) and name.startswith(FAMILIES) and name.split() == [name]
+    if not is_one or "\0" in name:  # where C's texts end
         raise SceneError(
-            f"simulate: petsc_options: {name!r} is no option of the solver; names begin with "
+            f"simulate: petsc_options: {shown(name)} is no option of the solver; names begin with "
             f"{', '.join(FAMILIES)}, without a prefix or '-'."
         )
     if value is None:
@@ -205,7 +206,9 @@ def _text(name: Any, value: Any) -> str:
     if isinstance(value, (bool, np.bool_)):
         return "true" if value else "false"
     if isinstance(value, (str, int, float, np.number)):
-        return str(value)
+        with suppress(ValueError):  # of a whole number of 5000 digits
+            if "\0" not in (text := str(value)):
+                return text
     raise SceneError(
         f"simulate: petsc_options: {name} must be a text or a number, got {shown(value)}."
     )
