@@ -106,8 +106,11 @@ def _plain(value: Any) -> Any:
         return os.fspath(value)
     if isinstance(value, (np.ndarray, np.generic)):
         array = np.asarray(value)
+        kind = str(array.dtype)
+        if array.dtype.kind in "fc":  # a wide float has bytes that mean nothing
+            array = array.astype(np.float64 if array.dtype.kind == "f" else np.complex128)
         content = array.tolist() if array.dtype == object else array.tobytes()
-        return array.shape, str(array.dtype), content
+        return array.shape, kind, content
     if isinstance(value, type):  # a record's class has no breakpoints, but the property
         return value.__qualname__
     name = type(value).__qualname__
