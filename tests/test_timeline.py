@@ -52,6 +52,13 @@ def test_an_end_that_is_none_is_refused(t_end):
         Timeline(0.1, t_end)
 
 
+@pytest.mark.parametrize(("dt", "t_end"), [(0.1, 1e-300), (1.0, 1e-11)])
+def test_an_end_before_the_first_step_is_refused(dt, t_end):
+    """Such a run ended at once, in silence."""
+    with pytest.raises(rf.SceneError, match=r"would have no step: times .* s apart count as the"):
+        Timeline(dt, t_end)
+
+
 def test_small_steps_late_in_a_run_go_on():
     """There numbers are 1.5e-11 s apart, more than a billionth of a step."""
     found = ends(Timeline({0.0: 100.0, 86400.0: 1e-6}, 86400.0 + 1e-5))

@@ -52,6 +52,12 @@ class Timeline:
         self._times, self._steps = [t for t, _ in pairs], [own for _, own in pairs]
         self.dt = self._steps[0]
         self.resolution = self._resolve(finest)
+        if self.over(0.0):
+            raise SceneError(
+                f"simulate: a run until t_end = {self.t_end:g} s with dt = {self.dt:g} s would "
+                f"have no step: times {self.resolution:.2g} s apart count as the same. Take a "
+                "larger t_end, or a smaller dt."
+            )
         self._stops: list[float] = [*self._times[1:], self.t_end]
 
     def _resolve(self, finest: float | None) -> float:
