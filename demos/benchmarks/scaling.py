@@ -81,8 +81,9 @@ def measure(
         return SCENES[case](fineness, rigid, redistribute)
 
     building, (scene, dt) = timed(begin)
-    with closing(rf.simulate(scene, dt, 1e6 * dt, progress=False)) as reports:
-        preparing, _ = timed(lambda: next(reports))
+    preparing, run = timed(lambda: rf.simulate(scene, dt, 1e6 * dt, progress=False))
+    with closing(run) as reports:
+        beginning, _ = timed(lambda: next(reports))
         first, report = timed(lambda: next(reports))
         seconds, taken = [], []
         for _ in range(steps):
@@ -93,7 +94,7 @@ def measure(
     return {
         "unknowns": COUNT[case](fineness),
         "unknowns_of_a_step": report.unknowns,
-        "setup": building + preparing + first,
+        "setup": building + preparing + beginning + first,
         "first_step": first,
         "seconds_per_step": median(seconds),
         "mean_seconds_per_step": mean(seconds),

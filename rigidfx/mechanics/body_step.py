@@ -20,12 +20,19 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.mechanics.bodies import Bodies, times
-from rigidfx.mechanics.rotation import IDENTITY, cayley_tangent, orthonormalized, skew
+from rigidfx.mechanics.rotation import (
+    IDENTITY,
+    UNIT_SKEWS,
+    cayley_tangent,
+    orthonormalized,
+    skew,
+)
 
 __all__ = ["Increments", "Step"]
 
 Array = npt.NDArray[np.float64]
 
+COUPLES_TURN = -UNIT_SKEWS.T  # v × f from v fᵀ, row by row
 # ½ f̂ v̂ = ½ v fᵀ - ½ (f·v) I from v fᵀ, both row by row.
 HALF_COUPLES = 0.5 * np.eye(9) - 0.5 * np.outer(IDENTITY, IDENTITY)
 
@@ -200,7 +207,12 @@ class Increments:
         Args:
             moments: Shape (bodies, 4, 3) [N, N m].
         """
-        return (moments.reshape(-1, 1, 12) @ self.L)[:, 0]
+        out = np.empty((len(self), 6))
+        out[:, :3] = moments[:, 0]
+        products = self.R_av @ moments[:, 1:]  # Σ v_av fᵀ
+        turning = np.dot(products.reshape(-1, 9), COUPLES_TURN)
+        np.divide(turning, self.start.of.length[:, None], out=out[:, 3:])
+        return out
 
     def couples(self, moments: Array) -> Array:
         """Σ ½ f̂ᵢ v̂₁,ᵢ of forces with these moments, shape (bodies, 3, 3) [N m]: see `tangent`."""

@@ -16,12 +16,12 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 __all__ = ["few_entries", "fill"]
 
 # A solve with factors of few entries takes less than the handful of iterations by GMRES and leaves
-# less. By kept factors instead of incomplete ones steps of soft parts took .25 to .79 of the time
-# at a fill of 1.3 to 6.5, in bars, plates and blocks of 670 to 30 000 unknowns; 1.05 at 6.8 (an L
-# of 3969 unknowns), .38 at 8.2 (a second-order plate of 21 609), .73 at 9.5 (one of 5625), .88 at
-# 9.8 (a block of 2187).
+# less. By kept factors instead of incomplete ones steps of soft parts took .36 to .79 of the time
+# at a fill of 1.3 to 6.5, in bars, plates and blocks of 670 to 10 000 unknowns; 1.05 at 6.8 (an L
+# of 3969 unknowns), .73 at 9.5 (a plate of 5625), .88 at 9.8 (a block of 2187).
 FEW = 6.5
-UP_TO = 30_000  # unknowns; nobody has looked at larger ones
+# Unknowns. Beyond, steps would take .25 to .5, but new factors as much as 10 to 30 steps gain.
+UP_TO = 10_000
 
 
 def few_entries(A: PETSc.Mat) -> bool:
