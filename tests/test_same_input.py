@@ -39,7 +39,10 @@ def _scene():
 def _record(**options):
     """A recorder whose folder is a rank's own, which is nobody's business but rank 0's."""
     with tempfile.TemporaryDirectory() as folder:
-        rf.Recorder(_scene(), folder, **options).close()
+        recorder = rf.Recorder(_scene(), folder, **options)
+        recorder.close()
+        named = MPI.COMM_WORLD.allgather(recorder.folder)
+        assert set(named) == {named[0]}
 
 
 def _write(path):

@@ -78,7 +78,7 @@ class Recorder:
 
         Args:
             scene: The problem that is run.
-            folder: Folder for the output; made if it does not exist.
+            folder: Folder for the output; made if it does not exist. That of rank 0 counts.
             every: Number of steps from one output of the fields to the next, so that output is a
                 small part of the run; history.csv has a row for each step in any case ...
             interval: ... or, if given, at the first step that ends at or after each multiple of
@@ -104,8 +104,8 @@ class Recorder:
         self._every = whole("Recorder", "every", every, least=1)
         self._interval = None if interval is None else positive("Recorder", "interval", interval)
         self._next = 0.0
-        self.folder = together(
-            scene.comm, "Recorder", lambda: path_of("Recorder", "folder", folder)
+        self.folder = scene.comm.bcast(
+            together(scene.comm, "Recorder", lambda: path_of("Recorder", "folder", folder))
         )
         self._scene, self._comm = scene, scene.comm
         self._supports = tuple(dict.fromkeys(support.where for support, _ in scene.supports))
