@@ -17,10 +17,11 @@ KNOBS = {  # how labels begin → colour
     "tolerance": "#d55e00",
     "window": "#d55e00",
     "Δt": "#0072b2",
-    "order 1": "#009e73",
+    "order 2": "#009e73",
     "mesh": "#009e73",
     "consistent": "#009e73",
-    "ξ": "#cc79a7",
+    "damping": "#cc79a7",
+    "no damping": "#cc79a7",
     "Newton": "#888888",
 }
 PIXELS = np.array([14, 26, 40, 56, 74, 94, 116, 140, 170, 200])  # how far a label may be away
@@ -37,9 +38,9 @@ def place_labels(ax: Any, rows: list[Row]) -> None:
 
     Args:
         ax: Axes with their final limits.
-        rows: Runs, shown at (wall time, error in %); the first have the choice.
+        rows: Runs, shown at (time, error in %); the first have the choice.
     """
-    points = ax.transData.transform([(r["wall_s"], 100 * r["error"]) for r in rows])
+    points = ax.transData.transform([(r["cpu_s"], 100 * r["error"]) for r in rows])
     taken = [(x - 8, y - 8, x + 8, y + 8) for x, y in points]
     frame = ax.get_window_extent()
     for (x, y), r in zip(points, rows, strict=True):
@@ -60,5 +61,5 @@ def place_labels(ax: Any, rows: list[Row]) -> None:
         text.set(x=left, y=middle, verticalalignment="center_baseline")
         if away > PIXELS[0]:
             end = ax.transData.inverted().transform((x + dx, y + dy))
-            start = r["wall_s"], 100 * r["error"]
+            start = r["cpu_s"], 100 * r["error"]
             ax.plot(*zip(start, end, strict=True), color="0.75", linewidth=0.8, zorder=1.5)

@@ -13,7 +13,7 @@ from rigidfx.plot import figure_of, on_first_rank, save
 from rigidfx.plot.curves import DPI
 
 from .labels import colour, place_labels
-from .study import Study
+from .study import SURE, Study
 
 
 def draw(studies: Sequence[Study], path: Path) -> None:
@@ -35,20 +35,20 @@ def draw(studies: Sequence[Study], path: Path) -> None:
 
 
 def _panel(ax: Any, study: Study) -> None:
-    """The points of a structure, the line of the best, and the reference's own error in grey."""
+    """The points of a structure, the line of the best, and what is not known in grey."""
     name, rows = study.structure.name, study.compared
-    ax.set(title=name[0].upper() + name[1:], xlabel="wall time (s)", ylabel="error")
+    ax.set(title=name[0].upper() + name[1:], xlabel="time of one core (s)", ylabel="error")
     ax.set(xscale="log", yscale="log")
-    walls, errors = ([row[key] for row in rows] for key in ("wall_s", "error"))
+    walls, errors = ([row[key] for row in rows] for key in ("cpu_s", "error"))
     ax.set_xlim(min(walls) / 1.5, max(walls) * 2.6)
     ax.set_ylim(min(0.08, 50 * min(errors)), 300.0)
     ax.set_yticks([0.1, 1.0, 10.0, 100.0], ["0.1 %", "1 %", "10 %", "100 %"])
     ax.xaxis.set_major_formatter("{x:g}")
     ax.minorticks_off()
-    line = np.array([(row["wall_s"], 100 * row["error"]) for row in study.front])
+    line = np.array([(row["cpu_s"], 100 * row["error"]) for row in study.front])
     ax.plot(*line.T, color="0.85", linewidth=7, solid_capstyle="round", zorder=1)
     if study.doubt:
-        ax.axhspan(1e-9, 100 * study.doubt, color="0.94", zorder=0.5)
+        ax.axhspan(1e-9, 100 * SURE * study.doubt, color="0.94", zorder=0.5)
     for row in rows:
         shape = {"marker": "*", "markersize": 16} if row["label"] == "base" else {"marker": "o"}
-        ax.plot(row["wall_s"], 100 * row["error"], color=colour(row["label"]), **shape)
+        ax.plot(row["cpu_s"], 100 * row["error"], color=colour(row["label"]), **shape)

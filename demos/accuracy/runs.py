@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from dataclasses import asdict
 from pathlib import Path
 
@@ -11,10 +12,11 @@ from common import comm, write_json
 
 import rigidfx as rf
 
+from .plans import REFERENCE
 from .setting import Setting, petsc_options
 from .structure import Structure
 
-COLUMNS = "t", "dt", "energy", "motion", "unknowns", "newton", "wall"
+COLUMNS = "t", "dt", "energy", "motion", "unknowns", "newton", "wall", "cpu", "x", "y", "z"
 History = dict[str, list[float]]  # the columns, an entry per step
 
 
@@ -29,15 +31,7 @@ def run(structure: Structure, setting: Setting, folder: Path) -> History:
     Raises:
         OutputError: On every rank, if a file is damaged or cannot be written.
     """
-    what = {"t_end": structure.t_end, **asdict(setting)}
-    if not setting.budget:
-        del what["budget"]
-    if setting != structure.settings["reference"]:  # whose time does not matter
-        what |= {"ranks": comm.size}
-    if setting.tol:
-        what |= {"min_cells": structure.min_cells}
-    key = " ".join([structure.name, *(f"{name}={value}" for name, value in what.items())])
-    path = folder / f"{key}.json"
+    path, what = _path(structure, setting, folder)
     found = _known(path, structure)
     if found is not None:
         return found
@@ -53,22 +47,39 @@ def _carried_out(structure: Structure, setting: Setting) -> History:
     criterion = rf.StrainRate(setting.tol, setting.window, min_cells=least)
     rule: dict[str, object] = {"rigidify": criterion if setting.tol else None}
     if setting.budget:
-        rule = {"accuracy": rf.Accuracy(setting.budget, structure.at)}
+        rule = {"accuracy": rf.Accuracy(setting.budget, structure.at, of=structure.of)}
     rows = []
     with petsc_options(setting):
-        for report in rf.simulate(
-            scene,
-            setting.dt,
-            structure.t_end,
-            progress=True,
-            **rule,
-        ):
+        reports = rf.simulate(scene, setting.dt, structure.t_end, progress=True, **rule)
+        began = time.process_time()
+        for report in reports:
+            cpu, began = time.process_time() - began, time.process_time()
             x = {name: X + report.probes[name] for name, X in scene.probes.items()}
             motion, newton = structure.motion(x), report.iterations
             row = report.t, report.dt, report.energy, motion, report.unknowns, newton, report.wall
-            rows.append(row)
-    # All ranks take over the wall times of rank 0.
+            rows.append((*row, cpu, *x[structure.at]))
+    # All ranks take over the times of rank 0.
     return comm.bcast(dict(zip(COLUMNS, map(list, zip(*rows, strict=True)), strict=True)))
+
+
+def known(structure: Structure, setting: Setting, folder: Path) -> bool:
+    """Whether there is a run already. Collective."""
+    return _known(_path(structure, setting, folder)[0], structure) is not None
+
+
+def _path(structure: Structure, setting: Setting, folder: Path) -> tuple[Path, dict[str, object]]:
+    """The file of a run, and what it is named by."""
+    what: dict[str, object] = {"t_end": structure.t_end, **asdict(setting)}
+    if setting.budget:
+        what |= {"of": structure.of}
+    else:
+        del what["budget"]
+    if setting != structure.settings[REFERENCE]:  # whose time does not matter
+        what |= {"ranks": comm.size}
+    if setting.tol:
+        what |= {"min_cells": structure.min_cells}
+    key = " ".join([structure.name, *(f"{name}={value}" for name, value in what.items())])
+    return folder / f"{key}.json", what
 
 
 def _known(path: Path, structure: Structure) -> History | None:

@@ -29,7 +29,9 @@ class Structure:
         free: When the loads end [s].
         t_end: End of its runs [s].
         min_cells: Least size of a new body, in cells of the base mesh.
-        at: Probe whose motion budgets are parts of.
+        at: Probe whose motion budgets are of.
+        of: What they are parts of [m]: the largest bending, where most of a motion is rigid; the
+            probe's largest displacement if None.
         settings: Label → setting; "reference" and "base" are among the labels.
     """
 
@@ -41,6 +43,7 @@ class Structure:
     t_end: float
     min_cells: int
     at: str
+    of: float | None
     settings: Mapping[str, Setting]
 
     @property
