@@ -158,7 +158,7 @@ STRUCTURES = [
         t_end=12.0 if options.short else 30.0,
         min_cells=20,
         at="end",
-        of=1.7,
+        of=None if options.short else 1.7,
         settings=plan(
             Setting(tol=5e-3, window=5.0, dt=0.2, damping=0.025),
             options.short,
@@ -194,7 +194,7 @@ STRUCTURES = [
         t_end=9.0 if options.short else 20.0,
         min_cells=1,
         at="end",
-        of=0.03,
+        of=None if options.short else 0.03,
         settings=plan(
             Setting(tol=1.5e-3, window=2.0, dt=0.1, damping=0.0),
             options.short,

@@ -1,4 +1,4 @@
-"""Scenes for budgets: the three structures of the study of accuracy, and loads of six kinds.
+"""Scenes for budgets: the three structures of the study of accuracy, and loads of seven kinds.
 
 Damping is by a viscosity that does not depend on Δt (a numerical one would change with it, and a
 finer run be another structure).
@@ -128,6 +128,12 @@ def on_bar(scene: Callable[[], rf.Scene], budgets: tuple[float, ...] = BUDGETS) 
     return Case(scene, 0.2, 16.0, rf.Relative(0.01), 1.0, "local", 8, budgets)
 
 
+def resonance() -> rf.Scene:
+    """A sine with the period of the first bending, which grows for five of them."""
+    pull = rf.Traction("x1", (0, 0, 5.0), time=lambda t: float(np.sin(2 * np.pi * t / 11.46)))
+    return bar(BASE, pull, drag=0.1)
+
+
 BASE = rf.Fixed("x0")
 CASES = {
     "frame": Case(frame, 0.02, 1.25, 5e-5, 0.25),
@@ -147,6 +153,7 @@ CASES = {
             drag=0.0,
         )
     ),
+    "resonance": Case(resonance, 0.5, 60.0, rf.Relative(0.01), 1.0, "local", 8, BUDGETS[:1]),
     "moving base": on_bar(lambda: bar(rf.PrescribedMotion("x0", displacement=moved))),
     "pressure": on_bar(lambda: bar(BASE, rf.Pressure("z0", 30.0, since=1.0))),
     "accelerogram": on_bar(lambda: bar(BASE, rf.Gravity((0, 0, 1.0), time=quake()))),
