@@ -17,6 +17,8 @@ from mpi4py import MPI
 import rigidfx as rf
 from rigidfx.base.errors import SceneError, StepError
 from rigidfx.decide.criteria.concentration import quiet_enough
+from rigidfx.decide.memory.bends import Bends
+from rigidfx.decide.memory.drift import Drift
 from rigidfx.decide.memory.strokes import Strokes
 from rigidfx.decide.memory.work import Work
 from rigidfx.decide.policy import CHECKED, FORESEEN
@@ -110,6 +112,77 @@ def test_a_block_stays_rigid_while_a_slow_load_acts():
     assert events[0].kind == "freeze"
 
 
+class _Shape:
+    """A state whose nodes are where they are put."""
+
+    def __init__(self, x):
+        self.x = x
+
+    def positions(self, nodes):
+        return self.x[nodes]
+
+
+def test_parts_bend_by_what_no_rigid_motion_explains():
+    """Of u = z x² on 1 m, but for the chord that fits best, 1/6 is left at the ends."""
+    scene = rf.Scene(rf.box((0, 0, 0), (1, 0.02, 0.02), (16, 1, 1)), SOFT)
+    X = scene.space.tabulate_dof_coordinates()
+    every, free = np.arange(scene.owned_nodes), np.zeros(3 * scene.owned_nodes, dtype=bool)
+    turn, small = np.array([[0.6, -0.8, 0], [0.8, 0.6, 0], [0, 0, 1.0]]), 1e-4
+    bent = X + small * X[:, :1] ** 2 * [0, 0, 1]
+    found = Bends(scene)
+    assert found.limits(np.ones(1)) is None  # nothing has moved
+    for x in (X, X @ turn.T + [5.0, 0, 0], bent @ turn.T):
+        found.add(_Shape(x), free)
+    found.look(2.0, 1e-9)
+    first = every[X[every, 0] < 0.51]
+    whole, half, _ = found.swings([every, first, every[:0]])
+    assert whole == pytest.approx(small / 6, rel=0.15)  # by masses, which are less at the ends
+    assert half == pytest.approx(small / 24, rel=0.15)
+    assert found.limits(np.ones(1)) == pytest.approx(whole / 2)
+    # Of what is held at one end the deflection is the displacement itself.
+    held = Bends(scene)
+    held.add(_Shape(bent), np.repeat(X[:, 0] < 1e-9, 3))
+    held.look(2.0, 1e-9)
+    assert held.per_rate == pytest.approx(small / 2)
+
+
+def test_drift_is_half_the_share_of_power_and_dies_down_with_the_motion():
+    found, rigid = Drift(COMM, 2), np.array([False, False])
+    found.limit = 0.1
+    found.window_ends(np.array([1.0, 4.0]), rigid, 1.0, 0.1, 1.0)
+    assert (found.rate, found.share) == (0.0, 0.0)
+    # Half of 1/5, for a second of 10 rad: as much as the motion itself.
+    assert found.room(0.1) == pytest.approx(0.1 / 5)
+    rigid = np.array([True, False])
+    found.window_ends(np.array([0.0, 4.0]), rigid, 1.0, 0.1, 0.1)
+    assert found.share == pytest.approx(0.2)
+    assert found.rate == pytest.approx(0.1)
+    assert found.room(0.1) == pytest.approx(0.0)
+    found.window_ends(np.array([0.0, 1.0]), rigid, 0.5, 0.0, 0.1)  # loads change: nothing drifts
+    assert found.rate == pytest.approx(0.05)
+
+
+@chatter
+def test_what_vibrates_fast_hides_no_slow_motion():
+    """A sine at the block's own first frequency: the slow swing it sets off strains hardly at all.
+
+    By strain rates alone most of the bar freezes in the first window, and its tip is half off.
+    """
+    box = rf.box((4, 0, 0), (8, 1, 1), (8, 1, 1))
+    period = float(rf.periods(rf.Scene(box, STIFF), 1)[0])
+    push = rf.Traction(
+        "x1", (0, 0, 400.0), time=lambda t: np.sin(2 * np.pi * t / period) * min(1.0, t / period)
+    )
+    dt, steps, scene = period / 20, 100, bar(rf.Fixed("x0"), push, rf.MassDamping(1.0))
+    rule = rf.StrainRate(1e-3, WINDOW * dt, wake="local")
+    tips, peak = [], 0.0
+    for each in (NOTHING, rule):
+        reports = list(rf.simulate(scene, dt, steps * dt, rigidify=each, progress=False))
+        tips.append(np.array([report.probes["tip"] for report in reports]))
+        peak = max(peak, *(report.strain_rate.max() for report in reports))
+    assert error(tips[1], tips[0]) <= 0.8 * rule.kappa * rule.tol / peak
+
+
 @chatter
 def test_the_papers_rule_releases_it_at_each_change_of_the_load():
     _, tol = gentle()
@@ -192,8 +265,8 @@ def test_a_shadow_begins_as_a_linear_twin(mass, damping, monkeypatch):
     monkeypatch.setattr(pace, "CALM", 0.0)  # no step is left out
     t_end = 1.4
     _, rates, _, _ = run(scene, t_end)
-    # Every cell qualifies and none wakes.
-    rule = rf.StrainRate(rates.max(), 0.3, wake="local", kappa=2.0)
+    # Every cell qualifies and none wakes, nor does all bend too much.
+    rule = rf.StrainRate(10 * rates.max(), 0.3, wake="local", kappa=2.0)
     run(scene, t_end, rule)
     times, shadows = zip(*seen[1:], strict=True)  # the first look tells nothing by rates
     twin = np.array([rates[round(t / DT)] for t in times])
@@ -500,7 +573,8 @@ def events_after_a_blow(scene):
 def test_what_freezes_after_a_blow_lasts(monkeypatch):
     """By the stroke of the blow alone it would wake in the second step."""
     assert events_after_a_blow(struck()) == ["freeze"]
-    monkeypatch.setattr(Strokes, "_recent", lambda _: 0.0)
+    monkeypatch.setattr(Strokes, "turning", 0.0)
+    monkeypatch.setattr(Bends, "limits", lambda *_: None)  # of what freezes, none bends too much
     assert events_after_a_blow(struck()) == ["freeze", "release"]
 
 

@@ -6,7 +6,7 @@ switches take: see `criteria/concentration.py` and `memory/work.py`.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +14,7 @@ from mpi4py import MPI
 
 from rigidfx.decide.criteria.concentration import Concentration
 from rigidfx.decide.criteria.observation import Observation
-from rigidfx.decide.decision import Decision
+from rigidfx.decide.decision import Decision, PlannedBody
 from rigidfx.decide.memory.memory import Memory
 from rigidfx.scene.scene import Scene
 
@@ -22,6 +22,11 @@ __all__ = ["Lasting"]
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
+Ints = npt.NDArray[np.int32]
+
+
+FIRM = 1 / 3  # times what releases a body by its bend: what lets it freeze
+QUIETER = 0.8  # times the loudest cell of parts that do too much: what may still be rigid
 
 
 class Lasting:
@@ -54,23 +59,66 @@ class Lasting:
             able: Owned cells that may freeze.
             barred: Owned cells that may not.
         """
-        memory = self._memory
+        memory, flexible = self._memory, seen.flexible
         worst, start = memory.window.worst, memory.window.start
         resting = memory.loads.resting_since <= start
-        length = seen.t - start
-        quiet = np.asarray(memory.window.steps * (1 + memory.back_off.observed / length))
-        weights, flexible = seen.indicator.weights, seen.flexible
+        quiet = np.asarray(memory.window.steps * (1 + memory.back_off.observed / (seen.t - start)))
+        loud = np.zeros_like(tol)
+        np.divide(worst, tol, out=loud, where=tol > 0)
         while True:
             found = plan(able, barred)
-            parts = [b.cells[flexible[b.cells]] for b in found.bodies if not b.kept]
+            new = [body for body in found.bodies if not body.kept]
+            parts = [body.cells[flexible[body.cells]] for body in new]
             out = np.zeros_like(able)
             if resting:
+                weights = seen.indicator.weights
                 out = self._concentration.too_loud(parts, worst, weights, tol, flexible)
+                if not self._some(out):
+                    out = self._drifting(parts, loud)
+            if not self._some(out):
+                out = self._bent(new, parts, loud, tol)
             if not self._some(out):
                 out = memory.work.too_dear(parts, quiet, flexible, self._comm)
                 if not self._some(out):
                     return found
             able, barred = able & ~out, barred | out
+
+    def _drifting(self, parts: Sequence[Ints], loud: Array) -> Bools:
+        """The loudest cells of parts with which a free motion would drift too far. Collective."""
+        drift, turning = self._memory.drift, self._memory.strokes.turning
+        if turning == 0 or not np.isfinite(drift.limit):
+            return np.zeros(loud.size, dtype=bool)
+        local = sum(float(drift.shares[own].sum()) for own in parts)
+        more = self._comm.allreduce(local, op=MPI.SUM)
+        too_much = more > 0 and drift.share + more > drift.room(turning)
+        most = float(self._largest([loud[own] for own in parts]).max(initial=0.0))
+        return self._loudest(parts, loud, [most if too_much else np.inf for _ in parts])
+
+    def _bent(
+        self, new: Sequence[PlannedBody], parts: Sequence[Ints], loud: Array, tol: Array
+    ) -> Bools:
+        """The loudest owned cells of parts that bend too much as a whole. Collective."""
+        bends = self._memory.bends
+        limits = bends.limits(tol)
+        if limits is None or not new:
+            return np.zeros(tol.size, dtype=bool)
+        least = -self._largest([-limits[own] for own in parts])
+        bent = bends.swings([body.nodes for body in new]) > FIRM * least
+        most = self._largest([loud[own] for own in parts])
+        return self._loudest(parts, loud, np.where(bent, most, np.inf))
+
+    def _loudest(self, parts: Sequence[Ints], loud: Array, most: Sequence[float] | Array) -> Bools:
+        """Cells of each part that are not much quieter than its loudest one."""
+        out = np.zeros(loud.size, dtype=bool)
+        for own, largest in zip(parts, most, strict=True):
+            out[own] = loud[own] >= QUIETER * largest
+        return out
+
+    def _largest(self, of_each: Sequence[Array]) -> Array:
+        """The largest number of each part; of one without cells minus infinity. Collective."""
+        out = np.array([numbers.max(initial=-np.inf) for numbers in of_each])
+        self._comm.Allreduce(MPI.IN_PLACE, out, op=MPI.MAX)
+        return out
 
     def _some(self, cells: Bools) -> bool:
         """Whether there are any on any rank. Collective."""

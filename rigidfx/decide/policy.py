@@ -27,7 +27,9 @@ from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.decision import Decision, plan_bodies, qualify
 from rigidfx.decide.lasting import Lasting
 from rigidfx.decide.memory.back_off import BackOff
+from rigidfx.decide.memory.bends import Bends
 from rigidfx.decide.memory.contact_changes import ContactChanges
+from rigidfx.decide.memory.drift import Drift
 from rigidfx.decide.memory.load_changes import LoadChanges
 from rigidfx.decide.memory.memory import Memory
 from rigidfx.decide.memory.signals import Signals
@@ -51,6 +53,7 @@ Ints = npt.NDArray[np.int64]
 
 FORESEEN = "predicted: forces will strain them"  # reasons of a release before a step ...
 CHECKED = "checked: forces would strain them"  # ... and after it, which is then solved again
+DRIFTED = "drift: a free motion is off by half of what wakes cells"
 
 
 class Policy:
@@ -95,6 +98,8 @@ class Policy:
             next_number=self.named.count + 1,
             strokes=Strokes(scene.comm, self._graph.owned),
             work=Work(),
+            bends=Bends(scene),
+            drift=Drift(scene.comm, self._graph.owned),
         )
         self._lasting = Lasting(scene, self.memory)
         self.rule = heeded_rule(criterion, scene, timeline, self.memory, failures)
@@ -142,8 +147,7 @@ class Policy:
         changed = self.memory.contacts.changed(touches) if self._criterion.wake == "all" else ""
         if not changed:
             return None
-        able = (self._numbers(seen) != NONE) & ~self.named.mask
-        if not self._graph.comm.allreduce(bool(able.any()), op=MPI.LOR):
+        if not self._any(self._free(seen)):
             return None
         decision = self._release(seen, f"the contact '{changed}' changes", self._every)
         return replace(decision, loads_changed=True)
@@ -184,10 +188,10 @@ class Policy:
         if named := {**self.named.cells, **apart}:
             against = Seen(self.rule.limits().rates, self.memory.strokes.rate, seen.t)
             self._advice.of_named(named, strained, against)
-        free = (numbers != NONE) & ~self.named.mask
+        free = self._free(seen)
         waking = self.rule.waking(strained, free)
         above = waking.cells
-        if not self._graph.comm.allreduce(bool(above.any()), op=MPI.LOR):
+        if not self._any(above | waking.stale):
             return None
         leaving = self._graph.touching(self._graph.largest_at_nodes(above.astype(np.float64)) > 0)
         mine = np.unique(numbers[waking.stale | (free & leaving & (strained.spring > 1))])
@@ -210,6 +214,8 @@ class Policy:
         flexible = seen.flexible & memory.window.whole
         self.rule.window_ends(seen, flexible)
         tol = self.rule.tol
+        if memory.drift.rate > memory.drift.limit and self._any(self._free(seen)):
+            return self._release(seen, DRIFTED, self._every)
         self._advice.of_window(memory.signals.period(), tol, seen.noise)
         qualified, closeness = qualify(memory.window.worst, tol, flexible, self._graph.comm)
         able = memory.back_off.lasting(qualified)
@@ -272,6 +278,14 @@ class Policy:
                 numbers[body.cells] = body.number
         return numbers
 
+    def _free(self, seen: Observation) -> Bools:
+        """Owned cells of bodies that may leave them."""
+        return (self._numbers(seen) != NONE) & ~self.named.mask
+
+    def _any(self, cells: Bools) -> bool:
+        """Whether there are any on any rank. Collective."""
+        return bool(self._graph.comm.allreduce(bool(cells.any()), op=MPI.LOR))
+
     def _chained(self, seen: Observation) -> Bools:
         """Owned cells at nodes that supports hold, or that bodies apart hold. Collective."""
         nodes = seen.supported.copy()
@@ -324,3 +338,4 @@ class Policy:
             memory.back_off.restart()
         memory.window = self._new_window(t)
         memory.work.window_begins()
+        memory.bends.window_begins()

@@ -42,12 +42,14 @@ class Limits:
         strains: Strains that are withheld since the freeze, likewise.
         window: Length of a window [s]; infinite while that is not known.
         swings: Strains of shadows themselves, likewise; None if these need not be looked at.
+        bends: Displacements that bend the body, likewise [m]; None if these need not be.
     """
 
     rates: Array
     strains: Array
     window: float
     swings: Array | None = None
+    bends: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -59,18 +61,22 @@ class Strained:
         sum: Strain that it has withheld since the freeze.
         spring: Strain rate at which it would spring into that in the step, were it released.
         swing: Strain of its shadow; None if that was not looked at.
+        bend: Largest displacement of its nodes beyond the body's rigid motion; likewise.
     """
 
     rate: Array
     sum: Array
     spring: Array
     swing: Array | None = None
+    bend: Array | None = None
 
     @property
     def ratio(self) -> Array:
         """The largest of them."""
-        both = np.maximum(self.rate, self.sum)
-        return both if self.swing is None else np.maximum(both, self.swing)
+        found = np.maximum(self.rate, self.sum)
+        for other in (self.swing, self.bend):
+            found = found if other is None else np.maximum(found, other)
+        return found
 
 
 def at_rest(nodes: int) -> Motion:

@@ -281,7 +281,21 @@ class Shadow(Watch):
         rate = rate if before is None else np.maximum(rate, before.rate)
         spring, swings = part_of(total, dt * limits.rates), limits.swings
         swing = None if swings is None else part_of(self._measured(end.u, 1.0), swings)
-        return Strained(rate, part_of(total, limits.strains), spring, swing)
+        bend = None if limits.bends is None else part_of(self._bent(end.u), limits.bends)
+        return Strained(rate, part_of(total, limits.strains), spring, swing, bend)
+
+    def _bent(self, u: Array) -> Array:
+        """Largest displacement of each owned cell's nodes but for its body's motion. Collective."""
+        assert self._parts is not None
+        rows, field = self._parts.rows, self._ends[1]
+        field.x.array[:] = 0.0
+        field.x.array[rows.dofs] = self._parts.unmoved(u).reshape(-1)
+        field.x.scatter_forward()
+        far = np.linalg.norm(field.x.array.reshape(-1, 3), axis=1)
+        out = np.zeros(self._indicator.values.size)
+        cells = self._indicator.cells
+        out[cells] = far[field.function_space.dofmap.list[cells]].max(axis=1, initial=0.0)
+        return out
 
     def _measured(self, change: Array, dt: float) -> Array:
         """Strain rates of all owned cells, for a change of the frozen shape. Collective."""

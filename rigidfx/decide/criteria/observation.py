@@ -53,6 +53,11 @@ class Observation:
         return self.stepper.supported_nodes
 
     @property
+    def held(self) -> npt.NDArray[np.bool_]:
+        """For each owned dof, whether a support prescribes it."""
+        return self.stepper.prescribed.mask
+
+    @property
     def indicator(self) -> Indicator:
         """The measure of cells in the last step."""
         assert self.stepper.indicator is not None  # a run that decides measures

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
+from rigidfx.decide.criteria.concentration import stiffness
 from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.criteria.relative import Relative
 from rigidfx.decide.criteria.rule import Waking
@@ -23,6 +24,7 @@ Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
 MARGIN = 1.25  # an automatic window in longest periods
+HALF = 0.5  # of what wakes cells, that drift may make of rates: there are other errors
 FEWEST = 8  # steps of an automatic window
 
 
@@ -59,7 +61,7 @@ class RateRule:
         for name, own in tolerances.items():
             cells = scene.owned_cells(name, "StrainRate (tolerances)")
             special[cells] = np.minimum(special[cells], own)
-        self._special = special
+        self._special, self._stiffness = special, stiffness(scene)
 
     @property
     def tol(self) -> Array:
@@ -75,7 +77,9 @@ class RateRule:
         length = np.inf if np.isnan(period) else float(period)
         strokes, rates = self._memory.strokes, (self._kappa or 1.0) * self.tol
         stroke = strokes.time if np.isfinite(strokes.time) else self._timeline.dt
-        return Limits(rates, rates * np.maximum(min(length, stroke), strokes.seen), length)
+        # From one turn of a vibration to the other, since a freeze at a turn, it is twice 1/ω.
+        strains = rates * np.maximum(min(length, stroke), 2 * strokes.seen)
+        return Limits(rates, strains, length, bends=self._memory.bends.limits(self.tol))
 
     @property
     def rigidity(self) -> None:
@@ -95,6 +99,7 @@ class RateRule:
         memory, indicator = self._memory, seen.indicator
         if memory.strokes.add(indicator.values) and self._kappa is not None:
             memory.strokes.swing(indicator.cells, seen.strains)
+            memory.bends.add(seen.state, seen.held)
         if isinstance(self._tol, Relative):
             most = float(indicator.values[indicator.cells].max(initial=0.0))
             most = self._comm.allreduce(most, op=MPI.MAX)
@@ -108,6 +113,14 @@ class RateRule:
             memory = self._memory
             length, rigid = seen.t - memory.window.start, memory.back_off.rigid
             memory.strokes.look(seen.strains, seen.noise, length, rigid)
+            memory.bends.look(memory.strokes.rate_of_all, seen.noise)
+            free = memory.loads.resting_since <= memory.window.start
+            turning = memory.strokes.turning if free else 0.0
+            power = self._stiffness * seen.indicator.weights * memory.window.worst**2
+            power = np.where(seen.flexible, power, 0.0)
+            memory.drift.window_ends(power, rigid, memory.strokes.last, turning, length)
+            largest = float(self.tol.max(initial=0.0))
+            memory.drift.limit = HALF * self._kappa * self._comm.allreduce(largest, op=MPI.MAX)
 
     def told(self) -> str:
         """Nothing that the user has not set."""
@@ -115,4 +128,6 @@ class RateRule:
 
     def waking(self, strained: Strained, free: Bools) -> Waking:
         """Each cell that would strain too fast wakes; what has withheld too much, whole."""
-        return Waking((strained.ratio > 1) & free, free & (strained.sum > 1))
+        much = strained.sum > 1
+        bent = False if strained.bend is None else strained.bend > 1
+        return Waking(free & (much | (strained.rate > 1)), free & (much | bent))

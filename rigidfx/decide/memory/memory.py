@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from rigidfx.decide.memory.back_off import BackOff
+from rigidfx.decide.memory.bends import Bends
 from rigidfx.decide.memory.contact_changes import ContactChanges
+from rigidfx.decide.memory.drift import Drift
 from rigidfx.decide.memory.load_changes import LoadChanges
 from rigidfx.decide.memory.signals import Signals
 from rigidfx.decide.memory.strokes import Strokes
@@ -29,6 +31,8 @@ class Memory:
         said: Kinds of warnings that were given.
         strokes: Largest strains and rates so far.
         work: Of the steps in the window.
+        bends: How far the structure deflects, and parts of it bend.
+        drift: What rigid parts do to the phases of a free motion.
         largest: Largest strain rate of any cell so far, if tolerances are relative to it [1/s].
     """
 
@@ -40,5 +44,7 @@ class Memory:
     next_number: int
     strokes: Strokes
     work: Work
+    bends: Bends
+    drift: Drift
     said: set[str] = field(default_factory=set)
     largest: float = 0.0

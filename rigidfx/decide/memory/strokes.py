@@ -36,6 +36,8 @@ class Strokes:
         time: Largest strain over largest rate at the end of the last window [s]; infinite while
             nothing but rounding has strained.
         rate: Largest rate on this rank so far [1/s].
+        rate_of_all: That on all ranks, at the end of the last window [1/s].
+        last: The same of the last window alone [1/s].
         seen: For each owned cell the time in which turned round what moved when it froze, or
             since [s]; of a flexible cell, what moves now. Zero where windows are too short.
     """
@@ -48,7 +50,7 @@ class Strokes:
             cells: Number of owned cells.
         """
         self._comm, self.rate, self._strain = comm, 0.0, 0.0
-        self.time = np.inf
+        self.time, self.rate_of_all, self.last = np.inf, 0.0, 0.0
         self.seen: Array = np.zeros(cells)
         self._swings = Swings(cells)
         self._now = 0.0  # largest rate since the last window's end
@@ -89,18 +91,20 @@ class Strokes:
         largest = np.array([self.rate, self._strain, self._now, swing])
         self._comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
         rate, strain, now, swing = map(float, largest)
+        self.rate_of_all, self.last = rate, now
         if rate > noise and strain > 0:
             self.time = strain / rate
         # Where all is rigid nothing moves, and what was seen last holds.
         if now > noise:
             self._windows = [*self._windows, (now, swing)][-RECENT:]
-        recent = self._recent()
+        recent = self.turning
         seen = recent if pi * recent <= length else 0.0
         self.seen = np.where(rigid, np.maximum(self.seen, seen), seen)
         self._now = 0.0
 
-    def _recent(self) -> float:
-        """Largest swing over largest rate of the last windows [s]."""
+    @property
+    def turning(self) -> float:
+        """Time in which what moves now turns round [s]; zero while nothing has moved."""
         if not self._windows:
             return 0.0
         rate, swing = np.max(self._windows, axis=0)

@@ -1,0 +1,95 @@
+"""How far a free motion has drifted from what it would be without rigid parts.
+
+While loads rest, a structure vibrates at frequencies of its own, and rigid parts raise them: by
+half the share of strain energy that their cells had (Rayleigh). However little that is, phases
+drift apart as long as the motion lasts, and what it is off by is its drift times its size. So drift
+is kept as a strain rate, the one that flexible cells are off by,
+
+    e = Σ ½ ω D_rigid/D ė Δt,
+
+D the power of strain (`criteria/concentration.py`) of each cell in the window before it froze, ė
+the largest rate of a window; and e shrinks with ė as the motion dies down. It may be half of
+what wakes cells, κ tol. What a shadow withholds would not tell: since its freeze a cell swings by
+up to twice its amplitude, and neighbours stiffer than it push harder than they would if it gave
+way. In a frame that was 7 % of the energy where its cells had 1.2. Where loads change it is they
+that say how fast all moves, and nothing drifts.
+
+How long a free motion goes on nobody knows: it is expected to do so for as long as it has. One that
+dies down as exp(-t/T) is off by most after T, by t exp(-t/T) = T/e in the place of that time.
+"""
+
+from __future__ import annotations
+
+from math import e, inf
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+__all__ = ["Drift"]
+
+Array = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
+
+
+class Drift:
+    """Keeps the drift of the motion so far.
+
+    Attributes:
+        rate: Strain rate that flexible cells are off by [1/s].
+        limit: What that may be [1/s].
+        share: Part of the power of strain that rigid cells had as they froze.
+        shares: That of each owned cell in the last window in which it was flexible.
+    """
+
+    def __init__(self, comm: MPI.Intracomm, cells: int) -> None:
+        """Nothing has drifted.
+
+        Args:
+            comm: Communicator of the mesh.
+            cells: Number of owned cells.
+        """
+        self._comm = comm
+        self.shares: Array = np.zeros(cells)
+        self.rate, self.limit, self.share = 0.0, inf, 0.0
+        self._last = 0.0  # largest rate of the last window
+        self._first, self._lasted = 0.0, 0.0  # that of a free motion's first window; time since
+
+    def window_ends(
+        self, power: Array, rigid: Bools, rate: float, turning: float, length: float
+    ) -> None:
+        """Take note of the end of a window. Collective.
+
+        Args:
+            power: Of strain, of each owned cell that is flexible; zero of others.
+            rigid: Owned cells of bodies, before any decision.
+            rate: Largest strain rate of any cell in it [1/s].
+            turning: Time in which the motion turns round, 1/ω [s]; 0 where nothing drifts.
+            length: Length of the window [s].
+        """
+        local = np.array([self.shares[rigid].sum(), power.sum()])
+        self._comm.Allreduce(MPI.IN_PLACE, local, op=MPI.SUM)
+        self.share, total = min(float(local[0]), 1.0), float(local[1])
+        if total > 0:
+            self.shares = np.where(rigid, self.shares, power / total * (1 - self.share))
+        if 0 < rate < self._last:
+            self.rate *= rate / self._last
+        self._last = rate
+        if turning > 0:
+            self.rate += 0.5 * self.share * rate * length / turning
+            self._first = self._first or rate
+            self._lasted += length
+        else:
+            self._first = self._lasted = 0.0
+
+    def room(self, turning: float) -> float:
+        """Share of the power that may be rigid.
+
+        Args:
+            turning: Time in which the motion turns round, 1/ω [s].
+        """
+        time = self._lasted
+        if 0 < self._last < self._first:
+            time /= max(1.0, e * float(np.log(self._first / self._last)))
+        off = 0.5 * self._last * time / turning
+        return (self.limit - self.rate) / off if off > 0 else inf
