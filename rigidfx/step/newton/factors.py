@@ -10,6 +10,10 @@ from rigidfx.step.newton.band import few_entries
 
 __all__ = ["Factors"]
 
+# Unknowns up to which factors of few entries are PETSc's own; those of second-order hexahedra took
+# .2 s longer to make than MUMPS's at 7776, and 4 s at 24 000.
+FEW_UP_TO = 5_000
+
 
 class Factors:
     """LU of a tangent; `destroy` frees it.
@@ -40,8 +44,9 @@ class Factors:
         self._pivots, p = pivots, self._equilibrium.prolongation
         A = self._equilibrium.tangent_matrix
         # A solve with few entries is the faster by PETSc itself: steps of bars and plates of 670 to
-        # 9800 unknowns took .69 to .93 of those with MUMPS's factors, new ones included.
-        quick = not pivots and (p.size <= QUICK_UP_TO or few_entries(A))
+        # 4400 unknowns took .69 to .85 of those with MUMPS's factors, new ones included.
+        few = p.size <= FEW_UP_TO and few_entries(A)
+        quick = not pivots and (p.size <= QUICK_UP_TO or few)
         configure(self._ksp, True, p.size, len(p.layout.bodies) > 0, quick)
         self._ksp.setOperators(A)
 
