@@ -633,6 +633,14 @@ def test_named_parts_in_pieces_are_not_spoken_of():
     assert rigid[:, -1].all()
 
 
+def test_what_is_at_rest_has_no_period():
+    """Nothing oscillates where nothing moves: shadows divided by the window that this tells."""
+    scene = bar(rf.Rigid("block"))
+    *_, rigid, events = run(scene, 20 * DT, rf.StrainRate(1e-6, "auto", wake="local"))
+    assert [e.kind for e in events] == ["freeze"]
+    assert rigid[-1].all()
+
+
 def test_calm_shadows_take_one_step_in_four():
     """Lengths of steps differ in their last digits, as times at their ends are rounded."""
     calm, force = Pace(), np.ones((2, 3))

@@ -74,7 +74,7 @@ class RateRule:
         """What wakes cells: strains of a window, of a stroke, or of a step while none is known."""
         window = self._window
         period = MARGIN * self._memory.signals.period() if isinstance(window, str) else window
-        length = np.inf if np.isnan(period) else float(period)
+        length = float(period) if period > 0 else np.inf  # nothing may oscillate yet, or at all
         strokes, rates = self._memory.strokes, (self._kappa or 1.0) * self.tol
         stroke = strokes.time if np.isfinite(strokes.time) else self._timeline.dt
         # From one turn of a vibration to the other, since a freeze at a turn, it is twice 1/ω.
