@@ -30,7 +30,7 @@ from rigidfx.base.cache_log import listening
 from rigidfx.base.compiler import raise_uncompiled
 from rigidfx.base.errors import OutputError, agree
 
-__all__ = ["compile_expression", "compile_form", "form_on", "wait_or_clear"]
+__all__ = ["compile_expression", "compile_form", "compile_values", "form_on", "wait_or_clear"]
 
 LOCK = "rigidfx.lock"  # beside the compiled forms
 
@@ -94,6 +94,27 @@ def compile_expression(
     """
     return _past_the_cache(
         comm, options, lambda **how: fem.Expression(expression, points, comm=comm, **how)
+    )
+
+
+def compile_values(
+    comm: MPI.Intracomm, expression: Any, points: Any, options: dict[str, Any]
+) -> tuple[Any, Any]:
+    """FFCx's kernel of an expression, which kernels of ours call, and its module. Collective.
+
+    Args:
+        comm: Its rank 0 compiles.
+        expression: UFL expression; its coefficients need no values.
+        points: Shape (points, 3).
+        options: Options for FFCx's compiler.
+
+    Raises:
+        OutputError: On every rank, if the cache cannot be written to, or a file that is in the way
+            not be removed.
+        CompilerError: On every rank, if the C compiler cannot be run, or fails.
+    """
+    return _past_the_cache(
+        comm, options, lambda **how: jit.ffcx_jit(comm, (expression, points), **how)[:2]
     )
 
 

@@ -4,13 +4,25 @@
    Before FFCx's kernel is called, the enhancement is computed from the displacements (enhanced.c, or
    assumed.c for cells with a direction of their thickness) and written in the coefficient's place; a
    tangent then loses what elimination costs it. Forces and tangents of assumed strains need no
-   kernel of FFCx. */
+   kernel of FFCx; those of stresses that are no linear function of strains one for the stress alone
+   (projected.c). */
 
 enum { SLOTS = 1024 };
-enum { MOVES = 4, STRAINS = 8, BLOCKS = 4, PORTIONS = 8, LARGEST = 1024 };
+enum { MOVES = 4, STRAINS = 8, BLOCKS = 4, PORTIONS = 8, WORKS = 4, READS = 16, LARGEST = 1024 };
 
 typedef void kernel_t(double *, const double *, const double *, const double *, const int *,
                       const uint8_t * KERNEL_EXTRA_TYPE);
+
+/* A stress that is no linear function of strains. Its kernel reads values one after the other that
+   stand elsewhere in the form's. */
+typedef struct {
+  void *kernel;
+  int reads, read_from[READS], read_size[READS];            /* coefficients, */
+  int constants, constant_from[READS], constant_size[READS];  /* and constants */
+  int law;                  /* of which enhancement, */
+  double middle[MOVES];     /* the sum of displacements at which it does work, */
+  int by;                   /* and the displacement of the derivative */
+} work_t;
 
 /* Where a kernel finds what it needs: numbers are places among coefficients or constants. */
 typedef struct {
@@ -38,6 +50,8 @@ typedef struct {
   int portion_more[PORTIONS];   /* and the constant that is added to it, -1 if none; */
   double middle[MOVES];     /* the sum of displacements at which it does work, */
   int by;                   /* and the displacement of the derivative */
+  int works;                /* how many stresses there are that are not linear */
+  work_t work[WORKS];
 } closure_t;
 
 closure_t closures[SLOTS];
@@ -126,6 +140,33 @@ static void thin_work(const closure_t *o, const thin_t *t, double *A, const doub
         A[3 * (d % NODES) + d / NODES] += S[p][a] * left[p][a][d];
 }
 
+static void gather(int n, const int *from, const int *size, const double *of, double *to)
+{
+  for (int k = 0; k < n; to += size[k++])
+    memcpy(to, of + from[k], size[k] * sizeof *to);
+}
+
+/* What is found at the points for a stress that is not linear, and the displacements that its work
+   depends on, by direction. */
+typedef struct {
+  double found[POINTS * PAIRS * (PAIRS + 1)], middle[DOFS], by[DOFS], share;
+} found_t;
+
+static void look_at_work(const closure_t *o, const work_t *k, const double *w, const double *c,
+                         const double *x, const int *entity, const uint8_t *turned,
+                         found_t *f KERNEL_EXTRA)
+{
+  double coefficients[LARGEST], constants[LARGEST], one[MOVES] = {0};
+  gather(k->reads, k->read_from, k->read_size, w, coefficients);
+  gather(k->constants, k->constant_from, k->constant_size, c, constants);
+  memset(f->found, 0, sizeof f->found);
+  ((kernel_t *)k->kernel)(f->found, coefficients, constants, x, entity, turned KERNEL_EXTRA_NAME);
+  one[k->by] = 1.0;
+  mean(o, k->middle, w, f->middle);
+  mean(o, one, w, f->by);
+  f->share = k->middle[k->by];
+}
+
 /* A kernel of cells with a direction of their thickness. */
 static void assumed(const closure_t *o, int axis, double *A, const double *w, const double *c,
                     const double *x, const int *entity, const uint8_t *turned KERNEL_EXTRA)
@@ -133,17 +174,26 @@ static void assumed(const closure_t *o, int axis, double *A, const double *w, co
   double v[LARGEST];
   thin_t t;
   look_at_thin(x, axis, &t);
-  if (o->portions) {
+  if (o->portions)
     thin_work(o, &t, A, w, c);
+  if (o->portions && !o->works)
     return;
-  }
   memcpy(v, w, o->size * sizeof *v);
   for (int s = 0; s < o->strains; s++) {
     resist_t r;
     resist(&t, w[o->source[s]], w[o->source[s] + 1], &r);
     enhance_thin(&t, &r, start_of(o, o->start[s], w), w + o->place[o->end[s]], v + o->at[s]);
   }
-  ((kernel_t *)o->kernel)(A, v, c, x, entity, turned KERNEL_EXTRA_NAME);
+  if (!o->portions)
+    ((kernel_t *)o->kernel)(A, v, c, x, entity, turned KERNEL_EXTRA_NAME);
+  for (int k = 0; k < o->works; k++) {
+    const double *law = w + o->source[o->work[k].law];
+    resist_t r;
+    found_t f;
+    resist(&t, law[0], law[1], &r);
+    look_at_work(o, &o->work[k], v, c, x, entity, turned, &f KERNEL_EXTRA_NAME);
+    assumed_work(&t, &r, o->rank, f.found, f.middle, f.by, f.share, A);
+  }
 }
 
 static void eliminated(const closure_t *o, double *A, const double *w, const double *c,
@@ -184,6 +234,11 @@ static void eliminated(const closure_t *o, double *A, const double *w, const dou
       coupling(&cell, with, u, left);
     }
     subtract(A, same ? right : left, right, with_more(o->factor[b], o->more[b], c));
+  }
+  for (int k = 0; k < o->works; k++) {
+    found_t f;
+    look_at_work(o, &o->work[k], v, c, x, entity, turned, &f KERNEL_EXTRA_NAME);
+    enhanced_work(&cell, &law[of[o->work[k].law]], o->rank, f.found, f.middle, f.by, f.share, A);
   }
 }
 

@@ -24,16 +24,30 @@ from ffcx.codegeneration import get_include_path
 from ufl.algorithms.analysis import extract_coefficients, extract_constants
 
 from rigidfx.base.c_library import c_library
+from rigidfx.base.form_cache import compile_values
 from rigidfx.mechanics.assumed import AssumedWork
-from rigidfx.mechanics.enhanced import Elimination, Enhancement
+from rigidfx.mechanics.enhanced import Elimination
+from rigidfx.mechanics.enhancement import Enhancement
+from rigidfx.mechanics.projected import ProjectedWork
 
 __all__ = ["alive", "eliminate", "library_of"]
 
-MOVES, STRAINS, BLOCKS, PORTIONS, LARGEST = 4, 8, 4, 8, 1024  # as in the C source
+MOVES, STRAINS, BLOCKS, PORTIONS, WORKS, READS, LARGEST = 4, 8, 4, 8, 4, 16, 1024  # as in C
 SLOTS = 1024  # kernels that may live at a time
 
-SOURCES = [Path(__file__).with_name(f"{name}.c") for name in ("enhanced", "assumed", "elimination")]
+SOURCES = [
+    Path(__file__).with_name(f"{name}.c")
+    for name in ("enhanced", "assumed", "projected", "elimination")
+]
 DECLARED = """
+typedef struct {
+  void *kernel;
+  int reads, read_from[16], read_size[16];
+  int constants, constant_from[16], constant_size[16];
+  int law;
+  double middle[4];
+  int by;
+} work_t;
 typedef struct {
   void *kernel;
   int size, moves;
@@ -52,6 +66,8 @@ typedef struct {
   int portion_more[8];
   double middle[4];
   int by;
+  int works;
+  work_t work[4];
 } closure_t;
 extern closure_t closures[1024];
 extern void *slots[1024];
@@ -95,6 +111,10 @@ def eliminate(mesh: Any, form: ufl.Form, compiled: Any, options: dict[str, Any])
         slot = free.pop()
         closure = library.lib.closures[slot]
         needed = _fill(closure, form, old, old.form_integral_ids[k])
+        for n, note in enumerate(_works(form, old.form_integral_ids[k])):
+            found, module = _values(mesh.comm, closure.work[n], note, form, old, options)
+            closure.work[n].kernel = library.ffi.cast("void *", found)
+            kept.append(module)
         address = int(ffi.cast("uintptr_t", old.form_integrals[k].tabulate_tensor_float64))
         closure.kernel = library.ffi.cast("void *", address)
         kernel = ffi.new("ufcx_integral*", old.form_integrals[k][0])
@@ -127,13 +147,15 @@ def _fill(closure: Any, form: ufl.Form, compiled: Any, number: int) -> dict[int,
     of = [w for w in extract_coefficients(ufl.Form(parts)) if isinstance(w, Enhancement)]
     blocks = [c for c in extract_constants(ufl.Form(parts)) if isinstance(c, Elimination)]
     works = [c for c in extract_constants(ufl.Form(parts)) if isinstance(c, AssumedWork)]
+    other = _works(form, number)
     numbers = {n for w in of for n in (w.end, w.start) if n is not None}
+    numbers |= {n for w in other for n in w.middle}
     moves = sorted(numbers.union(*(b.left for b in blocks), *map(_displacements, works)))
     closure.size = places[-1]
     closure.moves, closure.strains, closure.blocks = len(moves), len(of), len(blocks)
     portions = [portion for work in works for portion in work.portions]
-    asked = len(moves), len(of), len(blocks), len(portions), places[-1]
-    room = MOVES, STRAINS, BLOCKS, PORTIONS, LARGEST
+    asked = len(moves), len(of), len(blocks), len(portions), len(other), places[-1]
+    room = MOVES, STRAINS, BLOCKS, PORTIONS, WORKS, LARGEST
     if any(a > b for a, b in zip(asked, room, strict=True)):
         raise RuntimeError(f"A form with enhanced strains needs {asked} places, and has {room}.")
     for k, n in enumerate(moves):
@@ -160,9 +182,53 @@ def _fill(closure: Any, form: ufl.Form, compiled: Any, number: int) -> dict[int,
         closure.by = moves.index(work.by)
         for m, n in enumerate(moves):
             closure.middle[m] = work.middle.count(n) / len(work.middle)
+    closure.works = len(other)
+    for to, note in zip(closure.work, other, strict=False):
+        to.law, to.by = of.index(note.enhancements[0]), moves.index(note.by)
+        for m, n in enumerate(moves):
+            to.middle[m] = note.middle.count(n) / len(note.middle)
     firsts = {next(v for v in of if v.law is w.law).count() for w in of}
     needed = {k: w.count() in firsts for k, w in enumerate(used) if w in of}
     return needed | {k: True for k, w in enumerate(used) if w.count() in moves}
+
+
+def _works(form: ufl.Form, number: int) -> list[ProjectedWork]:
+    """Stresses that are not linear in the kernel of a subdomain id."""
+    parts = [i for i in form.integrals_by_type("cell") if number in np.atleast_1d(i.subdomain_id())]
+    return [c for c in extract_constants(ufl.Form(parts)) if isinstance(c, ProjectedWork)]
+
+
+def _values(
+    comm: Any,
+    work: Any,
+    note: ProjectedWork,
+    form: ufl.Form,
+    compiled: Any,
+    options: dict[str, Any],
+) -> tuple[int, Any]:
+    """Compile what is needed at the points, and write down where it reads. Collective.
+
+    Returns:
+        The kernel's address, and what is to be held as long as it is called.
+    """
+    values = note.at_points(compiled.rank == 2)
+    points, _ = note.enhancements[0].ufl_element().custom_quadrature()
+    expression, module = compile_values(comm, values, points, options)
+    _, places = _places(form, compiled)
+    constants = _constant_places(form)
+    given, positions = extract_coefficients(values), expression.original_coefficient_positions
+    used = [given[positions[k]] for k in range(expression.num_coefficients)]
+    read = extract_constants(values)
+    if max(len(used), len(read)) > READS:
+        raise RuntimeError(f"A stress with enhanced strains reads more than {READS} values.")
+    work.reads, work.constants = len(used), len(read)
+    for k, w in enumerate(used):
+        work.read_from[k], work.read_size[k] = places[w.count()], w.ufl_element().dim
+    for k, c in enumerate(read):
+        work.constant_from[k] = constants[c]
+        work.constant_size[k] = int(np.prod(c.ufl_shape, dtype=int))
+    address = int(module.ffi.cast("uintptr_t", expression.tabulate_tensor_float64))
+    return address, (expression, module)
 
 
 def _displacements(work: AssumedWork) -> set[int]:

@@ -134,16 +134,17 @@ static void walsh(double *v, int n)
         }
 }
 
-/* Values at the points of a sum of products of coordinates, in place. */
-static void at_points(double *v)
+/* Values at the points of sums of products of coordinates, n of each, in place. */
+static void at_points(double *v, int n)
 {
   for (int bit = 1; bit < POINTS; bit *= 2)
     for (int p = 0; p < POINTS; p++)
-      if (!(p & bit)) {
-        const double one = v[p], product = v[p | bit];
-        v[p] = one - product;
-        v[p | bit] = one + product;
-      }
+      if (!(p & bit))
+        for (int k = 0; k < n; k++) {
+          const double one = v[p * n + k], product = v[(p | bit) * n + k];
+          v[p * n + k] = one - product;
+          v[(p | bit) * n + k] = one + product;
+        }
 }
 
 static void factorise(const cell_t *c, law_t *law)
@@ -250,15 +251,9 @@ static void strains(const cell_t *c, const double *u0, const double *u1, double 
   }
 }
 
-/* η at the points: Cartesian components in the order of pairs. */
-static void enhance(const cell_t *c, const law_t *law, const double *u0, const double *u1,
-                    double *eta)
+/* D⁻¹ times a, in place. */
+static void solve(const law_t *law, double *a)
 {
-  double E[PAIRS][POINTS], a[MODES];
-  strains(c, u0, u1, E);
-  for (int b = 0; b < PAIRS; b++)
-    walsh(E[b], 1);
-  modes_of(c, law, 1, &E[0][0], a);
   for (int m = 0; m < MODES; m++) {
     for (int k = law->from[m]; k < m; k++)
       a[m] -= law->L[m][k] * a[k];
@@ -269,11 +264,23 @@ static void enhance(const cell_t *c, const law_t *law, const double *u0, const d
     for (int k = law->from[m]; k < m; k++)
       a[k] -= law->L[m][k] * a[m];
   }
+}
+
+/* η at the points: Cartesian components in the order of pairs. */
+static void enhance(const cell_t *c, const law_t *law, const double *u0, const double *u1,
+                    double *eta)
+{
+  double E[PAIRS][POINTS], a[MODES];
+  strains(c, u0, u1, E);
+  for (int b = 0; b < PAIRS; b++)
+    walsh(E[b], 1);
+  modes_of(c, law, 1, &E[0][0], a);
+  solve(law, a);
   double T[PAIRS][POINTS] = {{0}};
   for (int m = 0; m < MODES; m++)  /* -α is what has been solved for */
     T[MODE[m][0]][MODE[m][1]] = MODE[m][0] < 3 ? -a[m] : -0.5 * a[m];
   for (int b = 0; b < PAIRS; b++) {
-    at_points(T[b]);
+    at_points(T[b], 1);
     for (int p = 0; p < POINTS; p++)
       T[b][p] *= c->ratio[p];
   }
@@ -293,12 +300,10 @@ static void enhance(const cell_t *c, const law_t *law, const double *u0, const d
   }
 }
 
-/* L⁻¹ B(u): how the modes' right sides change with the displacement, shape (21, 24); u and columns
+/* Derivatives of strains at the points by the displacement, in the frame of the centre; u and columns
    by direction, then by node. */
-static void coupling(const cell_t *c, const law_t *law,
-                     const double *u, double *B)
+static void rows(const cell_t *c, const double *u, double b[PAIRS][POINTS][DOFS])
 {
-  double b[PAIRS][POINTS][DOFS];
   for (int p = 0; p < POINTS; p++) {
     double h[3][3];
     gradient(c, u, p, h);
@@ -312,6 +317,13 @@ static void coupling(const cell_t *c, const law_t *law,
           b[q][p][NODES * k + n] = 0.5 * (h[i][k] * c->dN[p][j][n] + h[j][k] * c->dN[p][i][n]);
     }
   }
+}
+
+/* L⁻¹ B: how the modes' right sides change with the displacement, shape (21, 24), from rows, which
+   are transformed in place. */
+static void modes_of_rows(const cell_t *c, const law_t *law, double b[PAIRS][POINTS][DOFS],
+                          double *B)
+{
   for (int q = 0; q < PAIRS; q++)
     walsh(&b[q][0][0], DOFS);
   modes_of(c, law, DOFS, &b[0][0][0], B);
@@ -324,6 +336,13 @@ static void coupling(const cell_t *c, const law_t *law,
     for (int d = 0; d < DOFS; d++)
       B[m * DOFS + d] *= law->L[m][m];
   }
+}
+
+static void coupling(const cell_t *c, const law_t *law, const double *u, double *B)
+{
+  double b[PAIRS][POINTS][DOFS];
+  rows(c, u, b);
+  modes_of_rows(c, law, b, B);
 }
 
 static void subtract(double *A, const double *left, const double *right, double factor)

@@ -13,7 +13,7 @@ from ufl.algorithms.analysis import extract_coefficients
 from rigidfx.base.compat import cell_geometry_dofs
 from rigidfx.flexible.elimination import library_of
 from rigidfx.flexible.kernels import jit_options
-from rigidfx.mechanics.enhanced import Enhancement
+from rigidfx.mechanics.enhancement import Enhancement
 
 __all__ = ["Enhancements"]
 

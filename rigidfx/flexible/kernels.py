@@ -30,7 +30,7 @@ from rigidfx.base.errors import CompilerError, SceneError
 from rigidfx.base.form_cache import compile_form
 from rigidfx.base.inputs import shown
 from rigidfx.flexible.elimination import eliminate
-from rigidfx.mechanics.enhanced import Enhancement, Note
+from rigidfx.mechanics.enhancement import Enhancement, Note
 
 __all__ = ["FLAGS", "Kernel", "add_vector", "integral", "jit_options"]
 

@@ -33,7 +33,8 @@ import ufl
 
 from rigidfx.base.errors import SceneError
 from rigidfx.mechanics.element import Portion
-from rigidfx.mechanics.enhanced import EnhancedElement, Note
+from rigidfx.mechanics.enhanced import EnhancedElement
+from rigidfx.mechanics.enhancement import Note
 
 __all__ = ["AssumedElement", "AssumedStrains", "AssumedWork"]
 
@@ -97,6 +98,8 @@ class AssumedElement(EnhancedElement):
         self, stress: Any, portions: Sequence[Portion], at: Sequence[Any], w: Any
     ) -> Any:
         """F S : Grad w, and what kernels of thin cells do instead."""
+        if self._projects(portions):
+            return super().virtual_work(stress, portions, at, w)
         by = portions[-1].end
         of = [
             (self.laws[p.law], p.end.count(), None if p.start is None else p.start.count(),

@@ -21,8 +21,10 @@ class Portion:
     """A portion of a stress that is linear in strains: (factor + more) ℂ:(Ẽ(end) - Ẽ(start)).
 
     Attributes:
-        law: "elastic" for the stiffness ℂ of the stored energy, "viscous" for the identity.
-        end: A displacement.
+        law: "elastic" for the stiffness ℂ of the stored energy, "viscous" for the identity. If the
+            stored energy is not quadratic, a stress that follows from it has but one portion,
+            "elastic", whose end alone means something.
+        end: A displacement, that of derivatives.
         start: Another, whose strain is taken off; None if none is.
         factor: A number,
         more: and a constant to be added to it; None if there is none.
@@ -71,8 +73,7 @@ class Element(Protocol):
 
         Args:
             stress: S.
-            portions: What it is made of, the one with the displacement of derivatives last; none if
-                it is not linear in strains.
+            portions: What it is made of, the one with the displacement of derivatives last.
             at: Displacements, one or two, at whose mean F is.
             w: Test function.
         """

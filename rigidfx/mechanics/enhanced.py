@@ -19,7 +19,8 @@ For a stored energy that is quadratic in Ẽ, α is linear in E:
 D constant for ever. Nothing is stored, nothing iterated, and nothing has to be rotated: α is a
 function of the displacement. The averaged stress S_alg = (½ - ξ) S̃₀ + (½ + ξ) S̃₁ is orthogonal to M
 as S̃₀ and S̃₁ are, so that ∫ S_alg : ΔE = ∫ S_alg : ΔẼ, the increment of the energy: energy and
-momenta are kept as with the standard element. Its tangent is
+momenta are kept as with the standard element (other energies: `rigidfx.mechanics.projected`).
+Its tangent is
 
     K(S_alg) - (½ + ξ) B(u½)ᵀ D⁻¹ B(u₁),   B(u) = ∂e/∂u.
 
@@ -39,35 +40,12 @@ from weakref import WeakKeyDictionary
 import ufl
 
 from rigidfx.mechanics.element import Portion, StandardElement
+from rigidfx.mechanics.enhancement import Enhancement, Note
+from rigidfx.mechanics.projected import projected_work
 
-__all__ = ["Elimination", "EnhancedElement", "Enhancement", "Note"]
+__all__ = ["Elimination", "EnhancedElement"]
 
 _STANDARD = StandardElement()
-
-
-class Enhancement(ufl.Coefficient):
-    """η = M α at the integration points: components 11, 22, 33, 12, 23, 13.
-
-    Attributes:
-        law: Function whose first two values at a cell are λ and μ [Pa].
-        end: Number of the displacement that it belongs to.
-        start: Number of the displacement whose enhancement is taken off; None if none is.
-    """
-
-    def __init__(self, law: Any, end: int, start: int | None = None) -> None:
-        """Make a coefficient of the space of a law."""
-        super().__init__(law.ufl_function_space())
-        self.law, self.end, self.start = law, end, start
-
-    @property
-    def tensor(self) -> Any:
-        """Shape (3, 3)."""
-        a, b, c, d, e, f = (self[i] for i in range(6))
-        return ufl.as_matrix([[a, d, f], [d, b, e], [f, e, c]])
-
-
-class Note(ufl.Constant):
-    """Zero in a form, and what it tells the form's kernel."""
 
 
 class Elimination(Note):
@@ -91,20 +69,22 @@ class Elimination(Note):
 
 
 class EnhancedElement:
-    """8-node hexahedra of a material with quadratic energy whose strain is enhanced by 21 modes."""
+    """8-node hexahedra whose strain is enhanced by 21 modes."""
 
     name: ClassVar[str] = "enhanced"
     locks: ClassVar[bool] = False
     buckles: ClassVar[bool] = True
 
-    def __init__(self, elastic: Any, viscous: Any) -> None:
+    def __init__(self, elastic: Any, viscous: Any, linear: bool = True) -> None:
         """Take over what the modes are eliminated with.
 
         Args:
             elastic: Function on the integration points with six components, whose first two values
-                at a cell are λ and μ of its material [Pa], and the third one 0.
+                at a cell are λ and μ of its material at rest [Pa], and the third one 0.
             viscous: The same with 0 and ½, which make the identity of ℂ.
+            linear: Whether stresses of all materials are linear functions of strains.
         """
+        self._linear = linear
         self.laws = {"elastic": elastic, "viscous": viscous}
         self._known: WeakKeyDictionary[Any, dict[Any, Enhancement]] = WeakKeyDictionary()
 
@@ -135,13 +115,21 @@ class EnhancedElement:
     def virtual_work(
         self, stress: Any, portions: Sequence[Portion], at: Sequence[Any], w: Any
     ) -> Any:
-        """F S : Grad w."""
+        """F S : Grad w, or what it is by stresses that are no linear functions of strains."""
+        if self._projects(portions):
+            return projected_work(stress, portions[-1].end, at, w)
         return _STANDARD.virtual_work(stress, portions, at, w)
+
+    def _projects(self, portions: Sequence[Portion]) -> bool:
+        """Whether a stress of these portions has to be projected."""
+        return not self._linear and portions[-1].law != "viscous"
 
     def eliminated(
         self, at: Sequence[Any], by: Any, factor: float, more: Any, w: Any, du: Any
     ) -> Any:
         """See `Element`; all displacements are functions."""
+        if not self._linear:
+            return None
         return _carried(self._enhancement("elastic", by), at, factor, more, w, du)
 
     def viscous_eliminated(self, at: Sequence[Any], by: Any, rate: Any, w: Any, du: Any) -> Any:

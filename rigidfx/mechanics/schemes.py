@@ -177,7 +177,7 @@ class EnergyMomentum:
         """F½ S_alg : Grad w."""
         energy, p = law.energy, law.parameters
         C0, C1 = element.right_cauchy_green(u0), element.right_cauchy_green(u1)
-        portions: tuple[Portion, ...] = ()
+        portions: tuple[Portion, ...] = (Portion("elastic", u1),)
         if law.quadratic:
             # S is linear in C: the weighted mean of stresses is the stress of the weighted mean.
             weight = 0.5 if xi is None else 0.5 + xi

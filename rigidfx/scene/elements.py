@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import basix.ufl
@@ -14,10 +14,12 @@ from rigidfx.domain.thickness import thickness_axes
 from rigidfx.mechanics.assumed import AssumedElement, AssumedStrains
 from rigidfx.mechanics.element import Element, StandardElement
 from rigidfx.mechanics.enhanced import EnhancedElement
-from rigidfx.mechanics.materials import StVenantKirchhoff
+from rigidfx.mechanics.rest import rest_moduli
 from rigidfx.mechanics.schemes import EnergyMomentum
 
 __all__ = ["ELEMENTS", "element_of"]
+
+Moduli = Sequence[tuple[float, float]]
 
 
 def element_of(scene: Any, name: Any) -> Element:
@@ -46,31 +48,38 @@ def _standard(scene: Any) -> Element:
 
 def _enhanced(scene: Any) -> Element:
     """With the elastic constants of each cell."""
-    _check_enhanced(scene, "'enhanced'")
-    return EnhancedElement(*_laws(scene, 0))
+    moduli = _check_enhanced(scene, "'enhanced'")
+    return EnhancedElement(*_laws(scene, moduli, 0), _linear(scene))
 
 
 def _assumed(scene: Any, asked: AssumedStrains) -> Element:
     """With the direction of each cell's thickness, too."""
-    _check_enhanced(scene, "AssumedStrains")
-    return AssumedElement(*_laws(scene, thickness_axes(scene.domain, asked.thickness)))
+    moduli = _check_enhanced(scene, "AssumedStrains")
+    axes = thickness_axes(scene.domain, asked.thickness)
+    return AssumedElement(*_laws(scene, moduli, axes), _linear(scene))
 
 
-def _laws(scene: Any, axes: Any) -> tuple[fem.Function, fem.Function]:
+def _linear(scene: Any) -> bool:
+    """Whether stresses of all materials are linear in the strain."""
+    return all(m.quadratic for m, _ in scene.materials)
+
+
+def _laws(scene: Any, moduli: Moduli, axes: Any) -> tuple[fem.Function, fem.Function]:
     """Elastic constants and, for viscous stresses, those of the identity."""
-    elastic = [((m.parameters["lmbda"], m.parameters["mu"]), c) for m, c in scene.materials]
+    elastic = [(own, c) for own, (_, c) in zip(moduli, scene.materials, strict=True)]
     viscous = [((0.0, 0.5), c) for _, c in scene.materials]
     return _law(scene, elastic, axes), _law(scene, viscous, axes)
 
 
-def _check_enhanced(scene: Any, asked: str) -> None:
-    """Refuse what enhanced and assumed strains cannot do with.
+def _check_enhanced(scene: Any, asked: str) -> Moduli:
+    """λ and μ of materials at rest; what enhanced and assumed strains cannot do with is refused.
 
     Raises:
         SceneError: If there is any.
     """
     wrong = None
-    other = [m for m, _ in scene.materials if not isinstance(m, StVenantKirchhoff)]
+    moduli = [rest_moduli(m) for m, _ in scene.materials]
+    unknown = [m for own, (m, _) in zip(moduli, scene.materials, strict=True) if own is None]
     if scene.simplex:
         wrong = (
             "is for hexahedra, and these cells are tetrahedra. Mesh with hexahedra, or take "
@@ -80,16 +89,18 @@ def _check_enhanced(scene: Any, asked: str) -> None:
         wrong = (
             f"is for order 1, got order {scene.order}, which does not lock. Leave out one of both"
         )
-    elif other:
+    elif unknown:
+        owner = getattr(unknown[0], "label", type(unknown[0]).__name__)
         wrong = (
-            "is for StVenantKirchhoff materials, whose stresses are linear in the strain, got "
-            f"{type(other[0]).__name__}: its energy would not be conserved. Take order=2 and "
-            "element='standard'"
+            f"needs λ and μ of each material at rest, C = I, and those of {owner} cannot be told: "
+            "its energy depends on the place, has functions that UFL does not evaluate, or no "
+            "stiffness there. Take order=2 and element='standard'"
         )
     elif not isinstance(scene.scheme, EnergyMomentum):
         wrong = f"goes with EnergyMomentum, not with {type(scene.scheme).__name__}"
     if wrong is not None:
         raise SceneError(f"Scene: element={asked} {wrong}.")
+    return [own for own in moduli if own is not None]
 
 
 def _law(scene: Any, values: Any, axes: Any = 0) -> fem.Function:
