@@ -153,7 +153,7 @@ CASES = {
             drag=0.0,
         )
     ),
-    "resonance": Case(resonance, 0.5, 60.0, rf.Relative(0.01), 1.0, "local", 8, BUDGETS[:1]),
+    "resonance": Case(resonance, 0.5, 60.0, rf.Relative(0.01), 1.0, "local", 8, BUDGETS[:2]),
     "moving base": on_bar(lambda: bar(rf.PrescribedMotion("x0", displacement=moved))),
     "pressure": on_bar(lambda: bar(BASE, rf.Pressure("z0", 30.0, since=1.0))),
     "accelerogram": on_bar(lambda: bar(BASE, rf.Gravity((0, 0, 1.0), time=quake()))),
