@@ -20,7 +20,7 @@ __all__ = ["few_entries", "fill"]
 # at a fill of 1.3 to 6.5, in bars, plates and blocks of 670 to 10 000 unknowns; 1.05 at 6.8 (an L
 # of 3969 unknowns), .73 at 9.5 (a plate of 5625), .88 at 9.8 (a block of 2187).
 FEW = 6.5
-UP_TO = 30_000  # unknowns; .25 to .51 of the time from 17 000 on; not tried on more
+UP_TO = 30_000  # unknowns; .25 and .51 from 17 000 on, with PETSc's factors, not tried with MUMPS's
 
 
 def few_entries(A: PETSc.Mat) -> bool:
