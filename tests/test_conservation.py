@@ -178,14 +178,18 @@ def test_damping_takes_what_its_stiffness_says(name):
     dE = strain(u1) - strain(u0)
     hooke = p["lmbda"] * ufl.tr(dE) ** 2 + 2 * p["mu"] * ufl.inner(dE, dE)
     rule = {"quadrature_degree": scene.quadrature_degree}
-    loss = fem.form(xi * hooke * ufl.dx(domain=scene.mesh, metadata=rule))
+    dx = ufl.dx(domain=scene.mesh, metadata=rule)
+    loss = fem.form(xi * hooke * dx)
+    # Neo-Hooke's W is the small difference of numbers as large as its stiffness.
+    stiffness = 0.0 if name == "StVenantKirchhoff" else p["lmbda"] + 2 * p["mu"]
+    rounding = scene.sum(fem.assemble_scalar(fem.form(EPS * stiffness * dx)))
     before = None
     for r in rf.simulate(scene, 0.2, 12.0):
         u0.x.array[:], u1.x.array[:] = u1.x.array, r.state.u.x.array
         if before is not None:
             change = r.energy - before.energy - r.work_of_loads
             taken = scene.sum(fem.assemble_scalar(loss))
-            assert abs(change + taken) <= 10 * NEWTON * (r.energy + before.energy)
+            assert abs(change + taken) <= 10 * NEWTON * (r.energy + before.energy) + rounding
         before = r
 
 
