@@ -14,6 +14,7 @@ from rigidfx.base.errors import (
     SceneError,
     StepError,
 )
+from rigidfx.base.shared_cells import share_cells
 from rigidfx.coupling.periods import periods
 from rigidfx.decide.criteria.accuracy import Accuracy
 from rigidfx.decide.criteria.criterion import StrainRate
@@ -71,6 +72,8 @@ from rigidfx.scene.step_control import StepControl
 from rigidfx.simulation import simulate
 
 __version__ = "0.1.0"
+
+share_cells()
 
 __all__ = [
     "Accuracy",
