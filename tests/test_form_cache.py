@@ -208,7 +208,10 @@ def test_a_compiler_that_does_not_work_is_named(cache, monkeypatch, name, compil
     compiled(cache)  # nothing is in the way of the next one
 
 
-def test_a_compiler_that_is_not_installed_is_named(cache, monkeypatch):
+@pytest.mark.parametrize("flags", ["", "-O0"])
+def test_a_compiler_that_is_not_installed_is_named(cache, monkeypatch, flags):
+    """And none of the flags that it might have been given."""
+    monkeypatch.setenv("RIGIDFX_KERNEL_FLAGS", flags)
     monkeypatch.setenv("PATH", str(cache))
     monkeypatch.delenv("CC", raising=False)
     with pytest.raises(rf.CompilerError, match=r"cannot be run .*gcc, libc6-dev.* variable CC"):

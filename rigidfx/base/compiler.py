@@ -8,16 +8,34 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
+import subprocess
 import sysconfig
+from contextlib import suppress
 from pathlib import Path
 
 from mpi4py import MPI
 
 from rigidfx.base.errors import CompilerError, OutputError, agree
 
-__all__ = ["raise_uncompiled"]
+__all__ = ["compiles", "raise_uncompiled"]
 
 COMPILING = re.compile(r"(?:Compile|Link)Error: (.*)", re.DOTALL)
+
+
+def compiles(comm: MPI.Intracomm) -> bool:
+    """Whether the C compiler takes an empty file, without any flags of ours. Collective.
+
+    Args:
+        comm: Its rank 0 compiles.
+    """
+    able = False
+    if comm.rank == 0:
+        command = os.environ.get("CC") or str(sysconfig.get_config_var("CC"))
+        empty = [*shlex.split(command), "-x", "c", "-fsyntax-only", os.devnull]
+        with suppress(OSError, ValueError):
+            able = subprocess.run(empty, capture_output=True, check=False).returncode == 0
+    return comm.bcast(able)
 
 
 def raise_uncompiled(comm: MPI.Intracomm, error: Exception | None, folder: str | Path) -> None:

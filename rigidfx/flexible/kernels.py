@@ -26,6 +26,7 @@ from dolfinx import fem
 from ufl.algorithms import expand_derivatives
 
 from rigidfx.base.compat import bindable
+from rigidfx.base.compiler import compiles
 from rigidfx.base.errors import CompilerError, SceneError
 from rigidfx.base.form_cache import compile_form
 from rigidfx.base.inputs import shown
@@ -102,7 +103,7 @@ class Kernel:
 
         Raises:
             CompilerError: On every rank, if the C compiler cannot be run, or fails.
-            SceneError: Likewise, if it fails with the environment's flags.
+            SceneError: Likewise, if it fails by the environment's flags.
         """
         # FFCx applies derivatives when it compiles. To do so here would take longer than to find a
         # form among those that are compiled already; but an elimination is told by what is left.
@@ -114,7 +115,7 @@ class Kernel:
             compiled = eliminate(mesh, form, compiled, jit_options())
         except CompilerError as error:
             given = os.environ.get(FLAGS)
-            if not given:
+            if not given or not compiles(mesh.comm):
                 raise
             raise SceneError(
                 f"The C compiler cannot make a kernel with the flags {given!r}, which the "
