@@ -191,7 +191,8 @@ shapes.draw(
 assert summary["energy_drift"] < 1e-10
 assert summary["steps_of_six_unknowns"] > 0.3 * summary["steps"]
 assert struck == dict.fromkeys(BLOWS, 0.0)
-assert summary["rigid_share_of_hub"] > summary["rigid_share"]  # it is at rest again sooner
+# Both are shares of steps here, as all freezes and, in the end, wakes together.
+assert abs(summary["rigid_share_of_hub"] - summary["rigid_share"]) <= 1e-3
 if options.compare:
     assert summary["quiet_share"] >= 0.3
     assert summary["rigid_share"] >= 0.6 * summary["quiet_share"]

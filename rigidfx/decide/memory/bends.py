@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
+from rigidfx.effects import Spring
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 
@@ -103,13 +104,15 @@ class Bends:
     def _deflection(self, x: Array, held: Bools) -> float:
         """Largest displacement on this rank but for a common one [m]. Collective.
 
-        What supports hold tells that, component by component; where they hold nothing at all, the
-        best rigid motion does.
+        What supports hold tells that, component by component; where they hold nothing at all the
+        best rigid motion does, unless springs bring the structure back to where it was: then how it
+        swings in them is as much of its motion as how it bends.
         """
-        counts = np.asarray(self._scene.sum(held.sum(axis=0)))
+        counts, u = np.asarray(self._scene.sum(held.sum(axis=0))), x - self._X
         if not counts.any():
+            if self._scene.named(Spring):
+                return float(np.linalg.norm(u, axis=1).max(initial=0.0))
             return float(self._left(self._X, x, [self._nodes])[0].max(initial=0.0))
-        u = x - self._X
         of_held, of_all = self._scene.sum(np.stack([(u * held).sum(axis=0), self._mass @ u]))
         whole = float(self._scene.sum(self._mass.sum()))
         common = np.where(counts > 0, of_held / np.maximum(counts, 1), of_all / whole)
