@@ -17,8 +17,10 @@ from mpi4py import MPI
 import rigidfx as rf
 from rigidfx.base.errors import SceneError, StepError
 from rigidfx.decide.criteria.concentration import quiet_enough
+from rigidfx.decide.memory import bends
 from rigidfx.decide.memory.bends import Bends
 from rigidfx.decide.memory.drift import Drift
+from rigidfx.decide.memory.sample import spread
 from rigidfx.decide.memory.strokes import Strokes
 from rigidfx.decide.memory.work import Work
 from rigidfx.decide.policy import CHECKED, FORESEEN
@@ -115,11 +117,21 @@ def test_a_block_stays_rigid_while_a_slow_load_acts():
 class _Shape:
     """A state whose nodes are where they are put."""
 
-    def __init__(self, x):
-        self.x = x
+    def __init__(self, x, X):
+        self.x, self.X = x, X
 
     def positions(self, nodes):
         return self.x[nodes]
+
+
+class _Counted(_Shape):
+    """It counts, too, how many nodes are asked for."""
+
+    asked = 0
+
+    def positions(self, nodes):
+        self.asked += len(nodes)
+        return super().positions(nodes)
 
 
 def test_parts_bend_by_what_no_rigid_motion_explains():
@@ -132,7 +144,7 @@ def test_parts_bend_by_what_no_rigid_motion_explains():
     found = Bends(scene)
     assert found.limits(np.ones(1)) is None  # nothing has moved
     for x in (X, X @ turn.T + [5.0, 0, 0], bent @ turn.T):
-        found.add(_Shape(x), free)
+        found.add(_Shape(x, X), free)
     found.look(2.0, 1e-9)
     first = every[X[every, 0] < 0.51]
     whole, half, _ = found.swings([every, first, every[:0]])
@@ -141,9 +153,26 @@ def test_parts_bend_by_what_no_rigid_motion_explains():
     assert found.limits(np.ones(1)) == pytest.approx(whole / 2)
     # Of what is held at one end the deflection is the displacement itself.
     held = Bends(scene)
-    held.add(_Shape(bent), np.repeat(X[:, 0] < 1e-9, 3))
+    held.add(_Shape(bent, X), np.repeat(X[:, 0] < 1e-9, 3))
     held.look(2.0, 1e-9)
     assert held.per_rate == pytest.approx(small / 2)
+
+
+def test_few_nodes_stand_for_all_of_a_fine_mesh(monkeypatch):
+    """Spread along the bar, likewise of those that are held, they tell the same deflection."""
+    scene = rf.Scene(rf.box((0, 0, 0), (1, 0.02, 0.02), (80, 1, 1)), SOFT)
+    X = scene.space.tabulate_dof_coordinates()
+    monkeypatch.setattr(bends, "NODES", 32)
+    monkeypatch.setattr(bends, "HELD", 1)
+    state, fixed = _Counted(X + 1e-4 * X[:, :1] ** 2, X), np.zeros((len(X), 3), dtype=bool)
+    fixed[X[:, 0] < 1e-9] = True
+    found = Bends(scene)
+    found.add(state, fixed.reshape(-1))
+    found.look(2.0, 1e-9)
+    assert state.asked <= 32 + 3
+    assert found.per_rate == pytest.approx(np.sqrt(3) * 1e-4 / 2, rel=0.1)
+    every = spread(scene.comm, X, 32)
+    assert np.diff(np.sort(X[every, 0])).max() < 0.06
 
 
 def test_drift_is_half_the_share_of_power_and_dies_down_with_the_motion():
@@ -736,11 +765,20 @@ def histories(names):
     return out
 
 
+def standing():
+    """Mean position of the nodes that stand for all: meshes differ in last bits between ranks."""
+    scene = rf.Scene(rf.box((0, 0, 0), (3, 1, 0.4), (30, 11, 5)), SOFT)
+    X = scene.space.tabulate_dof_coordinates()[: scene.owned_nodes]
+    own = X[spread(COMM, X, 100)]
+    return (scene.sum(own.sum(axis=0)) / scene.sum(float(len(own)))).tolist()
+
+
 @pytest.mark.parallel
 @pytest.mark.parametrize("ranks", [2, 3])
 def test_several_ranks_wake_as_one(ranks):
     assert {*ON_RANKS[2], *ON_RANKS[3]} == cases().keys()
     one, several = histories(tuple(cases())), parallel.run(__file__, ranks, 300)
+    assert several["standing"] == pytest.approx(standing(), abs=1e-12)
     for name in ON_RANKS[ranks]:
         tips, told = one[name]
         assert any(kind == "release" for _, kind, _ in told)
@@ -752,6 +790,6 @@ def test_several_ranks_wake_as_one(ranks):
 
 
 if __name__ == "__main__":
-    found = histories(ON_RANKS[COMM.size])
+    found = histories(ON_RANKS[COMM.size]) | {"standing": standing()}
     if COMM.rank == 0:
         parallel.report(found)

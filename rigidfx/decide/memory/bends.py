@@ -4,7 +4,8 @@ A strain rate says how fast a cell deforms, not what that amounts to: cells that
 one beside the other, bend a slender part by a good part of what its structure moves, and what
 strains fast may be a vibration that moves nothing far. So what a body withholds is a displacement,
 too. It is compared as rates are: a tolerance is some part of the largest strain rate, and the same
-part of the largest deflection is what a body may bend by.
+part of the largest deflection is what a body may bend by. Some nodes stand for all, a number that
+does not grow with the mesh.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
+from rigidfx.decide.memory.sample import spread
 from rigidfx.effects import Spring
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
@@ -24,7 +26,10 @@ __all__ = ["Bends"]
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 Nodes = npt.NDArray[np.int32]
+Indices = npt.NDArray[np.intp]
 
+NODES = 1000  # that stand for all, at most
+HELD = 100  # likewise for those of which supports hold a component
 MOST = 8  # shapes of a window that are kept: the first, and others as far apart as may be
 
 
@@ -37,10 +42,13 @@ class Bends:
     """
 
     def __init__(self, scene: Scene) -> None:
-        """Nothing has moved."""
-        self._scene, self._mass = scene, scene.nodal_mass[: scene.owned_nodes]
-        self._nodes = np.arange(scene.owned_nodes)
-        self._X = scene.space.tabulate_dof_coordinates()[: scene.owned_nodes]
+        """Nothing has moved. Collective."""
+        X = scene.space.tabulate_dof_coordinates()[: scene.owned_nodes]
+        self._scene, self._nodes = scene, spread(scene.comm, X, NODES)
+        self._mass, self._X = scene.nodal_mass[self._nodes], X[self._nodes]
+        self._all = np.arange(self._nodes.size)
+        self._mask: Bools | None = None
+        self._held: list[Indices] = []
         self.per_rate, self._largest = np.inf, 0.0
         self._shapes: list[Array] = []
         self._stride, self._waited = 1, 0
@@ -54,16 +62,28 @@ class Bends:
 
         Args:
             state: The state.
-            held: For each owned dof, whether a support prescribes it.
+            held: For each owned dof, whether a support prescribes it; another array when that
+                changes.
         """
+        if held is not self._mask:
+            self._find_held(held)
         x = state.positions(self._nodes)
-        self._largest = max(self._largest, self._deflection(x, held.reshape(-1, 3)))
+        self._largest = max(self._largest, self._deflection(x, state))
         self._waited += 1
         if not self._shapes or self._waited == self._stride:
             self._waited = 0
             self._shapes.append(x)
             if len(self._shapes) > MOST:
                 self._shapes, self._stride = self._shapes[::2], 2 * self._stride
+
+    def _find_held(self, held: Bools) -> None:
+        """Take nodes that stand for those that supports hold, by component. Collective."""
+        self._mask, X = held, self._scene.space.tabulate_dof_coordinates()
+        self._held = []
+        for of_component in held.reshape(-1, 3).T:
+            nodes = np.flatnonzero(of_component)
+            self._held.append(nodes[spread(self._scene.comm, X[nodes], HELD)])
+        self._counts = np.asarray(self._scene.sum(np.array([float(n.size) for n in self._held])))
 
     def look(self, rate: float, noise: float) -> None:
         """Take note of the end of a window. Collective.
@@ -96,36 +116,44 @@ class Bends:
             parts: Owned nodes of each.
         """
         first, *others = self._shapes or [self._X]
+        known = [np.flatnonzero(np.isin(self._nodes, own)) for own in parts]
         out: Array = np.zeros(len(parts))
         for x in others:
-            out = np.maximum(out, self._bent(first, x, parts))
+            out = np.maximum(out, self._bent(first, x, known))
         return out
 
-    def _deflection(self, x: Array, held: Bools) -> float:
+    def _deflection(self, x: Array, state: State) -> float:
         """Largest displacement on this rank but for a common one [m]. Collective.
 
         What supports hold tells that, component by component; where they hold nothing at all the
         best rigid motion does, unless springs bring the structure back to where it was: then how it
         swings in them is as much of its motion as how it bends.
         """
-        counts, u = np.asarray(self._scene.sum(held.sum(axis=0))), x - self._X
+        counts, u = self._counts, x - self._X
         if not counts.any():
             if self._scene.named(Spring):
                 return float(np.linalg.norm(u, axis=1).max(initial=0.0))
-            return float(self._left(self._X, x, [self._nodes])[0].max(initial=0.0))
-        of_held, of_all = self._scene.sum(np.stack([(u * held).sum(axis=0), self._mass @ u]))
-        whole = float(self._scene.sum(self._mass.sum()))
-        common = np.where(counts > 0, of_held / np.maximum(counts, 1), of_all / whole)
+            return float(self._left(self._X, x, [self._all])[0].max(initial=0.0))
+        moved = [state.positions(n)[:, k] - state.X[n, k] for k, n in enumerate(self._held)]
+        sums = np.array([*(of.sum() for of in moved), *(self._mass @ u), self._mass.sum()])
+        every = np.asarray(self._scene.sum(sums))
+        common = np.where(counts > 0, every[:3] / np.maximum(counts, 1), every[3:6] / every[6])
         return float(np.linalg.norm(u - common, axis=1).max(initial=0.0))
 
-    def _bent(self, before: Array, now: Array, parts: Sequence[Nodes]) -> Array:
-        """Largest displacement of each part but for its rigid motion [m]. Collective."""
+    def _bent(self, before: Array, now: Array, parts: Sequence[Indices]) -> Array:
+        """Largest displacement of each part but for its rigid motion [m]. Collective.
+
+        Args:
+            before: Positions of the nodes that stand for all [m].
+            now: The same later [m].
+            parts: Which of these are in each part.
+        """
         left = self._left(before, now, parts)
         out = np.array([apart.max(initial=0.0) for apart in left])
         self._scene.comm.Allreduce(MPI.IN_PLACE, out, op=MPI.MAX)
         return out
 
-    def _left(self, before: Array, now: Array, parts: Sequence[Nodes]) -> list[Array]:
+    def _left(self, before: Array, now: Array, parts: Sequence[Indices]) -> list[Array]:
         """Of each part how far its nodes are from their best rigid motion [m]. Collective.
 
         By masses (W. Kabsch, Acta Cryst. A 32 (1976) 922-923).
