@@ -79,18 +79,18 @@ class Run:
         t, dt = stepper.state.t, target - stepper.state.t
         events: list[Event] = []
         if shadow is not None:
-            events = self._woken(policy, shadow.ahead(t, dt, policy.rule.limits()), FORESEEN, dt)
+            events = self._woken(policy, shadow.ahead(t, dt, policy.rule.limits), FORESEEN, dt)
         attempt = stepper.attempt(target)
         if shadow is None:
             seen = Observation(stepper, attempt.dt)
             checked = self._switched(policy, policy.struck(seen, stepper.touches()), seen)
         else:
-            found = shadow.look(t, attempt.dt, policy.rule.limits())
+            found = shadow.look(t, attempt.dt, policy.rule.limits)
             checked = self._woken(policy, found, CHECKED, attempt.dt)
         if checked:
             attempt = stepper.attempt(attempt.end, again=True)
             if shadow is not None:
-                shadow.look(t, attempt.dt, policy.rule.limits())
+                shadow.look(t, attempt.dt, policy.rule.limits)
         return stepper.accept(attempt), [*events, *checked]
 
     def _woken(self, policy: Policy, strained: Strained | None, why: str, dt: float) -> list[Event]:

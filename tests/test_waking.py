@@ -289,7 +289,7 @@ def test_a_shadow_begins_as_a_linear_twin(mass, damping, monkeypatch):
     def watch(self, t, dt, limits):
         strained = look(self, t, dt, limits)
         if strained is not None:
-            seen.append((t + dt, strained.rate * limits.rates))
+            seen.append((t + dt, strained.rate * limits().rates))
         return strained
 
     monkeypatch.setattr(Shadow, "look", watch)
@@ -316,7 +316,7 @@ def test_neighbours_take_a_bodys_vibration_as_dashpots_whatever_the_mesh(monkeyp
 
     def watch(self, t, dt, limits):
         strained = look(self, t, dt, limits)
-        seen.append((t, float(((strained.rate * limits.rates) ** 2).sum())))
+        seen.append((t, float(((strained.rate * limits().rates) ** 2).sum())))
         return strained
 
     def neighbours(*given):
@@ -534,7 +534,7 @@ def test_what_rings_from_step_to_step_or_turns_wakes_nothing(monkeypatch):
             now = self._motion
             for before, then in ends:
                 end = replace(now, u=now.u + dt * then, w=then)
-                told.append(self._strained(replace(now, w=before), end, dt, limits, None))
+                told.append(self._strained(replace(now, w=before), end, dt, limits(), None))
             looks.extend(strained.rate.max() for strained in told)
         return found
 
@@ -614,7 +614,7 @@ def test_cells_spring_within_a_step_however_long_those_of_shadows_are(monkeypatc
 
     def seen(self, t, dt, limits):
         if (found := look(self, t, dt, limits)) is not None:
-            looks.append((t, found.sum * limits.strains, found.spring * limits.rates * dt))
+            looks.append((t, found.sum * limits().strains, found.spring * limits().rates * dt))
         return found
 
     monkeypatch.setattr(Shadow, "look", seen)

@@ -161,13 +161,13 @@ class Shadow(Watch):
 
     # Steps --------------------------------------------------------------------------------------
 
-    def look(self, t: float, dt: float, limits: Limits) -> Strained | None:
+    def look(self, t: float, dt: float, limits: Callable[[], Limits]) -> Strained | None:
         """What the bodies withhold in the step that has been solved. Collective.
 
         Args:
             t: Time at its start [s].
             dt: Its length [s].
-            limits: What wakes cells.
+            limits: Says what wakes cells; not asked without bodies. Collective.
 
         Returns:
             What each owned cell would strain. None without bodies, or where calm shadows take no
@@ -184,7 +184,7 @@ class Shadow(Watch):
             if not self._pace.due(force, dt, change):
                 self._accepting = partial(self._pace.wait, force, dt, change)
                 return None
-            motion, found = self._foreseen(force, t, dt, limits)
+            motion, found = self._foreseen(force, t, dt, limits())
             most = float(found.ratio.max(initial=0.0))
             scene = self._stepper.scene
             largest = scene.comm.allreduce(most, op=MPI.MAX)
@@ -192,7 +192,7 @@ class Shadow(Watch):
             self._accepting = partial(self._take, motion, force, change, largest, energy)
             return found
 
-    def ahead(self, t: float, dt: float, limits: Limits) -> Strained | None:
+    def ahead(self, t: float, dt: float, limits: Callable[[], Limits]) -> Strained | None:
         """What the bodies will withhold in a step that is still to be solved. Collective.
 
         The force on them is that of the last step and what loads on the bodies themselves change of
@@ -210,7 +210,7 @@ class Shadow(Watch):
             rise = self._withheld.rise(t, dt)
             if rise is None or not self._pace.alarming(self._parts.size(rise)):
                 return None
-            return self._foreseen(last + rise, t, dt, limits)[1]
+            return self._foreseen(last + rise, t, dt, limits())[1]
 
     def _foreseen(
         self, force: Array, t: float, dt: float, limits: Limits

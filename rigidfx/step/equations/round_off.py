@@ -62,6 +62,8 @@ class Rounding:
         forces.set_rate(0.0)
         self._elastic = self._stiffness = self._undeformed(tangent)  # [N/m]
         self._viscous: Array | None = None  # [N s/m]
+        self._stiff_for = np.nan  # Δt of the stiffness [s] ...
+        self._mean = 0.0  # ... and that over sqrt(unknowns), of all ranks, once it is asked for
         if forces.viscous:
             forces.set_rate(1.0)
             self._viscous = self._undeformed(tangent) - self._elastic
@@ -88,8 +90,9 @@ class Rounding:
             f_ext: External forces at the active nodes at the midpoint [N].
             start: The bodies at the start of the step.
         """
-        if self._viscous is not None:
-            self._stiffness = self._elastic + self._viscous / dt
+        if self._viscous is not None and dt != self._stiff_for:
+            self._stiffness, self._mean = self._elastic + self._viscous / dt, 0.0
+            self._stiff_for = dt
         moved = self._strained.copy()
         moved[: self._dofs.size] += np.abs(self._u1[self._dofs])
         elastic = self._stiffness * moved
@@ -110,9 +113,11 @@ class Rounding:
         Args:
             residual: ‖R‖ of a solution [N].
         """
-        sums = np.array([self._stiffness.sum(), self._stiffness.size])
-        total = self._comm.allreduce(sums, op=MPI.SUM)
-        moved = residual / total[0] * np.sqrt(total[1]) if total[0] > 0 else 0.0
+        if self._mean == 0.0:
+            sums = np.array([self._stiffness.sum(), self._stiffness.size])
+            self._comm.Allreduce(MPI.IN_PLACE, sums, op=MPI.SUM)
+            self._mean = float(sums[0] / np.sqrt(max(sums[1], 1.0)))
+        moved = residual / self._mean if self._mean > 0 else 0.0
         eps = float(np.finfo(np.float64).eps)
         return float(moved / self._cell_size + eps * self._forces.strain_noise)
 

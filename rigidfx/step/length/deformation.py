@@ -21,6 +21,9 @@ from rigidfx.step.system.system import System
 
 __all__ = ["Deformation"]
 
+NEXT, LAST = [1, 2, 0], [2, 0, 1]  # of three components
+THIN = 1e-9  # of the largest moment of inertia: about that axis a line turns with no energy
+
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
@@ -107,17 +110,14 @@ class Deformation:
 
 def _rigid_energies(sums: Array) -> Array:
     """½ p²/m + ½ Jc·Ic⁻¹ Jc of each part, shape (parts,) [J]."""
-    out = np.zeros(len(sums))
-    for k in range(len(sums)):
-        part = sums[k]
-        m, p = part[0], part[4:7]
-        if m <= 0:
-            continue
-        c = part[1:4] / m
-        spread = part[7:16].reshape(3, 3) - m * np.outer(c, c)
-        inertia = np.trace(spread) * np.eye(3) - spread
-        J = part[16:] - np.cross(c, p)
-        out[k] = 0.5 * float(p @ p) / m + 0.5 * float(
-            J @ np.linalg.lstsq(inertia, J, rcond=1e-9)[0]
-        )
-    return out
+    m, mx, p = sums[:, :1], sums[:, 1:4], sums[:, 4:7]
+    c = np.divide(mx, m, out=np.zeros_like(mx), where=m > 0)
+    spread = sums[:, 7:16].reshape(-1, 3, 3) - mx[:, :, None] * c[:, None, :]
+    moments, axes = np.linalg.eigh(spread)
+    moments = moments.sum(axis=1, keepdims=True) - moments
+    J = sums[:, 16:] - (c[:, NEXT] * p[:, LAST] - c[:, LAST] * p[:, NEXT])
+    along = np.einsum("ki,kij->kj", J, axes)
+    known = moments > THIN * moments.max(axis=1, keepdims=True)
+    turning = np.divide(along**2, moments, out=np.zeros_like(along), where=known).sum(axis=1)
+    moving = np.divide(p**2, m, out=np.zeros_like(p), where=m > 0).sum(axis=1)
+    return np.asarray(0.5 * (moving + turning))
