@@ -147,6 +147,22 @@ def test_an_error_that_is_forgotten_allows_longer_steps():
     assert found[1] / found[0] > 20  # δT = 200, but for the band in which Δt is not changed
 
 
+def test_a_longer_step_has_to_save_what_it_costs():
+    """Δt does not follow what comes back every forty steps, but what stays."""
+    changes = []
+    for price in (0.0, 5.0):
+        length, t = StepLength(0.01, 200.0, 0.1, 1e-3, 1.0, 1.0, of=1.0), 0.0
+        for k in range(400):
+            dt = length.wanted
+            t, swing = t + dt, np.cos(np.pi * k / 40) ** 4 if k < 300 else 0.0
+            error = 0.0015 * (0.01 + swing) * dt**3
+            length.accept(error, t, dt, Moves(1.0), False, price)
+        assert length.wanted > 0.3
+        assert length.spent < 0.01
+        changes.append(length.changes)
+    assert changes[0] > 2 * changes[1]
+
+
 def test_errors_are_forgotten_where_structures_come_back():
     """At half of what a drag takes of velocities; of free bodies, and beside obstacles, never."""
     drag = rf.MassDamping(0.8)

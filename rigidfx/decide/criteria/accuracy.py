@@ -15,7 +15,7 @@ from rigidfx.base.inputs import positive, shown, whole
 from rigidfx.base.log import tell
 from rigidfx.base.taken import take_fields
 from rigidfx.base.warning import warn
-from rigidfx.decide.criteria.budget_rule import OF_RIGIDITY, BudgetRule
+from rigidfx.decide.criteria.budget_rule import BudgetRule
 from rigidfx.decide.criteria.judging import Criterion, never_rigid
 from rigidfx.decide.criteria.rule import Rule
 from rigidfx.decide.memory.memory import Memory
@@ -32,16 +32,19 @@ FINER = 4  # a twin's Δt
 # Unknowns of a body, from which it may save what its shadow and Python cost: steps took 3.5 ms at
 # 1000 unknowns all flexible, and 2 ms more beside bodies that took 19 % of these.
 WORTH = 600
+# Unknowns of a structure, from which it is looked at: with half of fewer rigid a step would lose 1
+# of its 4 ms, and looking takes .6 ms, a shadow 2.
+WATCHED = 1500
 
 
 @dataclass(frozen=True)
 class Accuracy(Criterion):
     """How far off a motion may be, for whatever reason a run decides about by itself.
 
-    Δt, what becomes rigid, and when it wakes follow from it: half of the budget is time
-    integration's (`rigidfx.scene.step_control.StepControl`), half is rigidity's
-    (`rigidfx.decide.criteria.budget_rule`). What both have spent is in each report's ledger. The
-    error of the mesh is not estimated.
+    Δt, what becomes rigid, and when it wakes follow from it: all of the budget is time
+    integration's (`rigidfx.scene.step_control.StepControl`) until something becomes rigid, and half
+    of what is left then is rigidity's (`rigidfx.decide.criteria.budget_rule`). What both have spent
+    is in each report's ledger. The error of the mesh is not estimated.
 
     Attributes:
         budget: Error of the displacement over the largest one so far, such as 0.01.
@@ -50,7 +53,8 @@ class Accuracy(Criterion):
         smallest: Smallest Δt [s]; a thousandth of the largest if None.
         never: Names of sets of cells that stay flexible.
         min_cells: Least number of cells of a new body; if None a twentieth of all, and so many that
-            it takes six hundred unknowns, as smaller ones cost more than they save.
+            it takes six hundred unknowns, as smaller ones cost more than they save, and of
+            structures of less than fifteen hundred none.
         check: Whether the flexible twin runs beside, with steps a quarter as long or so: reports'
             ledgers then have the error that was measured.
     """
@@ -157,8 +161,8 @@ class Accuracy(Criterion):
         Args:
             scene: The problem.
         """
-        every = scene.mesh.topology.index_map(3).size_global
-        return self if self.least_cells(scene) < every else None
+        small = 3 * scene.space.dofmap.index_map.size_global < WATCHED
+        return None if self.min_cells is None and small else self
 
     @property
     def idle(self) -> Rigidity:
@@ -224,6 +228,6 @@ def controlled(accuracy: Any, scene: Scene, dt: Any, rigidify: Any) -> StepContr
         raise SceneError(
             "Accuracy: check compares displacements of probes, and the scene has none: give one."
         )
-    of_time = 1.0 if accuracy.watching(scene) is None else 1 - OF_RIGIDITY
-    tol = of_time * float(accuracy.budget)
-    return StepControl(tol, names, largest=largest, smallest=accuracy.smallest, of=accuracy.of)
+    return StepControl(
+        float(accuracy.budget), names, largest=largest, smallest=accuracy.smallest, of=accuracy.of
+    )

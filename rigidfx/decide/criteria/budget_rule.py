@@ -15,6 +15,7 @@ motion by πN times E_w/H after N periods: what a run has spent is
 What is allowed, A, leaves room for the periods to come: π ∫ m dN will be A in each, if m is half of
 A at the turns of a vibration, as cells freeze, and 2/π of that in the mean over time. It is below
 what is left whatever comes, so that the budget holds; a wrong guess only spends it early or late.
+The budget is half of what time integration and earlier bodies have left when something freezes.
 
 Cells freeze in the order of what they would withhold, until half of what is allowed is used; as
 much as is above it wakes, the largest contributions first. While loads rest a flexible cell would
@@ -50,7 +51,7 @@ __all__ = ["BudgetRule", "believed", "level"]
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
-OF_RIGIDITY = 0.5  # of the budget at first; time integration has the rest
+OF_RIGIDITY = 0.5  # of what is left of the budget as something becomes rigid
 HALF = 0.5  # of what is allowed, that freezing may use, and that waking leaves
 MEAN = 2 / pi  # of a vibration's size over time, over what it is at its turns
 MARGIN = 1.25  # a window in halves of a period, 2π τ
@@ -80,8 +81,8 @@ class Past:
         free: Whether loads rest.
         rings: Whether shadows swing by more than loads at rest would strain them.
         t: Time [s].
-        budget: What rigidity may spend.
-        judged: Whether a window has ended, so that something might have become rigid.
+        rigid: Whether anything is rigid.
+        budget: What rigidity may spend; while nothing is rigid, if something were now.
     """
 
     strains: Array
@@ -89,7 +90,6 @@ class Past:
     seen: Array
     sums: Array
     budget: float
-    judged: bool = False
     period: float = np.nan
     whole: float = 0.0
     now: float = 0.0
@@ -97,6 +97,7 @@ class Past:
     free: bool = False
     rings: bool = False
     t: float = 0.0
+    rigid: bool = False
 
 
 class BudgetRule:
@@ -143,8 +144,9 @@ class BudgetRule:
     def rigidity(self) -> Rigidity:
         """What bodies do to the motion."""
         past = self.past
-        motion, rest = past.now + past.phase, self._whole - past.budget
-        return Rigidity(motion, past.budget, rest, past.free, past.rings)
+        kept = past.budget if past.rigid else past.phase
+        motion, rest = past.now + past.phase, self._whole - kept
+        return Rigidity(motion, kept, rest, past.free, past.rings)
 
     def limits(self) -> Limits:
         """Strains that use up what is allowed, or more, if all cells of bodies have them.
@@ -182,25 +184,21 @@ class BudgetRule:
         past.whole, strain, rate, one = map(float, self._scene.sum(np.array(local)))
         past.sums += np.array([strain, rate]) * seen.dt * (rate > one * (10 * noise) ** 2)
         past.period = 2 * pi * np.sqrt(past.sums[0] / past.sums[1]) if past.sums[1] > 0 else np.nan
-        if not seen.bodies:
+        past.rigid = len(seen.bodies) > 0
+        if not past.rigid:
             past.now = 0.0
         past.free = seen.t - self._memory.loads.resting_since > STEPS_AT_REST * seen.dt
         if past.free and past.now > 0:
             past.phase += pi * past.now * (seen.t - past.t) / past.period
-        if past.judged and not seen.bodies:
-            self._pass_on(seen.t)
+        if not past.rigid:  # time integration spends what there is
+            control = seen.stepper.control
+            left = self._whole - past.phase - (0.0 if control is None else control.length.used)
+            past.budget = past.phase + OF_RIGIDITY * max(left, 0.0)
         past.t = seen.t
-
-    def _pass_on(self, t: float) -> None:
-        """What rigidity has not spent goes to time integration, evenly over the rest of the run."""
-        past, left = self.past, self._timeline.t_end - self.past.t
-        part = min((t - past.t) / left, 1.0) if left > 0 else 1.0
-        past.budget -= max(past.budget - past.phase, 0.0) * part
 
     def window_ends(self, seen: Observation, flexible: Bools) -> None:
         """Find the tolerances with which half of what is allowed is used. Collective."""
         past, w, worst = self.past, self._weights, self._memory.window.worst
-        past.judged = True
         swing, fast = past.swings.end(), worst * past.period / (2 * pi)
         s = swing if past.free else fast
         expected = np.where(flexible, np.maximum(s, swing), np.inf)

@@ -30,6 +30,7 @@ SHARE = 0.6  # of the budget that estimates are to add up to: they are 0.5 to 2.
 SAFETY = 0.9
 DECAY = exp(-1 / 14)  # of the envelope in a step
 LONGER, SHORTER = 1.5, 0.7  # factors between which Δt stays as it is
+THERE_AND_BACK = 2.0  # changes that a longer Δt costs, as it may have to be shortened again
 MOST, LEAST = 1.7, 0.5  # factor of a change
 MOST_YOUNG = 4.0  # while steps grow from the small first ones
 EARLY = 5.0  # motions that begin may err by tol U/(5 s) per time
@@ -96,12 +97,13 @@ class StepLength:
         """
         self.tol, self._t_end, self._of = tol, t_end, of
         self.wanted, self.longest, self.spent, self.changes = first, longest, 0.0, 0
-        self.forgotten = self._error = 0.0
+        self.forgotten = self._error = self._t = 0.0
         self.displacement = REST * size if of is None else of
         self.shortest = shortest
         self._times, self._sizes = [0.0], [self.displacement]
         self._envelope = self._last = 0.0
         self._foreseen = self.displacement
+        self._lost = 0.0  # steps that a longer Δt would have saved
 
     def allowed(self, t: float) -> float:
         """Error per time that may be spent at t [s], in m/s."""
@@ -121,6 +123,15 @@ class StepLength:
         if part < 1e-9:
             return (end - start) / time
         return self.forgotten * (end - start * (1 - part)) / part
+
+    @property
+    def used(self) -> float:
+        """What the end of the run will know of the error, over the largest displacement.
+
+        With the safety of estimates.
+        """
+        left = self._error * exp(-self.forgotten * max(self._t_end - self._t, 0.0))
+        return left / (SHARE * self.displacement)
 
     def _growing(self, t: float) -> float:
         """Time in which the displacement has grown to what it is [s]."""
@@ -176,7 +187,9 @@ class StepLength:
         """
         self.wanted = min(self.wanted, longest)
 
-    def accept(self, error: float, t: float, dt: float, now: Moves, young: bool) -> None:
+    def accept(
+        self, error: float, t: float, dt: float, now: Moves, young: bool, price: float = 0.0
+    ) -> None:
         """Take note of a step, and choose the next.
 
         Args:
@@ -185,7 +198,9 @@ class StepLength:
             dt: Its length [s].
             now: How points move.
             young: Whether steps grow from small first ones.
+            price: Steps that another Δt costs.
         """
+        self._t = t
         if self._of is None:
             self._remember(now.displacement, t, dt)
             self._foresee(t, now)
@@ -197,7 +212,10 @@ class StepLength:
         self._envelope = max(self._last, self._envelope * DECAY)
         best = sqrt(self.allowed(t) / self._envelope) if self._envelope > 0 else float("inf")
         factor = min(max(SAFETY * best / dt, LEAST), MOST_YOUNG if young else MOST)
-        if factor > LONGER or factor < SHORTER:
+        self._lost = self._lost + 1 - 1 / factor if factor > 1 else 0.0
+        longer = factor > LONGER and (young or self._lost >= THERE_AND_BACK * price)
+        if longer or factor < SHORTER:
+            self._lost = 0.0
             wanted = min(max(factor * dt, self.shortest), self.longest)
             self.changes += wanted != self.wanted
             self.wanted = wanted

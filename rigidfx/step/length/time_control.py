@@ -158,7 +158,9 @@ class TimeControl(WarnsOnce):
         self._error.accept()
         if attempt.cuts:
             self.length.wanted = attempt.dt
-        self.length.accept(self._found, attempt.end, attempt.dt, self._end, young)
+        iterations = max(attempt.solution.iterations, 1)
+        price = self._system.newton.renewal / iterations
+        self.length.accept(self._found, attempt.end, attempt.dt, self._end, young, price)
         self.rejected, self._objections = self.rejected + self._objections, 0
         breaks = *self._breaks, self._touch
         self._fresh = any(self._timeline.same(attempt.end, b) for b in breaks)

@@ -40,6 +40,10 @@ FACTORS_UP_TO = 300_000
 # Cells that a wave passes in a step, as the diagonals of stiffness and mass estimate them. From a
 # prototype that counted them by the material's wave speed; not measured again for the diagonals.
 STIFF_FROM = 15.0
+# With shorter steps after a breakpoint incomplete factors may do, but GMRES then took 60 to 120
+# iterations a step at 3 to 13 cells (a frame of 4914 unknowns, 130 ms; 13 by full factors, and 90
+# to make these): what once was stiff keeps full ones down to this.
+STIFF_DOWN_TO = 2.0
 # Beyond, solves with kept factors turn a slender part about its axis by rounding, for good: at
 # 2·10⁵ a needle of 1107 unknowns lost 8e-4 of its energy in 500 steps.
 STIFF_UP_TO = 5e3
@@ -67,6 +71,7 @@ class Chord:
         self.tangents = 0
         self._equilibrium, p = equilibrium, equilibrium.prolongation
         self._pause = Pause()
+        self._stiff = False  # whether a step has been as long as those of stiff parts
         like = p.unknowns()
         self._kept = KeptTangent(self._suited(0.0)(equilibrium), Frames(p, parts), like)
         like.destroy()
@@ -82,6 +87,11 @@ class Chord:
         return f"kept {self._kept.inverse.name}"
 
     @property
+    def renewal(self) -> float:
+        """What a new tangent costs, in iterations with a kept one."""
+        return self._kept.inverse.renewal
+
+    @property
     def linear_iterations(self) -> int:
         """Linear iterations that the last solve took; with factors, one in each of Newton's."""
         return self._kept.iterations
@@ -89,7 +99,8 @@ class Chord:
     def _suited(self, dt: float) -> type[Factors | IncompleteFactors | Multigrid]:
         """What is to solve with the tangents of steps of Δt [s]."""
         size = self._equilibrium.prolongation.size
-        if self._equilibrium.waves(dt) >= STIFF_FROM:
+        self._stiff |= self._equilibrium.waves(dt) >= STIFF_FROM
+        if self._stiff and self._equilibrium.waves(dt) >= STIFF_DOWN_TO:
             return Factors if size <= FACTORS_UP_TO else Multigrid
         full = size < SMALLEST or (self._equilibrium.calm and self._few_entries)
         return Factors if full else IncompleteFactors
