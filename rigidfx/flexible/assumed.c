@@ -71,7 +71,7 @@ void prepare_assumed(void)
     }
     for (int p = 0; p < POINTS; p++)
       for (int i = 0; i < 3; i++)
-        memcpy(own[axis][p][i], slopes[p][to[i]], sizeof own[axis][p][i]);
+        memcpy(own[axis][p][i], slopes[p][to[i]].at, sizeof own[axis][p][i]);
   }
 }
 
@@ -81,7 +81,7 @@ static void look_at_thin(const double *x, int axis, thin_t *t)
   static const int of[ASSUMED] = {0, 1, 3, 3, 2, 2, 2};
   static const int by[ASSUMED][3] = {{1, 0, 0}, {0, 1, 0}, {1, 0, 0}, {0, 1, 0},
                                      {0, 0, 1}, {1, 0, 1}, {0, 1, 1}};
-  double middle[3][NODES], K0[3][3] = {{0}}, j0 = 0.0;
+  double middle[3][NODES], K0[3][3] = {{0}}, j0 = 0.0, j;
   t->axis = axis;
   for (int n = 0; n < NODES; n++)
     for (int k = 0; k < 3; k++)
@@ -89,7 +89,7 @@ static void look_at_thin(const double *x, int axis, thin_t *t)
   for (int i = 0; i < 3; i++) {
     int to;
     direction(axis, i, &to);
-    memcpy(middle[i], slopes[POINTS][to], sizeof middle[i]);
+    memcpy(middle[i], slopes[POINTS][to].at, sizeof middle[i]);
   }
   for (int p = -1; p < POINTS; p++) {
     const double(*d)[NODES] = p < 0 ? middle : own[axis][p];
@@ -99,10 +99,10 @@ static void look_at_thin(const double *x, int axis, thin_t *t)
         for (int n = 0; n < NODES; n++)
           J[k][i] += t->x[NODES * k + n] * d[i][n];
     if (p < 0) {
-      j0 = inverse(J, K0);
+      inverse(J, K0, &j0);
       continue;
     }
-    const double j = inverse(J, t->K[p]);
+    inverse(J, t->K[p], &j);
     t->weight[p] = fabs(j) / POINTS;
     for (int i = 0; i < 3; i++)
       for (int k = 0; k < 3; k++)
@@ -257,12 +257,12 @@ static void enhance_thin(const thin_t *t, const resist_t *r, const double *u0, c
     }
 }
 
-/* Derivatives of assumed strains by the displacement, at a displacement by direction. */
+/* Derivatives of assumed strains by the displacement; columns by direction, then by node. */
 static void thin_rows(const thin_t *t, const double *u, double B[POINTS][PAIRS][DOFS])
 {
   double x[DOFS], rows[SAMPLES][DOFS], g[3][3];
   for (int d = 0; d < DOFS; d++)
-    x[d] = t->x[d] + u[d];
+    x[d] = t->x[d] + u[3 * (d % NODES) + d / NODES];
   for (int s = 0; s < SAMPLES; s++) {
     const double(*d)[NODES] = sampled[t->axis][s];
     const int i = PAIR[SAMPLE[s]][0], j = PAIR[SAMPLE[s]][1];

@@ -26,7 +26,7 @@ typedef struct {
 
 /* Where a kernel finds what it needs: numbers are places among coefficients or constants. */
 typedef struct {
-  void *kernel;
+  void *kernel;             /* FFCx's; none if it would find nothing */
   int size;                 /* of the coefficients of a cell */
   int moves;                /* how many displacements there are, */
   int place[MOVES];         /* and where */
@@ -66,9 +66,12 @@ void enhancements(int cells, const double *x, const double *u, const double *law
     if (axis < 0) {
       cell_t c;
       law_t of = {.lambda = lambda, .mu = mu};
+      part_t a[MODES] = {{0}};
       look_at_cell(x + DOFS * k, &c);
       factorise(&c, &of);
-      enhance(&c, &of, 0, u + DOFS * k, to);
+      add_right_side(&c, &of, 0, u + DOFS * k, 0, a);
+      solve(&of, a);
+      write_enhancement(&c, a, 0, to);
     } else {
       thin_t t;
       resist_t r;
@@ -79,13 +82,13 @@ void enhancements(int cells, const double *x, const double *u, const double *law
   }
 }
 
-/* A sum of displacements, by direction. */
+/* A sum of displacements. */
 static void mean(const closure_t *o, const double *weight, const double *w, double *u)
 {
   memset(u, 0, DOFS * sizeof *u);
   for (int s = 0; s < o->moves; s++)
     for (int d = 0; d < DOFS && weight[s] != 0.0; d++)
-      u[NODES * (d % 3) + d / 3] += weight[s] * w[o->place[s] + d];
+      u[d] += weight[s] * w[o->place[s] + d];
 }
 
 /* Where the displacement at an enhancement's or a portion's start is; null if it has none. */
@@ -147,7 +150,7 @@ static void gather(int n, const int *from, const int *size, const double *of, do
 }
 
 /* What is found at the points for a stress that is not linear, and the displacements that its work
-   depends on, by direction. */
+   depends on. */
 typedef struct {
   double found[POINTS * PAIRS * (PAIRS + 1)], middle[DOFS], by[DOFS], share;
 } found_t;
@@ -184,7 +187,7 @@ static void assumed(const closure_t *o, int axis, double *A, const double *w, co
     resist(&t, w[o->source[s]], w[o->source[s] + 1], &r);
     enhance_thin(&t, &r, start_of(o, o->start[s], w), w + o->place[o->end[s]], v + o->at[s]);
   }
-  if (!o->portions)
+  if (!o->portions && o->kernel)
     ((kernel_t *)o->kernel)(A, v, c, x, entity, turned KERNEL_EXTRA_NAME);
   for (int k = 0; k < o->works; k++) {
     const double *law = w + o->source[o->work[k].law];
@@ -194,6 +197,38 @@ static void assumed(const closure_t *o, int axis, double *A, const double *w, co
     look_at_work(o, &o->work[k], v, c, x, entity, turned, &f KERNEL_EXTRA_NAME);
     assumed_work(&t, &r, o->rank, f.found, f.middle, f.by, f.share, A);
   }
+}
+
+/* Enhancements that a kernel reads, in the place of coefficients v: those of a law W at a time. */
+static void enhance(const closure_t *o, const cell_t *cell, const double *w, law_t *law, int *of,
+                    double *v)
+{
+  int laws = 0;
+  for (int s = 0; s < o->strains; s++) {
+    const double lambda = w[o->source[s]], mu = w[o->source[s] + 1];
+    for (of[s] = 0; of[s] < laws; of[s]++)
+      if (law[of[s]].lambda == lambda && law[of[s]].mu == mu)
+        break;
+    if (of[s] == laws) {
+      law[laws].lambda = lambda;
+      law[laws].mu = mu;
+      factorise(cell, &law[laws++]);
+    }
+  }
+  for (int k = 0; k < laws; k++)
+    for (int s = 0, last; s < o->strains; s = last) {
+      part_t a[MODES] = {{0}};
+      int columns = 0;
+      for (last = s; last < o->strains && columns < W; last++)
+        if (of[last] == k)
+          add_right_side(cell, &law[k], start_of(o, o->start[last], w),
+                         w + o->place[o->end[last]], columns++, a);
+      if (columns)
+        solve(&law[k], a);
+      for (columns = 0; s < last; s++)
+        if (of[s] == k)
+          write_enhancement(cell, a, columns++, v + o->at[s]);
+    }
 }
 
 static void eliminated(const closure_t *o, double *A, const double *w, const double *c,
@@ -207,24 +242,15 @@ static void eliminated(const closure_t *o, double *A, const double *w, const dou
   double v[LARGEST];
   cell_t cell;
   law_t law[STRAINS];
-  int of[STRAINS], laws = 0;
+  int of[STRAINS];
   memcpy(v, w, o->size * sizeof *v);
   look_at_cell(x, &cell);
-  for (int s = 0; s < o->strains; s++) {
-    const double lambda = w[o->source[s]], mu = w[o->source[s] + 1];
-    for (of[s] = 0; of[s] < laws; of[s]++)
-      if (law[of[s]].lambda == lambda && law[of[s]].mu == mu)
-        break;
-    if (of[s] == laws) {
-      law[laws].lambda = lambda;
-      law[laws].mu = mu;
-      factorise(&cell, &law[laws++]);
-    }
-    enhance(&cell, &law[of[s]], start_of(o, o->start[s], w), w + o->place[o->end[s]], v + o->at[s]);
-  }
-  ((kernel_t *)o->kernel)(A, v, c, x, entity, turned KERNEL_EXTRA_NAME);
+  enhance(o, &cell, w, law, of, v);
+  if (o->kernel)
+    ((kernel_t *)o->kernel)(A, v, c, x, entity, turned KERNEL_EXTRA_NAME);
   for (int b = 0; b < o->blocks; b++) {
-    double u[DOFS], left[MODES * DOFS], right[MODES * DOFS];
+    double u[DOFS];
+    row_t left[MODES], right[MODES];
     const law_t *with = &law[of[o->law[b]]];
     const int same = !memcmp(o->left[b], o->right[b], sizeof o->left[b]);
     mean(o, o->right[b], w, u);
@@ -233,7 +259,7 @@ static void eliminated(const closure_t *o, double *A, const double *w, const dou
       mean(o, o->left[b], w, u);
       coupling(&cell, with, u, left);
     }
-    subtract(A, same ? right : left, right, with_more(o->factor[b], o->more[b], c));
+    subtract(with, A, same ? right : left, right, with_more(o->factor[b], o->more[b], c));
   }
   for (int k = 0; k < o->works; k++) {
     found_t f;

@@ -22,12 +22,13 @@ import numpy as np
 import ufl
 from ffcx.codegeneration import get_include_path
 from ufl.algorithms.analysis import extract_coefficients, extract_constants
+from ufl.constantvalue import Zero
 
 from rigidfx.base.c_library import c_library
 from rigidfx.base.form_cache import compile_values
 from rigidfx.mechanics.assumed import AssumedWork
 from rigidfx.mechanics.enhanced import Elimination
-from rigidfx.mechanics.enhancement import Enhancement
+from rigidfx.mechanics.enhancement import Enhancement, Note
 from rigidfx.mechanics.projected import ProjectedWork
 
 __all__ = ["alive", "eliminate", "library_of"]
@@ -37,7 +38,7 @@ SLOTS = 1024  # kernels that may live at a time
 
 SOURCES = [
     Path(__file__).with_name(f"{name}.c")
-    for name in ("enhanced", "assumed", "projected", "elimination")
+    for name in ("enhanced", "enhanced_rows", "assumed", "projected", "elimination")
 ]
 DECLARED = """
 typedef struct {
@@ -116,7 +117,8 @@ def eliminate(mesh: Any, form: ufl.Form, compiled: Any, options: dict[str, Any])
             closure.work[n].kernel = library.ffi.cast("void *", found)
             kept.append(module)
         address = int(ffi.cast("uintptr_t", old.form_integrals[k].tabulate_tensor_float64))
-        closure.kernel = library.ffi.cast("void *", address)
+        silent = _only_notes(form, old.form_integral_ids[k])
+        closure.kernel = library.ffi.cast("void *", 0 if silent else address)
         kernel = ffi.new("ufcx_integral*", old.form_integrals[k][0])
         enabled = kernel.enabled_coefficients
         packed = [needed.get(n, enabled[n]) for n in range(old.num_coefficients)]
@@ -190,6 +192,13 @@ def _fill(closure: Any, form: ufl.Form, compiled: Any, number: int) -> dict[int,
     firsts = {next(v for v in of if v.law is w.law).count() for w in of}
     needed = {k: w.count() in firsts for k, w in enumerate(used) if w in of}
     return needed | {k: True for k, w in enumerate(used) if w.count() in moves}
+
+
+def _only_notes(form: ufl.Form, number: int) -> bool:
+    """Whether nothing is left of the kernel of a subdomain id but what constants of zero tell."""
+    zeros = {c: ufl.zero() for c in extract_constants(form) if isinstance(c, Note)}
+    parts = [i for i in form.integrals_by_type("cell") if number in np.atleast_1d(i.subdomain_id())]
+    return all(isinstance(ufl.replace(i.integrand(), zeros), Zero) for i in parts)
 
 
 def _works(form: ufl.Form, number: int) -> list[ProjectedWork]:

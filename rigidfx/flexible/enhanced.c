@@ -10,13 +10,31 @@
    All of it is done in the frame of the cell's centre, Ê = J₀ᵀ E J₀, where M is (j₀/j) times unit
    tensors times products of ±1, so that sums over the points are sums and differences only: a Walsh
    transform. Numbers of nodes and of points are 4 x + 2 y + z and x + 2 y + 4 z, bits being
-   coordinates; a product of coordinates has the number of the bits that are in it. */
+   coordinates; a product of coordinates has the number of the bits that are in it. There are eight
+   of each, and what is alike for all eight is computed at once. */
 
 #include <math.h>
 #include <stdint.h>
 #include <string.h>
 
-enum { NODES = 8, DOFS = 24, POINTS = 8, PAIRS = 6, MODES = 21 };
+/* How many numbers this processor computes with at once, W, and how often that is eight. */
+#ifdef __AVX512F__
+enum { W = 8 };
+#elif defined(__AVX__)
+enum { W = 4 };
+#else
+enum { W = 2 };
+#endif
+enum { PARTS = 8 / W };
+typedef double part_t __attribute__((vector_size(W * sizeof(double))));
+
+/* A number for each point, node or product. */
+typedef union {
+  double at[8];
+  part_t part[PARTS];
+} eight_t;
+
+enum { NODES = 8, DOFS = 24, POINTS = 8, PAIRS = 6, MODES = 21, ROW = DOFS / W };
 enum { X = 4, Y = 2, Z = 1 };
 
 /* Components ij of pairs, and those of the modes with the product of coordinates of each. */
@@ -31,39 +49,54 @@ static const int MODE[MODES][2] = {
 static const int FROM[MODES] = {0, 0, 0, 3, 3, 3, 6, 6, 6, 9, 9, 9, 9, 13, 13, 13, 13, 17, 17, 17, 17};
 static const int BELOW[MODES] = {
   3, 3, 3, 6, 6, 6, 9, 9, 9, 13, 13, 13, 13, 17, 17, 17, 17, 21, 21, 21, 21};
+static const int ALL_BELOW[MODES] = {
+  21, 21, 21, 21, 21, 21, 21, 21, 21, 21, 21, 21, 21, 21, 21, 21, 21, 21, 21, 21, 21};
 
 /* What is known of a cell before anything moves. */
 typedef struct {
   double J0[3][3], K0[3][3], j0;  /* J at the centre, its inverse and determinant */
-  double ratio[POINTS];           /* j₀/j */
-  double dN[POINTS][3][NODES];    /* derivatives of shape functions in the frame of the centre */
+  eight_t ratio;                  /* j₀/j at the points */
+  eight_t H[3][3];                /* J⁻¹ J₀ at the points */
 } cell_t;
 
-/* ℂ in that frame and the factor of D, for λ and μ. */
+/* A number for each dof of a cell, or for each mode and some more. */
+typedef union {
+  double at[DOFS];
+  part_t part[ROW];
+  eight_t by[3];
+} row_t;
+
+/* ℂ in that frame and the factors of D = L U, L = Uᵀ d, for λ and μ. */
 typedef struct {
   double lambda, mu;
-  double C[PAIRS][PAIRS];          /* of components ij and kl */
-  const int *from, *below;         /* of each mode, those that D couples it with */
-  double L[MODES][MODES];  /* D = L Lᵀ, with 1/L on the diagonal */
+  double C[PAIRS][PAIRS];  /* of components ij and kl */
+  int apart;               /* whether D couples modes of the same product only */
+  double d[MODES];         /* one over U's diagonal */
+  row_t U[MODES];          /* before the diagonal, whatever was left */
 } law_t;
 
-static double inverse(const double A[3][3], double B[3][3])
-{
-  B[0][0] = A[1][1] * A[2][2] - A[1][2] * A[2][1];
-  B[0][1] = A[0][2] * A[2][1] - A[0][1] * A[2][2];
-  B[0][2] = A[0][1] * A[1][2] - A[0][2] * A[1][1];
-  B[1][0] = A[1][2] * A[2][0] - A[1][0] * A[2][2];
-  B[1][1] = A[0][0] * A[2][2] - A[0][2] * A[2][0];
-  B[1][2] = A[0][2] * A[1][0] - A[0][0] * A[1][2];
-  B[2][0] = A[1][0] * A[2][1] - A[1][1] * A[2][0];
-  B[2][1] = A[0][1] * A[2][0] - A[0][0] * A[2][1];
-  B[2][2] = A[0][0] * A[1][1] - A[0][1] * A[1][0];
-  const double det = A[0][0] * B[0][0] + A[0][1] * B[1][0] + A[0][2] * B[2][0];
-  for (int i = 0; i < 3; i++)
-    for (int j = 0; j < 3; j++)
-      B[i][j] /= det;
-  return det;
-}
+/* Inverse of a matrix of numbers of a kind, and its determinant. */
+#define INVERSE(name, number_t)                                                                    \
+  static inline void name(const number_t A[3][3], number_t B[3][3], number_t *det)                 \
+  {                                                                                                \
+    B[0][0] = A[1][1] * A[2][2] - A[1][2] * A[2][1];                                               \
+    B[0][1] = A[0][2] * A[2][1] - A[0][1] * A[2][2];                                               \
+    B[0][2] = A[0][1] * A[1][2] - A[0][2] * A[1][1];                                               \
+    B[1][0] = A[1][2] * A[2][0] - A[1][0] * A[2][2];                                               \
+    B[1][1] = A[0][0] * A[2][2] - A[0][2] * A[2][0];                                               \
+    B[1][2] = A[0][2] * A[1][0] - A[0][0] * A[1][2];                                               \
+    B[2][0] = A[1][0] * A[2][1] - A[1][1] * A[2][0];                                               \
+    B[2][1] = A[0][1] * A[2][0] - A[0][0] * A[2][1];                                               \
+    B[2][2] = A[0][0] * A[1][1] - A[0][1] * A[1][0];                                               \
+    *det = A[0][0] * B[0][0] + A[0][1] * B[1][0] + A[0][2] * B[2][0];                              \
+    const number_t factor = 1.0 / *det;                                                            \
+    for (int i = 0; i < 3; i++)                                                                    \
+      for (int j = 0; j < 3; j++)                                                                  \
+        B[i][j] *= factor;                                                                         \
+  }
+
+INVERSE(inverse, double)
+INVERSE(inverses, part_t)
 
 /* Derivative of the shape function of a node by the coordinate i, all from 0 to 1. */
 static double slope(int node, int i, const double xi[3])
@@ -76,7 +109,9 @@ static double slope(int node, int i, const double xi[3])
   return out;
 }
 
-static double slopes[POINTS + 1][3][NODES];  /* the last at the centre */
+static eight_t slopes[POINTS + 1][3];  /* of the nodes, at each point and, last, at the centre */
+static eight_t slopes_at[3][NODES];    /* of each node, at the points */
+static eight_t signs[POINTS], signs_at[POINTS];  /* of the products at a point, and likewise */
 
 void prepare(void)
 {
@@ -86,68 +121,59 @@ void prepare(void)
     for (int i = 0; i < 3 && p < POINTS; i++)
       xi[i] = p >> (2 - i) & 1 ? 1.0 - a : a;
     for (int i = 0; i < 3; i++)
-      for (int n = 0; n < NODES; n++)
-        slopes[p][i][n] = slope(n, i, xi);
+      for (int n = 0; n < NODES; n++) {
+        slopes[p][i].at[n] = slope(n, i, xi);
+        if (p < POINTS)
+          slopes_at[i][n].at[p] = slopes[p][i].at[n];
+      }
   }
+  for (int p = 0; p < POINTS; p++)
+    for (int k = 0; k < POINTS; k++) {
+      double sign = 1.0;
+      for (int bit = 1; bit < POINTS; bit *= 2)
+        if (k & bit && !(p & bit))
+          sign = -sign;
+      signs[p].at[k] = signs_at[k].at[p] = sign;
+    }
 }
 
 static void look_at_cell(const double *x, cell_t *c)
 {
-  double at[3][NODES];
-  for (int n = 0; n < NODES; n++)
-    for (int i = 0; i < 3; i++)
-      at[i][n] = x[3 * n + i];
-  for (int p = POINTS; p >= 0; p--) {
-    double J[3][3] = {{0}}, K[3][3];
-    for (int i = 0; i < 3; i++)
-      for (int j = 0; j < 3; j++)
-        for (int n = 0; n < NODES; n++)
-          J[i][j] += at[i][n] * slopes[p][j][n];
-    if (p == POINTS) {
-      memcpy(c->J0, J, sizeof J);
-      c->j0 = inverse(J, c->K0);
-      continue;
-    }
-    c->ratio[p] = c->j0 / inverse(J, K);
-    double H[3][3] = {{0}};
-    for (int i = 0; i < 3; i++)
-      for (int j = 0; j < 3; j++)
-        for (int k = 0; k < 3; k++)
-          H[i][j] += K[i][k] * c->J0[k][j];
-    for (int i = 0; i < 3; i++)
+  memset(c->J0, 0, sizeof c->J0);
+  for (int i = 0; i < 3; i++)
+    for (int k = 0; k < 3; k++)
       for (int n = 0; n < NODES; n++)
-        c->dN[p][i][n] =
-          H[0][i] * slopes[p][0][n] + H[1][i] * slopes[p][1][n] + H[2][i] * slopes[p][2][n];
+        c->J0[i][k] += x[3 * n + i] * slopes[POINTS][k].at[n];
+  inverse(c->J0, c->K0, &c->j0);
+  for (int s = 0; s < PARTS; s++) {
+    part_t J[3][3] = {{{0}}}, K[3][3], j;
+    for (int i = 0; i < 3; i++)
+      for (int k = 0; k < 3; k++)
+        for (int n = 0; n < NODES; n++)
+          J[i][k] += x[3 * n + i] * slopes_at[k][n].part[s];
+    inverses(J, K, &j);
+    c->ratio.part[s] = c->j0 / j;
+    for (int i = 0; i < 3; i++)
+      for (int k = 0; k < 3; k++)
+        c->H[i][k].part[s] = K[i][0] * c->J0[0][k] + K[i][1] * c->J0[1][k] + K[i][2] * c->J0[2][k];
   }
 }
 
-/* Sums over the points with the signs of all products of coordinates, in place. */
-static void walsh(double *v, int n)
+/* Σ v with a table of signs, in place: with `signs`, sums over the points with those of all products
+   of coordinates; with `signs_at`, values at the points of a sum of products. */
+static inline void transform(const eight_t table[8], eight_t *v)
 {
-  for (int bit = 1; bit < POINTS; bit *= 2)
-    for (int p = 0; p < POINTS; p++)
-      if (!(p & bit))
-        for (int k = 0; k < n; k++) {
-          const double low = v[p * n + k], high = v[(p | bit) * n + k];
-          v[p * n + k] = low + high;
-          v[(p | bit) * n + k] = high - low;
-        }
+  const eight_t old = *v;
+  for (int s = 0; s < PARTS; s++) {
+    part_t sum = {0};
+    for (int k = 0; k < 8; k++)
+      sum += old.at[k] * table[k].part[s];
+    v->part[s] = sum;
+  }
 }
 
-/* Values at the points of sums of products of coordinates, n of each, in place. */
-static void at_points(double *v, int n)
-{
-  for (int bit = 1; bit < POINTS; bit *= 2)
-    for (int p = 0; p < POINTS; p++)
-      if (!(p & bit))
-        for (int k = 0; k < n; k++) {
-          const double one = v[p * n + k], product = v[(p | bit) * n + k];
-          v[p * n + k] = one - product;
-          v[(p | bit) * n + k] = one + product;
-        }
-}
-
-static void factorise(const cell_t *c, law_t *law)
+/* ℂ, what D is made of besides, and whether it falls apart. */
+static void resistance(const cell_t *c, law_t *law, eight_t *T)
 {
   double g[3][3] = {{0}};
   for (int i = 0; i < 3; i++)
@@ -160,203 +186,160 @@ static void factorise(const cell_t *c, law_t *law)
       law->C[a][b] = law->lambda * g[i][j] * g[k][l]
                      + law->mu * (g[i][k] * g[j][l] + g[i][l] * g[j][k]);
     }
-  double T[POINTS];
   for (int p = 0; p < POINTS; p++)
-    T[p] = fabs(c->j0) / POINTS * c->ratio[p];
-  walsh(T, 1);
-  static const int first[MODES] = {0};
-  static const int end[MODES] = {21, 21, 21, 21, 21, 21, 21, 21, 21, 21, 21,
-                                 21, 21, 21, 21, 21, 21, 21, 21, 21, 21};
+    T->at[p] = fabs(c->j0) / POINTS * c->ratio.at[p];
+  transform(signs, T);
   double most = 0.0;
   for (int k = 1; k < POINTS; k++)
-    most = fmax(most, fabs(T[k]));
-  law->from = most <= 1e-13 * T[0] ? FROM : first;
-  law->below = most <= 1e-13 * T[0] ? BELOW : end;
+    most = fmax(most, fabs(T->at[k]));
+  law->apart = most <= 1e-13 * T->at[0];
+}
+
+/* The factors of D, which couples modes with those below a number only. Unrolled, as loops so short
+   would take longer to go round than what is in them. */
+static inline void factorise_with(law_t *law, const eight_t *T, const int *below)
+{
+#pragma GCC unroll 21
   for (int m = 0; m < MODES; m++)
-    for (int n = law->from[m]; n <= m; n++)
-      law->L[m][n] = law->C[MODE[m][0]][MODE[n][0]] * T[MODE[m][1] ^ MODE[n][1]];
+#pragma GCC unroll 21
+    for (int n = m; n < below[m]; n++)
+      law->U[m].at[n] = law->C[MODE[m][0]][MODE[n][0]] * T->at[MODE[m][1] ^ MODE[n][1]];
+#pragma GCC unroll 21
   for (int n = 0; n < MODES; n++) {
-    for (int m = n; m < law->below[n]; m++) {
-      double s = law->L[m][n];
-      for (int k = law->from[n]; k < n; k++)
-        s -= law->L[m][k] * law->L[n][k];
-      law->L[m][n] = s;
-    }
-    const double r = 1.0 / sqrt(law->L[n][n]);
-    for (int m = n + 1; m < law->below[n]; m++)
-      law->L[m][n] *= r;
-    law->L[n][n] = r;
-  }
-}
-
-/* Rows of modes from transformed strains, n numbers each: factor Σ ℂ Ê. */
-static void modes_of(const cell_t *c, const law_t *law, int n,
-                     const double *strain, double *out)
-{
-  const double w = fabs(c->j0) / POINTS;
-  for (int m = 0; m < MODES; m++) {
-    const double *C = law->C[MODE[m][0]];
-    for (int k = 0; k < n; k++)
-      out[m * n + k] = 0.0;
-    for (int b = 0; b < PAIRS; b++) {
-      const double f = (b < 3 ? w : 2.0 * w) * C[b];
-      const double *E = strain + (b * POINTS + MODE[m][1]) * n;
-      for (int k = 0; k < n; k++)
-        out[m * n + k] += f * E[k];
+    law->d[n] = 1.0 / law->U[n].at[n];
+#pragma GCC unroll 21
+    for (int m = n + 1; m < below[n]; m++) {
+      const double f = law->U[n].at[m] * law->d[n];
+#pragma GCC unroll 12
+      for (int k = m / W; k <= (below[n] - 1) / W; k++)
+        law->U[m].part[k] -= f * law->U[n].part[k];
     }
   }
 }
 
-/* Columns of the displacement's gradient in the frame of the centre, at a point; u by direction. */
-static void gradient(const cell_t *c, const double *u, int p, double h[3][3])
+static void factorise(const cell_t *c, law_t *law)
 {
-  for (int i = 0; i < 3; i++)
-    for (int k = 0; k < 3; k++) {
-      double s = 0.0;
+  eight_t T;
+  resistance(c, law, &T);
+  memset(law->U, 0, sizeof law->U);
+  if (law->apart)
+    factorise_with(law, &T, BELOW);
+  else
+    factorise_with(law, &T, ALL_BELOW);
+}
+
+/* The displacement's gradient by coordinates of the frame of the centre, at a part of the points. */
+static inline void gradient(const cell_t *c, const double *u, int s, part_t h[3][3])
+{
+  for (int k = 0; k < 3; k++) {
+    part_t g[3] = {{0}};
+    for (int i = 0; i < 3; i++)
       for (int n = 0; n < NODES; n++)
-        s += u[NODES * k + n] * c->dN[p][i][n];
-      h[i][k] = s;
-    }
+        g[i] += u[3 * n + k] * slopes_at[i][n].part[s];
+    for (int i = 0; i < 3; i++)
+      h[i][k] = c->H[0][i].part[s] * g[0] + c->H[1][i].part[s] * g[1] + c->H[2][i].part[s] * g[2];
+  }
 }
 
 /* Strains at the points, in the frame of the centre: those at u1 less those at u0, if there is one.
 
    The difference is that of the middle and the increment, without the rounding of either end. */
-static void strains(const cell_t *c, const double *u0, const double *u1, double E[PAIRS][POINTS])
+static void strains(const cell_t *c, const double *u0, const double *u1, eight_t E[PAIRS])
 {
   double middle[DOFS], step[DOFS];
-  for (int k = 0; k < 3; k++)
-    for (int n = 0; n < NODES; n++) {
-      const int to = NODES * k + n, at = 3 * n + k;
-      middle[to] = u0 ? 0.5 * (u0[at] + u1[at]) : u1[at];
-      step[to] = u0 ? u1[at] - u0[at] : 0.0;
-    }
-  for (int p = 0; p < POINTS; p++) {
-    double F[3][3], h[3][3];
-    gradient(c, middle, p, F);
+  for (int d = 0; d < DOFS && u0; d++) {
+    middle[d] = 0.5 * (u0[d] + u1[d]);
+    step[d] = u1[d] - u0[d];
+  }
+  for (int s = 0; s < PARTS; s++) {
+    part_t F[3][3], h[3][3];
+    gradient(c, u0 ? step : u1, s, h);
     if (u0)
-      gradient(c, step, p, h);
-    else
-      memcpy(h, F, sizeof h);
+      gradient(c, middle, s, F);
     for (int i = 0; i < 3; i++)
       for (int k = 0; k < 3; k++)
-        F[i][k] = c->J0[k][i] + (u0 ? 1.0 : 0.5) * F[i][k];
+        F[i][k] = c->J0[k][i] + (u0 ? F[i][k] : 0.5 * h[i][k]);
     for (int b = 0; b < PAIRS; b++) {
       const int i = PAIR[b][0], j = PAIR[b][1];
-      double s = 0.0;
+      part_t sum = {0};
       for (int k = 0; k < 3; k++)
-        s += F[i][k] * h[j][k] + F[j][k] * h[i][k];
-      E[b][p] = 0.5 * s;
+        sum += F[i][k] * h[j][k] + F[j][k] * h[i][k];
+      E[b].part[s] = 0.5 * sum;
     }
   }
 }
 
-/* D⁻¹ times a, in place. */
-static void solve(const law_t *law, double *a)
+/* D⁻¹ times W columns, in place; see `factorise_with`. */
+static inline void solve_with(const law_t *law, part_t a[MODES], const int *below)
 {
+#pragma GCC unroll 21
   for (int m = 0; m < MODES; m++) {
-    for (int k = law->from[m]; k < m; k++)
-      a[m] -= law->L[m][k] * a[k];
-    a[m] *= law->L[m][m];
+    const part_t s = a[m] * law->d[m];
+#pragma GCC unroll 21
+    for (int k = m + 1; k < below[m]; k++)
+      a[k] -= law->U[m].at[k] * s;
   }
+#pragma GCC unroll 21
   for (int m = MODES - 1; m >= 0; m--) {
-    a[m] *= law->L[m][m];
-    for (int k = law->from[m]; k < m; k++)
-      a[k] -= law->L[m][k] * a[m];
+    part_t s = {0};
+#pragma GCC unroll 21
+    for (int k = below[m] - 1; k > m; k--)
+      s += law->U[m].at[k] * a[k];
+    a[m] = (a[m] - s) * law->d[m];
   }
 }
 
-/* η at the points: Cartesian components in the order of pairs. */
-static void enhance(const cell_t *c, const law_t *law, const double *u0, const double *u1,
-                    double *eta)
+static void solve(const law_t *law, part_t a[MODES])
 {
-  double E[PAIRS][POINTS], a[MODES];
+  if (law->apart)
+    solve_with(law, a, BELOW);
+  else
+    solve_with(law, a, ALL_BELOW);
+}
+
+/* e(u) of the strain at u1 less that at u0, if there is one, as a column of others. */
+static void add_right_side(const cell_t *c, const law_t *law, const double *u0, const double *u1,
+                           int column, part_t a[MODES])
+{
+  const double w = fabs(c->j0) / POINTS;
+  eight_t E[PAIRS], S[PAIRS];
   strains(c, u0, u1, E);
   for (int b = 0; b < PAIRS; b++)
-    walsh(E[b], 1);
-  modes_of(c, law, 1, &E[0][0], a);
-  solve(law, a);
-  double T[PAIRS][POINTS] = {{0}};
-  for (int m = 0; m < MODES; m++)  /* -α is what has been solved for */
-    T[MODE[m][0]][MODE[m][1]] = MODE[m][0] < 3 ? -a[m] : -0.5 * a[m];
+    transform(signs, &E[b]);
+  for (int b = 0; b < PAIRS; b++)
+    for (int s = 0; s < PARTS; s++) {
+      part_t sum = {0};
+      for (int q = 0; q < PAIRS; q++)
+        sum += (q < 3 ? w : 2.0 * w) * law->C[b][q] * E[q].part[s];
+      S[b].part[s] = sum;
+    }
+  for (int m = 0; m < MODES; m++)
+    a[m][column] = S[MODE[m][0]].at[MODE[m][1]];
+}
+
+/* η at the points of a column of -α: Cartesian components in the order of pairs. */
+static void write_enhancement(const cell_t *c, const part_t a[MODES], int column, double *eta)
+{
+  eight_t E[PAIRS] = {{{0}}};
+  for (int m = 0; m < MODES; m++)
+    E[MODE[m][0]].at[MODE[m][1]] = MODE[m][0] < 3 ? -a[m][column] : -0.5 * a[m][column];
   for (int b = 0; b < PAIRS; b++) {
-    at_points(T[b], 1);
-    for (int p = 0; p < POINTS; p++)
-      T[b][p] *= c->ratio[p];
+    transform(signs_at, &E[b]);
+    for (int s = 0; s < PARTS; s++)
+      E[b].part[s] *= c->ratio.part[s];
   }
   for (int b = 0; b < PAIRS; b++) {
     const int i = PAIR[b][0], j = PAIR[b][1];
-    double out[POINTS] = {0};
+    eight_t out = {{0}};
     for (int q = 0; q < PAIRS; q++) {
       const int k = PAIR[q][0], l = PAIR[q][1];
       double f = c->K0[k][i] * c->K0[l][j];
       if (k != l)
         f += c->K0[l][i] * c->K0[k][j];
-      for (int p = 0; p < POINTS; p++)
-        out[p] += f * T[q][p];
+      for (int s = 0; s < PARTS; s++)
+        out.part[s] += f * E[q].part[s];
     }
     for (int p = 0; p < POINTS; p++)
-      eta[p * PAIRS + b] = out[p];
-  }
-}
-
-/* Derivatives of strains at the points by the displacement, in the frame of the centre; u and columns
-   by direction, then by node. */
-static void rows(const cell_t *c, const double *u, double b[PAIRS][POINTS][DOFS])
-{
-  for (int p = 0; p < POINTS; p++) {
-    double h[3][3];
-    gradient(c, u, p, h);
-    for (int i = 0; i < 3; i++)
-      for (int k = 0; k < 3; k++)
-        h[i][k] += c->J0[k][i];
-    for (int q = 0; q < PAIRS; q++) {
-      const int i = PAIR[q][0], j = PAIR[q][1];
-      for (int k = 0; k < 3; k++)
-        for (int n = 0; n < NODES; n++)
-          b[q][p][NODES * k + n] = 0.5 * (h[i][k] * c->dN[p][j][n] + h[j][k] * c->dN[p][i][n]);
-    }
-  }
-}
-
-/* L⁻¹ B: how the modes' right sides change with the displacement, shape (21, 24), from rows, which
-   are transformed in place. */
-static void modes_of_rows(const cell_t *c, const law_t *law, double b[PAIRS][POINTS][DOFS],
-                          double *B)
-{
-  for (int q = 0; q < PAIRS; q++)
-    walsh(&b[q][0][0], DOFS);
-  modes_of(c, law, DOFS, &b[0][0][0], B);
-  for (int m = 0; m < MODES; m++) {
-    for (int k = law->from[m]; k < m; k++) {
-      const double l = law->L[m][k];
-      for (int d = 0; d < DOFS; d++)
-        B[m * DOFS + d] -= l * B[k * DOFS + d];
-    }
-    for (int d = 0; d < DOFS; d++)
-      B[m * DOFS + d] *= law->L[m][m];
-  }
-}
-
-static void coupling(const cell_t *c, const law_t *law, const double *u, double *B)
-{
-  double b[PAIRS][POINTS][DOFS];
-  rows(c, u, b);
-  modes_of_rows(c, law, b, B);
-}
-
-static void subtract(double *A, const double *left, const double *right, double factor)
-{
-  for (int i = 0; i < DOFS; i++) {
-    double K[DOFS] = {0};
-    for (int m = 0; m < MODES; m++) {
-      const double l = left[m * DOFS + i];
-      for (int j = 0; j < DOFS; j++)
-        K[j] += l * right[m * DOFS + j];
-    }
-    double *row = A + (3 * (i % NODES) + i / NODES) * DOFS;
-    for (int k = 0; k < 3; k++)
-      for (int n = 0; n < NODES; n++)
-        row[3 * n + k] -= factor * K[NODES * k + n];
+      eta[p * PAIRS + b] = out.at[p];
   }
 }

@@ -83,99 +83,173 @@ static void add_moduli(double C[POINTS][PAIRS][PAIRS], at_points_t left, at_poin
 
 /* Enhanced strains ------------------------------------------------------------------------------ */
 
-/* P B at a displacement, or B alone. */
-static void enhanced_rows(const cell_t *c, const law_t *law, const double *u, int project,
-                          at_points_t out)
+/* Pᵀ S, in place. */
+static void project_stress(const cell_t *c, const law_t *law, eight_t S[PAIRS])
 {
-  double b[PAIRS][POINTS][DOFS], t[PAIRS][POINTS][DOFS], a[MODES][DOFS];
-  rows(c, u, b);
-  if (project) {
-    memcpy(t, b, sizeof t);
-    modes_of_rows(c, law, t, &a[0][0]);
-    memset(t, 0, sizeof t);
-    for (int m = MODES - 1; m >= 0; m--) {
-      for (int d = 0; d < DOFS; d++)
-        a[m][d] *= law->L[m][m];
-      for (int k = law->from[m]; k < m; k++)
-        for (int d = 0; d < DOFS; d++)
-          a[k][d] -= law->L[m][k] * a[m][d];
-      for (int d = 0; d < DOFS; d++)
-        t[MODE[m][0]][MODE[m][1]][d] = MODE[m][0] < 3 ? -a[m][d] : -0.5 * a[m][d];
-    }
-    for (int q = 0; q < PAIRS; q++)
-      at_points(&t[q][0][0], DOFS);
-    for (int q = 0; q < PAIRS; q++)
-      for (int p = 0; p < POINTS; p++)
-        for (int d = 0; d < DOFS; d++)
-          b[q][p][d] += c->ratio[p] * t[q][p][d];
+  eight_t t[PAIRS];
+  part_t a[MODES] = {{0}};
+  for (int q = 0; q < PAIRS; q++) {
+    for (int s = 0; s < PARTS; s++)
+      t[q].part[s] = c->ratio.part[s] * S[q].part[s];
+    transform(signs, &t[q]);
   }
-  for (int p = 0; p < POINTS; p++)
-    for (int q = 0; q < PAIRS; q++)
-      for (int d = 0; d < DOFS; d++)
-        out[p][q][d] = q < 3 ? b[q][p][d] : 2.0 * b[q][p][d];
+  for (int m = 0; m < MODES; m++)
+    a[m][0] = t[MODE[m][0]].at[MODE[m][1]];
+  solve(law, a);
+  memset(t, 0, sizeof t);
+  for (int m = 0; m < MODES; m++)
+    t[MODE[m][0]].at[MODE[m][1]] = fabs(c->j0) / POINTS * a[m][0];
+  for (int q = 0; q < PAIRS; q++) {
+    eight_t less = {{0}};
+    for (int b = 0; b < PAIRS; b++)
+      for (int s = 0; s < PARTS; s++)
+        less.part[s] += law->C[b][q] * t[b].part[s];
+    transform(signs_at, &less);
+    for (int s = 0; s < PARTS; s++)
+      S[q].part[s] -= less.part[s];
+  }
 }
 
-/* Pᵀ S, in place. */
-static void project_stress(const cell_t *c, const law_t *law, double S[POINTS][PAIRS])
+/* Adds Σ Bᵀ S, B at a displacement: F S, and the nodes' slopes. */
+static void add_forces_of(const cell_t *c, const double *u, const eight_t S[PAIRS], double *A)
 {
-  double s[PAIRS][POINTS], a[MODES];
-  for (int q = 0; q < PAIRS; q++) {
-    for (int p = 0; p < POINTS; p++)
-      s[q][p] = c->ratio[p] * S[p][q];
-    walsh(s[q], 1);
-  }
-  for (int m = 0; m < MODES; m++)
-    a[m] = s[MODE[m][0]][MODE[m][1]];
-  solve(law, a);
-  memset(s, 0, sizeof s);
-  for (int m = 0; m < MODES; m++)
+  eight_t g[3][3], f[3] = {{{0}}};
+  for (int s = 0; s < PARTS; s++) {
+    part_t F[3][3], FS[3][3] = {{{0}}};
+    gradient(c, u, s, F);
     for (int q = 0; q < PAIRS; q++)
-      s[q][MODE[m][1]] += fabs(c->j0) / POINTS * law->C[MODE[m][0]][q] * a[m];
-  for (int q = 0; q < PAIRS; q++) {
-    at_points(s[q], 1);
-    for (int p = 0; p < POINTS; p++)
-      S[p][q] -= s[q][p];
+      for (int k = 0; k < 3; k++) {
+        const int i = PAIR[q][0], j = PAIR[q][1];
+        FS[i][k] += S[q].part[s] * (F[j][k] + c->J0[k][j]);
+        if (i != j)
+          FS[j][k] += S[q].part[s] * (F[i][k] + c->J0[k][i]);
+      }
+    for (int i = 0; i < 3; i++)
+      for (int k = 0; k < 3; k++)
+        g[i][k].part[s] = c->H[i][0].part[s] * FS[0][k] + c->H[i][1].part[s] * FS[1][k]
+                          + c->H[i][2].part[s] * FS[2][k];
   }
+  for (int i = 0; i < 3; i++)
+    for (int k = 0; k < 3; k++)
+      for (int p = 0; p < POINTS; p++)
+        for (int s = 0; s < PARTS; s++)
+          f[k].part[s] += g[i][k].at[p] * slopes[p][i].part[s];
+  for (int n = 0; n < NODES; n++)
+    for (int k = 0; k < 3; k++)
+      A[3 * n + k] += f[k].at[n];
+}
+
+/* P B at a displacement, shears twice. */
+static void enhanced_rows(const cell_t *c, const law_t *law, const double *u,
+                          row_t out[POINTS][PAIRS])
+{
+  row_t b[PAIRS][POINTS], t[PAIRS][POINTS], a[MODES];
+  rows(c, u, b);
+  memcpy(t, b, sizeof t);
+  modes_of_rows(c, law, t, a);
+  memset(t, 0, sizeof t);
+  for (int m = MODES - 1; m >= 0; m--) {  /* D⁻¹, of which L⁻¹ is done */
+    const int below = law->apart ? BELOW[m] : MODES;
+    for (int n = m + 1; n < below; n++)
+      for (int k = 0; k < ROW; k++)
+        a[m].part[k] -= law->U[m].at[n] * a[n].part[k];
+    for (int k = 0; k < ROW; k++) {
+      a[m].part[k] *= law->d[m];
+      t[MODE[m][0]][MODE[m][1]].part[k] = (MODE[m][0] < 3 ? -1.0 : -0.5) * a[m].part[k];
+    }
+  }
+  for (int q = 0; q < PAIRS; q++) {
+    for (int bit = 1; bit < POINTS; bit *= 2)
+      for (int p = 0; p < POINTS; p++)
+        for (int k = 0; k < ROW && !(p & bit); k++) {
+          const part_t one = t[q][p].part[k], product = t[q][p | bit].part[k];
+          t[q][p].part[k] = one - product;
+          t[q][p | bit].part[k] = one + product;
+        }
+    for (int p = 0; p < POINTS; p++)
+      for (int k = 0; k < ROW; k++)
+        out[p][q].part[k] =
+          (q < 3 ? 1.0 : 2.0) * (b[q][p].part[k] + c->ratio.at[p] * t[q][p].part[k]);
+  }
+}
+
+/* ∂S/∂Ẽ of the frame at the points but for their weights, from what FFCx's kernel has found. */
+static void moduli(const double *found, double Q[PAIRS][PAIRS], eight_t C[PAIRS][PAIRS])
+{
+  eight_t half[PAIRS][PAIRS] = {{{{0}}}}, value;
+  for (int c = 0; c < PAIRS; c++)
+    for (int b = 0; b < PAIRS; b++) {
+      for (int p = 0; p < POINTS; p++)
+        value.at[p] = found[PAIRS * (PAIRS + 1) * p + PAIRS * (c + 1) + b];
+      for (int a = 0; a < PAIRS; a++)
+        for (int s = 0; s < PARTS; s++)
+          half[a][b].part[s] += Q[a][c] * value.part[s];
+    }
+  for (int a = 0; a < PAIRS; a++)
+    for (int b = 0; b < PAIRS; b++)
+      for (int s = 0; s < PARTS; s++) {
+        part_t sum = {0};
+        for (int c = 0; c < PAIRS; c++)
+          sum += half[a][c].part[s] * Q[b][c];
+        C[a][b].part[s] = sum;
+      }
 }
 
 /* Adds what stresses do as the rows turn: to the blocks of equal directions. */
-static void add_turning_of(const cell_t *c, double S[POINTS][PAIRS], double factor, double *A)
+static void add_turning_of(const cell_t *c, const eight_t S[PAIRS], double factor, double *A)
 {
-  double K[NODES][NODES] = {{0}};
-  for (int p = 0; p < POINTS; p++)
+  eight_t K[NODES] = {{{0}}}, dN[3];
+  for (int p = 0; p < POINTS; p++) {
+    node_slopes(c, p, dN);
     for (int q = 0; q < PAIRS; q++) {
-      const double *one = c->dN[p][PAIR[q][0]], *other = c->dN[p][PAIR[q][1]];
-      const double f = q < 3 ? 0.5 * S[p][q] : S[p][q];
+      const int i = PAIR[q][0], j = PAIR[q][1];
+      const double f = (i == j ? 0.5 : 1.0) * factor * S[q].at[p];
       for (int m = 0; m < NODES; m++)
-        for (int n = 0; n < NODES; n++)
-          K[m][n] += f * (one[m] * other[n] + other[m] * one[n]);
+        for (int s = 0; s < PARTS; s++)
+          K[m].part[s] += f * (dN[i].at[m] * dN[j].part[s] + dN[j].at[m] * dN[i].part[s]);
     }
+  }
   for (int m = 0; m < NODES; m++)
     for (int n = 0; n < NODES; n++)
       for (int k = 0; k < 3; k++)
-        A[(3 * m + k) * DOFS + 3 * n + k] += factor * K[m][n];
+        A[(3 * m + k) * DOFS + 3 * n + k] += K[m].at[n];
 }
 
-/* Forces, or their tangent, of what FFCx's kernel has found; displacements by direction. */
+/* Forces, or their tangent, of what FFCx's kernel has found. */
 static void enhanced_work(const cell_t *c, const law_t *law, int rank, const double *found,
                           const double *middle, const double *by, double share, double *A)
 {
   const int tangent = rank == 2, size = PAIRS + (tangent ? PAIRS * PAIRS : 0);
-  response_t r;
-  at_points_t left, right;
-  for (int p = 0; p < POINTS; p++)
-    take_response(found + size * p, tangent, c->K0, fabs(c->j0 / c->ratio[p]) / POINTS, r.S[p],
-                  r.C[p]);
-  project_stress(c, law, r.S);
-  enhanced_rows(c, law, middle, tangent, left);
+  double Q[PAIRS][PAIRS];
+  eight_t weight, value, S[PAIRS] = {{{0}}}, C[PAIRS][PAIRS];
+  row_t left[POINTS][PAIRS], right[POINTS][PAIRS], response[POINTS][PAIRS];
+  turn_stress(c->K0, Q);
+  for (int s = 0; s < PARTS; s++)
+    weight.part[s] = fabs(c->j0) / POINTS / c->ratio.part[s];
+  for (int b = 0; b < PAIRS; b++) {
+    for (int p = 0; p < POINTS; p++)
+      value.at[p] = weight.at[p] * found[size * p + b];
+    for (int a = 0; a < PAIRS; a++)
+      for (int s = 0; s < PARTS; s++)
+        S[a].part[s] += Q[a][b] * value.part[s];
+  }
+  project_stress(c, law, S);
   if (!tangent) {
-    add_forces(r.S, left, A);
+    add_forces_of(c, middle, S, A);
     return;
   }
-  enhanced_rows(c, law, by, 1, right);
-  add_moduli(r.C, left, right, A);
+  moduli(found, Q, C);
+  enhanced_rows(c, law, middle, left);
+  enhanced_rows(c, law, by, right);
+  memset(response, 0, sizeof response);
+  for (int p = 0; p < POINTS; p++)
+    for (int a = 0; a < PAIRS; a++)
+      for (int b = 0; b < PAIRS; b++)
+        for (int k = 0; k < ROW; k++)
+          response[p][a].part[k] += weight.at[p] * C[a][b].at[p] * right[p][b].part[k];
+  add_product(POINTS * PAIRS, left[0], response[0], A);
   if (share != 0.0)
-    add_turning_of(c, r.S, share, A);
+    add_turning_of(c, S, share, A);
 }
 
 /* Assumed strains ------------------------------------------------------------------------------- */
