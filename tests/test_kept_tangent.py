@@ -224,6 +224,7 @@ def by_multigrid(patch):
     """Have multigrid solve with them, too."""
     keep(patch)
     patch.setattr(chord, "FACTORS_UP_TO", 0)
+    patch.setattr(chord, "MULTIGRID_FROM", 0.0)
 
 
 @pytest.fixture

@@ -16,12 +16,13 @@ from petsc4py import PETSc
 from rigidfx.domain.connected import ConnectedParts
 from rigidfx.step.equations.equations import Equilibrium
 from rigidfx.step.linear.linear_solver import PREFIX
-from rigidfx.step.newton.band import few_entries
+from rigidfx.step.newton.band import few_entries, likely_fill
 from rigidfx.step.newton.chord_test import ChordTest
 from rigidfx.step.newton.factors import Factors
 from rigidfx.step.newton.frames import Frames
 from rigidfx.step.newton.incomplete import IncompleteFactors
 from rigidfx.step.newton.kept_tangent import KeptTangent
+from rigidfx.step.newton.long_kept import LongKept
 from rigidfx.step.newton.multigrid import Multigrid
 from rigidfx.step.newton.pause import Pause
 from rigidfx.step.newton.refresh import Refresh
@@ -37,6 +38,8 @@ SMALLEST_WELL_CONDITIONED = 150
 # Unknowns up to which factors are kept; beyond, they fill gigabytes: multigrid takes over. Where
 # both can be had, factors are faster: a fifth of a step of steel at 10⁵ unknowns.
 FACTORS_UP_TO = 300_000
+# Of soft parts whose tangents serve long, on one rank; 17 kB for each unknown.
+SOFT_FACTORS_UP_TO = 80_000
 # Cells that a wave passes in a step, as the diagonals of stiffness and mass estimate them. From a
 # prototype that counted them by the material's wave speed; not measured again for the diagonals.
 STIFF_FROM = 15.0
@@ -44,6 +47,10 @@ STIFF_FROM = 15.0
 # iterations a step at 3 to 13 cells (a frame of 4914 unknowns, 130 ms; 13 by full factors, and 90
 # to make these): what once was stiff keeps full ones down to this.
 STIFF_DOWN_TO = 2.0
+# Beyond as many unknowns as factors are kept for. The L of 377 673 unknowns took 7.7, 10.1, 12.1
+# and 17.3 s for a step by incomplete factors where waves pass 15, 20, 25 and 35 cells; by multigrid
+# 18.6, 19.7 and 21.7 s at the first three (processor time).
+MULTIGRID_FROM = 40.0
 # Beyond, solves with kept factors turn a slender part about its axis by rounding, for good: at
 # 2·10⁵ a needle of 1107 unknowns lost 8e-4 of its energy in 500 steps.
 STIFF_UP_TO = 5e3
@@ -71,7 +78,8 @@ class Chord:
         self.tangents = 0
         self._equilibrium, p = equilibrium, equilibrium.prolongation
         self._pause = Pause()
-        self._stiff = False  # whether a step has been as long as those of stiff parts
+        self._once_stiff = False  # whether waves have got so far in a step
+        self._long_kept = LongKept(lambda: likely_fill(equilibrium.tangent_matrix))
         like = p.unknowns()
         self._kept = KeptTangent(self._suited(0.0)(equilibrium), Frames(p, parts), like)
         like.destroy()
@@ -99,11 +107,21 @@ class Chord:
     def _suited(self, dt: float) -> type[Factors | IncompleteFactors | Multigrid]:
         """What is to solve with the tangents of steps of Δt [s]."""
         size = self._equilibrium.prolongation.size
-        self._stiff |= self._equilibrium.waves(dt) >= STIFF_FROM
-        if self._stiff and self._equilibrium.waves(dt) >= STIFF_DOWN_TO:
+        if self._stiff(dt):
             return Factors if size <= FACTORS_UP_TO else Multigrid
-        full = size < SMALLEST or (self._equilibrium.calm and self._few_entries)
-        return Factors if full else IncompleteFactors
+        few = size < SMALLEST or (self._equilibrium.calm and self._few_entries)
+        return Factors if few or self._long_kept.full else IncompleteFactors
+
+    def _stiff(self, dt: float) -> bool:
+        """Whether waves get so far in a step of Δt [s] that incomplete factors do not do.
+
+        What has had one such step counts as stiff in shorter ones as well.
+        """
+        waves = self._equilibrium.waves(dt)
+        if self._equilibrium.prolongation.size > FACTORS_UP_TO:
+            return waves >= MULTIGRID_FROM
+        self._once_stiff |= waves >= STIFF_FROM
+        return self._once_stiff and waves >= STIFF_DOWN_TO
 
     @cached_property
     def _few_entries(self) -> bool:
@@ -152,6 +170,10 @@ class Chord:
         self._refresh.accepted(iterations)
         cost = iterations + self._refresh.cost * self.tangents
         self._pause.kept(cost / self._kept.inverse.worth)
+        p = self._equilibrium.prolongation
+        soft = self._long_kept.full or isinstance(self._kept.inverse, IncompleteFactors)
+        if soft and p.comm.size == 1 and p.size <= SOFT_FACTORS_UP_TO:
+            self._long_kept.served(iterations, self.linear_iterations, self.tangents > 0)
 
     def accept_newton(self) -> None:
         """Take note that a solve by Newton's method has become a step."""
@@ -164,10 +186,9 @@ class Chord:
         small = p.size < SMALLEST and not (p.comm.size == 1 and self._equilibrium.well_conditioned)
         if small or self._pause.failed:
             return False
-        waves = self._equilibrium.waves(dt)
-        if waves > STIFF_UP_TO:
+        if self._equilibrium.waves(dt) > STIFF_UP_TO:
             return False
-        return waves >= STIFF_FROM or self._pause.over
+        return self._stiff(dt) or self._pause.over
 
     def destroy(self) -> None:
         """Free the solvers. Collective."""
