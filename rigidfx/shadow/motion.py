@@ -38,18 +38,21 @@ class Limits:
     """What wakes cells.
 
     Attributes:
-        rates: Strain rates, of each owned cell [1/s].
+        rates: Strain rates, of each owned cell [1/s]; None on all ranks if these wake nothing.
         strains: Strains that are withheld since the freeze, likewise.
         window: Length of a window [s]; infinite while that is not known.
         swings: Strains of shadows themselves, likewise; None if these need not be looked at.
         bends: Displacements that bend the body, likewise [m]; None if these need not be.
+        reached: How close the last look came to waking any cell, for the shadows' pace: one if it
+            did; None if that is what the cell that is closest has reached.
     """
 
-    rates: Array
+    rates: Array | None
     strains: Array
     window: float
     swings: Array | None = None
     bends: Array | None = None
+    reached: float | None = None
 
 
 @dataclass(frozen=True)

@@ -184,10 +184,13 @@ class Shadow(Watch):
             if not self._pace.due(force, dt, change):
                 self._accepting = partial(self._pace.wait, force, dt, change)
                 return None
-            motion, found = self._foreseen(force, t, dt, limits())
-            most = float(found.ratio.max(initial=0.0))
+            known = limits()
+            motion, found = self._foreseen(force, t, dt, known)
             scene = self._stepper.scene
-            largest = scene.comm.allreduce(most, op=MPI.MAX)
+            largest = known.reached
+            if largest is None:
+                most = float(found.ratio.max(initial=0.0))
+                largest = scene.comm.allreduce(most, op=MPI.MAX)
             energy = 0.5 * float(scene.sum(float(np.vdot(force, motion.still))))
             self._accepting = partial(self._take, motion, force, change, largest, energy)
             return found
@@ -269,20 +272,25 @@ class Shadow(Watch):
     ) -> Strained:
         """What each owned cell would strain in a step, and before. Collective."""
         known = ~np.isnan(start.mean)
-        slow = self._measured(np.where(known, end.mean - start.mean, 0.0), dt)
+        total = self._measured(np.where(known, end.mean, 0.0), 1.0)
+        if limits.rates is None:
+            rate = spring = np.zeros_like(total)
+        else:
+            rate = part_of(self._rates(start, end, dt), limits.rates)
+            spring = part_of(total, dt * limits.rates)
+        rate, swings = rate if before is None else np.maximum(rate, before.rate), limits.swings
+        swing = None if swings is None else part_of(self._measured(end.u, 1.0), swings)
+        bend = None if limits.bends is None else part_of(self._bent(end.u), limits.bends)
+        return Strained(rate, part_of(total, limits.strains), spring, swing, bend)
+
+    def _rates(self, start: Motion, end: Motion, dt: float) -> Array:
+        """Strain rate of each owned cell in a step [1/s]. Collective."""
+        slow = self._measured(np.where(np.isnan(start.mean), 0.0, end.mean - start.mean), dt)
         # What a step does not resolve rings from step to step: nothing is left of two together.
         both = dt * (start.w + end.w)
         lasting = self._measured(np.where(np.isnan(both), 0.0, both), dt)
         rates = np.minimum(self._measured(end.u - start.u, dt), lasting)
-        if self._looks > UNSETTLED:
-            rates = np.maximum(rates, slow)
-        total = self._measured(np.where(known, end.mean, 0.0), 1.0)
-        rate = part_of(rates, limits.rates)
-        rate = rate if before is None else np.maximum(rate, before.rate)
-        spring, swings = part_of(total, dt * limits.rates), limits.swings
-        swing = None if swings is None else part_of(self._measured(end.u, 1.0), swings)
-        bend = None if limits.bends is None else part_of(self._bent(end.u), limits.bends)
-        return Strained(rate, part_of(total, limits.strains), spring, swing, bend)
+        return np.maximum(rates, slow) if self._looks > UNSETTLED else rates
 
     def _bent(self, u: Array) -> Array:
         """Largest displacement of each owned cell's nodes but for its body's motion. Collective."""

@@ -61,6 +61,9 @@ AMPLIFIED = 2.0  # what rigidity does to a motion under loads that change, over 
 TINY = 1e-200  # strain that is none: where nothing is allowed, all that strains is too much
 RINGING = 1.5  # times what loads at rest would withhold, above which shadows ring
 PUSHED = 4.0  # times what cells strain, that their shadow may tell beside stiffer neighbours
+# Of m over what is allowed, how close waking is: half of that is meant to be used, and a cell alone
+# changes little of a sum.
+CALM = 0.25
 STEPS_AT_REST = 2  # in which loads have not changed where motions are free
 
 
@@ -161,10 +164,11 @@ class BudgetRule:
         self._limit = strain = max(float(strain), TINY)
         each, window = np.full(self._tol.size, strain), self.length()
         return Limits(
-            rates=np.full_like(each, np.inf),
+            rates=None,
             strains=each,
             window=np.inf if np.isnan(window) else window,
             swings=each,
+            reached=CALM * self.past.now / self.allowed if self.allowed > 0 else np.inf,
         )
 
     def length(self) -> float:
