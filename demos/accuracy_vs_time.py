@@ -4,7 +4,7 @@
 # its elements, the mass matrix, damping, Newton's tolerance. Each buys accuracy or time. How much
 # of which? Here three structures are run again and again, with one knob turned at a time, with a
 # few settings that combine what turns out to be worthwhile, and by themselves, to an accuracy that
-# is asked for. Each run is compared with one on the same mesh, all flexible, with steps an eighth
+# is asked for. Each run is compared with one on the same mesh, all flexible, with steps a 32nd
 # as long.
 #
 #     python3 demos/accuracy_vs_time.py
@@ -137,7 +137,7 @@ def sway(x: Points) -> float:
 #
 # The base: elements of first order, 15 to 40 steps per period of the main vibration, lumped mass,
 # Newton's iteration to 10⁻⁶, a tolerance at which much of the damped structures becomes rigid, and
-# little of the tumbling L, which nothing damps. The reference has the same mesh, an eighth of Δt
+# little of the tumbling L, which nothing damps. The reference has the same mesh, a 32nd of Δt
 # (in the short version half), Newton's iteration to 10⁻¹², and nothing in it becomes rigid. Its own
 # error is a third of its difference from a run with steps twice as long. The error of the mesh is
 # the same in all, but for a run of the L with elements of second order, and so in no error; that

@@ -11,7 +11,7 @@ __all__ = ["COARSER", "MESH", "REFERENCE", "plan"]
 
 # Runs that tell of errors, and are none of those compared:
 REFERENCE = "reference"
-COARSER = "Δt / 4 of the reference's kind"  # which twice the reference's steps make
+COARSER = "Δt / 16 of the reference's kind"  # which twice the reference's steps make
 MESH = "mesh / 2"  # all flexible; against "all flexible" it tells what the mesh changes
 
 
@@ -36,8 +36,8 @@ def plan(
     """
     exact = replace(base, tol=0.0, newton=1e-12)
     return {
-        REFERENCE: replace(exact, dt=base.dt / (2 if short else 8)),
-        **({} if short else {COARSER: replace(exact, dt=base.dt / 4)}),
+        REFERENCE: replace(exact, dt=base.dt / (2 if short else 32)),
+        **({} if short else {COARSER: replace(exact, dt=base.dt / 16)}),
         **({MESH: replace(base, tol=0.0, refine=2)} if finer and not short else {}),
         "base": base,
         **_few(base),

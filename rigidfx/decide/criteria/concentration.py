@@ -30,6 +30,8 @@ Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 Ints = npt.NDArray[np.int32]
 
+HUGE = 1e300  # times a tolerance
+
 
 class Concentration:
     """Knows how stiff the cells of a scene are."""
@@ -93,6 +95,6 @@ def quiet_enough(loud: Array, total: float, share: Array) -> Bools:
 
 
 def _over(rates: Array, tol: Array) -> float:
-    """Largest e/tol of cells that are at most at theirs; 0 where nothing strains."""
-    some = rates > 0
-    return float((rates[some] / tol[some]).max(initial=0.0))
+    """Largest e/tol; 0 where nothing strains, and more than any where nothing may."""
+    loud = np.divide(rates, tol, out=np.full(rates.size, HUGE), where=tol > 0)
+    return float(loud[rates > 0].max(initial=0.0))
