@@ -6,9 +6,11 @@ The paper's figure with the dimensions is not in its text; they are chosen here.
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx import Domain, from_gmsh
@@ -22,6 +24,8 @@ LINES = {
 }
 COLUMNS = (1, 1), (3, 1)  # intervals along x and y in which columns stand
 COLUMN_INTERVALS = {0: (1, 3), 1: (1,), 2: (0,)}  # those whose cells are cells of columns, too
+# Lines in which edges lie at which stresses have no bound: of columns at the plate and the ground.
+SHARP = {0: (0.6, 0.85, 5.15, 5.4), 1: (0.6, 0.85), 2: (0.0, HEIGHT)}
 
 
 def spatial_frame(
@@ -29,6 +33,7 @@ def spatial_frame(
     coarse: int = 1,
     thickness: float = 1.5,
     comm: MPI.Comm = MPI.COMM_WORLD,
+    grading: float = 1.0,
 ) -> Domain:
     """The frame. Collective.
 
@@ -40,8 +45,37 @@ def spatial_frame(
         coarse: How many of these cells are one in the plate, where no column stands above or below.
         thickness: Of the plate [m].
         comm: Communicator of the mesh.
+        grading: Power with which cells shrink towards the edges of columns at plate and ground; at
+            1 those of an interval are alike.
     """
-    return from_gmsh(lambda gmsh: _build(gmsh, refine, coarse, thickness), comm)
+    domain = from_gmsh(lambda gmsh: _build(gmsh, refine, coarse, thickness), comm)
+    if grading != 1.0:
+        x = domain.mesh.geometry.x
+        for axis, (lines, _) in LINES.items():
+            all_lines = (*lines, lines[-1] + thickness) if axis == 2 else lines
+            x[:, axis] = _graded(x[:, axis], all_lines, SHARP[axis], grading)
+    return domain
+
+
+def _graded(
+    x: npt.NDArray[np.float64],
+    lines: tuple[float, ...],
+    sharp: tuple[float, ...],
+    power: float,
+) -> npt.NDArray[np.float64]:
+    """Coordinates drawn towards the sharp ones of lines, which stay."""
+    out = x.copy()
+    for low, high in pairwise(lines):
+        inside = (x > low + 1e-9) & (x < high - 1e-9)
+        t = (x[inside] - low) / (high - low)
+        if low in sharp and high in sharp:
+            t = np.where(t < 0.5, (2 * t) ** power / 2, 1 - (2 - 2 * t) ** power / 2)
+        elif low in sharp:
+            t = t**power
+        elif high in sharp:
+            t = 1 - (1 - t) ** power
+        out[inside] = low + (high - low) * t
+    return out
 
 
 def _build(gmsh: Any, refine: int, coarse: int, thickness: float) -> None:

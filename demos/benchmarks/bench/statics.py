@@ -1,4 +1,4 @@
-"""Static equilibrium of a scene's cells by Newton's method and a sparse LU, on one rank."""
+"""Static equilibrium of a scene's cells by Newton's method and sparse factors, on one rank."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
+from petsc4py import PETSc
 from scipy.sparse import csr_array
 from scipy.sparse.linalg import splu
 
@@ -51,8 +52,7 @@ class Statics:
     def linear(self, f: Array) -> Array:
         """Displacements under small forces, both of shape (nodes, 3)."""
         u, free = np.zeros(f.size), self._free
-        K = self.tangent(u)[free][:, free]
-        u[free] = splu(K.tocsc()).solve(f.reshape(-1)[free])
+        u[free] = _solved(self.tangent(u)[free][:, free], f.reshape(-1)[free])
         return u.reshape(-1, 3)
 
     def softest(self, u: Array) -> float:
@@ -86,3 +86,22 @@ class Statics:
             else:
                 raise RuntimeError(f"increment {k} of {increments} does not converge")
         return u.reshape(-1, 3)
+
+
+def _solved(K: csr_array, f: Array) -> Array:
+    """K⁻¹ f by Cholesky factors of MUMPS, K symmetric and positive."""
+    A = PETSc.Mat().createAIJ(K.shape, csr=(K.indptr, K.indices, K.data), comm=PETSc.COMM_SELF)
+    ksp = PETSc.KSP().create(PETSc.COMM_SELF)
+    ksp.setOperators(A)
+    ksp.setType("preonly")
+    ksp.pc.setType("cholesky")
+    ksp.pc.setFactorSolverType("mumps")
+    x, b = A.createVecs()
+    b.array[:] = f
+    ksp.solve(b, x)
+    out = x.array.copy()
+    for thing in (ksp, A, x, b):
+        thing.destroy()
+    if not np.isfinite(out).all():
+        raise RuntimeError(f"{f.size} unknowns cannot be factorised: memory may be short")
+    return out
