@@ -163,6 +163,13 @@ def test_a_longer_step_has_to_save_what_it_costs():
     assert changes[0] > 2 * changes[1]
 
 
+def test_what_errs_by_much_is_halved_more_than_once():
+    """By its error per Δt³, over what is allowed per Δt; at most down to the shortest step."""
+    length = StepLength(0.01, 10.0, 0.1, 1e-3, 1.0, 1.0, of=1.0)
+    errors = [much * 2 * length.allowed(0.0) for much in (1.1, 17.0, 1e12)]
+    assert [length.halvings(error, 0.0, 1.0) for error in errors] == [1, 2, 9]
+
+
 def test_errors_are_forgotten_where_structures_come_back():
     """At half of what a drag takes of velocities; of free bodies, and beside obstacles, never."""
     drag = rf.MassDamping(0.8)

@@ -49,17 +49,19 @@ class StepError(RigidfxError, RuntimeError):
     Attributes:
         found: What happened, and where.
         advice: What to try.
+        halvings: How often the step is to be halved before it is tried again.
     """
 
-    def __init__(self, found: str, advice: str = "") -> None:
+    def __init__(self, found: str, advice: str = "", halvings: int = 1) -> None:
         """Take both parts of the message.
 
         Args:
             found: What happened, and where.
             advice: What to try; part of the message already if empty.
+            halvings: How often the step is to be halved before it is tried again.
         """
         super().__init__(f"{found} {advice}".rstrip())
-        self.found, self.advice = found, advice
+        self.found, self.advice, self.halvings = found, advice, halvings
 
 
 class InversionError(StepError):

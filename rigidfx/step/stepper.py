@@ -242,7 +242,7 @@ class Stepper:
             if last:
                 raise objection
             cuts += 1
-            self._trial = dt / 2
+            self._trial = dt / 2**objection.halvings
 
     def accept(self, attempt: Attempt) -> StepResult:
         """Let the state, and all else that remembers, take an attempt over. Collective."""

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from dataclasses import dataclass
-from math import exp, expm1, isnan, sqrt
+from math import exp, expm1, isnan, log2, sqrt
 
 __all__ = ["Moves", "StepLength"]
 
@@ -178,6 +178,14 @@ class StepLength:
             dt: Its length [s].
         """
         return error > OBJECTION * self.allowed(t) * dt
+
+    def halvings(self, error: float, t: float, dt: float) -> int:
+        """How often a step that errs by too much has to be halved, by its error per Δt³.
+
+        Arguments as of `too_much`.
+        """
+        much = error / (OBJECTION * self.allowed(t) * dt)
+        return max(1, min(int(log2(much) / 2), int(log2(dt / self.shortest))))
 
     def begin(self, longest: float) -> None:
         """Begin anew after a breakpoint.

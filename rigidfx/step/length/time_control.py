@@ -127,7 +127,7 @@ class TimeControl(WarnsOnce):
         return min(stop, float(strong[k])) if k < strong.size else stop
 
     def objection(self, attempt: Attempt) -> StepError | None:
-        """An error if a step is to be repeated with half of Δt; None to accept it. Collective.
+        """An error if a step is to be repeated with a shorter Δt; None to accept it. Collective.
 
         Args:
             attempt: The step that has been solved.
@@ -150,6 +150,7 @@ class TimeControl(WarnsOnce):
         return StepError(
             f"The step from t = {t:.9g} s errs by {self._found:.3g} m, with Δt = {dt:.3g} s.",
             "Try a larger tol.",
+            self.length.halvings(self._found, t, dt),
         )
 
     def accept(self, attempt: Attempt) -> None:
