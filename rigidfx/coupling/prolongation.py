@@ -33,7 +33,7 @@ from rigidfx.coupling.couplings import Lengths
 from rigidfx.coupling.dof_layout import DofLayout
 from rigidfx.coupling.rows import mapped_matrix
 from rigidfx.mechanics.bodies import TRANSLATIONS, Bodies
-from rigidfx.mechanics.body_step import Increments, Step
+from rigidfx.mechanics.body_step import Increments, Step, prepare
 
 __all__ = ["Prolongation"]
 
@@ -72,6 +72,8 @@ class Prolongation:
         """
         self.layout, self.comm = layout, comm
         rows = layout.rows
+        if layout.bodies:
+            prepare(comm)
         free = layout.free[rows.dofs]
         self.free = np.flatnonzero(free)
         self.prescribed = np.flatnonzero(layout.prescribed[rows.dofs])
@@ -93,8 +95,8 @@ class Prolongation:
         self._A_bodies = self._A[:, single:].T.tocsr()
         self.attached = np.unique(self._A_bodies.indices).astype(np.int64)
         self._A_attached = self._A[self.attached][:, single:]
-        self._z = np.zeros(self._A.shape[1])
-        self._z_bodies = self._z[single:].reshape(-1, 4, 3)
+        every = self.free.size == rows.dofs.size
+        self._rows_of_free = slice(None) if every else self.free
 
     def _constant_part(self, single: int) -> csr_array:
         """A of the module's text; so many of its columns are of one dof each."""
@@ -142,9 +144,8 @@ class Prolongation:
         """
         if self.layout.bodies:
             self.rotate(self.bodies_part(y), step)
-            if self.touched:
-                self._z_bodies[:] = self.increments.displacement
-        self._multiply(y, imposed, d)
+        moved = self.increments.displacement if self.attached.size else None
+        self._multiply(y, imposed, moved, d)
 
     def apply(self, y: PETSc.Vec, six: Array, imposed: Array, d: PETSc.Vec) -> None:
         """Evaluate d = L y + d_s with L as it is.
@@ -155,16 +156,16 @@ class Prolongation:
             imposed: Increments of the prescribed dofs [m], in their order.
             d: Increments of the active nodes, overwritten.
         """
-        moved = self.increments.L @ six[:, :, None]
-        self._z_bodies[:] = moved.reshape(-1, 4, 3)
-        self._multiply(y, imposed, d)
+        self._multiply(y, imposed, self.increments.L @ six[:, :, None], d)
 
-    def _multiply(self, y: PETSc.Vec, imposed: Array, d: PETSc.Vec) -> None:
-        """Evaluate d = A z, where z has the numbers of the bodies already."""
-        free = self.free.size
-        self._z[:free] = y.array_r[:free]
-        self._z[free : free + self.prescribed.size] = imposed
-        d.array[:] = self._A @ self._z
+    def _multiply(self, y: PETSc.Vec, imposed: Array, moved: Array | None, d: PETSc.Vec) -> None:
+        """Evaluate d = A z; `moved` are the numbers of the bodies in z."""
+        out = d.array
+        out[self._rows_of_free] = y.array_r[: self.free.size]
+        if self.prescribed.size:
+            out[self.prescribed] = imposed
+        if self.attached.size and moved is not None:
+            out[self.attached] = self._A_attached @ moved.reshape(-1)
 
     def places(self, bodies: Bodies) -> Array:
         """Where the attached nodes are, a coordinate for each of their rows, `attached` [m]."""
@@ -202,8 +203,9 @@ class Prolongation:
             y: Unknowns, overwritten.
         """
         values = y.array
-        values[: self.free.size] = d[self.free]
-        values[self.free.size :] = bodies[self.owned_bodies].reshape(-1)
+        values[: self.free.size] = d[self._rows_of_free]
+        if self.owned_bodies.size:
+            values[self.free.size :] = bodies[self.owned_bodies].reshape(-1)
 
     def moments(self, f: PETSc.Vec) -> Array:
         """Sum f and V fᵀ over each body's attached nodes, shape (bodies, 4, 3). Collective.

@@ -101,9 +101,9 @@ class Bodies:
         self, of: Ensemble, pose: Array, velocity: Array, angular_velocity_body: Array
     ) -> None:
         """Take arrays over, from then on not to be changed."""
-        self.of, self.pose = of, read_only(pose)
+        self.of, self.pose = of, read_only(np.ascontiguousarray(pose))
         self.R = self.pose[:, 1:].swapaxes(1, 2)
-        self.velocity = read_only(velocity)
+        self.velocity = read_only(np.ascontiguousarray(velocity))
         self.angular_velocity_body = read_only(angular_velocity_body)
 
     @classmethod

@@ -14,27 +14,66 @@ All arrays begin with an axis over the bodies.
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cached_property, partial
+from itertools import accumulate
+from math import prod
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 
-from rigidfx.mechanics.bodies import Bodies, times
-from rigidfx.mechanics.rotation import (
-    IDENTITY,
-    UNIT_SKEWS,
-    cayley_tangent,
-    orthonormalized,
-    skew,
-)
+from rigidfx.base.c_library import c_library
+from rigidfx.mechanics.bodies import Bodies
+from rigidfx.mechanics.rotation import IDENTITY, orthonormalized, skew
 
-__all__ = ["Increments", "Step"]
+__all__ = ["Increments", "Step", "prepare"]
 
 Array = npt.NDArray[np.float64]
 
-COUPLES_TURN = -UNIT_SKEWS.T  # v × f from v fᵀ, row by row
 # ½ f̂ v̂ = ½ v fᵀ - ½ (f·v) I from v fᵀ, both row by row.
 HALF_COUPLES = 0.5 * np.eye(9) - 0.5 * np.outer(IDENTITY, IDENTITY)
+SOURCE = Path(__file__).with_suffix(".c")
+DECLARED = """
+void trial(int, double, const double *, const double *, const double *, const double *,
+           const double *, const double *, const double *, const double *, double *);
+void resultant(int, const double *, const double *, const double *, double *);
+"""
+# Numbers of a body that a trial tells, all bodies' of one kind after those of the other.
+SHAPES: dict[str, tuple[int, ...]] = {
+    "theta": (3,),
+    "T": (3, 3),
+    "R1": (3, 3),
+    "R_av": (3, 3),
+    "pi1": (3,),
+    "displacement": (4, 3),
+    "force": (6,),
+}
+ENDS = dict(zip(SHAPES, accumulate(map(prod, SHAPES.values())), strict=True))
+ALL = ENDS["force"]
+LENGTH = 2  # place of ℓ in `Step.given`
+
+_compiled: list[Any] = []  # the C code, once it is there
+
+
+def prepare(comm: MPI.Intracomm) -> None:
+    """Have the C code ready, for whom trials of bodies come next. Collective.
+
+    Args:
+        comm: Its rank 0 compiles what no process has yet.
+
+    Raises:
+        CompilerError: On every rank, if the C compiler cannot be run, or fails.
+    """
+    if not comm.allreduce(len(_compiled) > 0, op=MPI.LAND):
+        _compiled[:] = [c_library(comm, "bodies", SOURCE.read_text(), DECLARED, ["-O2", "-g0"])]
+
+
+def _code() -> Any:
+    if not _compiled:
+        prepare(MPI.COMM_SELF)
+    return _compiled[0]
 
 
 class Step:
@@ -43,11 +82,6 @@ class Step:
     Attributes:
         start: The bodies at its start.
         dt: Δt [s].
-        drift: Δt ṙ0, shape (bodies, 3) [m].
-        mass: 2 m/Δt², force per Δr - Δt ṙ0, shape (bodies, 1) [N/m].
-        twice: 2 R0, shape (bodies, 3, 3).
-        spun: 2 R0 J/Δt, so that J W1 = θ·spun - J W0, shape (bodies, 3, 3) [kg m²/s].
-        per_moment: 1/(ℓ Δt), shape (bodies, 1) [1/(m s)].
     """
 
     def __init__(self, start: Bodies, dt: float) -> None:
@@ -57,13 +91,15 @@ class Step:
             start: The bodies at the start of the step.
             dt: Δt [s].
         """
-        of = start.of
         self.start, self.dt = start, dt
-        self.drift = dt * start.velocity
-        self.mass = (2 / dt**2 * of.mass)[:, None]
-        self.twice = 2 * start.R
-        self.spun = self.twice @ of.inertia / dt
-        self.per_moment = 1 / (dt * of.length)[:, None]
+
+    @cached_property
+    def given(self) -> tuple[Any, ...]:
+        """What the C code is told of the start, as it takes it."""
+        of, start, at = self.start.of, self.start, _code().ffi.from_buffer
+        arrays = (of.mass, of.inertia, of.length, start.pose, start.velocity)
+        momenta = (start.own_momentum, start.angular_momentum)
+        return tuple(at("double[]", values) for values in (*arrays, *momenta))
 
     @cached_property
     def inertia(self) -> Array:
@@ -74,7 +110,7 @@ class Step:
     def block(self) -> Array:
         """What in `Increments.tangent` is the same in all trials."""
         out = np.zeros((len(self.start), 6, 6))
-        out[:, :3, :3] = self.mass[:, :, None] * IDENTITY
+        out[:, :3, :3] = (2 / self.dt**2 * self.start.of.mass)[:, None, None] * IDENTITY
         return out
 
 
@@ -85,13 +121,12 @@ class Increments:
         step: The step.
         six: Unknowns Δr and ℓθ, shape (bodies, 6) [m].
         dr: Δr, shape (bodies, 3) [m].
-        theta: θ, shape (bodies, 3) [1].
     """
 
     def __init__(self, step: Step, six: Array) -> None:
         """Take unknowns as they are, from then on not to be changed."""
         self.step, self.six = step, six
-        self.dr, self.theta = six[:, :3], six[:, 3:] / step.start.of.length[:, None]
+        self.dr = six[:, :3]
 
     def __len__(self) -> int:
         """Number of bodies."""
@@ -103,35 +138,46 @@ class Increments:
         return self.step.start
 
     @cached_property
-    def _half(self) -> Array:
-        """½θ̂."""
-        return skew(0.5 * self.theta)
+    def _told(self) -> tuple[Array, Any]:
+        """What the C code tells of the trial, and as it takes that."""
+        n, out = len(self), np.empty(ALL * len(self))
+        if not n:
+            return out, None
+        code = _code()
+        told = code.ffi.from_buffer("double[]", out)
+        six = code.ffi.from_buffer("double[]", np.ascontiguousarray(self.six))
+        code.lib.trial(n, self.step.dt, *self.step.given, six, told)
+        return out, told
 
-    @cached_property
+    def _part(self, name: str) -> Array:
+        n, shape = len(self), SHAPES[name]
+        end = n * ENDS[name]
+        return self._told[0][end - n * prod(shape) : end].reshape(n, *shape)
+
+    @property
+    def theta(self) -> Array:
+        """θ, shape (bodies, 3) [1]."""
+        return self._part("theta")
+
+    @property
     def T(self) -> Array:
         """Spin of R1 per unit dθ, shape (bodies, 3, 3)."""
-        return cayley_tangent(self.theta, self._half)
+        return self._part("T")
 
-    @cached_property
-    def turn(self) -> Array:
-        """R1 - R0 = θ̂ T R0 = θ̂ R_av, as cay(θ) = I + θ̂ T; shape (bodies, 3, 3)."""
-        return self._half @ (self.T @ self.step.twice)
-
-    @cached_property
+    @property
     def R1(self) -> Array:
         """Rotations at the end of the step, shape (bodies, 3, 3)."""
-        return self.start.R + self.turn
+        return self._part("R1")
 
-    @cached_property
+    @property
     def R_av(self) -> Array:
         """½ (R0 + R1), equation (4), shape (bodies, 3, 3)."""
-        return self.start.R + 0.5 * self.turn
+        return self._part("R_av")
 
-    @cached_property
+    @property
     def pi1(self) -> Array:
         """π1, angular momenta at the end about the centres, shape (bodies, 3) [kg m²/s]."""
-        gained = self.theta[:, None] @ self.step.spun
-        return times(self.R1, gained[:, 0] - self.start.own_momentum)
+        return self._part("pi1")
 
     @cached_property
     def end(self) -> Bodies:
@@ -149,10 +195,7 @@ class Increments:
 
     def inertia_force(self) -> Array:
         """Evaluate m (ṙ1 - ṙ0)/Δt and (π1 - π0)/(ℓ Δt), shape (bodies, 6) [N]."""
-        step, out = self.step, np.empty((len(self), 6))
-        np.multiply(step.mass, self.dr - step.drift, out=out[:, :3])
-        np.multiply(step.per_moment, self.pi1 - self.start.angular_momentum, out=out[:, 3:])
-        return out
+        return self._part("force").copy()
 
     def tangent(self, couples: Array) -> Array:
         """Derivative of the bodies' residual rows that P does not carry, shape (bodies, 6, 6).
@@ -175,12 +218,10 @@ class Increments:
     # their moments aᵀ f, with F = Σ f in the first row and A = Σ V fᵀ below. L and P say how its
     # twelve numbers, row by row, depend on the body's six unknowns.
 
-    @cached_property
+    @property
     def displacement(self) -> Array:
         """The matrices of the displacements in this step, shape (bodies, 4, 3) [m, 1]."""
-        out = np.empty((len(self), 4, 3))
-        out[:, 0], out[:, 1:] = self.dr, self.turn.swapaxes(1, 2)
-        return out
+        return self._part("displacement")
 
     @cached_property
     def L(self) -> Array:
@@ -208,10 +249,11 @@ class Increments:
             moments: Shape (bodies, 4, 3) [N, N m].
         """
         out = np.empty((len(self), 6))
-        out[:, :3] = moments[:, 0]
-        products = self.R_av @ moments[:, 1:]  # Σ v_av fᵀ
-        turning = np.dot(products.reshape(-1, 9), COUPLES_TURN)
-        np.divide(turning, self.start.of.length[:, None], out=out[:, 3:])
+        if len(self):
+            code, (_, told) = _code(), self._told
+            of = partial(code.ffi.from_buffer, "double[]")
+            length = self.step.given[LENGTH]
+            code.lib.resultant(len(self), length, told, of(np.ascontiguousarray(moments)), of(out))
         return out
 
     def couples(self, moments: Array) -> Array:

@@ -308,6 +308,8 @@ def report_of(
 def amended(report: Report, stepper: Stepper, events: Sequence[Event], closeness: float) -> Report:
     """A report after what was switched around its step. Collective."""
     changes = stepper.state.changes
+    if not events and np.isnan(closeness) and report._changes == changes:
+        return report
     report = replace(report, events=tuple(events), closeness=closeness, _changes=changes)
     if not any(event.t == report.t for event in events):
         return report

@@ -48,6 +48,7 @@ class Equilibrium:
         d: Increments of the active nodes at the iterate of the last residual [m].
         forces_out_of_balance: Residual at the active nodes there [N]; at held dofs it is what the
             supports exert.
+        start: Displacements of the active nodes at the start of the step [m].
     """
 
     def __init__(
@@ -89,6 +90,7 @@ class Equilibrium:
         self._v0: PETSc.Vec = None
         self._step = prolongation.increments.step
         self._imposed: Array = np.empty(0)
+        self.start: Array = np.empty(0)
         self._rounding = Rounding(
             scene, forces, bound.undeformed, self._tangent, mass, prolongation, actions
         )
@@ -104,13 +106,13 @@ class Equilibrium:
         """
         self._step = Step(start, dt)
         self.dt, self._v0, self._imposed = dt, v0, imposed
+        self.start = self._u0[self._rows.dofs]
 
     def _expand(self, y: PETSc.Vec) -> None:
         """Set d and the forms' u₁ from the unknowns."""
         self._last = y.array_r.copy()
         self.prolongation.expand(y, self._step, self._imposed, self.d)
-        dofs = self._rows.dofs
-        self._u1[dofs] = self._u0[dofs] + self.d.array_r
+        self._u1[self._rows.dofs] = self.start + self.d.array_r
         self._forces.u1.x.scatter_forward()
 
     def return_to(self, y: PETSc.Vec, r: PETSc.Vec) -> None:
@@ -160,7 +162,8 @@ class Equilibrium:
         out = increments.inertia_force()
         if self._moments.any():
             out += increments.resultant(self._moments)
-        out[:, 3:] -= self._actions.torques / self._step.start.of.length[:, None]
+        if self._actions.torques.any():
+            out[:, 3:] -= self._actions.torques / self._step.start.of.length[:, None]
         return out
 
     def tangent(self) -> None:
@@ -187,11 +190,6 @@ class Equilibrium:
     def tangent_matrix(self) -> PETSc.Mat:
         """The reduced tangent as `tangent` has left it [N/m]."""
         return self._tangent.matrix
-
-    @property
-    def start(self) -> Array:
-        """Displacements of the active nodes at the start of the step [m]."""
-        return np.asarray(self._u0[self._rows.dofs])
 
     @property
     def positions(self) -> Array:

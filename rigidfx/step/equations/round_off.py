@@ -74,6 +74,8 @@ class Rounding:
         strained = forces.strain_noise * self._cell_size
         self._u1, self._strained = forces.u1.x.array, np.full(self._elastic.size, strained)
         self._frequency = float(np.sqrt(stiffness / inertia)) if inertia > 0 else 0.0  # [1/s]
+        self._against: Array = np.empty(0)  # 1/|Kᵢᵢ| of the tangent of this number [m/N]
+        self._tangent_is = -1
 
     def in_residual(
         self,
@@ -137,10 +139,14 @@ class Rounding:
         Args:
             residual: R, against which the last tangent that was assembled stands [N].
         """
-        diagonal = self._tangent.matrix.getDiagonal()
-        K, R = np.abs(diagonal.array_r), np.abs(residual.array_r)
-        most = float((R[K > 0] / K[K > 0]).max(initial=0.0))
-        diagonal.destroy()
+        number = self._tangent.matrix.stateGet()
+        if number != self._tangent_is:
+            diagonal = self._tangent.matrix.getDiagonal()
+            K = np.abs(diagonal.array_r)
+            self._against = np.divide(1.0, K, out=np.zeros_like(K), where=K > 0)
+            self._tangent_is = number
+            diagonal.destroy()
+        most = float(np.abs(residual.array_r * self._against).max(initial=0.0))
         of_parts = self._stiff_parts.left(self._tangent.matrix, residual, self._forces.u1.x.array)
         return max(float(self._comm.allreduce(most, op=MPI.MAX)), of_parts)
 
