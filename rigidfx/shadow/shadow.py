@@ -128,6 +128,11 @@ class Shadow(Watch):
                 self._assemble(self._parts, dt)
                 bodies = stepper.state.bodies
                 self._motion, self._grown = carried.by(stepper.scene, self._parts, bodies)
+                if old is not None:
+                    # What rings from step to step would become displacements of other cells.
+                    assert self._part is not None
+                    damping = self._damping(stepper.state.t + dt / 2)
+                    self._motion.v = self._part.resolved(self._motion.v, dt, *damping)
         elif self._withheld is not None:
             self._withheld.destroy()
         if self._parts is not None:
@@ -252,15 +257,17 @@ class Shadow(Watch):
             u[at] = still[at] - dt / 2 * motion.v[at]
         return replace(motion, u=u)
 
+    def _damping(self, t: float) -> tuple[float, float]:
+        """α of the drag on shadows [1/s], and ξ of the numerical damping."""
+        acting = self._stepper.scene.acting(t)
+        drag = sum(effect.mass_damping for effect in acting)
+        return drag + 2 / self._settling, sum(e.numerical_damping or 0.0 for e in acting)
+
     def _stepped(self, motion: Motion, force: Array, t: float, dt: float) -> Motion:
         """The motion after a step. Collective."""
         assert self._part is not None
-        scene = self._stepper.scene
-        acting = scene.acting(t)
-        drag = sum(effect.mass_damping for effect in acting)
-        xi = sum(effect.numerical_damping or 0.0 for effect in acting)
         still = self._part.at_rest(force)
-        d = self._part.increment(force, motion.u, motion.v, dt, drag + 2 / self._settling, xi)
+        d = self._part.increment(force, motion.u, motion.v, dt, *self._damping(t))
         known = ~np.isnan(motion.mean)
         mean = np.where(
             known, motion.mean - np.expm1(-dt / self._lag) * (still - motion.mean), still
