@@ -178,17 +178,22 @@ def test_few_nodes_stand_for_all_of_a_fine_mesh(monkeypatch):
 def test_drift_is_half_the_share_of_power_and_dies_down_with_the_motion():
     found, rigid = Drift(COMM, 2), np.array([False, False])
     found.limit = 0.1
-    found.window_ends(np.array([1.0, 4.0]), rigid, 1.0, 0.1, 1.0)
+    found.window_ends(np.array([1.0, 4.0]), rigid, 1.0, 0.1, 1.0, 1.0)
     assert (found.rate, found.share) == (0.0, 0.0)
     # Half of 1/5, for a second of 10 rad: as much as the motion itself.
-    assert found.room(0.1) == pytest.approx(0.1 / 5)
+    assert found.room(0.1, free=True) == pytest.approx(0.1 / 5)
+    assert found.room(0.1, free=False) == pytest.approx(0.1)  # what a structure gives way less by
     rigid = np.array([True, False])
-    found.window_ends(np.array([0.0, 4.0]), rigid, 1.0, 0.1, 0.1)
+    found.window_ends(np.array([0.0, 4.0]), rigid, 1.0, 0.1, 0.1, 1.1)
     assert found.share == pytest.approx(0.2)
     assert found.rate == pytest.approx(0.1)
-    assert found.room(0.1) == pytest.approx(0.0)
-    found.window_ends(np.array([0.0, 1.0]), rigid, 0.5, 0.0, 0.1)  # loads change: nothing drifts
+    assert found.room(0.1, free=True) == pytest.approx(0.0)
+    assert found.too_far  # as much again in the next window
+    found.window_ends(np.array([0.0, 1.0]), rigid, 0.5, 0.0, 0.1, 0.0)  # loads change: none drifts
     assert found.rate == pytest.approx(0.05)
+    assert not found.too_far
+    found.window_ends(np.array([0.0, 1.0]), rigid, 0.5, 0.1, 0.1, 0.02)  # they have just ended
+    assert found.rate == pytest.approx(0.05 + 0.5 * 0.2 * 0.5 * 0.2)
 
 
 @chatter
@@ -557,6 +562,11 @@ def test_a_stroke_is_the_largest_strain_over_the_largest_rate():
     found.add(np.array([1.0, 0.0]))
     found.look(np.array([0.5, 0.0]), 0.0, 1.0, free)
     assert found.time == 0.5
+    assert found.dying == pytest.approx(1 / np.log(4.0))  # from 4 to 1 in a window of 1 s
+    assert found.of_strains(0.4) == pytest.approx([0.4, 0.4])
+    found.add(np.array([1.0, 0.0]))
+    found.look(np.array([0.5, 0.0]), 0.0, 1.0, free)
+    assert found.dying == np.inf
 
 
 def test_what_rings_now_is_told_by_the_last_windows():

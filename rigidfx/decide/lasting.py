@@ -7,12 +7,14 @@ switches take: see `criteria/concentration.py` and `memory/work.py`.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from math import pi
 
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.decide.criteria.concentration import Concentration
+from rigidfx.decide.criteria.judging import Criterion
 from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.decision import Decision, PlannedBody
 from rigidfx.decide.memory.memory import Memory
@@ -32,14 +34,15 @@ QUIETER = 0.8  # times the loudest cell of parts that do too much: what may stil
 class Lasting:
     """Knows what concerns a structure when parts of it become rigid."""
 
-    def __init__(self, scene: Scene, memory: Memory) -> None:
+    def __init__(self, scene: Scene, criterion: Criterion, memory: Memory) -> None:
         """Take the stiffness of the cells. Collective.
 
         Args:
             scene: The problem.
+            criterion: What the user states.
             memory: What the policy remembers.
         """
-        self._comm, self._memory = scene.comm, memory
+        self._comm, self._criterion, self._memory = scene.comm, criterion, memory
         self._concentration = Concentration(scene)
 
     def bodies(
@@ -61,8 +64,13 @@ class Lasting:
         """
         memory, flexible = self._memory, seen.flexible
         worst, start = memory.window.worst, memory.window.start
-        resting = memory.loads.resting_since <= start
-        quiet = np.asarray(memory.window.steps * (1 + memory.back_off.observed / (seen.t - start)))
+        resting, length = memory.loads.resting_since <= start, seen.t - start
+        half = pi * memory.strokes.turning  # period of what moves; 0 where nothing does
+        most = self._criterion.louder(resting, 0 < half <= length)
+        if resting and half > length and np.isfinite(memory.strokes.dying):
+            out = able & self._creeping(worst, most * tol, length)
+            able, barred = able & ~out, barred | out
+        quiet = np.asarray(memory.window.steps * (1 + memory.back_off.observed / length))
         loud = np.zeros_like(tol)
         np.divide(worst, tol, out=loud, where=tol > 0)
         while True:
@@ -70,11 +78,11 @@ class Lasting:
             new = [body for body in found.bodies if not body.kept]
             parts = [body.cells[flexible[body.cells]] for body in new]
             out = np.zeros_like(able)
-            if resting:
+            if np.isfinite(most):
                 weights = seen.indicator.weights
-                out = self._concentration.too_loud(parts, worst, weights, tol, flexible)
-                if not self._some(out):
-                    out = self._drifting(parts, loud)
+                out = self._concentration.too_loud(parts, worst, weights, tol, flexible, most)
+            if not self._some(out):
+                out = self._drifting(parts, loud, resting)
             if not self._some(out):
                 out = self._bent(new, parts, loud, tol)
             if not self._some(out):
@@ -83,16 +91,38 @@ class Lasting:
                     return found
             able, barred = able & ~out, barred | out
 
-    def _drifting(self, parts: Sequence[Ints], loud: Array) -> Bools:
-        """The loudest cells of parts with which a free motion would drift too far. Collective."""
+    def _creeping(self, worst: Array, most: Array, length: float) -> Bools:
+        """Owned cells that have to strain by too much until they are at rest.
+
+        What dies down as exp(-t/T) without a turn still strains by ė T, and a body withholds that.
+
+        Args:
+            worst: Largest strain rate of each in the window [1/s].
+            most: What it may come to strain at, half of what wakes it [1/s].
+            length: Length of the window [s].
+        """
+        strokes = self._memory.strokes
+        return np.asarray(worst * strokes.dying > 2 * most * strokes.of_strains(length))
+
+    def _drifting(self, parts: Sequence[Ints], loud: Array, resting: bool) -> Bools:
+        """Cells of parts with which a motion would be too far off. Collective.
+
+        Where loads rest these are the loudest ones, where they change the part that strains most.
+        """
         drift, turning = self._memory.drift, self._memory.strokes.turning
         if turning == 0 or not np.isfinite(drift.limit):
             return np.zeros(loud.size, dtype=bool)
-        local = sum(float(drift.shares[own].sum()) for own in parts)
-        more = self._comm.allreduce(local, op=MPI.SUM)
-        too_much = more > 0 and drift.share + more > drift.room(turning)
-        most = float(self._largest([loud[own] for own in parts]).max(initial=0.0))
-        return self._loudest(parts, loud, [most if too_much else np.inf for _ in parts])
+        shares = np.array([0.0, *(drift.shares[own].sum() for own in parts)])
+        self._comm.Allreduce(MPI.IN_PLACE, shares, op=MPI.SUM)
+        more = shares.sum()
+        if more == 0 or drift.share + more <= drift.room(turning, resting):
+            return np.zeros(loud.size, dtype=bool)
+        if resting:
+            most = float(self._largest([loud[own] for own in parts]).max(initial=0.0))
+            return self._loudest(parts, loud, [most for _ in parts])
+        every = np.zeros(loud.size, dtype=bool)
+        every[parts[int(np.argmax(shares[1:]))]] = True
+        return every
 
     def _bent(
         self, new: Sequence[PlannedBody], parts: Sequence[Ints], loud: Array, tol: Array

@@ -53,7 +53,7 @@ Ints = npt.NDArray[np.int64]
 
 FORESEEN = "predicted: forces will strain them"  # reasons of a release before a step ...
 CHECKED = "checked: forces would strain them"  # ... and after it, which is then solved again
-DRIFTED = "drift: a free motion is off by half of what wakes cells"
+DRIFTED = "drift: a free motion would be off by half of what wakes cells"
 
 
 class Policy:
@@ -101,7 +101,7 @@ class Policy:
             bends=Bends(scene),
             drift=Drift(scene.comm, self._graph.owned),
         )
-        self._lasting = Lasting(scene, self.memory)
+        self._lasting = Lasting(scene, criterion, self.memory)
         self.rule = heeded_rule(criterion, scene, timeline, self.memory, failures)
 
     @property
@@ -216,7 +216,7 @@ class Policy:
         flexible = seen.flexible & memory.window.whole
         self.rule.window_ends(seen, flexible)
         tol = self.rule.tol
-        if memory.drift.rate > memory.drift.limit and self._any(self._free(seen)):
+        if memory.drift.too_far and self._any(self._free(seen)):
             return self._release(seen, DRIFTED, self._every)
         self._advice.of_window(memory.signals.period(), tol, seen.noise)
         qualified, closeness = qualify(memory.window.worst, tol, flexible, self._graph.comm)

@@ -5,13 +5,14 @@ supports for instance, have to take the motion of all. As long as a motion goes 
 flexible cells strain with the power D = ∫ Ė:C:Ė dV, C their stiffness; of cells that the same
 forces strain, one after the other, each has a share by its compliance. If D_left of it is left,
 forces change D/D_left times as fast, and so does what is withheld: as if quiet cells strained at
-that many times their rate. A part that would so be above the tolerance is not quiet. The quietest
+that many times their rate. A part that would so come near what wakes it is not quiet. The quietest
 parts come first, as long as for each of them
 
-    max e/tol · D/D_left ≤ 1.
+    max e/tol · D/D_left ≤ κ/2,
 
-That is so where the motion is the structure's own. Where loads change, it is they that say how fast
-forces change; and where all becomes rigid, nothing is left that could change them.
+half of what wakes cells. That is so where the motion is the structure's own, or swings so fast that
+a window has room for half a period. Where loads change slowly, it is they that say how fast forces
+change; and where all becomes rigid, nothing is left that could change them.
 """
 
 from __future__ import annotations
@@ -41,7 +42,13 @@ class Concentration:
         self._comm, self._stiffness = scene.comm, stiffness(scene)
 
     def too_loud(
-        self, parts: Sequence[Ints], rates: Array, weights: Array, tol: Array, flexible: Bools
+        self,
+        parts: Sequence[Ints],
+        rates: Array,
+        weights: Array,
+        tol: Array,
+        flexible: Bools,
+        most: float,
     ) -> Bools:
         """Owned cells of the parts that must not freeze. Collective.
 
@@ -51,6 +58,7 @@ class Concentration:
             weights: ∫ Ė:Ė dV of each over its rate squared [m³].
             tol: Its tolerance [1/s].
             flexible: Cells that are flexible now.
+            most: What quiet cells may come to strain at, over their tolerances.
         """
         out = np.zeros(rates.size, dtype=bool)
         if not parts:
@@ -65,7 +73,7 @@ class Concentration:
         share = np.array([power.sum(), *(power[own].sum() for own in parts)])
         self._comm.Allreduce(MPI.IN_PLACE, loud, op=MPI.MAX)
         self._comm.Allreduce(MPI.IN_PLACE, share, op=MPI.SUM)
-        for own, quiet in zip(parts, quiet_enough(loud, share[0], share[1:]), strict=True):
+        for own, quiet in zip(parts, quiet_enough(loud / most, share[0], share[1:]), strict=True):
             out[own] = not quiet
         return out
 
@@ -82,7 +90,7 @@ def quiet_enough(loud: Array, total: float, share: Array) -> Bools:
     """Parts that may freeze.
 
     Args:
-        loud: Largest e/tol of each.
+        loud: Largest e/tol of each, over what that may become.
         total: Power D of all flexible cells.
         share: That of each part, in the same unit.
     """

@@ -11,7 +11,7 @@ from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import number, positive, shown, whole
 from rigidfx.base.taken import take_fields
 from rigidfx.decide.criteria.judging import Criterion, never_rigid
-from rigidfx.decide.criteria.rate_rule import RateRule
+from rigidfx.decide.criteria.rate_rule import HALF, RateRule
 from rigidfx.decide.criteria.relative import Relative
 from rigidfx.decide.criteria.release import Release
 from rigidfx.decide.criteria.rule import Rule
@@ -157,6 +157,10 @@ class StrainRate(Criterion):
     def settling(self) -> float:
         """Time in which the vibration of shadows is damped out [s]; infinite for auto windows."""
         return inf if isinstance(self.window, str) else SETTLING * self.window
+
+    def louder(self, resting: bool, swings: bool) -> float:
+        """Half of what wakes cells, unless loads say how fast all moves."""
+        return max(1.0, HALF * self.kappa) if resting or swings else inf
 
     def rule(self, scene: Scene, timeline: Timeline, memory: Memory) -> Rule:
         """See `Criterion`."""

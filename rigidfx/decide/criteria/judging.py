@@ -67,6 +67,15 @@ class Criterion:
         """What lets such parts withhold more, in words."""
         return "give its cells a larger tolerance (tolerances)"
 
+    def louder(self, resting: bool, swings: bool) -> float:
+        """What quiet cells may come to strain at as others freeze, over their tolerances.
+
+        Args:
+            resting: Whether loads rest.
+            swings: Whether a window has room for half a period of what moves.
+        """
+        return 1.0 if resting else inf
+
     def least_cells(self, scene: Scene) -> int:
         """Least number of cells of a new body. Collective.
 

@@ -18,13 +18,13 @@ from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
 from rigidfx.shadow.motion import Limits, Strained
 
-__all__ = ["RateRule"]
+__all__ = ["HALF", "RateRule"]
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
 MARGIN = 1.25  # an automatic window in longest periods
-HALF = 0.5  # of what wakes cells, that drift may make of rates: there are other errors
+HALF = 0.5  # of what wakes cells, that drift or freezes may make of rates: there is more
 FEWEST = 8  # steps of an automatic window
 
 
@@ -75,10 +75,8 @@ class RateRule:
         window = self._window
         period = MARGIN * self._memory.signals.period() if isinstance(window, str) else window
         length = float(period) if period > 0 else np.inf  # nothing may oscillate yet, or at all
-        strokes, rates = self._memory.strokes, (self._kappa or 1.0) * self.tol
-        stroke = strokes.time if np.isfinite(strokes.time) else self._timeline.dt
-        # From one turn of a vibration to the other, since a freeze at a turn, it is twice 1/ω.
-        strains = rates * np.maximum(min(length, stroke), 2 * strokes.seen)
+        rates = (self._kappa or 1.0) * self.tol
+        strains = rates * self._memory.strokes.of_strains(length, self._timeline.dt)
         return Limits(rates, strains, length, bends=self._memory.bends.limits(self.tol))
 
     @property
@@ -114,11 +112,11 @@ class RateRule:
             length, rigid = seen.t - memory.window.start, memory.back_off.rigid
             memory.strokes.look(seen.strains, seen.noise, length, rigid)
             memory.bends.look(memory.strokes.rate_of_all, seen.noise)
-            free = memory.loads.resting_since <= memory.window.start
-            turning = memory.strokes.turning if free else 0.0
+            rested = seen.t - memory.loads.resting_since
+            turning = memory.strokes.turning if rested > self._timeline.resolution else 0.0
             power = self._stiffness * seen.indicator.weights * memory.window.worst**2
             power = np.where(seen.flexible, power, 0.0)
-            memory.drift.window_ends(power, rigid, memory.strokes.last, turning, length)
+            memory.drift.window_ends(power, rigid, memory.strokes.last, turning, length, rested)
             largest = float(self.tol.max(initial=0.0))
             memory.drift.limit = HALF * self._kappa * self._comm.allreduce(largest, op=MPI.MAX)
 

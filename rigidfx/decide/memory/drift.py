@@ -9,10 +9,12 @@ is kept as a strain rate, the one that flexible cells are off by,
 
 D the power of strain (`criteria/concentration.py`) of each cell in the window before it froze, ė
 the largest rate of a window; and e shrinks with ė as the motion dies down. It may be half of
-what wakes cells, κ tol. What a shadow withholds would not tell: since its freeze a cell swings by
-up to twice its amplitude, and neighbours stiffer than it push harder than they would if it gave
-way. In a frame that was 7 % of the energy where its cells had 1.2. Where loads change it is they
-that say how fast all moves, and nothing drifts.
+what wakes cells, κ tol, by the end of the next window. What a shadow withholds would not tell:
+since its freeze a cell swings by up to twice its amplitude, and neighbours stiffer than it push
+harder than they would if it gave way. In a frame that was 7 % of the energy where its cells had
+1.2. Where loads change it is they that say how fast all moves, and nothing drifts; but a
+structure that gives way by less from the beginning is off by D_rigid/D, the part of its compliance
+that it lacks (Castigliano), and that times ė may be as much.
 
 How long a free motion goes on nobody knows: it is expected to do so for as long as it has. One that
 dies down as exp(-t/T) is off by most after T, by t exp(-t/T) = T/e in the place of that time.
@@ -27,6 +29,8 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 __all__ = ["Drift"]
+
+MOST = 2.0  # times a motion is what it is off by, if it is in the opposite phase
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -53,10 +57,11 @@ class Drift:
         self.shares: Array = np.zeros(cells)
         self.rate, self.limit, self.share = 0.0, inf, 0.0
         self._last = 0.0  # largest rate of the last window
+        self._next = 0.0  # drift in it, as in the next
         self._first, self._lasted = 0.0, 0.0  # that of a free motion's first window; time since
 
     def window_ends(
-        self, power: Array, rigid: Bools, rate: float, turning: float, length: float
+        self, power: Array, rigid: Bools, rate: float, turning: float, length: float, rested: float
     ) -> None:
         """Take note of the end of a window. Collective.
 
@@ -66,6 +71,7 @@ class Drift:
             rate: Largest strain rate of any cell in it [1/s].
             turning: Time in which the motion turns round, 1/ω [s]; 0 where nothing drifts.
             length: Length of the window [s].
+            rested: Time in which loads have rested [s].
         """
         local = np.array([self.shares[rigid].sum(), power.sum()])
         self._comm.Allreduce(MPI.IN_PLACE, local, op=MPI.SUM)
@@ -75,21 +81,33 @@ class Drift:
         if 0 < rate < self._last:
             self.rate *= rate / self._last
         self._last = rate
-        if turning > 0:
-            self.rate += 0.5 * self.share * rate * length / turning
-            self._first = self._first or rate
-            self._lasted += length
-        else:
+        self._next = 0.0
+        if rested < length:
             self._first = self._lasted = 0.0
+        if turning > 0:
+            drifting = min(rested, length)
+            self._next = 0.5 * self.share * rate * length / turning
+            self.rate = min(self.rate + self._next * drifting / length, MOST * rate)
+            self._first = self._first or rate
+            self._lasted += drifting
 
-    def room(self, turning: float) -> float:
+    @property
+    def too_far(self) -> bool:
+        """Whether it has drifted too far by the end of a window that is as the last."""
+        return self.rate > 0 and min(self.rate + self._next, MOST * self._last) > self.limit
+
+    def room(self, turning: float, free: bool) -> float:
         """Share of the power that may be rigid.
 
         Args:
             turning: Time in which the motion turns round, 1/ω [s].
+            free: Whether loads rest, so that it drifts.
         """
+        stiffer = self.limit / self._last if self._last > 0 else inf
+        if not free or MOST * self._last <= self.limit:
+            return stiffer
         time = self._lasted
         if 0 < self._last < self._first:
             time /= max(1.0, e * float(np.log(self._first / self._last)))
         off = 0.5 * self._last * time / turning
-        return (self.limit - self.rate) / off if off > 0 else inf
+        return min(stiffer, (self.limit - self.rate) / off) if off > 0 else stiffer

@@ -12,7 +12,7 @@ its way by much more than it is seen to swing.
 
 from __future__ import annotations
 
-from math import pi
+from math import inf, log, pi
 
 import numpy as np
 import numpy.typing as npt
@@ -38,6 +38,8 @@ class Strokes:
         rate: Largest rate on this rank so far [1/s].
         rate_of_all: That on all ranks, at the end of the last window [1/s].
         last: The same of the last window alone [1/s].
+        dying: Time in which rates die down, by the last two windows [s]; infinite where they do
+            not.
         seen: For each owned cell the time in which turned round what moved when it froze, or
             since [s]; of a flexible cell, what moves now. Zero where windows are too short.
     """
@@ -50,7 +52,7 @@ class Strokes:
             cells: Number of owned cells.
         """
         self._comm, self.rate, self._strain = comm, 0.0, 0.0
-        self.time, self.rate_of_all, self.last = np.inf, 0.0, 0.0
+        self.time, self.rate_of_all, self.last, self.dying = np.inf, 0.0, 0.0, inf
         self.seen: Array = np.zeros(cells)
         self._swings = Swings(cells)
         self._now = 0.0  # largest rate since the last window's end
@@ -91,6 +93,7 @@ class Strokes:
         largest = np.array([self.rate, self._strain, self._now, swing])
         self._comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
         rate, strain, now, swing = map(float, largest)
+        self.dying = length / log(self.last / now) if 0 < now < self.last else inf
         self.rate_of_all, self.last = rate, now
         if rate > noise and strain > 0:
             self.time = strain / rate
@@ -101,6 +104,17 @@ class Strokes:
         seen = recent if pi * recent <= length else 0.0
         self.seen = np.where(rigid, np.maximum(self.seen, seen), seen)
         self._now = 0.0
+
+    def of_strains(self, length: float, other: float = inf) -> Array:
+        """Times for which each owned cell may withhold a rate that wakes it [s].
+
+        Args:
+            length: Length of a window [s].
+            other: What counts while no stroke is known [s].
+        """
+        stroke = self.time if np.isfinite(self.time) else other
+        # From one turn of a vibration to the other, since a freeze at a turn, it is twice 1/ω.
+        return np.maximum(min(length, stroke), 2 * self.seen)
 
     @property
     def turning(self) -> float:
