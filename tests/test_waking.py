@@ -539,7 +539,7 @@ def test_what_rings_from_step_to_step_or_turns_wakes_nothing(monkeypatch):
             now = self._motion
             for before, then in ends:
                 end = replace(now, u=now.u + dt * then, w=then)
-                told.append(self._strained(replace(now, w=before), end, dt, limits(), None))
+                told.append(self._gauge.strained(replace(now, w=before), end, dt, limits(), None))
             looks.extend(strained.rate.max() for strained in told)
         return found
 

@@ -17,7 +17,6 @@ from functools import partial
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -26,9 +25,10 @@ from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.shadow.dashpots import of_neighbours
+from rigidfx.shadow.gauge import Gauge
 from rigidfx.shadow.handover import Carried
 from rigidfx.shadow.linear_part import LinearPart
-from rigidfx.shadow.motion import Limits, Motion, Strained, at_rest, part_of
+from rigidfx.shadow.motion import Limits, Motion, Strained, at_rest
 from rigidfx.shadow.pace import Pace
 from rigidfx.shadow.parts import Parts, watched
 from rigidfx.shadow.withheld import Withheld
@@ -46,17 +46,9 @@ Ints = npt.NDArray[np.int32]
 _REGROUPING = PETSc.Log.Event("rigidfxShadowNew")
 _LOOKING = PETSc.Log.Event("rigidfxShadow")
 
-# Looks after a change of the bodies in which the shadow alone tells: where cells have just become
-# flexible, or rigid, steady forces would have to be those of that change.
-UNSETTLED = 4
-
 # Part of a window over which K⁺ρ is meant before it has a rate: what is faster than that shadows
 # see, and a body's response to it is none of a body at rest.
 LAG = 0.25
-
-# Part of a change of shape that is measured: a shadow is linear, but where bodies grow together it
-# turns by what they had turned against each other, and the strain of that is of second order.
-LITTLE = 2.0**-8
 
 
 class Shadow(Watch):
@@ -82,10 +74,9 @@ class Shadow(Watch):
             in_pieces: Parts named rigid whose cells are not connected through facets: nothing
                 tells what goes from piece to piece, and their bodies have no shadow.
         """
-        self._in_pieces = in_pieces
-        self._stepper, self._indicator = stepper, indicator
+        self._in_pieces, self._stepper = in_pieces, stepper
         self._linear = LinearForms(stepper.scene, stepper.forces)
-        self._ends = fem.Function(stepper.scene.space), fem.Function(stepper.scene.space)
+        self._gauge = Gauge(stepper.scene.space, indicator)
         self._settling = settling
         self.withheld = 0.0
         self._system: object = None
@@ -94,7 +85,6 @@ class Shadow(Watch):
         self._motion = at_rest(0)
         self._pace, self._lag = Pace(), np.inf
         self._viscous: list[int] = []  # viscous stresses that act
-        self._looks = 0  # since the bodies have changed
         self._accepting: Callable[[], None] | None = None
         self._grown: list[npt.NDArray[np.int64]] = []  # rows of bodies that have just grown
         self._mass: Mass | None = None
@@ -124,7 +114,6 @@ class Shadow(Watch):
             self.withheld = 0.0
             self._parts = Parts(stepper.scene, stepper.forces, records) if records else None
             if self._parts is not None:
-                self._looks = 0
                 self._assemble(self._parts, dt)
                 bodies = stepper.state.bodies
                 self._motion, self._grown = carried.by(stepper.scene, self._parts, bodies)
@@ -161,8 +150,7 @@ class Shadow(Watch):
         stepper.forces.set_rate(1.0)
         self._part = LinearPart(parts, self._mass, linear, dashpots)
         stepper.forces.set_rate(1 / dt)
-        self._ends[0].x.array[:] = linear.shape.x.array
-        self._indicator.bind(parts.cells, self._ends)
+        self._gauge.bind(parts, linear.shape)
 
     # Steps --------------------------------------------------------------------------------------
 
@@ -182,7 +170,7 @@ class Shadow(Watch):
             self.follow(dt)
         if self._parts is None or self._withheld is None:
             return None
-        self._looks += 1
+        self._gauge.looks += 1
         with _LOOKING:
             force = self._withheld.force(t, dt)
             change = self._parts.size(force - self._pace.before(force))
@@ -231,7 +219,7 @@ class Shadow(Watch):
         found: Strained | None = None
         for mean, span in self._pace.stretches(force, dt):
             start, motion = motion, self._stepped(motion, mean, begin + span / 2, span)
-            found = self._strained(start, motion, span, limits, found)
+            found = self._gauge.strained(start, motion, span, limits, found)
             begin += span
         assert found is not None
         # Cells spring within a step, however long that of the shadows was.
@@ -273,55 +261,6 @@ class Shadow(Watch):
             known, motion.mean - np.expm1(-dt / self._lag) * (still - motion.mean), still
         )
         return Motion(motion.u + d, 2 / dt * d - motion.v, np.asarray(d / dt), still, mean)
-
-    def _strained(
-        self, start: Motion, end: Motion, dt: float, limits: Limits, before: Strained | None
-    ) -> Strained:
-        """What each owned cell would strain in a step, and before. Collective."""
-        known = ~np.isnan(start.mean)
-        total = self._measured(np.where(known, end.mean, 0.0), 1.0)
-        if limits.rates is None:
-            rate = spring = np.zeros_like(total)
-        else:
-            rate = part_of(self._rates(start, end, dt), limits.rates)
-            spring = part_of(total, dt * limits.rates)
-        rate, swings = rate if before is None else np.maximum(rate, before.rate), limits.swings
-        swing = None if swings is None else part_of(self._measured(end.u, 1.0), swings)
-        bend = None if limits.bends is None else part_of(self._bent(end.u), limits.bends)
-        return Strained(rate, part_of(total, limits.strains), spring, swing, bend)
-
-    def _rates(self, start: Motion, end: Motion, dt: float) -> Array:
-        """Strain rate of each owned cell in a step [1/s]. Collective."""
-        slow = self._measured(np.where(np.isnan(start.mean), 0.0, end.mean - start.mean), dt)
-        # What a step does not resolve rings from step to step: nothing is left of two together.
-        both = dt * (start.w + end.w)
-        lasting = self._measured(np.where(np.isnan(both), 0.0, both), dt)
-        rates = np.minimum(self._measured(end.u - start.u, dt), lasting)
-        return np.maximum(rates, slow) if self._looks > UNSETTLED else rates
-
-    def _bent(self, u: Array) -> Array:
-        """Largest displacement of each owned cell's nodes but for its body's motion. Collective."""
-        assert self._parts is not None
-        rows, field = self._parts.rows, self._ends[1]
-        field.x.array[:] = 0.0
-        field.x.array[rows.dofs] = self._parts.unmoved(u).reshape(-1)
-        field.x.scatter_forward()
-        far = np.linalg.norm(field.x.array.reshape(-1, 3), axis=1)
-        out = np.zeros(self._indicator.values.size)
-        cells = self._indicator.cells
-        out[cells] = far[field.function_space.dofmap.list[cells]].max(axis=1, initial=0.0)
-        return out
-
-    def _measured(self, change: Array, dt: float) -> Array:
-        """Strain rates of all owned cells, for a change of the frozen shape. Collective."""
-        assert self._parts is not None
-        shape, end = (f.x for f in self._ends)
-        dofs = self._parts.rows.dofs
-        end.array[:] = shape.array
-        end.array[dofs] += LITTLE * change.reshape(-1)
-        end.scatter_forward()
-        self._indicator.measure(LITTLE * dt)
-        return self._indicator.values.copy()
 
     def accept(self, attempt: Attempt) -> None:
         """See `Watch`."""
