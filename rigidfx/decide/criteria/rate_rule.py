@@ -113,7 +113,8 @@ class RateRule:
             memory.strokes.look(seen.strains, seen.noise, length, rigid)
             memory.bends.look(memory.strokes.rate_of_all, seen.noise)
             rested = seen.t - memory.loads.resting_since
-            turning = memory.strokes.turning if rested > self._timeline.resolution else 0.0
+            # A load that stands still at a crest does not rest.
+            turning = memory.strokes.turning if rested >= HALF * length else 0.0
             power = self._stiffness * seen.indicator.weights * memory.window.worst**2
             power = np.where(seen.flexible, power, 0.0)
             memory.drift.window_ends(power, rigid, memory.strokes.last, turning, length, rested)
