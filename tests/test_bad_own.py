@@ -133,8 +133,8 @@ def _own(method, after=3, bad=None):
     return _run(Own(method, Fault(after, bad)), rf.Rigid("a"), steps=4)
 
 
-def _asking(method, after=2, bad=None):
-    return _run(rigidify=Asking(method, Fault(after, bad)))
+def _asking(method, after=2, *effects):
+    return _run(*effects, rigidify=Asking(method, Fault(after)))
 
 
 def _nothing(good):
@@ -196,8 +196,11 @@ CASES = {
     ),
     "rule": (lambda: _asking("rule", 0), f"Asking: its rule failed {KEY}"),
     "indicator": (lambda: _asking("indicator", 0), f"Asking: its indicator failed {KEY}"),
-    "limits": (lambda: _asking("limits"), "Asking: its limits failed in the step from t = 0"),
-    "tolerances": (lambda: _asking("tol"), "Asking: its limits failed in the step from t = 0"),
+    "limits": (
+        lambda: _asking("limits", 2, rf.Rigid("a")),
+        "Asking: its limits failed in the step from t = 0",
+    ),
+    "tolerances": (lambda: _asking("tol", 0), "Asking: its tol failed in the step from t = 0"),
     "tolerances that are no numbers": (
         lambda: _run(rigidify=Asking("tol", Fault(0, _nothing), wake="none")),
         "Asking: a number is expected of each of a rank's cells, in an array of shape (",

@@ -80,6 +80,7 @@ class Policy:
             SceneError: If a name is unknown, or the mesh was distributed without ghost cells.
         """
         self._scene, self._criterion, self._timeline = scene, criterion, timeline
+        self._failures = failures
         timeline.stop_at(criterion.breakpoints)
         self._graph = CellGraph(scene)
         self._every = np.ones(self._graph.owned, dtype=bool)
@@ -208,7 +209,9 @@ class Policy:
         if t <= criterion.since + resolution or t >= criterion.until - resolution:
             return False
         over = t - self.memory.window.start + resolution >= self.rule.length()
-        return bool(self._graph.comm.allreduce(bool(over), op=MPI.LAND))  # a rank's may have failed
+        # Tolerances are asked for here, as those of a rank may fail, and in what comes others wait.
+        over = over and self.rule.tol.size == self._graph.owned and not self._failures.count
+        return bool(self._graph.comm.allreduce(bool(over), op=MPI.LAND))
 
     def _freeze(self, seen: Observation) -> Decision:
         """Freeze what has qualified in the window. Collective."""
