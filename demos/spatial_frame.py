@@ -296,7 +296,7 @@ def row(tol: float) -> dict[str, float | int | None]:
         "unknowns_start": mine[0].unknowns,
         "unknowns_end": events[-1].unknowns_after if events else mine[-1].unknowns,
         "bodies_end": len(mine[-1].bodies),
-        "energy_error": float((off / energies[:, 1])[loaded].max()),
+        "energy_error": float((off[loaded] / energies[loaded, 1]).max()),
         "energy_error_of_peak": float(off.max() / energies[:, 1].max()),
         "motion_error": motion_error(mine, reference, first) if after else None,
         "time_ratio_window": time_ratio(mine, reference),
