@@ -318,6 +318,25 @@ def test_own_energy_equal_to_a_given_one():
     assert np.abs(a - b).max() <= 30 * 1e-11 * a.max()
 
 
+def test_own_energy_that_a_function_on_the_mesh_is_in():
+    """The same motion as by its number; enhanced cells cannot tell their modes, and say so."""
+    bar, spin = rf.box((0, 0, 0), (2, 1, 1), (2, 1, 1)), rf.InitialVelocity(angular=(0, 3.0, 0))
+    stiffness = fem.Function(fem.functionspace(bar.mesh, ("DG", 0)))
+    stiffness.x.array[:] = 1e3
+
+    def turning(k, **options):
+        def energy(C):
+            E = (C - ufl.Identity(3)) / 2
+            return k / 2 * ufl.inner(E, E)
+
+        scene = rf.Scene(bar, rf.Hyperelastic(W=energy, rho=1.0), [spin], **options)
+        return [r.energy for r in rf.simulate(scene, 0.02, 0.1, progress=False)]
+
+    assert np.allclose(turning(stiffness), turning(1e3), rtol=1e-13)
+    with pytest.raises(SceneError, match="its energy depends on the place"):
+        turning(stiffness, element="enhanced")
+
+
 def test_one_of_two_equal_components_may_be_named():
     """∂W/∂C_ij of an energy that names C_ij only is the stress of the one that names both."""
 

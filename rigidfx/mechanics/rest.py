@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 from ufl.algorithms import expand_derivatives
-from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
 
+from rigidfx.mechanics.evaluated import evaluated
 from rigidfx.mechanics.materials import Isotropic, Material
 from rigidfx.mechanics.schemes import initial_stiffness_times
 
@@ -52,5 +52,4 @@ def _stiffness_times(material: Material, dE: Array) -> Array:
     p = dict(material.parameters)
     S = initial_stiffness_times(material.energy, p, ufl.as_matrix(dE.tolist()))
     S = expand_derivatives(S)
-    values = [[apply_algebra_lowering(S[i, j])(()) for j in range(3)] for i in range(3)]
-    return np.array(values, dtype=float)
+    return np.array([[evaluated(S[i, j]) for j in range(3)] for i in range(3)])

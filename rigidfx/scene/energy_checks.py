@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 import ufl
-from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.warning import warn
 from rigidfx.domain.domain import Domain
+from rigidfx.mechanics.evaluated import evaluated
 from rigidfx.mechanics.materials import Hyperelastic, Material
 
 __all__ = ["check_energy"]
@@ -94,4 +94,4 @@ def _value(material: Material, C: npt.NDArray[np.float64]) -> float:
     """W at a C of numbers [J/m³]."""
     W = material.energy(ufl.as_matrix(C.tolist()), **material.parameters)
     with np.errstate(all="ignore"):
-        return float(apply_algebra_lowering(ufl.as_ufl(W))(()))
+        return evaluated(ufl.as_ufl(W))
