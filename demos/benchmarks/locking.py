@@ -129,6 +129,13 @@ WITHIN = 0.0105  # one per cent, to its last digit
 # plate, (1, 1), (2, 1) and (3, 1), lead to 1.0409e-3.
 SWAY = 1.0411e-3
 FINEST = (3, 3), (4, 3), (5, 3)
+# How second-order cells stepped before enhanced ones came.
+BEFORE = {
+    "snes_lag_jacobian": 1,
+    "ksp_type": "preonly",
+    "pc_type": "lu",
+    "pc_factor_mat_solver_type": "mumps",
+}
 
 
 def extrapolated(sways: dict[int, float]) -> float:
@@ -203,15 +210,6 @@ def on_the_frame(options: Any) -> dict[str, Any]:
         }
         | (found_anew() if options.reference else {}),
     }
-
-
-# How second-order cells stepped before enhanced ones came.
-BEFORE = {
-    "snes_lag_jacobian": 1,
-    "ksp_type": "preonly",
-    "pc_type": "lu",
-    "pc_factor_mat_solver_type": "mumps",
-}
 
 
 def in_cases(options: Any) -> dict[str, Any]:
