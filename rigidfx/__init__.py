@@ -15,6 +15,7 @@ from rigidfx.base.errors import (
     StepError,
 )
 from rigidfx.base.shared_cells import share_cells
+from rigidfx.base.uncaught import end_together
 from rigidfx.coupling.periods import periods
 from rigidfx.decide.criteria.accuracy import Accuracy
 from rigidfx.decide.criteria.criterion import StrainRate
@@ -74,6 +75,7 @@ from rigidfx.simulation import simulate
 __version__ = "0.1.0"
 
 share_cells()
+end_together()
 
 __all__ = [
     "Accuracy",

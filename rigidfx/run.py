@@ -6,7 +6,9 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 
 import numpy as np
+from petsc4py import PETSc
 
+from rigidfx.base.errors import RigidfxError
 from rigidfx.base.failures import Failures
 from rigidfx.decide.criteria.heeded import heeded_indicator
 from rigidfx.decide.criteria.judging import Criterion
@@ -104,10 +106,16 @@ class Run:
         """Nothing to do: what it has was made before."""
         return self
 
-    def __exit__(self, *of_error: object) -> None:
-        """Free what the shadow has of PETSc. Collective."""
-        if self.shadow is not None:
-            self.shadow.destroy()
+    def __exit__(self, kind: type[BaseException] | None, *of_error: object) -> None:
+        """Free what the run has of PETSc. Collective, but for runs that are given up.
+
+        One rank alone may give up, as its script fails, and would wait here for the others. What
+        it has is PETSc's garbage then, until all ranks prepare a run again.
+        """
+        if issubclass(kind or RigidfxError, RigidfxError) or self.stepper.scene.comm.size == 1:
+            self.stepper.close()
+            if self.shadow is not None:
+                self.shadow.destroy()
 
     def ahead(self, target: float) -> list[Event]:
         """Decide before a step and switch; what happened. Collective."""
@@ -171,6 +179,7 @@ def prepare(
         SceneError: If the initial state is in conflict.
         StepError: If a static preload does not converge.
     """
+    PETSc.garbage_cleanup(scene.comm)  # of runs that were given up
     for support, _ in scene.supports:
         support.check_run(scene, timeline.t_end)
     probes, state = Probes(scene), State(scene)

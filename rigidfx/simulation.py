@@ -138,7 +138,6 @@ def _reports(
     balance, lumping = EnergyBalance(stepper.scene), LumpedInertia(stepper.scene)
     account = Account(stepper.scene.comm)
     with (
-        stepper,
         run,
         heard(stepper.scene.comm, shown[1]),
         account,

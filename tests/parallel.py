@@ -71,20 +71,26 @@ def check_the_same(script: str | Path, ranks: int, alone: Any) -> None:
     assert (np.abs(several - one).max(axis=0) <= 1e-9 * np.abs(one).max(axis=0)).all()
 
 
+def launch(ranks: int) -> tuple[list[str], dict[str, str]]:
+    """Command that starts Python on several ranks, and the environment to start it in.
+
+    This process may itself be a rank of MPI, of which mpirun must know nothing.
+    """
+    mine = ("OMPI_COMM", "OMPI_UNIVERSE", "OMPI_APP", "OMPI_NUM", "OMPI_FIRST", "OMPI_FILE",
+            "PMIX_", "PMI_", "PRTE_", "HYDRA_")  # fmt: skip
+    kept = {k: v for k, v in os.environ.items() if not k.startswith(mine)}
+    folders = [ROOT, *(ROOT / name for name in ("meshes", "tests", "demos"))]
+    path = [os.environ.get("PYTHONPATH", ""), *map(str, folders)]
+    kept["PYTHONPATH"] = os.pathsep.join(p for p in path if p)
+    return ["mpirun", "--oversubscribe", "-n", str(ranks), sys.executable], kept
+
+
 class Ranks:
     """Ranks that run scripts, one after the other."""
 
     def __init__(self, ranks: int) -> None:
         """Start them."""
-        # `-m mpi4py` aborts all ranks where one fails. This process may itself be a rank of MPI, of
-        # which mpirun must know nothing.
-        command = ["mpirun", "--oversubscribe", "-n", str(ranks), sys.executable, "-m", "mpi4py"]
-        mine = ("OMPI_COMM", "OMPI_UNIVERSE", "OMPI_APP", "OMPI_NUM", "OMPI_FIRST", "OMPI_FILE",
-                "PMIX_", "PMI_", "PRTE_", "HYDRA_")  # fmt: skip
-        kept = {k: v for k, v in os.environ.items() if not k.startswith(mine)}
-        folders = [ROOT, *(ROOT / name for name in ("meshes", "tests", "demos"))]
-        path = [os.environ.get("PYTHONPATH", ""), *map(str, folders)]
-        kept["PYTHONPATH"] = os.pathsep.join(p for p in path if p)
+        command, kept = launch(ranks)
         self._temporary = tempfile.TemporaryDirectory()
         self._folder = Path(self._temporary.name)
         self._jobs = 0

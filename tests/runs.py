@@ -17,7 +17,7 @@ from rigidfx.scene.timeline import Timeline
 def prepared(scene, dt=0.1) -> Iterator[Run]:
     """A run that has made no step yet."""
     run, _ = prepare(scene, Timeline(dt, 1e3 * dt))
-    with run.stepper:
+    with run:
         yield run
 
 

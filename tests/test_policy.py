@@ -138,7 +138,7 @@ def told(scene, window=WINDOW, tol=ANY, **options):
     timeline = Timeline(DT, 100.0)
     run, _ = prepare(scene, timeline, rf.StrainRate(tol, window, **options))
     timeline.stop_at(scene.breakpoints)
-    with run.stepper:
+    with run:
         yield Told(run, timeline)
 
 

@@ -30,7 +30,7 @@ def test_attempts_that_are_cut_leave_no_trace():
     )
     timeline = Timeline(0.4, 0.4)
     run, _ = prepare(scene, timeline)
-    with run.stepper, run:
+    with run:
         notes = Notes(run.stepper)
         run.stepper.watches.append(notes)
         ends, cuts = [], 0

@@ -313,11 +313,3 @@ class Stepper:
         if self._bound:
             self.system.destroy()
             self._bound = False
-
-    def __enter__(self) -> Stepper:
-        """Nothing to do: it is bound by a switch."""
-        return self
-
-    def __exit__(self, *of_error: object) -> None:
-        """Free all PETSc objects."""
-        self.close()

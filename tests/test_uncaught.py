@@ -1,0 +1,69 @@
+"""A script that fails on one rank ends on all; one that fails on all ends as on one rank."""
+
+from __future__ import annotations
+
+import subprocess
+
+import pytest
+from parallel import launch
+
+NAMES = """
+held = rf.Fixed("x0" if sound else 3)
+rf.Scene(bar, soft, [held])
+"""
+LOOP = """
+scene = rf.Scene(bar, soft, [rf.Fixed("x0"), rf.Gravity()])
+for turn in range(3):  # those that are given up leave nothing that others wait for
+    for report in rf.simulate(scene, 0.1, 1.0, progress=False):
+        if report.step == turn:
+            break
+with rf.Recorder(scene, folder, every=99) as recorder:
+    for report in rf.simulate(scene, 0.1, 1.0, progress=False):
+        recorder.write(report)
+        if report.step == 3 and not sound:
+            raise KeyError("mine")
+"""
+SCRIPT = """
+from mpi4py import MPI
+import rigidfx as rf
+from rigidfx.base import uncaught
+
+uncaught.PATIENCE, sound, folder = {patience}, MPI.COMM_WORLD.rank in {sound}, "{folder}"
+bar = rf.box((0, 0, 0), (4, 1, 1), (4, 1, 1))
+soft = rf.StVenantKirchhoff(E=1e5, nu=0.3, rho=1000.0)
+"""
+
+
+def _run(code, folder, sound, patience):
+    command, environment = launch(2)
+    script = SCRIPT.format(patience=patience, sound=sound, folder=folder) + code
+    return subprocess.run(
+        [*command, "-c", script],
+        env=environment, capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize(
+    ("code", "failing", "told"),
+    [
+        (NAMES, 0, "SceneError: Fixed: where must be the name of a set, got 3."),
+        (LOOP, 1, "KeyError: 'mine'"),
+    ],
+    ids=["names", "loop"],
+)
+def test_failing_on_one_rank_ends_all(tmp_path, code, failing, told):
+    ended = _run(code, tmp_path, [1 - failing], 0.2)
+    assert ended.returncode
+    assert told in ended.stderr
+    assert f"rigidfx: rank {failing} of 2 has failed without the others" in ended.stderr
+
+
+@pytest.mark.parallel
+def test_failing_on_all_ranks_aborts_none(tmp_path):
+    ended = _run(LOOP, tmp_path, [], 60.0)
+    assert ended.returncode
+    assert ended.stderr.count("KeyError: 'mine'") == 2
+    assert "without the others" not in ended.stderr
+    assert "ABORT" not in ended.stderr
+    assert len((tmp_path / "history.csv").read_text().splitlines()) == 5  # names, 4 steps
