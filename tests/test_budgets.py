@@ -166,6 +166,28 @@ def test_what_rigidity_does_not_spend_goes_to_time():
         assert time >= 0.025
 
 
+@pytest.mark.filterwarnings("ignore:StepControl:rigidfx.RigidfxWarning")
+def test_of_what_flies_rigidity_withholds_a_part_of_its_deflection():
+    """Which is next to nothing of its way; against the flexible twin with the same steps."""
+
+    def swell(t):
+        return np.sin(np.pi * t / 3) ** 2 if t < 3 else 0.0
+
+    def spun():
+        pull = rf.Traction("y0", (60.0, 0, 0), time=swell, until=3.0)
+        push = rf.Traction("y1", (-60.0, 0, 0), time=swell, until=3.0)
+        return bar(pull, push, rf.KelvinVoigt(2e4))
+
+    twin = list(rf.simulate(spun(), 0.1, 6.0, progress=False))
+    reports = run(spun(), asked(0.05, smallest=0.1), 6.0, dt=0.1)
+    assert reports[-1].unknowns < reports[0].unknowns
+    apart = [a.probes["tip"] - b.probes["tip"] for a, b in zip(reports, twin, strict=True)]
+    measured = np.linalg.norm(apart, axis=1).max()
+    spent = max(r.ledger.rigidity.spent for r in reports)
+    assert 0.3 * measured < spent < 5 * measured
+    assert spent < 1e-3 * 0.05 * reports[-1].ledger.rigidity.scale
+
+
 def arms():
     """Two arms that stand out from a narrow foot; one is pushed and let go."""
     box = rf.box((0, 0, 0), (16, 1, 1), (32, 1, 1))

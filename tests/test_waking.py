@@ -17,7 +17,7 @@ from mpi4py import MPI
 import rigidfx as rf
 from rigidfx.base.errors import SceneError, StepError
 from rigidfx.decide.criteria.concentration import quiet_enough
-from rigidfx.decide.memory import bends
+from rigidfx.decide.memory import deflection
 from rigidfx.decide.memory.bends import Bends
 from rigidfx.decide.memory.drift import Drift
 from rigidfx.decide.memory.sample import spread
@@ -162,8 +162,8 @@ def test_few_nodes_stand_for_all_of_a_fine_mesh(monkeypatch):
     """Spread along the bar, likewise of those that are held, they tell the same deflection."""
     scene = rf.Scene(rf.box((0, 0, 0), (1, 0.02, 0.02), (80, 1, 1)), SOFT)
     X = scene.space.tabulate_dof_coordinates()
-    monkeypatch.setattr(bends, "NODES", 32)
-    monkeypatch.setattr(bends, "HELD", 1)
+    monkeypatch.setattr(deflection, "NODES", 32)
+    monkeypatch.setattr(deflection, "HELD", 1)
     state, fixed = _Counted(X + 1e-4 * X[:, :1] ** 2, X), np.zeros((len(X), 3), dtype=bool)
     fixed[X[:, 0] < 1e-9] = True
     found = Bends(scene)

@@ -17,6 +17,12 @@ A at the turns of a vibration, as cells freeze, and 2/π of that in the mean ove
 what is left whatever comes, so that the budget holds; a wrong guess only spends it early or late.
 The budget is half of what time integration and earlier bodies have left when something freezes.
 
+m is a part of what the structure deflects, D (`rigidfx.decide.memory.deflection`), as rigidity
+takes nothing from a rigid motion. So the motion is off by m D, and with U the displacement that
+the user's budget is a part of, m D/U of the budget is spent. Where D is less than U, as in what
+flies, m itself has to be within the budget nevertheless: one per cent of a flight may be all of its
+vibration.
+
 Cells freeze in the order of what they would withhold, until half of what is allowed is used; as
 much as is above it wakes, the largest contributions first. While loads rest a flexible cell would
 withhold the strain that it has swung by in a window; while they change that is no more to be
@@ -64,6 +70,7 @@ PUSHED = 4.0  # times what cells strain, that their shadow may tell beside stiff
 # Of m over what is allowed, how close waking is: half of that is meant to be used, and a cell alone
 # changes little of a sum.
 CALM = 0.25
+LEFT = 0.1  # of the budget, that is time integration's whatever bodies have spent
 STEPS_AT_REST = 2  # in which loads have not changed where motions are free
 
 
@@ -86,6 +93,7 @@ class Past:
         t: Time [s].
         rigid: Whether anything is rigid.
         budget: What rigidity may spend; while nothing is rigid, if something were now.
+        scale: D/U.
     """
 
     strains: Array
@@ -101,6 +109,7 @@ class Past:
     rings: bool = False
     t: float = 0.0
     rigid: bool = False
+    scale: float = 1.0
 
 
 class BudgetRule:
@@ -147,9 +156,14 @@ class BudgetRule:
     def rigidity(self) -> Rigidity:
         """What bodies do to the motion."""
         past = self.past
-        kept = past.budget if past.rigid else past.phase
-        motion, rest = past.now + past.phase, self._whole - kept
-        return Rigidity(motion, kept, rest, past.free, past.rings)
+        kept = past.scale * (past.budget if past.rigid else past.phase)
+        motion, rest = past.scale * (past.now + past.phase), max(self._whole - kept, self._least)
+        return Rigidity(motion, self._whole - rest, rest, past.free, past.rings)
+
+    @property
+    def _least(self) -> float:
+        """What is time integration's in any case."""
+        return LEFT * self._whole
 
     def limits(self) -> Limits:
         """Strains that use up what is allowed, or more, if all cells of bodies have them.
@@ -194,11 +208,21 @@ class BudgetRule:
         past.free = seen.t - self._memory.loads.resting_since > STEPS_AT_REST * seen.dt
         if past.free and past.now > 0:
             past.phase += pi * past.now * (seen.t - past.t) / past.period
-        if not past.rigid:  # time integration spends what there is
-            control = seen.stepper.control
-            left = self._whole - past.phase - (0.0 if control is None else control.length.used)
-            past.budget = past.phase + OF_RIGIDITY * max(left, 0.0)
+        self._share(seen)
         past.t = seen.t
+
+    def _share(self, seen: Observation) -> None:
+        """Divide what is left of the budget. Collective."""
+        past, control, deflection = self.past, seen.stepper.control, self._memory.bends.deflection
+        deflection.follow(seen.state, seen.held)
+        assert control is not None  # an `Accuracy` has one
+        past.scale = deflection.largest / control.length.displacement
+        widest = max(past.scale, 1.0)
+        if past.rigid:
+            past.budget = min(past.budget, (self._whole - self._least) / widest)
+        else:  # time integration spends what there is
+            left = (self._whole - control.length.used) / widest - past.phase
+            past.budget = past.phase + OF_RIGIDITY * max(left, 0.0)
 
     def window_ends(self, seen: Observation, flexible: Bools) -> None:
         """Find the tolerances with which half of what is allowed is used. Collective."""

@@ -1,4 +1,4 @@
-"""How far a structure deflects, and how far parts of it bend by themselves.
+"""How far parts of a structure bend by themselves, beside how far it deflects.
 
 A strain rate says how fast a cell deforms, not what that amounts to: cells that strain a little,
 one beside the other, bend a slender part by a good part of what its structure moves, and what
@@ -16,8 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from rigidfx.decide.memory.sample import spread
-from rigidfx.effects import Spring
+from rigidfx.decide.memory.deflection import Deflection
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 
@@ -28,8 +27,6 @@ Bools = npt.NDArray[np.bool_]
 Nodes = npt.NDArray[np.int32]
 Indices = npt.NDArray[np.intp]
 
-NODES = 1000  # that stand for all, at most
-HELD = 100  # likewise for those of which supports hold a component
 MOST = 8  # shapes of a window that are kept: the first, and others as far apart as may be
 
 
@@ -37,19 +34,15 @@ class Bends:
     """Remembers the largest deflection of a structure, and its shapes in a window.
 
     Attributes:
+        deflection: How far it deflects.
         per_rate: Largest deflection over largest strain rate so far, at the end of the last window
             [m s]; infinite while nothing but rounding has strained.
     """
 
     def __init__(self, scene: Scene) -> None:
         """Nothing has moved. Collective."""
-        X = scene.space.tabulate_dof_coordinates()[: scene.owned_nodes]
-        self._scene, self._nodes = scene, spread(scene.comm, X, NODES)
-        self._mass, self._X = scene.nodal_mass[self._nodes], X[self._nodes]
-        self._all = np.arange(self._nodes.size)
-        self._mask: Bools | None = None
-        self._held: list[Indices] = []
-        self.per_rate, self._largest = np.inf, 0.0
+        self._comm, self.deflection = scene.comm, Deflection(scene)
+        self.per_rate = np.inf
         self._shapes: list[Array] = []
         self._stride, self._waited = 1, 0
 
@@ -65,25 +58,13 @@ class Bends:
             held: For each owned dof, whether a support prescribes it; another array when that
                 changes.
         """
-        if held is not self._mask:
-            self._find_held(held)
-        x = state.positions(self._nodes)
-        self._largest = max(self._largest, self._deflection(x, state))
+        x = self.deflection.follow(state, held)
         self._waited += 1
         if not self._shapes or self._waited == self._stride:
             self._waited = 0
             self._shapes.append(x)
             if len(self._shapes) > MOST:
                 self._shapes, self._stride = self._shapes[::2], 2 * self._stride
-
-    def _find_held(self, held: Bools) -> None:
-        """Take nodes that stand for those that supports hold, by component. Collective."""
-        self._mask, X = held, self._scene.space.tabulate_dof_coordinates()
-        self._held = []
-        for of_component in held.reshape(-1, 3).T:
-            nodes = np.flatnonzero(of_component)
-            self._held.append(nodes[spread(self._scene.comm, X[nodes], HELD)])
-        self._counts = np.asarray(self._scene.sum(np.array([float(n.size) for n in self._held])))
 
     def look(self, rate: float, noise: float) -> None:
         """Take note of the end of a window. Collective.
@@ -92,7 +73,7 @@ class Bends:
             rate: Largest strain rate so far, on any rank [1/s].
             noise: Strain rate that rounding may leave [1/s].
         """
-        largest = self._scene.comm.allreduce(self._largest, op=MPI.MAX)
+        largest = self.deflection.largest
         if rate > noise and largest > 0:
             self.per_rate = largest / rate
 
@@ -115,30 +96,12 @@ class Bends:
         Args:
             parts: Owned nodes of each.
         """
-        first, *others = self._shapes or [self._X]
-        known = [np.flatnonzero(np.isin(self._nodes, own)) for own in parts]
+        first, *others = self._shapes or [self.deflection.X]
+        known = [np.flatnonzero(np.isin(self.deflection.nodes, own)) for own in parts]
         out: Array = np.zeros(len(parts))
         for x in others:
             out = np.maximum(out, self._bent(first, x, known))
         return out
-
-    def _deflection(self, x: Array, state: State) -> float:
-        """Largest displacement on this rank but for a common one [m]. Collective.
-
-        What supports hold tells that, component by component; where they hold nothing at all the
-        best rigid motion does, unless springs bring the structure back to where it was: then how it
-        swings in them is as much of its motion as how it bends.
-        """
-        counts, u = self._counts, x - self._X
-        if not counts.any():
-            if self._scene.named(Spring):
-                return float(np.linalg.norm(u, axis=1).max(initial=0.0))
-            return float(self._left(self._X, x, [self._all])[0].max(initial=0.0))
-        moved = [state.positions(n)[:, k] - state.X[n, k] for k, n in enumerate(self._held)]
-        sums = np.array([*(of.sum() for of in moved), *(self._mass @ u), self._mass.sum()])
-        every = np.asarray(self._scene.sum(sums))
-        common = np.where(counts > 0, every[:3] / np.maximum(counts, 1), every[3:6] / every[6])
-        return float(np.linalg.norm(u - common, axis=1).max(initial=0.0))
 
     def _bent(self, before: Array, now: Array, parts: Sequence[Indices]) -> Array:
         """Largest displacement of each part but for its rigid motion [m]. Collective.
@@ -148,25 +111,7 @@ class Bends:
             now: The same later [m].
             parts: Which of these are in each part.
         """
-        left = self._left(before, now, parts)
+        left = self.deflection.left(before, now, parts)
         out = np.array([apart.max(initial=0.0) for apart in left])
-        self._scene.comm.Allreduce(MPI.IN_PLACE, out, op=MPI.MAX)
-        return out
-
-    def _left(self, before: Array, now: Array, parts: Sequence[Indices]) -> list[Array]:
-        """Of each part how far its nodes are from their best rigid motion [m]. Collective.
-
-        By masses (W. Kabsch, Acta Cryst. A 32 (1976) 922-923).
-        """
-        local = np.zeros((len(parts), 16))
-        for sums, nodes in zip(local, parts, strict=True):
-            m, a, b = self._mass[nodes], before[nodes], now[nodes]
-            sums[:] = [m.sum(), *(m @ a), *(m @ b), *((m[:, None] * a).T @ b).ravel()]
-        out = []
-        for sums, nodes in zip(np.reshape(self._scene.sum(local), (-1, 16)), parts, strict=True):
-            m = max(sums[0], np.finfo(float).tiny)
-            a, b = sums[1:4] / m, sums[4:7] / m
-            W, _, Vt = np.linalg.svd(sums[7:].reshape(3, 3) / m - np.outer(a, b))
-            turn = W @ np.diag([1.0, 1.0, np.sign(np.linalg.det(W @ Vt))]) @ Vt
-            out.append(np.linalg.norm(now[nodes] - b - (before[nodes] - a) @ turn, axis=1))
+        self._comm.Allreduce(MPI.IN_PLACE, out, op=MPI.MAX)
         return out
