@@ -16,7 +16,7 @@ import rigidfx as rf
 from rigidfx.coupling.dof_layout import dof_layout
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.mechanics.bodies import Bodies
-from rigidfx.step.newton import chord
+from rigidfx.step.newton import chord, factors
 from rigidfx.step.newton.chord_test import ChordTest
 from rigidfx.step.newton.frames import Frames
 from rigidfx.step.newton.kept_tangent import KeptTangent
@@ -251,7 +251,9 @@ def test_the_motion_is_that_of_newtons_method(name):
 
 
 @pytest.mark.usefixtures("_keeping")
-def test_a_change_of_the_time_step_is_followed():
+def test_a_change_of_the_time_step_is_followed(monkeypatch):
+    """Where tangents are dear; those of so small a bar are renewed every few steps anyhow."""
+    monkeypatch.setattr(factors, "costs", lambda *_: (10.0, 15.0))
     changed = {0.0: DT, 8 * DT: 1.05 * DT, (8 + 8 * 1.05) * DT: 2 * DT}
     kept, newton = (follow("clamped", options, changed) for options in ({}, NEWTON))
     assert column(kept, "t") == pytest.approx(column(newton, "t"), rel=1e-12)
@@ -311,6 +313,20 @@ def test_small_systems_keep_tangents_where_inertia_is_large():
     for dt, kept in ((DT, True), (10 * DT, False)):
         *_, last = rf.simulate(MOTIONS["clamped"](), dt, 4 * dt)
         assert last.solver.startswith("kept") == kept
+
+
+def test_what_a_tangent_costs_is_told_by_its_factors(monkeypatch):
+    """A block's fill more than a bar's of as many unknowns: 15 and 8 iterations were measured."""
+    told, costs = [], factors.costs
+    monkeypatch.setattr(factors, "costs", lambda *of: told.append(costs(*of)) or told[-1])
+    for sides in ((60, 2, 2), (8, 7, 7)):
+        box = rf.box((0, 0, 0), tuple(0.05 * n for n in sides), sides)
+        scene = rf.Scene(box, STEEL, [rf.Fixed("x0"), PUSH])
+        *_, last = rf.simulate(scene, 2e-3, 4e-3)
+        assert last.solver.startswith("kept")
+    (bar, bar_worth), (block, block_worth) = told[0], told[-1]
+    assert 5 < bar < 12 < block < 22
+    assert min(bar_worth, block_worth) > 12
 
 
 @pytest.mark.parallel

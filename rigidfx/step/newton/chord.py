@@ -150,6 +150,7 @@ class Chord:
         if slow or self._equilibrium.outdated():
             self._equilibrium.tangent()
             self._kept.renewed()
+            self._refresh.cost = self.renewal
             self.stop.renewed()
             self._refresh.renewed(self.stop.history)
             self.tangents += 1
