@@ -298,7 +298,7 @@ def test_a_shadow_begins_as_a_linear_twin(mass, damping, monkeypatch):
         return strained
 
     monkeypatch.setattr(Shadow, "look", watch)
-    monkeypatch.setattr(pace, "CALM", 0.0)  # no step is left out
+    monkeypatch.setattr(pace, "LONG", ())  # no step is left out
     t_end = 1.4
     _, rates, _, _ = run(scene, t_end)
     # Every cell qualifies and none wakes, nor does all bend too much.
@@ -334,7 +334,7 @@ def test_neighbours_take_a_bodys_vibration_as_dashpots_whatever_the_mesh(monkeyp
 
     monkeypatch.setattr(Shadow, "look", watch)
     monkeypatch.setattr(shadow, "of_neighbours", neighbours)
-    monkeypatch.setattr(pace, "CALM", 0.0)  # no step is left out
+    monkeypatch.setattr(pace, "LONG", ())  # no step is left out
     rule = rf.StrainRate(1.0, 1e9, wake="local")
     rod = rf.StVenantKirchhoff(E=SOFT.E, nu=0.0, rho=SOFT.rho)
     for cells, t_end in ((8, 1, 1), DT), ((16, 2, 2), 1.0):
@@ -631,7 +631,7 @@ def test_cells_spring_within_a_step_however_long_those_of_shadows_are(monkeypatc
     _, tol = gentle()
     run(on_a_block(), 2.0, local(tol))
     times, strains, sprung = map(np.array, zip(*looks, strict=True))
-    assert np.diff(times).max() > 3.5 * DT  # long steps
+    assert np.diff(times).max() > (min(LONG) - 0.5) * DT  # long steps
     assert strains[-1].max() > 0
     assert sprung == pytest.approx(strains, rel=1e-9, abs=1e-15)
 
@@ -680,31 +680,60 @@ def test_what_is_at_rest_has_no_period():
     assert rigid[-1].all()
 
 
-def test_calm_shadows_take_one_step_in_four():
+def paced(rates, withheld=(0.1,)):
+    """The pace after looks that have found these, and after one before, which tells no change."""
+    out, withheld = Pace(), [*withheld, *(len(rates) - len(withheld)) * withheld[-1:]]
+    for rate, other in zip([rates[0], *rates], [withheld[0], *withheld], strict=True):
+        out.taken(np.ones((2, 3)), 1.0, rate, other)
+    return out
+
+
+def waited(pace, lengths):
+    """How many steps shadows have taken none when they take one."""
+    force = np.ones((2, 3))
+    for k, dt in enumerate(lengths):
+        if pace.due(force, dt, 1.0):
+            return k
+        pace.wait(force, dt, 1.0)
+    raise AssertionError
+
+
+def test_calm_shadows_take_one_step_in_sixteen():
     """Lengths of steps differ in their last digits, as times at their ends are rounded."""
-    calm, force = Pace(), np.ones((2, 3))
-    for _ in range(LOOKS):
-        calm.taken(force, 1.0, 0.1)
-    lengths = np.diff(0.02 * np.arange(5))
+    most, _ = LONG
+    lengths = np.diff(0.02 * np.arange(most + 1))
     assert len(set(lengths.tolist())) > 1
-    for dt in lengths[:-1]:
-        assert not calm.due(force, dt, 1.0)
-        calm.wait(force, dt, 1.0)
-    assert calm.due(force, lengths[-1], 1.0)
+    calm, force = paced(LOOKS * [0.1]), np.ones((2, 3))
+    assert waited(calm, lengths) == most - 1
     ((mean, span),) = calm.stretches(force, lengths[-1])
-    assert span == pytest.approx(0.08)
+    assert span == pytest.approx(0.02 * most)
     assert (mean == force).all()
 
 
+@pytest.mark.parametrize(
+    ("rates", "withheld", "steps"),
+    [
+        ([0.5, *(LOOKS - 2) * [0.1]], (0.1,), 0),  # not enough looks
+        ([*(LOOKS - 1) * [0.1], 0.8], (0.1,), 0),  # it is too near,
+        (LOOKS * [0.1], (*(LOOKS - 1) * [0.1], 0.16), 3),  # comes nearer,
+        (LOOKS * [0.1], (*(LOOKS - 1) * [0.1], 0.6), 0),
+        ([*(LOOKS // 2) * [0.2, 0.17]], (0.1,), 3),  # or turns faster than 16 steps resolve,
+        ([*(LOOKS // 2) * [0.2, 0.1]], (0.1,), 0),  # or 4,
+        ([*(LOOKS // 2) * [0.03, 0.01]], (0.1,), 3),  # unless that is little
+        (LOOKS * [0.1], (0.9,), 15),  # what adds up and rests may be near
+    ],
+)
+def test_shadows_take_longer_steps_the_less_they_may_miss(rates, withheld, steps):
+    assert waited(paced(rates, withheld), 17 * [0.02]) == steps
+
+
 def test_a_force_that_changes_ends_that_whenever_it_comes():
-    for waited in range(LONG):
-        alarmed = Pace()
-        for _ in range(LOOKS):
-            alarmed.taken(np.ones((2, 3)), 1.0, 0.1)
-        for _ in range(waited):
+    for steps in range(max(LONG)):
+        alarmed = paced(LOOKS * [0.1])
+        for _ in range(steps):
             alarmed.wait(np.ones((2, 3)), 0.02, 1.0)
         assert alarmed.due(np.full((2, 3), 9.0), 0.02, 8.0)
-        assert len(alarmed.stretches(np.full((2, 3), 9.0), 0.02)) == waited + 1
+        assert len(alarmed.stretches(np.full((2, 3), 9.0), 0.02)) == steps + 1
 
 
 @pytest.mark.parametrize(

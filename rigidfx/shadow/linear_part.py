@@ -19,7 +19,7 @@ __all__ = ["LinearPart"]
 Array = npt.NDArray[np.float64]
 
 PREFIX = "rigidfx_shadow_"
-KINDS = 2  # of steps whose factors are kept: short and long ones
+KINDS = 3  # of steps whose factors are kept: short and long ones
 
 
 class LinearPart:

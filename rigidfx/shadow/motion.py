@@ -81,6 +81,14 @@ class Strained:
             found = found if other is None else np.maximum(found, other)
         return found
 
+    @property
+    def largest(self) -> tuple[float, float]:
+        """The largest rate, and the largest of what adds up, on this rank."""
+        sums = [
+            float(of.max(initial=0.0)) for of in (self.sum, self.swing, self.bend) if of is not None
+        ]
+        return float(self.rate.max(initial=0.0)), max(sums)
+
 
 def at_rest(nodes: int) -> Motion:
     """A motion of so many nodes of which nothing is known."""

@@ -1,10 +1,11 @@
 """How often shadows take a step: where they are calm, in long steps.
 
 Two solves per step with the factors of the rigid cells cost more than the rest of a step where most
-cells are rigid. What forces strain grows with their changes: as long as cells strain by much less
-than what wakes them, and forces change as they did when that was found, shadows take one step in
-place of four, under the mean force. A force that changes by so much more that it might wake cells
-ends that at once.
+cells are rigid. So shadows take one step in place of four or sixteen, under the mean force, where
+that wakes nothing and misses nothing: what strains cells over what wakes them, even if it comes
+nearer twice as fast as it does, stays below a part of that, and rates change so little within the
+step that it resolves them. What forces strain grows with their changes, too: a force that changes
+by so much more than it did that it might wake cells ends a long step at once.
 """
 
 from __future__ import annotations
@@ -21,10 +22,14 @@ __all__ = ["LONG", "LOOKS", "Pace", "Stretch"]
 Array = npt.NDArray[np.float64]
 Stretch = tuple[Array, float]  # ρ [N] in a time, and the length of that [s]
 
-LONG = 4  # steps that a calm shadow takes as one
+LONG = 16, 4  # steps that a calm shadow may take as one, the most first
 LOOKS = 8  # of which the largest counts: what vibrates is at rest twice in a period
-CALM = 0.25  # part of what wakes cells below which shadows are calm
-LEAST = 1e-3  # part of it that is taken for what is less, as nothing tells nothing
+CALM = 0.75, 0.95  # parts of what wakes cells, rates and what adds up, below which both stay
+FASTER = 2.0  # times what they have come nearer by in a step: what they may
+RESOLVED = 1.0  # times the largest rate by which rates may change in a long step ...
+SMALL = 0.1  # ... or part of what wakes cells
+LEAST = 1e-3  # part of it that is taken for what is less, as nothing tells nothing ...
+FAR = 1e9  # ... and for what is more, or not known
 ALARMING = 0.5  # part of it that the changes of a force may let expect
 
 
@@ -39,8 +44,13 @@ class Pace:
         """Nothing is known: the next step is taken at once."""
         self.waiting: list[Stretch] = []
         self._before: Array | None = None  # last force
-        self._usual = self._largest = 0.0  # change of a force per step: until a look, and since
-        self._ratios: deque[float] = deque([np.inf], maxlen=LOOKS)
+        self._changes: deque[float] = deque([0.0], maxlen=LOOKS)  # largest of a force in a step
+        self._largest = 0.0  # that since the last look
+        unknown = np.full(2, FAR)  # of rates, and of what adds up
+        self._parts: deque[Array] = deque([unknown], maxlen=LOOKS)
+        self._nearer: deque[Array] = deque([unknown], maxlen=LOOKS)
+        self._turns: deque[float] = deque([FAR], maxlen=LOOKS)
+        self._long = 1
         self._alarmed = False  # whether the present force has changed too much
 
     def due(self, force: Array, dt: float, change: float) -> bool:
@@ -51,14 +61,15 @@ class Pace:
             dt: Its length [s].
             change: Size of its change since the last step, equal on all ranks.
         """
-        ratio, self._alarmed = max(self._ratios), self.alarming(change)
-        if self._alarmed or ratio >= CALM or len(self.waiting) + 1 >= LONG:
+        self._alarmed = self.alarming(change)
+        if self._alarmed or len(self.waiting) + 1 >= self._long:
             return True
         return not all(same_length(length, dt) for _, length in self.waiting)
 
     def alarming(self, change: float) -> bool:
         """Whether a force that changes so much may wake cells."""
-        return change * max(*self._ratios, LEAST) > ALARMING * self._usual
+        rate = max(LEAST, *(float(rate) for rate, _ in self._parts))
+        return change * rate > ALARMING * max(self._changes)
 
     @property
     def last(self) -> Array | None:
@@ -74,23 +85,39 @@ class Pace:
         self.waiting.append((force, dt))
         self._before, self._largest = force, max(self._largest, change)
 
-    def taken(self, force: Array, change: float, ratio: float) -> None:
+    def taken(self, force: Array, change: float, rate: float, withheld: float) -> None:
         """Take note that shadows have taken all steps.
 
         Args:
             force: ρ of the last of them.
             change: Size of its change.
-            ratio: What strains cells over what wakes them, the largest of all.
+            rate: Strain rates over those that wake cells, the largest of all.
+            withheld: What adds up over what wakes cells, likewise.
         """
+        parts = np.minimum([rate, withheld], FAR)
+        # What alarms has come in one step.
+        steps = 1 if self._alarmed else len(self.waiting) + 1
+        most = np.max(self._parts, axis=0)
+        self._nearer.append(np.maximum(parts - most, 0.0) / steps)
+        self._turns.append(abs(rate - float(self._parts[-1][0])) / steps)
+        self._parts.append(parts)
+        self._long = next((long for long in LONG if self._calm(long)), 1)
         self.waiting = []
         self._before = force
-        self._ratios.append(ratio)
-        self._usual, self._largest = max(self._largest, change), 0.0
+        self._changes.append(max(self._largest, change))
+        self._largest = 0.0
+
+    def _calm(self, long: int) -> bool:
+        """Whether a step of so many wakes nothing, and resolves what shadows do."""
+        parts, nearer = np.max(self._parts, axis=0), np.max(self._nearer, axis=0)
+        if not (parts + FASTER * long * nearer < CALM).all():
+            return False
+        return bool(long * max(self._turns) <= max(RESOLVED * parts[0], SMALL))
 
     def stretches(self, force: Array, dt: float) -> list[Stretch]:
         """Steps that shadows have to take: one long one, if nothing is against it."""
         steps = [*self.waiting, (force, dt)]
-        even = len(steps) == LONG and all(same_length(length, dt) for _, length in steps)
+        even = len(steps) == self._long and all(same_length(length, dt) for _, length in steps)
         if even and not self._alarmed:
-            return [(np.mean([f for f, _ in steps], axis=0), LONG * dt)]
+            return [(np.mean([f for f, _ in steps], axis=0), len(steps) * dt)]
         return steps

@@ -20,6 +20,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from rigidfx.base.instants import same_length
 from rigidfx.coupling.mass import Mass, mass_operator
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.linear_forms import LinearForms
@@ -29,7 +30,7 @@ from rigidfx.shadow.gauge import Gauge
 from rigidfx.shadow.handover import Carried
 from rigidfx.shadow.linear_part import LinearPart
 from rigidfx.shadow.motion import Limits, Motion, Strained, at_rest
-from rigidfx.shadow.pace import Pace
+from rigidfx.shadow.pace import Pace, Stretch
 from rigidfx.shadow.parts import Parts, watched
 from rigidfx.shadow.withheld import Withheld
 from rigidfx.step.stepper import Stepper
@@ -84,6 +85,10 @@ class Shadow(Watch):
         self._parts: Parts | None = None
         self._motion = at_rest(0)
         self._pace, self._lag = Pace(), np.inf
+        self._last: Stretch = (
+            np.empty((0, 3)),
+            0.0,
+        )  # ρ at the end of shadows' last step, and its length
         self._viscous: list[int] = []  # viscous stresses that act
         self._accepting: Callable[[], None] | None = None
         self._grown: list[npt.NDArray[np.int64]] = []  # rows of bodies that have just grown
@@ -133,9 +138,10 @@ class Shadow(Watch):
         """Take the steps that calm shadows have not taken. Collective."""
         begin = self._stepper.state.t - sum(span for _, span in self._pace.waiting)
         for force, span in self._pace.waiting:
+            self._shorten(span, begin)
             self._motion = self._stepped(self._motion, force, begin + span / 2, span)
             begin += span
-        self._pace = Pace()
+        self._pace, self._last = Pace(), (np.empty((0, 3)), 0.0)
         self._accepting = None
 
     def _assemble(self, parts: Parts, dt: float) -> None:
@@ -180,12 +186,12 @@ class Shadow(Watch):
             known = limits()
             motion, found = self._foreseen(force, t, dt, known)
             scene = self._stepper.scene
-            largest = known.reached
-            if largest is None:
-                most = float(found.ratio.max(initial=0.0))
-                largest = scene.comm.allreduce(most, op=MPI.MAX)
+            largest = np.full(2, 0.0 if known.reached is None else known.reached)
+            if known.reached is None:
+                largest[:] = found.largest
+                scene.comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
             energy = 0.5 * float(scene.sum(float(np.vdot(force, motion.still))))
-            self._accepting = partial(self._take, motion, force, change, largest, energy)
+            self._accepting = partial(self._take, motion, force, dt, change, largest, energy)
             return found
 
     def ahead(self, t: float, dt: float, limits: Callable[[], Limits]) -> Strained | None:
@@ -214,10 +220,12 @@ class Shadow(Watch):
         """The motion at the end of a step under a force, and what cells strain. Collective."""
         # While no window is known, the mean is over little more than a step.
         self._lag = LAG * limits.window if np.isfinite(limits.window) else dt
+        steps = self._pace.stretches(force, dt)
+        self._shorten(steps[0][1], t)
         motion = self._begun(self._motion, force, dt)
         begin = t - sum(span for _, span in self._pace.waiting)
         found: Strained | None = None
-        for mean, span in self._pace.stretches(force, dt):
+        for mean, span in steps:
             start, motion = motion, self._stepped(motion, mean, begin + span / 2, span)
             found = self._gauge.strained(start, motion, span, limits, found)
             begin += span
@@ -226,10 +234,34 @@ class Shadow(Watch):
         return motion, replace(found, spring=found.spring * (span / dt))
 
     def _take(
-        self, motion: Motion, force: Array, change: float, ratio: float, withheld: float
+        self,
+        motion: Motion,
+        force: Array,
+        dt: float,
+        change: float,
+        largest: Array,
+        withheld: float,
     ) -> None:
+        self._last = force, self._pace.stretches(force, dt)[-1][1]
         self._motion, self._grown, self.withheld = motion, [], withheld
-        self._pace.taken(force, change, ratio)
+        self._pace.taken(force, change, *map(float, largest))
+
+    def _shorten(self, span: float, t: float) -> None:
+        """Have shadows go on in shorter steps than before, without what rings. Collective.
+
+        What rings from one long step to the next would be a vibration that short ones follow. The
+        middle of a step by the midpoint rule is the end of half a step by the backward Euler
+        method, with the same factor, and another half, under the force at its end, takes the
+        ringing out (R. Rannacher, Numer. Math. 43 (1984) 309-327).
+        """
+        force, before = self._last
+        if span < before and not same_length(span, before):
+            assert self._part is not None
+            motion, damping = self._motion, self._damping(t - before / 2)
+            u = motion.u - before / 2 * motion.w
+            d = self._part.increment(force, u, motion.w, before, *damping)
+            self._motion = replace(motion, u=u + d / 2, v=np.asarray(d / before))
+            self._last = force, span
 
     def _begun(self, motion: Motion, force: Array, dt: float) -> Motion:
         """The motion, where bodies have just grown that under the forces alone. Collective.
