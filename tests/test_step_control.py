@@ -106,17 +106,41 @@ def test_nothing_is_known_after_a_breakpoint():
     assert np.isnan(estimate.look(16 * v, 25 * v, 0.4, 0.1))
 
 
-def test_where_bodies_change_three_differences_have_to_tell():
+def test_where_bodies_change_eight_steps_have_to_tell():
     """What rings from then on is no error, not even at first."""
     estimate, found = TimeError(1), []
     estimate.switched()
-    for k in range(6):
+    for k in range(10):
         v0, v1 = (np.array([[(-1.0) ** n, 0.0, 0.0]]) for n in (k, k + 1))
         found.append(estimate.look(v0, v1, 0.1 * k, 0.1))
         assert not estimate.young
         estimate.accept()
-    assert np.isnan(found[:3]).all()
-    assert found[3:] == pytest.approx(np.zeros(3), abs=1e-12)
+    assert np.isnan(found[:7]).all()
+    assert found[7:] == pytest.approx(np.zeros(3), abs=1e-12)
+
+
+@pytest.mark.parametrize("little", [1e-3, 1e-5])
+def test_what_rings_after_a_change_of_bodies_errs_by_twice_its_amplitude(little):
+    """Of what rings with 1e-4 m in steps of a third of its period, beside a far, slow motion."""
+    dt, theta, size = 0.1, 2 * np.pi / 3, 1e-4
+    omega = 2 / dt * np.tan(theta / 2)  # as the midpoint rule has it in steps of θ
+
+    def v(k):
+        ring = size * omega * np.sin(theta * (k + 0.3))
+        return np.array([[np.cos(0.1 * k * dt), ring, 0.0]])
+
+    estimate = TimeError(1)
+    estimate.switched()
+    for k in range(16):
+        error = estimate.look(v(k), v(k + 1), k * dt, dt, little)
+        estimate.accept()
+    slow = dt**3 / 12 * 0.01  # the jerk of the slow motion
+    if little > 2 * size:
+        assert 0.5 * slow < error < 2 * slow
+        assert estimate.ringing.most == pytest.approx(2 * size, rel=0.1)
+    else:
+        assert error > 10 * slow
+        assert estimate.ringing.most == 0.0
 
 
 def test_an_even_error_gets_an_even_step_that_uses_the_budget():

@@ -30,7 +30,9 @@ relied on, and it is its largest strain rate times τ = sqrt(Σ w S²/Σ w P²),
 far: 1/ω where all vibrates with ω. What a body does withhold its shadow tells. It tells too much
 where the neighbours are stiffer than the body, for they push a rigid one harder than one that
 gives way. So what a cell has swung by stands for what the shadow says while loads rest, unless
-that is more than four times as much: where vibration goes from part to part.
+that is more than four times as much: where vibration goes from part to part. And of what steady
+forces would strain no more counts than twice what the shadow has swung by itself: a part with a
+mode that is slower than the motion never gets there.
 """
 
 from __future__ import annotations
@@ -66,11 +68,13 @@ PER_OCTAVE, OCTAVES = 4, 400  # levels between which contributions are told apar
 AMPLIFIED = 2.0  # what rigidity does to a motion under loads that change, over m
 TINY = 1e-200  # strain that is none: where nothing is allowed, all that strains is too much
 RINGING = 1.5  # times what loads at rest would withhold, above which shadows ring
+OVERSHOOT = 2.0  # times what loads at rest would strain is how far a part swings that they set off
 PUSHED = 4.0  # times what cells strain, that their shadow may tell beside stiffer neighbours
 # Of m over what is allowed, how close waking is: half of that is meant to be used, and a cell alone
 # changes little of a sum.
 CALM = 0.25
 LEFT = 0.1  # of the budget, that is time integration's whatever bodies have spent
+EACH = 4  # steps in which the deflection is measured: it takes .3 ms, half of what is observed
 STEPS_AT_REST = 2  # in which loads have not changed where motions are free
 
 
@@ -214,9 +218,10 @@ class BudgetRule:
     def _share(self, seen: Observation) -> None:
         """Divide what is left of the budget. Collective."""
         past, control, deflection = self.past, seen.stepper.control, self._memory.bends.deflection
-        deflection.follow(seen.state, seen.held)
         assert control is not None  # an `Accuracy` has one
-        past.scale = deflection.largest / control.length.displacement
+        if self._memory.window.steps % EACH == 1:
+            deflection.follow(seen.state, seen.held)
+            past.scale = deflection.largest / control.length.displacement
         widest = max(past.scale, 1.0)
         if past.rigid:
             past.budget = min(past.budget, (self._whole - self._least) / widest)
@@ -257,7 +262,8 @@ class BudgetRule:
         if not np.isfinite(self._limit):
             return Waking(nothing, nothing)
         assert strained.swing is not None
-        still, swing = strained.sum * self._limit, strained.swing * self._limit
+        swing = strained.swing * self._limit
+        still = np.minimum(strained.sum * self._limit, OVERSHOOT * swing)
         s: Array = np.where(free, np.maximum(still, swing), 0.0)
         if past.free:
             s = believed(s, past.seen)

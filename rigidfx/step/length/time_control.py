@@ -134,7 +134,7 @@ class TimeControl(WarnsOnce):
         """
         t, dt = attempt.t, attempt.dt
         v0, v1, u = self._tracked.motion(self._system, self._state, dt)
-        self._found = self._error.look(v0, v1, t, dt)
+        self._found = self._error.look(v0, v1, t, dt, self.length.little)
         self._end = Moves(longest(u), longest(v1), longest(v1 - v0) / dt)
         if attempt.final or not self.length.too_much(self._found, t, dt):
             return None
@@ -157,6 +157,7 @@ class TimeControl(WarnsOnce):
         """Take note that the step that was looked at last is one. Collective."""
         young = self._error.young
         self._error.accept()
+        self.length.bounded = self._error.ringing.most
         if attempt.cuts:
             self.length.wanted = attempt.dt
         iterations = max(attempt.solution.iterations, 1)
