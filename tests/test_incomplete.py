@@ -13,7 +13,7 @@ from rigidfx.step.newton import chord
 from rigidfx.step.newton.incomplete import REDUCTION, IncompleteFactors
 
 RUBBER = rf.StVenantKirchhoff(E=1e4, nu=0.3, rho=10.0)
-KEPT = "kept gmres+ilu"
+KEPT = "kept fgmres+ilu"
 
 
 @pytest.fixture

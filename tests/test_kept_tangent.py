@@ -16,7 +16,7 @@ import rigidfx as rf
 from rigidfx.coupling.dof_layout import dof_layout
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.mechanics.bodies import Bodies
-from rigidfx.step.newton import chord, factors
+from rigidfx.step.newton import aggregates, chord, factors
 from rigidfx.step.newton.chord_test import ChordTest
 from rigidfx.step.newton.frames import Frames
 from rigidfx.step.newton.kept_tangent import KeptTangent
@@ -220,11 +220,11 @@ def keep(patch):
     patch.setattr(chord, "STIFF_FROM", 0.0)
 
 
-def by_multigrid(patch):
-    """Have multigrid solve with them, too."""
+def by_two_levels(patch):
+    """Have incomplete factors and a coarse grid solve with them, too."""
     keep(patch)
     patch.setattr(chord, "FACTORS_UP_TO", 0)
-    patch.setattr(chord, "MULTIGRID_FROM", 0.0)
+    patch.setattr(aggregates, "NODES", 8)
 
 
 @pytest.fixture
@@ -343,9 +343,9 @@ def histories():
         keep(patch)
         for name in ("turning", "rigid middle", "held in part"):
             out[name] = _history(name)
-        by_multigrid(patch)
+        by_two_levels(patch)
         for name in ("rigid middle", "held in part"):
-            out[f"{name}, multigrid"] = _history(name)
+            out[f"{name}, two levels"] = _history(name)
     return out
 
 

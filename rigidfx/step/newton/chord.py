@@ -1,9 +1,9 @@
 """Newton's method with tangents that are kept over steps, the chord method: where it pays, and how.
 
 Parts of metal, with the time steps that their slow motions need, take a factorisation in any case,
-and that costs more than some iterations with kept factors; where these would fill the memory,
-multigrid solves with the tangent that is kept. Soft parts, whose inertia is large, have GMRES with
-incomplete factors, and these are kept as well. Large strains end what a soft part's tangent is good
+and that costs more than some iterations with kept factors. Soft parts, whose inertia is large, have
+GMRES with incomplete factors, and these are kept as well; in large systems in which waves get far,
+a coarse grid stands by them. Large strains end what a soft part's tangent is good
 for. So its cost is counted, and where it is not worth it, Newton's method takes over for a while.
 """
 
@@ -23,9 +23,9 @@ from rigidfx.step.newton.frames import Frames
 from rigidfx.step.newton.incomplete import IncompleteFactors
 from rigidfx.step.newton.kept_tangent import KeptTangent
 from rigidfx.step.newton.long_kept import LongKept
-from rigidfx.step.newton.multigrid import Multigrid
 from rigidfx.step.newton.pause import Pause
 from rigidfx.step.newton.refresh import Refresh
+from rigidfx.step.newton.two_levels import TwoLevels
 
 __all__ = ["Chord", "pays"]
 
@@ -35,9 +35,10 @@ SMALLEST = 500
 # With PETSc's own, which well-conditioned systems of one rank have, 1.10 at 96 unknowns, 1.02 at
 # 144, 0.83 at 162, 0.67 at 270 and 0.55 at 486.
 SMALLEST_WELL_CONDITIONED = 150
-# Unknowns up to which factors are kept; beyond, they fill gigabytes: multigrid takes over. Where
-# both can be had, factors are faster: a fifth of a step of steel at 10⁵ unknowns.
-FACTORS_UP_TO = 300_000
+# Unknowns up to which stiff parts keep full factors. At 97 470 of steel a step with them takes .73
+# of one by incomplete factors and a coarse grid, the tangent 6.6 s against 1.0, in three times as
+# much memory; what grows with the unknowns is in favour of the others.
+FACTORS_UP_TO = 100_000
 # Of soft parts whose tangents serve long, on one rank; 17 kB for each unknown.
 SOFT_FACTORS_UP_TO = 80_000
 # Cells that a wave passes in a step, as the diagonals of stiffness and mass estimate them. From a
@@ -47,10 +48,10 @@ STIFF_FROM = 15.0
 # iterations a step at 3 to 13 cells (a frame of 4914 unknowns, 130 ms; 13 by full factors, and 90
 # to make these): what once was stiff keeps full ones down to this.
 STIFF_DOWN_TO = 2.0
-# Beyond as many unknowns as factors are kept for. The L of 377 673 unknowns took 7.7, 10.1, 12.1
-# and 17.3 s for a step by incomplete factors where waves pass 15, 20, 25 and 35 cells; by multigrid
-# 18.6, 19.7 and 21.7 s at the first three (processor time).
-MULTIGRID_FROM = 40.0
+# From here on, and beyond as many unknowns as full factors are kept for, a coarse grid stands by
+# incomplete ones: at 9 cells (the L of 85 557 unknowns) that hardly paid, at 12, 24 and 49 cells
+# solves took .63, .36 and .24 of the time (196 875 unknowns).
+COARSE_FROM = 9.0
 # Beyond, solves with kept factors turn a slender part about its axis by rounding, for good: at
 # 2·10⁵ a needle of 1107 unknowns lost 8e-4 of its energy in 500 steps.
 STIFF_UP_TO = 5e3
@@ -104,13 +105,16 @@ class Chord:
         """Linear iterations that the last solve took; with factors, one in each of Newton's."""
         return self._kept.iterations
 
-    def _suited(self, dt: float) -> type[Factors | IncompleteFactors | Multigrid]:
+    def _suited(self, dt: float) -> type[Factors | IncompleteFactors | TwoLevels]:
         """What is to solve with the tangents of steps of Δt [s]."""
         size = self._equilibrium.prolongation.size
         if self._stiff(dt):
-            return Factors if size <= FACTORS_UP_TO else Multigrid
+            return Factors if size <= FACTORS_UP_TO else TwoLevels
         few = size < SMALLEST or (self._equilibrium.calm and self._few_entries)
-        return Factors if few or self._long_kept.full else IncompleteFactors
+        if few or self._long_kept.full:
+            return Factors
+        far = self._equilibrium.waves(dt) >= COARSE_FROM
+        return TwoLevels if far and size > SOFT_FACTORS_UP_TO else IncompleteFactors
 
     def _stiff(self, dt: float) -> bool:
         """Whether waves get so far in a step of Δt [s] that incomplete factors do not do.
@@ -118,8 +122,6 @@ class Chord:
         What has had one such step counts as stiff in shorter ones as well.
         """
         waves = self._equilibrium.waves(dt)
-        if self._equilibrium.prolongation.size > FACTORS_UP_TO:
-            return waves >= MULTIGRID_FROM
         self._once_stiff |= waves >= STIFF_FROM
         return self._once_stiff and waves >= STIFF_DOWN_TO
 
@@ -135,7 +137,7 @@ class Chord:
             dt: Δt [s].
         """
         suited = self._suited(dt)
-        if not isinstance(self._kept.inverse, suited):
+        if type(self._kept.inverse) is not suited:
             self._kept.replace(suited(self._equilibrium))
             self._refresh = Refresh(self._kept.inverse.renewal)
         if not self._kept.fits(dt):

@@ -61,7 +61,11 @@ class IncompleteFactors(Krylov):
         self._defaults = _of_ranks(len(p.layout.bodies) > 0) if p.comm.size > 1 else {}
         with default_options(OWN, **self._defaults):
             configure(self._ksp, False, p.size, len(p.layout.bodies) > 0)
-        self._ksp.setTolerances(rtol=REDUCTION, atol=0.0, max_it=MAX_ITERATIONS)
+            # This kind keeps what the factors have made of each direction, and spares a solve with
+            # them at the end: one in five.
+            self._ksp.setType(PETSc.KSP.Type.FGMRES)
+            self._ksp.setTolerances(rtol=REDUCTION, atol=0.0, max_it=MAX_ITERATIONS)
+            self._ksp.setFromOptions()
         self._ksp.setOperators(equilibrium.tangent_matrix)
         self._left, self._image = p.unknowns(), p.unknowns()
         self._motions: Array = np.empty((p.owned, 0))
