@@ -224,6 +224,7 @@ def by_two_levels(patch):
     """Have incomplete factors and a coarse grid solve with them, too."""
     keep(patch)
     patch.setattr(chord, "FACTORS_UP_TO", 0)
+    patch.setattr(chord, "SLENDER_UP_TO", 0)
     patch.setattr(aggregates, "NODES", 8)
 
 

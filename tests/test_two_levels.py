@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from histories import column, drift, show
 from petsc4py import PETSc
-from test_kept_tangent import STEEL, STEPS, by_two_levels, follow
+from test_kept_tangent import STEEL, STEPS, by_two_levels, follow, keep
 
 import rigidfx as rf
 from rigidfx.coupling.dof_layout import dof_layout
@@ -15,6 +15,8 @@ from rigidfx.mechanics.bodies import Bodies
 from rigidfx.step.newton import aggregates, chord
 from rigidfx.step.newton.motions import rigid_motions
 from rigidfx.step.newton.two_levels import CoarseGrid
+
+TWO_LEVELS = "kept fgmres+ilu+coarse"
 
 
 @pytest.fixture
@@ -28,7 +30,7 @@ def test_the_motion_is_that_by_factors(name, monkeypatch):
     mine = follow(name, {})
     monkeypatch.setattr(chord, "FACTORS_UP_TO", 10**6)
     factors = follow(name, {})
-    assert all(r.solver == "kept fgmres+ilu+coarse" for r in mine[1:])
+    assert all(r.solver == TWO_LEVELS for r in mine[1:])
     assert all(r.solver == "kept preonly+lu" for r in factors[1:])
     tips = [np.array([r.probes["tip"] for r in run]) for run in (mine, factors)]
     apart = np.abs(tips[0] - tips[1]).max() / np.abs(tips[1]).max()
@@ -134,3 +136,14 @@ def test_the_coarse_grid_solves_for_its_own_motions_exactly(monkeypatch):
     follow("rigid middle", {})
     assert len(off) >= 1
     assert max(off) <= 1e-9
+
+
+@pytest.mark.parametrize(("thick", "solver"), [(1, "kept preonly+lu"), (8, TWO_LEVELS)])
+def test_what_is_thin_keeps_full_factors(thick, solver, monkeypatch):
+    keep(monkeypatch)
+    monkeypatch.setattr(chord, "FACTORS_UP_TO", 0)
+    monkeypatch.setattr(chord, "SLENDER", 4.0)
+    block = rf.box((0, 0, 0), (1, 1, thick / 8), (8, 8, thick))
+    scene = rf.Scene(block, STEEL, [rf.Fixed("x0"), rf.Traction("z1", (0.0, 0.0, 1e6))])
+    *_, last = rf.simulate(scene, 5e-4, 1e-3)
+    assert last.solver == solver

@@ -16,7 +16,7 @@ from petsc4py import PETSc
 from rigidfx.domain.connected import ConnectedParts
 from rigidfx.step.equations.equations import Equilibrium
 from rigidfx.step.linear.linear_solver import PREFIX
-from rigidfx.step.newton.band import few_entries, likely_fill
+from rigidfx.step.newton.band import few_entries, fill, likely_fill
 from rigidfx.step.newton.chord_test import ChordTest
 from rigidfx.step.newton.factors import Factors
 from rigidfx.step.newton.frames import Frames
@@ -39,6 +39,10 @@ SMALLEST_WELL_CONDITIONED = 150
 # of one by incomplete factors and a coarse grid, the tangent 6.6 s against 1.0, in three times as
 # much memory; what grows with the unknowns is in favour of the others.
 FACTORS_UP_TO = 100_000
+# Of slender and thin ones, on one rank, whose full factors fill little: in a plate of one layer of
+# second-order hexahedra (130 680, waves that pass 1800 cells) steps with them took .39 of the time.
+SLENDER_UP_TO = 300_000
+SLENDER = 25.0  # fill at most; that plate has 20, a bar five times as long as thick 31
 # Of soft parts whose tangents serve long, on one rank; 17 kB for each unknown.
 SOFT_FACTORS_UP_TO = 80_000
 # Cells that a wave passes in a step, as the diagonals of stiffness and mass estimate them. From a
@@ -52,6 +56,7 @@ STIFF_DOWN_TO = 2.0
 # incomplete ones: at 9 cells (the L of 85 557 unknowns) that hardly paid, at 12, 24 and 49 cells
 # solves took .63, .36 and .24 of the time (196 875 unknowns).
 COARSE_FROM = 9.0
+COARSE_DOWN_TO = 6.0  # of what has had such a step: Δt that goes up and down changes no solver
 # Beyond, solves with kept factors turn a slender part about its axis by rounding, for good: at
 # 2·10⁵ a needle of 1107 unknowns lost 8e-4 of its energy in 500 steps.
 STIFF_UP_TO = 5e3
@@ -79,7 +84,7 @@ class Chord:
         self.tangents = 0
         self._equilibrium, p = equilibrium, equilibrium.prolongation
         self._pause = Pause()
-        self._once_stiff = False  # whether waves have got so far in a step
+        self._once_stiff = self._once_far = False  # whether waves have got so far in a step
         self._long_kept = LongKept(lambda: likely_fill(equilibrium.tangent_matrix))
         like = p.unknowns()
         self._kept = KeptTangent(self._suited(0.0)(equilibrium), Frames(p, parts), like)
@@ -109,12 +114,13 @@ class Chord:
         """What is to solve with the tangents of steps of Δt [s]."""
         size = self._equilibrium.prolongation.size
         if self._stiff(dt):
-            return Factors if size <= FACTORS_UP_TO else TwoLevels
+            full = size <= FACTORS_UP_TO or (size <= SLENDER_UP_TO and self._slender)
+            return Factors if full else TwoLevels
         few = size < SMALLEST or (self._equilibrium.calm and self._few_entries)
         if few or self._long_kept.full:
             return Factors
-        far = self._equilibrium.waves(dt) >= COARSE_FROM
-        return TwoLevels if far and size > SOFT_FACTORS_UP_TO else IncompleteFactors
+        far = size > SOFT_FACTORS_UP_TO and self._far(dt)
+        return TwoLevels if far else IncompleteFactors
 
     def _stiff(self, dt: float) -> bool:
         """Whether waves get so far in a step of Δt [s] that incomplete factors do not do.
@@ -124,6 +130,18 @@ class Chord:
         waves = self._equilibrium.waves(dt)
         self._once_stiff |= waves >= STIFF_FROM
         return self._once_stiff and waves >= STIFF_DOWN_TO
+
+    def _far(self, dt: float) -> bool:
+        """Whether waves get farther in a step of Δt [s] than incomplete factors tell at once."""
+        waves = self._equilibrium.waves(dt)
+        self._once_far |= waves >= COARSE_FROM
+        return self._once_far and waves >= COARSE_DOWN_TO
+
+    @cached_property
+    def _slender(self) -> bool:
+        """Whether full factors fill little as the structure is long or thin."""
+        A = self._equilibrium.tangent_matrix
+        return bool(A.comm.size == 1 and fill(A) <= SLENDER)
 
     @cached_property
     def _few_entries(self) -> bool:
