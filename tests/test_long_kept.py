@@ -59,6 +59,16 @@ def test_factors_that_do_not_repay_are_given_up_and_tried_later():
     assert rule.full
 
 
+@pytest.mark.parametrize(("price", "full"), [(1.0, False), (0.5, True)])
+def test_factors_at_half_the_price_repay_earlier(price, full):
+    rule = _rule()
+    _serve(rule, 1000)
+    for step in range(4):  # of 16 iterations; 25 and 9 repay them
+        rule.served(4, 4, step == 0, price)
+    rule.served(4, 4, True, price)
+    assert rule.full == full
+
+
 def test_a_cantilever_of_rubber_comes_to_full_factors_and_to_the_same_motion():
     rubber = rf.StVenantKirchhoff(E=1e6, nu=0.45, rho=1100.0)
 
@@ -70,6 +80,6 @@ def test_a_cantilever_of_rubber_comes_to_full_factors_and_to_the_same_motion():
 
     energy, solvers = run()
     assert solvers[0] == "kept fgmres+ilu"
-    assert solvers[-1] == "kept preonly+lu"
+    assert solvers[-1].startswith("kept preonly+")
     by_newton, _ = run(petsc_options={"snes_lag_jacobian": 1})
     assert energy == pytest.approx(by_newton, rel=1e-10)

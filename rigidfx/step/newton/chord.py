@@ -29,12 +29,12 @@ from rigidfx.step.newton.two_levels import TwoLevels
 
 __all__ = ["Chord", "pays"]
 
-# Unknowns. With MUMPS's factors steps took 1.05 of those by GMRES at 243, 0.73 at 480 and 0.60 at
-# 1008. Momenta of a needle of steel, of 351 unknowns, were off by 8e-5 with factors that were kept.
-SMALLEST = 500
-# With PETSc's own, which well-conditioned systems of one rank have, 1.10 at 96 unknowns, 1.02 at
-# 144, 0.83 at 162, 0.67 at 270 and 0.55 at 486.
-SMALLEST_WELL_CONDITIONED = 150
+# Unknowns. Of 20 systems of 189 to 486 (stiff and soft, held, on springs and turning, of first and
+# second order) steps took .34 to .79 of those by Newton's method, in one soft system 1.07. With
+# PETSc's own LU, which well-conditioned ones have, 1.10 at 96 unknowns and 1.02 at 144.
+SMALLEST = 150
+SMALLEST_OF_RANKS = 500  # on several ranks, where MUMPS makes the factors
+FULL_UP_TO = 500  # unknowns; GMRES is no faster
 # Unknowns up to which stiff parts keep full factors. At 97 470 of steel a step with them takes .73
 # of one by incomplete factors and a coarse grid, the tangent 6.6 s against 1.0, in three times as
 # much memory; what grows with the unknowns is in favour of the others.
@@ -116,7 +116,7 @@ class Chord:
         if self._stiff(dt):
             full = size <= FACTORS_UP_TO or (size <= SLENDER_UP_TO and self._slender)
             return Factors if full else TwoLevels
-        few = size < SMALLEST or (self._equilibrium.calm and self._few_entries)
+        few = size < FULL_UP_TO or (self._equilibrium.calm and self._few_entries)
         if few or self._long_kept.full:
             return Factors
         far = size > SOFT_FACTORS_UP_TO and self._far(dt)
@@ -192,9 +192,11 @@ class Chord:
         cost = iterations + self._refresh.cost * self.tangents
         self._pause.kept(cost / self._kept.inverse.worth)
         p = self._equilibrium.prolongation
-        soft = self._long_kept.full or isinstance(self._kept.inverse, IncompleteFactors)
+        inverse = self._kept.inverse
+        soft = self._long_kept.full or isinstance(inverse, IncompleteFactors)
         if soft and p.comm.size == 1 and p.size <= SOFT_FACTORS_UP_TO:
-            self._long_kept.served(iterations, self.linear_iterations, self.tangents > 0)
+            price = inverse.price if isinstance(inverse, Factors) else 1.0
+            self._long_kept.served(iterations, self.linear_iterations, self.tangents > 0, price)
 
     def accept_newton(self) -> None:
         """Take note that a solve by Newton's method has become a step."""
@@ -203,11 +205,7 @@ class Chord:
 
     def serves(self, dt: float) -> bool:
         """Whether tangents are worth keeping in steps of Δt [s]."""
-        p = self._equilibrium.prolongation
-        small = p.size < SMALLEST and not (p.comm.size == 1 and self._equilibrium.well_conditioned)
-        if small or self._pause.failed:
-            return False
-        if self._equilibrium.waves(dt) > STIFF_UP_TO:
+        if self._pause.failed or self._equilibrium.waves(dt) > STIFF_UP_TO:
             return False
         return self._stiff(dt) or self._pause.over
 
@@ -221,5 +219,5 @@ def pays(equilibrium: Equilibrium) -> bool:
     given = PETSc.Options(PREFIX).getAll()
     told = any(name.startswith(OF_SOLVERS) for name in given)
     p = equilibrium.prolongation
-    least = min(SMALLEST, SMALLEST_WELL_CONDITIONED) if p.comm.size == 1 else SMALLEST
+    least = SMALLEST if p.comm.size == 1 else SMALLEST_OF_RANKS
     return equilibrium.inertial and p.size >= least and not told

@@ -1,4 +1,9 @@
-"""Solve with the factors of a tangent, for as long as it stays the one that was factored."""
+"""Solve with the factors of a tangent, for as long as it stays the one that was factored.
+
+Small systems, and those whose factors have few entries, have LU by PETSc itself where inertia makes
+pivots needless; others Cholesky's factors of the symmetric part on one rank, until a tangent has
+been found to be too far from that; what is left LU by MUMPS.
+"""
 
 from __future__ import annotations
 
@@ -7,30 +12,22 @@ from petsc4py import PETSc
 from rigidfx.step.equations.equations import Equilibrium
 from rigidfx.step.linear.linear_solver import QUICK_UP_TO, configure
 from rigidfx.step.newton.band import few_entries
+from rigidfx.step.newton.cholesky import Cholesky
+from rigidfx.step.newton.price import Held, held_by_cholmod, held_by_mumps, held_by_petsc, prices
 
-__all__ = ["Factors", "costs"]
+__all__ = ["Factors"]
 
 # Unknowns up to which factors of few entries are PETSc's own; those of second-order hexahedra took
 # .2 s longer to make than MUMPS's at 7776, and 4 s at 24 000.
 FEW_UP_TO = 5_000
-
-# Costs, in what an iteration takes for each entry of the tangent beside its solve, 1.8 ns: to
-# assemble one, to make and to solve with one of the factors, by MUMPS and by PETSc itself (whose
-# floating-point operations are those of a band), and all calls of an iteration. Of 20 systems of
-# 160 to 19 000 unknowns, bars, plates and blocks, soft and of steel, second order and enhanced, a
-# frame and the block with a cantilever, the sum was .8 to 1.6 times what was measured, 2 to 47.
-ASSEMBLED, CALLS = 13.0, 65e3
-MADE, FLOP, ENTRY = 8.0, 0.007, 0.55
-OWN_FLOP, OWN_ENTRY = 0.13, 0.13
-# Likewise of an iteration of Newton's method by GMRES with incomplete factors, in soft systems of
-# 160 to 4300 unknowns, a new tangent included; and how many a step takes that is not easy.
-KRYLOV, KRYLOV_CALLS = 19.0, 1e5
-NEWTON = 4
+# To make and to solve with, to LU by MUMPS, of parts of steel of 10⁴ to 2·10⁴ unknowns: .55 to .65,
+# and .6 to .7.
+PRICE_OF_CHOLESKY = 0.65
 UNKNOWN = 10.0, 15.0  # iterations, before there are factors
 
 
 class Factors:
-    """LU of a tangent; `destroy` frees it.
+    """LU of a tangent, or Cholesky's factors; `destroy` frees them.
 
     Attributes:
         renewal: What a new tangent costs, its factors included, in iterations with these; by what
@@ -48,8 +45,11 @@ class Factors:
             equilibrium: The equations whose tangent it is.
         """
         self.renewal, self.worth = UNKNOWN
-        self._equilibrium = equilibrium
-        self._ksp = PETSc.KSP().create(equilibrium.prolongation.comm)
+        self._equilibrium, comm = equilibrium, equilibrium.prolongation.comm
+        self._quick = False
+        self._ksp = PETSc.KSP().create(comm)
+        one = comm.size == 1 and Cholesky.exists()
+        self._cholesky = Cholesky(equilibrium.tangent_matrix) if one else None
         self._take_pivots(True)
 
     def _take_pivots(self, pivots: bool) -> None:
@@ -58,55 +58,51 @@ class Factors:
         # A solve with few entries is the faster by PETSc itself: steps of bars and plates of 670 to
         # 4400 unknowns took .69 to .85 of those with MUMPS's factors, new ones included.
         few = p.size <= FEW_UP_TO and few_entries(A)
-        quick = not pivots and (p.size <= QUICK_UP_TO or few)
-        configure(self._ksp, True, p.size, len(p.layout.bodies) > 0, quick)
+        self._quick = not pivots and (p.size <= QUICK_UP_TO or few)
+        configure(self._ksp, True, p.size, len(p.layout.bodies) > 0, self._quick)
         self._ksp.setOperators(A)
+
+    @property
+    def _present(self) -> PETSc.KSP:
+        """What solves."""
+        return self._ksp if self._quick or self._cholesky is None else self._cholesky.ksp
 
     @property
     def name(self) -> str:
         """Its name in reports."""
-        return f"{self._ksp.getType()}+{self._ksp.getPC().getType()}"
+        return f"{self._present.getType()}+{self._present.getPC().getType()}"
+
+    @property
+    def price(self) -> float:
+        """What factors cost, relative to those of LU."""
+        return 1.0 if self._present is self._ksp else PRICE_OF_CHOLESKY
 
     def renew(self) -> None:
-        """Factor a new tangent, with pivots or without. Collective."""
+        """Factor a new tangent, and choose by what. Collective."""
         if self._pivots == self._equilibrium.well_conditioned:
             self._take_pivots(not self._pivots)
+        self.renewal, self.worth = prices(self._equilibrium.tangent_matrix, self._made())
+
+    def _made(self) -> Held:
+        """Make the factors. Collective."""
+        if not self._quick and self._cholesky is not None:
+            before = PETSc.Log.getFlops()
+            if self._cholesky.renew():
+                operations = PETSc.Log.getFlops() - before
+                return held_by_cholmod(self._cholesky.ksp.getPC().getFactorMatrix(), operations)
+            self._cholesky.destroy()
+            self._cholesky = None
         self._ksp.setUp()
         pc = self._ksp.getPC()
         own = pc.getFactorSolverType() == PETSc.Mat.SolverType.PETSC
-        A = self._equilibrium.tangent_matrix
-        self.renewal, self.worth = costs(A, pc.getFactorMatrix(), own)
+        return (held_by_petsc if own else held_by_mumps)(pc.getFactorMatrix())
 
     def solve(self, r: PETSc.Vec, z: PETSc.Vec) -> None:
-        """A z = r. Collective."""
-        self._ksp.solve(r, z)
+        """A z = r, or nearly so. Collective."""
+        self._present.solve(r, z)
 
     def destroy(self) -> None:
         """Free the factors. Collective."""
         self._ksp.destroy()
-
-
-def costs(A: PETSc.Mat, factors: PETSc.Mat, own: bool) -> tuple[float, float]:
-    """What a new tangent, and a step by GMRES, cost in iterations with a kept one. Collective.
-
-    Args:
-        A: The tangent.
-        factors: Its factors.
-        own: Whether they are PETSc's own, which has one rank.
-    """
-    entries = _entries(A)
-    if own:
-        held = _entries(factors)
-        making, solving = OWN_FLOP * held**2 / (2 * A.size[0]), OWN_ENTRY * held
-    else:
-        held = float(factors.getMumpsInfog(29))
-        held = held if held >= 0 else -1e6 * held  # in millions where they are many
-        making, solving = MADE * held + FLOP * factors.getMumpsRinfog(3), ENTRY * held
-    iteration = entries + CALLS + solving
-    by_krylov = NEWTON * (KRYLOV * entries + KRYLOV_CALLS)
-    return (ASSEMBLED * entries + making) / iteration, by_krylov / iteration
-
-
-def _entries(A: PETSc.Mat) -> float:
-    """Entries of a matrix on all ranks. Collective."""
-    return float(A.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"])
+        if self._cholesky is not None:
+            self._cholesky.destroy()

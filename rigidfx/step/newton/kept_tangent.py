@@ -32,12 +32,15 @@ class Inverse(Protocol):
     """What solves with a tangent that has been assembled once, exactly or nearly so.
 
     Attributes:
-        renewal: What a new tangent costs, in iterations with a kept one.
-        worth: What a step by Newton's method costs in these.
+        worth: What a step by Newton's method costs in iterations with a kept tangent.
     """
 
-    renewal: float
     worth: float
+
+    @property
+    def renewal(self) -> float:
+        """What a new tangent costs, in iterations with a kept one."""
+        ...
 
     @property
     def name(self) -> str:

@@ -46,19 +46,22 @@ class LongKept:
         self.full = False
         self._fill_of, self._fill = fill, 0.0
         self._often = OFTEN
-        self._gained = 0.0  # iterations of GMRES that one of Newton's saves with full factors
+        self._without = 0.0  # iterations of GMRES in one of Newton's, without full factors
+        self._price = 1.0  # of the present full factors
         self._newton, self._linear = 0, 0  # iterations with the present tangent
 
-    def served(self, newton: int, linear: int, renewed: bool) -> None:
+    def served(self, newton: int, linear: int, renewed: bool, price: float = 1.0) -> None:
         """Take note of a step with a kept tangent.
 
         Args:
             newton: Its iterations of Newton's method.
             linear: Its linear ones.
             renewed: Whether it has made a new tangent.
+            price: What its full factors cost, if it has any, relative to those of LU.
         """
         if renewed:
             self._ended()
+        self._price = price
         self._newton += newton
         self._linear += linear
         if not self.full:
@@ -75,12 +78,15 @@ class LongKept:
         long = self._linear >= self._often * MAKING * self._fill
         if not long or solving > ENOUGH * per_iteration:
             return
-        self.full, self._gained = True, (per_iteration - solving) / FEWER
+        self.full, self._without = True, per_iteration
         self._newton = self._linear = 0
 
     def _ended(self) -> None:
         """Take note that another tangent takes the present one's place."""
-        if self.full and self._newton > 0 and self._newton * self._gained < MAKING * self._fill:
-            self.full = False
-            self._often *= 2
+        if self.full and self._newton > 0:
+            cost = self._price * self._fill
+            gained = self._without / FEWER - SOLVING * cost  # by one of Newton's iterations
+            if self._newton * gained < MAKING * cost:
+                self.full = False
+                self._often *= 2
         self._newton = self._linear = 0

@@ -1,0 +1,85 @@
+"""Cholesky's factors of a tangent's symmetric part: where they serve, and where they do not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from petsc4py import PETSc
+from scipy.sparse import csr_array
+from scipy.sparse import random as random_sparse
+from test_kept_tangent import DT, SPIN, STEEL, keep
+
+import rigidfx as rf
+from rigidfx.step.newton.cholesky import SKEW, Cholesky
+
+N = 60
+
+
+def entries(seed=1):
+    """A symmetric and a skew matrix of the same pattern, of norm 1."""
+    some = random_sparse(N, N, 0.1, random_state=seed).toarray()
+    symmetric, skew = some + some.T + 20 * np.eye(N), some - some.T
+    return symmetric / np.linalg.norm(symmetric), skew / np.linalg.norm(skew)
+
+
+def matrix(values):
+    """It, with zeros kept where the transposed matrix has entries."""
+    full = csr_array((values != 0) | (values.T != 0) | np.eye(N, dtype=bool))
+    rows = np.repeat(np.arange(N), np.diff(full.indptr))
+    data = values[rows, full.indices]
+    A = PETSc.Mat().createAIJ((N, N), csr=(full.indptr, full.indices, data), comm=PETSc.COMM_SELF)
+    A.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, False)
+    A.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+    return A
+
+
+def solution(cholesky, A):
+    """z = S⁻¹ (1, 2, …)."""
+    r, z = A.createVecs()
+    r.array[:] = np.arange(1, N + 1)
+    cholesky.ksp.solve(r, z)
+    return z.array
+
+
+@pytest.mark.skipif(not Cholesky.exists(), reason="PETSc has no CHOLMOD")
+def test_the_symmetric_part_is_solved_with_as_often_as_it_is_new():
+    symmetric, skew = entries()
+    A = matrix(symmetric + 0.5 * SKEW * skew)
+    cholesky = Cholesky(A)
+    for factor in (1.0, 2.0):
+        A.scale(factor)
+        assert cholesky.renew()
+        expected = np.linalg.solve(factor * symmetric, np.arange(1, N + 1))
+        assert solution(cholesky, A) == pytest.approx(expected, rel=1e-10)
+    # A contact may add entries where there were none.
+    row, column = np.argwhere(symmetric == 0)[0]
+    for i, j in ((row, column), (column, row)):
+        A.setValue(i, j, 1e-3)
+        symmetric[i, j] = 1e-3 / 2.0
+    A.assemble()
+    assert cholesky.renew()
+    expected = np.linalg.solve(2 * symmetric, np.arange(1, N + 1))
+    assert solution(cholesky, A) == pytest.approx(expected, rel=1e-10)
+    cholesky.destroy()
+
+
+@pytest.mark.skipif(not Cholesky.exists(), reason="PETSc has no CHOLMOD")
+def test_what_is_skew_or_not_definite_is_left_to_lu(capfd):
+    symmetric, skew = entries()
+    assert not Cholesky(matrix(symmetric + 2 * SKEW * skew)).renew()
+    least = np.linalg.eigvalsh(symmetric)[0]
+    indefinite = symmetric - 1.1 * least * np.eye(N)
+    assert not Cholesky(matrix(indefinite)).renew()
+    assert not Cholesky(matrix(np.nan * symmetric)).renew()
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.skipif(not Cholesky.exists(), reason="PETSc has no CHOLMOD")
+def test_what_swings_has_cholesky_factors_and_what_turns_lu(monkeypatch):
+    keep(monkeypatch)
+    bar = rf.box((0, 0, 0), (1, 0.2, 0.2), (8, 2, 2))
+    push = rf.Traction("x1", (0.0, 0.0, 1e6))  # Pa
+    long = 10 * DT  # not well-conditioned: else PETSc's own LU would do
+    for effect, kind in ((rf.Fixed("x0"), "cholesky"), (SPIN, "lu")):
+        *_, last = rf.simulate(rf.Scene(bar, STEEL, [effect, push]), long, 10 * long)
+        assert last.solver == f"kept preonly+{kind}"
