@@ -19,7 +19,7 @@ __all__ = ["LinearPart"]
 Array = npt.NDArray[np.float64]
 
 PREFIX = "rigidfx_shadow_"
-KINDS = 3  # of steps whose factors are kept: short and long ones
+KINDS = 3  # of steps whose factors are kept: short, long and very long ones
 
 
 class LinearPart:
@@ -81,7 +81,7 @@ class LinearPart:
         Returns:
             Δδ, shape (nodes, 3) [m].
         """
-        solver = self._solver_for(dt, drag, xi)
+        solver = self.factored(dt, drag, xi)
         right, work, found = self._right, self._work, self._found
         work.array[:] = v.reshape(-1) * (2 / dt)
         self._mass.mult(work, right)
@@ -109,8 +109,11 @@ class LinearPart:
             found, left = found + part, left - part
         return found
 
-    def _solver_for(self, dt: float, drag: float, xi: float) -> PETSc.KSP:
-        """The factors of a step; those of two kinds of steps are kept."""
+    def factored(self, dt: float, drag: float, xi: float) -> PETSc.KSP:
+        """The factors of a step; those of few kinds of steps are kept. Arguments as of `increment`.
+
+        Collective.
+        """
         kind = float(f"{dt:.9g}"), drag, xi  # times at the ends of steps are rounded
         if kind not in self._dynamic:
             if len(self._dynamic) == KINDS:
@@ -150,5 +153,6 @@ def _solver(A: PETSc.Mat) -> PETSc.KSP:
     given = {"ksp_type": "preonly", "pc_type": "cholesky", "pc_factor_mat_solver_type": "mumps"}
     with default_options(PREFIX, **given):
         ksp.setFromOptions()
+    ksp.setUp()
     A.destroy()  # its solver holds it
     return ksp

@@ -57,7 +57,9 @@ class Parts:
             self.V[at] = body.offsets
             frozen[at] = body.origin + body.offsets
         self.shape: Array = (frozen - self.rows.X).reshape(-1)
-        self._weights = scene.nodal_mass[nodes]
+        self._weights = m = scene.nodal_mass[nodes]
+        light = np.divide(1.0, m, out=np.zeros_like(m), where=m > 0)
+        self._lightness: Array = np.repeat(light[:, None], 3, axis=1)
         each = zip(self.bodies, self.at, strict=True)
         self._modes = [self._rigid_motions(at, body.length) for body, at in each]
         self._inverse = [np.linalg.pinv(block) for block in self._inertia()]
@@ -98,13 +100,11 @@ class Parts:
 
     def _of_rigid_motion(self, momentum: Array) -> list[tuple[Ints, Array]]:
         """Of each body its rows, and its rigid motion with the sums of a momentum. Collective."""
-        modes = self._modes
-        local = [
-            np.einsum("nik,ni->k", m, momentum[at]) for m, at in zip(modes, self.at, strict=True)
-        ]
+        modes = [m.reshape(-1, 6) for m in self._modes]
+        local = [momentum[at].reshape(-1) @ m for m, at in zip(modes, self.at, strict=True)]
         sums = np.asarray(self._scene.sum(np.reshape(local, (-1, 6))))
         each = zip(self._inverse, sums, modes, self.at, strict=True)
-        return [(at, m @ (inverse @ total)) for inverse, total, m, at in each]
+        return [(at, (m @ (inverse @ total)).reshape(-1, 3)) for inverse, total, m, at in each]
 
     def in_space(self, u: Array, bodies: Bodies, out: Array) -> tuple[Array, Int32s]:
         """Displacements in the bodies' frames, as they are in space.
@@ -133,9 +133,8 @@ class Parts:
         Args:
             force: Shape (nodes, 3) [N].
         """
-        massive = self._weights > 0
-        square = (force[massive] ** 2).sum(axis=1) / self._weights[massive]
-        return float(np.sqrt(self._scene.sum(square.sum())))
+        square = float(np.vdot(force * force, self._lightness))
+        return float(np.sqrt(self._scene.sum(square)))
 
     def held(self) -> Ints:
         """Numbers of six rows of each body, on all ranks, that keep it from moving. Collective."""

@@ -183,6 +183,8 @@ class Shadow(Watch):
             if not self._pace.due(force, dt, change):
                 self._accepting = partial(self._pace.wait, force, dt, change)
                 return None
+        self._factor(force, t, dt)
+        with _LOOKING:
             known = limits()
             motion, found = self._foreseen(force, t, dt, known)
             scene = self._stepper.scene
@@ -212,7 +214,17 @@ class Shadow(Watch):
             rise = self._withheld.rise(t, dt)
             if rise is None or not self._pace.alarming(self._parts.size(rise)):
                 return None
+        self._factor(last + rise, t, dt)
+        with _LOOKING:
             return self._foreseen(last + rise, t, dt, limits())[1]
+
+    def _factor(self, force: Array, t: float, dt: float) -> None:
+        """Have the factors for the steps that shadows are to take. Collective."""
+        assert self._part is not None
+        with _REGROUPING:
+            _, span = self._pace.stretches(force, dt)[0]
+            begin = t - sum(waited for _, waited in self._pace.waiting)
+            self._part.factored(span, *self._damping(begin + span / 2))
 
     def _foreseen(
         self, force: Array, t: float, dt: float, limits: Limits
@@ -260,7 +272,9 @@ class Shadow(Watch):
             motion, damping = self._motion, self._damping(t - before / 2)
             u = motion.u - before / 2 * motion.w
             d = self._part.increment(force, u, motion.w, before, *damping)
-            self._motion = replace(motion, u=u + d / 2, v=np.asarray(d / before))
+            # The first step tells nothing by its rate, as that of a shadow that begins.
+            w = np.full_like(u, np.nan)
+            self._motion = replace(motion, u=u + d / 2, v=np.asarray(d / before), w=w)
             self._last = force, span
 
     def _begun(self, motion: Motion, force: Array, dt: float) -> Motion:

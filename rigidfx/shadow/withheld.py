@@ -16,6 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, la
+from mpi4py import MPI
 
 from rigidfx.coupling.mass import Mass
 from rigidfx.effects import Windowed
@@ -82,13 +83,22 @@ class Withheld:
         u.x.array[self._parts.rows.dofs] = (x - self._parts.rows.X).reshape(-1)
         u.x.scatter_forward()
 
-    def _velocities(self, bodies: Bodies) -> Array:
-        """Velocities of the rows' nodes, shape (nodes, 3) [m/s]."""
-        v = np.empty_like(self._parts.V)
-        for k, at in zip(self._of, self._parts.at, strict=True):
-            arms = self._parts.V[at] @ bodies.R[k].T
-            v[at] = bodies.velocity[k] + np.cross(bodies.angular_velocity[k], arms)
-        return v
+    def _momentary(self, bodies: Bodies) -> Array:
+        """Of each body here its velocity, and ω × R of its frame, shape (bodies, 4, 3) [m/s, 1/s].
+
+        A node at V in the frame has the velocity [1, V] times that.
+        """
+        turning = np.cross(bodies.angular_velocity[self._of][:, None], bodies.R[self._of].mT)
+        return np.concatenate([bodies.velocity[self._of][:, None], turning], axis=1)
+
+    def _acceleration(self, start: Bodies, end: Bodies, dt: float) -> Array:
+        """Mean acceleration of the rows' nodes in a step, shape (nodes, 3) [m/s²]."""
+        out = np.empty_like(self._parts.V)
+        change: Array = self._momentary(end)
+        change -= self._momentary(start)
+        for k, at in enumerate(self._parts.at):
+            out[at] = (change[k, 0] + self._parts.V[at] @ change[k, 1:]) / dt
+        return out
 
     def force(self, t: float, dt: float) -> Array:
         """ρ of the step that has been solved last, in the bodies' frames. Collective.
@@ -103,11 +113,13 @@ class Withheld:
         system, parts, f = self._stepper.system, self._parts, self._f
         increments = system.equilibrium.prolongation.increments
         start, end = increments.start, increments.end
-        self._given = self._loads_of(t, dt, start, end)
+        self._place(self._u0, start)
+        self._place(self._u1, end)
+        self._given = self._loads_of(t, dt)
         dofs = parts.rows.dofs
         self._d.array[:] = self._u1.x.array[dofs] - self._u0.x.array[dofs]
         # The residual of the nodes if they were flexible, but for what their own cells do.
-        self._a.array[:] = (self._velocities(end) - self._velocities(start)).reshape(-1) / dt
+        self._a.array[:] = self._acceleration(start, end, dt).reshape(-1)
         self._mass.mult(self._a, f)
         f.array[:] -= self._given
         self._actions.resist_nodes(self._d, dt, f)
@@ -132,26 +144,29 @@ class Withheld:
             dt: Its length [s].
 
         Returns:
-            Forces as `force` has them; None before the first step.
+            Forces as `force` has them; None before the first step, and where nothing changes.
         """
         if self._given is None:
             return None
         bodies = self._stepper.state.bodies
-        change = (self._loads_of(t, dt, bodies, bodies) - self._given).reshape(-1, 3)
+        if self._loads is not None:  # they follow the bodies
+            self._place(self._u0, bodies)
+            self._place(self._u1, bodies)
+        change = (self._loads_of(t, dt) - self._given).reshape(-1, 3)
+        if not self._stepper.scene.comm.allreduce(bool(change.any()), op=MPI.LOR):
+            return None
         out = np.empty_like(self._parts.V)
         for k, at in zip(self._of, self._parts.at, strict=True):
             out[at] = change[at] @ bodies.R[k]
         self._parts.balance(out)
         return out
 
-    def _loads_of(self, t: float, dt: float, start: Bodies, end: Bodies) -> Array:
+    def _loads_of(self, t: float, dt: float) -> Array:
         """Dead and follower loads in a step on all dofs of the rows [N]. Collective."""
         system = self._stepper.system
         if system.acting is not self._acting:
             self._acting = system.acting
             self._actions.select(self._acting)
-        self._place(self._u0, start)
-        self._place(self._u1, end)
         self._actions.set_time(t + dt / 2, dt)
         out = self._actions.external.array_r.copy()
         if self._loads is not None:
