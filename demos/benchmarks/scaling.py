@@ -8,10 +8,11 @@ Under mpirun all ranks share each size.
     ./fenicsx mpirun -n 2 python3 demos/benchmarks/scaling.py --case metal --rigid --redistribute
 
 `cost_exponent` is the slope of log(seconds per step) over log(unknowns), from 10 000 on. Δt stays
-the same, so that in finer meshes waves pass more cells in a step. `memory` is the largest so far of
-the processes together, so sizes should ascend. `setup` is from the mesh to the report of the first
-step, importing and compiling apart: the smallest mesh runs first. Unknowns are those of the
-flexible structure, also where most of it is rigid.
+the same, so that in finer meshes waves pass more cells in a step; with `--same-waves` it shrinks
+with the cells, as waves themselves need it. `memory` is the largest so far of the processes
+together, so sizes should ascend. `setup` is from the mesh to the report of the first step,
+importing and compiling apart: the smallest mesh runs first. Unknowns are those of the flexible
+structure, also where most of it is rigid.
 """
 
 from __future__ import annotations
@@ -70,10 +71,11 @@ COUNT: dict[str, Callable[[int], int]] = {
     "metal": lambda n: 3 * (10 * n) * (2 * n + 1) ** 2,
 }
 SCENES = {"soft": soft, "metal": metal}
+OF_TEN_THOUSAND = {"soft": 3, "metal": 4}  # fineness
 
 
 def measure(
-    case: str, fineness: int, rigid: bool, redistribute: bool, steps: int
+    case: str, fineness: int, rigid: bool, redistribute: bool, steps: int, same_waves: bool
 ) -> dict[str, object]:
     """One size."""
 
@@ -81,6 +83,7 @@ def measure(
         return SCENES[case](fineness, rigid, redistribute)
 
     building, (scene, dt) = timed(begin)
+    dt *= OF_TEN_THOUSAND[case] / fineness if same_waves else 1.0
     preparing, run = timed(lambda: rf.simulate(scene, dt, 1e6 * dt, progress=False))
     with closing(run) as reports:
         beginning, _ = timed(lambda: next(reports))
@@ -114,6 +117,7 @@ def main() -> None:
     parser.add_argument(
         "--redistribute", action="store_true", help="rigid and flexible cells divided alike"
     )
+    parser.add_argument("--same-waves", action="store_true", help="Δt shrinks with the cells")
     sizes = [10_000, 30_000, 100_000, 300_000, 1_000_000]
     parser.add_argument("--unknowns", type=int, nargs="+", default=sizes, help="about so many")
     parser.add_argument("--steps", type=int, default=5, help="timed steps of each")
@@ -123,10 +127,10 @@ def main() -> None:
         for wanted in sorted(options.unknowns)
     ]
     chosen = options.rigid, options.redistribute
-    measure(options.case, 1, *chosen, 1)  # compiles
+    measure(options.case, 1, *chosen, 1, options.same_waves)  # compiles
     rows = []
     for n in fineness:
-        rows.append(measure(options.case, n, *chosen, options.steps))
+        rows.append(measure(options.case, n, *chosen, options.steps, options.same_waves))
         say(str(rows[-1]))
     large = [row for row in rows if row["unknowns"] >= SMALL] or rows
     x, y = (np.log([row[key] for row in large]) for key in ("unknowns", "seconds_per_step"))
@@ -136,6 +140,7 @@ def main() -> None:
             "case": options.case,
             "rigid": options.rigid,
             "redistributed": options.redistribute,
+            "same_waves": options.same_waves,
             "ranks": comm.size,
             "cost_exponent": float(np.polyfit(x, y, 1)[0]) if len(large) > 1 else None,
             "memory_per_million_unknowns": rows[-1]["memory"] / rows[-1]["unknowns"] * 1e6,
