@@ -86,10 +86,8 @@ class Factors:
     def _made(self) -> Held:
         """Make the factors. Collective."""
         if not self._quick and self._cholesky is not None:
-            before = PETSc.Log.getFlops()
             if self._cholesky.renew():
-                operations = PETSc.Log.getFlops() - before
-                return held_by_cholmod(self._cholesky.ksp.getPC().getFactorMatrix(), operations)
+                return held_by_cholmod(self._cholesky.ksp.getPC().getFactorMatrix())
             self._cholesky.destroy()
             self._cholesky = None
         self._ksp.setUp()
