@@ -23,7 +23,6 @@ from petsc4py import PETSc
 
 from rigidfx.step.equations.equations import Equilibrium
 from rigidfx.step.linear.linear_solver import PREFIX, configure, default_options
-from rigidfx.step.newton.krylov import Krylov
 from rigidfx.step.newton.motions import rigid_motions
 
 __all__ = ["IncompleteFactors"]
@@ -36,7 +35,7 @@ MAX_ITERATIONS = 100
 HARMLESS = 2.0  # what solving for rigid motions may enlarge a residual by, at most
 
 
-class IncompleteFactors(Krylov):
+class IncompleteFactors:
     """GMRES with incomplete factors of each rank's rows; `destroy` frees it.
 
     Options of PETSc's are understood under the prefix `rigidfx_incomplete_`.
@@ -70,6 +69,16 @@ class IncompleteFactors(Krylov):
         self._left, self._image = p.unknowns(), p.unknowns()
         self._motions: Array = np.empty((p.owned, 0))
         self._gram: Array = np.empty((0, 0))
+
+    @property
+    def name(self) -> str:
+        """Its name in reports."""
+        return f"{self._ksp.getType()}+{self._ksp.getPC().getType()}"
+
+    @property
+    def iterations(self) -> int:
+        """How many the last solve took."""
+        return int(self._ksp.getIterationNumber())
 
     def renew(self) -> None:
         """Take note of a new tangent, at the last iterate of the equations. Collective."""
