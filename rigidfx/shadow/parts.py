@@ -60,8 +60,10 @@ class Parts:
         self._weights = m = scene.nodal_mass[nodes]
         light = np.divide(1.0, m, out=np.zeros_like(m), where=m > 0)
         self._lightness: Array = np.repeat(light[:, None], 3, axis=1)
-        each = zip(self.bodies, self.at, strict=True)
-        self._modes = [self._rigid_motions(at, body.length) for body, at in each]
+        self._places: Array = np.column_stack([np.ones(nodes.size), self.V])
+        self._masses: Array = m[:, None] * self._places
+        self._spans = tuple(map(_span, self.at))
+        self._lengths = np.array([body.length for body in bodies])[:, None]
         self._inverse = [np.linalg.pinv(block) for block in self._inertia()]
 
     def _rigid_motions(self, at: Ints, length: float) -> Array:
@@ -74,9 +76,36 @@ class Parts:
     def _inertia(self) -> Array:
         """Σ m modesᵀ modes of each body, shape (bodies, 6, 6) [kg]. Collective."""
         local = np.zeros((len(self.bodies), 6, 6))
-        for block, modes, at in zip(local, self._modes, self.at, strict=True):
+        for block, body, at in zip(local, self.bodies, self.at, strict=True):
+            modes = self._rigid_motions(at, body.length)
             block += np.einsum("n,nik,nil->kl", self._weights[at], modes, modes)
         return np.asarray(self._scene.sum(local))
+
+    def linear(self, numbers: Array) -> Array:
+        """What is linear in a node's place in its body: [1, V] times numbers of that.
+
+        Args:
+            numbers: Of each body, shape (bodies, 4, 3).
+
+        Returns:
+            Vectors at the nodes of the rows, shape (nodes, 3).
+        """
+        out = np.empty_like(self.V)
+        for own, of_body in zip(self._spans, numbers, strict=True):
+            out[own] = self._places[own] @ of_body
+        return out
+
+    def turned(self, vectors: Array, R: Array) -> Array:
+        """Vectors in space as they are in the bodies' frames.
+
+        Args:
+            vectors: At the nodes of the rows, shape (nodes, 3).
+            R: Rotation of each frame, shape (bodies, 3, 3).
+        """
+        out = np.empty_like(vectors)
+        for own, of_body in zip(self._spans, R, strict=True):
+            out[own] = vectors[own] @ of_body
+        return out
 
     def balance(self, force: Array) -> None:
         """Take out of forces, in place, what moves the bodies as a whole: by masses. Collective.
@@ -84,8 +113,9 @@ class Parts:
         Args:
             force: On the nodes of the rows, in the bodies' frames, shape (nodes, 3) [N].
         """
-        for at, motion in self._of_rigid_motion(force):
-            force[at] -= self._weights[at, None] * motion
+        moving = self._rigid_motion(self._places, force)
+        for own, of_body in zip(self._spans, moving, strict=True):
+            force[own] -= self._masses[own] @ of_body
 
     def unmoved(self, u: Array) -> Array:
         """Displacements without the rigid motion that fits them best, by masses. Collective.
@@ -93,18 +123,30 @@ class Parts:
         Args:
             u: Of the nodes of the rows, in the bodies' frames, shape (nodes, 3) [m].
         """
-        out = u.copy()
-        for at, motion in self._of_rigid_motion(self._weights[:, None] * u):
-            out[at] -= motion
-        return out
+        return np.asarray(u - self.linear(self._rigid_motion(self._masses, u)))
 
-    def _of_rigid_motion(self, momentum: Array) -> list[tuple[Ints, Array]]:
-        """Of each body its rows, and its rigid motion with the sums of a momentum. Collective."""
-        modes = [m.reshape(-1, 6) for m in self._modes]
-        local = [momentum[at].reshape(-1) @ m for m, at in zip(modes, self.at, strict=True)]
-        sums = np.asarray(self._scene.sum(np.reshape(local, (-1, 6))))
-        each = zip(self._inverse, sums, modes, self.at, strict=True)
-        return [(at, (m @ (inverse @ total)).reshape(-1, 3)) for inverse, total, m, at in each]
+    def _rigid_motion(self, places: Array, vectors: Array) -> Array:
+        """The rigid motion of each body that has given sums of momenta. Collective.
+
+        Args:
+            places: [1, V] of the nodes of the rows, or m times that, shape (nodes, 4).
+            vectors: Their momenta, or these over m, shape (nodes, 3).
+
+        Returns:
+            What it is by `linear`, shape (bodies, 4, 3).
+        """
+        local = np.zeros((len(self.bodies), 4, 3))
+        for total, own in zip(local, self._spans, strict=True):
+            total[:] = places[own].T @ vectors[own]
+        turning = np.cross(np.eye(3), local[:, 1:]).sum(axis=1) / self._lengths
+        sums = np.asarray(self._scene.sum(np.concatenate([local[:, 0], turning], axis=1)))
+        out = np.empty_like(local)
+        for numbers, inverse, total in zip(out, self._inverse, sums, strict=True):
+            motion = inverse @ total
+            numbers[0] = motion[:3]
+            numbers[1:] = np.cross(motion[3:], np.eye(3))
+        out[:, 1:] /= self._lengths[:, None]
+        return out
 
     def in_space(self, u: Array, bodies: Bodies, out: Array) -> tuple[Array, Int32s]:
         """Displacements in the bodies' frames, as they are in space.
@@ -139,8 +181,8 @@ class Parts:
     def held(self) -> Ints:
         """Numbers of six rows of each body, on all ranks, that keep it from moving. Collective."""
         out = []
-        for motions, at in zip(self._modes, self.at, strict=True):
-            modes = motions.reshape(-1, 6)
+        for body, at in zip(self.bodies, self.at, strict=True):
+            modes = self._rigid_motions(at, body.length).reshape(-1, 6)
             own = (self.rows.first + 3 * at[:, None] + np.arange(3)).reshape(-1)
             best = _independent(modes)
             offers = self._scene.comm.allgather((modes[best], own[best]))
@@ -148,6 +190,13 @@ class Parts:
             numbers = np.concatenate([n for _, n in offers])
             out.append(numbers[_independent(rows)])
         return np.concatenate([np.empty(0, np.int64), *out])
+
+
+def _span(at: Ints) -> slice | Ints:
+    """Numbers of rows; as a slice, which copies nothing, where one follows the other."""
+    first = int(at[0]) if at.size else 0
+    whole = np.array_equal(at, np.arange(first, first + at.size))
+    return slice(first, first + at.size) if whole else at
 
 
 def _independent(modes: Array) -> Ints:

@@ -211,8 +211,8 @@ class Shadow(Watch):
         if self._parts is None or self._withheld is None or last is None:
             return None
         with _LOOKING:
-            rise = self._withheld.rise(t, dt)
-            if rise is None or not self._pace.alarming(self._parts.size(rise)):
+            rise = self._withheld.rise(t, dt, self._pace.alarming)
+            if rise is None:
                 return None
         self._factor(last + rise, t, dt)
         with _LOOKING:

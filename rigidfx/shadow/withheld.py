@@ -11,12 +11,11 @@ step.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, la
-from mpi4py import MPI
 
 from rigidfx.coupling.mass import Mass
 from rigidfx.effects import Windowed
@@ -57,7 +56,7 @@ class Withheld:
         self._b = fem.Function(scene.space)
         fem.assemble_vector(self._b.x.array, linear.force(parts.cells))
         self._b.x.scatter_reverse(la.InsertMode.add)
-        self._frozen = self._b.x.array[parts.rows.dofs].copy()
+        self._frozen = self._b.x.array[parts.rows.dofs].reshape(-1, 3)
         self._loads = forces.bind_loads(parts.cells, self._u0, self._u1)
         self._structure = BoundStructure(
             scene=scene,
@@ -77,10 +76,9 @@ class Withheld:
 
     def _place(self, u: fem.Function, bodies: Bodies) -> None:
         """Set the displacement of the rows where bodies are. Collective."""
-        x = np.empty_like(self._parts.V)
-        for k, at in zip(self._of, self._parts.at, strict=True):
-            x[at] = bodies.r[k] + self._parts.V[at] @ bodies.R[k].T
-        u.x.array[self._parts.rows.dofs] = (x - self._parts.rows.X).reshape(-1)
+        x = self._parts.linear(bodies.pose[self._of])
+        x -= self._parts.rows.X
+        u.x.array[self._parts.rows.dofs] = x.reshape(-1)
         u.x.scatter_forward()
 
     def _momentary(self, bodies: Bodies) -> Array:
@@ -90,15 +88,6 @@ class Withheld:
         """
         turning = np.cross(bodies.angular_velocity[self._of][:, None], bodies.R[self._of].mT)
         return np.concatenate([bodies.velocity[self._of][:, None], turning], axis=1)
-
-    def _acceleration(self, start: Bodies, end: Bodies, dt: float) -> Array:
-        """Mean acceleration of the rows' nodes in a step, shape (nodes, 3) [m/s²]."""
-        out = np.empty_like(self._parts.V)
-        change: Array = self._momentary(end)
-        change -= self._momentary(start)
-        for k, at in enumerate(self._parts.at):
-            out[at] = (change[k, 0] + self._parts.V[at] @ change[k, 1:]) / dt
-        return out
 
     def force(self, t: float, dt: float) -> Array:
         """ρ of the step that has been solved last, in the bodies' frames. Collective.
@@ -114,37 +103,40 @@ class Withheld:
         increments = system.equilibrium.prolongation.increments
         start, end = increments.start, increments.end
         self._place(self._u0, start)
-        self._place(self._u1, end)
+        if self._loads is not None:
+            self._place(self._u1, end)
         self._given = self._loads_of(t, dt)
-        dofs = parts.rows.dofs
-        self._d.array[:] = self._u1.x.array[dofs] - self._u0.x.array[dofs]
-        # The residual of the nodes if they were flexible, but for what their own cells do.
-        self._a.array[:] = self._acceleration(start, end, dt).reshape(-1)
+        # The residual of the nodes if they were flexible, but for what their own cells do. They
+        # move as a body does: what they do is linear in their places in it.
+        self._d.array[:] = parts.linear(increments.displacement[self._of]).reshape(-1)
+        gained = self._momentary(end)
+        gained -= self._momentary(start)
+        gained /= dt
+        self._a.array[:] = parts.linear(gained).reshape(-1)
         self._mass.mult(self._a, f)
         f.array[:] -= self._given
         self._actions.resist_nodes(self._d, dt, f)
-        system.actions.resist_at(parts.rows.nodes, f.array.reshape(-1, 3))
         residual = f.array.reshape(-1, 3)
+        system.actions.resist_at(parts.rows.nodes, residual)
         of_flexible = system.equilibrium.forces_out_of_balance.array_r.reshape(-1, 3)
         for own, active in self._attached:
             residual[own] += of_flexible[active]
-        out = np.empty_like(parts.V)
-        frozen = self._frozen.reshape(-1, 3)
-        for k, at in zip(self._of, parts.at, strict=True):
-            W, _, Vt = np.linalg.svd(increments.R_av[k])
-            out[at] = -residual[at] @ (W @ Vt) - frozen[at]
+        W, _, Vt = np.linalg.svd(increments.R_av[self._of])
+        out = parts.turned(residual, -W @ Vt)
+        out -= self._frozen
         parts.balance(out)
         return out
 
-    def rise(self, t: float, dt: float) -> Array | None:
+    def rise(self, t: float, dt: float, alarming: Callable[[float], bool]) -> Array | None:
         """What loads on the bodies will change of ρ in a step from the present state. Collective.
 
         Args:
             t: Time at its start [s].
             dt: Its length [s].
+            alarming: Whether a change of that size counts, equal on all ranks; 0 does not.
 
         Returns:
-            Forces as `force` has them; None before the first step, and where nothing changes.
+            Forces as `force` has them; None before the first step, and where they do not count.
         """
         if self._given is None:
             return None
@@ -153,13 +145,12 @@ class Withheld:
             self._place(self._u0, bodies)
             self._place(self._u1, bodies)
         change = (self._loads_of(t, dt) - self._given).reshape(-1, 3)
-        if not self._stepper.scene.comm.allreduce(bool(change.any()), op=MPI.LOR):
+        # Neither turning nor balancing makes it larger.
+        if not alarming(self._parts.size(change)):
             return None
-        out = np.empty_like(self._parts.V)
-        for k, at in zip(self._of, self._parts.at, strict=True):
-            out[at] = change[at] @ bodies.R[k]
+        out = self._parts.turned(change, bodies.R[self._of])
         self._parts.balance(out)
-        return out
+        return out if alarming(self._parts.size(out)) else None
 
     def _loads_of(self, t: float, dt: float) -> Array:
         """Dead and follower loads in a step on all dofs of the rows [N]. Collective."""
