@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
 import rigidfx as rf
-from rigidfx.step.newton.long_kept import MAKING, OFTEN, SOLVING, LongKept
+from rigidfx.step.newton.long_kept import FITTING, MAKING, OFTEN, SOLVING, LongKept
 
 FILL = 6.0
 
@@ -30,15 +32,21 @@ def test_a_tangent_that_serves_long_gets_full_factors():
 
 
 def test_one_that_does_not_keeps_incomplete_ones():
-    rule = _rule()
+    rule, steps = _rule(), int(OFTEN * MAKING * FILL / 14)
     for _ in range(100):
-        assert _serve(rule, 13) is None
+        assert _serve(rule, steps) is None
+
+
+def test_a_tangent_that_does_not_fit_keeps_them_too():
+    many = math.ceil(FITTING) + 1
+    assert _serve(_rule(), 1000, newton=many, linear=3 * many) is None
+    assert _serve(_rule(), 1000, newton=many - 2, linear=3 * many) is not None
 
 
 def test_full_factors_whose_solves_take_as_long_are_not_made():
-    few = 5 * SOLVING * FILL
-    assert _serve(_rule(), 1000, linear=few) is None
-    assert _serve(_rule(), 1000, linear=2 * few) is not None
+    as_many = 5 * SOLVING * FILL
+    assert _serve(_rule(), 1000, linear=0.9 * as_many) is None
+    assert _serve(_rule(), 1000, linear=1.1 * as_many) is not None
 
 
 def test_entries_are_not_asked_for_without_need():
@@ -59,14 +67,12 @@ def test_factors_that_do_not_repay_are_given_up_and_tried_later():
     assert rule.full
 
 
-@pytest.mark.parametrize(("price", "full"), [(1.0, False), (0.5, True)])
-def test_factors_at_half_the_price_repay_earlier(price, full):
+def test_factors_by_mumps_are_given_up_at_once_and_for_good():
     rule = _rule()
     _serve(rule, 1000)
-    for step in range(4):  # of 16 iterations; 25 and 9 repay them
-        rule.served(4, 4, step == 0, price)
-    rule.served(4, 4, True, price)
-    assert rule.full == full
+    rule.served(4, 4, True, dear=True)
+    assert not rule.full
+    assert _serve(rule, 1000) is None
 
 
 def test_a_cantilever_of_rubber_comes_to_full_factors_and_to_the_same_motion():

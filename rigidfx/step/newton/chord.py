@@ -17,6 +17,7 @@ from rigidfx.domain.connected import ConnectedParts
 from rigidfx.step.equations.equations import Equilibrium
 from rigidfx.step.linear.linear_solver import PREFIX
 from rigidfx.step.newton.band import few_entries, fill, likely_fill
+from rigidfx.step.newton.cholesky import Cholesky
 from rigidfx.step.newton.chord_test import ChordTest
 from rigidfx.step.newton.factors import Factors
 from rigidfx.step.newton.frames import Frames
@@ -35,9 +36,9 @@ __all__ = ["Chord", "pays"]
 SMALLEST = 150
 SMALLEST_OF_RANKS = 500  # on several ranks, where MUMPS makes the factors
 FULL_UP_TO = 500  # unknowns; GMRES is no faster
-# Unknowns up to which stiff parts keep full factors. At 97 470 of steel a step with them takes .73
-# of one by incomplete factors and a coarse grid, the tangent 6.6 s against 1.0, in three times as
-# much memory; what grows with the unknowns is in favour of the others.
+# Unknowns up to which stiff parts keep full factors. At 97 470 of steel a step by Cholesky's takes
+# .58 of one by incomplete factors and a coarse grid, .72 by LU; factors take 4 and 6 s to make
+# against .44. What grows with the unknowns is in favour of the others: .68 at 174 570, 11 s and .8.
 FACTORS_UP_TO = 100_000
 # Of slender and thin ones, on one rank, whose full factors fill little: in a plate of one layer of
 # second-order hexahedra (130 680, waves that pass 1800 cells) steps with them took .39 of the time.
@@ -194,9 +195,9 @@ class Chord:
         p = self._equilibrium.prolongation
         inverse = self._kept.inverse
         soft = self._long_kept.full or isinstance(inverse, IncompleteFactors)
-        if soft and p.comm.size == 1 and p.size <= SOFT_FACTORS_UP_TO:
-            price = inverse.price if isinstance(inverse, Factors) else 1.0
-            self._long_kept.served(iterations, self.linear_iterations, self.tangents > 0, price)
+        if soft and p.comm.size == 1 and p.size <= SOFT_FACTORS_UP_TO and Cholesky.exists():
+            dear = isinstance(inverse, Factors) and inverse.dear
+            self._long_kept.served(iterations, self.linear_iterations, self.tangents > 0, dear)
 
     def accept_newton(self) -> None:
         """Take note that a solve by Newton's method has become a step."""

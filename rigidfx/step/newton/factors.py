@@ -20,9 +20,6 @@ __all__ = ["Factors"]
 # Unknowns up to which factors of few entries are PETSc's own; those of second-order hexahedra took
 # .2 s longer to make than MUMPS's at 7776, and 4 s at 24 000.
 FEW_UP_TO = 5_000
-# To make and to solve with, to LU by MUMPS, of parts of steel of 10⁴ to 2·10⁴ unknowns: .55 to .65,
-# and .6 to .7.
-PRICE_OF_CHOLESKY = 0.65
 UNKNOWN = 10.0, 15.0  # iterations, before there are factors
 
 
@@ -73,9 +70,9 @@ class Factors:
         return f"{self._present.getType()}+{self._present.getPC().getType()}"
 
     @property
-    def price(self) -> float:
-        """What factors cost, relative to those of LU."""
-        return 1.0 if self._present is self._ksp else PRICE_OF_CHOLESKY
+    def dear(self) -> bool:
+        """Whether they are LU by MUMPS."""
+        return self._present is self._ksp and not self._quick
 
     def renew(self) -> None:
         """Factor a new tangent, and choose by what. Collective."""
