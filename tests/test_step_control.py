@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import parallel
 import pytest
-from histories import NEWTON, drift
+from histories import NEWTON, column, drift
 from mpi4py import MPI
 from runs import prepared, step
 from scipy.interpolate import CubicHermiteSpline
@@ -106,41 +106,17 @@ def test_nothing_is_known_after_a_breakpoint():
     assert np.isnan(estimate.look(16 * v, 25 * v, 0.4, 0.1))
 
 
-def test_where_bodies_change_eight_steps_have_to_tell():
+def test_where_bodies_change_three_differences_have_to_tell():
     """What rings from then on is no error, not even at first."""
     estimate, found = TimeError(1), []
     estimate.switched()
-    for k in range(10):
+    for k in range(6):
         v0, v1 = (np.array([[(-1.0) ** n, 0.0, 0.0]]) for n in (k, k + 1))
         found.append(estimate.look(v0, v1, 0.1 * k, 0.1))
         assert not estimate.young
         estimate.accept()
-    assert np.isnan(found[:7]).all()
-    assert found[7:] == pytest.approx(np.zeros(3), abs=1e-12)
-
-
-@pytest.mark.parametrize("little", [1e-3, 1e-5])
-def test_what_rings_after_a_change_of_bodies_errs_by_twice_its_amplitude(little):
-    """Of what rings with 1e-4 m in steps of a third of its period, beside a far, slow motion."""
-    dt, theta, size = 0.1, 2 * np.pi / 3, 1e-4
-    omega = 2 / dt * np.tan(theta / 2)  # as the midpoint rule has it in steps of θ
-
-    def v(k):
-        ring = size * omega * np.sin(theta * (k + 0.3))
-        return np.array([[np.cos(0.1 * k * dt), ring, 0.0]])
-
-    estimate = TimeError(1)
-    estimate.switched()
-    for k in range(16):
-        error = estimate.look(v(k), v(k + 1), k * dt, dt, little)
-        estimate.accept()
-    slow = dt**3 / 12 * 0.01  # the jerk of the slow motion
-    if little > 2 * size:
-        assert 0.5 * slow < error < 2 * slow
-        assert estimate.ringing.most == pytest.approx(2 * size, rel=0.1)
-    else:
-        assert error > 10 * slow
-        assert estimate.ringing.most == 0.0
+    assert np.isnan(found[:3]).all()
+    assert found[3:] == pytest.approx(np.zeros(3), abs=1e-12)
 
 
 def test_an_even_error_gets_an_even_step_that_uses_the_budget():
@@ -185,6 +161,18 @@ def test_a_longer_step_has_to_save_what_it_costs():
         assert length.spent < 0.01
         changes.append(length.changes)
     assert changes[0] > 2 * changes[1]
+
+
+def test_the_step_does_not_depend_on_what_solves():
+    """Which depends on the ranks: by what a tangent cost there were 100 steps on one, 67 on two."""
+    push = rf.Traction("x1", (0, 0, 200.0), time=lambda t: np.sin(np.pi * t / 2), until=2.0)
+
+    def times(**options):
+        scene = bar(rf.Fixed("x0"), push, cells=(16, 2, 2))
+        return column(run(scene, rf.StepControl(0.02, "tip", largest=0.5), **options), "t")
+
+    kept, newton = times(), times(petsc_options={"snes_lag_jacobian": 1})
+    assert kept == pytest.approx(newton, rel=1e-6)
 
 
 def test_what_errs_by_much_is_halved_more_than_once():

@@ -42,7 +42,6 @@ POOREST, RICHEST = 0.1, 2.0  # of tol U/T, bounds of what is left
 OBJECTION = 2.0  # times what is asked, above which a step is repeated
 ON_THE_WAY = 0.6  # of the time since rest: to four times as much, t² grows in half of its time
 REST = 1e-7  # of the size of a cell: less than that is no displacement
-LITTLE = 0.1  # of tol U, that a vibration may err by which nothing follows
 APART = 1.02  # factor of displacements that are remembered
 
 
@@ -70,7 +69,6 @@ class StepLength:
         shortest: Δt that is always long enough [s].
         longest: Δt that is never exceeded [s].
         spent: Largest error so far [m].
-        bounded: What is not followed errs by so much at most [m].
         forgotten: Part of an error that is forgotten per time [1/s].
         displacement: Largest displacement so far, or what the user gave for it [m].
         changes: How often Δt was changed for the sake of the error.
@@ -99,7 +97,7 @@ class StepLength:
         """
         self.tol, self._t_end, self._of = tol, t_end, of
         self.wanted, self.longest, self.spent, self.changes = first, longest, 0.0, 0
-        self.forgotten = self.bounded = self._error = self._t = 0.0
+        self.forgotten = self._error = self._t = 0.0
         self.displacement = REST * size if of is None else of
         self.shortest = shortest
         self._times, self._sizes = [0.0], [self.displacement]
@@ -135,11 +133,6 @@ class StepLength:
         left = self._error * exp(-self.forgotten * max(self._t_end - self._t, 0.0))
         return left / (SHARE * self.displacement)
 
-    @property
-    def little(self) -> float:
-        """What a vibration may err by that is not followed [m]."""
-        return LITTLE * self.tol * self.displacement
-
     def _growing(self, t: float) -> float:
         """Time in which the displacement has grown to what it is [s]."""
         k = max(bisect_right(self._sizes, self.displacement / GROWN) - 1, 0)
@@ -164,7 +157,7 @@ class StepLength:
     def _spend(self, error: float, dt: float) -> None:
         """Add the error of a step to what is left of those before."""
         self._error = self._error * exp(-self.forgotten * dt) + error
-        self.spent = max(self.spent, self._error + self.bounded)
+        self.spent = max(self.spent, self._error)
 
     def _remember(self, largest: float, t: float, dt: float) -> None:
         """Take note of a displacement, if it is the largest so far."""

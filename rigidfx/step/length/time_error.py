@@ -7,8 +7,7 @@ to the middle of a step, and the divided differences j = Δa/Δt of two steps,
 
 The mean over three differences is blind to what changes its sign from step to step: a vibration
 that a step does not resolve rings like that, and is no error of the motion that it does. While
-there are fewer, ½ j_{n-1} + ½ j_n or j_n stand for it. What rings after a change of bodies is told
-apart (`ringing`).
+there are fewer, ½ j_{n-1} + ½ j_n or j_n stand for it.
 """
 
 from __future__ import annotations
@@ -18,8 +17,6 @@ from math import isnan, sqrt
 
 import numpy as np
 import numpy.typing as npt
-
-from rigidfx.step.length.ringing import Ringing
 
 __all__ = ["Jerk", "TimeError"]
 
@@ -46,11 +43,7 @@ class Jerk:
 
 
 class TimeError:
-    """Estimates the error of displacements that each step makes at some points.
-
-    Attributes:
-        ringing: What rings since bodies have changed.
-    """
+    """Estimates the error of displacements that each step makes at some points."""
 
     def __init__(self, points: int) -> None:
         """Nothing is known.
@@ -58,7 +51,7 @@ class TimeError:
         Args:
             points: How many points there are.
         """
-        self._points, self.ringing = points, Ringing()
+        self._points = points
         self.forget()
 
     def forget(self) -> None:
@@ -68,20 +61,20 @@ class TimeError:
         self._patient = False
 
     def switched(self) -> None:
-        """Bodies have changed: what follows is no error until some steps tell.
+        """Bodies have changed: what follows is no error until three differences tell.
 
-        What wakes springs into the shape that its forces give it, faster than steps resolve.
+        What wakes springs into the shape that its forces give it, faster than steps resolve: that
+        rings from step to step, and only the mean of three is blind to it.
         """
         self.forget()
         self._patient = True
-        self.ringing.begin()
 
     @property
     def young(self) -> bool:
         """Whether no point has three differences yet, since something began anew."""
         return not self._patient and bool(np.isnan(self._now.j).any(axis=(0, 2)).all())
 
-    def look(self, v0: Array, v1: Array, t: float, dt: float, little: float = 0.0) -> float:
+    def look(self, v0: Array, v1: Array, t: float, dt: float) -> float:
         """Error of a step that has been solved, the largest of all points [m]; NaN if unknown.
 
         Args:
@@ -89,15 +82,7 @@ class TimeError:
             v1: Velocities at its end.
             t: Time at its start [s].
             dt: Its length [s].
-            little: What a vibration may err by that is not followed [m].
         """
-        found = self._followed(v0, v1, t, dt)
-        if not self._patient:
-            return found
-        return self.ringing.look(self._next.a, dt, found, little)
-
-    def _followed(self, v0: Array, v1: Array, t: float, dt: float) -> float:
-        """The same if all is followed; arguments as of `look`."""
         now, middle = self._now, t + dt / 2
         a: Array = np.asarray((v1 - v0) / dt, dtype=np.float64)
         newest = (a - now.a) / (middle - now.t)
@@ -117,4 +102,3 @@ class TimeError:
     def accept(self) -> None:
         """Take note that the step that was looked at last is one."""
         self._now = self._next
-        self.ringing.accept()

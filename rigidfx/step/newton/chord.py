@@ -102,11 +102,6 @@ class Chord:
         return f"kept {self._kept.inverse.name}"
 
     @property
-    def renewal(self) -> float:
-        """What a new tangent costs, in iterations with a kept one."""
-        return self._kept.inverse.renewal
-
-    @property
     def linear_iterations(self) -> int:
         """Linear iterations that the last solve took; with factors, one in each of Newton's."""
         return self._kept.iterations
@@ -171,7 +166,7 @@ class Chord:
         if slow or self._equilibrium.outdated():
             self._equilibrium.tangent()
             self._kept.renewed()
-            self._refresh.cost = self.renewal
+            self._refresh.cost = self._kept.inverse.renewal
             self.stop.renewed()
             self._refresh.renewed(self.stop.history)
             self.tangents += 1

@@ -254,11 +254,6 @@ class Newton:
             self._chord.accept_newton()
 
     @property
-    def renewal(self) -> float:
-        """What another Δt costs, in iterations: zero where the last step has kept no tangent."""
-        return self._chord.renewal if self._chord is not None and self._kept else 0.0
-
-    @property
     def unknowns(self) -> PETSc.Vec:
         """Unknowns y of the last solve [m]; not to be changed."""
         return self._y
