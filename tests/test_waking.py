@@ -22,7 +22,7 @@ from rigidfx.decide.memory.bends import Bends
 from rigidfx.decide.memory.drift import Drift
 from rigidfx.decide.memory.sample import spread
 from rigidfx.decide.memory.strokes import Strokes
-from rigidfx.decide.memory.work import Work
+from rigidfx.decide.memory.work import SWITCHES, too_dear
 from rigidfx.decide.policy import CHECKED, FORESEEN
 from rigidfx.flexible.stress import CauchyStress
 from rigidfx.shadow import pace, shadow
@@ -496,20 +496,12 @@ def test_the_quietest_parts_freeze_as_long_as_the_rest_can_take_the_motion():
 
 
 def test_a_freeze_pays_as_much_work_as_it_costs():
-    work, one = Work(), np.ones(10, dtype=bool)
-    assert work.price == 0.0  # nothing has been done, and nothing is known
-    for _ in range(20):
-        work.follow(5, 0)
-    assert work.price == pytest.approx(9.0)
-    small, large = np.array([0], np.int32), np.arange(1, 6, dtype=np.int32)
+    one, small, large = np.ones(10, dtype=bool), np.array([0], np.int32), np.arange(1, 6)
     quiet = np.full(10, 20.0)
-    parts = [small, large]  # a tenth and half of the cells, quiet for 20 steps: 2 and 10 steps
-    assert np.flatnonzero(work.too_dear(parts, quiet, one, MPI.COMM_SELF)).tolist() == [0]
-    quiet[0] = 90.0
-    assert not work.too_dear(parts, quiet, one, MPI.COMM_SELF).any()
-    work.window_begins()
-    work.follow(3, 3)  # steps with all their tangents are dear, switches beside them are not
-    assert work.price == pytest.approx(2.5)
+    parts = [small, large.astype(np.int32)]  # a tenth and half of the cells: 2 and 10 steps
+    assert np.flatnonzero(too_dear(parts, quiet, one, MPI.COMM_SELF)).tolist() == [0]
+    quiet[0] = 10 * SWITCHES
+    assert not too_dear(parts, quiet, one, MPI.COMM_SELF).any()
 
 
 @pytest.mark.parametrize(("where", "windows"), [(2.0, 1), (7.0, 3)])

@@ -18,6 +18,7 @@ from rigidfx.decide.criteria.judging import Criterion
 from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.decision import Decision, PlannedBody
 from rigidfx.decide.memory.memory import Memory
+from rigidfx.decide.memory.work import too_dear
 from rigidfx.scene.scene import Scene
 
 __all__ = ["Lasting"]
@@ -86,7 +87,7 @@ class Lasting:
             if not self._some(out):
                 out = self._bent(new, parts, loud, tol)
             if not self._some(out):
-                out = memory.work.too_dear(parts, quiet, flexible, self._comm)
+                out = too_dear(parts, quiet, flexible, self._comm)
                 if not self._some(out):
                     return found
             able, barred = able & ~out, barred | out

@@ -35,7 +35,6 @@ from rigidfx.decide.memory.memory import Memory
 from rigidfx.decide.memory.signals import Signals
 from rigidfx.decide.memory.strokes import Strokes
 from rigidfx.decide.memory.window import Window
-from rigidfx.decide.memory.work import Work
 from rigidfx.decide.named_parts import NamedParts
 from rigidfx.decide.releases import PLANNED, Releases
 from rigidfx.effects import Touch
@@ -98,7 +97,6 @@ class Policy:
             contacts=ContactChanges(criterion.load_change),
             next_number=self.named.count + 1,
             strokes=Strokes(scene.comm, self._graph.owned),
-            work=Work(),
             bends=Bends(scene),
             drift=Drift(scene.comm, self._graph.owned),
         )
@@ -162,7 +160,6 @@ class Policy:
         """
         t = seen.t
         self.memory.contacts.follow(report.touches)
-        self.memory.work.follow(report.iterations, report.tangents)
         reasons, cells = self._releases.asked(t, report, seen.bodies)
         if self._criterion.wake == "all" and self.memory.loads.declared(t):
             decision = self._release(seen, "a load or a support changes", self._every)
@@ -342,5 +339,4 @@ class Policy:
         if not freezes:
             memory.back_off.restart()
         memory.window = self._new_window(t)
-        memory.work.window_begins()
         memory.bends.window_begins()

@@ -12,7 +12,6 @@ from rigidfx.decide.memory.load_changes import LoadChanges
 from rigidfx.decide.memory.signals import Signals
 from rigidfx.decide.memory.strokes import Strokes
 from rigidfx.decide.memory.window import Window
-from rigidfx.decide.memory.work import Work
 
 __all__ = ["Memory"]
 
@@ -30,7 +29,6 @@ class Memory:
         next_number: First number that no body has had.
         said: Kinds of warnings that were given.
         strokes: Largest strains and rates so far.
-        work: Of the steps in the window.
         bends: How far the structure deflects, and parts of it bend.
         drift: What rigid parts do to the phases of a free motion.
         largest: Largest strain rate of any cell so far, if tolerances are relative to it [1/s].
@@ -43,7 +41,6 @@ class Memory:
     contacts: ContactChanges
     next_number: int
     strokes: Strokes
-    work: Work
     bends: Bends
     drift: Drift
     said: set[str] = field(default_factory=set)
