@@ -85,10 +85,8 @@ class Shadow(Watch):
         self._parts: Parts | None = None
         self._motion = at_rest(0)
         self._pace, self._lag = Pace(), np.inf
-        self._last: Stretch = (
-            np.empty((0, 3)),
-            0.0,
-        )  # ρ at the end of shadows' last step, and its length
+        # ρ at the end of shadows' last step, and its length.
+        self._last: Stretch = (np.empty((0, 3)), 0.0)
         self._viscous: list[int] = []  # viscous stresses that act
         self._accepting: Callable[[], None] | None = None
         self._grown: list[npt.NDArray[np.int64]] = []  # rows of bodies that have just grown
