@@ -95,7 +95,7 @@ def simulate(
     control = dt if isinstance(dt, StepControl) else None
     if control is not None:
         control.check(scene)
-        timeline = Timeline(control.largest, t_end, control.least)
+        timeline = Timeline(control.most, t_end, control.least)
     else:
         timeline = Timeline(dt, t_end)  # type: ignore[arg-type]
         timeline.stop_at(scene.breakpoints)

@@ -5,6 +5,8 @@ Run as a script under mpirun, this file reports a history.
 
 from __future__ import annotations
 
+import warnings
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -16,6 +18,7 @@ import rigidfx as rf
 from rigidfx.decide.advice import Advice, Seen
 from rigidfx.decide.criteria.budget_rule import believed, level
 from rigidfx.plot.ledger import spent
+from rigidfx.report.ledger import NOTHING, Entry
 from rigidfx.shadow.motion import Strained
 
 SOFT, STIFF = (rf.StVenantKirchhoff(E=E, nu=0.3, rho=1000.0) for E in (1e6, 1e8))
@@ -123,6 +126,28 @@ def test_what_is_at_rest_for_a_while():
     assert all(np.isfinite(r.energy) for r in reports)
     still = run(bar(rf.Fixed("x0")), asked(0.01, None), 1.0)
     assert still[-1].ledger.rigidity.spent == still[-1].ledger.time.spent == 0
+
+
+@pytest.mark.parametrize(("time", "rigid", "said"), [(0.024, 0.0255, False), (0.025, 0.026, True)])
+def test_the_word_is_about_the_whole_budget(time, rigid, said):
+    """A share may be exceeded where the other is not used up."""
+
+    def entry(spent, allowed):
+        return Entry(spent, 1.0, allowed, "m")
+
+    last = checked()[-1]
+    spent = {"time": entry(time, 0.025), "rigidity": entry(rigid, 0.025)}
+    ledger = replace(last.ledger, **spent, measured=NOTHING)
+    one = iter([replace(last, ledger=ledger)])
+
+    def reports():
+        yield from one
+
+    with warnings.catch_warnings(record=True) as heard:
+        warnings.simplefilter("always")
+        list(rf.Accuracy(0.05, "tip").followed(reports(), swaying(), None, run))
+    words = [str(word.message) for word in heard if "budget of" in str(word.message)]
+    assert ["together 0.051" in word for word in words] == [True] * said
 
 
 @pytest.mark.filterwarnings("ignore:StepControl:rigidfx.RigidfxWarning")
@@ -252,6 +277,9 @@ def test_levels_add_up_to_what_there_is_room_for():
         ({"budget": 1.0}, "budget"),
         ({"budget": 5}, "budget"),
         ({"budget": "fine"}, "budget"),
+        ({"budget": np.nan}, "budget"),
+        ({"budget": None}, "budget"),
+        ({"smallest": "short"}, "smallest"),
         ({"at": 3}, "at"),
         ({"at": ()}, "at"),
         ({"of": 0.0}, "of"),

@@ -17,6 +17,7 @@ from rigidfx.plot.ledger import spent
 from rigidfx.scene.points import far_apart
 from rigidfx.scene.timeline import Timeline
 from rigidfx.step.length.forgetting import Forgetting, comes_back
+from rigidfx.step.length.onsets import narrowed
 from rigidfx.step.length.step_length import Moves, StepLength
 from rigidfx.step.length.time_error import TimeError
 
@@ -306,6 +307,62 @@ def test_the_kinks_of_a_scene():
     assert 1.0 not in bar(moved, loads[0]).bends
 
 
+TRIANGLE = rf.Table((0.83, 1.19, 1.55), (0.0, 1.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("hidden", "told"),
+    [
+        ({"time": lambda t: float(0.83 < t <= 1.51)}, {"since": 0.83, "until": 1.51}),
+        ({"time": lambda t: TRIANGLE(t)}, {"time": TRIANGLE}),
+    ],
+    ids=["jumps", "kinks"],
+)
+def test_a_load_that_sets_in_at_no_breakpoint(hidden, told):
+    """Steps end where it jumps or bends as if that were told; it erred 48 and 3 times as much."""
+    steps = {0.0: 0.83, 0.83: 0.0025}
+    control = rf.StepControl(0.001, "tip", largest=0.2)
+
+    def path(given, dt):
+        reports = run(bar(rf.Fixed("x0"), rf.Traction("x1", (0, 0, 200.0), **given)), dt, 3.0)
+        return times(reports), tip(reports)
+
+    t, u = path(told, steps)
+    truth = CubicHermiteSpline(t, u, np.gradient(u, t, axis=0))
+    hidden, told = (path(given, control) for given in (hidden, told))
+    errors = [np.linalg.norm(u - truth(t), axis=1).max() for t, u in (hidden, told)]
+    assert errors[0] < 1.3 * errors[1]
+    assert len(hidden[0]) < 1.3 * len(told[0])
+
+
+def test_where_a_function_is_not_smooth():
+    """A jump just after it, a kink at it; what is smooth is no more than that."""
+    functions = {
+        "jump": lambda t: 1.0 + t if t > 0.3141 else 0.0,
+        "kink": lambda t: abs(t - 0.3141) + np.sin(t),
+        "smooth": lambda t: np.sin(6 * t),
+        "begins like a square": lambda t: max(0.0, t - 0.3141) ** 2,
+    }
+    places = np.linspace(0, 1, 5)
+    found = {name: narrowed(q, places, [q(t) for t in places]) for name, q in functions.items()}
+    jump, kink = found["jump"], found["kink"]
+    assert jump.jumps
+    assert not kink.jumps
+    assert 0 < jump.t - 0.3141 < 1e-4
+    assert abs(kink.t - 0.3141) < 1e-4
+    assert found["smooth"] is None
+    assert found["begins like a square"] is None
+
+
+def test_a_load_that_fails_between_steps_is_named():
+    def fails(t):
+        return 1.0 if t < 1.0 else 1 / 0
+
+    push = rf.Traction("x1", (0, 0, 200.0), time=fails)
+    with pytest.raises(rf.SceneError, match=r"Traction on 'x1'.*ZeroDivisionError"):
+        run(bar(rf.Fixed("x0"), push), rf.StepControl(0.05, "tip", largest=0.2))
+
+
 def test_a_step_that_may_not_be_shorter_says_so():
     control = rf.StepControl(0.001, "tip", largest=0.4, smallest=0.3)
     with pytest.warns(rf.RigidfxWarning, match="as short as they may be"):
@@ -390,7 +447,12 @@ def test_the_table_of_a_run_has_the_ledger(tmp_path):
         ({"tol": -0.01}, "tol"),
         ({"tol": 1.0}, "tol"),
         ({"tol": "fine"}, "tol"),
+        ({"tol": np.nan}, "tol"),
+        ({"tol": True}, "tol"),
         ({"largest": 0.0}, "largest"),
+        ({"largest": "0.1"}, "largest"),
+        ({"largest": np.nan}, "largest"),
+        ({"smallest": np.nan}, "smallest"),
         ({"largest": np.inf}, "largest"),
         ({"smallest": 0.2}, "smallest"),
         ({"smallest": -1.0}, "smallest"),
@@ -403,6 +465,13 @@ def test_the_table_of_a_run_has_the_ledger(tmp_path):
 def test_bad_numbers_are_refused(wrong, named):
     with pytest.raises(rf.SceneError, match=f"StepControl.*{named}"):
         rf.StepControl(**{"tol": 0.01, "largest": 0.1, **wrong})
+
+
+@pytest.mark.parametrize("given", [(0.05,), (0.05, "tip"), (0.05, "tip", None)])
+def test_the_longest_step_is_to_be_given(given):
+    """What its absence means is said as all is."""
+    with pytest.raises(rf.SceneError, match="StepControl: needs largest, the longest step in s"):
+        rf.StepControl(*given[:2], **({"largest": None} if len(given) > 2 else {}))
 
 
 def test_an_unknown_probe_is_refused():

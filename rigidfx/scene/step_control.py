@@ -32,7 +32,7 @@ def fraction(owner: str, name: str, value: Any) -> float:
         return result
     raise SceneError(
         f"{owner}: {name} must be a number between 0 and 1, such as 0.01 for one per cent, got "
-        f"{value!r}."
+        f"{shown(value)}."
     )
 
 
@@ -48,15 +48,15 @@ class StepControl:
         tol: Error of a run over the largest displacement so far, such as 0.01.
         at: Names of the probes whose displacements count, the one with the largest error each
             time; some nodes far from each other if None.
-        largest: Largest Δt [s]. What is over in less and is not declared as a time window, a
-            `Table` or `breakpoints` may be stepped over.
+        largest: Largest Δt [s]; to be given. What is over in less and is not declared as a time
+            window, a `Table` or `breakpoints` may be stepped over.
         smallest: Smallest Δt [s]; a thousandth of the largest if None.
         of: Displacement that `tol` is a part of [m]; the largest so far if None.
     """
 
     tol: float
     at: str | Sequence[str] | None = None
-    largest: float = field(kw_only=True)
+    largest: float | None = field(default=None, kw_only=True)
     smallest: float | None = field(default=None, kw_only=True)
     of: float | None = field(default=None, kw_only=True)
 
@@ -68,14 +68,17 @@ class StepControl:
         """
         owner = "StepControl"
         fraction(owner, "tol", self.tol)
-        positive(owner, "largest", self.largest)
-        if self.smallest is not None:
-            positive(owner, "smallest", self.smallest)
-            if self.smallest > self.largest:
-                raise SceneError(
-                    f"StepControl: needs smallest ≤ largest, got {shown(self.smallest)} and "
-                    f"{shown(self.largest)} s."
-                )
+        if self.largest is None:
+            raise SceneError(
+                "StepControl: needs largest, the longest step in s that may be taken, such as "
+                "StepControl(0.01, largest=0.05): what is over in less may be stepped over."
+            )
+        largest = positive(owner, "largest", self.largest)
+        if self.smallest is not None and positive(owner, "smallest", self.smallest) > largest:
+            raise SceneError(
+                f"StepControl: needs smallest ≤ largest, got {shown(self.smallest)} and "
+                f"{shown(self.largest)} s."
+            )
         if self.of is not None:
             positive(owner, "of", self.of)
         object.__setattr__(self, "at", probe_names(owner, self.at))
@@ -87,9 +90,15 @@ class StepControl:
         return () if self.at is None else tuple(self.at)
 
     @property
+    def most(self) -> float:
+        """The largest Δt [s]."""
+        assert self.largest is not None  # it would have been refused
+        return float(self.largest)
+
+    @property
     def least(self) -> float:
         """The smallest Δt [s]."""
-        return LEAST * float(self.largest) if self.smallest is None else float(self.smallest)
+        return LEAST * self.most if self.smallest is None else float(self.smallest)
 
     def check(self, scene: Scene) -> None:
         """Look its probes up.

@@ -92,7 +92,7 @@ class Accuracy(Criterion):
         Args:
             control: How that of the run is.
         """
-        tol, largest = float(control.tol) / FINER**2, float(control.largest) / FINER
+        tol, largest = float(control.tol) / FINER**2, control.most / FINER
         return StepControl(
             tol, control.at, largest=largest, smallest=control.least / FINER, of=control.of
         )
@@ -126,16 +126,16 @@ class Accuracy(Criterion):
         tell(scene.comm, f"{budget:.3g} of the largest displacement was asked:\n{ledger}")
         if rule is not None:
             tell(scene.comm, rule.told())
-        shares = {
-            "time integration": (ledger.time, "estimated"),
-            "rigidity": (ledger.rigidity, "estimated"),
-            "the run": (ledger.measured, "measured against a finer flexible run"),
-        }
-        over = [
-            f"{words} errs by {entry.relative:.3g} ({how}) of the {entry.part:.3g} allowed"
-            for words, (entry, how) in shares.items()
-            if entry.relative > entry.part * (1 + 1e-9)
-        ]
+        over = []
+        spent = ledger.time.relative + ledger.rigidity.relative
+        if spent > budget * (1 + 1e-9):
+            over.append(
+                f"time integration errs by {ledger.time.relative:.3g} and what is rigid by "
+                f"{ledger.rigidity.relative:.3g} (estimated), together {spent:.3g}"
+            )
+        if ledger.measured.relative > budget:
+            measured = f"the run errs by {ledger.measured.relative:.3g}"
+            over.append(f"{measured} (measured against a finer flexible run)")
         if ledger.damping.relative / 2 > budget:
             taken = f"numerical damping takes {ledger.damping.relative:.3g} of the energy"
             over.append(f"{taken}, and half of that of amplitudes")

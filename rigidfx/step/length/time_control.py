@@ -14,6 +14,7 @@ from rigidfx.scene.step_control import StepControl
 from rigidfx.scene.timeline import Timeline
 from rigidfx.state import State
 from rigidfx.step.length.forgetting import Forgetting
+from rigidfx.step.length.onsets import Onsets
 from rigidfx.step.length.step_length import Moves, StepLength
 from rigidfx.step.length.time_error import TimeError
 from rigidfx.step.length.tracked import Tracked
@@ -52,12 +53,12 @@ class TimeControl(WarnsOnce):
         self._control, self._timeline = control, timeline
         self._tracked = Tracked(scene, control.names)
         self._error = TimeError(self._tracked.count)
-        self._forgetting = Forgetting(scene)
+        self._forgetting, self._onsets = Forgetting(scene), Onsets(scene)
         bends = scene.bends
         self._bends = np.array(list(bends)), np.array(list(bends.values()))
         self._breaks = [t for t in scene.breakpoints if t > 0 and t not in bends]
         timeline.stop_at(self._breaks)
-        largest = min(float(control.largest), timeline.t_end)
+        largest = min(control.most, timeline.t_end)
         least, size = min(control.least, largest), scene.mean_cell_size
         self.length = StepLength(
             float(control.tol), timeline.t_end, largest, least, largest, size, control.of
@@ -65,7 +66,7 @@ class TimeControl(WarnsOnce):
         self.rejected = 0
         self._objections = 0
         self._end = Moves(0.0)  # at the end of the step that was looked at last
-        self._fresh, self._touch = True, np.nan
+        self._fresh, self._event = True, np.nan
         self._stop = self._step = self._for = np.nan
         self._found = np.nan  # error of the step that was looked at last
         self._system: Any = None
@@ -97,16 +98,32 @@ class TimeControl(WarnsOnce):
         if tol is not None:
             self.length.tol = tol
 
-    def expect(self, touch: float) -> None:
-        """Take the first touch of a contact, at that time [s], for a breakpoint."""
-        self._touch = touch
+    def expect(self, event: float) -> None:
+        """Take a time [s] for a breakpoint, as of the first touch of a contact."""
+        self._event = event
 
     def target(self, t: float) -> float:
-        """End of the step that begins at t [s]: what is left up to a breakpoint is divided evenly.
+        """End of the step that begins at t [s]. Collective.
+
+        What is left up to a breakpoint is divided evenly; where a load jumps or bends before, the
+        step ends there.
 
         Args:
             t: Time [s].
+
+        Raises:
+            SceneError: On every rank, if a load's function fails on any.
         """
+        end = self._even(t)
+        onset = self._onsets.within(t, end, self.tol)
+        if onset is None:
+            return end
+        if onset.jumps:
+            self.expect(onset.t)
+        return onset.t
+
+    def _even(self, t: float) -> float:
+        """End of the step that begins at t, if nothing happens before [s]."""
         length, timeline = self.length, self._timeline
         if self._fresh:
             self._fresh = False
@@ -166,7 +183,7 @@ class TimeControl(WarnsOnce):
         price = PRICE * self._system.equilibrium.prolongation.size**POWER
         self.length.accept(self._found, attempt.end, attempt.dt, self._end, young, price)
         self.rejected, self._objections = self.rejected + self._objections, 0
-        breaks = *self._breaks, self._touch
+        breaks = *self._breaks, self._event
         self._fresh = any(self._timeline.same(attempt.end, b) for b in breaks)
         if self._fresh:
             self._error.forget()
