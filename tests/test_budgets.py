@@ -167,6 +167,38 @@ def test_nothing_is_sure_where_loads_are_as_fast_as_the_structure():
     assert checked()[-1].ledger.sure == "unknown"
 
 
+def falling():
+    """A stiff bar above a plane."""
+    box = rf.box((0, 0, 0), (8, 1, 1), (8, 1, 1))
+    floor = rf.Contact("z0", against=rf.Plane((0, 0, -0.05), (0, 0, 1)))
+    return rf.Scene(box, STIFF, [rf.Gravity((0, 0, -1.0)), floor], probes={"tip": (8, 0.5, 0.5)})
+
+
+def test_nothing_is_sure_from_a_contact_on(tmp_path):
+    """Estimated to err by less than a per cent, such a bar was off by 15 and more."""
+    scene = falling()
+
+    def recorded():
+        with rf.Recorder(scene, tmp_path) as recorder:
+            for report in rf.simulate(scene, LARGEST, 0.4, accuracy=asked(0.05)):
+                recorder.write(report)
+        return report
+
+    with pytest.warns(rf.RigidfxWarning, match=r"budget of 0\.05 was kept is unknown"):
+        report = recorded()
+    h = rf.read_history(tmp_path / "history.csv")
+    touch = int(np.argmax(h["contact"] > 0))
+    assert h["t"][touch] == pytest.approx(np.sqrt(0.1), rel=0.05)
+    assert (h["unsure"][:touch] == 0).all()
+    assert (h["unsure"][touch:] == 3).all()
+    assert report.ledger.struck
+    assert report.ledger.sure == "unknown"
+    assert "time integration (unknown)" in str(report.ledger)
+    alone = list(rf.simulate(scene, rf.StepControl(0.05, "tip", largest=0.2), 0.4, progress=False))
+    assert [r.ledger.sure for r in alone[:2]] == ["estimate"] * 2
+    assert alone[-1].ledger.sure == "unknown"
+
+
 def test_what_cells_have_swung_by_stands_for_a_shadow_that_tells_more():
     """Unless it tells more than four times as much; of some nothing has been seen."""
     told = np.array([0.005, 0.03, 0.08, 0.08])

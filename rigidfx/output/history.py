@@ -30,6 +30,9 @@ Columns, in SI units; a vector has one column for each of x, y, z:
                                              relative to, and what it may be [m]; NaN where
                                              nothing estimates it, or nothing was asked
     rigidity_error, rigidity_allowed         the same of what is rigid [m], with an `Accuracy`
+    unsure                                   0 where these are estimates, 1 where rigidity_error is
+                                             a bound, 2 where it is unknown, and 3 where time_error
+                                             is, too: from the first contact on
     measured_error                           largest distance from a twin so far [m], likewise
     wall                                     wall time of the step [s]
 """
@@ -63,8 +66,9 @@ SCALARS = (
 LEDGER = (
     *("withheld", "frozen", "damped", "deformation", "energy_allowed"),
     *("time_error", "displacement", "time_allowed"),
-    *("rigidity_error", "rigidity_allowed", "measured_error"),
+    *("rigidity_error", "rigidity_allowed", "unsure", "measured_error"),
 )
+UNSURE = "estimate", "bound", "unknown"
 
 
 PAIRS = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "yz": (1, 2), "xz": (0, 2)}
@@ -139,8 +143,10 @@ def _spent(report: Report) -> dict[str, float]:
     of_energy = *energies, ledger.frozen.scale, ledger.frozen.allowed
     time = ledger.time
     of_time = time.spent, time.scale, time.allowed
-    of_rigidity = ledger.rigidity.spent, ledger.rigidity.allowed, ledger.measured.spent
-    return dict(zip(LEDGER, (*of_energy, *of_time, *of_rigidity), strict=True))
+    of_rigidity = ledger.rigidity.spent, ledger.rigidity.allowed
+    unsure = float(len(UNSURE) if ledger.struck else UNSURE.index(ledger.sure))
+    every = *of_energy, *of_time, *of_rigidity, unsure, ledger.measured.spent
+    return dict(zip(LEDGER, every, strict=True))
 
 
 def _stress_names(probe: str) -> list[str]:

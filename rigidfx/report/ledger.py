@@ -26,6 +26,8 @@ from rigidfx.step.stepper import Stepper
 __all__ = ["Entry", "Ledger", "Ledgers", "Rigidity"]
 
 TINY = 1e-300
+Sure = Literal["estimate", "bound", "unknown"]
+NOISE = 1e-9  # of a kinetic energy: rounding of what of it is of deformation
 SLOW = 0.5  # of kinetic over strain energy of deformation, below which loads are slow
 
 
@@ -99,7 +101,9 @@ class Ledger:
         rigidity: Error of displacements by what is rigid so far, an estimate; of `Accuracy` only.
         sure: What that is now: an "estimate"; a "bound" where bodies' shadows ring; "unknown" where
             loads change as fast as the structure vibrates, as near a resonance or in a blow, and
-            from then on if anything was rigid.
+            from then on if anything was rigid; and from the first contact on.
+        struck: Whether a contact has closed: what time integration errs by is unknown from then on,
+            too, as small errors of a blow become large ones of where it sends what was struck.
         measured: Largest distance from a finer flexible twin so far, of `Accuracy(check=True)`.
     """
 
@@ -112,7 +116,8 @@ class Ledger:
     periods: float
     rejected: int
     rigidity: Entry = NOTHING
-    sure: Literal["estimate", "bound", "unknown"] = "estimate"
+    sure: Sure = "estimate"
+    struck: bool = False
     measured: Entry = NOTHING
 
     @property
@@ -134,6 +139,8 @@ class Ledger:
             "time": "time integration",
             "damping": "numerical damping",
         }
+        if self.struck:
+            names["time"] += " (unknown)"
         if not isnan(self.rigidity.spent):
             names["rigidity"] = f"motion, rigid parts ({self.sure})"
         if not isnan(self.measured.spent):
@@ -158,6 +165,7 @@ class Ledgers:
         self._damped = 0.0
         self._inertia = 0.0, 0.0  # kinetic and strain energy while loads change, added up
         self._lost = False  # whether something was rigid where nothing was known
+        self._struck = False
 
     @property
     def deformation(self) -> float:
@@ -183,6 +191,7 @@ class Ledgers:
         """
         stepper = self._stepper
         self._deformation.measure(stepper.system, stepper.state, measures)
+        self._struck |= measures.contact > 0
         self._damped += taken.get(NumericalDamping.__name__, 0.0)
         H = self._deformation.largest
         frozen = sum(max(b.frozen.vibration, 0.0) for b in stepper.state.bodies.of.records)
@@ -195,7 +204,8 @@ class Ledgers:
             periods=periods,
             rejected=0 if stepper.control is None else stepper.control.rejected,
             rigidity=NOTHING if rigidity is None else self._of_rigidity(rigidity),
-            sure="estimate" if rigidity is None else self._sure(rigidity, measures),
+            sure=self._sure(rigidity, measures),
+            struck=self._struck,
         )
 
     def _of_rigidity(self, rigidity: Rigidity) -> Entry:
@@ -203,18 +213,19 @@ class Ledgers:
         U = nan if control is None else control.length.displacement
         return Entry(rigidity.motion * U, U, rigidity.allowed * U, "m")
 
-    def _sure(
-        self, rigidity: Rigidity, measures: Measures
-    ) -> Literal["estimate", "bound", "unknown"]:
+    def _sure(self, rigidity: Rigidity | None, measures: Measures) -> Sure:
         """What the estimate is: where loads change, inertia tells how fast they do."""
+        if rigidity is None:
+            return "unknown" if self._struck else "estimate"
         if not rigidity.free:
             kinetic, strain = self._inertia
-            own = self._deformation.kinetic, measures.strain + measures.stored
-            self._inertia = kinetic, strain = kinetic + own[0], strain + own[1]
+            own = max(self._deformation.kinetic - NOISE * measures.kinetic, 0.0)
+            kinetic, strain = kinetic + own, strain + measures.strain + measures.stored
+            self._inertia = kinetic, strain
             if kinetic > SLOW * strain:
                 self._lost |= rigidity.motion > 0
                 return "unknown"
-        if self._lost:
+        if self._lost or self._struck:
             return "unknown"
         return "bound" if rigidity.rings else "estimate"
 

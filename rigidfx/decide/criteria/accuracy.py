@@ -126,6 +126,12 @@ class Accuracy(Criterion):
         tell(scene.comm, f"{budget:.3g} of the largest displacement was asked:\n{ledger}")
         if rule is not None:
             tell(scene.comm, rule.told())
+        if ledger.struck and not self.check:
+            warn(
+                scene.comm,
+                f"Accuracy: whether the budget of {budget:.3g} was kept is unknown, as a contact "
+                "has closed: no estimate follows what a blow does. check=True measures it.",
+            )
         over = []
         spent = ledger.time.relative + ledger.rigidity.relative
         if spent > budget * (1 + 1e-9):
