@@ -2,11 +2,12 @@
 
 A body's nodes would have to resist, by straining,
 
-    ρ = R̄ᵀ (f_ext - f_flexible - M (v₁ - v₀)/Δt) - f⁰
+    ρ = R̄ᵀ (f_ext - f_flexible - M (v₁ - v₀)/Δt - ½ (R₀ + R₁) f⁰)
 
 in its frame: what loads and the flexible cells exert on them, less what moves them as they do move,
-less the internal forces f⁰ of the shape that the body keeps. R̄ is the rotation halfway through the
-step.
+less the internal forces f⁰ of the shape that the body keeps, as the Energy–Momentum Method has them
+of a shape that turns. R̄ is the rotation halfway through the step, and the mean of the rotations is
+shorter: in a steady spin by ωΔt in a step f⁰ would be 1 - cos(ωΔt/2) too large.
 """
 
 from __future__ import annotations
@@ -121,9 +122,9 @@ class Withheld:
         of_flexible = system.equilibrium.forces_out_of_balance.array_r.reshape(-1, 3)
         for own, active in self._attached:
             residual[own] += of_flexible[active]
-        W, _, Vt = np.linalg.svd(increments.R_av[self._of])
+        W, shorter, Vt = np.linalg.svd(increments.R_av[self._of])
         out = parts.turned(residual, -W @ Vt)
-        out -= self._frozen
+        out -= parts.turned(self._frozen, Vt.mT * shorter[:, None] @ Vt)
         parts.balance(out)
         return out
 
