@@ -220,6 +220,18 @@ def test_what_vibrates_fast_hides_no_slow_motion():
     assert error(tips[1], tips[0]) <= 0.8 * rule.kappa * rule.tol / peak
 
 
+@pytest.mark.parametrize("tol", [0.0, rf.Relative(0.02)], ids=["zero", "relative"])
+def test_what_is_at_rest_is_rigid_until_it_is_struck(tol):
+    """With a tolerance of nothing yet: it strains by rounding, which wakes nothing."""
+    push = rf.Traction("x1", (100.0, 30.0, 0.0), since=20 * DT, until=22 * DT)
+    *_, rigid, events = run(bar(push), 22 * DT, rf.StrainRate(tol, 3 * DT, wake="local"))
+    assert [event.kind for event in events] == ["freeze", "release"]
+    assert events[0].t == pytest.approx(9 * DT)  # seven steps for the price of its switches
+    assert events[1].t == pytest.approx(20 * DT)
+    assert events[1].reason.startswith("predicted")
+    assert rigid[10:20].all()
+
+
 @chatter
 def test_the_papers_rule_releases_it_at_each_change_of_the_load():
     _, tol = gentle()

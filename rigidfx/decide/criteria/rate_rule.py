@@ -62,6 +62,7 @@ class RateRule:
             cells = scene.owned_cells(name, "StrainRate (tolerances)")
             special[cells] = np.minimum(special[cells], own)
         self._special, self._stiffness = special, stiffness(scene)
+        self._noise = 0.0  # strain rate that rounding may leave, at the end of the last window
 
     @property
     def tol(self) -> Array:
@@ -75,7 +76,8 @@ class RateRule:
         window = self._window
         period = MARGIN * self._memory.signals.period() if isinstance(window, str) else window
         length = float(period) if period > 0 else np.inf  # nothing may oscillate yet, or at all
-        rates = (self._kappa or 1.0) * self.tol
+        # What is at rest strains by noise: with a tolerance below that it would wake at once.
+        rates = (self._kappa or 1.0) * np.maximum(self.tol, self._noise)
         strains = rates * self._memory.strokes.of_strains(length, self._timeline.dt)
         return Limits(rates, strains, length, bends=self._memory.bends.limits(self.tol))
 
@@ -108,10 +110,10 @@ class RateRule:
     def window_ends(self, seen: Observation, flexible: Bools) -> None:
         """Remember the largest strain, if it wakes cells. Collective."""
         if self._kappa is not None:
-            memory = self._memory
+            memory, self._noise = self._memory, seen.noise
             length, rigid = seen.t - memory.window.start, memory.back_off.rigid
-            memory.strokes.look(seen.strains, seen.noise, length, rigid)
-            memory.bends.look(memory.strokes.rate_of_all, seen.noise)
+            memory.strokes.look(seen.strains, self._noise, length, rigid)
+            memory.bends.look(memory.strokes.rate_of_all, self._noise)
             rested = seen.t - memory.loads.resting_since
             # A load that stands still at a crest does not rest.
             turning = memory.strokes.turning if rested >= HALF * length else 0.0
