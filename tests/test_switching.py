@@ -704,6 +704,15 @@ def test_window_auto():
     assert CYCLES * slow * 0.95 <= freeze.t <= (CYCLES + 1) * slow
 
 
+@pytest.mark.parametrize("wake", ["all", "local"])
+def test_window_auto_forgets_a_load_that_has_come_to_stay(wake):
+    """In a record it might be the beginning of a slow oscillation, and nothing would freeze."""
+    load = rf.Gravity((0, 0, -0.1), time=lambda t: min(t / PERIOD, 1.0))
+    criterion = rf.StrainRate(ANY, "auto", wake=wake)
+    (freeze,) = events(run(swinging(load), criterion, 8 * PERIOD, PERIOD / 20))
+    assert (1 + CYCLES) * PERIOD * 0.95 <= freeze.t <= (2 + CYCLES) * PERIOD
+
+
 def test_window_auto_at_rest():
     """Nothing oscillates: as soon as that can be told."""
     (freeze,) = events(run(bar(rf.NumericalDamping(0.1)), rf.StrainRate(0.0, "auto"), t_end=2.0))

@@ -307,6 +307,7 @@ class Policy:
             memory.window.add(indicator.cells, rates)
             self.rule.observe(seen)
             memory.signals.add(seen.state, memory.loads.observe(t))
+            memory.signals.rest_since(memory.loads.resting_since)
 
     def applied(self, decision: Decision, seen: Observation, changed: bool) -> None:
         """Take notice of what has come of a decision. Collective.

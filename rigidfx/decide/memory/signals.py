@@ -61,6 +61,21 @@ class Signals:
         self._loads.append(loads)
         self._added += 1
 
+    def rest_since(self, t: float) -> None:
+        """Take note of the time from which on loads have rested [s].
+
+        Once that is half of the record, what was before is forgotten: a load that has risen and
+        stays is no oscillation, but a record does not tell that from the beginning of a slow one.
+        """
+        if not self._times or not self._times[0] < t < (self._times[0] + self._times[-1]) / 2:
+            return
+        kept = sum(other >= t for other in self._times)
+        records = [list(record)[-kept:] for record in (self._times, self._distances, self._loads)]
+        self.restart()
+        self._added = kept
+        for record, old in zip((self._times, self._distances, self._loads), records, strict=True):
+            record.extend(old)
+
     def period(self) -> float:
         """Longest period seen [s]; 0 where nothing oscillates, NaN while that cannot be told.
 
