@@ -69,12 +69,11 @@ class Signals:
         """
         if not self._times or not self._times[0] < t < (self._times[0] + self._times[-1]) / 2:
             return
-        kept = sum(other >= t for other in self._times)
-        records = [list(record)[-kept:] for record in (self._times, self._distances, self._loads)]
-        self.restart()
-        self._added = kept
-        for record, old in zip((self._times, self._distances, self._loads), records, strict=True):
-            record.extend(old)
+        for _ in range(sum(other < t for other in self._times)):
+            self._times.popleft()
+            self._distances.popleft()
+            self._loads.popleft()
+        self._longest, self._looked_at, self._added = float("nan"), 0, len(self._times)
 
     def period(self) -> float:
         """Longest period seen [s]; 0 where nothing oscillates, NaN while that cannot be told.
