@@ -10,6 +10,8 @@ from scipy.sparse import random as random_sparse
 from test_kept_tangent import DT, SPIN, STEEL, keep
 
 import rigidfx as rf
+from rigidfx.shadow.linear_part import PREFIX, solver_of
+from rigidfx.step.linear import cholmod
 from rigidfx.step.newton.cholesky import SKEW, Cholesky
 
 N = 60
@@ -41,7 +43,7 @@ def solution(cholesky, A):
     return z.array
 
 
-@pytest.mark.skipif(not Cholesky.exists(), reason="PETSc has no CHOLMOD")
+@pytest.mark.skipif(not cholmod.exists(), reason="PETSc has no CHOLMOD")
 def test_the_symmetric_part_is_solved_with_as_often_as_it_is_new():
     symmetric, skew = entries()
     A = matrix(symmetric + 0.5 * SKEW * skew)
@@ -63,7 +65,7 @@ def test_the_symmetric_part_is_solved_with_as_often_as_it_is_new():
     cholesky.destroy()
 
 
-@pytest.mark.skipif(not Cholesky.exists(), reason="PETSc has no CHOLMOD")
+@pytest.mark.skipif(not cholmod.exists(), reason="PETSc has no CHOLMOD")
 def test_what_is_skew_or_not_definite_is_left_to_lu(capfd):
     symmetric, skew = entries()
     assert not Cholesky(matrix(symmetric + 2 * SKEW * skew)).renew()
@@ -74,7 +76,7 @@ def test_what_is_skew_or_not_definite_is_left_to_lu(capfd):
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.skipif(not Cholesky.exists(), reason="PETSc has no CHOLMOD")
+@pytest.mark.skipif(not cholmod.exists(), reason="PETSc has no CHOLMOD")
 def test_what_swings_has_cholesky_factors_and_what_turns_lu(monkeypatch):
     keep(monkeypatch)
     bar = rf.box((0, 0, 0), (1, 0.2, 0.2), (8, 2, 2))
@@ -83,3 +85,19 @@ def test_what_swings_has_cholesky_factors_and_what_turns_lu(monkeypatch):
     for effect, kind in ((rf.Fixed("x0"), "cholesky"), (SPIN, "lu")):
         *_, last = rf.simulate(rf.Scene(bar, STEEL, [effect, push]), long, 10 * long)
         assert last.solver == f"kept preonly+{kind}"
+
+
+@pytest.mark.skipif(not cholmod.exists(), reason="PETSc has no CHOLMOD")
+def test_shadows_have_them_as_well_and_mumps_what_is_not_definite():
+    symmetric, _ = entries()
+    least = np.linalg.eigvalsh(symmetric)[0]
+    for S, by in ((symmetric, "cholmod"), (symmetric - 1.1 * least * np.eye(N), "mumps")):
+        A = matrix(S)
+        r, z = A.createVecs()
+        r.array[:] = np.arange(1, N + 1)
+        ksp = solver_of(A)
+        ksp.solve(r, z)
+        assert ksp.getOptionsPrefix() == PREFIX
+        assert ksp.getPC().getFactorSolverType() == by
+        assert z.array == pytest.approx(np.linalg.solve(S, r.array), rel=1e-8)
+        ksp.destroy()

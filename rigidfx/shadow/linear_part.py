@@ -12,9 +12,10 @@ from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.rows import Rows
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.shadow.parts import Parts
+from rigidfx.step.linear import cholmod
 from rigidfx.step.linear.linear_solver import default_options
 
-__all__ = ["LinearPart"]
+__all__ = ["PREFIX", "LinearPart", "solver_of"]
 
 Array = npt.NDArray[np.float64]
 
@@ -46,7 +47,7 @@ class LinearPart:
         still = self._K.copy()
         scale = float(self._K.getDiagonal().norm()) / np.sqrt(max(rows.comm.allreduce(1), 1))
         still.zeroRowsColumns(held[(held >= first) & (held < last)], diag=scale)
-        self._static = _solver(still)
+        self._static = solver_of(still)
         self._dynamic: dict[tuple[float, float, float], PETSc.KSP] = {}
         self._right, self._found, self._work, self._dashpots = (rows.vector() for _ in range(4))
         self._dashpots.array[:] = np.repeat(dashpots, 3)
@@ -126,7 +127,7 @@ class LinearPart:
             self._dashpots.copy(self._work)
             self._work.scale(1 / dt)
             A.setDiagonal(self._work, PETSc.InsertMode.ADD_VALUES)
-            self._dynamic[kind] = _solver(A)
+            self._dynamic[kind] = solver_of(A)
         return self._dynamic[kind]
 
     def destroy(self) -> None:
@@ -144,9 +145,19 @@ def _assembled(rows: Rows, form: fem.Form) -> PETSc.Mat:
     return A
 
 
-def _solver(A: PETSc.Mat) -> PETSc.KSP:
-    """A solver that keeps the factors of a symmetric positive definite matrix, and owns it."""
+def solver_of(A: PETSc.Mat) -> PETSc.KSP:
+    """A solver with kept factors of a symmetric, definite matrix, which it owns. Collective.
+
+    By CHOLMOD on one rank; by MUMPS on several, and where a material gives way, so that the matrix
+    is not definite.
+    """
     A.setOption(PETSc.Mat.Option.SPD, True)
+    if A.comm.size == 1 and cholmod.exists():
+        ksp = cholmod.solver(A.comm, PREFIX)
+        if cholmod.factor(ksp, A):
+            A.destroy()  # its solver holds it
+            return ksp
+        ksp.destroy()
     ksp = PETSc.KSP().create(A.comm)
     ksp.setOptionsPrefix(PREFIX)
     ksp.setOperators(A)
@@ -154,5 +165,5 @@ def _solver(A: PETSc.Mat) -> PETSc.KSP:
     with default_options(PREFIX, **given):
         ksp.setFromOptions()
     ksp.setUp()
-    A.destroy()  # its solver holds it
+    A.destroy()
     return ksp

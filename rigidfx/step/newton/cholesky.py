@@ -11,7 +11,8 @@ from __future__ import annotations
 
 from petsc4py import PETSc
 
-from rigidfx.step.linear.linear_solver import PREFIX, default_options
+from rigidfx.step.linear import cholmod
+from rigidfx.step.linear.linear_solver import PREFIX
 
 __all__ = ["Cholesky"]
 
@@ -19,11 +20,6 @@ OWN = PREFIX + "cholesky_"  # prefix of its options
 # Skew part, relative to all of a tangent, in Frobenius' norm. A residual falls to 2 to 14 times
 # that in an iteration.
 SKEW = 2e-3
-DEFAULTS = {
-    "mat_cholmod_print": "0",  # that a matrix is not definite is an answer here
-    "mat_cholmod_factor": "supernodal",  # simplicial ones, of small matrices, would not tell it
-    "mat_cholmod_nmethods": "3",  # the better of AMD and METIS: a plate's had 12 % fewer entries
-}
 UNKNOWN = PETSc.Mat.Structure.UNKNOWN_NONZERO_PATTERN  # PETSc compares them: the same, as a rule
 
 
@@ -45,33 +41,14 @@ class Cholesky:
         self._A = A
         self._transposed, self._symmetric = PETSc.Mat(), PETSc.Mat()
         self._entries = 0.0
-        self.ksp = PETSc.KSP().create(A.comm)
-        self.ksp.setOptionsPrefix(OWN)
-        self.ksp.setType(PETSc.KSP.Type.PREONLY)
-        self.ksp.getPC().setType(PETSc.PC.Type.CHOLESKY)
-        self.ksp.getPC().setFactorSolverType(PETSc.Mat.SolverType.CHOLMOD)
-        self.ksp.setFromOptions()
-
-    @staticmethod
-    def exists() -> bool:
-        """Whether PETSc has CHOLMOD, which makes them."""
-        has = PETSc.Sys.hasExternalPackage
-        return bool(has("cholmod") or has("suitesparse"))
+        self.ksp = cholmod.solver(A.comm, OWN)
 
     def renew(self) -> bool:
         """Factor the matrix as it is now; false if it is too far from symmetric, or not definite.
 
         Then this one is of no use any more.
         """
-        if not self._symmetrize():
-            return False
-        self.ksp.setOperators(self._symmetric)
-        try:
-            with default_options(OWN, **DEFAULTS):
-                self.ksp.setUp()
-        except PETSc.Error:  # not definite; or too large for CHOLMOD's integers, or the memory
-            return False
-        return True
+        return self._symmetrize() and cholmod.factor(self.ksp, self._symmetric)
 
     def _symmetrize(self) -> bool:
         """Find the symmetric part; false if it is not near enough to all of the matrix."""

@@ -15,9 +15,9 @@ from petsc4py import PETSc
 
 from rigidfx.domain.connected import ConnectedParts
 from rigidfx.step.equations.equations import Equilibrium
+from rigidfx.step.linear import cholmod
 from rigidfx.step.linear.linear_solver import PREFIX
 from rigidfx.step.newton.band import few_entries, fill, likely_fill
-from rigidfx.step.newton.cholesky import Cholesky
 from rigidfx.step.newton.chord_test import ChordTest
 from rigidfx.step.newton.factors import Factors
 from rigidfx.step.newton.frames import Frames
@@ -190,7 +190,7 @@ class Chord:
         p = self._equilibrium.prolongation
         inverse = self._kept.inverse
         soft = self._long_kept.full or isinstance(inverse, IncompleteFactors)
-        if soft and p.comm.size == 1 and p.size <= SOFT_FACTORS_UP_TO and Cholesky.exists():
+        if soft and p.comm.size == 1 and p.size <= SOFT_FACTORS_UP_TO and cholmod.exists():
             dear = isinstance(inverse, Factors) and inverse.dear
             self._long_kept.served(iterations, self.linear_iterations, self.tangents > 0, dear)
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 from petsc4py import PETSc
 
 from rigidfx.step.equations.equations import Equilibrium
+from rigidfx.step.linear import cholmod
 from rigidfx.step.linear.linear_solver import QUICK_UP_TO, configure
 from rigidfx.step.newton.band import few_entries
 from rigidfx.step.newton.cholesky import Cholesky
@@ -45,7 +46,7 @@ class Factors:
         self._equilibrium, comm = equilibrium, equilibrium.prolongation.comm
         self._quick = False
         self._ksp = PETSc.KSP().create(comm)
-        one = comm.size == 1 and Cholesky.exists()
+        one = comm.size == 1 and cholmod.exists()
         self._cholesky = Cholesky(equilibrium.tangent_matrix) if one else None
         self._take_pivots(True)
 
