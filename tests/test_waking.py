@@ -232,6 +232,21 @@ def test_what_is_at_rest_is_rigid_until_it_is_struck(tol):
     assert rigid[10:20].all()
 
 
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+def test_a_load_that_begins_as_a_part_freezes_wakes_it_before_the_step(mass):
+    """What the load changes is all that is known of the body, and enough."""
+    push = rf.Traction("x1", (100.0, 30.0, 0.0), since=9 * DT)
+    scene = bar(push, mass=mass)
+    tips, *_ = run(scene, 30 * DT)
+    found, *_, events = run(
+        scene, 30 * DT, rf.StrainRate(1e-9, 3 * DT, wake="local", until=10 * DT)
+    )
+    assert [event.kind for event in events] == ["freeze", "release"]
+    assert [event.t for event in events] == pytest.approx([9 * DT] * 2)
+    assert events[1].reason.startswith("predicted")
+    assert error(found, tips) <= 1e-9
+
+
 @chatter
 def test_the_papers_rule_releases_it_at_each_change_of_the_load():
     _, tol = gentle()

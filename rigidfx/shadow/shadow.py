@@ -198,23 +198,35 @@ class Shadow(Watch):
         """What the bodies will withhold in a step that is still to be solved. Collective.
 
         The force on them is that of the last step and what loads on the bodies themselves change of
-        it. Arguments as of `look`.
+        it. Of bodies that have just frozen that change alone is known. Arguments as of `look`.
 
         Returns:
             What each owned cell would strain; None where loads change no more than usual.
         """
         with _REGROUPING:
             self.follow(dt)
-        last = self._pace.last
-        if self._parts is None or self._withheld is None or last is None:
+        if self._parts is None or self._withheld is None:
             return None
         with _LOOKING:
             rise = self._withheld.rise(t, dt, self._pace.alarming)
             if rise is None:
                 return None
+        last = self._pace.last
+        if last is None:
+            return self._struck(rise, t, dt, limits())
         self._factor(last + rise, t, dt)
         with _LOOKING:
             return self._foreseen(last + rise, t, dt, limits())[1]
+
+    def _struck(self, force: Array, t: float, dt: float, limits: Limits) -> Strained:
+        """What a force alone would strain in a step from rest. Collective."""
+        assert self._part is not None
+        with _REGROUPING:
+            self._part.factored(dt, *self._damping(t + dt / 2))
+        with _LOOKING:
+            rest = Motion(*np.zeros((5, *force.shape)))
+            motion = self._stepped(rest, force, t + dt / 2, dt)
+            return self._gauge.strained(rest, motion, dt, limits, None)
 
     def _factor(self, force: Array, t: float, dt: float) -> None:
         """Have the factors for the steps that shadows are to take. Collective."""

@@ -106,7 +106,7 @@ class Withheld:
         self._place(self._u0, start)
         if self._loads is not None:
             self._place(self._u1, end)
-        self._given = self._loads_of(t, dt)
+        self._given = self._loads_of(t, dt, system.acting)
         # The residual of the nodes if they were flexible, but for what their own cells do. They
         # move as a body does: what they do is linear in their places in it.
         self._d.array[:] = parts.linear(increments.displacement[self._of]).reshape(-1)
@@ -137,15 +137,19 @@ class Withheld:
             alarming: Whether a change of that size counts, equal on all ranks; 0 does not.
 
         Returns:
-            Forces as `force` has them; None before the first step, and where they do not count.
+            Forces as `force` has them; None in a run's first step, and where they do not count.
         """
-        if self._given is None:
-            return None
         bodies = self._stepper.state.bodies
         if self._loads is not None:  # they follow the bodies
             self._place(self._u0, bodies)
             self._place(self._u1, bodies)
-        change = (self._loads_of(t, dt) - self._given).reshape(-1, 3)
+        if self._given is None:
+            # The bodies are new. Follower loads are taken as they are now.
+            if t < dt:
+                return None
+            self._given = self._loads_of(t - dt, dt, self._stepper.scene.acting(t - dt / 2))
+        now = self._loads_of(t, dt, self._stepper.system.acting)
+        change = (now - self._given).reshape(-1, 3)
         # Neither turning nor balancing makes it larger.
         if not alarming(self._parts.size(change)):
             return None
@@ -153,12 +157,11 @@ class Withheld:
         self._parts.balance(out)
         return out if alarming(self._parts.size(out)) else None
 
-    def _loads_of(self, t: float, dt: float) -> Array:
+    def _loads_of(self, t: float, dt: float, acting: Sequence[Windowed]) -> Array:
         """Dead and follower loads in a step on all dofs of the rows [N]. Collective."""
-        system = self._stepper.system
-        if system.acting is not self._acting:
-            self._acting = system.acting
-            self._actions.select(self._acting)
+        if acting is not self._acting:
+            self._acting = acting
+            self._actions.select(acting)
         self._actions.set_time(t + dt / 2, dt)
         out = self._actions.external.array_r.copy()
         if self._loads is not None:
