@@ -335,6 +335,24 @@ def test_a_load_that_sets_in_at_no_breakpoint(hidden, told):
     assert len(hidden[0]) < 1.3 * len(told[0])
 
 
+def test_steps_follow_a_blow():
+    """A bar falls flat and is thrown back: it was off by fourteen times what was asked."""
+    box, floor = rf.box((0, 0, 0), (8, 1, 1), (8, 1, 1)), rf.Plane((0, 0, -0.05), (0, 0, 1))
+    effects = [rf.Gravity((0, 0, -1.0)), rf.KelvinVoigt(2e4), rf.Contact("z0", against=floor)]
+
+    def path(dt):
+        scene = rf.Scene(box, SOFT, effects, probes={"tip": (8, 0.5, 0.5)})
+        reports = run(scene, dt, 0.9)
+        return times(reports), tip(reports)
+
+    t, u = path({0.0: 0.01, 0.3: 0.001})  # off by a sixth of what is asked
+    truth = CubicHermiteSpline(t, u, np.gradient(u, t, axis=0))
+    t, ours = path(rf.StepControl(0.01, "tip", largest=0.2, smallest=2e-5))
+    error = np.linalg.norm(ours - truth(t), axis=1).max()
+    assert error < 2.5 * 0.01 * np.linalg.norm(u, axis=1).max()
+    assert len(t) < 500
+
+
 def test_where_a_function_is_not_smooth():
     """A jump just after it, a kink at it; what is smooth is no more than that."""
     functions = {

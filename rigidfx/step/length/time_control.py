@@ -13,6 +13,7 @@ from rigidfx.scene.scene import Scene
 from rigidfx.scene.step_control import StepControl
 from rigidfx.scene.timeline import Timeline
 from rigidfx.state import State
+from rigidfx.step.length.blows import Blows
 from rigidfx.step.length.forgetting import Forgetting
 from rigidfx.step.length.onsets import Onsets
 from rigidfx.step.length.step_length import Moves, StepLength
@@ -54,6 +55,7 @@ class TimeControl(WarnsOnce):
         self._tracked = Tracked(scene, control.names)
         self._error = TimeError(self._tracked.count)
         self._forgetting, self._onsets = Forgetting(scene), Onsets(scene)
+        self._blows, self._fastest = Blows(scene), 0.0
         bends = scene.bends
         self._bends = np.array(list(bends)), np.array(list(bends.values()))
         self._breaks = [t for t in scene.breakpoints if t > 0 and t not in bends]
@@ -157,6 +159,8 @@ class TimeControl(WarnsOnce):
         v0, v1, u = self._tracked.motion(self._system, self._state, dt)
         self._found = self._error.look(v0, v1, t, dt)
         self._end = Moves(longest(u), longest(v1), longest(v1 - v0) / dt)
+        if self._blows.any:
+            self._found += self._struck(t, dt)
         if attempt.final or not self.length.too_much(self._found, t, dt):
             return None
         if dt < 2 * self.length.shortest:
@@ -174,10 +178,18 @@ class TimeControl(WarnsOnce):
             self.length.halvings(self._found, t, dt),
         )
 
+    def _struck(self, t: float, dt: float) -> float:
+        """What a blow errs by in a step that has been solved, once that shows [m]. Collective."""
+        touches, fastest = self._system.actions.touches(), max(self._fastest, self._end.speed)
+        later = self.length.displacement / fastest if fastest > 0 else 0.0
+        return self._blows.look(touches, t, dt, later)
+
     def accept(self, attempt: Attempt) -> None:
         """Take note that the step that was looked at last is one. Collective."""
         young = self._error.young
         self._error.accept()
+        self._blows.accept()
+        self._fastest = max(self._fastest, self._end.speed)
         if attempt.cuts:
             self.length.wanted = attempt.dt
         price = PRICE * self._system.equilibrium.prolongation.size**POWER
