@@ -16,7 +16,9 @@ from mpi4py import MPI
 
 import rigidfx as rf
 from rigidfx.base.errors import SceneError, StepError
+from rigidfx.decide.clusters import CellGraph
 from rigidfx.decide.criteria.concentration import quiet_enough
+from rigidfx.decide.lasting import Lasting
 from rigidfx.decide.memory import deflection
 from rigidfx.decide.memory.bends import Bends
 from rigidfx.decide.memory.drift import Drift
@@ -27,6 +29,7 @@ from rigidfx.decide.policy import CHECKED, FORESEEN
 from rigidfx.flexible.stress import CauchyStress
 from rigidfx.shadow import pace, shadow
 from rigidfx.shadow.dashpots import of_neighbours
+from rigidfx.shadow.gauge import UNSETTLED
 from rigidfx.shadow.pace import LONG, LOOKS, Pace
 from rigidfx.shadow.parts import Parts
 from rigidfx.shadow.shadow import Shadow
@@ -522,6 +525,22 @@ def test_the_quietest_parts_freeze_as_long_as_the_rest_can_take_the_motion():
     assert not quiet_enough(np.array([0.5]), 1.0, np.ones(1)).any()
 
 
+def test_what_would_be_enclosed_and_is_not_quiet_stays_flexible_with_a_ring():
+    scene = rf.Scene(rf.box((0, 0, 0), (5, 5, 5), (5, 5, 5), comm=MPI.COMM_SELF), SOFT)
+    corners = scene.mesh.geometry.x[scene.mesh.geometry.dofmap]
+    far = np.abs(corners.mean(axis=1) - 2.5).max(axis=1)  # of cells from the middle
+    every, loud = np.arange(125, dtype=np.int32), np.where(far < 0.5, 1.6, 0.5)
+
+    def out(criterion, loud):
+        lasting = Lasting(scene, CellGraph(scene), criterion, memory=None)
+        return lasting.round_enclosed([every], far > 0.5, loud)
+
+    assert np.array_equal(out(local(1.0), loud), far < 1.5)  # half of κ is 1.5
+    assert not out(local(1.0), 0.9 * loud).any()
+    assert not out(local(1.0, kappa=4), loud).any()
+    assert not out(rf.Accuracy(0.01), loud).any()  # no cell wakes for itself
+
+
 def test_a_freeze_pays_as_much_work_as_it_costs():
     one, small, large = np.ones(10, dtype=bool), np.array([0], np.int32), np.arange(1, 6)
     quiet = np.full(10, 20.0)
@@ -555,19 +574,24 @@ def test_what_rings_from_step_to_step_or_turns_wakes_nothing(monkeypatch):
         if found is not None and not looks:
             stretch = 1e-3 * self._parts.V
             turn = np.cross((0, 0, 0.1), self._parts.V)
-            ends, told = ((stretch, stretch), (stretch, -stretch), (turn, turn)), []
-            now = self._motion
-            for before, then in ends:
+            ends, told = [(stretch, stretch), (stretch, -stretch), (turn, turn)], []
+            now, first = self._motion, self._gauge.looks
+            for before, then in [*ends, (0 * stretch, stretch), (0 * stretch, stretch)]:
+                self._gauge.looks = first + UNSETTLED * (len(told) == 4)
                 end = replace(now, u=now.u + dt * then, w=then)
                 told.append(self._gauge.strained(replace(now, w=before), end, dt, limits(), None))
+            self._gauge.looks = first
             looks.extend(strained.rate.max() for strained in told)
         return found
 
     monkeypatch.setattr(Shadow, "look", seen)
     _, tol = gentle()
     run(on_a_block(), 1.0, local(tol))
-    steady, ringing, turning = looks
+    steady, ringing, turning, soon, later = looks
     assert steady > 0
+    # What begins is told at once, but after a change of bodies in the mean of two steps.
+    assert soon == pytest.approx(later / 2)
+    assert later == pytest.approx(steady)
     assert ringing <= 1e-9 * steady
     assert turning <= 1e-3 * steady  # its strain is of second order
 

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
+from rigidfx.decide.clusters import CellGraph
 from rigidfx.decide.criteria.concentration import Concentration
 from rigidfx.decide.criteria.judging import Criterion
 from rigidfx.decide.criteria.observation import Observation
@@ -35,15 +36,19 @@ QUIETER = 0.8  # times the loudest cell of parts that do too much: what may stil
 class Lasting:
     """Knows what concerns a structure when parts of it become rigid."""
 
-    def __init__(self, scene: Scene, criterion: Criterion, memory: Memory) -> None:
+    def __init__(
+        self, scene: Scene, graph: CellGraph, criterion: Criterion, memory: Memory
+    ) -> None:
         """Take the stiffness of the cells. Collective.
 
         Args:
             scene: The problem.
+            graph: Neighbours of its cells.
             criterion: What the user states.
             memory: What the policy remembers.
         """
         self._comm, self._criterion, self._memory = scene.comm, criterion, memory
+        self._graph = graph
         self._concentration = Concentration(scene)
 
     def bodies(
@@ -78,8 +83,8 @@ class Lasting:
             found = plan(able, barred)
             new = [body for body in found.bodies if not body.kept]
             parts = [body.cells[flexible[body.cells]] for body in new]
-            out = np.zeros_like(able)
-            if np.isfinite(most):
+            out = self.round_enclosed(parts, able, loud)
+            if not self._some(out) and np.isfinite(most):
                 weights = seen.indicator.weights
                 out = self._concentration.too_loud(parts, worst, weights, tol, flexible, most)
             if not self._some(out):
@@ -91,6 +96,22 @@ class Lasting:
                 if not self._some(out):
                     return found
             able, barred = able & ~out, barred | out
+
+    def round_enclosed(self, parts: Sequence[Ints], able: Bools, loud: Array) -> Bools:
+        """Cells round those that are too loud, and in parts as these enclose them. Collective.
+
+        Such a cell would wake its part as soon as that is rigid. So it stays flexible with a ring
+        of cells round it, as where it wakes.
+
+        Args:
+            parts: Owned flexible cells that are to freeze, of each body that is to be.
+            able: Owned cells that may freeze; others are in parts because these enclose them.
+            loud: Strain rate of each owned cell over its tolerance.
+        """
+        inside = np.zeros(loud.size)
+        for own in parts:
+            inside[own] = (~able & (loud > self._criterion.enclosing))[own]
+        return self._graph.touching(self._graph.largest_at_nodes(inside) > 0)
 
     def _creeping(self, worst: Array, most: Array, length: float) -> Bools:
         """Owned cells that have to strain by too much until they are at rest.

@@ -100,7 +100,7 @@ class Policy:
             bends=Bends(scene),
             drift=Drift(scene.comm, self._graph.owned),
         )
-        self._lasting = Lasting(scene, criterion, self.memory)
+        self._lasting = Lasting(scene, self._graph, criterion, self.memory)
         self.rule = heeded_rule(criterion, scene, timeline, self.memory, failures)
 
     @property

@@ -80,8 +80,9 @@ class Gauge:
     def _rates(self, start: Motion, end: Motion, dt: float) -> Array:
         """Strain rate of each owned cell in a step [1/s]. Collective."""
         slow = self._measured(np.where(np.isnan(start.mean), 0.0, end.mean - start.mean), dt)
-        # What a step does not resolve rings from step to step: nothing is left of two together.
-        both = dt * (start.w + end.w)
+        # What a step does not resolve rings from step to step: nothing is left of two together. A
+        # change of the bodies sets that off, in what is flexible beside them, too.
+        both = dt * (start.w + end.w) * (1.0 if self.looks > UNSETTLED else 0.5)
         lasting = self._measured(np.where(np.isnan(both), 0.0, both), dt)
         rates = np.minimum(self._measured(end.u - start.u, dt), lasting)
         return np.maximum(rates, slow) if self.looks > UNSETTLED else rates

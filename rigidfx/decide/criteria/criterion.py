@@ -162,6 +162,11 @@ class StrainRate(Criterion):
         """Half of what wakes cells, unless loads say how fast all moves."""
         return max(1.0, HALF * self.kappa) if resting or swings else inf
 
+    @property
+    def enclosing(self) -> float:
+        """Half of what wakes cells."""
+        return max(1.0, HALF * self.kappa)
+
     def rule(self, scene: Scene, timeline: Timeline, memory: Memory) -> Rule:
         """See `Criterion`."""
         kappa = float(self.kappa) if self.wake == "local" else None

@@ -76,6 +76,14 @@ class Criterion:
         """
         return 1.0 if resting else inf
 
+    @property
+    def enclosing(self) -> float:
+        """What cells may strain at that others enclose, over their tolerances.
+
+        Infinite where forces wake no single cells.
+        """
+        return inf
+
     def least_cells(self, scene: Scene) -> int:
         """Least number of cells of a new body. Collective.
 
