@@ -7,6 +7,7 @@ import pytest
 from histories import EPS, column, drift, show
 
 import rigidfx as rf
+from rigidfx.step.newton.newton import Newton
 from rigidfx.step.newton.stopping_test import ROUNDING, TIGHTEST, StoppingTest, reason_name
 
 LEVEL = 1e-6  # N
@@ -126,15 +127,13 @@ def test_growth_of_the_first_iterate_says_nothing_of_linear_solves():
 @pytest.mark.filterwarnings("ignore:In the step from:rigidfx.RigidfxWarning")
 def test_no_step_ends_in_a_grown_residual(monkeypatch):
     """Halves of 1e10 : 1 in stiffness: all that Newton leaves is rounding."""
-    ended, usual = [], StoppingTest.__call__
+    ended, usual = [], Newton.accept
 
-    def watched(self, iteration, norm):
-        reason = usual(self, iteration, norm)
-        if reason > 0:
-            ended.append((self.rounding, *self.history[-2:]))
-        return reason
+    def watched(self):
+        ended.append((self.stop.rounding, self.stop.history[-2], self._left))
+        usual(self)
 
-    monkeypatch.setattr(StoppingTest, "__call__", watched)
+    monkeypatch.setattr(Newton, "accept", watched)
     ends = {"stiff": lambda x: x[0] <= 2 + 1e-9, "soft": lambda x: x[0] >= 2 - 1e-9}
     domain = rf.box((0, 0, 0), (4, 1, 1), (4, 1, 1))
     for name, where in ends.items():
@@ -151,10 +150,12 @@ def test_no_step_ends_in_a_grown_residual(monkeypatch):
     assert len(ended) == 60
     assert not [(level, before, last) for level, before, last in ended if last > max(level, before)]
     assert sum(r.cuts for r in reports) == 0
-    assert max(r.iterations for r in reports) <= 6
-    # Forces of rounding, ε E₁, move with the soft half: the processor's last bits decide between
-    # 1e-8 and 4e-7 in these 60 steps. It was 3e-5 where grown residuals were accepted.
-    assert H <= 2e-6
+    # Four are for what the residual takes from energy and momenta, at most; 5 would do without.
+    assert max(r.iterations for r in reports) <= 10
+    # Forces of rounding, ε E₁, move with the soft half. It was 3e-5 where grown residuals were
+    # accepted, and 1.5e-10 to 4e-7, as the processor's last bits decided, where rounding alone
+    # ended a step.
+    assert H <= 1e-9
 
 
 @pytest.mark.parametrize("dt", [1e-2, 1e-4, 1e-6])

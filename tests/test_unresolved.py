@@ -42,17 +42,7 @@ def error(found, exact):
     return np.abs(found - exact).max() / np.abs(exact).max()
 
 
-@pytest.mark.filterwarnings("ignore:.*balance of energy is off")  # in the end, at 1e16
-@pytest.mark.parametrize("factor", [1e14, 1e16])
-def test_a_soft_part_that_is_off_is_warned_of_once(exact, factor):
-    with pytest.warns(rf.RigidfxWarning, match="before softer ones were in balance") as shown:
-        found = tip(ratio(factor), rf.Fixed("x0"))
-    assert sum("softer" in str(w.message) for w in shown) == 1
-    show(off=error(found, exact))
-    assert error(found, exact) > 1e-6
-
-
-@pytest.mark.parametrize("factor", [1.0, 1e4, 1e8, 1e10, 1e12])
+@pytest.mark.parametrize("factor", [1.0, 1e4, 1e8, 1e12, 1e14, 1e16])
 def test_ratios_that_do_no_harm_pass(exact, factor):
     with warnings.catch_warnings():
         warnings.simplefilter("error", rf.RigidfxWarning)
@@ -76,6 +66,17 @@ def floating(*effects, middle=SOFT, cells=(6, 1, 1)):
     return np.array([r.probes["tip"] for r in rf.simulate(scene, 0.05, 0.6)])
 
 
+@pytest.mark.filterwarnings("ignore:.*balance of energy is off")
+@pytest.mark.parametrize("cells", [(6, 1, 1), (12, 2, 2)])
+def test_a_soft_part_that_is_off_is_warned_of_once(cells):
+    with pytest.warns(rf.RigidfxWarning, match="before softer ones were in balance") as shown:
+        found = floating(middle=ratio(1e15), cells=cells)
+    assert sum("softer" in str(w.message) for w in shown) == 1
+    off = error(found, floating(rf.Rigid("middle"), cells=cells))
+    show(off=off)
+    assert off > 1e-6
+
+
 @pytest.mark.parametrize("cells", [(6, 1, 1), (12, 2, 2)])
 def test_a_stiff_part_that_floats_is_warned_of(cells):
     """Of its motion as a whole neither the residual nor its own stiffness tells."""
@@ -83,7 +84,7 @@ def test_a_stiff_part_that_floats_is_warned_of(cells):
         found = floating(middle=ratio(1e12), cells=cells)
     off = error(found, floating(rf.Rigid("middle"), cells=cells))
     show(off=off)
-    assert off <= 1e-4
+    assert off <= 1e-6
 
 
 @pytest.mark.parallel

@@ -29,6 +29,7 @@ from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Step
 from rigidfx.scene.scene import Scene
 from rigidfx.step.equations.actions import Actions
+from rigidfx.step.equations.lost import Lost
 from rigidfx.step.equations.round_off import Rounding
 
 __all__ = ["Equilibrium"]
@@ -91,6 +92,7 @@ class Equilibrium:
         self._step = prolongation.increments.step
         self._imposed: Array = np.empty(0)
         self.start: Array = np.empty(0)
+        self._lost = Lost(scene, prolongation)
         self._rounding = Rounding(
             scene, forces, bound.undeformed, self._tangent, mass, prolongation, actions
         )
@@ -215,6 +217,26 @@ class Equilibrium:
         """Size of what the last residual is the small difference of [N]. Collective."""
         external = self._actions.external
         return self._rounding.in_residual(self.dt, self._v0, external, self._step.start)
+
+    def lost(self, y: PETSc.Vec, r: PETSc.Vec) -> Array:
+        """Energy and momenta that a step with the last residual is off by. Collective.
+
+        Args:
+            y: Unknowns.
+            r: Residual there [N].
+
+        Returns:
+            See `Lost.relative`; nothing in statics.
+        """
+        if self._mass is None:
+            return np.empty(0)
+        self._mass.mult(self._v0, self._work)
+        d, v0, before, gained = (v.array_r for v in (self.d, self._v0, self._work, self._inertia))
+        energy = 0.5 * (v0 @ before) + abs(gained @ d) / self.dt
+        energy += abs(self._actions.external.array_r @ d)
+        momentum = np.abs(before).sum() + np.abs(gained).sum()
+        x = self._rows.X + (self.start + 0.5 * d).reshape(-1, 3)
+        return self._lost.relative(self.dt, y.array_r, r.array_r, x, energy, momentum)
 
     def left(self, residual: PETSc.Vec) -> float:
         """How far what is left of R [N] moves an unknown by itself [m], at most. Collective."""

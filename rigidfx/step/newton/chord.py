@@ -164,12 +164,16 @@ class Chord:
         """Assemble the tangent at the last iterate, if that is worth it. Collective."""
         slow = self._refresh.wanted(self.stop.history, self.stop.target)
         if slow or self._equilibrium.outdated():
-            self._equilibrium.tangent()
-            self._kept.renewed()
-            self._refresh.cost = self._kept.inverse.renewal
-            self.stop.renewed()
-            self._refresh.renewed(self.stop.history)
-            self.tangents += 1
+            self.make()
+
+    def make(self) -> None:
+        """Assemble the tangent at the last iterate. Collective."""
+        self._equilibrium.tangent()
+        self._kept.renewed()
+        self._refresh.cost = self._kept.inverse.renewal
+        self.stop.renewed()
+        self._refresh.renewed(self.stop.history)
+        self.tangents += 1
 
     @property
     def due(self) -> bool:

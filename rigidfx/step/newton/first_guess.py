@@ -27,7 +27,7 @@ __all__ = ["Guess", "predict"]
 
 Array = npt.NDArray[np.float64]
 
-SMALL = 0.02  # rotation per step [rad] below which the tangent is as good a guess
+SMALL = 1e-3  # rotation per step [rad] below which the tangent is as good a guess
 SINGULAR = 1e-9  # ratio of the least extension by a matrix to its largest that counts as none
 # Iterations for the rotation of a free body, and the correction whose square is left of it.
 TRIES, ENOUGH = 20, 1e-5

@@ -23,7 +23,8 @@ from rigidfx.step.linear.linear_solver import (
 from rigidfx.step.linear.petsc_options import loose_solves_allowed, monitor_solves
 from rigidfx.step.newton.callbacks import errors_of_callbacks
 from rigidfx.step.newton.chord import Chord, pays
-from rigidfx.step.newton.chord_test import ChordTest
+from rigidfx.step.newton.chord_test import HIDDEN, ChordTest
+from rigidfx.step.newton.conserving import Conserving
 from rigidfx.step.newton.first_guess import Guess
 from rigidfx.step.newton.solution import Solution
 from rigidfx.step.newton.stopping_test import (
@@ -56,7 +57,7 @@ def convergence(
     snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float], newton: Newton
 ) -> int:
     """SNES callback: the stopping test, and how far the next linear system is to be solved."""
-    reason = newton.stop(iteration, norms[2])
+    reason = newton.ended(iteration, norms[2])
     if reason == 0:
         newton.limit_linear_error()
     return reason
@@ -68,6 +69,7 @@ class Newton:
     Attributes:
         equilibrium: The equations.
         stop: The stopping test, with the history of the last solve.
+        conserving: Whether what stops is enough for energy and momenta.
         known: Whether the residual at the first guess has been evaluated already.
     """
 
@@ -80,7 +82,7 @@ class Newton:
         """
         self.equilibrium = equilibrium
         self._y = equilibrium.prolongation.unknowns()
-        self._r = self._y.duplicate()
+        self._r, self._saved = self._y.duplicate(), self._y.duplicate()
         self._krylov = equilibrium.inertial and not prefers_direct(equilibrium.prolongation.size)
         self._fallbacks = 0
         self._pivots = True  # whether factors need them
@@ -89,6 +91,7 @@ class Newton:
         self._loosest = [(name, self._snes.getParamsEW()[name]) for name in ("rtol_0", "rtol_max")]
         rtol, _, _, max_it = self._snes.getTolerances()
         self.stop = StoppingTest(rtol, max_it)
+        self.conserving = Conserving(HIDDEN * rtol)
         self._chord: Chord | None = None
         if pays(equilibrium):
             self._chord = Chord(equilibrium, scene.parts, ChordTest(rtol, max_it))
@@ -97,6 +100,7 @@ class Newton:
         self._offered, self._best = 0, 0  # first guesses of the last choice, and what it was
         self.known = False
         self._tangents = 0
+        self._ending, self._saved_norm = 0, 0.0  # reason to stop at a solution, and its ‖R‖ [N]
         self._left = 0.0  # ‖R‖ of the last solution [N]
 
     def _create_snes(self) -> PETSc.SNES:
@@ -191,7 +195,6 @@ class Newton:
     def _solution(self, reason: int, tangents: int, linear: int, solver: str) -> Solution:
         """What has been found. Collective."""
         self.equilibrium.return_to(self._y, self._r)
-        self._left = self.stop.history[-1] if self.stop.history else np.inf
         return Solution(
             reason > 0,
             reason_name(reason),
@@ -207,13 +210,17 @@ class Newton:
     def renew_tangent(self) -> None:
         """Have the tangent ready that the next linear system takes. Collective."""
         if self._keeping and self._chord is not None:
-            self._chord.renew()
+            if not self.conserving.following:
+                self._chord.renew()
+            elif self.conserving.doubtful:
+                self._chord.make()
         else:
             self.equilibrium.tangent()
             self._tangents += 1
 
     def _iterate(self, guesses: Sequence[Guess]) -> int:
         self.stop.restart()
+        self.conserving.restart()
         self.known = False
         if len(guesses) > 1:
             # The likely one comes last, so that SNES finds its residual.
@@ -228,7 +235,13 @@ class Newton:
         self.stop.expect_rounding(self.equilibrium.noise())
         with errors_of_callbacks():
             self._snes.solve(None, self._y)
-        return judged(int(self._snes.getConvergedReason()))
+        reason = judged(int(self._snes.getConvergedReason()))
+        self._left = self.stop.history[-1] if self.stop.history else np.inf
+        if self.conserving.following and (reason < 0 or not self.conserving.best):
+            self._saved.copy(self._y)
+            self._left = self._saved_norm
+            return self._ending
+        return reason
 
     def _start_at(self, guess: Guess) -> None:
         self.equilibrium.prolongation.collapse(guess.increment, guess.bodies, self._y)
@@ -237,6 +250,30 @@ class Newton:
         self._start_at(guess)
         self.equilibrium.residual(self._y, self._r)
         return float(self._r.norm())
+
+    def ended(self, iteration: int, norm: float) -> int:
+        """SNES's reason to stop, or 0 to go on. Collective.
+
+        Args:
+            iteration: Number of the iterate.
+            norm: ‖R‖ there [N].
+        """
+        reason, conserving = self.stop(iteration, norm), self.conserving
+        if conserving.following:
+            if conserving.grown(norm):
+                return self._ending
+        elif reason <= 0 or not 0 < iteration < self.stop.max_it:
+            return reason
+        else:
+            self._ending = reason
+        lost = self.equilibrium.lost(self._y, self._r)
+        enough = conserving.enough(norm, lost, self._keeping)
+        if enough or iteration == self.stop.max_it:
+            return self._ending
+        if conserving.best:
+            self._y.copy(self._saved)
+            self._saved_norm = norm
+        return 0
 
     def limit_linear_error(self) -> None:
         """Have the next Krylov solve leave no more than Newton's stopping test can stand."""
@@ -265,6 +302,6 @@ class Newton:
 
     def destroy(self) -> None:
         """Free all PETSc objects. Collective."""
-        for item in (self._snes, self._chord, self._y, self._r):
+        for item in (self._snes, self._chord, self._y, self._r, self._saved):
             if item is not None:
                 item.destroy()

@@ -1,0 +1,89 @@
+"""Whether an iterate that is good enough as a solution keeps energy and momenta as well.
+
+Newton's method often ends a step with a residual many orders below where it may stop; iterations
+with a kept tangent end just there. In steps in which waves get far that may be energy and momenta,
+which drift: by 2e-10 in 300 steps of a bar of steel whose Δt changed from step to step. So what a
+solution takes from them is measured. Where that is too much the iteration goes on, for as long as
+it falls by half. Where it does not, with a new tangent neither, it is rounding: its size is
+remembered, and later steps are not asked for less. What an iteration has made worse is taken back.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["Conserving"]
+
+Array = npt.NDArray[np.float64]
+
+SLOW = 0.5  # factor by which what falls in an iteration is no rounding
+ROUNDING = 2.0  # safety on what rounding has left before
+GROWN = 2.0  # a residual that has grown by that belongs to no solution any more
+MOST = 10  # iterations
+
+
+class Conserving:
+    """Follows the iterates of a step from the first one that is good enough as a solution.
+
+    Attributes:
+        best: Whether no iterate before the last one, of those that were followed, was better.
+        doubtful: Whether the next iteration wants a new tangent, to tell rounding from a tangent
+            that does not fit.
+    """
+
+    def __init__(self, tolerance: float) -> None:
+        """Begin without a step.
+
+        Args:
+            tolerance: What a step may take from energy and momenta, relative.
+        """
+        self._tolerance = tolerance
+        self._rounding: float | Array = 0.0
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin a step, or an attempt at it."""
+        self._lost: list[Array] = []
+        self._residual = self._least = np.inf
+        self.best, self.doubtful = True, False
+
+    @property
+    def following(self) -> bool:
+        """Whether there has been a solution already, which takes too much."""
+        return bool(self._lost)
+
+    def grown(self, residual: float) -> bool:
+        """Whether an iterate is none to go on from. True ends the step.
+
+        Args:
+            residual: ‖R‖ there [N].
+        """
+        self.best = residual <= GROWN * self._residual
+        return not self.best
+
+    def enough(self, residual: float, lost: Array, kept: bool = False) -> bool:
+        """Whether an iterate is to be the last.
+
+        Args:
+            residual: ‖R‖ there [N].
+            lost: What it takes of each quantity, relative.
+            kept: Whether tangents are kept: that of the last iteration was an earlier one, unless
+                this one was in doubt.
+        """
+        self._lost.append(lost)
+        self._residual = min(self._residual, residual)
+        allowed = np.maximum(self._tolerance, ROUNDING * self._rounding)
+        worst = float((lost / allowed).max(initial=0.0))
+        self.best, self._least = worst <= self._least, min(worst, self._least)
+        much = lost > allowed
+        if len(self._lost) > 1:
+            before, older = self._lost[-2], kept and not self.doubtful
+            stays = much & (lost > SLOW * before)
+            self.doubtful = older and bool(stays.any())
+            if self.doubtful:
+                return len(self._lost) > MOST
+            met = np.where(stays, np.minimum(lost, before), 0.0)
+            self._rounding = np.maximum(self._rounding, met)
+            much &= ~stays
+        return not much.any() or len(self._lost) > MOST
