@@ -54,7 +54,14 @@ class Gauge:
         self._indicator.bind(parts.cells, self._ends)
 
     def strained(
-        self, start: Motion, end: Motion, dt: float, limits: Limits, before: Strained | None
+        self,
+        start: Motion,
+        end: Motion,
+        dt: float,
+        limits: Limits,
+        before: Strained | None,
+        *,
+        struck: bool = False,
     ) -> Strained:
         """What each owned cell would strain in a step, and before. Collective.
 
@@ -64,25 +71,26 @@ class Gauge:
             dt: Its length [s].
             limits: What wakes cells.
             before: What cells would strain in steps before this one; None if there are none.
+            struck: Whether loads are known to change in it, of which all of a rate tells at once.
         """
         known = ~np.isnan(start.mean)
         total = self._measured(np.where(known, end.mean, 0.0), 1.0)
         if limits.rates is None:
             rate = spring = np.zeros_like(total)
         else:
-            rate = part_of(self._rates(start, end, dt), limits.rates)
+            rate = part_of(self._rates(start, end, dt, struck), limits.rates)
             spring = part_of(total, dt * limits.rates)
         rate, swings = rate if before is None else np.maximum(rate, before.rate), limits.swings
         swing = None if swings is None else part_of(self._measured(end.u, 1.0), swings)
         bend = None if limits.bends is None else part_of(self._bent(end.u), limits.bends)
         return Strained(rate, part_of(total, limits.strains), spring, swing, bend)
 
-    def _rates(self, start: Motion, end: Motion, dt: float) -> Array:
+    def _rates(self, start: Motion, end: Motion, dt: float, struck: bool) -> Array:
         """Strain rate of each owned cell in a step [1/s]. Collective."""
         slow = self._measured(np.where(np.isnan(start.mean), 0.0, end.mean - start.mean), dt)
         # What a step does not resolve rings from step to step: nothing is left of two together. A
         # change of the bodies sets that off, in what is flexible beside them, too.
-        both = dt * (start.w + end.w) * (1.0 if self.looks > UNSETTLED else 0.5)
+        both = dt * (start.w + end.w) * (1.0 if struck or self.looks > UNSETTLED else 0.5)
         lasting = self._measured(np.where(np.isnan(both), 0.0, both), dt)
         rates = np.minimum(self._measured(end.u - start.u, dt), lasting)
         return np.maximum(rates, slow) if self.looks > UNSETTLED else rates

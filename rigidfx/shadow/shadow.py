@@ -216,7 +216,7 @@ class Shadow(Watch):
             return self._struck(rise, t, dt, limits())
         self._factor(last + rise, t, dt)
         with _LOOKING:
-            return self._foreseen(last + rise, t, dt, limits())[1]
+            return self._foreseen(last + rise, t, dt, limits(), struck=True)[1]
 
     def _struck(self, force: Array, t: float, dt: float, limits: Limits) -> Strained:
         """What a force alone would strain in a step from rest. Collective."""
@@ -226,7 +226,7 @@ class Shadow(Watch):
         with _LOOKING:
             rest = Motion(*np.zeros((5, *force.shape)))
             motion = self._stepped(rest, force, t + dt / 2, dt)
-            return self._gauge.strained(rest, motion, dt, limits, None)
+            return self._gauge.strained(rest, motion, dt, limits, None, struck=True)
 
     def _factor(self, force: Array, t: float, dt: float) -> None:
         """Have the factors for the steps that shadows are to take. Collective."""
@@ -237,7 +237,7 @@ class Shadow(Watch):
             self._part.factored(span, *self._damping(begin + span / 2))
 
     def _foreseen(
-        self, force: Array, t: float, dt: float, limits: Limits
+        self, force: Array, t: float, dt: float, limits: Limits, *, struck: bool = False
     ) -> tuple[Motion, Strained]:
         """The motion at the end of a step under a force, and what cells strain. Collective."""
         # While no window is known, the mean is over little more than a step.
@@ -249,7 +249,7 @@ class Shadow(Watch):
         found: Strained | None = None
         for mean, span in steps:
             start, motion = motion, self._stepped(motion, mean, begin + span / 2, span)
-            found = self._gauge.strained(start, motion, span, limits, found)
+            found = self._gauge.strained(start, motion, span, limits, found, struck=struck)
             begin += span
         assert found is not None
         # Cells spring within a step, however long that of the shadows was.
