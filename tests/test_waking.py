@@ -235,6 +235,19 @@ def test_what_is_at_rest_is_rigid_until_it_is_struck(tol):
     assert rigid[10:20].all()
 
 
+def test_a_stiff_head_that_rang_for_a_moment_stays_rigid():
+    """Of the energy of the arm's swing it has a thousandth, however fast it rang."""
+    box = rf.box((0, 0, 0), (10, 1, 1), (10, 1, 1))
+    box = box.with_cells("arm", lambda x: x[0] < 5.01).with_cells("head", lambda x: x[0] > 4.99)
+    arm, head = (rf.StVenantKirchhoff(E=E, nu=0.3, rho=1000.0) for E in (2e7, 2e9))
+    kick = rf.Traction("x1", (0, 0, 2e3), until=0.5)
+    effects = [rf.Fixed("x0"), kick, rf.NumericalDamping(0.02)]
+    scene = rf.Scene(box, {"arm": arm, "head": head}, effects, order=2)
+    rule = rf.StrainRate(1e-3, 5.0, wake="local")
+    (freeze,) = (e for r in rf.simulate(scene, 0.05, 12.0, rigidify=rule) for e in r.events)
+    assert [change.cells_after for change in freeze.changes] == [5]
+
+
 @pytest.mark.parametrize("mass", ["lumped", "consistent"])
 def test_a_load_that_begins_as_a_part_freezes_wakes_it_before_the_step(mass):
     """What the load changes is all that is known of the body, and enough."""

@@ -117,9 +117,9 @@ class RateRule:
             rested = seen.t - memory.loads.resting_since
             # A load that stands still at a crest does not rest.
             turning = memory.strokes.turning if rested >= HALF * length else 0.0
-            power = self._stiffness * seen.indicator.weights * memory.window.worst**2
-            power = np.where(seen.flexible, power, 0.0)
-            memory.drift.window_ends(power, rigid, memory.strokes.last, turning, length, rested)
+            energy = self._stiffness * seen.indicator.weights * memory.strokes.swung**2
+            energy = np.where(seen.flexible, energy, 0.0)
+            memory.drift.window_ends(energy, rigid, memory.strokes.last, turning, length, rested)
             largest = float(self.tol.max(initial=0.0))
             memory.drift.limit = HALF * self._kappa * self._comm.allreduce(largest, op=MPI.MAX)
 

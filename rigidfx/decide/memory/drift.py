@@ -7,9 +7,9 @@ is kept as a strain rate, the one that flexible cells are off by,
 
     e = Σ ½ ω D_rigid/D ė Δt,
 
-D the power of strain (`criteria/concentration.py`) of each cell in the window before it froze, ė
-the largest rate of a window; and e shrinks with ė as the motion dies down. It may be half of
-what wakes cells, κ tol, by the end of the next window. What a shadow withholds would not tell:
+D the strain energy by which a cell has swung in the window before it froze, ė the largest rate of a
+window; and e shrinks with ė as the motion dies down. It may be half of what wakes cells, κ tol, by
+the end of the next window. What a shadow withholds would not tell:
 since its freeze a cell swings by up to twice its amplitude, and neighbours stiffer than it push
 harder than they would if it gave way. In a frame that was 7 % of the energy where its cells had
 1.2. Where loads change it is they that say how fast all moves, and nothing drifts; but a
@@ -42,7 +42,7 @@ class Drift:
     Attributes:
         rate: Strain rate that flexible cells are off by [1/s].
         limit: What that may be [1/s].
-        share: Part of the power of strain that rigid cells had as they froze.
+        share: Part of the strain energy of the motion that rigid cells had as they froze.
         shares: That of each owned cell in the last window in which it was flexible.
     """
 
@@ -61,23 +61,23 @@ class Drift:
         self._first, self._lasted = 0.0, 0.0  # that of a free motion's first window; time since
 
     def window_ends(
-        self, power: Array, rigid: Bools, rate: float, turning: float, length: float, rested: float
+        self, energy: Array, rigid: Bools, rate: float, turning: float, length: float, rested: float
     ) -> None:
         """Take note of the end of a window. Collective.
 
         Args:
-            power: Of strain, of each owned cell that is flexible; zero of others.
+            energy: Of strain, of each owned cell that is flexible; zero of others.
             rigid: Owned cells of bodies, before any decision.
             rate: Largest strain rate of any cell in it [1/s].
             turning: Time in which the motion turns round, 1/ω [s]; 0 where nothing drifts.
             length: Length of the window [s].
             rested: Time in which loads have rested [s].
         """
-        local = np.array([self.shares[rigid].sum(), power.sum()])
+        local = np.array([self.shares[rigid].sum(), energy.sum()])
         self._comm.Allreduce(MPI.IN_PLACE, local, op=MPI.SUM)
         self.share, total = min(float(local[0]), 1.0), float(local[1])
         if total > 0:
-            self.shares = np.where(rigid, self.shares, power / total * (1 - self.share))
+            self.shares = np.where(rigid, self.shares, energy / total * (1 - self.share))
         if 0 < rate < self._last:
             self.rate *= rate / self._last
         self._last = rate
@@ -97,7 +97,7 @@ class Drift:
         return self.rate > 0 and min(self.rate + self._next, MOST * self._last) > self.limit
 
     def room(self, turning: float, free: bool) -> float:
-        """Share of the power that may be rigid.
+        """Share of the energy that may be rigid.
 
         Args:
             turning: Time in which the motion turns round, 1/ω [s].

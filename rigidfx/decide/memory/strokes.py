@@ -40,6 +40,7 @@ class Strokes:
         last: The same of the last window alone [1/s].
         dying: Time in which rates die down, by the last two windows [s]; infinite where they do
             not.
+        swung: For each owned cell by how much its strain has swung in the last window.
         seen: For each owned cell the time in which turned round what moved when it froze, or
             since [s]; of a flexible cell, what moves now. Zero where windows are too short.
     """
@@ -54,6 +55,7 @@ class Strokes:
         self._comm, self.rate, self._strain = comm, 0.0, 0.0
         self.time, self.rate_of_all, self.last, self.dying = np.inf, 0.0, 0.0, inf
         self.seen: Array = np.zeros(cells)
+        self.swung: Array = np.zeros(cells)
         self._swings = Swings(cells)
         self._now = 0.0  # largest rate since the last window's end
         self._steps = 0
@@ -89,7 +91,8 @@ class Strokes:
             rigid: Owned cells of bodies, before any decision.
         """
         self._strain = max(self._strain, float(strains.max(initial=0.0)))
-        swing = float(self._swings.end().max(initial=0.0))
+        self.swung = self._swings.end()
+        swing = float(self.swung.max(initial=0.0))
         largest = np.array([self.rate, self._strain, self._now, swing])
         self._comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
         rate, strain, now, swing = map(float, largest)
