@@ -61,7 +61,7 @@ scene = rf.Scene(
     [floor, rf.Gravity((0, 0, -G)), rf.StiffnessDamping(ratio=0.05, frequency=1000.0)],
     element="enhanced",
 )
-criterion = rf.StrainRate(options.tol, 20 * DT, min_cells=20)
+criterion = rf.StrainRate(options.tol, 20 * DT, wake="all", min_cells=20)
 shots = np.array([-1e-3, 5e-4, 4e-3, 0.012, 0.03, 0.06, 0.075, 0.1])  # s after the touch
 shapes = Shapes(scene, touch + shots[shots <= options.after], colour="rigid")
 say(f"Δt = {DT:g} s to t = {t_end:.4g} s on {scene.comm.size} rank(s)")

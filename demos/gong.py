@@ -63,13 +63,13 @@ scene = rf.Scene(
 
 # ## The runs
 #
-# With `wake="local"` a load releases nothing by itself: what its force would strain is computed in
-# each step. A criterion of tolerance zero finds nothing rigid in the twin, but measures how fast
-# its cells strain, and so which of them might have been rigid.
+# A load releases nothing by itself: what its force would strain is computed in each step. A
+# criterion of tolerance zero finds nothing rigid in the twin, but measures how fast its cells
+# strain, and so which of them might have been rigid.
 
 # +
 DT, WINDOW = 2e-3, 20  # s, steps
-rule = rf.StrainRate(options.tol, WINDOW * DT, wake="local")
+rule = rf.StrainRate(options.tol, WINDOW * DT)
 measuring = rf.StrainRate(0.0, 1e9)
 owned = scene.mesh.topology.index_map(3).size_local
 cells = float(scene.sum(owned))

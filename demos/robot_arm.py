@@ -41,7 +41,7 @@ options = parser.read(size=0.02, tol=1e-3)
 # an arm.
 #
 # The axis moves by a smooth path, at rest and without acceleration at both ends. Where it begins
-# and where it ends all bodies are released, as at any change of a support.
+# and where it ends all bodies are released, as wherever a support begins or ends.
 
 # +
 DISTANCE, TRAVEL = 0.05, 0.04  # m, s; of a move
@@ -74,15 +74,16 @@ scene = rf.Scene(
 
 # ## The runs
 #
-# Observation begins when the axis stands still. Whatever a support does releases all bodies and
-# begins a new window, so that no part becomes rigid during the second move either.
+# Observation begins when the axis stands still. By the rule `wake="all"` whatever a support does
+# releases all bodies and begins a new window, so that no part becomes rigid during the second move
+# either.
 
 # +
 DT = 0.001  # s
 t_end = 0.09 if options.short else 0.26  # s
 window = 0.02 if options.short else 0.04  # s; longer than a swing
 tol = options.tol  # 1/s
-criterion = rf.StrainRate(tol, window, min_cells=20, since=TRAVEL)
+criterion = rf.StrainRate(tol, window, wake="all", min_cells=20, since=TRAVEL)
 times = [0.02, 0.04, 0.06, 0.09]  # s
 if not options.short:
     times = [0.02, 0.05, 0.09, 0.13, 0.16, 0.19, 0.225, 0.25]

@@ -195,7 +195,7 @@ def test_a_curved_surface_meets_itself(kind, parts):
 @NO_WARNINGS
 def test_a_surface_that_meets_itself_wakes():
     """Its ends fly at each other as parts of bodies, and are flexible where they meet."""
-    rule = rf.StrainRate(0.3, 0.008, patience=1.0)
+    rule = rf.StrainRate(0.3, 0.008, wake="all", patience=1.0)
     reports, H, L, J = drifts(curved("ends"), 1e-3, 75, rigidify=rule)
     first = next(r for r in reports if r.step and r.touches["skin_skin"].nodes)
     before = reports[first.step - 1]

@@ -108,7 +108,7 @@ def test_balances_through_switches(mass):
     names = ("KelvinVoigt", "PointMass", "Spring", "MassDamping")
     hit = rf.Traction("tip", (0.0, 30.0, 0.0), since=1.2, until=1.4)
     scene = bar(rf.Pressure("top", 4.0), *(EFFECTS[n] for n in names), SPIN, hit, mass=mass)
-    criterion = rf.StrainRate(0.5, 0.3)
+    criterion = rf.StrainRate(0.5, 0.3, wake="all")
     books, reports = follow(scene, 0.1, 2.0, rigidify=criterion)
     kinds = [event.kind for r in reports for event in r.events]
     show(**dict(vars(books).items()))

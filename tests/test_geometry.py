@@ -308,7 +308,7 @@ def test_curved_cells_become_rigid_and_flexible_again():
         order=2,
         mass="consistent",
     )
-    criterion = rf.StrainRate(6.0, 6e-4, release=rf.Release(at=1e-3), until=1e-3)
+    criterion = rf.StrainRate(6.0, 6e-4, patience=1, release=rf.Release(at=1e-3), until=1e-3)
     reports = list(rf.simulate(scene, 2e-4, 1.2e-3, rigidify=criterion))
     freeze, release = (event for report in reports for event in report.events)
     assert (freeze.kind, release.kind) == ("freeze", "release")
@@ -606,7 +606,7 @@ def adaptive():
         ],
         probes={"end": (0.2, 0.03, -0.003)},
     )
-    criterion = rf.StrainRate(0.1, 4e-3, min_cells=5, since=1e-3)
+    criterion = rf.StrainRate(0.1, 4e-3, min_cells=5, patience=1, since=1e-3)
     rows = []
     for r in rf.simulate(scene, 5e-4, 1.4e-2, rigidify=criterion):
         rows.append(

@@ -172,8 +172,9 @@ def test_what_steps_leave_is_of_second_order():
 def test_a_run_that_finds_bodies(mass):
     """What is frozen and released beside a part named rigid leaves nothing, nor loses anything."""
     scene = bar(rf.Rigid("left"), start=stretch, nu=0.0, mass=mass)
+    tolerances, release = {"middle": 1e9, "left": 1e9}, rf.Release(at=0.5)
     criterion = rf.StrainRate(
-        0.0, 0.2, tolerances={"middle": 1e9, "left": 1e9}, release=rf.Release(at=0.5), min_cells=1
+        0.0, 0.2, tolerances=tolerances, release=release, min_cells=1, patience=1
     )
     events, found, energies = [], [], []
     for r in rf.simulate(scene, 0.05, 0.6, rigidify=criterion):

@@ -135,7 +135,7 @@ def swinging(folder):
     scene = rf.Scene(domain, {"left": soft, "right": stiff}, [spin], probes=probes)
     nodal, worst, turned = NodalStress(scene), 0.0, {}
     with rf.Recorder(scene, folder, every=4, integration_points=True) as recorder:
-        criterion = rf.StrainRate(1e9, 0.5, never="right")
+        criterion = rf.StrainRate(1e9, 0.5, never="right", wake="all")
         for report in rf.simulate(scene, 0.05, 1.2, rigidify=criterion, progress=False):
             recorder.write(report)
             at = report.stresses["a"]

@@ -88,7 +88,9 @@ def test_forces_are_derivatives_of_the_energy(element):
 def test_a_damped_start_free_flight_and_a_cycle(element):
     """Energy, momenta and what is dissipated, through a freeze and a release; all tangents."""
     scene = rf.Scene(tube(), SOFT, [spin(), *damped(0.2)], element=ELEMENTS[element])
-    criterion = rf.StrainRate(1e9, 0.1, since=0.4, release=rf.Release(at=[0.7]), until=0.6)
+    criterion = rf.StrainRate(
+        1e9, 0.1, patience=1, since=0.4, release=rf.Release(at=[0.7]), until=0.6
+    )
     reports = list(rf.simulate(scene, 0.02, 1.2, rigidify=criterion))
     assert [e.kind for r in reports for e in r.events] == ["freeze", "release"]
     H = np.array([r.energy for r in reports])

@@ -21,7 +21,7 @@ from rigidfx.base.same_input import digest, excerpts
 COMM = MPI.COMM_WORLD
 RANK = COMM.rank
 STEEL = rf.StVenantKirchhoff(rho=2.0, E=50.0, nu=0.3)
-CRITERION = rf.StrainRate(10.0, 0.2)
+CRITERION = rf.StrainRate(10.0, 0.2, wake="all")
 
 
 def _run(*effects, dt=0.1, t_end=1.0, rigidify=CRITERION, monitor=None, **options):

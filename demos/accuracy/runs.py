@@ -44,7 +44,7 @@ def run(structure: Structure, setting: Setting, folder: Path) -> History:
 def _carried_out(structure: Structure, setting: Setting) -> History:
     scene = structure.scene(structure.mesh(setting.refine), setting)
     least = structure.min_cells * setting.refine**3
-    criterion = rf.StrainRate(setting.tol, setting.window, min_cells=least)
+    criterion = rf.StrainRate(setting.tol, setting.window, wake="all", min_cells=least)
     rule: dict[str, object] = {"rigidify": criterion if setting.tol else None}
     if setting.budget:
         rule = {"accuracy": rf.Accuracy(setting.budget, structure.at, of=structure.of)}

@@ -29,7 +29,7 @@ def measure(refine: int) -> dict[str, float]:
     mesh, domain = timed(lambda: tumbling_l(refine))
     domain = domain.with_cells("rest", lambda x: x[1] >= 9)  # nine of 117 m³
     criterion = rigidfx.StrainRate(
-        1e9, FREEZE * DT, never=["rest"], release=rigidfx.Release(at=RELEASE * DT)
+        1e9, FREEZE * DT, wake="all", never=["rest"], release=rigidfx.Release(at=RELEASE * DT)
     )
     building, problem = timed(lambda: scene(refine, domain))
     options = {"rigidify": criterion, "progress": False, "petsc_options": NEWTON}

@@ -37,6 +37,7 @@ def switches(problem: rigidfx.Scene, usual: float) -> dict[str, list[float]]:
         1e9,
         WINDOW * DT,
         never="end",
+        patience=1,
         release=rigidfx.Release(at=[(2 * k + 2) * WINDOW * DT for k in range(3)]),
     )
     found: dict[str, list[float]] = {"freeze": [], "release": []}

@@ -26,7 +26,7 @@ def _bar(material: rf.Material, *effects: rf.Effect) -> rf.Scene:
 def inversion(short: bool) -> Iterator[Run]:
     """An error that names the cell, its place and the time, after the step has been cut."""
     push = rf.PrescribedMotion("x1", displacement=lambda t: (-3.0 * t, 0.0, 0.0))
-    criterion = rf.StrainRate(ANY, 0.1)  # what is not beside a support
+    criterion = rf.StrainRate(ANY, 0.1, patience=1)  # what is not beside a support
     for way, rigidify, cell in (("flexible", None, "cell"), ("adaptive", criterion, "cell 3 of")):
         yield Run(way, _bar(MATERIALS["St.Venant-Kirchhoff"], push), 0.05, 2.0, rigidify,
                   energy=1e-8, momentum=None, tangents=25, fails=rf.InversionError,
@@ -38,7 +38,7 @@ def step_that_cannot_converge(short: bool) -> Iterator[Run]:
     """An error that names the time and the node, after eight cuts; the steps before are whole."""
     material = MATERIALS["St.Venant-Kirchhoff"]
     pull = rf.Traction("x1", (1e20, 0.0, 0.0), since=0.25)
-    for way, rigidify in (("flexible", None), ("adaptive", rf.StrainRate(ANY, 0.1))):
+    for way, rigidify in (("flexible", None), ("adaptive", rf.StrainRate(ANY, 0.1, patience=1))):
         yield Run(way, _bar(material, pull), 0.05, 1.0, rigidify, momentum=None, tangents=25,
                   fails=rf.StepError, says=("from t = 0.25 s", "X = ("))  # fmt: skip
 
@@ -59,7 +59,7 @@ def load_that_is_nan_on_one_rank(short: bool) -> Iterator[Run]:
     def value(t: float) -> tuple[float, float, float]:
         return (0.0, float("nan") if last and t > 0.5 else 1.0, 0.0)
 
-    for way, rigidify in (("flexible", None), ("adaptive", rf.StrainRate(ANY, 0.1))):
+    for way, rigidify in (("flexible", None), ("adaptive", rf.StrainRate(ANY, 0.1, patience=1))):
         scene = _bar(MATERIALS["St.Venant-Kirchhoff"], rf.Traction("x1", value))
         yield Run(way, scene, 0.05, 1.0, rigidify, momentum=None, fails=rf.SceneError,
                   says=("Traction on 'x1'", "at t = 0.525 s", "three finite"))  # fmt: skip

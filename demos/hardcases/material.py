@@ -34,7 +34,8 @@ def stiff_and_heavy_beside_soft_and_light(short: bool) -> Iterator[Run]:
         options = {"energy": bound, "momentum": bound}
         scene = _two_halves(short, stiff, soft, spin)
         yield Run(f"{way}, flexible", scene, 0.1, t_end, **options)
-        adaptive = rf.StrainRate(0.0, 0.5, tolerances={"stiff": ANY}, release=release_at(1.5))
+        adaptive = rf.StrainRate(0.0, 0.5, tolerances={"stiff": ANY},
+                                 release=release_at(1.5), patience=1)  # fmt: skip
         yield Run(f"{way}, adaptive", scene, 0.1, t_end, adaptive, **options)
 
 

@@ -37,7 +37,7 @@ def thin_plate(short: bool) -> Iterator[Run]:
     options = {"momentum": None, "energy": 1e-6, "check": deflects}
     t_end = 0.5 if short else 5.0
     yield Run("flexible", scene, 0.05, t_end, **options)
-    adaptive = rf.StrainRate(ANY, 0.1, release=release_at(0.3))
+    adaptive = rf.StrainRate(ANY, 0.1, release=release_at(0.3), patience=1)
     yield Run("adaptive", scene, 0.05, t_end, adaptive, **options)
 
 
@@ -58,7 +58,7 @@ def needle(short: bool) -> Iterator[Run]:
     t_end, dt = (1.0 if short else 10.0), 0.02
     bounds = {"energy": 1e-8, "momentum": 1e-8}
     yield Run("flexible", scene, dt, t_end, **bounds)
-    adaptive = rf.StrainRate(ANY, 0.1, release=release_at(0.5))
+    adaptive = rf.StrainRate(ANY, 0.1, release=release_at(0.5), patience=1)
     yield Run("adaptive", scene, dt, t_end, adaptive, **bounds)
 
 
@@ -93,7 +93,7 @@ def distorted_hexahedra(short: bool) -> Iterator[Run]:
     scene = rf.Scene(domain, MATERIAL, [SPIN])
     t_end = 4.0 if short else 40.0
     yield Run("flexible", scene, 0.1, t_end, energy=1e-11, momentum=1e-11)
-    adaptive = rf.StrainRate(ANY, 1.0, release=release_at(2.0))
+    adaptive = rf.StrainRate(ANY, 1.0, release=release_at(2.0), patience=1)
     yield Run("adaptive", scene, 0.1, t_end, adaptive, energy=1e-11, momentum=1e-11)
     enhanced = rf.Scene(domain, MATERIAL, [SPIN], element="enhanced")
     yield Run("enhanced", enhanced, 0.1, t_end, adaptive, energy=1e-11, momentum=1e-11)
@@ -115,5 +115,5 @@ def slivers(short: bool) -> Iterator[Run]:
     scene = rf.Scene(domain, MATERIAL, [SPIN])
     t_end = 4.0 if short else 40.0
     yield Run("flexible", scene, 0.1, t_end, energy=1e-10, momentum=1e-10)
-    adaptive = rf.StrainRate(ANY, 1.0, release=release_at(2.0))
+    adaptive = rf.StrainRate(ANY, 1.0, release=release_at(2.0), patience=1)
     yield Run("adaptive", scene, 0.1, t_end, adaptive, energy=1e-10, momentum=1e-10)

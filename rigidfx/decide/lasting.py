@@ -91,10 +91,10 @@ class Lasting:
                 out = self._drifting(parts, loud, resting)
             if not self._some(out):
                 out = self._bent(new, parts, loud, tol)
-            if not self._some(out):
+            if not self._some(out) and self._criterion.patience > 1:
                 out = too_dear(parts, quiet, flexible, self._comm)
-                if not self._some(out):
-                    return found
+            if not self._some(out):
+                return found
             able, barred = able & ~out, barred | out
 
     def round_enclosed(self, parts: Sequence[Ints], able: Bools, loud: Array) -> Bools:

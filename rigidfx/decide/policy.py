@@ -2,8 +2,9 @@
 
     steps of a window → qualify → find_clusters → plan_bodies → Decision
 
-A change of a load or of a support releases all bodies (`wake="all"`), and a new window begins.
-Changes of Δt, of numerical damping or of the output release nothing. A policy changes nothing but
+Cells are released where forces would strain them (`wake="local"`), or all bodies by any change of a
+load or of a support (`wake="all"`), after which a new window begins. Changes of Δt, of numerical
+damping or of the output release nothing. A policy changes nothing but
 its own memory, and that only when told what has come of a step or of a decision (but for the
 warnings that it has given, and spectra that it need not take twice).
 """
@@ -50,6 +51,7 @@ Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 Ints = npt.NDArray[np.int64]
 
+CHANGE = 0.1  # of its largest value so far, by which a load changes if nobody says
 FORESEEN = "predicted: forces will strain them"  # reasons of a release before a step ...
 CHECKED = "checked: forces would strain them"  # ... and after it, which is then solved again
 DRIFTED = "drift: a free motion would be off by half of what wakes cells"
@@ -89,12 +91,13 @@ class Policy:
         self._least = criterion.least_cells(scene)
         self._releases = Releases(scene, criterion.releases, timeline)
         self.named = NamedParts(scene, self._graph)
+        change = CHANGE if criterion.load_change is None else criterion.load_change
         self.memory = Memory(
             window=self._new_window(0.0),
             signals=Signals(scene),
             back_off=BackOff(self._graph.owned, criterion.patience),
-            loads=LoadChanges(scene, criterion.load_change, timeline),
-            contacts=ContactChanges(criterion.load_change),
+            loads=LoadChanges(scene, change, timeline),
+            contacts=ContactChanges(change),
             next_number=self.named.count + 1,
             strokes=Strokes(scene.comm, self._graph.owned),
             bends=Bends(scene),

@@ -22,7 +22,7 @@ class Rigid(Effect):
     """Cells that move as one rigid body from the beginning, whatever forces act on them.
 
     Name only what in truth hardly bends: a part that does changes the motion of its neighbours too,
-    and nothing but `StrainRate(wake="local")` can tell.
+    and nothing but a criterion by which forces wake cells, `StrainRate` or `Accuracy`, can tell.
 
     A body whose nodes a support holds is refused, unless all components of three or more of its
     nodes that do not lie on a line are held by one support: then it is fixed, or follows the

@@ -80,7 +80,7 @@ class Report:
             the least |e/tol - 1|; NaN if the step ended none.
         probes: Displacement of each probe, shape (3,) [m].
         ledger: What has been spent of accuracy; None in a run in which nothing estimates it: with
-            given Δt, and no `wake="local"`.
+            given Δt, and nothing that wakes by forces.
         wall: Wall time of the step [s].
     """
 
@@ -211,7 +211,7 @@ class Report:
 
     @property
     def recovers(self) -> bool:
-        """Whether what rigid bodies withhold is known (`wake="local"`)."""
+        """Whether what rigid bodies withhold is known: where forces wake cells."""
         return self._shadow is not None
 
     def recovered(self) -> tuple[fem.Function, npt.NDArray[np.bool_]]:

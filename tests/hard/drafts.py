@@ -263,7 +263,8 @@ def _criterion(draft: Draft | None, dt: float) -> rf.StrainRate | None:
         never=draft["never"],
         release=release,
         min_cells=draft["min_cells"],
-        load_change=draft["load_change"],
+        patience=1.0 if draft["wake"] == "local" else 2.0,  # whatever switches cost
+        load_change=draft["load_change"] if draft["wake"] == "all" else None,
     )
 
 

@@ -34,8 +34,8 @@ class StrainRate(Criterion):
 
     The run is observed window by window. A cell qualifies if its strain rate, a mean over the cell,
     was at most `tol` in every step of a window; at the window's end connected cells that qualify
-    become rigid bodies. A change of a load or of a support releases them all, and a new window
-    begins.
+    become rigid bodies. Cells are released where the forces on their body would strain them; where
+    a support begins or ends, all are.
 
     Cells named by a `Rigid` effect are rigid always; bodies that are found may grow together with
     them unless the effect gives their mass or inertia or a `Resultant` acts on them.
@@ -53,19 +53,22 @@ class StrainRate(Criterion):
         min_cells: Least number of cells of a new body; a cell alone, with six numbers in place of
             those of its nodes that no other cell has, hardly saves anything.
         release: Releases at given times or on the user's conditions.
-        load_change: A load, or the velocity of a support, that differs from what it was at the last
-            freeze by more than this fraction of its largest value so far has changed; infinity lets
+        load_change: Of wake="all", and refused with any other: a load, the velocity of a support or
+            the force of a contact that differs from what it was at the last freeze by more than
+            this fraction of its largest value so far has changed. A tenth if None; infinity lets
             only jumps, kinks and windows count.
-        wake: What ends a body. "all": any change of a load or of a support releases all of them,
-            the paper's rule. "local": what the forces on a body would strain, were it flexible,
+        wake: What ends a body. "local": what the forces on a body would strain, were it flexible,
             is computed in each step; cells that it would strain at more than `kappa` times their
             tolerance are released with a ring of cells round them, and the step is solved again. A
-            change of a load releases nothing by itself. "none": nothing, but what `release` asks
-            for. In any case all bodies are released where a support begins or ends.
+            change of a load releases nothing by itself. "all": any change of a load or of a support
+            releases all of them, the paper's rule. "none": nothing, but what `release` asks for. In
+            any case all bodies are released where a support begins or ends.
         kappa: κ ≥ 1 of "local".
         patience: Factor γ ≥ 1 by which cells have to qualify in more windows, one after the other,
             each time they are released sooner than they were observed, from the second time in a
-            row on; 1 lets them never wait. Planned releases (`Release(at=…)`) do not count.
+            row on. Planned releases (`Release(at=…)`) do not count. With "local" cells also wait
+            until as much work has been done on them for nothing as their switches cost, some seven
+            flexible steps of the whole structure. 1 lets them never wait, for neither.
         since: Time [s] at which observation begins.
         until: Time [s] from which on no more bodies are formed.
     """
@@ -77,8 +80,8 @@ class StrainRate(Criterion):
     never: Sequence[str] = field(default=(), kw_only=True)
     min_cells: int = field(default=2, kw_only=True)
     release: Sequence[Release] | Release = field(default=(), kw_only=True)
-    load_change: float = field(default=0.1, kw_only=True)
-    wake: Literal["all", "local", "none"] = field(default="all", kw_only=True)
+    load_change: float | None = field(default=None, kw_only=True)
+    wake: Literal["all", "local", "none"] = field(default="local", kw_only=True)
     kappa: float = field(default=3.0, kw_only=True)
     patience: float = field(default=2.0, kw_only=True)
     since: float = field(default=0.0, kw_only=True)
@@ -123,11 +126,17 @@ class StrainRate(Criterion):
             raise SceneError(
                 f"StrainRate: release must be Release records, got {shown(self.release)}."
             )
-        positive(owner, "load_change", self.load_change, infinite=True)
         if self.wake not in ("all", "local", "none"):
             raise SceneError(
                 f"StrainRate: wake must be 'all', 'local' or 'none', got {shown(self.wake)}."
             )
+        if self.load_change is not None:
+            positive(owner, "load_change", self.load_change, infinite=True)
+            if self.wake != "all":
+                raise SceneError(
+                    "StrainRate: load_change says which changes of loads release all bodies, and "
+                    f"with wake='{self.wake}' none does. Take wake='all', or leave it out."
+                )
         if not number(owner, "kappa", self.kappa) >= 1:
             raise SceneError(f"StrainRate: kappa must be ≥ 1, got {shown(self.kappa)}.")
         if not number(owner, "patience", self.patience) >= 1:

@@ -32,7 +32,7 @@ class Criterion:
     window: float | Literal["auto"] = "auto"
     never: Sequence[str] = ()
     min_cells: int | None = 2
-    load_change: float = inf
+    load_change: float | None = inf
     patience: float = 2.0
     since: float = 0.0
     until: float = inf

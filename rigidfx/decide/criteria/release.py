@@ -17,7 +17,8 @@ __all__ = ["Release"]
 class Release:
     """Bodies become flexible again, at given times or on a condition.
 
-    A change of a load or of a support releases all bodies without being named here.
+    What forces wake, and what a change of a support or, with wake="all", of a load releases, need
+    not be named here.
 
     Attributes:
         at: Times [s] at which steps end and bodies are released.
