@@ -53,7 +53,7 @@ class StrainRate(Criterion):
         min_cells: Least number of cells of a new body; a cell alone, with six numbers in place of
             those of its nodes that no other cell has, hardly saves anything.
         release: Releases at given times or on the user's conditions.
-        load_change: Of wake="all", and refused with any other: a load, the velocity of a support or
+        load_change: Of wake="all", and refused with another: a load, the velocity of a support or
             the force of a contact that differs from what it was at the last freeze by more than
             this fraction of its largest value so far has changed. A tenth if None; infinity lets
             only jumps, kinks and windows count.
@@ -62,7 +62,8 @@ class StrainRate(Criterion):
             tolerance are released with a ring of cells round them, and the step is solved again. A
             change of a load releases nothing by itself. "all": any change of a load or of a support
             releases all of them, the paper's rule. "none": nothing, but what `release` asks for. In
-            any case all bodies are released where a support begins or ends.
+            any case all bodies are released where a support begins or ends. "local" if None, or
+            "all" where load_change is given.
         kappa: κ ≥ 1 of "local".
         patience: Factor γ ≥ 1 by which cells have to qualify in more windows, one after the other,
             each time they are released sooner than they were observed, from the second time in a
@@ -81,7 +82,7 @@ class StrainRate(Criterion):
     min_cells: int = field(default=2, kw_only=True)
     release: Sequence[Release] | Release = field(default=(), kw_only=True)
     load_change: float | None = field(default=None, kw_only=True)
-    wake: Literal["all", "local", "none"] = field(default="local", kw_only=True)
+    wake: Literal["all", "local", "none"] | None = field(default=None, kw_only=True)
     kappa: float = field(default=3.0, kw_only=True)
     patience: float = field(default=2.0, kw_only=True)
     since: float = field(default=0.0, kw_only=True)
@@ -126,6 +127,8 @@ class StrainRate(Criterion):
             raise SceneError(
                 f"StrainRate: release must be Release records, got {shown(self.release)}."
             )
+        if self.wake is None:
+            object.__setattr__(self, "wake", "local" if self.load_change is None else "all")
         if self.wake not in ("all", "local", "none"):
             raise SceneError(
                 f"StrainRate: wake must be 'all', 'local' or 'none', got {shown(self.wake)}."
@@ -159,7 +162,7 @@ class StrainRate(Criterion):
     def remedy(self) -> str:
         """What keeps bodies from being released again and again."""
         helps = {"all": "a larger load_change", "local": "a larger tol or kappa"}
-        helps_here = helps.get(self.wake, "fewer releases")
+        helps_here = helps.get(self.wake or "", "fewer releases")
         return f"Take a longer window, {helps_here}, or look at the conditions of Release."
 
     @property

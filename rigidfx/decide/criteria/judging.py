@@ -28,7 +28,7 @@ class Criterion:
     `rigidfx.decide.criteria.criterion.StrainRate` says what the attributes mean.
     """
 
-    wake: Literal["all", "local", "none"] = "local"
+    wake: Literal["all", "local", "none"] | None = "local"
     window: float | Literal["auto"] = "auto"
     never: Sequence[str] = ()
     min_cells: int | None = 2
