@@ -70,7 +70,7 @@ scene = rf.Scene(
 # +
 DT, WINDOW = 2e-3, 20  # s, steps
 rule = rf.StrainRate(options.tol, WINDOW * DT)
-measuring = rf.StrainRate(0.0, 1e9)
+measuring = rf.StrainRate(0.0, 1e9, wake="none")
 owned = scene.mesh.topology.index_map(3).size_local
 cells = float(scene.sum(owned))
 rigid: dict[str, list[float]] = {"plate": [], "hub": []}  # shares of their cells in each step

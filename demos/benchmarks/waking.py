@@ -88,11 +88,12 @@ def measure(name: str, across: int, ask: bool) -> dict[str, object]:
     """Both runs of a case, and what the oracle says along ours if it is asked."""
     case = CASES[name].at(across)
     tol = case.tol * peak_rate(case, across)
-    rule = rf.StrainRate(tol, WINDOW * case.dt, wake="local", kappa=KAPPA)
+    rule = rf.StrainRate(tol, WINDOW * case.dt, kappa=KAPPA)
+    measuring = rf.StrainRate(0.0, 1e9, wake="none")
     before = seconds("rigidfxShadow"), seconds("rigidfxShadowNew")
     runs = {
         key: rf.simulate(case.scene(across), case.dt, case.t_end, rigidify=r, progress=False)
-        for key, r in (("twin", rf.StrainRate(0.0, 1e9)), ("local", rule))
+        for key, r in (("twin", measuring), ("local", rule))
     }
     rates, rigid, guesses = [], [], []
     with Turns(runs, warm=1) as turns, ExitStack() as stack:
