@@ -199,6 +199,17 @@ def test_nothing_is_sure_from_a_contact_on(tmp_path):
     assert alone[-1].ledger.sure == "unknown"
 
 
+def test_nothing_freezes_as_a_motion_begins():
+    """What had frozen after eight steps at rest, and one of motion, woke in the next."""
+    block = rf.StVenantKirchhoff(E=1e7, nu=0.3, rho=1000.0)
+    effects = [rf.Fixed("x0"), rf.Gravity((0, 0, 0.5), since=1.0), rf.MassDamping(0.5)]
+    materials = {"stalk": SOFT, "block": block}
+    scene = rf.Scene(bar().domain, materials, effects, probes={"tip": (8, 0.5, 0.5)})
+    reports = run(scene, asked(0.03), 1.2)
+    assert reports[-1].ledger.time.spent > 0
+    assert not [event for report in reports for event in report.events]
+
+
 def test_what_cells_have_swung_by_stands_for_a_shadow_that_tells_more():
     """Unless it tells more than four times as much; of some nothing has been seen."""
     told = np.array([0.005, 0.03, 0.08, 0.08])
