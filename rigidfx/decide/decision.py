@@ -5,7 +5,7 @@ Deciding knows neither PETSc nor the motion; `rigidfx.switch` applies what is de
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import nan
 from typing import Literal
@@ -15,8 +15,9 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.decide.clusters import Cluster
+from rigidfx.mechanics.rigid_body import RigidBody
 
-__all__ = ["Decision", "PlannedBody", "plan_bodies", "qualify"]
+__all__ = ["Decision", "PlannedBody", "kept_bodies", "plan_bodies", "qualify"]
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -90,6 +91,15 @@ def qualify(worst: Array, tol: Array, observed: Bools, comm: MPI.Intracomm) -> t
     compared = observed & (tol > 0)
     closeness = np.abs(worst[compared] / tol[compared] - 1).min(initial=np.inf)
     return observed & (worst <= tol), float(comm.allreduce(closeness, op=MPI.MIN))
+
+
+def kept_bodies(bodies: Iterable[RigidBody]) -> tuple[PlannedBody, ...]:
+    """Bodies that stay as they are.
+
+    Args:
+        bodies: These bodies.
+    """
+    return tuple(PlannedBody(b.cells, b.nodes, b.name, b.number, kept=True) for b in bodies)
 
 
 def plan_bodies(

@@ -25,7 +25,7 @@ from rigidfx.decide.clusters import NONE, CellGraph, find_clusters
 from rigidfx.decide.criteria.heeded import heeded_rule
 from rigidfx.decide.criteria.judging import Criterion
 from rigidfx.decide.criteria.observation import Observation
-from rigidfx.decide.decision import Decision, plan_bodies, qualify
+from rigidfx.decide.decision import Decision, kept_bodies, plan_bodies, qualify
 from rigidfx.decide.lasting import Lasting
 from rigidfx.decide.memory.back_off import BackOff
 from rigidfx.decide.memory.bends import Bends
@@ -231,7 +231,10 @@ class Policy:
         def plan(able: Bools, barred: Bools) -> Decision:
             return self._plan("freeze", reason, seen, able, existing, barred)
 
-        if self._criterion.wake == "local":
+        if not self._any(able & (existing == NONE) & ~barred):
+            stay = kept_bodies(b for b in seen.bodies if b.name not in self.named.apart)
+            decision = Decision("freeze", reason, stay, self.named.apart, memory.next_number)
+        elif self._criterion.wake == "local":
             decision = self._lasting.bodies(plan, seen, tol, able, barred)
         else:
             decision = plan(able, barred)

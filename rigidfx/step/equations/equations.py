@@ -226,7 +226,7 @@ class Equilibrium:
             r: Residual there [N].
 
         Returns:
-            See `Lost.relative`; nothing in statics.
+            See `Lost.of_all`; energy alone where supports hold something, nothing in statics.
         """
         if self._mass is None:
             return np.empty(0)
@@ -234,9 +234,11 @@ class Equilibrium:
         d, v0, before, gained = (v.array_r for v in (self.d, self._v0, self._work, self._inertia))
         energy = 0.5 * (v0 @ before) + abs(gained @ d) / self.dt
         energy += abs(self._actions.external.array_r @ d)
+        if not self._lost.of_momenta:
+            return self._lost.of_energy(y.array_r, r.array_r, energy)
         momentum = np.abs(before).sum() + np.abs(gained).sum()
         x = self._rows.X + (self.start + 0.5 * d).reshape(-1, 3)
-        return self._lost.relative(self.dt, y.array_r, r.array_r, x, energy, momentum)
+        return self._lost.of_all(self.dt, y.array_r, r.array_r, x, energy, momentum)
 
     def left(self, residual: PETSc.Vec) -> float:
         """How far what is left of R [N] moves an unknown by itself [m], at most. Collective."""

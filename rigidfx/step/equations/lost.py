@@ -29,7 +29,11 @@ TINY = float(np.finfo(np.float64).tiny)
 
 
 class Lost:
-    """Measures residuals of one division by its largest energy and momentum so far."""
+    """Measures residuals of one division by its largest energy and momentum so far.
+
+    Attributes:
+        of_momenta: Whether momenta are its own; what supports hold gives them to these.
+    """
 
     def __init__(self, scene: Scene, prolongation: Prolongation) -> None:
         """Begin before the first step. Collective.
@@ -41,14 +45,28 @@ class Lost:
         self._p, parts = prolongation, scene.parts
         corners = parts.upper.max(axis=0) - parts.lower.min(axis=0)
         self._size = 0.5 * float(np.linalg.norm(corners))
-        # What supports hold gives its momenta to them.
-        self._held = prolongation.comm.allreduce(prolongation.prescribed.size) > 0
+        self.of_momenta = prolongation.comm.allreduce(prolongation.prescribed.size) == 0
         self._energy = self._momentum = TINY
 
-    def relative(
+    def of_energy(self, y: Array, R: Array, energy: float) -> Array:
+        """What the energy of a step is off by that ends with a residual. Collective.
+
+        Args:
+            y: Unknowns of this rank [m].
+            R: Residual there [N].
+            energy: Energy that active nodes have, or gain, on this rank [J].
+
+        Returns:
+            One number, relative to the largest energy so far.
+        """
+        sums = np.array([y @ R, energy])
+        self._p.comm.Allreduce(MPI.IN_PLACE, sums)
+        return np.array([self._lost_energy(*sums)])
+
+    def of_all(
         self, dt: float, y: Array, R: Array, x: Array, energy: float, momentum: float
     ) -> Array:
-        """What a step is off by that ends with a residual. Collective.
+        """What energy and momenta are off by where supports hold nothing. Collective.
 
         Args:
             dt: Δt [s].
@@ -59,29 +77,29 @@ class Lost:
             momentum: Sum of their momenta's sizes likewise [kg m/s].
 
         Returns:
-            Energy relative to the largest so far, and where supports hold nothing linear and
-            angular momentum, to the largest sum of momenta and that times the structure's size.
+            Energy, linear and angular momentum, relative to the largest energy so far, sum of
+            momenta, and that times the structure's size.
         """
-        increments = self._p.increments
         sums = np.zeros(13)
         sums[:3] = y @ R, energy, momentum
-        if not self._held:
-            self._sum_up(R, x, sums[3:])
+        self._sum_up(R, x, sums[3:])
         self._p.comm.Allreduce(MPI.IN_PLACE, sums)
-        work, energy, momentum = sums[:3]
+        if len(self._p.increments):
+            sums[2] += self._p.increments.start.momentum_scale
+        self._momentum = max(self._momentum, sums[2])
+        count, places, force, moment = sums[3], sums[4:7], sums[7:10], sums[10:13]
+        middle = places / max(count, 1.0)
+        turn = moment - axial(np.outer(middle, force))
+        off = np.sqrt([force @ force, turn @ turn / self._size**2])
+        return np.array([self._lost_energy(*sums[:2]), *(dt / self._momentum * off)])
+
+    def _lost_energy(self, work: float, energy: float) -> float:
+        increments = self._p.increments
         if len(increments):
             gained = float(np.vdot(increments.inertia_force(), increments.six))
             energy += increments.start.kinetic + abs(gained)
-            momentum += increments.start.momentum_scale
         self._energy = max(self._energy, energy)
-        self._momentum = max(self._momentum, momentum)
-        if self._held:
-            return np.array([abs(work) / self._energy])
-        count, places, force, moment = sums[3], sums[4:7], sums[7:10], sums[10:13]
-        middle = places / max(count, 1.0)
-        turn = np.linalg.norm(moment - axial(np.outer(middle, force))) / self._size
-        off = np.array([np.linalg.norm(force), turn])
-        return np.array([abs(work) / self._energy, *(dt * off / self._momentum)])
+        return abs(work) / self._energy
 
     def _sum_up(self, R: Array, x: Array, out: Array) -> None:
         """Nodes and their places, force and moment about the origin of this rank's residual."""

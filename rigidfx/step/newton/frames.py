@@ -105,5 +105,7 @@ class Frames:
         """
         if self._whole and self._all:
             y.reshape(-1, 3)[:] = y.reshape(-1, 3) @ Q[0].T
+        elif self._whole:
+            y[self._vectors] = y[self._vectors] @ Q[0].T
         else:
             y[self._vectors] = (Q[self._of_vector] @ y[self._vectors][:, :, None])[:, :, 0]

@@ -19,6 +19,7 @@ from rigidfx.coupling.dof_layout import DofLayout
 from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects import Support, Windowed
+from rigidfx.mechanics.rotation import axial
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.linear.linear_solver import conjugate_gradients
@@ -177,10 +178,11 @@ class PrescribedDofs:
         Returns:
             By the name of the support's set, shapes (3,) [N] and, about the origin, (3,) [N m].
         """
-        vectors = np.zeros((forces.size, 3))
-        vectors[np.arange(forces.size), self._axis] = forces
-        both = np.hstack([vectors, np.cross(x, vectors)])
-        sums = [both[self._owner == k].sum(axis=0) for k in range(len(self.active))]
+        sums = np.zeros((len(self.active), 6))
+        for total, own in zip(sums, self._own, strict=True):
+            f = np.zeros((own.size, 3))
+            f[np.arange(own.size), self._axis[own]] = forces[own]
+            total[:3], total[3:] = f.sum(axis=0), axial(x[own].T @ f)
         out: dict[str, Array] = {}
         for support, total in zip(self.active, np.asarray(self._scene.sum(sums)), strict=True):
             out[support.where] = out.get(support.where, 0.0) + total
