@@ -120,7 +120,9 @@ class Stepper:
 
     def bind(self, division: Division, acting: Sequence[Windowed]) -> None:
         """Take over a division of the cells and the effects that act from now on. Collective."""
+        rounding: float | npt.NDArray[np.float64] = 0.0
         if self._bound:
+            rounding = self.system.newton.conserving.rounding
             self.system.destroy()
         self.state.group(division.bodies)
         self.state.clamp(division.clamped)
@@ -140,6 +142,7 @@ class Stepper:
             self.prescribed,
             self.failures,
             division.driven_cells,
+            rounding,
         )
         if self.control is not None:
             self.control.follow(self.system, self.state)

@@ -5,7 +5,8 @@ with a kept tangent end just there. In steps in which waves get far that may be 
 which drift: by 2e-10 in 300 steps of a bar of steel whose Δt changed from step to step. So what a
 solution takes from them is measured. Where that is too much the iteration goes on, for as long as
 it falls by half. Where it does not, with a new tangent neither, it is rounding: its size is
-remembered, and later steps are not asked for less. What an iteration has made worse is taken back.
+remembered, by later divisions too, and later steps are not asked for less. What an iteration has
+made worse is taken back.
 """
 
 from __future__ import annotations
@@ -27,19 +28,20 @@ class Conserving:
     """Follows the iterates of a step from the first one that is good enough as a solution.
 
     Attributes:
+        rounding: What rounding takes of each quantity, as far as it has been met, relative.
         best: Whether no iterate before the last one, of those that were followed, was better.
         doubtful: Whether the next iteration wants a new tangent, to tell rounding from a tangent
             that does not fit.
     """
 
-    def __init__(self, tolerance: float) -> None:
+    def __init__(self, tolerance: float, rounding: float | Array = 0.0) -> None:
         """Begin without a step.
 
         Args:
             tolerance: What a step may take from energy and momenta, relative.
+            rounding: What rounding has been found to take in another division.
         """
-        self._tolerance = tolerance
-        self._rounding: float | Array = 0.0
+        self._tolerance, self.rounding = tolerance, rounding
         self.restart()
 
     def restart(self) -> None:
@@ -72,8 +74,10 @@ class Conserving:
                 this one was in doubt.
         """
         self._lost.append(lost)
+        if np.shape(self.rounding) not in ((), lost.shape):
+            self.rounding = 0.0  # it was met while other quantities were looked at
         self._residual = min(self._residual, residual)
-        allowed = np.maximum(self._tolerance, ROUNDING * self._rounding)
+        allowed = np.maximum(self._tolerance, ROUNDING * self.rounding)
         worst = float((lost / allowed).max(initial=0.0))
         self.best, self._least = worst <= self._least, min(worst, self._least)
         much = lost > allowed
@@ -84,6 +88,6 @@ class Conserving:
             if self.doubtful:
                 return len(self._lost) > MOST
             met = np.where(stays, np.minimum(lost, before), 0.0)
-            self._rounding = np.maximum(self._rounding, met)
+            self.rounding = np.maximum(self.rounding, met)
             much &= ~stays
         return not much.any() or len(self._lost) > MOST

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import numpy.typing as npt
 from petsc4py import PETSc
 
 from rigidfx.scene.scene import Scene
@@ -73,12 +74,18 @@ class Newton:
         known: Whether the residual at the first guess has been evaluated already.
     """
 
-    def __init__(self, equilibrium: Equilibrium, scene: Scene) -> None:
+    def __init__(
+        self,
+        equilibrium: Equilibrium,
+        scene: Scene,
+        rounding: float | npt.NDArray[np.float64] = 0.0,
+    ) -> None:
         """Create the SNES. Collective.
 
         Args:
             equilibrium: The equations.
             scene: The problem.
+            rounding: See `Conserving`.
         """
         self.equilibrium = equilibrium
         self._y = equilibrium.prolongation.unknowns()
@@ -91,7 +98,7 @@ class Newton:
         self._loosest = [(name, self._snes.getParamsEW()[name]) for name in ("rtol_0", "rtol_max")]
         rtol, _, _, max_it = self._snes.getTolerances()
         self.stop = StoppingTest(rtol, max_it)
-        self.conserving = Conserving(HIDDEN * rtol)
+        self.conserving = Conserving(HIDDEN * rtol, rounding)
         self._chord: Chord | None = None
         if pays(equilibrium):
             self._chord = Chord(equilibrium, scene.parts, ChordTest(rtol, max_it))
