@@ -17,7 +17,7 @@ from rigidfx.plot.ledger import spent
 from rigidfx.scene.points import far_apart
 from rigidfx.scene.timeline import Timeline
 from rigidfx.step.length.forgetting import Forgetting, comes_back
-from rigidfx.step.length.onsets import narrowed
+from rigidfx.step.length.onsets import Onsets, narrowed
 from rigidfx.step.length.step_length import Moves, StepLength
 from rigidfx.step.length.time_error import TimeError
 
@@ -351,6 +351,25 @@ def test_steps_follow_a_blow():
     error = np.linalg.norm(ours - truth(t), axis=1).max()
     assert error < 2.5 * 0.01 * np.linalg.norm(u, axis=1).max()
     assert len(t) < 500
+
+
+@pytest.mark.parametrize("name", ["beside a weight", "too fast for the step"])
+def test_a_load_is_looked_at_for_what_it_changes_by(name):
+    """Not for all that it is: a gust of a part in a hundred errs as much beside a weight."""
+    loads = {
+        "beside a weight": lambda t: (0, 0, -1e4 + (100.0 if t > 0.317 else 0.0)),
+        "too fast for the step": lambda t: (0, 0, np.sin(2 * np.pi * t / 0.13)),
+    }
+    scene = bar(rf.Fixed("x0"), rf.Traction("x1", loads[name]))
+    onset = Onsets(scene).within(0.2, 0.4, 0.05)
+    if name == "beside a weight":
+        assert onset.jumps
+        assert onset.t == pytest.approx(0.317, abs=1e-4)
+    else:
+        assert not onset.jumps
+        assert onset.t == pytest.approx(0.225)  # an eighth of the step
+    slow = rf.Traction("x1", lambda t: (0, 0, 1e4 + np.sin(2 * np.pi * t / 0.9)))
+    assert Onsets(bar(rf.Fixed("x0"), slow)).within(0.2, 0.4, 0.05) is None
 
 
 def test_where_a_function_is_not_smooth():

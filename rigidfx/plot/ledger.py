@@ -35,10 +35,19 @@ def spent(history: Mapping[str, Array]) -> dict[str, list[Curve]]:
     panels["Time integration, % of the largest displacement"] = _panel(
         t, history, "displacement", {"time_error": "estimated error"}, "time_allowed"
     )
-    errors = {"rigidity_error": "estimated error", "measured_error": "all errors, measured"}
     panels["Rigid parts, % of the largest displacement"] = _panel(
-        t, history, "displacement", errors, "rigidity_allowed"
+        t, history, "displacement", {"rigidity_error": "estimated error"}, "rigidity_allowed"
     )
+    if np.isfinite(history.get("measured_error", np.array([np.nan]))).any():
+        # What the one share leaves is the other's: together they are all that was asked.
+        budget = history["time_allowed"] + np.nan_to_num(history["rigidity_allowed"])
+        panels["All errors, % of the largest displacement"] = _panel(
+            t,
+            {**history, "budget": budget},
+            "displacement",
+            {"measured_error": "measured"},
+            "budget",
+        )
     return {title: curves for title, curves in panels.items() if curves}
 
 

@@ -1,13 +1,16 @@
-"""Where loads jump or bend within a step, at no breakpoint: found before the step is made.
+"""Where loads jump, bend or swing within a step, at no breakpoint: found before the step is made.
 
 A step takes loads at its middle. Where one is smooth, its mean over the step differs from that by
 h²/24 q'', of which the motion's own jerk tells. What sets in after the middle is lost for good, up
 to half of q h, and nothing in the motion tells. So loads that are functions of a user's are asked
 at five times of a step. If their mean by Simpson's rule is off the middle by more than the
-tolerance's part of their largest value, the interval with the largest second difference is halved
-again and again: that falls with the square of its width where the load is smooth, with its width
-over a kink, and not over a jump. The step ends where that has been found; after a jump steps begin
-anew. Windows, kinks of a `Table` and `breakpoints` are known without all that.
+tolerance's part of what they have changed by so far, the interval with the largest second
+difference is halved again and again: that falls with the square of its width where the load is
+smooth, with its width over a kink, and not over a jump. The step ends where that has been found;
+after a jump steps begin anew. Where nothing is found, a load turns within the step and its mean is
+off by more than a twentieth, as that of one that swings to and fro in three steps, the step is
+halved until it is not: the motion, which is told the middles, knows nothing of it. Windows, kinks
+of a `Table` and `breakpoints` are known without all that.
 """
 
 from __future__ import annotations
@@ -36,6 +39,9 @@ SMOOTH = 1.5  # powers of an interval's width with which second differences fall
 SHARP = 0.5  # ... 1 is a kink, and 0 a jump
 SCATTER = 2.0  # of them, as a kink lies in the middle of an interval or at its border
 SEVERAL = 4  # in one step, of which the first counts
+SWINGS = 0.05  # of what a load changes by: its mean is off by more where a step is half a swing
+SHORTER = 6  # halvings of a step for that
+ROUNDING = 1e-12  # of a component's size, by which none has changed
 CLOSE = 1e-3  # of a step after its start: that is where it had to begin
 
 
@@ -64,7 +70,8 @@ class Onsets:
         self._comm = scene.comm
         loads = [load for load in scene.named(Windowed) if load.is_load and _is_given(load)]
         self._loads = [load for load in loads if type(load).signal is not Effect.signal]
-        self._largest = [0.0] * len(self._loads)
+        # The least and the largest value so far of each component.
+        self._range: list[tuple[Array, Array] | None] = [None] * len(self._loads)
 
     def within(self, t: float, end: float, tol: float) -> Onset | None:
         """The first in a step that matters; None if there is none. Collective.
@@ -72,7 +79,8 @@ class Onsets:
         Args:
             t: Start of the step [s].
             end: Its end [s].
-            tol: Error of a load in the mean, over its largest value so far, that does not matter.
+            tol: Error of a load in the mean that does not matter, over what its components have
+                changed by so far.
 
         Raises:
             SceneError: On every rank, if a load's function fails on any.
@@ -82,9 +90,8 @@ class Onsets:
 
         def first() -> Onset | None:
             found = None
-            for k, load in enumerate(self._loads):
-                look = partial(self._first_of, k, t, end if found is None else found.t, tol)
-                found = by_name(load.owner, t, look) or found
+            for k in range(len(self._loads)):
+                found = self._first_of(k, t, end if found is None else found.t, tol) or found
             return found
 
         # Functions cannot be compared: were theirs to differ, so would what ranks decide by them.
@@ -93,19 +100,67 @@ class Onsets:
     def _first_of(self, k: int, t: float, end: float, tol: float) -> Onset | None:
         """The first of one load."""
         load, found = self._loads[k], None
+
+        def q(time: float) -> Array:
+            value = by_name(load.owner, time, partial(load.signal, time, end - t))
+            return np.asarray(value, dtype=np.float64)
+
         for _ in range(SEVERAL):
-            h = end - t
-            times = t + PLACES * h
-            values = [np.asarray(load.signal(float(time), h), dtype=np.float64) for time in times]
-            self._largest[k] = max(self._largest[k], *(float(np.linalg.norm(q)) for q in values))
-            off = float(np.linalg.norm(SIMPSON @ np.array(values) - values[2]))
-            if off <= tol * self._largest[k]:
-                break
-            one = narrowed(partial(load.signal, dt=h), times, values)
-            if one is None or not t + CLOSE * h < one.t < end:
-                break
+            times = t + PLACES * (end - t)
+            values = [q(float(time)) for time in times]
+            off, swing = self._off(k, values)
+            if off <= tol:
+                return found
+            one = narrowed(q, times, values)
+            if one is None:
+                return self._calm(k, q, t, end, swing) or found
+            if not t + CLOSE * (end - t) < one.t < end:
+                return found
             found, end = one, one.t
         return found
+
+    def _calm(
+        self, k: int, q: Callable[[float], Array], t: float, end: float, swing: float
+    ) -> Onset | None:
+        """The end of a step in which a smooth load does not swing to and fro; None if it does not.
+
+        Args:
+            k: Number of the load.
+            q: The load.
+            t: Start of the step [s].
+            end: Its end [s].
+            swing: See `_off`.
+        """
+        whole = end
+        for _ in range(SHORTER):
+            if swing <= SWINGS:
+                break
+            end = (t + end) / 2
+            _, swing = self._off(k, [q(float(time)) for time in t + PLACES * (end - t)])
+        return Onset(end, jumps=False) if end < whole else None
+
+    def _off(self, k: int, values: list[Array]) -> tuple[float, float]:
+        """By how much the mean of a load is off its middle, over what it has changed by so far.
+
+        Returns:
+            The most of any component; and of any that turns within the step.
+        """
+        if len({value.shape for value in values}) > 1:
+            return 0.0, 0.0  # the step says what is wrong
+        every, known = np.array(values), self._range[k]
+        least, most = every.min(axis=0), every.max(axis=0)
+        if known is not None and known[0].shape == least.shape:
+            least, most = np.minimum(least, known[0]), np.maximum(most, known[1])
+        self._range[k] = least, most
+        if not np.isfinite([least, most]).all():
+            return 0.0, 0.0  # and of that
+        changed, size = (most - least).ravel(), np.maximum(np.abs(least), np.abs(most)).ravel()
+        off = np.abs(SIMPSON @ every.reshape(5, -1) - every[2].ravel())
+        moves = changed > ROUNDING * size
+        part = np.divide(off, changed, out=np.zeros_like(off), where=moves)
+        rising = np.diff(every.reshape(5, -1), axis=0) > 0
+        turns = rising.any(axis=0) & ~rising.all(axis=0)
+        return float(part.max(initial=0.0)), float(part[turns].max(initial=0.0))
 
 
 def narrowed(q: Callable[[float], Array], times: Array, values: list[Array]) -> Onset | None:
