@@ -75,17 +75,40 @@ def test_factors_by_mumps_are_given_up_at_once_and_for_good():
     assert _serve(rule, 1000) is None
 
 
+def test_a_division_goes_on_where_the_one_before_was():
+    first, second, third = _rule(), _rule(FILL / 2), _rule()
+    _serve(first, 1000)
+    second.go_on(first)  # no tangent has ended
+    assert second.full
+    assert _serve(second, 2, newton=4, linear=4) is None
+    second.served(4, 4, True)
+    assert not second.full  # it has served two steps only
+    third.go_on(second)
+    assert _serve(third, 1000) == pytest.approx(2 * _serve(_rule(), 1000), abs=1)
+
+
+def test_one_whose_factors_were_mumpss_tells_nothing():
+    first, second = _rule(), _rule()
+    _serve(first, 1000)
+    first.served(4, 4, True, dear=True)
+    second.go_on(first)
+    assert _serve(second, 1000) is not None
+
+
 def test_a_cantilever_of_rubber_comes_to_full_factors_and_to_the_same_motion():
     rubber = rf.StVenantKirchhoff(E=1e6, nu=0.45, rho=1100.0)
 
-    def run(**options):
+    def run(*effects, **options):
         box = rf.box((0, 0, 0), (0.3, 0.1, 0.1), (9, 8, 8))
-        scene = rf.Scene(box, rubber, [rf.Fixed("x0"), rf.Traction("x1", (0, 0, 20.0))])
+        effects = rf.Fixed("x0"), rf.Traction("x1", (0, 0, 20.0)), *effects
+        scene = rf.Scene(box, rubber, effects)
         _, *reports = rf.simulate(scene, 1.2e-3, 45 * 1.2e-3, progress=False, **options)
         return reports[-1].energy, [report.solver for report in reports]
 
     energy, solvers = run()
     assert solvers[0] == "kept fgmres+ilu"
     assert solvers[-1].startswith("kept preonly+")
+    _, divided = run(rf.MassDamping(1e-9, until=40 * 1.2e-3))
+    assert divided[39:] == solvers[39:]  # another division has them from its first step on
     by_newton, _ = run(petsc_options={"snes_lag_jacobian": 1})
     assert energy == pytest.approx(by_newton, rel=1e-10)

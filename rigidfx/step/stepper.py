@@ -120,10 +120,9 @@ class Stepper:
 
     def bind(self, division: Division, acting: Sequence[Windowed]) -> None:
         """Take over a division of the cells and the effects that act from now on. Collective."""
-        rounding: float | npt.NDArray[np.float64] = 0.0
-        if self._bound:
-            rounding = self.system.newton.conserving.rounding
-            self.system.destroy()
+        before = self.system if self._bound else None
+        if before is not None:
+            before.destroy()
         self.state.group(division.bodies)
         self.state.clamp(division.clamped)
         self.prescribed = PrescribedDofs(
@@ -142,8 +141,9 @@ class Stepper:
             self.prescribed,
             self.failures,
             division.driven_cells,
-            rounding,
         )
+        if before is not None:
+            self.system.newton.go_on(before.newton)
         if self.control is not None:
             self.control.follow(self.system, self.state)
         self._bound = True

@@ -133,6 +133,17 @@ class Chord:
         self._once_far |= waves >= COARSE_FROM
         return self._once_far and waves >= COARSE_DOWN_TO
 
+    @property
+    def _counts(self) -> bool:
+        """Whether it is counted how long tangents of soft parts serve."""
+        p = self._equilibrium.prolongation
+        return p.comm.size == 1 and p.size <= SOFT_FACTORS_UP_TO and cholmod.exists()
+
+    def go_on(self, before: Chord) -> None:
+        """Take over what has been found of the division before, which may have been freed."""
+        if self._counts:
+            self._long_kept.go_on(before._long_kept)
+
     @cached_property
     def _slender(self) -> bool:
         """Whether full factors fill little as the structure is long or thin."""
@@ -191,10 +202,9 @@ class Chord:
         self._refresh.accepted(iterations)
         cost = iterations + self._refresh.cost * self.tangents
         self._pause.kept(cost / self._kept.inverse.worth)
-        p = self._equilibrium.prolongation
         inverse = self._kept.inverse
         soft = self._long_kept.full or isinstance(inverse, IncompleteFactors)
-        if soft and p.comm.size == 1 and p.size <= SOFT_FACTORS_UP_TO and cholmod.exists():
+        if soft and self._counts:
             dear = isinstance(inverse, Factors) and inverse.dear
             self._long_kept.served(iterations, self.linear_iterations, self.tangents > 0, dear)
 

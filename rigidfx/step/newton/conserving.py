@@ -34,14 +34,14 @@ class Conserving:
             that does not fit.
     """
 
-    def __init__(self, tolerance: float, rounding: float | Array = 0.0) -> None:
+    def __init__(self, tolerance: float) -> None:
         """Begin without a step.
 
         Args:
             tolerance: What a step may take from energy and momenta, relative.
-            rounding: What rounding has been found to take in another division.
         """
-        self._tolerance, self.rounding = tolerance, rounding
+        self._tolerance = tolerance
+        self.rounding: float | Array = 0.0
         self.restart()
 
     def restart(self) -> None:

@@ -11,6 +11,10 @@ serves too short a time to repay them, incomplete factors return, and have to se
 before the next trial. LU by MUMPS hardly ever pays: where the tangent is too far from symmetric for
 Cholesky's factors, incomplete ones return for good.
 
+How long tangents serve, and how well they fit, is the motion's doing, not that of which parts are
+rigid. So a division goes on where the one before it was: had it to find out anew each time, a run
+whose bodies come and go would pay for GMRES with what a flexible one has done with long ago.
+
 All costs are in iterations of GMRES with incomplete factors, so that runs can be repeated and ranks
 agree. What these take depends on the machine: first-order matrices of 3·10⁴ unknowns may stay in a
 large cache, where GMRES is twice as fast and factors are not. The rule is one that holds there, and
@@ -58,6 +62,18 @@ class LongKept:
         self._without = 0.0  # iterations of GMRES in one of Newton's, without full factors
         self._steps, self._newton, self._linear = 0, 0, 0  # and iterations with the present tangent
 
+    def go_on(self, before: LongKept) -> None:
+        """Take over what has been found of another division.
+
+        That its last tangent served no longer is not the motion's doing.
+
+        Args:
+            before: That of the division.
+        """
+        if math.isfinite(before._often):  # what was too far from symmetric may be rigid now, or not
+            self.full, self._often = before.full, before._often
+            self._without = before._without
+
     def served(self, newton: int, linear: int, renewed: bool, dear: bool = False) -> None:
         """Take note of a step with a kept tangent.
 
@@ -74,7 +90,9 @@ class LongKept:
         self._linear += linear
         if self.full and dear:
             self.full, self._often = False, math.inf
-        elif not self.full:
+        elif self.full:
+            self._fill = self._fill or self._fill_of()
+        else:
             self._try()
 
     def _try(self) -> None:

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 from petsc4py import PETSc
 
 from rigidfx.scene.scene import Scene
@@ -74,18 +73,12 @@ class Newton:
         known: Whether the residual at the first guess has been evaluated already.
     """
 
-    def __init__(
-        self,
-        equilibrium: Equilibrium,
-        scene: Scene,
-        rounding: float | npt.NDArray[np.float64] = 0.0,
-    ) -> None:
+    def __init__(self, equilibrium: Equilibrium, scene: Scene) -> None:
         """Create the SNES. Collective.
 
         Args:
             equilibrium: The equations.
             scene: The problem.
-            rounding: See `Conserving`.
         """
         self.equilibrium = equilibrium
         self._y = equilibrium.prolongation.unknowns()
@@ -98,7 +91,7 @@ class Newton:
         self._loosest = [(name, self._snes.getParamsEW()[name]) for name in ("rtol_0", "rtol_max")]
         rtol, _, _, max_it = self._snes.getTolerances()
         self.stop = StoppingTest(rtol, max_it)
-        self.conserving = Conserving(HIDDEN * rtol, rounding)
+        self.conserving = Conserving(HIDDEN * rtol)
         self._chord: Chord | None = None
         if pays(equilibrium):
             self._chord = Chord(equilibrium, scene.parts, ChordTest(rtol, max_it))
@@ -109,6 +102,12 @@ class Newton:
         self._tangents = 0
         self._ending, self._saved_norm = 0, 0.0  # reason to stop at a solution, and its ‖R‖ [N]
         self._left = 0.0  # ‖R‖ of the last solution [N]
+
+    def go_on(self, before: Newton) -> None:
+        """Take over what has been found of the division before, which may have been freed."""
+        self.conserving.rounding = before.conserving.rounding
+        if self._chord is not None and before._chord is not None:
+            self._chord.go_on(before._chord)
 
     def _create_snes(self) -> PETSc.SNES:
         snes = PETSc.SNES().create(self.equilibrium.prolongation.comm)

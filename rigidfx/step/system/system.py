@@ -81,7 +81,6 @@ class System:
         prescribed: PrescribedDofs,
         failures: Failures,
         driven: Cells | None = None,
-        rounding: float | Array = 0.0,
     ) -> None:
         """Bind everything to a division and to the effects that act. Collective.
 
@@ -95,7 +94,6 @@ class System:
             failures: Keeps what a user's functions raise until all ranks are told.
             driven: Owned cells by subdomain id that move with a support: not flexible, all their
                 dofs prescribed, their mass counted.
-            rounding: What it has been found to take from energy and momenta before, relative.
         """
         self._scene, self._forces, self._prescribed = scene, forces, prescribed
         self.acting = tuple(acting)
@@ -127,7 +125,7 @@ class System:
             Prolongation(layout, scene.comm),
             self.actions,
         )
-        self.newton = Newton(self.equilibrium, scene, rounding)
+        self.newton = Newton(self.equilibrium, scene)
         self._v0 = rows.vector()
 
     def follow(self, acting: Sequence[Windowed]) -> bool:
