@@ -626,6 +626,23 @@ def test_a_stroke_is_the_largest_strain_over_the_largest_rate():
     assert found.dying == np.inf
 
 
+def test_how_a_motion_grows_is_told_by_the_halves_of_a_window():
+    found, free = Strokes(COMM, 1), np.zeros(1, dtype=bool)
+
+    def window(*rates):
+        for rate in rates:
+            found.add(np.array([rate]))
+        found.look(np.zeros(1), 0.0, 1.0, free)
+        return found.growth
+
+    assert window(0.1, 0.5, 1.0, 2.0) == 4.0
+    assert window(2.0, 3.0, 1.0, 0.1) == 1.0  # what swings goes through zero
+    assert window(0.0, 0.1, 0.2, 3.0) == 1.0  # and has been as large
+    assert window(3.0, 6.0) == 2.0
+    assert window() == 1.0
+    assert Strokes(COMM, 1).growth == 1.0
+
+
 def test_what_rings_now_is_told_by_the_last_windows():
     """A vibration with ω = 5 turns round in 0.2 s, whatever blow has come before."""
     found, rigid = Strokes(COMM, 2), np.array([False, True])

@@ -149,13 +149,17 @@ class Lasting:
     def _bent(
         self, new: Sequence[PlannedBody], parts: Sequence[Ints], loud: Array, tol: Array
     ) -> Bools:
-        """The loudest owned cells of parts that bend too much as a whole. Collective."""
+        """The loudest owned cells of parts that bend too much as a whole. Collective.
+
+        While a motion rises, what they bend by rises with it, and what they may does not.
+        """
         bends = self._memory.bends
         limits = bends.limits(tol)
         if limits is None or not new:
             return np.zeros(tol.size, dtype=bool)
         least = -self._largest([-limits[own] for own in parts])
-        bent = bends.swings([body.nodes for body in new]) > FIRM * least
+        firm = FIRM / self._memory.strokes.growth * least
+        bent = bends.swings([body.nodes for body in new]) > firm
         most = self._largest([loud[own] for own in parts])
         return self._loudest(parts, loud, np.where(bent, most, np.inf))
 

@@ -38,6 +38,8 @@ class Strokes:
         rate: Largest rate on this rank so far [1/s].
         rate_of_all: That on all ranks, at the end of the last window [1/s].
         last: The same of the last window alone [1/s].
+        growth: How many times it the largest rate so far is, on all ranks, that had been seen by
+            the middle of the last window: what moves now may grow by as much in half a window.
         dying: Time in which rates die down, by the last two windows [s]; infinite where they do
             not.
         swung: For each owned cell by how much its strain has swung in the last window.
@@ -54,6 +56,8 @@ class Strokes:
         """
         self._comm, self.rate, self._strain = comm, 0.0, 0.0
         self.time, self.rate_of_all, self.last, self.dying = np.inf, 0.0, 0.0, inf
+        self.growth = 1.0
+        self._rates: list[float] = []  # largest rate so far at each step since the last window
         self.seen: Array = np.zeros(cells)
         self.swung: Array = np.zeros(cells)
         self._swings = Swings(cells)
@@ -69,6 +73,7 @@ class Strokes:
         """
         self._now = max(self._now, float(rates.max(initial=0.0)))
         self.rate = max(self.rate, self._now)
+        self._rates.append(self.rate)
         self._steps += 1
         return self._steps % EVERY == 0
 
@@ -93,9 +98,11 @@ class Strokes:
         self._strain = max(self._strain, float(strains.max(initial=0.0)))
         self.swung = self._swings.end()
         swing = float(self.swung.max(initial=0.0))
-        largest = np.array([self.rate, self._strain, self._now, swing])
+        middle = self._rates[(len(self._rates) - 1) // 2] if self._rates else self.rate
+        largest = np.array([self.rate, self._strain, self._now, swing, middle])
         self._comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
-        rate, strain, now, swing = map(float, largest)
+        rate, strain, now, swing, middle = map(float, largest)
+        self.growth = rate / middle if middle > 0 else inf
         self.dying = length / log(self.last / now) if 0 < now < self.last else inf
         self.rate_of_all, self.last = rate, now
         if rate > noise and strain > 0:
@@ -106,7 +113,7 @@ class Strokes:
         recent = self.turning
         seen = recent if pi * recent <= length else 0.0
         self.seen = np.where(rigid, np.maximum(self.seen, seen), seen)
-        self._now = 0.0
+        self._now, self._rates = 0.0, []
 
     def of_strains(self, length: float, other: float = inf) -> Array:
         """Times for which each owned cell may withhold a rate that wakes it [s].
