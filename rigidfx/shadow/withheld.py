@@ -46,6 +46,7 @@ class Withheld:
         """
         self._stepper, self._parts, self._mass = stepper, parts, mass
         scene, forces = stepper.scene, stepper.forces
+        self._forces = forces
         layout = stepper.system.layout
         numbers = [body.number for body in layout.bodies]
         self._of = [numbers.index(body.number) for body in parts.bodies]
@@ -140,11 +141,11 @@ class Withheld:
             Forces as `force` has them; None in a run's first step, and where they do not count.
         """
         bodies = self._stepper.state.bodies
-        if self._loads is not None:  # they follow the bodies
+        if self._loads is not None or self._given is None:  # loads that follow the bodies
             self._place(self._u0, bodies)
             self._place(self._u1, bodies)
         if self._given is None:
-            # The bodies are new. Follower loads are taken as they are now.
+            # The equations are new. Follower loads are taken where the bodies are now.
             if t < dt:
                 return None
             self._given = self._loads_of(t - dt, dt, self._stepper.scene.acting(t - dt / 2))
@@ -162,9 +163,12 @@ class Withheld:
         if acting is not self._acting:
             self._acting = acting
             self._actions.select(acting)
+            self._forces.select(acting)
+            self._loads = self._forces.bind_loads(self._parts.cells, self._u0, self._u1)
         self._actions.set_time(t + dt / 2, dt)
         out = self._actions.external.array_r.copy()
         if self._loads is not None:
+            self._forces.set_time(t + dt / 2, dt)
             b = self._b.x
             b.array[:] = 0.0
             fem.assemble_vector(b.array, self._loads)
