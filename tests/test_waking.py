@@ -26,10 +26,12 @@ from rigidfx.decide.memory.sample import spread
 from rigidfx.decide.memory.strokes import Strokes
 from rigidfx.decide.memory.work import SWITCHES, too_dear
 from rigidfx.decide.policy import CHECKED, FORESEEN
+from rigidfx.flexible.nodal_stress import NodalStress
 from rigidfx.flexible.stress import CauchyStress
 from rigidfx.shadow import pace, shadow
 from rigidfx.shadow.dashpots import of_neighbours
 from rigidfx.shadow.gauge import UNSETTLED
+from rigidfx.shadow.linear_part import LinearPart
 from rigidfx.shadow.pace import LONG, LOOKS, Pace
 from rigidfx.shadow.parts import Parts
 from rigidfx.shadow.shadow import Shadow
@@ -64,7 +66,8 @@ def bar(*effects, block=STIFF, **options):
         box = box.with_cells("last", lambda x: x[0] >= 7 - 1e-9)
         ends = [box.find(name, (3,), "test").entities for name in ("first", "last")]
         box = box.with_cell_set("pieces", np.concatenate(ends))
-    return rf.Scene(box, materials, effects, probes={"tip": (8, 0.5, 0.5)}, **options)
+    probes = options.pop("probes", {"tip": (8, 0.5, 0.5)})
+    return rf.Scene(box, materials, effects, probes=probes, **options)
 
 
 def on_a_block(*effects, **options):
@@ -511,8 +514,84 @@ def test_stresses_of_rigid_parts_are_those_of_the_twin(mass):
     assert without >= 0.5 * whole
 
 
-def test_series_mark_what_is_recovered(tmp_path):
-    scene = on_a_block()
+POINTS = {"stalk": (1, 0.5, 1), "root": (4.2, 0.5, 1), "block": (5, 0.5, 1)}
+
+
+def under_weight(probes=POINTS, **options):
+    """The bar under the sine, bent from the start on: its block freezes with a stress."""
+    weight = rf.Traction("x1", (0, 100.0, 0))
+    return on_a_block(weight, rf.Preload([weight]), probes=probes, **options)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"mass": "consistent"}, {"mass": "consistent", "cell": "tetrahedron", "order": 2}],
+)
+def test_stresses_at_nodes_and_probes_are_those_of_the_twin(options):
+    """Under a load slower than the part, with the stress that it froze with."""
+    scene = under_weight(**options)
+    nodal, inside = NodalStress(scene), scene.space.tabulate_dof_coordinates()[:, 0] > 4 + 1e-9
+
+    def stresses(rule):
+        """At probes and nodes, as shown and of the freeze; what is said to be recovered."""
+        for report in rf.simulate(scene, DT, 4.0, rigidify=rule, progress=False):
+            if report.step in range(100, 201, 20):
+                report.state.rebuild()
+                shown = nodal.measure(report.state.u, report.recovered())[1, inside, :6]
+                kept = nodal.measure(report.state.u)[1, inside, :6]
+                yield report.stresses, shown, kept
+
+    def apart(a, b):
+        """Mean difference, relative to the mean size of the latter."""
+        a, b = (np.reshape(x, (-1, np.shape(x)[-1] // 3, 3)) for x in (a, b))
+        size = [np.linalg.norm(x, axis=(1, 2)).mean() for x in (a - b, b)]
+        return size[0] / size[1]
+
+    _, tol = gentle()
+    found, twin = list(stresses(local(tol))), list(stresses(NOTHING))
+    for name, carried in (("stalk", False), ("root", True), ("block", True)):
+        assert all(at[name].recovered == carried for at, *_ in found)
+        assert not any(at[name].recovered for at, *_ in twin)
+        at, exact = ([s[name].stress for s, *_ in run] for run in (found, twin))
+        assert apart(at, exact) <= 0.05
+    shown, kept, exact = ([s[k] for s in run] for run, k in ((found, 1), (found, 2), (twin, 1)))
+    assert apart(shown, exact) <= 0.05
+    assert 0.1 <= apart(kept, exact) <= 0.9  # there is a part that is frozen, and one that is not
+
+
+def test_stresses_are_recovered_where_they_are_asked_for(monkeypatch):
+    """Not at a probe whose cells are flexible, and by one solve, at most, for all that is asked."""
+    asked, solved = [], []
+    recovered, at_rest = Shadow.recovered, LinearPart.at_rest
+
+    def counted(self, force):
+        before = self._rest
+        out = at_rest(self, force)
+        solved.append(self._rest is not before)
+        return out
+
+    monkeypatch.setattr(Shadow, "recovered", lambda self: asked.append(1) or recovered(self))
+    monkeypatch.setattr(LinearPart, "at_rest", counted)
+    scene, on_stalk = (on_a_block(probes=p) for p in (POINTS, {"stalk": POINTS["stalk"]}))
+    cells, (_, tol) = CauchyStress(scene), gentle()
+    for report in rf.simulate(on_stalk, DT, 0.6, rigidify=local(tol), progress=False):
+        assert not report.stresses["stalk"].recovered
+    assert len(report.bodies) == 1
+    assert not asked
+    for report in rf.simulate(scene, DT, 0.6, rigidify=local(tol), progress=False):
+        assert not asked  # by the step
+        solved.clear()
+        at, (_, carried) = report.stresses, rf.recovered_stress(report, cells)
+        assert sum(solved) <= 1
+        assert at["block"].recovered == carried.any() == (report.step > WINDOW)
+        asked.clear()
+    after, found = rf.recovered_stress(report, cells)  # the run has ended
+    assert np.array_equal(found, carried)
+    assert not np.array_equal(after, cells.measure(report.state.u))
+
+
+def test_series_and_table_mark_what_is_recovered(tmp_path):
+    scene = on_a_block(probes=POINTS)
     _, tol = gentle()
     with rf.Recorder(scene, tmp_path, every=30) as recorder:
         for report in rf.simulate(scene, DT, 0.6, rigidify=local(tol), progress=False):
@@ -520,6 +599,10 @@ def test_series_mark_what_is_recovered(tmp_path):
     first, last = ((tmp_path / "fields" / f"fields_{k:06d}.vtu").read_bytes() for k in (0, 1))
     assert b'Name="recovered"' in first
     assert b'Name="recovered"' in last
+    table = rf.read_history(tmp_path)
+    assert table["recovered_block"].tolist() == [float(k > WINDOW) for k in range(31)]
+    assert not table["recovered_stalk"].any()
+    assert table["stress_block_xx"][-1] == report.stresses["block"].stress[0, 0]
 
 
 @chatter
@@ -917,6 +1000,18 @@ def histories(names):
     return out
 
 
+def carried():
+    """Stresses at probes, and the mean of a nodal one, of what is rigid under a slow load."""
+    scene = on_a_block(probes=POINTS)
+    nodal = NodalStress(scene)
+    for report in rf.simulate(scene, DT, 1.0, rigidify=local(1.5e-5), progress=False):
+        at = report.stresses
+    u = report.state.u
+    owned = nodal.measure(u, report.recovered())[1, : scene.owned_nodes]
+    mean = scene.sum(np.abs(owned).sum(axis=0))
+    return [[[*s.stress.ravel(), s.recovered] for s in at.values()], mean.tolist()]
+
+
 def standing():
     """Mean position of the nodes that stand for all: meshes differ in last bits between ranks."""
     scene = rf.Scene(rf.box((0, 0, 0), (3, 1, 0.4), (30, 11, 5)), SOFT)
@@ -930,6 +1025,8 @@ def standing():
 def test_several_ranks_wake_as_one(ranks):
     assert {*ON_RANKS[2], *ON_RANKS[3]} == cases().keys()
     one, several = histories(tuple(cases())), parallel.run(__file__, ranks, 300)
+    for found, exact in zip(several["carried"], carried(), strict=True):
+        assert np.abs(np.array(found) - exact).max() <= 1e-8 * np.abs(exact).max()
     assert several["standing"] == pytest.approx(standing(), abs=1e-12)
     for name in ON_RANKS[ranks]:
         tips, told = one[name]
@@ -942,6 +1039,6 @@ def test_several_ranks_wake_as_one(ranks):
 
 
 if __name__ == "__main__":
-    found = histories(ON_RANKS[COMM.size]) | {"standing": standing()}
+    found = histories(ON_RANKS[COMM.size]) | {"standing": standing(), "carried": carried()}
     if COMM.rank == 0:
         parallel.report(found)

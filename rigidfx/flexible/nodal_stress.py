@@ -35,7 +35,7 @@ import numpy.typing as npt
 from dolfinx import fem, la
 from scipy.sparse import csr_array
 
-from rigidfx.flexible.stress import PointStress, chunks
+from rigidfx.flexible.stress import PointStress, Recovered, chunks
 from rigidfx.scene.scene import Scene
 
 __all__ = ["NodalStress", "extrapolation", "material_groups"]
@@ -63,7 +63,7 @@ class NodalStress:
         self.groups = material_groups(scene)
         self._extrapolate = extrapolation(scene, self.points)
 
-    def measure(self, u: fem.Function) -> Array:
+    def measure(self, u: fem.Function, recovered: Recovered | None = None) -> Array:
         """Stress [Pa] and strain of the local nodes, shape (materials, nodes, 12). Collective.
 
         Six components each, in the order xx, yy, zz, xy, yz, xz; zero where a node has no cell of a
@@ -71,8 +71,9 @@ class NodalStress:
 
         Args:
             u: Displacement, up to date inside bodies too: see `State.rebuild`.
+            recovered: What some cells have instead, see `PointStress`.
         """
-        self.points.u.x.array[:] = u.x.array
+        self.points.take(u, recovered)
         corners, out = self._extrapolate.shape[0], np.zeros((self._shares.shape[0], 12))
         for cells in chunks(self.groups.size):
             values = self._extrapolate @ self.points.evaluate(cells)[:, :, :12]

@@ -15,6 +15,7 @@ is nothing. For peaks take values at nodes, `rigidfx.flexible.nodal_stress`.
 
 Cells of rigid bodies are no exception. Their nodes follow the body, F = R F_frozen, so they keep
 the stress they were frozen with, rotated with the body: σ = R σ_frozen Rᵀ; and their strain E.
+What the forces on them add comes by a displacement of their own, see `rigidfx.report.recovered`.
 
 The stress is the elastic one at an instant, that of the stored energy W. It holds no stress of
 damping, and it is not the mean over a step by which the energy-momentum method balances forces.
@@ -38,10 +39,11 @@ from rigidfx.flexible.material_classes import material_classes
 from rigidfx.mechanics.schemes import second_piola_kirchhoff
 from rigidfx.scene.scene import Scene
 
-__all__ = ["CauchyStress", "PointStress", "chunks", "tensors", "von_mises"]
+__all__ = ["CauchyStress", "PointStress", "Recovered", "chunks", "tensors", "von_mises"]
 
 Array = npt.NDArray[np.float64]
 Cells = npt.NDArray[np.int32]
+Recovered = tuple[fem.Function, npt.NDArray[np.bool_]]
 
 SYMMETRIC = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))  # components that are computed
 PLACES = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])  # where each of all nine is among them
@@ -55,6 +57,8 @@ class PointStress:
         points: Places of the points in the reference cell, shape (points, 3).
         weights: Their weights, shape (points,).
         u: Displacement that they are of: to be set, ghosts included, before `evaluate`.
+        recovered: The displacement that some cells have instead, and which owned ones these are,
+            shape (cells,); None for none. To be set likewise.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -67,6 +71,8 @@ class PointStress:
         cell = getattr(basix.CellType, scene.mesh.topology.cell_name())
         self.points, self.weights = basix.make_quadrature(cell, scene.quadrature_degree)
         self.u = fem.Function(scene.space)
+        self.recovered: Recovered | None = None
+        self._nodes = scene.space.dofmap.list
         F = scene.element.deformation_gradient(self.u)
         C = scene.element.right_cauchy_green(self.u)
         E = (C - ufl.Identity(3)) / 2
@@ -83,6 +89,11 @@ class PointStress:
             self._expressions.append(compiled)
             self._class[of.cells] = k
 
+    def take(self, u: fem.Function, recovered: Recovered | None = None) -> None:
+        """Take displacements over; arguments as the attributes."""
+        self.u.x.array[:] = u.x.array
+        self.recovered = recovered
+
     def evaluate(self, cells: Cells) -> Array:
         """Values at the points of some owned cells, shape (cells, points, 14).
 
@@ -92,6 +103,23 @@ class PointStress:
         Args:
             cells: Owned cells, in any order.
         """
+        if self.recovered is None:
+            return self._evaluated(cells)
+        other, of = self.recovered
+        own = of[cells]
+        out = np.empty((cells.size, self.weights.size, 14))
+        out[~own] = self._evaluated(cells[~own])
+        # Cells of both kinds share nodes. So these have the other displacement for a moment only.
+        nodes = np.unique(self._nodes[cells[own]])
+        u, instead = (f.x.array.reshape(-1, 3) for f in (self.u, other))
+        kept = u[nodes]
+        u[nodes] = instead[nodes]
+        out[own] = self._evaluated(cells[own])
+        u[nodes] = kept
+        return out
+
+    def _evaluated(self, cells: Cells) -> Array:
+        """See `evaluate`; all cells have the displacement u."""
         self._enhanced.update(cells)
         out = np.empty((cells.size, self.weights.size, 14))
         for k, expression in enumerate(self._expressions):
@@ -125,13 +153,14 @@ class CauchyStress:
         self._points = PointStress(scene) if points is None else points
         self._owned = int(scene.mesh.topology.index_map(3).size_local)
 
-    def measure(self, u: fem.Function) -> Array:
+    def measure(self, u: fem.Function, recovered: Recovered | None = None) -> Array:
         """Mean Cauchy stress of each owned cell, shape (cells, 3, 3) [Pa].
 
         Args:
             u: Displacement, up to date inside bodies too: see `State.rebuild`.
+            recovered: What some cells have instead, see `PointStress`.
         """
-        self._points.u.x.array[:] = u.x.array
+        self._points.take(u, recovered)
         out = np.empty((self._owned, 6))
         for cells in chunks(self._owned):
             values = self._points.evaluate(cells)

@@ -8,8 +8,9 @@ their surfaces). On the cells there are the means `cell_stress` and `cell_von_mi
 (`rigidfx.flexible.stress`), the number of the material,
 and, where there are rigid bodies or may be, the number of the body (0 outside bodies), a flag
 (1 rigid, 0 flexible) and, where parts are found, the strain rate of the step [1/s], zero in bodies.
-With `wake="local"` the mean stress of a rigid cell is that of its freeze and what the forces
-on it add, were it flexible: `recovered` is 1 there, see `rigidfx.report.recovered`.
+With `wake="local"` stress and strain of a rigid cell, in its mean and in its share of the values at
+its nodes, are those of its freeze and what the forces on it add, were it flexible: `recovered` is 1
+there, see `rigidfx.report.recovered`.
 """
 
 from __future__ import annotations
@@ -64,7 +65,8 @@ class Fields:
         state.rebuild()
         fields = {f.name: self.body.on_nodes(f) for f in (state.u, state.v)}
         if self._nodal is not None:
-            values = self.body.on_nodes_of_parts(self._nodal.measure(state.u))
+            recovered = report.recovered() if report.recovers else None
+            values = self.body.on_nodes_of_parts(self._nodal.measure(state.u, recovered))
             stress = tensors(values[:, :6])
             fields |= {"stress": stress, "von_mises": von_mises(stress)}
             fields["strain"] = tensors(values[:, 6:])

@@ -18,6 +18,8 @@ Columns, in SI units; a vector has one column for each of x, y, z:
     von_mises_NAME, stress_NAME_xx …         stress at each probe [Pa], and
     strain_NAME_xx …                         strain there: xx, yy, zz, xy, yz, xz; extrapolated and
                                              averaged, see `rigidfx.flexible.nodal_stress`
+    recovered_NAME                           1 where a rigid part says what it would strain there,
+                                             see `rigidfx.report.recovered`; else 0
     contact                                  stored in contacts at t [J]; in scenes with contacts
     contact_NAME_force_x …, _moment_x …      of each contact [N, N m], zero while it does not act
     contact_NAME_pressing                    sum of the sizes of its nodal forces [N]
@@ -127,7 +129,7 @@ def history_row(
         row |= components(f"u_{name}", displacement)
     for name, at in (stresses or {}).items():
         own = [at.stress[ij] for ij in PAIRS.values()], [at.strain[ij] for ij in PAIRS.values()]
-        values = [at.von_mises, *own[0], *own[1]]
+        values = [at.von_mises, *own[0], *own[1], at.recovered]
         row |= dict(zip(_stress_names(name), map(float, values), strict=True))
     if contacts:
         row |= {"contact": report.contact, **_of_contacts(contacts, report.touches)}
@@ -151,7 +153,7 @@ def _spent(report: Report) -> dict[str, float]:
 
 def _stress_names(probe: str) -> list[str]:
     tensors = [f"{what}_{probe}_{pair}" for what in ("stress", "strain") for pair in PAIRS]
-    return [f"von_mises_{probe}", *tensors]
+    return [f"von_mises_{probe}", *tensors, f"recovered_{probe}"]
 
 
 def _of_contacts(contacts: Sequence[str], touches: Mapping[str, Touch]) -> dict[str, float]:

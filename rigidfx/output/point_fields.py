@@ -51,7 +51,8 @@ class PointFields:
         """Fields at the points, whole on rank 0. Collective."""
         state = report.state
         state.rebuild()
-        self._points.u.x.array[:] = u = state.u.x.array
+        self._points.take(state.u, report.recovered() if report.recovers else None)
+        u = state.u.x.array
         out = np.empty((self._owned, self._points.weights.size, 12))
         for cells in chunks(self._owned):
             out[cells] = self._points.evaluate(cells)[:, :, :12]

@@ -108,7 +108,8 @@ class Shapes:
         if self._colour == "rigid":
             values = (self._body.on_cells(state.body_numbers()) > 0).astype(np.float64)
         elif self._stress is not None:
-            nodal = self._body.on_nodes_of_parts(self._stress.measure(state.u))
+            recovered = report.recovered() if report.recovers else None
+            nodal = self._body.on_nodes_of_parts(self._stress.measure(state.u, recovered))
             values = von_mises(tensors(nodal[:, :6]))
         else:
             field = u if self._colour == "displacement" else self._body.on_nodes(state.v)

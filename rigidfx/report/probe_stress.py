@@ -3,11 +3,12 @@
 The value at a probe is Σ Nᵢ of the values at the nodes of its cell, these are sums over the cells
 at them (`rigidfx.flexible.nodal_stress`), and all weights are constant: a probe is one fixed sum
 over integration points. So only the cells that share a node with the probe's own are evaluated.
+What rigid parts carry is recovered where one of these cells is rigid, and asked for there only.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,13 +17,14 @@ from dolfinx import fem, la
 
 from rigidfx.base.taken import seal
 from rigidfx.flexible.nodal_stress import extrapolation, material_groups
-from rigidfx.flexible.stress import PointStress, tensors, von_mises
+from rigidfx.flexible.stress import PointStress, Recovered, tensors, von_mises
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 
-__all__ = ["Holder", "ProbeStress", "StressAt"]
+__all__ = ["Holder", "ProbeStress", "Strained", "StressAt"]
 
 Array = npt.NDArray[np.float64]
+Strained = Callable[[], tuple[Array, npt.NDArray[np.int32]]]
 
 
 @dataclass(frozen=True)
@@ -47,10 +49,13 @@ class StressAt:
     Attributes:
         stress: Cauchy stress, shape (3, 3) [Pa].
         strain: Green-Lagrange strain, in the axes of the undeformed body, shape (3, 3).
+        recovered: Whether a cell around the point is rigid and says what forces on it would
+            strain, see `rigidfx.report.recovered`.
     """
 
     stress: Array
     strain: Array
+    recovered: bool = False
 
     def __post_init__(self) -> None:
         """Have arrays read only."""
@@ -73,7 +78,7 @@ class ProbeStress:
             holders: Name of each probe → the cell that holds it.
         """
         self._scene, self._names = scene, tuple(holders)
-        self._points = PointStress(scene)
+        self._points, self._more = PointStress(scene), fem.Function(scene.space)
         patches = [self._patch(holder) for holder in holders.values()]
         self._cells = np.concatenate([cells for cells, _ in patches])
         self._weights = np.concatenate([weights for _, weights in patches])
@@ -108,20 +113,39 @@ class ProbeStress:
         marks.scatter_reverse(la.InsertMode.add)
         return np.flatnonzero(marks.array[: scene.owned_nodes] > 0)
 
-    def measure(self, state: State) -> dict[str, StressAt]:
+    def measure(self, state: State, strained: Strained | None = None) -> dict[str, StressAt]:
         """Stress and strain at each probe, by its name. Collective.
 
         Args:
             state: Where the structure is; nodes inside bodies need not be up to date.
+            strained: What rigid cells would strain, see `Shadow.recovered`; asked only where a
+                probe is at one. Collective.
         """
         u: fem.Function = self._points.u
-        u.x.array.reshape(-1, 3)[self._nodes] = state.positions(self._nodes) - state.X[self._nodes]
+        now = state.positions(self._nodes) - state.X[self._nodes]
+        u.x.array.reshape(-1, 3)[self._nodes] = now
         u.x.scatter_forward()
+        recovered = None if strained is None else self._recovered(state, now, strained)
+        self._points.recovered = recovered
         values = self._points.evaluate(self._cells)[:, :, :12]
-        local = np.zeros((len(self._names), 12))
-        np.add.at(local, self._of, np.einsum("cq,cqi->ci", self._weights, values))
+        local = np.zeros((len(self._names), 13))
+        np.add.at(local[:, :12], self._of, np.einsum("cq,cqi->ci", self._weights, values))
+        if recovered is not None:
+            np.add.at(local[:, 12], self._of, recovered[1][self._cells])
         rows = np.asarray(self._scene.sum(local))
         return {
-            name: StressAt(tensors(row[:6]), tensors(row[6:]))
+            name: StressAt(tensors(row[:6]), tensors(row[6:12]), bool(row[12] > 0))
             for name, row in zip(self._names, rows, strict=True)
         }
+
+    def _recovered(self, state: State, now: Array, strained: Strained) -> Recovered | None:
+        """What rigid cells have instead of displacements; None if there are none. Collective."""
+        rigid = state.body_numbers() > 0
+        if not self._scene.sum(float(rigid[self._cells].sum())):
+            return None
+        more, own = strained()
+        self._more.x.array.reshape(-1, 3)[self._nodes] = now + more[self._nodes]
+        self._more.x.scatter_forward()
+        rigid[:] = False
+        rigid[own] = True
+        return self._more, rigid

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.flexible.nodal_stress import material_groups
-from rigidfx.report.probe_stress import Holder, ProbeStress, StressAt
+from rigidfx.report.probe_stress import Holder, ProbeStress, Strained, StressAt
 from rigidfx.scene.points import Point, owned_part, weights_at
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
@@ -44,9 +44,14 @@ class Probes:
         local = [p.weights @ (state.positions(p.nodes) - state.X[p.nodes]) for p in points]
         return dict(zip(self._probes, np.asarray(self._scene.sum(np.stack(local))), strict=True))
 
-    def stresses(self, state: State) -> Mapping[str, StressAt]:
-        """Stress and strain at each point; compiled when first asked for. Collective."""
-        return self._stress.measure(state) if self._probes else {}
+    def stresses(self, state: State, strained: Strained | None = None) -> Mapping[str, StressAt]:
+        """Stress and strain at each point; compiled when first asked for. Collective.
+
+        Args:
+            state: Where the structure is.
+            strained: What rigid cells would strain, if that is known.
+        """
+        return self._stress.measure(state, strained) if self._probes else {}
 
     @cached_property
     def _stress(self) -> ProbeStress:

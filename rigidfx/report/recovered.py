@@ -2,6 +2,9 @@
 
 A rigid part keeps the stress that it was frozen with. What the forces on it would add, were it
 flexible, is that of E⁰ + ε(K⁺ρ), section 8 of docs/theory.md: right for loads slower than the part.
+That is what all stresses are which are shown, of cells, at nodes, at probes and at integration
+points; each is evaluated from one displacement in rigid cells and another in flexible ones, for
+they share nodes, and a node takes the mean of what both say.
 """
 
 from __future__ import annotations
@@ -43,8 +46,5 @@ def recovered_stress(report: Report, stress: CauchyStress) -> tuple[Array, npt.N
     if stress.mesh is not state.u.function_space.mesh:
         raise SceneError("recovered_stress: stress is that of a scene on another mesh.")
     state.rebuild()
-    out = stress.measure(state.u)
-    u, cells = report.recovered()
-    if state.u.function_space.mesh.comm.allreduce(int(cells.any())):
-        out[cells] = stress.measure(u)[cells]
-    return out, cells
+    recovered = report.recovered()
+    return stress.measure(state.u, recovered), recovered[1]

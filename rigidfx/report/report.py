@@ -187,13 +187,15 @@ class Report:
 
         They are those at nodes, extrapolated and averaged within the material of the probe's cell
         (`rigidfx.flexible.nodal_stress`). Computed when asked for, from the cells around the probes
-        only; the first time compiles what it needs.
+        only; the first time compiles what it needs. Those of rigid parts are recovered, if that is
+        known: see `rigidfx.report.recovered`.
 
         Raises:
             SceneError: If they have not been asked for yet and the run has gone on.
         """
         self._check("stresses")
-        return self._probes.stresses(self._state)
+        strained = None if self._shadow is None else self._shadow.recovered
+        return self._probes.stresses(self._state, strained)
 
     @property
     def interface_mismatch(self) -> float:
@@ -265,8 +267,6 @@ def report_of(
         stepper: What has made it.
         probes: Points that are reported.
         result: What the step did; None for the initial state.
-        touches: What each contact did in this step, by its title: see
-            `rigidfx.effects.action.Touch`.
         impact: What the start of a support did at the start of the step.
         shadow: What bodies withhold, if that is known.
     """

@@ -8,6 +8,7 @@ from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 
+from rigidfx.base.taken import read_only
 from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.rows import Rows
 from rigidfx.flexible.linear_forms import LinearForms
@@ -51,20 +52,25 @@ class LinearPart:
         self._dynamic: dict[tuple[float, float, float], PETSc.KSP] = {}
         self._right, self._found, self._work, self._dashpots = (rows.vector() for _ in range(4))
         self._dashpots.array[:] = np.repeat(dashpots, 3)
+        self._rest: tuple[Array | None, Array] = None, np.empty((0, 3))
 
     def at_rest(self, force: Array) -> Array:
         """K⁺ρ: how the bodies strain under a steady force, but for a rigid motion. Collective.
 
+        That of the last force is kept.
+
         Args:
-            force: ρ on the nodes of the rows, in balance, shape (nodes, 3) [N].
+            force: ρ on the nodes of the rows, in balance, shape (nodes, 3) [N]; not to be changed.
 
         Returns:
             Displacements in the bodies' frames, shape (nodes, 3) [m].
         """
-        self._right.array[:] = force.reshape(-1)
-        self._right.array[self._held] = 0.0
-        self._static.solve(self._right, self._found)
-        return self._found.array_r.reshape(-1, 3).copy()
+        if force is not self._rest[0]:
+            self._right.array[:] = force.reshape(-1)
+            self._right.array[self._held] = 0.0
+            self._static.solve(self._right, self._found)
+            self._rest = force, read_only(self._found.array_r.reshape(-1, 3).copy())
+        return self._rest[1]
 
     def increment(
         self, force: Array, u: Array, v: Array, dt: float, drag: float, xi: float

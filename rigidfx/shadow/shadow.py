@@ -139,8 +139,7 @@ class Shadow(Watch):
             self._shorten(span, begin)
             self._motion = self._stepped(self._motion, force, begin + span / 2, span)
             begin += span
-        self._pace, self._last = Pace(), (np.empty((0, 3)), 0.0)
-        self._accepting = None
+        self._pace, self._last, self._accepting = Pace(), (np.empty((0, 3)), 0.0), None
 
     def _assemble(self, parts: Parts, dt: float) -> None:
         """Make matrices and factors, and take the shape over. Collective."""
@@ -337,8 +336,6 @@ class Shadow(Watch):
         u = self._parts.unmoved(self._part.at_rest(force))
         return self._parts.in_space(u, self._stepper.state.bodies, out)
 
-    # Life ---------------------------------------------------------------------------------------
-
     def _release(self) -> None:
         for item in (self._withheld, self._part, self._mass):
             if item is not None:
@@ -346,5 +343,8 @@ class Shadow(Watch):
         self._withheld, self._part, self._mass = None, None, None
 
     def destroy(self) -> None:
-        """Free the PETSc objects. Collective."""
+        """Free the PETSc objects; what bodies carry may still be asked for. Collective."""
+        if (part := self._part) is not None and self._pace.last is not None:
+            part.at_rest(self._pace.last)
         self._release()
+        self._part = part
