@@ -936,7 +936,6 @@ def test_a_force_that_changes_ends_that_whenever_it_comes():
     ("options", "message"),
     [
         ({"wake": "some"}, "wake must be 'all', 'local' or 'none', got 'some'"),
-        ({"wake": None}, "wake must be 'all', 'local' or 'none', got None"),
         ({"wake": ["local"]}, "wake must be 'all', 'local' or 'none', got"),
         ({"kappa": 0.5}, "kappa must be ≥ 1, got 0.5"),
         ({"kappa": "3"}, "kappa"),
