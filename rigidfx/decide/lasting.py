@@ -30,6 +30,7 @@ Ints = npt.NDArray[np.int32]
 
 
 FIRM = 1 / 3  # times what releases a body by its bend: what lets it freeze
+GENTLE = 4.0  # times its rates a motion may grow by in half a window as loads set in gently
 QUIETER = 0.8  # times the loudest cell of parts that do too much: what may still be rigid
 
 
@@ -158,7 +159,7 @@ class Lasting:
         if limits is None or not new:
             return np.zeros(tol.size, dtype=bool)
         least = -self._largest([-limits[own] for own in parts])
-        firm = FIRM / self._memory.strokes.growth * least
+        firm = FIRM / max(self._memory.strokes.growth / GENTLE, 1.0) * least
         bent = bends.swings([body.nodes for body in new]) > firm
         most = self._largest([loud[own] for own in parts])
         return self._loudest(parts, loud, np.where(bent, most, np.inf))
