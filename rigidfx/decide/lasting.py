@@ -152,14 +152,16 @@ class Lasting:
     ) -> Bools:
         """The loudest owned cells of parts that bend too much as a whole. Collective.
 
-        While a motion rises, what they bend by rises with it, and what they may does not.
+        While a motion rises, what they bend by rises with it, and what they may does not. A rise as
+        loads set in gently tells of none to come.
         """
         bends = self._memory.bends
         limits = bends.limits(tol)
         if limits is None or not new:
             return np.zeros(tol.size, dtype=bool)
         least = -self._largest([-limits[own] for own in parts])
-        firm = FIRM / max(self._memory.strokes.growth / GENTLE, 1.0) * least
+        growth = self._memory.strokes.growth
+        firm = FIRM / (growth if growth > GENTLE else 1.0) * least
         bent = bends.swings([body.nodes for body in new]) > firm
         most = self._largest([loud[own] for own in parts])
         return self._loudest(parts, loud, np.where(bent, most, np.inf))
