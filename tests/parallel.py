@@ -18,6 +18,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import traceback
 import warnings
 from pathlib import Path
 from typing import Any
@@ -172,8 +173,13 @@ def _run_scripts(folder: Path, starter: int) -> None:
         script = job["argv"][0]
         sys.argv[:], sys.path[:] = job["argv"], [str(Path(script).parent), *path]
         os.environ[RESULT] = job["result"]
-        with warnings.catch_warnings():
-            runpy.run_path(script, run_name="__main__")
+        try:
+            with warnings.catch_warnings():
+                runpy.run_path(script, run_name="__main__")
+        except BaseException:  # others may wait for this rank until the test's time is over
+            traceback.print_exc()
+            sys.stderr.flush()
+            comm.Abort(1)
         os.environ.clear()
         os.environ.update(environment)
         gc.collect()  # PETSc's objects at the same place on all ranks
