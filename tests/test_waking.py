@@ -817,6 +817,25 @@ def test_named_parts_that_withhold_little_are_not_spoken_of():
     assert rigid[:, -1].all()
 
 
+@pytest.mark.parametrize(
+    ("tol", "window", "since"),
+    [
+        (rf.Relative(0.02), WINDOW * DT, 0.0),
+        (rf.Relative(0.02), "auto", 0.0),
+        (1.6e-5, "auto", 0.0),
+        (1.6e-5, WINDOW * DT, 0.8),
+    ],
+    ids=["relative", "relative and auto", "auto", "late"],
+)
+def test_named_parts_are_compared_with_what_has_been_seen(tol, window, since):
+    """The block strains by .9 % of the stalk's largest rate; at first nobody knows what that is.
+
+    A tolerance that is a part of nothing yet, and a strain that no stroke says what it is worth,
+    were exceeded by anything.
+    """
+    run(on_a_block(rf.Rigid("block")), 1.6, rf.StrainRate(tol, window, since=since, min_cells=17))
+
+
 @pytest.mark.filterwarnings("ignore::rigidfx.RigidfxWarning")
 def test_named_parts_may_be_watched_where_nothing_qualifies():
     """No cell may strain at all, for as long as nobody knows how long."""

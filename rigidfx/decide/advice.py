@@ -11,6 +11,7 @@ from mpi4py import MPI
 
 from rigidfx.base.warning import warn
 from rigidfx.decide.criteria.judging import Criterion
+from rigidfx.decide.memory.strokes import Strokes
 from rigidfx.shadow.motion import Strained
 
 __all__ = ["Advice", "Seen"]
@@ -23,13 +24,13 @@ class Seen:
     """What the strains of named parts are compared with.
 
     Attributes:
-        limits: Strain rate that would wake each owned cell [1/s].
-        peak: Largest strain rate of flexible cells on this rank so far [1/s].
+        limits: Strain rate that would wake each owned cell [1/s]; None if none does.
+        strokes: What flexible cells have strained so far.
         t: Time [s].
     """
 
-    limits: Array
-    peak: float
+    limits: Array | None
+    strokes: Strokes
     t: float
 
 
@@ -83,17 +84,25 @@ class Advice:
     ) -> None:
         """Of parts that are named rigid and withhold too much. Collective.
 
+        They are there before anything has been observed, unlike those that are found: nothing is
+        said of them until then, and of strains that add up none until a stroke is known.
+
         Args:
             parts: Owned cells of each, by name.
             strained: What each owned cell would strain, over what wakes it.
-            seen: The limits and the largest rate of flexible cells.
+            seen: The limits, and what flexible cells have strained.
         """
-        ratio, strained_at = strained.ratio, np.zeros_like(seen.limits)
-        known = (seen.limits > 0) & np.isfinite(seen.limits)
-        np.multiply(strained.rate, seen.limits, out=strained_at, where=known)
+        ratio, strained_at, limits = strained.ratio, np.zeros_like(strained.rate), seen.limits
+        if limits is not None:
+            moved = bool(np.isfinite(seen.strokes.time))
+            if seen.t <= self._criterion.since or (self._criterion.relative and not moved):
+                return
+            ratio = ratio if moved else strained.rate
+            known = (limits > 0) & np.isfinite(limits)
+            np.multiply(strained.rate, limits, out=strained_at, where=known)
         for name, own in parts.items():
             local = [ratio[own].max(initial=0.0), strained_at[own].max(initial=0)]
-            largest, rate, peak = _largest(self._comm, [*local, seen.peak])
+            largest, rate, peak = _largest(self._comm, [*local, seen.strokes.rate])
             if largest <= 1:
                 continue
             worst = "altogether" if rate > 0 else "by more than was asked"

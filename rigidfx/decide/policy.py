@@ -187,9 +187,7 @@ class Policy:
         numbers = self._numbers(seen)
         apart = {body.name: body.cells for body in seen.bodies if body.name in self.named.apart}
         if named := {**self.named.cells, **apart}:
-            rates = self.rule.limits().rates
-            limits = np.full(numbers.size, np.inf) if rates is None else rates
-            against = Seen(limits, self.memory.strokes.rate, seen.t)
+            against = Seen(self.rule.limits().rates, self.memory.strokes, seen.t)
             self._advice.of_named(named, strained, against)
         free = self._free(seen)
         waking = self.rule.waking(strained, free)

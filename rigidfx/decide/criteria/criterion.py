@@ -159,6 +159,11 @@ class StrainRate(Criterion):
         return (self.release,) if isinstance(self.release, Release) else tuple(self.release)
 
     @property
+    def relative(self) -> bool:
+        """Whether tolerances are parts of what has been seen so far."""
+        return isinstance(self.tol, Relative)
+
+    @property
     def remedy(self) -> str:
         """What keeps bodies from being released again and again."""
         helps = {"all": "a larger load_change", "local": "a larger tol or kappa"}

@@ -58,6 +58,11 @@ class Criterion:
         return "Take fewer releases."
 
     @property
+    def relative(self) -> bool:
+        """Whether tolerances are parts of what has been seen so far."""
+        return False
+
+    @property
     def limit(self) -> str:
         """What the strains of parts that are named rigid are compared with, in words."""
         return "what wakes other cells (kappa · tol)"
