@@ -372,6 +372,17 @@ def test_a_load_is_looked_at_for_what_it_changes_by(name):
     assert Onsets(bar(rf.Fixed("x0"), slow)).within(0.2, 0.4, 0.05) is None
 
 
+@pytest.mark.filterwarnings("ignore:.*as short as they may be:rigidfx.RigidfxWarning")
+@pytest.mark.parametrize("size", [1e-306, 1.0])
+def test_a_load_that_is_rough_everywhere_does_not_make_steps_creep(size):
+    """Be it by rounding: numbers this small have a digit or two."""
+    load = rf.Traction("x1", lambda x, t: np.array([[0.0], [size * np.sin(1e9 * t)], [0.0]]))
+    smooth = rf.Traction("x1", lambda x, t: np.array([[0.0], [size * t], [0.0]]))
+    control = rf.StepControl(0.1, largest=0.2, smallest=0.05)
+    for given in (load, smooth):
+        assert len(times(run(bar(rf.Fixed("x0"), given), control, 1.0))) <= 1.0 / 0.05 + 2
+
+
 def test_where_a_function_is_not_smooth():
     """A jump just after it, a kink at it; what is smooth is no more than that."""
     functions = {

@@ -42,6 +42,7 @@ SEVERAL = 4  # in one step, of which the first counts
 SWINGS = 0.05  # of what a load changes by: its mean is off by more where a step is half a swing
 SHORTER = 6  # halvings of a step for that
 ROUNDING = 1e-12  # of a component's size, by which none has changed
+LEAST = float(np.finfo(float).tiny / np.finfo(float).eps)  # numbers below have fewer digits
 CLOSE = 1e-3  # of a step after its start: that is where it had to begin
 
 
@@ -156,7 +157,7 @@ class Onsets:
             return 0.0, 0.0  # and of that
         changed, size = (most - least).ravel(), np.maximum(np.abs(least), np.abs(most)).ravel()
         off = np.abs(SIMPSON @ every.reshape(5, -1) - every[2].ravel())
-        moves = changed > ROUNDING * size
+        moves = changed > np.maximum(ROUNDING * size, LEAST)
         part = np.divide(off, changed, out=np.zeros_like(off), where=moves)
         rising = np.diff(every.reshape(5, -1), axis=0) > 0
         turns = rising.any(axis=0) & ~rising.all(axis=0)

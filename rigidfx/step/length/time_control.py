@@ -108,7 +108,8 @@ class TimeControl(WarnsOnce):
         """End of the step that begins at t [s]. Collective.
 
         What is left up to a breakpoint is divided evenly; where a load jumps or bends before, the
-        step ends there.
+        step ends there, or as soon after as steps may be short: one that is rough everywhere had
+        them creep.
 
         Args:
             t: Time [s].
@@ -120,9 +121,10 @@ class TimeControl(WarnsOnce):
         onset = self._onsets.within(t, end, self.tol)
         if onset is None:
             return end
+        reached = max(onset.t, min(end, t + self.length.shortest))
         if onset.jumps:
-            self.expect(onset.t)
-        return onset.t
+            self.expect(reached)
+        return reached
 
     def _even(self, t: float) -> float:
         """End of the step that begins at t, if nothing happens before [s]."""
