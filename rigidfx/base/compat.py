@@ -24,6 +24,7 @@ __all__ = [
     "known_columns",
     "model_to_mesh",
     "partition",
+    "partitioner_without_ghosts",
 ]
 
 VERSION = tuple(int(part) for part in dolfinx.__version__.split(".")[:2])
@@ -60,10 +61,17 @@ def coordinate_map(mesh: Any) -> Any:
 
 def ghosted_partitioner() -> Any:
     """A partitioner that gives each rank the cells across its facets as ghosts."""
-    mode = dolfinx.mesh.GhostMode.shared_facet
-    if VERSION == (0, 9):
-        return dolfinx.mesh.create_cell_partitioner(mode)
-    return dolfinx.mesh.create_cell_partitioner(mode, 2)
+    return _partitioner(dolfinx.mesh.GhostMode.shared_facet)
+
+
+def partitioner_without_ghosts() -> Any:
+    """A partitioner that gives each rank the cells that it owns, and no others."""
+    return _partitioner(dolfinx.mesh.GhostMode.none)
+
+
+def _partitioner(mode: Any) -> Any:
+    extra = () if VERSION == (0, 9) else (2,)  # ranks at a facet, at most
+    return dolfinx.mesh.create_cell_partitioner(mode, *extra)
 
 
 def create_mesh(

@@ -89,15 +89,19 @@ class CondensedMatrix:
             nodes: Owned nodes of flexible cells.
             blocks: Shape (nodes, 3, 3); what belongs to prescribed dofs is dropped.
         """
+        prolongation = self._prolongation
         offsets = np.arange(nodes.size + 1, dtype=PETSc.IntType)
         self.matrix.assemble()
-        if self._prolongation.nodal:
-            rows, add = nodes.astype(PETSc.IntType), self.matrix.setValuesBlockedLocalIJV
+        places = prolongation.layout.rows.positions(nodes)
+        numbers = prolongation.numbers.reshape(-1, 3)[places].astype(PETSc.IntType)
+        if prolongation.nodal:
+            rows = np.where(numbers[:, 0] < 0, -1, numbers[:, 0] // 3).astype(PETSc.IntType)
+            add = self.matrix.setValuesBlockedIJV
         else:
-            rows = (3 * nodes[:, None] + np.arange(3)).reshape(-1).astype(PETSc.IntType)
+            rows = numbers.reshape(-1)
             offsets = 3 * np.arange(rows.size + 1, dtype=PETSc.IntType)
-            add = self.matrix.setValuesLocalIJV
-        columns = rows if self._prolongation.nodal else np.repeat(rows.reshape(-1, 3), 3, axis=0)
+            add = self.matrix.setValuesIJV
+        columns = rows if prolongation.nodal else np.repeat(rows.reshape(-1, 3), 3, axis=0)
         add(offsets, columns.reshape(-1), blocks.reshape(-1), PETSc.InsertMode.ADD_VALUES, rows)
 
     def add_coupling(self, entries: csr_array) -> None:

@@ -149,7 +149,10 @@ class ConsistentMass:
         """Add factor · M of the flexible cells. Collective."""
         if self._condensed is None:
             part = prolongation.layout
-            forms = self._kernel.bind(part.interior), self._kernel.bind(part.interface)
+            dealt = None if prolongation.dealt is None else prolongation.dealt.cells
+            forms = [
+                self._kernel.bind(cells, dealt=dealt) for cells in (part.interior, part.interface)
+            ]
             self._condensed = CondensedMatrix(prolongation, *forms)
             self._condensed.assemble()
             self._condensed.matrix.assemble()

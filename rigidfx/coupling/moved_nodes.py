@@ -41,17 +41,23 @@ def moved_nodes(prolongation: Prolongation, known: Any) -> MovedNodes:
 
     Args:
         prolongation: Map between unknowns and dofs.
-        known: Index map of nodes whose owned ones are those of the displacement's space.
+        known: Index map of nodes whose owned ones are those of the prolongation's space.
     """
-    layout = prolongation.layout
+    layout, dealt = prolongation.layout, prolongation.dealt
+    of_rows = np.full((layout.rows.nodes.size, 4), -1.0)  # body, V
+    for k, (body, at) in enumerate(zip(layout.bodies, layout.attached, strict=True)):
+        places = layout.rows.positions(body.nodes[at])
+        of_rows[places, 0], of_rows[places, 1:] = k, body.offsets[at]
     found = la.vector(known, 7)
     values = found.array.reshape(-1, 7)  # three unknowns, body, V
     values[:, :4] = -1.0
-    own = layout.rows.dofs[prolongation.free]
+    if dealt is None:
+        values[layout.rows.nodes, 3:] = of_rows
+    else:
+        own_nodes = prolongation.space.dofmap.index_map.size_local
+        values[:own_nodes, 3:] = dealt.give_nodes(of_rows)[:own_nodes]
+    own = prolongation.dofs
     values[own // 3, own % 3] = prolongation.first_column + np.arange(own.size)
-    for k, (body, at) in enumerate(zip(layout.bodies, layout.attached, strict=True)):
-        values[body.nodes[at], 3] = k
-        values[body.nodes[at], 4:] = body.offsets[at]
     found.scatter_forward()
     numbers, V = values[:, :4].astype(np.int64), values[:, 4:]
     return MovedNodes(numbers[:, :3], numbers[:, 3], np.c_[np.ones(len(V)), V])

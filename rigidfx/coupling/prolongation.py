@@ -22,6 +22,7 @@ condensed once per layout, such as a mass matrix, by a MatPtAP with P itself.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -30,6 +31,7 @@ from petsc4py import PETSc
 from scipy.sparse import csr_array
 
 from rigidfx.coupling.couplings import Lengths
+from rigidfx.coupling.dealt_rows import DealtRows
 from rigidfx.coupling.dof_layout import DofLayout
 from rigidfx.coupling.rows import mapped_matrix
 from rigidfx.mechanics.bodies import TRANSLATIONS, Bodies
@@ -49,7 +51,9 @@ class Prolongation:
     Attributes:
         layout: What it is made for.
         comm: Communicator of the mesh.
-        free: Rows of this rank that are unknowns, sorted.
+        dealt: Where unknowns of free dofs are that follow dealt cells; None where they are with
+            their rows.
+        free: Rows of this rank that are unknowns, of any rank, sorted.
         prescribed: Rows of this rank whose increments are given, sorted.
         size: Number of unknowns over all ranks.
         owned: Number of this rank's.
@@ -57,34 +61,50 @@ class Prolongation:
         increments: Trial step of the bodies, set by `rotate` and `expand`; equal on all ranks.
         touched: Whether flexible cells touch any body.
         attached: Rows of the bodies' nodes, sorted.
-        first_column: Number of this rank's first unknown; its free dofs come first, in the order of
-            their rows, and its bodies last.
+        first_column: Number of this rank's first unknown; free dofs come first, node by node, and
+            its bodies last.
+        free_of_nodes: Which of the three dofs of nodes are unknowns of this rank, a row for each
+            node that has any, shape (n, 3).
+        own_free: Number of this rank's unknowns that are free dofs.
+        numbers: Number of each row as an unknown, -1 if it is none.
         owned_bodies: Bodies whose unknowns are this rank's, sorted.
         body_columns: Numbers of the unknowns of each body, shape (bodies, 6), equal on all ranks.
     """
 
-    def __init__(self, layout: DofLayout, comm: MPI.Intracomm) -> None:
+    def __init__(
+        self, layout: DofLayout, comm: MPI.Intracomm, dealt: DealtRows | None = None
+    ) -> None:
         """Number the unknowns. Collective.
 
         Args:
             layout: Division of the dofs.
             comm: Communicator of the mesh.
+            dealt: Where unknowns of free dofs are; with their rows if None.
         """
-        self.layout, self.comm = layout, comm
+        self.layout, self.comm, self.dealt = layout, comm, dealt
         rows = layout.rows
         if layout.bodies:
             prepare(comm)
         free = layout.free[rows.dofs]
+        by_node = free.reshape(-1, 3)
         self.free = np.flatnonzero(free)
+        self._nodes = np.flatnonzero(by_node.any(axis=1))
+        self.free_of_nodes = by_node[self._nodes] if dealt is None else dealt.free
+        self.own_free = int(np.count_nonzero(self.free_of_nodes))
         self.prescribed = np.flatnonzero(layout.prescribed[rows.dofs])
         self.owned_bodies = np.flatnonzero(_owners(layout, comm) == comm.rank)
-        self.owned = self.free.size + 6 * self.owned_bodies.size
+        self.owned = self.own_free + 6 * self.owned_bodies.size
         self.size = int(comm.allreduce(self.owned))
         self.pose(layout.ensemble.at_rest)
-        by_node = free.reshape(-1, 3)
         broken = int(np.count_nonzero(by_node.any(axis=1) & ~by_node.all(axis=1)))
+        every = self.free.size == rows.dofs.size
+        self._rows_of_free = slice(None) if every else self.free
+        self._places = np.flatnonzero(self.free_of_nodes)
         self.nodal = comm.allreduce(broken) == 0
         self.first_column: int = comm.exscan(self.owned) or 0
+        self.numbers = np.full(rows.dofs.size, -1, dtype=np.int64)
+        own_numbers = self.first_column + np.arange(self.own_free, dtype=np.float64)
+        self.numbers[self.free] = self._at_rows(own_numbers)
         self.body_columns = self._number_bodies()
         own = self.body_columns[self.owned_bodies].astype(Int)
         self._own_rows = own.reshape(-1)
@@ -95,8 +115,6 @@ class Prolongation:
         self._A_bodies = self._A[:, single:].T.tocsr()
         self.attached = np.unique(self._A_bodies.indices).astype(np.int64)
         self._A_attached = self._A[self.attached][:, single:]
-        every = self.free.size == rows.dofs.size
-        self._rows_of_free = slice(None) if every else self.free
 
     def _constant_part(self, single: int) -> csr_array:
         """A of the module's text; so many of its columns are of one dof each."""
@@ -113,12 +131,34 @@ class Prolongation:
     def _number_bodies(self) -> Ints:
         """Numbers of the bodies' unknowns, which come last among their owner's. Collective."""
         columns = np.zeros((len(self.layout.bodies), 6), dtype=np.int64)
-        first = self.first_column + self.free.size
+        first = self.first_column + self.own_free
         columns[self.owned_bodies] = first + np.arange(6 * self.owned_bodies.size).reshape(-1, 6)
         self.comm.Allreduce(MPI.IN_PLACE, columns)
         return columns
 
     # Vectors ------------------------------------------------------------------------------------
+
+    def at_nodes(self, values: Array) -> Array:
+        """What active nodes have, at those of `free_of_nodes`, shape (n, k). Collective.
+
+        Args:
+            values: Shape (active nodes, k).
+        """
+        return values[self._nodes] if self.dealt is None else self.dealt.give(values)
+
+    def at_unknowns(self, d: Array) -> Array:
+        """What rows have, at this rank's unknowns. Collective."""
+        if self.dealt is None:
+            return np.asarray(d[self._rows_of_free])
+        return self.dealt.give(d.reshape(-1, 3)).reshape(-1)[self._places]
+
+    def _at_rows(self, y: Array) -> Array:
+        """What unknowns of free dofs have, at this rank's rows of these. Collective."""
+        if self.dealt is None:
+            return y
+        values = np.zeros(self.free_of_nodes.size)
+        values[self._places] = y
+        return self.dealt.take(values.reshape(-1, 3)).reshape(-1)[self._rows_of_free]
 
     def unknowns(self) -> PETSc.Vec:
         """A new vector of unknowns; the caller destroys it."""
@@ -161,7 +201,7 @@ class Prolongation:
     def _multiply(self, y: PETSc.Vec, imposed: Array, moved: Array | None, d: PETSc.Vec) -> None:
         """Evaluate d = A z; `moved` are the numbers of the bodies in z."""
         out = d.array
-        out[self._rows_of_free] = y.array_r[: self.free.size]
+        out[self._rows_of_free] = self._at_rows(y.array_r[: self.own_free])
         if self.prescribed.size:
             out[self.prescribed] = imposed
         if self.attached.size and moved is not None:
@@ -181,7 +221,7 @@ class Prolongation:
 
     def bodies_part(self, y: PETSc.Vec) -> Array:
         """The six unknowns of each body, shape (bodies, 6), on all ranks. Collective."""
-        own = y.array_r[self.free.size :].reshape(-1, 6)
+        own = y.array_r[self.own_free :].reshape(-1, 6)
         if self.comm.size == 1:
             return own.copy()
         values = np.zeros((len(self.layout.bodies), 6))
@@ -195,7 +235,7 @@ class Prolongation:
         return values
 
     def collapse(self, d: Array, bodies: Array, y: PETSc.Vec) -> None:
-        """Collect unknowns (or residuals) from the free dofs and six numbers per body.
+        """Collect unknowns (or residuals) from the free dofs and six numbers per body. Collective.
 
         Args:
             d: One number per row; those that are not free count for nothing.
@@ -203,9 +243,9 @@ class Prolongation:
             y: Unknowns, overwritten.
         """
         values = y.array
-        values[: self.free.size] = d[self._rows_of_free]
+        values[: self.own_free] = self.at_unknowns(d)
         if self.owned_bodies.size:
-            values[self.free.size :] = bodies[self.owned_bodies].reshape(-1)
+            values[self.own_free :] = bodies[self.owned_bodies].reshape(-1)
 
     def moments(self, f: PETSc.Vec) -> Array:
         """Sum f and V fᵀ over each body's attached nodes, shape (bodies, 4, 3). Collective.
@@ -228,6 +268,19 @@ class Prolongation:
 
     # Matrices -----------------------------------------------------------------------------------
 
+    @property
+    def space(self) -> Any:
+        """Function space of the displacement on the mesh of the cells that tangents are over."""
+        return self.layout.space if self.dealt is None else self.dealt.cells.space
+
+    @property
+    def dofs(self) -> Ints:
+        """Owned dofs of `space` that are unknowns of this rank, in their order."""
+        if self.dealt is None:
+            return self.layout.rows.dofs[self.free]
+        node, axis = np.nonzero(self.free_of_nodes)
+        return 3 * self.dealt.nodes[node] + axis
+
     def rank_of(self, unknowns: Ints) -> Ints:
         """Rank of each of some unknowns, -1 where that is below zero. Collective."""
         firsts = np.array(self.comm.allgather(self.first_column))
@@ -236,14 +289,13 @@ class Prolongation:
     def empty_matrix(self, lengths: Lengths) -> PETSc.Mat:
         """A reduced matrix without entries; see `rows.mapped_matrix`. Collective."""
         kind, block = (PETSc.Mat.Type.BAIJ, 3) if self.nodal else (PETSc.Mat.Type.AIJ, 1)
-        dofs = self.layout.rows.dofs[self.free]
-        numbers = self.first_column + np.arange(self.free.size)
-        return mapped_matrix(self.layout.space, dofs, numbers, lengths, kind, block)
+        numbers = self.first_column + np.arange(self.own_free)
+        return mapped_matrix(self.space, self.dofs, numbers, lengths, kind, block)
 
     def trial(self) -> PETSc.Mat:
         """P where L is, as a new matrix, which the caller destroys. Collective."""
         free, single = np.arange(self.free.size), self.free.size + self.prescribed.size
-        entries: list[Entries] = [(free, self.first_column + free, np.ones(free.size))]
+        entries: list[Entries] = [(free, self.numbers[self.free], np.ones(free.size))]
         pattern = TRANSLATIONS.copy()
         pattern[3:, 3:] = 1.0
         row, column = np.nonzero(pattern)

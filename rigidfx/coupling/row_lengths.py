@@ -35,7 +35,7 @@ def condensed_row_lengths(
         interface: The form over flexible cells that touch a body; of no meaning without bodies.
     """
     lengths = np.zeros((prolongation.owned, 2))
-    lengths[prolongation.free.size :, 0] = 6.0  # the bodies' own blocks
+    lengths[prolongation.own_free :, 0] = 6.0  # the bodies' own blocks
     for form in (interior, interface) if prolongation.touched else (interior,):
         _add_coupled(lengths, prolongation, form)
     most = np.array([prolongation.owned, prolongation.size - prolongation.owned])
@@ -66,7 +66,7 @@ def _add_coupled(lengths: Array, prolongation: Prolongation, form: fem.Form) -> 
         of_bodies += _summed(bodies_at_bodies, six, rank_of_body, rank_of_body)
         prolongation.comm.Allreduce(MPI.IN_PLACE, of_bodies)
         own = of_bodies[prolongation.owned_bodies]
-        lengths[prolongation.free.size :] += np.repeat(own, 6, axis=0)
+        lengths[prolongation.own_free :] += np.repeat(own, 6, axis=0)
     node, axis = np.nonzero(nodes.unknowns[: pattern.shape[0]] >= 0)
     lengths[nodes.unknowns[node, axis] - prolongation.first_column] += coupled[node]
 

@@ -140,10 +140,7 @@ class LinkedNodes:
 
     def _numbered(self, prolongation: Any) -> Ints:
         """Unknown of each dof of all nodes, -1 where there is none, shape (size, 3). Collective."""
-        numbers = np.zeros(prolongation.layout.rows.dofs.size)
-        numbers[prolongation.free] = prolongation.first_column + np.arange(prolongation.free.size)
-        numbers[prolongation.free] += 1
-        own = numbers.reshape(-1, 3)[self._at]
+        own = prolongation.numbers.reshape(-1, 3)[self._at] + 1.0
         return self._everywhere(self._at_numbers, own).astype(np.int64) - 1
 
     def _by(self, M: Array, nodes: Ints, G: Array, prolongation: Any) -> csr_array:

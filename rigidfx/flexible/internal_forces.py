@@ -20,6 +20,7 @@ from dolfinx import fem
 from rigidfx.base.errors import by_name, together
 from rigidfx.effects import Effect, FormTerm
 from rigidfx.flexible.bound_forces import BoundForces, Taken, Variant
+from rigidfx.flexible.dealt_cells import DealtCells
 from rigidfx.flexible.kernels import Kernel
 from rigidfx.flexible.material_classes import MaterialClass, material_classes
 from rigidfx.flexible.surface import Surface
@@ -223,30 +224,45 @@ class InternalForces:
         interior: Cells | None = None,
         interface: Cells | None = None,
         driven: Cells | None = None,
+        dealt: DealtCells | None = None,
     ) -> BoundForces:
-        """Internal forces of a step.
+        """Internal forces of a step. Collective if cells are dealt.
 
         Args:
             cells: Flexible cells.
             interior: Those that touch no rigid body; all if None.
             interface: Those that do; none if None.
             driven: Cells that a support moves; pressure on them is for the support to bear.
+            dealt: Where copies of these cells are that forms are to be over; none if None.
         """
         variant = self._variants[self._acting]
         interior = cells if interior is None else interior
         interface = {i: own[:0] for i, own in cells.items()} if interface is None else interface
         parts = [(own, self._facets_of(own)) for own in (interior, interface)]
-        residual = variant.residual.bind(cells, self._facets_of(cells, driven or {}))
-        return self._bound(residual, variant.tangent, parts)
+        facets = self._facets_of(cells, driven or {})
+        residual = variant.residual.bind(cells, facets, dealt=dealt)
+        return self._bound(residual, variant.tangent, parts, dealt)
 
     def _bound(
-        self, residual: fem.Form, tangent: Kernel, parts: Sequence[tuple[Cells, Facets]]
+        self,
+        residual: fem.Form,
+        tangent: Kernel,
+        parts: Sequence[tuple[Cells, Facets]],
+        dealt: DealtCells | None = None,
     ) -> BoundForces:
         """Forms over all cells, and over interior and interface cells with their facets."""
         rest = {self.u0: self._rest, self.u1: self._rest}
-        interior, interface = (tangent.bind(*part) for part in parts)
-        undeformed = tangent.bind(*parts[0], rest), tangent.bind(*parts[1], rest)
+        interior, interface = (tangent.bind(*part, dealt=dealt) for part in parts)
+        undeformed = (
+            tangent.bind(*parts[0], rest, dealt),
+            tangent.bind(*parts[1], rest, dealt),
+        )
         return BoundForces(residual, interior, interface, undeformed)
+
+    def loaded(self, *groups: Cells) -> npt.NDArray[np.int32]:
+        """Those of some cells at whose facets loads act now, sorted."""
+        found = [pairs[:, 0] for pairs in self._facets_of(*groups).values()]
+        return np.unique(np.concatenate([np.empty(0, np.int32), *found]))
 
     def bind_loads(self, cells: Cells, u0: fem.Function, u1: fem.Function) -> fem.Form | None:
         """Forces of the loads on facets of cells, less those of the cells; None if none act.

@@ -30,6 +30,7 @@ from rigidfx.base.compiler import compiles
 from rigidfx.base.errors import CompilerError, SceneError
 from rigidfx.base.form_cache import compile_form
 from rigidfx.base.inputs import shown
+from rigidfx.flexible.dealt_cells import DealtCells
 from rigidfx.flexible.elimination import eliminate
 from rigidfx.mechanics.enhancement import Enhancement, Note
 
@@ -144,14 +145,23 @@ class Kernel:
         cells: Mapping[int, npt.NDArray[np.int32]],
         facets: Mapping[int, npt.NDArray[np.int32]] | None = None,
         instead: Mapping[fem.Function, fem.Function] | None = None,
+        dealt: DealtCells | None = None,
     ) -> fem.Form:
-        """The form over the given owned cells and boundary facets.
+        """The form over the given owned cells and boundary facets. Collective if they are dealt.
 
         Args:
             cells: Subdomain id → sorted local indices of owned cells.
             facets: Subdomain id → owned cells and local numbers of boundary facets, shape (n, 2).
             instead: Functions that are read in place of coefficients of the form.
+            dealt: Where copies of these cells are that the form is to be over; none if None.
         """
+        read = {w: (instead or {}).get(w, f) for w, f in self._coefficients.items()}
+        arguments, mesh = self._arguments, self._mesh
+        if dealt is not None:
+            cells = {i: dealt.cells(own) for i, own in cells.items()}
+            facets = {i: dealt.facets(pairs) for i, pairs in (facets or {}).items()}
+            read = {w: dealt.copy(f) for w, f in read.items()}
+            arguments, mesh = [dealt.space] * len(arguments), dealt.mesh
         domains: dict[Any, list[tuple[int, Any]]] = {fem.IntegralType.cell: sorted(cells.items())}
         if facets:
             domains[fem.IntegralType.exterior_facet] = [
@@ -159,10 +169,10 @@ class Kernel:
             ]
         form = fem.create_form(
             self._compiled,
-            self._arguments,
-            self._mesh,
+            arguments,
+            mesh,
             domains,
-            {w: (instead or {}).get(w, f) for w, f in self._coefficients.items()},
+            read,
             self._constants,
         )
         form.kernel = self._compiled  # holds what it calls as long as the form may call it

@@ -15,16 +15,15 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import la
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from rigidfx.coupling.cell_forces import CellForces
 from rigidfx.coupling.condensed_tangent import CondensedMatrix
 from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.flexible.bound_forces import BoundForces
 from rigidfx.flexible.internal_forces import InternalForces
-from rigidfx.flexible.kernels import add_vector
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Step
 from rigidfx.scene.scene import Scene
@@ -73,13 +72,11 @@ class Equilibrium:
         """
         self.prolongation = prolongation
         self.inertial = mass is not None
-        self._forces, self._bound, self._mass = forces, bound, mass
+        self._forces, self._mass = forces, mass
         self._actions = actions
         self._rows = prolongation.layout.rows
-        self._reached = prolongation.layout.reached
-        self._b = la.vector(scene.space.dofmap.index_map, 3)
+        self._cells = CellForces(prolongation, bound.residual, forces.u1)
         # DOLFINx makes a new array of a vector each time that it is asked for one.
-        self._values = self._b.array
         self._u0, self._u1 = forces.u0.x.array, forces.u1.x.array
         self._tangent = CondensedMatrix(prolongation, bound.interior, bound.interface)
         self.d, self.forces_out_of_balance, self._work, self._inertia = (
@@ -109,13 +106,13 @@ class Equilibrium:
         self._step = Step(start, dt)
         self.dt, self._v0, self._imposed = dt, v0, imposed
         self.start = self._u0[self._rows.dofs]
+        self._cells.begin()
 
     def _expand(self, y: PETSc.Vec) -> None:
         """Set d and the forms' u₁ from the unknowns."""
         self._last = y.array_r.copy()
         self.prolongation.expand(y, self._step, self._imposed, self.d)
-        self._u1[self._rows.dofs] = self.start + self.d.array_r
-        self._forces.u1.x.scatter_forward()
+        self._cells.displace(self.start + self.d.array_r)
 
     def return_to(self, y: PETSc.Vec, r: PETSc.Vec) -> None:
         """Have d, u₁ and forces belong to these unknowns, as a rule the last ones. Collective.
@@ -139,11 +136,8 @@ class Equilibrium:
         """
         self._expand(y)
         self._actions.look(self.d, self.prolongation.increments)
-        self._values[self._reached] = 0.0
-        add_vector(self._values, self._bound.residual)
-        self._b.scatter_reverse(la.InsertMode.add)
         f = self.forces_out_of_balance
-        f.array[:] = self._values[self._rows.dofs]
+        self._cells.evaluate(f.array)
         f.axpy(-1.0, self._actions.external)
         if self._mass is not None:
             # M (v₁ - v₀)/Δt with v₁ = 2 d/Δt - v₀, rounded as the update of the velocity is.
@@ -196,7 +190,7 @@ class Equilibrium:
     @property
     def positions(self) -> Array:
         """Where the active nodes are at the iterate of the last residual, shape (nodes, 3) [m]."""
-        u = self._forces.u1.x.array[self._rows.dofs]
+        u = self._u1[self._rows.dofs]
         return np.asarray(self._rows.X + u.reshape(-1, 3))
 
     def waves(self, dt: float) -> float:

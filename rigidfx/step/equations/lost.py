@@ -104,9 +104,9 @@ class Lost:
     def _sum_up(self, R: Array, x: Array, out: Array) -> None:
         """Nodes and their places, force and moment about the origin of this rank's residual."""
         p = self._p
-        n = p.free.size
+        n = p.own_free
         f = R[:n].reshape(-1, 3)  # nothing is held: whole nodes
-        at = x[p.free[::3] // 3]
+        at = p.at_nodes(x)
         out[0], out[1:4] = len(at), at.sum(axis=0)
         out[4:7], out[7:10] = f.sum(axis=0), axial(at.T @ f)
         own = p.owned_bodies

@@ -57,7 +57,8 @@ class Rounding:
         self._cell_size = scene.mean_cell_size
         self._comm, rows = prolongation.comm, prolongation.layout.rows
         self._stiff_parts = StiffParts(scene, prolongation)
-        self._dofs, self._momentum = rows.dofs[prolongation.free], rows.vector()
+        self._p, self._n = prolongation, prolongation.own_free
+        self._momentum = rows.vector()
         # Per unknown of this rank, as a step of infinite length has it, and what 1/Δt adds.
         forces.set_rate(0.0)
         self._elastic = self._stiffness = self._undeformed(tangent)  # [N/m]
@@ -67,7 +68,7 @@ class Rounding:
         if forces.viscous:
             forces.set_rate(1.0)
             self._viscous = self._undeformed(tangent) - self._elastic
-        free = float(self._elastic[: self._dofs.size].sum())
+        free = float(self._elastic[: self._n].sum())
         own_mass = 3 * float(prolongation.layout.masses.sum())
         stiffness, inertia = self._comm.allreduce(np.array([free, own_mass]))
         self._largest = self._largest_ratios(prolongation)
@@ -96,7 +97,7 @@ class Rounding:
             self._stiffness, self._mean = self._elastic + self._viscous / dt, 0.0
             self._stiff_for = dt
         moved = self._strained.copy()
-        moved[: self._dofs.size] += np.abs(self._u1[self._dofs])
+        moved[: self._n] += np.abs(self._p.at_unknowns(self._u1[self._p.layout.rows.dofs]))
         elastic = self._stiffness * moved
         noise = float(np.sqrt(self._scene.sum(elastic @ elastic))) + f_ext.norm()
         if self._mass is not None:
@@ -157,7 +158,7 @@ class Rounding:
         """
         layout, bodies = prolongation.layout, prolongation.owned_bodies
         of_bodies = np.repeat(layout.ensemble.mass[bodies], 6)
-        mass = np.concatenate([layout.masses[prolongation.free // 3], of_bodies])
+        mass = np.concatenate([prolongation.at_unknowns(np.repeat(layout.masses, 3)), of_bodies])
         ratios = np.zeros(2)
         for k, K in enumerate((self._elastic, self._viscous)):
             if K is not None:
@@ -175,7 +176,7 @@ class Rounding:
         diagonal.destroy()
         # Of bodies the translations tell: those of rotations grow with (V/ℓ)², where a heavy centre
         # makes ℓ small without bound.
-        out[self._dofs.size :].reshape(-1, 6)[:, 3:] = 0.0
+        out[self._n :].reshape(-1, 6)[:, 3:] = 0.0
         return np.asarray(out)
 
     def destroy(self) -> None:

@@ -42,12 +42,13 @@ class StiffParts:
         part = np.full(len(scene.space.tabulate_dof_coordinates()), -1)
         stiff = np.flatnonzero(parts.of_cell >= 0)
         part[dofmap[stiff]] = parts.of_cell[stiff, None]
-        rows, free = prolongation.layout.rows, prolongation.free
-        of_free = part[rows.nodes[free // 3]]
+        self._p, rows = prolongation, prolongation.layout.rows
+        node, axis = np.nonzero(prolongation.free_of_nodes)
+        of_node = prolongation.at_nodes(part[rows.nodes, None].astype(np.float64))[:, 0]
+        of_free = of_node[node].astype(np.int64)
         self._at = np.flatnonzero(of_free >= 0)
         self._part = of_free[self._at]
-        self._dofs, self._axis = rows.dofs[free[self._at]], free[self._at] % 3
-        self._X = rows.X[free[self._at] // 3]
+        self._node, self._axis = node[self._at], axis[self._at]
         self._middle = 0.5 * (parts.lower + parts.upper)
         self._size = 0.5 * np.linalg.norm(parts.upper - parts.lower, axis=1)
 
@@ -61,7 +62,9 @@ class StiffParts:
         """
         if self._count == 0:
             return 0.0
-        modes = self._motions(u)
+        rows = self._p.layout.rows
+        x = self._p.at_nodes(rows.X + u[rows.dofs].reshape(-1, 3))
+        modes = self._motions(x[self._node])
         b, image = R.duplicate(), R.duplicate()
         sums = np.zeros((self._count, 6, 7))
         for k in range(6):
@@ -77,10 +80,8 @@ class StiffParts:
         most = float(np.abs((modes * moved[self._part]).sum(axis=1)).max(initial=0.0))
         return float(self._comm.allreduce(most, op=MPI.MAX))
 
-    def _motions(self, u: Array) -> Array:
-        """Translations, and rotations by 1/size, of the unknowns, shape (unknowns, 6)."""
-        node = self._dofs // 3
-        x = self._X + u.reshape(-1, 3)[node]
+    def _motions(self, x: Array) -> Array:
+        """Translations, and rotations by 1/size, of unknowns at x, shape (unknowns, 6)."""
         arms = (x - self._middle[self._part]) / self._size[self._part, None]
         out = np.zeros((len(self._at), 6))
         own = np.arange(len(self._at))

@@ -38,14 +38,9 @@ class Aggregates:
             prolongation: Map between unknowns and dofs.
         """
         self._prolongation = prolongation
-        X = prolongation.layout.rows.X
-        free = np.zeros(X.size, dtype=bool)
-        free[prolongation.free] = True
-        by_node = free.reshape(-1, 3)
-        self._nodes = np.flatnonzero(by_node.any(axis=1))  # those that have unknowns
-        self._free = by_node[self._nodes]
+        self._free = prolongation.free_of_nodes
         size = max(NODES, prolongation.size // (3 * MOST))
-        leaf = _leaves(X[self._nodes], size)
+        leaf = _leaves(prolongation.at_nodes(prolongation.layout.rows.X), size)
         self._order = np.argsort(leaf, kind="stable")
         self._leaf = leaf
         self._starts = np.flatnonzero(np.diff(leaf[self._order], prepend=-1))
@@ -60,7 +55,7 @@ class Aggregates:
             A row for each unknown; six columns for each aggregate, fewer where supports leave none
             of some of its motions.
         """
-        B, kept = self._orthonormal(x[self._nodes])
+        B, kept = self._orthonormal(self._prolongation.at_nodes(x))
         numbers = np.cumsum(kept).reshape(kept.shape) - 1
         of_node = kept[self._leaf]
         taken = self._free[:, :, None] & of_node[:, None, :]

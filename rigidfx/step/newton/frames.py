@@ -45,15 +45,17 @@ class Frames:
         self._arms = X - (np.transpose(sums) / np.maximum(count, 1.0)[:, None])[self._of_row]
         self._whole = parts.count == 1
         # Nodes all of whose components are unknowns, and bodies: three unknowns each.
-        free = layout.free[layout.rows.dofs].reshape(-1, 3)
+        free = prolongation.free_of_nodes
+        of_row = self._of_row[:, None].astype(np.float64)
+        turned = prolongation.at_nodes(of_row)[:, 0].astype(np.int64)  # by the part of each node
         place = np.cumsum(free.reshape(-1)).reshape(-1, 3) - 1
         turning = free.all(axis=1)
         own = prolongation.owned_bodies
         of_body = self._parts_of_bodies(prolongation)[own]
-        last = prolongation.free.size + np.arange(6 * own.size).reshape(-1, 3)
+        last = prolongation.own_free + np.arange(6 * own.size).reshape(-1, 3)
         self._vectors = np.concatenate([place[turning], last])
-        self._of_vector = np.concatenate([self._of_row[turning], np.repeat(of_body, 2)])
-        n = prolongation.free.size + 6 * own.size
+        self._of_vector = np.concatenate([turned[turning], np.repeat(of_body, 2)])
+        n = prolongation.owned
         self._all = self._vectors.size == n and bool(
             np.array_equal(self._vectors.reshape(-1), np.arange(n))
         )

@@ -25,19 +25,20 @@ def rigid_motions(prolongation: Prolongation, x: Array) -> Array:
     Returns:
         Shape (owned unknowns, motions): six, fewer where supports leave none of some.
     """
-    increments, free = prolongation.increments, prolongation.free
+    increments = prolongation.increments
     own = prolongation.owned_bodies
     comm = prolongation.comm
     sums = np.append(x.sum(axis=0), len(x))
     comm.Allreduce(MPI.IN_PLACE, sums)
     middle = sums[:3] / max(sums[3], 1.0)
     out = np.zeros((prolongation.owned, 6))
-    nodes, axis = np.divmod(free, 3)
-    each = np.arange(free.size)
+    nodes, axis = np.nonzero(prolongation.free_of_nodes)
+    each = np.arange(nodes.size)
     out[each, axis] = 1.0
-    turned = np.cross(np.eye(3)[None], (x[nodes] - middle)[:, None])  # [unknown, rotation, axis]
+    arms = prolongation.at_nodes(x)[nodes] - middle
+    turned = np.cross(np.eye(3)[None], arms[:, None])  # [unknown, rotation, axis]
     out[each, 3:] = turned[each, :, axis]
-    six = out[free.size :].reshape(-1, 6, 6)  # Δr and ℓθ of each body, by motions
+    six = out[nodes.size :].reshape(-1, 6, 6)  # Δr and ℓθ of each body, by motions
     six[:, :3, :3] = np.eye(3)
     arms = increments.start.r[own] - middle
     six[:, :3, 3:] = np.cross(np.eye(3)[None], arms[:, None]).swapaxes(1, 2)

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.failures import Failures
+from rigidfx.coupling.dealt_rows import dealt_rows
 from rigidfx.coupling.dof_layout import dof_layout
 from rigidfx.coupling.mass import mass_operator
 from rigidfx.coupling.prolongation import Prolongation
@@ -117,12 +118,14 @@ class System:
         self.actions = Actions(self.structure, scene.effects, acting)
         self.energies = Energies(scene, forces, self.mass, layout, self.actions)
         self._taken = forces.bind_taken(flexible, driven)
+        dealt = self._dealt = dealt_rows(layout, forces.loaded(flexible, driven or {}))
+        copies = None if dealt is None else dealt.cells
         self.equilibrium = Equilibrium(
             scene,
             forces,
-            forces.bind(flexible, layout.interior, layout.interface, driven),
+            forces.bind(flexible, layout.interior, layout.interface, driven, copies),
             self.mass,
-            Prolongation(layout, scene.comm),
+            Prolongation(layout, scene.comm, dealt),
             self.actions,
         )
         self.newton = Newton(self.equilibrium, scene)
@@ -235,6 +238,8 @@ class System:
         solved = self.newton, self.equilibrium
         for item in (*solved, self.mass, self.energies, self.actions, self._v0):
             item.destroy()
+        if self._dealt is not None:
+            self._dealt.destroy()
 
 
 def _lasting(acting: Sequence[Windowed]) -> list[int]:

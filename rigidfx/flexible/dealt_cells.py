@@ -1,0 +1,122 @@
+"""Cells dealt out among the ranks anew: copies on a mesh of their own, where forms are assembled.
+
+A mesh is divided among ranks by all of its cells. Where most of them are rigid, those that are left
+may be one rank's. Copies of these are a mesh of their own, divided equally: the same compiled forms
+are bound to it, and coefficients have copies there, too, cell by cell. All else stays where it is.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import basix
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem
+
+from rigidfx.base import compat
+from rigidfx.domain.exchange import Exchange
+
+__all__ = ["DealtCells"]
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int32]
+
+NOWHERE = -1
+
+
+class DealtCells:
+    """Copies of some cells, divided equally among the ranks; `destroy` frees them.
+
+    Attributes:
+        space: Function space of the displacement on their mesh.
+        mesh: Their mesh.
+    """
+
+    def __init__(self, space: Any, cells: Indices) -> None:
+        """Deal cells out. Collective.
+
+        Args:
+            space: Function space of the displacement.
+            cells: Owned cells, sorted.
+        """
+        mesh = space.mesh
+        self._original, self._cells = space, cells
+        known = mesh.geometry.index_map()
+        nodes = compat.cell_geometry_dofs(mesh)[cells]
+        corners = known.local_to_global(nodes.reshape(-1)).reshape(nodes.shape).astype(np.int64)
+        element = ufl.Mesh(mesh.ufl_domain().ufl_coordinate_element())
+        points = mesh.geometry.x[: known.size_local]
+        shares = compat.partitioner_without_ghosts()
+        self.mesh = compat.create_mesh(mesh.comm, corners, points, element, shares)
+        self.space = fem.functionspace(self.mesh, space.ufl_element())
+        firsts = np.cumsum([0, *mesh.comm.allgather(cells.size)])
+        place = self.mesh.topology.original_cell_index
+        rank = np.searchsorted(firsts, place, side="right") - 1
+        self._exchange = Exchange(mesh.comm, cells.size, rank, place - firsts[rank])
+        self._copies: dict[fem.Function, fem.Function] = {}
+
+    def cells(self, own: Indices) -> Indices:
+        """Copies on this rank of some of the cells. Collective.
+
+        Args:
+            own: Owned cells of the original mesh.
+        """
+        wanted = np.isin(self._cells, own).astype(np.float64)
+        return np.flatnonzero(self._exchange.give(wanted[:, None])[:, 0]).astype(np.int32)
+
+    def facets(self, pairs: Indices) -> Indices:
+        """Cells and local numbers of the copies of facets, shape (n, 2). Collective.
+
+        Args:
+            pairs: Owned cells of the original mesh and local numbers, shape (n, 2).
+        """
+        kind = getattr(basix.CellType, self.mesh.topology.cell_type.name)
+        marks = np.zeros((self._cells.size, len(basix.topology(kind)[2])))
+        marks[np.searchsorted(self._cells, pairs[:, 0]), pairs[:, 1]] = 1.0
+        return np.argwhere(self._exchange.give(marks)).astype(np.int32)
+
+    def copy(self, function: fem.Function) -> fem.Function:
+        """The copy of a coefficient, which `refresh` keeps up to date. Collective if it is new."""
+        if function not in self._copies:
+            V = function.function_space
+            if V is self._original:
+                space = self.space
+            else:
+                space = fem.functionspace(self.mesh, V.ufl_element())
+            self._copies[function] = fem.Function(space)
+            self._copy(function)
+        return self._copies[function]
+
+    def refresh(self) -> None:
+        """Have all copies hold what the coefficients hold. Collective."""
+        for function in self._copies:
+            self._copy(function)
+
+    def _copy(self, function: fem.Function) -> None:
+        to, of = self._copies[function], function.function_space.dofmap
+        block = of.index_map_bs
+        values = function.x.array.reshape(-1, block)[of.list[self._cells]]
+        there = to.function_space.dofmap.list
+        given = self._exchange.give(values.reshape(len(values), there.shape[1] * block))
+        to.x.array.reshape(-1, block)[there.reshape(-1)] = given.reshape(-1, block)
+
+    def at_nodes(self, values: Array) -> Array:
+        """What nodes have, at their copies, ghosts included. Collective.
+
+        Args:
+            values: Shape (local nodes, k).
+        """
+        of, there = self._original.dofmap.list, self.space.dofmap.list
+        k = values.shape[1]
+        of_cells = values[of[self._cells]].reshape(self._cells.size, of.shape[1] * k)
+        given = self._exchange.give(of_cells)
+        nodes = self.space.dofmap.index_map
+        out = np.full((nodes.size_local + nodes.num_ghosts, k), float(NOWHERE))
+        out[there.reshape(-1)] = given.reshape(-1, k)
+        return out
+
+    def destroy(self) -> None:
+        """Free the ways between ranks. Collective."""
+        self._exchange.destroy()

@@ -1,0 +1,107 @@
+"""Flexible cells that bodies leave to one rank are dealt out: the same motion, until their release.
+
+Run as a script under mpirun, this file integrates its scene and reports what it finds.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from unittest.mock import patch
+
+import numpy as np
+import parallel
+import pytest
+from mpi4py import MPI
+
+import rigidfx as rf
+from rigidfx.coupling import dealt_rows
+from rigidfx.step.system import system
+
+EFFECTS = Path(__file__).parent / "effects_on_ranks.py"
+TOLERANCE = 1e-9  # relative to the largest number of a column
+FREEZE, RELEASE, END = 0.4, 0.8, 1.2  # s
+
+
+def _bar():
+    """A bar that tumbles; its stiff three quarters freeze, and are released."""
+    domain = rf.box((0, 0, 0), (12, 1, 1), (12, 1, 1), cell="tetrahedron")
+    domain = domain.with_cells("stiff", lambda x: x[0] <= 9 + 1e-9)
+    domain = domain.with_cells("soft", lambda x: x[0] >= 9 - 1e-9)
+    return rf.Scene(
+        domain,
+        {
+            "stiff": rf.StVenantKirchhoff(E=1e6, nu=0.3, rho=1.0),
+            "soft": rf.NeoHooke(E=2e3, nu=0.3, rho=1.0),
+        },
+        [
+            rf.InitialVelocity(angular=(0.1, 0.4, 0.9), linear=(0.3, 0.0, 0.1)),
+            rf.Pressure("x1", 20.0),
+            rf.KelvinVoigt(0.01),
+            rf.Spring("x1", 30.0),
+        ],
+        order=2,
+        mass="consistent",
+        probes={"tip": (12.0, 0.5, 0.5)},
+    )
+
+
+def _criterion():
+    """All that is stiff freezes once."""
+    return rf.StrainRate(
+        1e3,
+        window=FREEZE,
+        until=FREEZE + 0.1,
+        never=["soft"],
+        wake="none",
+        release=rf.Release(at=RELEASE),
+    )
+
+
+def _history():
+    """Numbers of each step, and how many divisions there were with cells dealt and without."""
+    made = []
+
+    def dealt(layout, loaded):
+        rows = dealt_rows.dealt_rows(layout, loaded)
+        made.append(rows is not None)
+        return rows
+
+    rows = []
+    with patch.object(system, "dealt_rows", dealt), patch.object(dealt_rows, "FEW", 1):
+        for r in rf.simulate(_bar(), 0.1, END, rigidify=_criterion(), progress=False):
+            rows.append([
+                r.t, r.unknowns, r.kinetic, r.strain, r.springs, *r.linear_momentum,
+                *r.angular_momentum, *r.probes["tip"], r.energy - r.work_of_loads,
+            ])  # fmt: skip
+    return {"rows": rows, "dealt": made}
+
+
+@pytest.fixture(scope="module")
+def alone():
+    return parallel.run(__file__, 1, timeout=300)
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_dealt_between_freeze_and_release(alone, ranks):
+    """On several ranks only, and the motion is that of one rank."""
+    several = parallel.run(__file__, ranks, timeout=300)
+    assert not any(alone["dealt"])
+    assert several["dealt"] == [False, True, False]
+    one, other = np.array(alone["rows"]), np.array(several["rows"])
+    assert len(np.unique(one[:, 1])) == 2  # flexible, frozen, and flexible again
+    apart = np.abs(other - one).max(axis=0) / np.abs(one).max(axis=0)
+    assert (apart <= TOLERANCE).all()
+
+
+@pytest.mark.parallel
+def test_dealt_with_every_effect():
+    """Springs, contacts, pressure, damping and supports, with a rigid part in the middle or not."""
+    one, several = (np.array(parallel.run(EFFECTS, n, 300, "consistent", "dealt")) for n in (1, 2))
+    assert (np.abs(several - one).max(axis=0) <= TOLERANCE * np.abs(one).max(axis=0)).all()
+
+
+if __name__ == "__main__":
+    history = _history()
+    if MPI.COMM_WORLD.rank == 0:
+        parallel.report(history)
