@@ -7,6 +7,7 @@ import numpy.typing as npt
 from dolfinx import fem, la
 
 from rigidfx.coupling.prolongation import Prolongation
+from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.kernels import add_vector
 
 __all__ = ["CellForces"]
@@ -17,41 +18,53 @@ Array = npt.NDArray[np.float64]
 class CellForces:
     """A linear form of the cells' forces, evaluated at displacements of rows."""
 
-    def __init__(self, prolongation: Prolongation, form: fem.Form, u1: fem.Function) -> None:
+    def __init__(self, prolongation: Prolongation, form: fem.Form, forces: InternalForces) -> None:
         """Make room for what the cells tell. Collective.
 
         Args:
             prolongation: It knows whether cells are dealt.
             form: Over all cells that exert forces, or their copies.
-            u1: Displacement at the end of the step, a coefficient of the form or of its original.
+            forces: Owner of the coefficients that the form, or its original, reads.
         """
-        self._form, self._u1, self._dealt = form, u1, prolongation.dealt
+        self._form, self._forces, self._dealt = form, forces, prolongation.dealt
         layout = prolongation.layout
         self._dofs = layout.rows.dofs
         # DOLFINx makes a new array of a vector each time that it is asked for one.
-        self._of_u1 = u1.x.array
+        self._u1 = forces.u1.x.array
         if self._dealt is None:
             self._b = la.vector(layout.space.dofmap.index_map, 3)
             self._values, self._reached = self._b.array, layout.reached
         else:
-            copy = self._dealt.cells.copy(u1)
-            self._of_copy, self._values = copy.x.array, np.zeros(copy.x.array.size)
+            u0, u1 = (self._dealt.cells.copy(u) for u in (forces.u0, forces.u1))
+            self._copies, self._values = (u0.x.array, u1.x.array), np.zeros(u1.x.array.size)
 
-    def begin(self) -> None:
-        """Begin a step: coefficients have what they have in it. Collective."""
+    def begin(self, u: Array) -> None:
+        """Begin a step: coefficients have what they have in it. Collective.
+
+        Args:
+            u: u₀, one number per row [m].
+        """
         if self._dealt is not None:
-            self._dealt.cells.refresh()
+            forces = self._forces
+            self._dealt.cells.refresh((forces.u0, forces.u1, forces.rest))
+            self._copies[0][:] = self._dealt.give_nodes(u.reshape(-1, 3)).reshape(-1)
 
     def displace(self, u: Array) -> None:
-        """Set u₁, with which tangents are assembled, too. Collective.
+        """Set u₁, with which tangents are assembled, too; ghosts of it by `settle`. Collective.
 
         Args:
             u: One number per row [m].
         """
-        self._of_u1[self._dofs] = u
-        self._u1.x.scatter_forward()
+        self._u1[self._dofs] = u
+        if self._dealt is None:
+            self._forces.u1.x.scatter_forward()
+        else:
+            self._copies[1][:] = self._dealt.give_nodes(u.reshape(-1, 3)).reshape(-1)
+
+    def settle(self) -> None:
+        """Have all ranks know the last u₁ in the scene's mesh, as forms over that read it, too."""
         if self._dealt is not None:
-            self._of_copy[:] = self._dealt.give_nodes(u.reshape(-1, 3)).reshape(-1)
+            self._forces.u1.x.scatter_forward()
 
     def evaluate(self, out: Array) -> None:
         """The forces at u₁. Collective.

@@ -7,6 +7,7 @@ are bound to it, and coefficients have copies there, too, cell by cell. All else
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import basix
@@ -89,10 +90,15 @@ class DealtCells:
             self._copy(function)
         return self._copies[function]
 
-    def refresh(self) -> None:
-        """Have all copies hold what the coefficients hold. Collective."""
+    def refresh(self, known: Sequence[fem.Function]) -> None:
+        """Have copies hold what the coefficients hold. Collective.
+
+        Args:
+            known: Those whose copies need nothing.
+        """
         for function in self._copies:
-            self._copy(function)
+            if not any(function is other for other in known):
+                self._copy(function)
 
     def _copy(self, function: fem.Function) -> None:
         to, of = self._copies[function], function.function_space.dofmap

@@ -44,6 +44,7 @@ class InternalForces:
     Attributes:
         u0: Displacement at the start of the step, a coefficient of the forms.
         u1: Displacement at its end, a coefficient of the forms.
+        rest: No displacement, in place of both.
         surface: The deformed boundary at u0.
         strain_noise: Rounding error of the algorithmic strain in units of the machine precision:
             1 for stresses linear in the strain, more for the quotient in the discrete gradient.
@@ -62,7 +63,7 @@ class InternalForces:
         """
         self._scene, self._element = scene, scene.element
         self.u0, self.u1 = u0, fem.Function(scene.space)
-        self._rest = fem.Function(scene.space)
+        self.rest = fem.Function(scene.space)
         self.surface = Surface(scene, u0)
         terms = ((effect, effect.term(scene.mesh)) for effect in scene.effects)
         self._terms: list[tuple[Effect, FormTerm]] = [
@@ -251,7 +252,7 @@ class InternalForces:
         dealt: DealtCells | None = None,
     ) -> BoundForces:
         """Forms over all cells, and over interior and interface cells with their facets."""
-        rest = {self.u0: self._rest, self.u1: self._rest}
+        rest = {self.u0: self.rest, self.u1: self.rest}
         interior, interface = (tangent.bind(*part, dealt=dealt) for part in parts)
         undeformed = (
             tangent.bind(*parts[0], rest, dealt),

@@ -75,7 +75,7 @@ class Equilibrium:
         self._forces, self._mass = forces, mass
         self._actions = actions
         self._rows = prolongation.layout.rows
-        self._cells = CellForces(prolongation, bound.residual, forces.u1)
+        self._cells = CellForces(prolongation, bound.residual, forces)
         # DOLFINx makes a new array of a vector each time that it is asked for one.
         self._u0, self._u1 = forces.u0.x.array, forces.u1.x.array
         self._tangent = CondensedMatrix(prolongation, bound.interior, bound.interface)
@@ -106,7 +106,7 @@ class Equilibrium:
         self._step = Step(start, dt)
         self.dt, self._v0, self._imposed = dt, v0, imposed
         self.start = self._u0[self._rows.dofs]
-        self._cells.begin()
+        self._cells.begin(self.start)
 
     def _expand(self, y: PETSc.Vec) -> None:
         """Set d and the forms' u₁ from the unknowns."""
@@ -126,6 +126,7 @@ class Equilibrium:
         same = np.array_equal(self._last, y.array_r)
         if not self.prolongation.comm.allreduce(same, op=MPI.LAND):
             self.residual(y, r)
+        self._cells.settle()
 
     def residual(self, y: PETSc.Vec, r: PETSc.Vec) -> None:
         """R at the unknowns y. Collective.
