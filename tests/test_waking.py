@@ -35,6 +35,7 @@ from rigidfx.shadow.linear_part import LinearPart
 from rigidfx.shadow.pace import LONG, LOOKS, Pace
 from rigidfx.shadow.parts import Parts
 from rigidfx.shadow.shadow import Shadow
+from rigidfx.shadow.withheld import Withheld
 from rigidfx.step.watches.judge import Judge
 
 COMM = MPI.COMM_WORLD
@@ -815,6 +816,36 @@ def test_named_parts_that_withhold_little_are_not_spoken_of():
     scene = on_a_block(STRIKES["traction"], rf.Rigid("block"))
     *_, rigid, _ = run(scene, 1.4, local(1.0, min_cells=17))
     assert rigid[:, -1].all()
+
+
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+def test_in_free_flight_forces_are_bounded_before_they_are_computed(mass, monkeypatch):
+    """A few numbers say that they have hardly changed: all comes out as if they were computed."""
+    spin, jump = rf.InitialVelocity(angular=(0.02, 0.1, 0.1)), 50 * DT
+    push = rf.Traction("x1", (1000.0, 0, 0), since=jump)
+    scene = bar(spin, rf.Gravity(), push, block=SOFT, mass=mass)
+    resisted, seen = Withheld.resisted, []
+
+    def counted(self, *given):
+        seen[-1][2] += 1
+        return resisted(self, *given)
+
+    monkeypatch.setattr(Withheld, "resisted", counted)
+    for little in (Pace.little, 0.0):
+        monkeypatch.setattr(Pace, "little", little)
+        seen.append([[], [], 0])
+        rule = rf.StrainRate(5e-3, 5 * DT)
+        for report in rf.simulate(scene, DT, 1.2, rigidify=rule, progress=False):
+            seen[-1][0] += [(event.t, event.kind) for event in report.events]
+            if report.step in (25, 44):
+                seen[-1][1].append(report.recovered()[0].x.array - report.state.u.x.array)
+    (events, strained, few), (same, exact, every) = seen
+    assert events == same
+    assert [kind for _, kind in events][:2] == ["freeze", "release"]
+    assert events[1][0] == pytest.approx(jump)
+    for mine, right in zip(strained, exact, strict=True):
+        assert np.abs(mine - right).max() <= 1e-9 * np.abs(right).max()
+    assert few <= every / 2
 
 
 @pytest.mark.parametrize(

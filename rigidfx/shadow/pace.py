@@ -30,6 +30,8 @@ RESOLVED = 1.0  # times the largest rate by which rates may change in a long ste
 SMALL = 0.1  # ... or part of what wakes cells
 LEAST = 1e-3  # part of it that is taken for what is less, as nothing tells nothing ...
 FAR = 1e9  # ... and for what is more, or not known
+LITTLE = 0.01  # part of a force that its change may be and not count, and ...
+TINY = 1e-15  # ... of what wakes cells where it may be any; LEAST of that over what it comes to
 ALARMING = 0.5  # part of it that the changes of a force may let expect
 
 
@@ -38,12 +40,13 @@ class Pace:
 
     Attributes:
         waiting: Forces on the bodies, and lengths, of steps that shadows have not taken.
+        last: Force of the last step; None if there is none.
     """
 
     def __init__(self) -> None:
         """Nothing is known: the next step is taken at once."""
         self.waiting: list[Stretch] = []
-        self._before: Array | None = None  # last force
+        self.last: Array | None = None
         self._changes: deque[float] = deque([0.0], maxlen=LOOKS)  # largest of a force in a step
         self._largest = 0.0  # that since the last look
         unknown = np.full(2, FAR)  # of rates, and of what adds up
@@ -72,18 +75,14 @@ class Pace:
         return change * rate > ALARMING * max(self._changes)
 
     @property
-    def last(self) -> Array | None:
-        """The force of the last step; None if there is none."""
-        return self._before
-
-    def before(self, force: Array) -> Array:
-        """The force of the last step; the present one if there is none."""
-        return force if self._before is None else self._before
+    def little(self) -> float:
+        """Part of its size by which a force may change and be taken for the last one."""
+        return LITTLE * max(1.0, LEAST / max(float(np.max(self._parts)), TINY))
 
     def wait(self, force: Array, dt: float, change: float) -> None:
         """Take note of a step that shadows have not taken."""
         self.waiting.append((force, dt))
-        self._before, self._largest = force, max(self._largest, change)
+        self.last, self._largest = force, max(self._largest, change)
 
     def taken(self, force: Array, change: float, rate: float, withheld: float) -> None:
         """Take note that shadows have taken all steps.
@@ -103,7 +102,7 @@ class Pace:
         self._parts.append(parts)
         self._long = next((long for long in LONG if self._calm(long)), 1)
         self.waiting = []
-        self._before = force
+        self.last = force
         self._changes.append(max(self._largest, change))
         self._largest = 0.0
 

@@ -63,6 +63,7 @@ class Parts:
         self._places: Array = np.column_stack([np.ones(nodes.size), self.V])
         self._masses: Array = m[:, None] * self._places
         self._spans = tuple(map(_span, self.at))
+        self._spread: Array | None = None  # Σ m V Vᵀ of each body, once asked for [kg m²]
         self._lengths = np.array([body.length for body in bodies])[:, None]
         self._inverse = [np.linalg.pinv(block) for block in self._inertia()]
 
@@ -116,6 +117,34 @@ class Parts:
         moving = self._rigid_motion(self._places, force)
         for own, of_body in zip(self._spans, moving, strict=True):
             force[own] -= self._masses[own] @ of_body
+
+    def not_shifting(self, force: Array) -> Array:
+        """Forces without what shifts each body, by masses; in any frame. Collective.
+
+        Args:
+            force: On the nodes of the rows, shape (nodes, 3) [N].
+        """
+        local = np.array(
+            [[*force[own].sum(axis=0), *self._masses[own, :1].sum(axis=0)] for own in self._spans]
+        )
+        shift = np.zeros((len(self.bodies), 4, 3))
+        sums = np.asarray(self._scene.sum(local))
+        shift[:, 0] = sums[:, :3] / sums[:, 3:]
+        out = force.copy()
+        for own, of_body in zip(self._spans, shift, strict=True):
+            out[own] -= self._masses[own] @ of_body
+        return out
+
+    def size_of_linear(self, numbers: Array) -> float:
+        """Size, as of `size`, of forces m V times numbers of each body [N/√kg]. Collective.
+
+        Args:
+            numbers: Shape (bodies, 3, 3) [1/s²].
+        """
+        if self._spread is None:
+            local = [self.V[own].T @ self._masses[own, 1:] for own in self._spans]
+            self._spread = np.asarray(self._scene.sum(np.array(local)))
+        return float(np.sqrt(max(float(np.vdot(numbers, self._spread @ numbers)), 0.0)))
 
     def unmoved(self, u: Array) -> Array:
         """Displacements without the rigid motion that fits them best, by masses. Collective.
@@ -177,6 +206,10 @@ class Parts:
         """
         square = float(np.vdot(force * force, self._lightness))
         return float(np.sqrt(self._scene.sum(square)))
+
+    def change(self, before: Array | None, force: Array) -> float:
+        """Size of the change of forces; zero if none were before. Collective."""
+        return 0.0 if before is None or force is before else self.size(force - before)
 
     def held(self) -> Ints:
         """Numbers of six rows of each body, on all ranks, that keep it from moving. Collective."""

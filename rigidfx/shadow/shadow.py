@@ -42,7 +42,6 @@ __all__ = ["Shadow"]
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int32]
 
-
 # What PETSc's log calls these parts of a run.
 _REGROUPING = PETSc.Log.Event("rigidfxShadowNew")
 _LOOKING = PETSc.Log.Event("rigidfxShadow")
@@ -175,8 +174,8 @@ class Shadow(Watch):
             return None
         self._gauge.looks += 1
         with _LOOKING:
-            force = self._withheld.force(t, dt)
-            change = self._parts.size(force - self._pace.before(force))
+            force = self._withheld.force(t, dt, self._pace.little)
+            change = self._parts.change(self._pace.last, force)
             if not self._pace.due(force, dt, change):
                 self._accepting = partial(self._pace.wait, force, dt, change)
                 return None
@@ -255,16 +254,10 @@ class Shadow(Watch):
         return motion, replace(found, spring=found.spring * (span / dt))
 
     def _take(
-        self,
-        motion: Motion,
-        force: Array,
-        dt: float,
-        change: float,
-        largest: Array,
-        withheld: float,
+        self, motion: Motion, force: Array, dt: float, change: float, largest: Array, energy: float
     ) -> None:
         self._last = force, self._pace.stretches(force, dt)[-1][1]
-        self._motion, self._grown, self.withheld = motion, [], withheld
+        self._motion, self._grown, self.withheld = motion, [], energy
         self._pace.taken(force, change, *map(float, largest))
 
     def _shorten(self, span: float, t: float) -> None:
@@ -330,11 +323,18 @@ class Shadow(Watch):
         Returns:
             Displacements of the owned nodes, zero outside, shape (nodes, 3) [m]; cells.
         """
-        out, force = np.zeros((self._stepper.scene.owned_nodes, 3)), self._pace.last
-        if self._parts is None or self._part is None or force is None:
+        out, u = np.zeros((self._stepper.scene.owned_nodes, 3)), self._at_rest()
+        if self._parts is None or u is None:
             return out, np.empty(0, np.int32)
-        u = self._parts.unmoved(self._part.at_rest(force))
-        return self._parts.in_space(u, self._stepper.state.bodies, out)
+        return self._parts.in_space(self._parts.unmoved(u), self._stepper.state.bodies, out)
+
+    def _at_rest(self) -> Array | None:
+        """K⁺ρ of the last step in the bodies' frames; None if there is none. Collective."""
+        if self._part is None or self._pace.last is None:
+            return None
+        if self._withheld is not None:
+            self._pace.last = self._withheld.exact(self._pace.last)
+        return self._part.at_rest(self._pace.last)
 
     def _release(self) -> None:
         for item in (self._withheld, self._part, self._mass):
@@ -344,7 +344,7 @@ class Shadow(Watch):
 
     def destroy(self) -> None:
         """Free the PETSc objects; what bodies carry may still be asked for. Collective."""
-        if (part := self._part) is not None and self._pace.last is not None:
-            part.at_rest(self._pace.last)
+        self._at_rest()
+        part = self._part
         self._release()
         self._part = part

@@ -43,6 +43,12 @@ class Observation:
         return self.stepper.state.bodies.of.records
 
     @property
+    def flies_rigid(self) -> bool:
+        """Whether all there is is one rigid body that nothing holds: it deflects no more."""
+        bound = any(effect.holds for effect in self.stepper.scene.effects)
+        return len(self.bodies) == 1 and self.stepper.unknowns == 6 and not bound
+
+    @property
     def flexible(self) -> npt.NDArray[np.bool_]:
         """For each owned cell, whether it is flexible."""
         return self.stepper.flexible

@@ -97,7 +97,8 @@ class RateRule:
     def observe(self, seen: Observation) -> None:
         """Remember the largest strain rates. Collective."""
         memory, indicator = self._memory, seen.indicator
-        if memory.strokes.add(indicator.values) and self._kappa is not None:
+        asked = memory.strokes.add(indicator.values) and self._kappa is not None
+        if asked and not seen.flies_rigid:
             memory.strokes.swing(indicator.cells, seen.strains)
             memory.bends.add(seen.state, seen.held)
         if isinstance(self._tol, Relative):

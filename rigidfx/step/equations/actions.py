@@ -40,6 +40,7 @@ class Actions:
         kinds: Names of the kinds of effects that act.
         stiffen: Whether any of them changes the tangent.
         rounding: Size of a force that the machine precision is to be multiplied with [N].
+        dead: Whether none depends on the motion.
         failures: Keeps what they raise until all ranks are told.
     """
 
@@ -116,6 +117,7 @@ class Actions:
         self.stiffen = bool(self._stiffen_nodes or self._stiffen_bodies or self._look)
         self.kinds = tuple(dict.fromkeys(action.kind for action in every))
         self.rounding = sum(action.rounding for action in every)
+        self.dead = not (self._resist_nodes or self._resistance_at or self._resist_bodies)
 
     def set_time(self, t: float, dt: float) -> None:
         """Evaluate functions of time, and dead loads, for a step. Collective.

@@ -45,6 +45,7 @@ class Deformation:
         self._of_node = np.zeros(scene.space.tabulate_dof_coordinates().shape[0], dtype=np.int64)
         self._of_node[dofmap] = self._parts.of_cell[: len(dofmap), None]
         self._system: object = None
+        self._bodies_alone = False
         self._of_body: Ints = np.empty(0, dtype=np.int64)
         self.largest = self.kinetic = 0.0
 
@@ -58,15 +59,19 @@ class Deformation:
         """
         self.kinetic = measures.kinetic
         if not self._still:
-            self.kinetic = max(measures.kinetic - self._rigid(system, state), 0.0)
+            self.kinetic = max(measures.kinetic - self._rigid(system, state, measures.kinetic), 0.0)
         now = measures.strain + measures.stored + self.kinetic
         self.largest = max(self.largest, now)
         return now
 
-    def _rigid(self, system: System, state: State) -> float:
-        """Energy of the best rigid motions [J]. Collective."""
+    def _rigid(self, system: System, state: State, kinetic: float) -> float:
+        """Energy of the best rigid motions [J], of the kinetic energy that there is. Collective."""
         if system is not self._system:
             self._system, self._of_body = system, self._parts_of(state.bodies)
+            rest = self._scene.comm.allreduce(system.layout.rows.nodes.size)
+            self._bodies_alone = not rest and np.unique(self._of_body).size == len(state.bodies)
+        if self._bodies_alone:  # each a part of its own: what they move by is rigid motion
+            return kinetic
         return float(_rigid_energies(self._sums(system, state)).sum())
 
     def _parts_of(self, bodies: Bodies) -> Ints:
