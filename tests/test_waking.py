@@ -22,12 +22,13 @@ from rigidfx.decide.lasting import Lasting
 from rigidfx.decide.memory import deflection
 from rigidfx.decide.memory.bends import Bends
 from rigidfx.decide.memory.drift import Drift
-from rigidfx.decide.memory.sample import spread
+from rigidfx.decide.memory.rise import Rise
 from rigidfx.decide.memory.strokes import Strokes
 from rigidfx.decide.memory.work import SWITCHES, too_dear
 from rigidfx.decide.policy import CHECKED, FORESEEN
 from rigidfx.flexible.nodal_stress import NodalStress
 from rigidfx.flexible.stress import CauchyStress
+from rigidfx.scene.sample import spread
 from rigidfx.shadow import pace, shadow
 from rigidfx.shadow.dashpots import of_neighbours
 from rigidfx.shadow.gauge import UNSETTLED
@@ -704,36 +705,45 @@ def test_what_rings_from_step_to_step_or_turns_wakes_nothing(monkeypatch):
 
 def test_a_stroke_is_the_largest_strain_over_the_largest_rate():
     found, free = Strokes(COMM, 2), np.zeros(2, dtype=bool)
-    found.add(np.array([1e-9, 0.0]))
-    found.look(np.array([1e-9, 0.0]), 1e-8, 1.0, free)
+    found.add(np.array([1e-9, 0.0]), 0.0, 1.0)
+    found.look(np.array([1e-9, 0.0]), 1e-8, 0.0, 1.0, free)
     assert found.time == np.inf
-    found.add(np.array([0.0, 4.0]))
-    found.look(np.array([2.0, 1.0]), 0.0, 1.0, free)
-    found.add(np.array([1.0, 0.0]))
-    found.look(np.array([0.5, 0.0]), 0.0, 1.0, free)
+    found.add(np.array([0.0, 4.0]), 1.0, 2.0)
+    found.look(np.array([2.0, 1.0]), 0.0, 1.0, 2.0, free)
+    found.add(np.array([1.0, 0.0]), 2.0, 3.0)
+    found.look(np.array([0.5, 0.0]), 0.0, 2.0, 3.0, free)
     assert found.time == 0.5
     assert found.dying == pytest.approx(1 / np.log(4.0))  # from 4 to 1 in a window of 1 s
     assert found.of_strains(0.4) == pytest.approx([0.4, 0.4])
-    found.add(np.array([1.0, 0.0]))
-    found.look(np.array([0.5, 0.0]), 0.0, 1.0, free)
+    found.add(np.array([1.0, 0.0]), 3.0, 4.0)
+    found.look(np.array([0.5, 0.0]), 0.0, 3.0, 4.0, free)
     assert found.dying == np.inf
 
 
-def test_how_a_motion_grows_is_told_by_the_halves_of_a_window():
-    found, free = Strokes(COMM, 1), np.zeros(1, dtype=bool)
+def test_how_a_motion_grows_is_told_by_the_last_half():
+    """Of a window, or of the time since it was next to nothing."""
+    rise, start, t = Rise(COMM), 0.0, 0.0
 
-    def window(*rates):
-        for rate in rates:
-            found.add(np.array([rate]))
-        found.look(np.zeros(1), 0.0, 1.0, free)
-        return found.growth
+    def window(*values):
+        nonlocal start, t
+        start = t
+        for value in values:
+            rise.add(value, t, t + 1.0)
+            t += 1.0
+        return rise.growth(start, t)
 
+    assert Rise(COMM).growth(0.0, 1.0) == 1.0
     assert window(0.1, 0.5, 1.0, 2.0) == 4.0
-    assert window(2.0, 3.0, 1.0, 0.1) == 1.0  # what swings goes through zero
+    assert window(2.0, 3.0, 1.0, 0.1) == 1.5  # what swings goes through zero
     assert window(0.0, 0.1, 0.2, 3.0) == 1.0  # and has been as large
     assert window(3.0, 6.0) == 2.0
-    assert window() == 1.0
-    assert Strokes(COMM, 1).growth == 1.0
+    assert window(6.0) == 2.0  # since six of thirteen
+    assert window(*[6.0] * 13) == 1.0
+    for power in (1.0, 2.0):
+        rise, t = Rise(COMM), 0.0
+        for ends in (40, 100, 111):  # however short the last window is
+            found = window(*[(k + 1.0) ** power for k in range(int(t), ends)])
+            assert found == pytest.approx(2.0**power, rel=0.1)
 
 
 def test_what_rings_now_is_told_by_the_last_windows():
@@ -746,9 +756,9 @@ def test_what_rings_now_is_told_by_the_last_windows():
         nonlocal t
         for _ in range(steps):
             t += 0.02
-            if found.add(np.array([size * omega * abs(np.cos(omega * t)), 0.0])):
+            if found.add(np.array([size * omega * abs(np.cos(omega * t)), 0.0]), t - 0.02, t):
                 found.swing(cells, np.array([size * abs(np.sin(omega * t)), 0.0]))
-        found.look(np.zeros(2), 0.0, steps * 0.02, rigid)
+        found.look(np.zeros(2), 0.0, t - steps * 0.02, t, rigid)
 
     window(50, 1.0, 100.0)
     assert found.seen == pytest.approx(0.01, rel=0.2)
@@ -762,7 +772,7 @@ def test_what_rings_now_is_told_by_the_last_windows():
     for _ in range(3):
         window(20, 1e-3, 5.0)  # no room for half a period, 0.63 s
     assert found.seen[0] == 0.0
-    found.look(np.zeros(2), 1e-6, 1.0, rigid)  # nothing moves: what was seen holds
+    found.look(np.zeros(2), 1e-6, t, t + 1.0, rigid)  # nothing moves: what was seen holds
     assert found.seen[0] > 0.1
 
 

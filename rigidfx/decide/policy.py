@@ -171,7 +171,7 @@ class Policy:
             return self._release(seen, "a support begins or ends", self._every)
         if cells is not None:
             return self._release(seen, ", ".join(reasons), cells)
-        return self._freeze(seen) if self._window_ends(seen) else None
+        return self._freeze(seen) if self.memory.window.over else None
 
     def woken(self, seen: Observation, strained: Strained, why: str) -> Decision | None:
         """Decide which cells of bodies wake in a step. Collective.
@@ -202,9 +202,8 @@ class Policy:
 
     def _window_ends(self, seen: Observation) -> bool:
         """Whether the window has its length. Collective."""
-        t, criterion = seen.t, self._criterion
-        resolution = self._timeline.resolution
-        if t <= criterion.since + resolution or t >= criterion.until - resolution:
+        t, resolution = seen.t, self._timeline.resolution
+        if t >= self._criterion.until - resolution:
             return False
         over = t - self.memory.window.start + resolution >= self.rule.length()
         # Tolerances are asked for here, as those of a rank may fail, and in what comes others wait.
@@ -214,9 +213,7 @@ class Policy:
     def _freeze(self, seen: Observation) -> Decision:
         """Freeze what has qualified in the window. Collective."""
         memory, t = self.memory, seen.t
-        flexible = seen.flexible & memory.window.whole
-        self.rule.window_ends(seen, flexible)
-        tol = self.rule.tol
+        flexible, tol = seen.flexible & memory.window.whole, self.rule.tol
         if memory.drift.too_far and self._any(self._free(seen)):
             return self._release(seen, DRIFTED, self._every)
         self._advice.of_window(memory.signals.period(), tol, seen.noise)
@@ -305,13 +302,17 @@ class Policy:
     def observe(self, seen: Observation) -> None:
         """Take notice of a step that was accepted. Collective."""
         memory, t = self.memory, seen.t
-        if t > self._criterion.since + self._timeline.resolution:
-            indicator = seen.indicator
-            rates = indicator.values[indicator.cells]
-            memory.window.add(indicator.cells, rates)
-            self.rule.observe(seen)
-            memory.signals.add(seen.state, memory.loads.observe(t))
-            memory.signals.rest_since(memory.loads.resting_since)
+        if t <= self._criterion.since + self._timeline.resolution:
+            return
+        indicator = seen.indicator
+        rates = indicator.values[indicator.cells]
+        memory.window.add(indicator.cells, rates)
+        self.rule.observe(seen)
+        memory.signals.add(seen.state, memory.loads.observe(t))
+        memory.signals.rest_since(memory.loads.resting_since)
+        memory.window.over = self._window_ends(seen)
+        if memory.window.over:
+            self.rule.window_ends(seen, seen.flexible & memory.window.whole)
 
     def applied(self, decision: Decision, seen: Observation, changed: bool) -> None:
         """Take notice of what has come of a decision. Collective.

@@ -37,9 +37,8 @@ mode that is slower than the motion never gets there.
 
 from __future__ import annotations
 
-from bisect import bisect_left, bisect_right
 from dataclasses import dataclass, field
-from math import pi
+from math import pi, sqrt
 
 import numpy as np
 import numpy.typing as npt
@@ -49,6 +48,7 @@ from rigidfx.decide.criteria.concentration import stiffness
 from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.criteria.rule import Waking
 from rigidfx.decide.memory.memory import Memory
+from rigidfx.decide.memory.rise import Rise
 from rigidfx.decide.memory.swings import Swings
 from rigidfx.report.ledger import Rigidity
 from rigidfx.scene.scene import Scene
@@ -74,10 +74,7 @@ PUSHED = 4.0  # times what cells strain, that their shadow may tell beside stiff
 # Of m over what is allowed, how close waking is: half of that is meant to be used, and a cell alone
 # changes little of a sum.
 CALM = 0.25
-# A motion begins while Σ w S² has GROWN in a QUARTER of the window, or of the time since it was
-# NONE of it: what such a window has seen tells little of what comes.
-GROWN, QUARTER, NONE = 3.0, 0.25, 1e-3
-APART = 1.02  # factor between values that are remembered
+GROWN = 2.8  # times what strains were, by which a motion begins: as t^1.5
 LEFT = 0.1  # of the budget, that is time integration's whatever bodies have spent
 EACH = 4  # steps in which the deflection is measured: it takes .3 ms, half of what is observed
 STEPS_AT_REST = 2  # in which loads have not changed where motions are free
@@ -95,7 +92,7 @@ class Past:
         sums: Σ w ε² and Σ w ε̇² of flexible cells, integrated over time [J s, J/s].
         period: 2π τ [s]; NaN while nothing but rounding has strained.
         whole: Σ w S², over all ranks [J].
-        course: Times [s] until which Σ w S² was no more than that [J], in two lists.
+        rise: How sqrt(Σ w S²) has grown, on all ranks.
         now: m.
         phase: π ∫ m dN.
         free: Whether loads rest.
@@ -111,7 +108,7 @@ class Past:
     seen: Array
     sums: Array
     budget: float
-    course: tuple[list[float], list[float]] = field(default_factory=lambda: ([0.0], [0.0]))
+    rise: Rise = field(default_factory=lambda: Rise(MPI.COMM_SELF))
     period: float = np.nan
     whole: float = 0.0
     now: float = 0.0
@@ -211,10 +208,7 @@ class BudgetRule:
         past.swings.add(indicator.cells, now)
         local = [w @ past.strains**2, w @ now**2, w @ indicator.values**2, w.sum()]
         past.whole, strain, rate, one = map(float, self._scene.sum(np.array(local)))
-        if past.whole > APART * past.course[1][-1]:
-            past.course[0][-1] = seen.t - seen.dt
-            past.course[0].append(seen.t)
-            past.course[1].append(past.whole)
+        past.rise.add(sqrt(past.whole), seen.t - seen.dt, seen.t)
         past.sums += np.array([strain, rate]) * seen.dt * (rate > one * (10 * noise) ** 2)
         past.period = 2 * pi * np.sqrt(past.sums[0] / past.sums[1]) if past.sums[1] > 0 else np.nan
         past.rigid = len(seen.bodies) > 0
@@ -243,7 +237,7 @@ class BudgetRule:
     def window_ends(self, seen: Observation, flexible: Bools) -> None:
         """Find the tolerances with which half of what is allowed is used. Collective."""
         past, w, worst = self.past, self._weights, self._memory.window.worst
-        begins = self._begins(seen.t)
+        begins = past.rise.growth(self._memory.window.start, seen.t) > GROWN
         swing, fast = past.swings.end(), worst * past.period / (2 * pi)
         s = swing if past.free else fast
         expected = np.where(flexible, np.maximum(s, swing), np.inf)
@@ -254,13 +248,6 @@ class BudgetRule:
         most = 0.0 if begins else level(density, share, room, self._scene)
         # Zero where strains are too small to be squared.
         self._tol = np.divide(worst * most, density, out=np.zeros_like(worst), where=density > 0)
-
-    def _begins(self, t: float) -> bool:
-        """Whether a motion begins as a window ends at t [s]; another window does then."""
-        (times, sizes), whole = self.past.course, self.past.whole
-        begun = times[max(bisect_left(sizes, NONE * whole) - 1, 0)]
-        ago = t - QUARTER * max(t - self._memory.window.start, t - begun)
-        return whole > GROWN * sizes[min(bisect_right(times, ago), len(sizes) - 1)]
 
     def told(self) -> str:
         """What a user would set by hand to have the same. Collective."""

@@ -97,8 +97,8 @@ class RateRule:
     def observe(self, seen: Observation) -> None:
         """Remember the largest strain rates. Collective."""
         memory, indicator = self._memory, seen.indicator
-        asked = memory.strokes.add(indicator.values) and self._kappa is not None
-        if asked and not seen.flies_rigid:
+        looks = memory.strokes.add(indicator.values, seen.t - seen.dt, seen.t)
+        if looks and self._kappa is not None and not seen.flies_rigid:
             memory.strokes.swing(indicator.cells, seen.strains)
             memory.bends.add(seen.state, seen.held)
         if isinstance(self._tol, Relative):
@@ -112,8 +112,9 @@ class RateRule:
         """Remember the largest strain, if it wakes cells. Collective."""
         if self._kappa is not None:
             memory, self._noise = self._memory, seen.noise
-            length, rigid = seen.t - memory.window.start, memory.back_off.rigid
-            memory.strokes.look(seen.strains, self._noise, length, rigid)
+            start, rigid = memory.window.start, memory.back_off.rigid
+            length = seen.t - start
+            memory.strokes.look(seen.strains, self._noise, start, seen.t, rigid)
             memory.bends.look(memory.strokes.rate_of_all, self._noise)
             rested = seen.t - memory.loads.resting_since
             # A load that stands still at a crest does not rest.

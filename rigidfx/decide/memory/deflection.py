@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from rigidfx.decide.memory.sample import spread
 from rigidfx.effects import Spring
+from rigidfx.scene.sample import spread
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 

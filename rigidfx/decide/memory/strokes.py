@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
+from rigidfx.decide.memory.rise import Rise
 from rigidfx.decide.memory.swings import Swings
 
 __all__ = ["Strokes"]
@@ -35,11 +36,10 @@ class Strokes:
     Attributes:
         time: Largest strain over largest rate at the end of the last window [s]; infinite while
             nothing but rounding has strained.
-        rate: Largest rate on this rank so far [1/s].
         rate_of_all: That on all ranks, at the end of the last window [1/s].
         last: The same of the last window alone [1/s].
-        growth: How many times it the largest rate so far is, on all ranks, that had been seen by
-            the middle of the last window: what moves now may grow by as much in half a window.
+        growth: By how much the largest rate so far has grown lately, at the end of the last window
+            (`rigidfx.decide.memory.rise`).
         dying: Time in which rates die down, by the last two windows [s]; infinite where they do
             not.
         swung: For each owned cell by how much its strain has swung in the last window.
@@ -54,10 +54,9 @@ class Strokes:
             comm: Communicator of the mesh.
             cells: Number of owned cells.
         """
-        self._comm, self.rate, self._strain = comm, 0.0, 0.0
+        self._comm, self._rise, self._strain = comm, Rise(comm), 0.0
         self.time, self.rate_of_all, self.last, self.dying = np.inf, 0.0, 0.0, inf
         self.growth = 1.0
-        self._rates: list[float] = []  # largest rate so far at each step since the last window
         self.seen: Array = np.zeros(cells)
         self.swung: Array = np.zeros(cells)
         self._swings = Swings(cells)
@@ -65,15 +64,24 @@ class Strokes:
         self._steps = 0
         self._windows: list[tuple[float, float]] = []  # largest rate and swing of the last ones
 
-    def add(self, rates: Array) -> bool:
-        """Take note of the rates of a step [1/s].
+    @property
+    def rate(self) -> float:
+        """Largest rate on this rank so far [1/s]."""
+        return self._rise.largest
+
+    def add(self, rates: Array, start: float, t: float) -> bool:
+        """Take note of the rates of a step.
+
+        Args:
+            rates: Of all owned cells [1/s].
+            start: Time at its start [s].
+            t: Time at its end [s].
 
         Returns:
             Whether strains are to be told, too.
         """
         self._now = max(self._now, float(rates.max(initial=0.0)))
-        self.rate = max(self.rate, self._now)
-        self._rates.append(self.rate)
+        self._rise.add(self._now, start, t)
         self._steps += 1
         return self._steps % EVERY == 0
 
@@ -86,23 +94,23 @@ class Strokes:
         """
         self._swings.add(cells, strains)
 
-    def look(self, strains: Array, noise: float, length: float, rigid: Bools) -> None:
+    def look(self, strains: Array, noise: float, start: float, t: float, rigid: Bools) -> None:
         """Take note of the end of a window. Collective.
 
         Args:
             strains: Of all owned cells.
             noise: Strain rate that rounding may leave [1/s].
-            length: Length of the window [s].
+            start: When it began [s].
+            t: When it ends [s].
             rigid: Owned cells of bodies, before any decision.
         """
         self._strain = max(self._strain, float(strains.max(initial=0.0)))
         self.swung = self._swings.end()
         swing = float(self.swung.max(initial=0.0))
-        middle = self._rates[(len(self._rates) - 1) // 2] if self._rates else self.rate
-        largest = np.array([self.rate, self._strain, self._now, swing, middle])
+        largest = np.array([self.rate, self._strain, self._now, swing])
         self._comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
-        rate, strain, now, swing, middle = map(float, largest)
-        self.growth = rate / middle if middle > 0 else inf
+        rate, strain, now, swing = map(float, largest)
+        self.growth, length = self._rise.growth(start, t), t - start
         self.dying = length / log(self.last / now) if 0 < now < self.last else inf
         self.rate_of_all, self.last = rate, now
         if rate > noise and strain > 0:
@@ -113,7 +121,7 @@ class Strokes:
         recent = self.turning
         seen = recent if pi * recent <= length else 0.0
         self.seen = np.where(rigid, np.maximum(self.seen, seen), seen)
-        self._now, self._rates = 0.0, []
+        self._now = 0.0
 
     def of_strains(self, length: float, other: float = inf) -> Array:
         """Times for which each owned cell may withhold a rate that wakes it [s].

@@ -18,6 +18,7 @@ class Window:
         worst: Per owned cell [1/s].
         steps: Number of steps observed.
         whole: Whether a cell has been flexible in all of them.
+        over: Whether it has its length.
     """
 
     def __init__(self, cells: int, start: float) -> None:
@@ -29,6 +30,7 @@ class Window:
         """
         self.start, self.worst, self.steps = start, np.zeros(cells), 0
         self.whole = np.ones(cells, dtype=bool)
+        self.over = False
 
     def add(self, cells: npt.NDArray[np.int32], rates: Array) -> None:
         """Observe a step.

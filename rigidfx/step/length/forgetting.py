@@ -10,34 +10,72 @@ Without that, Σe of a structure that a load keeps moving grows for ever, while 
 was: a structure of one part that supports hold against all rigid motions, from the start to the
 end as all its damping acts, and that touches nothing. What flies freely keeps an error of its place
 or its turn.
+
+That mean is one of what moves most. Viscosity takes fast vibrations and leaves slow ones: where an
+axial one dies out, bending rings on, and so do its errors. So there are several accounts, of which
+the largest counts: all errors, forgotten as above; and of each octave those that are slower than
+ω_b, which are forgotten no faster than a vibration of that frequency is damped at least
+(`rigidfx.step.length.damped`). Drag damps all alike, and needs the first only.
 """
 
 from __future__ import annotations
 
+import numpy as np
+import numpy.typing as npt
+
 from rigidfx.effects import Contact, KelvinVoigt, MassDamping, NumericalDamping, StiffnessDamping
 from rigidfx.scene.scene import Scene
+from rigidfx.step.length.damped import Damped
 from rigidfx.step.length.held import always, holding
+from rigidfx.step.length.octaves import OF_CUT, Octaves
 
 __all__ = ["Forgetting", "comes_back"]
+
+Array = npt.NDArray[np.float64]
 
 DAMPING = KelvinVoigt, MassDamping, NumericalDamping, StiffnessDamping
 
 
 class Forgetting:
-    """Finds the rate from energies.
+    """Finds rates from energies, and what of an error they are of.
 
     Attributes:
-        rate: δ [1/s].
+        rates: δ of each account [1/s], that of all errors first.
+        parts: What each account has of the error of the last step; one of the first.
     """
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, points: int, time: float, step: float) -> None:
         """Nothing has moved. Collective.
 
         Args:
             scene: The problem.
+            points: How many points are tracked.
+            time: Length of the run [s].
+            step: Shortest Δt [s].
         """
         self._comes_back = comes_back(scene)
-        self._taken = self._stayed = self.rate = 0.0
+        self._taken = self._stayed = 0.0
+        self._damped = Damped(scene) if self._comes_back else None
+        by_octaves = self._damped is not None and self._damped.by_frequency
+        self._octaves = Octaves(points, time, step) if by_octaves else None
+        accounts = 1 if self._octaves is None else 1 + self._octaves.cuts.size
+        self.rates: Array = np.zeros(accounts)
+        self.parts: Array = np.ones(accounts)
+
+    def look(self, jerk: Array, dt: float) -> None:
+        """Find what accounts have of the error of a step that has been solved.
+
+        Args:
+            jerk: Of each point, shape (points, 3); the error per time goes with Δt² of it.
+            dt: Its length [s].
+        """
+        if self._octaves is not None:
+            self.parts = np.concatenate([[1.0], self._octaves.look(dt**2 * jerk, dt)])
+
+    def accept(self) -> None:
+        """Take note that the step that was looked at last is one."""
+        if self._octaves is not None:
+            self._octaves.accept(self.parts[1:])
 
     def follow(self, energy: float, taken: float, dt: float) -> None:
         """Take note of a step.
@@ -47,11 +85,14 @@ class Forgetting:
             taken: What damping took in it [J].
             dt: Its length [s].
         """
-        if not self._comes_back:
+        if self._damped is None:
             return
         self._taken, self._stayed = self._taken + taken, self._stayed + energy * dt
         if self._stayed > 0:
-            self.rate = max(self._taken, 0.0) / (2 * self._stayed)
+            self.rates[:] = max(self._taken, 0.0) / (2 * self._stayed)
+        if self._octaves is not None:
+            least = self._damped.rates(OF_CUT * self._octaves.cuts, dt)
+            self.rates[1:] = np.minimum(self.rates[1:], least)
 
 
 def comes_back(scene: Scene) -> bool:

@@ -7,72 +7,60 @@ at five times of a step. If their mean by Simpson's rule is off the middle by mo
 tolerance's part of what they have changed by so far, the interval with the largest second
 difference is halved again and again: that falls with the square of its width where the load is
 smooth, with its width over a kink, and not over a jump. The step ends where that has been found;
-after a jump steps begin anew. Where nothing is found, a load turns within the step and its mean is
-off by more than a twentieth, as that of one that swings to and fro in three steps, the step is
-halved until it is not: the motion, which is told the middles, knows nothing of it. Windows, kinks
-of a `Table` and `breakpoints` are known without all that.
+after a jump steps begin anew, unless it is a small one.
+
+What swings to and fro in some three steps is smooth, and the motion, which is told the middles,
+knows nothing of it. So where a load turns within the step and its mean is off by more than a
+twentieth, the step is halved until it is not. A sine of two steps may have a mean of nothing in
+each, as its middles are. So what a load is at the five times is compared with the line through the
+middles of this step and the one before, too: the curvature that explains it would put the mean off
+by h²/24 of it, and where that is more than a tenth the step is halved as well. Windows, kinks of a
+`Table` and `breakpoints` are known without all that.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
-from functools import partial
 
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx.base.errors import by_name, together
-from rigidfx.base.inputs import is_function
-from rigidfx.effects import Effect, Table, Windowed
+from rigidfx.base.errors import together
 from rigidfx.scene.scene import Scene
+from rigidfx.step.length.given import given_loads
+from rigidfx.step.length.narrowing import Onset, narrowed
 
-__all__ = ["Onset", "Onsets", "narrowed"]
+__all__ = ["Onsets"]
 
 Array = npt.NDArray[np.float64]
 
 WITHIN = 1e-6  # of a step: so far inside its ends it is asked, as windows may begin or end there
 PLACES = np.array([WITHIN, 0.25, 0.5, 0.75, 1 - WITHIN])
 SIMPSON = np.array([1, 4, 2, 4, 1]) / 12
-HALVINGS = 14
-SMOOTH = 1.5  # powers of an interval's width with which second differences fall: 2 are smooth ...
-SHARP = 0.5  # ... 1 is a kink, and 0 a jump
-SCATTER = 2.0  # of them, as a kink lies in the middle of an interval or at its border
 SEVERAL = 4  # in one step, of which the first counts
 SWINGS = 0.05  # of what a load changes by: its mean is off by more where a step is half a swing
+UNTOLD = 0.1  # likewise, by what the middles of steps do not tell
 SHORTER = 6  # halvings of a step for that
-ROUNDING = 1e-12  # of a component's size, by which none has changed
-LEAST = float(np.finfo(float).tiny / np.finfo(float).eps)  # numbers below have fewer digits
 CLOSE = 1e-3  # of a step after its start: that is where it had to begin
-
-
-@dataclass(frozen=True)
-class Onset:
-    """An instant at which a load is not smooth.
-
-    Attributes:
-        t: Time [s]; just after a jump.
-        jumps: Whether the load jumps there, in place of bending.
-    """
-
-    t: float
-    jumps: bool
+SMALL = 0.1  # of what a load changes by: a jump that steps need not begin anew for
 
 
 class Onsets:
     """Looks for them among those loads of a scene that are functions of a user's."""
 
     def __init__(self, scene: Scene) -> None:
-        """Collect these loads.
+        """Collect these loads. Collective.
 
         Args:
             scene: The problem.
         """
-        self._comm = scene.comm
-        loads = [load for load in scene.named(Windowed) if load.is_load and _is_given(load)]
-        self._loads = [load for load in loads if type(load).signal is not Effect.signal]
-        # The least and the largest value so far of each component.
-        self._range: list[tuple[Array, Array] | None] = [None] * len(self._loads)
+        self._comm, self._loads = scene.comm, given_loads(scene)
+        # Of each load the middle of the last step that was looked at, and its value there.
+        self._middles: list[tuple[float, Array] | None] = [None] * len(self._loads)
+
+    def forget(self) -> None:
+        """Loads may have jumped: lines through middles tell nothing."""
+        self._middles = [None] * len(self._loads)
 
     def within(self, t: float, end: float, tol: float) -> Onset | None:
         """The first in a step that matters; None if there is none. Collective.
@@ -84,7 +72,8 @@ class Onsets:
                 changed by so far.
 
         Raises:
-            SceneError: On every rank, if a load's function fails on any.
+            SceneError: On every rank, if a load's function fails on any, or gives something else
+                when asked again.
         """
         if not self._loads:
             return None
@@ -96,28 +85,32 @@ class Onsets:
             return found
 
         # Functions cannot be compared: were theirs to differ, so would what ranks decide by them.
-        return self._comm.bcast(together(self._comm, "A load", first))
+        found = self._comm.bcast(together(self._comm, "A load", first))
+        if found is not None:
+            self.forget()
+        return found
 
     def _first_of(self, k: int, t: float, end: float, tol: float) -> Onset | None:
         """The first of one load."""
-        load, found = self._loads[k], None
+        given, found, h = self._loads[k], None, end - t
 
         def q(time: float) -> Array:
-            value = by_name(load.owner, time, partial(load.signal, time, end - t))
-            return np.asarray(value, dtype=np.float64)
+            return given.at(time, h)
 
         for _ in range(SEVERAL):
             times = t + PLACES * (end - t)
             values = [q(float(time)) for time in times]
-            off, swing = self._off(k, values)
-            if off <= tol:
+            off, swing = self._off(k, times, values)
+            self._middles[k] = float(times[2]), values[2]
+            if off <= tol and swing <= 1:
                 return found
-            one = narrowed(q, times, values)
+            one = narrowed(q, times, values) if off > tol else None
             if one is None:
                 return self._calm(k, q, t, end, swing) or found
             if not t + CLOSE * (end - t) < one.t < end:
                 return found
-            found, end = one, one.t
+            given.ask_again(one.t, h, q(one.t))
+            found, end = Onset(one.t, one.by is not None and given.part(one.by) > SMALL), one.t
         return found
 
     def _calm(
@@ -134,62 +127,44 @@ class Onsets:
         """
         whole = end
         for _ in range(SHORTER):
-            if swing <= SWINGS:
+            if swing <= 1:
                 break
             end = (t + end) / 2
-            _, swing = self._off(k, [q(float(time)) for time in t + PLACES * (end - t)])
+            times = t + PLACES * (end - t)
+            _, swing = self._off(k, times, [q(float(time)) for time in times])
         return Onset(end, jumps=False) if end < whole else None
 
-    def _off(self, k: int, values: list[Array]) -> tuple[float, float]:
+    def _off(self, k: int, times: Array, values: list[Array]) -> tuple[float, float]:
         """By how much the mean of a load is off its middle, over what it has changed by so far.
 
         Returns:
-            The most of any component; and of any that turns within the step.
+            That; and by how much it swings unknown to the motion, over what it may.
         """
-        if len({value.shape for value in values}) > 1:
-            return 0.0, 0.0  # the step says what is wrong
-        every, known = np.array(values), self._range[k]
-        least, most = every.min(axis=0), every.max(axis=0)
-        if known is not None and known[0].shape == least.shape:
-            least, most = np.minimum(least, known[0]), np.maximum(most, known[1])
-        self._range[k] = least, most
-        if not np.isfinite([least, most]).all():
-            return 0.0, 0.0  # and of that
-        changed, size = (most - least).ravel(), np.maximum(np.abs(least), np.abs(most)).ravel()
-        off = np.abs(SIMPSON @ every.reshape(5, -1) - every[2].ravel())
-        moves = changed > np.maximum(ROUNDING * size, LEAST)
-        part = np.divide(off, changed, out=np.zeros_like(off), where=moves)
-        rising = np.diff(every.reshape(5, -1), axis=0) > 0
+        given = self._loads[k]
+        if not given.known(values):
+            return 0.0, 0.0
+        every = np.array(values)
+        off = np.einsum("k,kpi->pi", SIMPSON, every) - every[2]
+        rising = np.diff(every, axis=0) > 0
         turns = rising.any(axis=0) & ~rising.all(axis=0)
-        return float(part.max(initial=0.0)), float(part[turns].max(initial=0.0))
+        swing = given.part(off * turns) / SWINGS
+        before = self._middles[k]
+        if before is not None and before[0] <= times[0] and before[1].shape == off.shape:
+            swing = max(swing, given.part(_untold(*before, times, every)) / UNTOLD)
+        return given.part(off), swing
 
 
-def narrowed(q: Callable[[float], Array], times: Array, values: list[Array]) -> Onset | None:
-    """Where a function is least smooth; None if it is smooth there.
+def _untold(t: float, q: Array, times: Array, every: Array) -> Array:
+    """What a mean is off by with the curvature that the line through two middles does not tell.
 
     Args:
-        q: The function of time.
-        times: Some times, evenly apart, shape (5,) [s].
-        values: Its values there, each of the same shape.
+        t: Middle of the step before [s].
+        q: The load there, shape (nodes, components).
+        times: Five times of the step [s].
+        every: The load there, shape (5, nodes, components).
     """
-    first = bend = 0.0
-    for halvings in range(HALVINGS + 1):
-        bends = [
-            float(np.linalg.norm(values[k - 1] - 2 * values[k] + values[k + 1])) for k in (1, 2, 3)
-        ]
-        k = int(np.argmax(bends)) + 1
-        bend, first = bends[k - 1], first or bends[k - 1]
-        if SCATTER * bend <= first * 2.0 ** (-SMOOTH * halvings):
-            return None
-        (a, b, c), (qa, qb, qc) = times[k - 1 : k + 2], values[k - 1 : k + 2]
-        times = np.array([a, (a + b) / 2, b, (b + c) / 2, c])
-        values = [qa, np.asarray(q(float(times[1]))), qb, np.asarray(q(float(times[3]))), qc]
-    jumps = bend > first * 2.0 ** (-SHARP * HALVINGS)
-    later = np.linalg.norm(qc - qb) > np.linalg.norm(qb - qa)
-    return Onset(float(c if jumps and later else b), jumps)
-
-
-def _is_given(load: Windowed) -> bool:
-    """Whether a load has a function of a user's, of which not all is known."""
-    given = [getattr(load, own.name) for own in fields(load)]
-    return any(is_function(value) and not isinstance(value, Table) for value in given)
+    middle, others = times[2], [0, 1, 3, 4]
+    at, slope = times[others], (every[2] - q) / (middle - t)
+    line = every[2] + slope * (at - middle)[:, None, None]
+    bends = 2 * np.abs(every[others] - line) / np.abs((at - t) * (at - middle))[:, None, None]
+    return np.asarray((times[4] - times[0]) ** 2 / 24 * bends.max(axis=0))

@@ -7,11 +7,13 @@ c Δt³ = r Δt gives Δt = 0.9 sqrt(r/c). What may be spent is
              max[tol U' - E/0.6, ¼ tol U']/(5 s) ) ,
 
 the rest of the budget evenly over the rest of the run, in bounds. E is what has been spent, all e
-added up, of which damping lets a part δ per time be forgotten (`forgetting`); without it the first
-is [0.6 tol U - E]/(T - t). U is the largest displacement so far, and s the time in which it has
-grown to four times what it was. A motion that begins from rest would otherwise be computed to a
-part of what is next to nothing. So that it is not followed from its first instant on as closely as
-later, U' is what becomes of it as it moves now,
+added up, of which damping lets a part δ per time be forgotten (`forgetting`; where fast motions are
+forgotten sooner, the least of several accounts' r counts); without it the first is
+[0.6 tol U - E]/(T - t). U is the largest displacement so far, and s the time in which it has
+grown to four times what it was, the step itself included: a single one may not spend all. A motion
+that begins from rest would otherwise be computed to a part of what is next to nothing. So that it
+is not followed from its first instant on as closely as later, U' is what becomes of it as it moves
+now,
 
     U' = U + |v| h + ½ |a| h² ,    h the longest step, or 4 s if that is less .
 
@@ -20,9 +22,11 @@ later, U' is what becomes of it as it moves now,
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from dataclasses import dataclass
-from math import exp, expm1, isnan, log2, sqrt
+from math import exp, isnan, log2, sqrt
+
+from rigidfx.base.course import Course
+from rigidfx.step.length.accounts import Accounts
 
 __all__ = ["Moves", "StepLength"]
 
@@ -39,10 +43,10 @@ GROWN = 4.0  # factor of U in s
 AHEAD = 4.0  # of s, in which a motion that grows may be expected to go on ...
 MOST_AHEAD = 16.0  # ... up to so many times U
 POOREST, RICHEST = 0.1, 2.0  # of tol U/T, bounds of what is left
+TRIALS = 3
 OBJECTION = 2.0  # times what is asked, above which a step is repeated
 ON_THE_WAY = 0.6  # of the time since rest: to four times as much, t² grows in half of its time
 REST = 1e-7  # of the size of a cell: less than that is no displacement
-APART = 1.02  # factor of displacements that are remembered
 
 
 @dataclass(frozen=True)
@@ -69,8 +73,7 @@ class StepLength:
         shortest: Δt that is always long enough [s].
         longest: Δt that is never exceeded [s].
         spent: Largest error so far [m].
-        forgotten: Part of an error that is forgotten per time [1/s].
-        displacement: Largest displacement so far, or what the user gave for it [m].
+        accounts: What steps have erred by, and how that is forgotten.
         changes: How often Δt was changed for the sake of the error.
     """
 
@@ -97,32 +100,33 @@ class StepLength:
         """
         self.tol, self._t_end, self._of = tol, t_end, of
         self.wanted, self.longest, self.spent, self.changes = first, longest, 0.0, 0
-        self.forgotten = self._error = self._t = 0.0
-        self.displacement = REST * size if of is None else of
-        self.shortest = shortest
-        self._times, self._sizes = [0.0], [self.displacement]
+        self.accounts, self._t = Accounts(), 0.0
+        self._course, self.shortest = Course(REST * size if of is None else of), shortest
         self._envelope = self._last = 0.0
         self._foreseen = self.displacement
         self._lost = 0.0  # steps that a longer Δt would have saved
 
-    def allowed(self, t: float) -> float:
-        """Error per time that may be spent at t [s], in m/s."""
+    @property
+    def displacement(self) -> float:
+        """Largest displacement so far, or what the user gave for it [m]."""
+        return self._course.largest
+
+    def allowed(self, t: float, dt: float = 0.0) -> float:
+        """Error per time that a step may spend, in m/s.
+
+        Args:
+            t: Time at its start [s].
+            dt: Its length [s].
+        """
         whole = self.tol * self.displacement
-        even = self._rate(whole, 0.0, self._t_end)
-        left = self._rate(SHARE * whole, self._error, max(self._t_end - t, 0.01 * self._t_end))
+        even = self.accounts.rate(whole, self._t_end, anew=True)
+        left = self.accounts.rate(SHARE * whole, max(self._t_end - t, 0.01 * self._t_end))
         left = min(max(left, POOREST * even), RICHEST * even)
         if self._of is not None:
             return left
-        growing, whole = self._growing(t), self.tol * self._foreseen
-        unspent = max(whole - self._error / SHARE, BEGINNING * whole)
+        growing, whole = self._growing(t) + dt, self.tol * self._foreseen
+        unspent = max(whole - self.accounts.largest / SHARE, BEGINNING * whole)
         return max(left, unspent / (EARLY * growing)) if growing > 0 else left
-
-    def _rate(self, end: float, start: float, time: float) -> float:
-        """Error per time by which one grows from a start to an end in a time [m/s]."""
-        part = -expm1(-self.forgotten * time)  # of an error that is forgotten in it
-        if part < 1e-9:
-            return (end - start) / time
-        return self.forgotten * (end - start * (1 - part)) / part
 
     @property
     def used(self) -> float:
@@ -130,13 +134,12 @@ class StepLength:
 
         With the safety of estimates.
         """
-        left = self._error * exp(-self.forgotten * max(self._t_end - self._t, 0.0))
+        left = self.accounts.left(max(self._t_end - self._t, 0.0))
         return left / (SHARE * self.displacement)
 
     def _growing(self, t: float) -> float:
         """Time in which the displacement has grown to what it is [s]."""
-        k = max(bisect_right(self._sizes, self.displacement / GROWN) - 1, 0)
-        return t - self._times[k]
+        return t - self._course.until(self.displacement / GROWN)
 
     def begins(self, t: float) -> bool:
         """Whether points have been on their way from rest for all of the time up to t [s].
@@ -146,7 +149,8 @@ class StepLength:
         """
         if self._of is not None:
             return False
-        return len(self._times) == 1 or self._growing(t) < ON_THE_WAY * (t - self._times[0])
+        rest = self._course.until(0.0)
+        return not self._course.begun or self._growing(t) < ON_THE_WAY * (t - rest)
 
     def _foresee(self, t: float, now: Moves) -> None:
         """Expect that points go on as they move now."""
@@ -156,18 +160,8 @@ class StepLength:
 
     def _spend(self, error: float, dt: float) -> None:
         """Add the error of a step to what is left of those before."""
-        self._error = self._error * exp(-self.forgotten * dt) + error
-        self.spent = max(self.spent, self._error)
-
-    def _remember(self, largest: float, t: float, dt: float) -> None:
-        """Take note of a displacement, if it is the largest so far."""
-        if largest <= self.displacement:
-            return
-        self.displacement = largest
-        if largest > APART * self._sizes[-1]:
-            self._times[-1] = t - dt  # until then it was no more
-            self._times.append(t)
-            self._sizes.append(largest)
+        self.accounts.add(error, dt)
+        self.spent = max(self.spent, self.accounts.largest)
 
     def too_much(self, error: float, t: float, dt: float) -> bool:
         """Whether a step has to be repeated.
@@ -177,15 +171,24 @@ class StepLength:
             t: Time at its start [s].
             dt: Its length [s].
         """
-        return error > OBJECTION * self.allowed(t) * dt
+        return error > OBJECTION * self.allowed(t, dt) * dt
 
     def halvings(self, error: float, t: float, dt: float) -> int:
         """How often a step that errs by too much has to be halved, by its error per Δt³.
 
         Arguments as of `too_much`.
         """
-        much = error / (OBJECTION * self.allowed(t) * dt)
+        much = error / (OBJECTION * self.allowed(t, dt) * dt)
         return max(1, min(int(log2(much) / 2), int(log2(dt / self.shortest))))
+
+    def _best(self, t: float) -> float:
+        """Length of a step from t [s] that errs by what is allowed [s]."""
+        if self._envelope == 0:
+            return float("inf")
+        best = sqrt(self.allowed(t) / self._envelope)
+        for _ in range(TRIALS):  # of a length, which what is allowed depends on
+            best = sqrt(best * sqrt(self.allowed(t, best) / self._envelope))
+        return best
 
     def begin(self, longest: float) -> None:
         """Begin anew after a breakpoint.
@@ -210,7 +213,7 @@ class StepLength:
         """
         self._t = t
         if self._of is None:
-            self._remember(now.displacement, t, dt)
+            self._course.add(now.displacement, t - dt, t)
             self._foresee(t, now)
         if isnan(error):  # of the size it was
             self._spend(self._last * dt**3, dt)
@@ -218,8 +221,7 @@ class StepLength:
         self._spend(error, dt)
         self._last = error / dt**3
         self._envelope = max(self._last, self._envelope * DECAY)
-        best = sqrt(self.allowed(t) / self._envelope) if self._envelope > 0 else float("inf")
-        factor = min(max(SAFETY * best / dt, LEAST), MOST_YOUNG if young else MOST)
+        factor = min(max(SAFETY * self._best(t) / dt, LEAST), MOST_YOUNG if young else MOST)
         self._lost = self._lost + 1 - 1 / factor if factor > 1 else 0.0
         longer = factor > LONGER and (young or self._lost >= THERE_AND_BACK * price)
         if longer or factor < SHORTER:

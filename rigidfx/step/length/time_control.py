@@ -13,6 +13,7 @@ from rigidfx.scene.scene import Scene
 from rigidfx.scene.step_control import StepControl
 from rigidfx.scene.timeline import Timeline
 from rigidfx.state import State
+from rigidfx.step.length.accounts import Accounts
 from rigidfx.step.length.blows import Blows
 from rigidfx.step.length.forgetting import Forgetting
 from rigidfx.step.length.onsets import Onsets
@@ -54,7 +55,7 @@ class TimeControl(WarnsOnce):
         self._control, self._timeline = control, timeline
         self._tracked = Tracked(scene, control.names)
         self._error = TimeError(self._tracked.count)
-        self._forgetting, self._onsets = Forgetting(scene), Onsets(scene)
+        self._onsets = Onsets(scene)
         self._blows, self._fastest = Blows(scene), 0.0
         bends = scene.bends
         self._bends = np.array(list(bends)), np.array(list(bends.values()))
@@ -65,6 +66,8 @@ class TimeControl(WarnsOnce):
         self.length = StepLength(
             float(control.tol), timeline.t_end, largest, least, largest, size, control.of
         )
+        self._forgetting = Forgetting(scene, self._tracked.count, timeline.t_end, least)
+        self.length.accounts = Accounts(self._forgetting.rates.size)
         self.rejected = 0
         self._objections = 0
         self._end = Moves(0.0)  # at the end of the step that was looked at last
@@ -96,7 +99,7 @@ class TimeControl(WarnsOnce):
                 None if that stays as it is.
         """
         self._forgetting.follow(energy, taken, dt)
-        self.length.forgotten = self._forgetting.rate
+        self.length.accounts.rates = self._forgetting.rates
         if tol is not None:
             self.length.tol = tol
 
@@ -160,6 +163,7 @@ class TimeControl(WarnsOnce):
         t, dt = attempt.t, attempt.dt
         v0, v1, u = self._tracked.motion(self._system, self._state, dt)
         self._found = self._error.look(v0, v1, t, dt)
+        self._forgetting.look(self._error.jerk, dt)
         self._end = Moves(longest(u), longest(v1), longest(v1 - v0) / dt)
         if self._blows.any:
             self._found += self._struck(t, dt)
@@ -191,6 +195,8 @@ class TimeControl(WarnsOnce):
         young = self._error.young
         self._error.accept()
         self._blows.accept()
+        self._forgetting.accept()
+        self.length.accounts.parts = self._forgetting.parts
         self._fastest = max(self._fastest, self._end.speed)
         if attempt.cuts:
             self.length.wanted = attempt.dt
@@ -201,6 +207,7 @@ class TimeControl(WarnsOnce):
         self._fresh = any(self._timeline.same(attempt.end, b) for b in breaks)
         if self._fresh:
             self._error.forget()
+            self._onsets.forget()
 
 
 def longest(vectors: npt.NDArray[np.float64]) -> float:

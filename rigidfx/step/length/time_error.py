@@ -43,7 +43,11 @@ class Jerk:
 
 
 class TimeError:
-    """Estimates the error of displacements that each step makes at some points."""
+    """Estimates the error of displacements that each step makes at some points.
+
+    Attributes:
+        jerk: ĵ of the step that was looked at last, shape (points, 3) [m/s³]; NaN where unknown.
+    """
 
     def __init__(self, points: int) -> None:
         """Nothing is known.
@@ -52,6 +56,7 @@ class TimeError:
             points: How many points there are.
         """
         self._points = points
+        self.jerk: Array = np.full((points, 3), np.nan)
         self.forget()
 
     def forget(self) -> None:
@@ -88,7 +93,7 @@ class TimeError:
         newest = (a - now.a) / (middle - now.t)
         j = np.concatenate([now.j[1:], newest[None]])
         self._next = Jerk(a, middle, j)
-        mean = np.einsum("k,kpi->pi", LOW_PASS, j)
+        self.jerk = mean = np.einsum("k,kpi->pi", LOW_PASS, j)
         largest = float(np.einsum("pi,pi->p", mean, mean).max())
         if not isnan(largest):  # of all three differences are known
             return dt**3 / 12 * sqrt(largest)
@@ -96,7 +101,9 @@ class TimeError:
         weights = np.where(known == 3, LOW_PASS[:, None], YOUNGER[:, None])
         weights = np.where(known == 1, YOUNGEST[:, None], weights)
         mean = np.einsum("kp,kpi->pi", weights, np.nan_to_num(j))
-        sizes = np.linalg.norm(mean[known > 2 * self._patient], axis=1)
+        told = known > 2 * self._patient
+        self.jerk = np.where(told[:, None], mean, np.nan)
+        sizes = np.linalg.norm(mean[told], axis=1)
         return float(dt**3 / 12 * sizes.max()) if sizes.size else float("nan")
 
     def accept(self) -> None:

@@ -1,0 +1,47 @@
+"""The largest value so far, and what it was before."""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+
+__all__ = ["Course"]
+
+APART = 1.02  # factor between values that are remembered
+
+
+class Course:
+    """Remembers how a largest value has come to be what it is.
+
+    Attributes:
+        largest: The largest value so far.
+        begun: Whether it has changed.
+    """
+
+    def __init__(self, first: float = 0.0) -> None:
+        """The value at the time 0."""
+        self.largest = first
+        # Until when it was no more than that; the last one may still be.
+        self._times, self._sizes = [0.0], [first]
+
+    @property
+    def begun(self) -> bool:
+        """Whether it has ever been another than the first."""
+        return len(self._times) > 1
+
+    def add(self, value: float, start: float, t: float) -> None:
+        """Take note of a value, reached between two times [s]."""
+        if value <= self.largest:
+            return
+        self.largest = value
+        if value > APART * self._sizes[-1]:
+            self._times[-1] = start
+            self._times.append(t)
+            self._sizes.append(value)
+
+    def at(self, t: float) -> float:
+        """The largest value up to t [s]."""
+        return self._sizes[min(bisect_left(self._times, t), len(self._sizes) - 1)]
+
+    def until(self, value: float) -> float:
+        """Time up to which it was no more than a value [s]; 0 if it has always been."""
+        return self._times[max(bisect_right(self._sizes, value) - 1, 0)]

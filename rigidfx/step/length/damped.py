@@ -1,0 +1,78 @@
+"""How fast damping takes vibrations of a frequency, at least: a M + b K is below all of it.
+
+What acts everywhere, drag or viscosity, damps a vibration of the angular frequency ω by
+½ (α + β ω²), whatever its shape; what acts in some cells only may leave others ringing, and counts
+for nothing. β is the least of all cells: of `StiffnessDamping` its own, of `KelvinVoigt` η over the
+largest modulus 3 λ + 2 μ of the material, of `NumericalDamping` ξ Δt. Springs make vibrations
+faster without damping them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from rigidfx.effects import KelvinVoigt, MassDamping, NumericalDamping, Spring, StiffnessDamping
+from rigidfx.mechanics.materials import Isotropic
+from rigidfx.mechanics.rest import rest_moduli
+from rigidfx.scene.scene import Scene
+
+__all__ = ["Damped"]
+
+Array = npt.NDArray[np.float64]
+
+
+class Damped:
+    """The least damping of a scene in which all of it acts from the start to the end.
+
+    Attributes:
+        drag: α [1/s].
+        viscous: β, but for numerical damping [s].
+        numerical: ξ.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        """Look the damping of each cell up. Collective.
+
+        Args:
+            scene: The problem.
+        """
+        self.drag = float(sum(effect.mass_damping for effect in scene.named(MassDamping)))
+        self.numerical = float(sum(e.numerical_damping for e in scene.named(NumericalDamping)))
+        beta: Array = np.zeros(scene.owned_cells(None, "").size)
+        for effect in scene.named(StiffnessDamping):
+            beta[scene.owned_cells(effect.where, effect.kind)] += effect.beta
+        for effect in scene.named(KelvinVoigt):
+            inside = scene.owned_cells(effect.where, effect.kind)
+            for modulus, cells in _moduli(scene):
+                beta[np.intersect1d(cells, inside)] += float(effect.eta) / modulus
+        self.viscous = float(scene.comm.allreduce(beta.min(initial=np.inf), op=MPI.MIN))
+        if scene.named(Spring):
+            self.viscous = self.numerical = 0.0
+
+    @property
+    def by_frequency(self) -> bool:
+        """Whether fast vibrations are damped more than slow ones."""
+        return self.viscous > 0 or self.numerical > 0
+
+    def rates(self, frequencies: Array, dt: float) -> Array:
+        """Parts of vibrations' sizes that are taken per time [1/s].
+
+        Args:
+            frequencies: ω of each [1/s].
+            dt: Δt [s].
+        """
+        beta = self.viscous + self.numerical * dt
+        return np.asarray(0.5 * (self.drag + beta * frequencies**2))
+
+
+def _moduli(scene: Scene) -> Iterator[tuple[float, Any]]:
+    """The largest modulus of each material at rest [Pa], infinite if unknown; its cells."""
+    for material, cells in scene.materials:
+        moduli = rest_moduli(material) if isinstance(material, Isotropic) else None
+        lmbda, mu = moduli or (0.0, np.inf)
+        yield max(3 * lmbda, 0.0) + 2 * mu, cells
