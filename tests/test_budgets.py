@@ -17,6 +17,7 @@ from mpi4py import MPI
 import rigidfx as rf
 from rigidfx.decide.advice import Advice, Seen
 from rigidfx.decide.criteria.budget_rule import believed, level
+from rigidfx.decide.memory.strokes import Strokes
 from rigidfx.plot.ledger import spent
 from rigidfx.report.ledger import NOTHING, Entry
 from rigidfx.shadow.motion import Strained
@@ -295,7 +296,8 @@ def test_a_named_part_is_compared_with_the_budget():
     """Which knows no kappa, no tolerance, and no rate that wakes."""
     none, twice = np.zeros(2), np.array([0.0, 2.0])
     advice = Advice(MPI.COMM_SELF, rf.Accuracy(0.05), set())
-    seen = Seen(limits=np.full(2, np.inf), peak=1.0, t=0.5)
+    strokes = Strokes(MPI.COMM_SELF, 2)
+    seen = Seen(limits=None, strokes=strokes, t=0.5)
     said = "'waist' .* at 2 times the strain .* budget .* by more than was asked.* a larger budget"
     with pytest.warns(rf.RigidfxWarning, match=said):
         advice.of_named({"waist": np.array([1])}, Strained(none, none, none, twice), seen)
@@ -381,7 +383,7 @@ def test_ranks_decide_alike(on_one_rank, ranks):
 if __name__ == "__main__":
     reports = run(swaying(cells=(16, 2, 2)), asked(0.05), 8.0)
     last, times = reports[-1], [event.t for report in reports for event in report.events]
-    assert len(times) == 2
+    assert times, "nothing was decided"
     row = [last.step, last.unknowns, *times, *last.probes["tip"], last.ledger.rigidity.spent]
     if MPI.COMM_WORLD.rank == 0:
         parallel.report([float(x) for x in row])
