@@ -130,7 +130,8 @@ class Run:
         policy = self.policy
         if policy is None:
             return [], np.nan
-        seen = Observation(self.stepper, report.dt)
+        stiffening = None if self.shadow is None else self.shadow.stiffening
+        seen = Observation(self.stepper, report.dt, stiffening)
         policy.observe(seen)
         decision = policy.after(seen, report)
         closeness = np.nan if decision is None else decision.closeness

@@ -297,8 +297,10 @@ def test_a_blow_wakes_what_it_strains(kind, options):
     found, _, rigid, events = run(scene, 1.4, local(tol))
     (first, *_) = (event for event in events if event.woken.size)
     assert first.kind == "release"
-    assert 1.0 - 1e-9 <= first.t <= 1.0 + 4 * DT
-    assert rigid[round(0.9 / DT)].any()
+    before = rigid[round(0.9 / DT)]
+    assert before.any()
+    loud = (rates[round(1.0 / DT) :, before] > 3 * tol).any(axis=1)
+    assert 1.0 - 1e-9 <= first.t <= 1.0 + DT * np.argmax(loud) + 1e-9
     blow = slice(round(1.0 / DT), round(1.2 / DT))
     assert not (rigid[blow] & (rates[blow] > 6 * tol)).any()
     for event in events:
@@ -378,7 +380,9 @@ def test_neighbours_take_a_bodys_vibration_as_dashpots_whatever_the_mesh(monkeyp
         return found[-1]
 
     def ringing(x):
-        z = np.where(x[0] > 4 - 1e-9, np.cos(np.pi * (x[0] - 4.0) / 4.0), 0.0)
+        # A jump at the border would make waves that neither cells nor steps resolve.
+        phase = np.pi * np.maximum(x[0] - 4.0, 0.0) / 4.0
+        z = np.sin(phase) ** 2 * np.cos(phase)
         return np.stack([1e-3 * z, 0 * z, 0 * z])
 
     monkeypatch.setattr(Shadow, "look", watch)
@@ -395,7 +399,65 @@ def test_neighbours_take_a_bodys_vibration_as_dashpots_whatever_the_mesh(monkeyp
     early, late = (
         np.mean([power for t, power in seen[1:] if a <= t < b]) for a, b in ((0, 0.2), (0.8, 1.0))
     )
-    assert late <= 0.1 * early  # four round trips
+    assert late <= 0.1 * early  # three round trips and more
+
+
+def under_tension(chosen):
+    """A uniform bar, pulled ever more, in which cells are rigid all of whose nodes are chosen."""
+    box = rf.box((0, 0, 0), (8, 2, 2), (8, 3, 3), "tetrahedron").with_cells("chosen", chosen)
+    pull = rf.Traction("x1", (200.0, 0, 0), time=lambda t: t)
+    return rf.Scene(box, SOFT, [rf.Fixed("x0"), pull, rf.MassDamping(20.0), rf.Rigid("chosen")])
+
+
+@pytest.mark.parametrize(
+    ("chosen", "least", "most"),
+    [
+        (lambda x: x[0] >= 4 - 1e-9, 1.0, 1.15),
+        (lambda x: (abs(x[0] - 4.5) < 0.6) & (abs(x[1:] - 1.0) < 0.4).all(axis=0), 2.0, 10.0),
+    ],
+    ids=["half", "inside"],
+)
+@pytest.mark.filterwarnings("ignore::rigidfx.RigidfxWarning")
+def test_neighbours_give_way_beside_what_is_told_of_bodies(chosen, least, most, monkeypatch):
+    """Cells of few neighbours in a body strain as in the twin, and small parts hold others, too."""
+    told, shadows, look = [], [], Shadow.look
+
+    def watch(self, t, dt, limits):
+        strained = look(self, t, dt, limits)
+        if strained is not None:
+            told.append(strained.rate * limits().rates)
+            shadows.append(self)
+        return strained
+
+    monkeypatch.setattr(Shadow, "look", watch)
+    monkeypatch.setattr(pace, "LONG", ())  # no step is left out
+    scene = under_tension(chosen)
+    run_on = {"dt": DT, "t_end": 1.0, "progress": False}
+    own = scene.owned_cells("chosen", "test")
+    effects = [effect for effect in scene.effects if not isinstance(effect, rf.Rigid)]
+    flexible = rf.Scene(scene.domain, SOFT, effects)
+    *_, twin = rf.simulate(flexible, rigidify=NOTHING, **run_on)
+    for _ in rf.simulate(scene, rigidify=rf.StrainRate(1.0, 1e9), **run_on):
+        pass
+    ratio = told[-1][own] / twin.strain_rate[own]
+    assert ratio.min() >= 0.75
+    assert ratio.max() <= 1.35
+    assert least <= shadows[-1].stiffening <= most
+
+
+def test_drift_counts_what_parts_hold_round_them():
+    drifts = []
+    for stiffening in 1.0, 2.0:
+        drift = Drift(COMM, 4)
+        drift.limit, drift.stiffening = 1.0, stiffening
+        energy, rigid = np.array([1.0, 3.0, 3.0, 3.0]), np.arange(4) == 0
+        drift.window_ends(energy, np.zeros(4, bool), 1.0, 0.1, 1.0, 2.0)
+        room = drift.room(0.1, free=True)
+        drift.window_ends(np.where(rigid, 0.0, energy), rigid, 1.0, 0.1, 1.0, 3.0)
+        drifts.append((drift.rate, room))
+    (once, room), (twice, less) = drifts
+    assert twice == pytest.approx(2 * once)
+    assert less == pytest.approx(room / 2)
 
 
 @chatter
@@ -679,8 +741,9 @@ def test_what_rings_from_step_to_step_or_turns_wakes_nothing(monkeypatch):
     def seen(self, t, dt, limits):
         found = look(self, t, dt, limits)
         if found is not None and not looks:
-            stretch = 1e-3 * self._parts.V
-            turn = np.cross((0, 0, 0.1), self._parts.V)
+            places = np.zeros_like(self._motion.u)
+            places[self._margin.inside] = self._margin.parts.V
+            stretch, turn = 1e-3 * places, np.cross((0, 0, 0.1), places)
             ends, told = [(stretch, stretch), (stretch, -stretch), (turn, turn)], []
             now, first = self._motion, self._gauge.looks
             for before, then in [*ends, (0 * stretch, stretch), (0 * stretch, stretch)]:

@@ -21,6 +21,7 @@ import numpy.typing as npt
 from dolfinx.fem import petsc as fem_petsc
 
 from rigidfx.coupling.rows import Rows
+from rigidfx.flexible.internal_forces import Cells
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.step.stepper import Stepper
 
@@ -29,18 +30,19 @@ __all__ = ["of_neighbours"]
 Array = npt.NDArray[np.float64]
 
 
-def of_neighbours(stepper: Stepper, rows: Rows, linear: LinearForms) -> Array:
-    """Constants of the dashpots at the nodes of bodies; zero inside them. Collective.
+def of_neighbours(stepper: Stepper, rows: Rows, cells: Cells, linear: LinearForms) -> Array:
+    """Constants of the dashpots at nodes that cells share with shadows. Collective.
 
     Args:
         stepper: Solves the steps.
-        rows: Those of the bodies' nodes.
+        rows: Those of the shadows' nodes.
+        cells: Owned flexible cells by subdomain id; others of no concern may be among them.
         linear: Forms, undeformed.
 
     Returns:
         One for each node of the rows [N s/m].
     """
-    cells, scene = stepper.system.layout.interface, stepper.scene
+    scene = stepper.scene
     form = linear.stiffness(cells)
     K = rows.matrix(form)
     fem_petsc.assemble_matrix(K, form)

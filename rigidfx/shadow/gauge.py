@@ -7,6 +7,7 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from rigidfx.flexible.indicator import Indicator
+from rigidfx.shadow.margin import Margin
 from rigidfx.shadow.motion import Limits, Motion, Strained, part_of
 from rigidfx.shadow.parts import Parts
 
@@ -41,17 +42,18 @@ class Gauge:
         self._indicator = indicator
         self._ends = fem.Function(space), fem.Function(space)
         self._parts: Parts | None = None
+        self._inside: npt.NDArray[np.int64] = np.empty(0, np.int64)
 
-    def bind(self, parts: Parts, shape: fem.Function) -> None:
+    def bind(self, margin: Margin, shape: fem.Function) -> None:
         """Measure the cells of some bodies from now on. Collective.
 
         Args:
-            parts: The bodies.
+            margin: The bodies, and what gives way with them.
             shape: Displacements of the shape that they are frozen in [m].
         """
-        self.looks, self._parts = 0, parts
+        self.looks, self._parts, self._inside = 0, margin.parts, margin.inside
         self._ends[0].x.array[:] = shape.x.array
-        self._indicator.bind(parts.cells, self._ends)
+        self._indicator.bind(margin.parts.cells, self._ends)
 
     def strained(
         self,
@@ -100,7 +102,7 @@ class Gauge:
         assert self._parts is not None
         rows, field = self._parts.rows, self._ends[1]
         field.x.array[:] = 0.0
-        field.x.array[rows.dofs] = self._parts.unmoved(u).reshape(-1)
+        field.x.array[rows.dofs] = self._parts.unmoved(u[self._inside]).reshape(-1)
         field.x.scatter_forward()
         far = np.linalg.norm(field.x.array.reshape(-1, 3), axis=1)
         out = np.zeros(self._indicator.values.size)
@@ -114,7 +116,7 @@ class Gauge:
         shape, end = (f.x for f in self._ends)
         dofs = self._parts.rows.dofs
         end.array[:] = shape.array
-        end.array[dofs] += LITTLE * change.reshape(-1)
+        end.array[dofs] += LITTLE * change[self._inside].reshape(-1)
         end.scatter_forward()
         self._indicator.measure(LITTLE * dt)
         return self._indicator.values.copy()

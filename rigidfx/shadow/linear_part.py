@@ -9,10 +9,9 @@ from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 
 from rigidfx.base.taken import read_only
-from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.rows import Rows
 from rigidfx.flexible.linear_forms import LinearForms
-from rigidfx.shadow.parts import Parts
+from rigidfx.shadow.margin import Margin
 from rigidfx.step.linear import cholmod
 from rigidfx.step.linear.linear_solver import default_options
 
@@ -21,33 +20,39 @@ __all__ = ["PREFIX", "LinearPart", "solver_of"]
 Array = npt.NDArray[np.float64]
 
 PREFIX = "rigidfx_shadow_"
+FAINT = 1e-8  # part of its stiffness that holds a margin where it is in bodies' frames
 KINDS = 3  # of steps whose factors are kept: short, long and very long ones
 
 
 class LinearPart:
     """M δ̈ + C δ̇ + K δ = ρ, and K δ = ρ, with kept factors; `destroy` frees them."""
 
-    def __init__(self, parts: Parts, mass: Mass, linear: LinearForms, dashpots: Array) -> None:
+    def __init__(self, margin: Margin, linear: LinearForms, dashpots: Array) -> None:
         """Assemble the matrices and factor the static one. Collective.
 
         Args:
-            parts: The bodies.
-            mass: Mass operator of the rows.
-            linear: Forms, whose shape is that of the bodies.
+            margin: The bodies, and what gives way with them.
+            linear: Forms, whose shape is that of the margin.
             dashpots: Constants of dashpots at the nodes of the rows, which act on shadows [N s/m].
         """
-        self._mass = mass
-        rows = parts.rows
-        self._K = _assembled(rows, linear.stiffness(parts.cells))
-        self._M = mass.matrix()
-        viscosity = linear.viscosity(parts.cells)
+        self._mass = margin.mass()
+        rows, self._inside = margin.rows, margin.inside
+        self._K = _assembled(rows, linear.stiffness(margin.cells))
+        self._around = _assembled(rows, linear.stiffness(margin.around))
+        self._M = self._mass.matrix()
+        viscosity = linear.viscosity(margin.cells)
         self._viscosity = None if viscosity is None else _assembled(rows, viscosity)
-        held = parts.held().astype(PETSc.IntType)
-        first, last = self._K.getOwnershipRange()
-        self._held = held[(held >= first) & (held < last)] - first
+        held = margin.parts.held() - margin.parts.rows.first
+        nodes, axes = np.divmod(held[(held >= 0) & (held < 3 * self._inside.size)], 3)
+        self._held = 3 * self._inside[nodes] + axes
         still = self._K.copy()
+        # What hangs on a body by a node or an edge may turn round it.
+        diagonal = self._K.getDiagonal()
+        diagonal.array[:] *= np.repeat(FAINT * margin.outside, 3)
+        still.setDiagonal(diagonal, PETSc.InsertMode.ADD_VALUES)
+        diagonal.destroy()
         scale = float(self._K.getDiagonal().norm()) / np.sqrt(max(rows.comm.allreduce(1), 1))
-        still.zeroRowsColumns(held[(held >= first) & (held < last)], diag=scale)
+        still.zeroRowsColumns((rows.first + self._held).astype(PETSc.IntType), diag=scale)
         self._static = solver_of(still)
         self._dynamic: dict[tuple[float, float, float], PETSc.KSP] = {}
         self._right, self._found, self._work, self._dashpots = (rows.vector() for _ in range(4))
@@ -66,11 +71,29 @@ class LinearPart:
             Displacements in the bodies' frames, shape (nodes, 3) [m].
         """
         if force is not self._rest[0]:
-            self._right.array[:] = force.reshape(-1)
+            self._set(force)
             self._right.array[self._held] = 0.0
             self._static.solve(self._right, self._found)
             self._rest = force, read_only(self._found.array_r.reshape(-1, 3).copy())
         return self._rest[1]
+
+    def energies(self) -> Array:
+        """Twice the strain energies of the last response at rest, on this rank [J].
+
+        Returns:
+            That of the bodies and their margins, and that of the bodies alone.
+        """
+        force, u = self._rest
+        assert force is not None
+        self._right.array[:] = u.reshape(-1)
+        self._around.mult(self._right, self._found)
+        every = float(np.vdot(force, u[self._inside]))
+        return np.array([every, every - float(np.vdot(u, self._found.array_r))])
+
+    def _set(self, force: Array) -> None:
+        """Have forces on the nodes of bodies alone on the right."""
+        self._right.array[:] = 0.0
+        self._right.array.reshape(-1, 3)[self._inside] = force
 
     def increment(
         self, force: Array, u: Array, v: Array, dt: float, drag: float, xi: float
@@ -92,7 +115,7 @@ class LinearPart:
         right, work, found = self._right, self._work, self._found
         work.array[:] = v.reshape(-1) * (2 / dt)
         self._mass.mult(work, right)
-        right.array[:] += force.reshape(-1)
+        right.array.reshape(-1, 3)[self._inside] += force
         work.array[:] = u.reshape(-1)
         self._K.mult(work, found)
         right.axpy(-1.0, found)
@@ -110,9 +133,9 @@ class LinearPart:
             drag: α of a force -α M δ̇ [1/s].
             xi: ξ of the numerical damping.
         """
-        found, left = np.zeros_like(v), v
+        found, left, nothing = np.zeros_like(v), v, np.zeros((self._inside.size, 3))
         for _ in range(4):
-            part = self.increment(np.zeros_like(v), np.zeros_like(v), left, dt, drag, xi) / dt
+            part = self.increment(nothing, np.zeros_like(v), left, dt, drag, xi) / dt
             found, left = found + part, left - part
         return found
 
@@ -138,8 +161,8 @@ class LinearPart:
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
-        own = self._K, self._M, self._viscosity, self._static, *self._dynamic.values()
-        for item in (*own, self._right, self._found, self._work, self._dashpots):
+        own = self._K, self._around, self._M, self._viscosity, self._static, *self._dynamic.values()
+        for item in (*own, self._mass, self._right, self._found, self._work, self._dashpots):
             if item is not None:
                 item.destroy()
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +13,7 @@ from rigidfx.mechanics.rigid_body import RigidBody
 __all__ = ["Limits", "Motion", "Strained", "at_rest", "frozen_velocities", "part_of"]
 
 Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
 
 
 @dataclass
@@ -31,6 +33,22 @@ class Motion:
     w: Array
     still: Array
     mean: Array
+
+    def grown(self, rows: Sequence[Ints], still: Array, dt: float) -> Motion:
+        """The motion before a step, of bodies that have just grown that under the forces alone.
+
+        At the middle of the step they are strained as these would; were they so at its start, the
+        step would throw them back.
+
+        Args:
+            rows: Rows of these bodies' nodes.
+            still: K⁺ρ, shape (nodes, 3) [m].
+            dt: Length of the step [s].
+        """
+        u = self.u.copy()
+        for at in rows:
+            u[at] = still[at] - dt / 2 * self.v[at]
+        return replace(self, u=u)
 
 
 @dataclass(frozen=True)

@@ -8,13 +8,14 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import qr
 
+from rigidfx.coupling.mass import Mass, mass_operator
 from rigidfx.coupling.rows import Rows
 from rigidfx.flexible.internal_forces import Cells, InternalForces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.scene.scene import Scene
 
-__all__ = ["Parts", "watched"]
+__all__ = ["Parts", "mass_of", "watched"]
 
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -211,6 +212,10 @@ class Parts:
         """Size of the change of forces; zero if none were before. Collective."""
         return 0.0 if before is None or force is before else self.size(force - before)
 
+    def mass(self) -> Mass:
+        """Mass operator of the rows; the caller destroys it. Collective."""
+        return mass_of(self._scene, self.rows, self.cells)
+
     def held(self) -> Ints:
         """Numbers of six rows of each body, on all ranks, that keep it from moving. Collective."""
         out = []
@@ -238,6 +243,11 @@ def _independent(modes: Array) -> Ints:
         return np.empty(0, np.int64)
     _, order = qr(modes.T, mode="r", pivoting=True)
     return np.asarray(order[:6], dtype=np.int64)
+
+
+def mass_of(scene: Scene, rows: Rows, cells: Cells) -> Mass:
+    """Mass operator of rows whose nodes' lumped masses all count, and of cells. Collective."""
+    return mass_operator(scene, rows, cells, np.ones(rows.nodes.size, dtype=bool))
 
 
 def watched(bodies: Sequence[RigidBody], in_pieces: frozenset[str]) -> list[RigidBody]:

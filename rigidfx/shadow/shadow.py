@@ -21,7 +21,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from rigidfx.base.instants import same_length
-from rigidfx.coupling.mass import Mass, mass_operator
+from rigidfx.coupling.mass import Mass
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.mechanics.bodies import Bodies
@@ -29,9 +29,10 @@ from rigidfx.shadow.dashpots import of_neighbours
 from rigidfx.shadow.gauge import Gauge
 from rigidfx.shadow.handover import Carried
 from rigidfx.shadow.linear_part import LinearPart
+from rigidfx.shadow.margin import Margin
 from rigidfx.shadow.motion import Limits, Motion, Strained, at_rest
 from rigidfx.shadow.pace import Pace, Stretch
-from rigidfx.shadow.parts import Parts, watched
+from rigidfx.shadow.parts import watched
 from rigidfx.shadow.withheld import Withheld
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import Attempt
@@ -78,14 +79,13 @@ class Shadow(Watch):
         self._linear = LinearForms(stepper.scene, stepper.forces)
         self._gauge = Gauge(stepper.scene.space, indicator)
         self._settling = settling
-        self.withheld = 0.0
+        self.withheld, self._energies = 0.0, np.zeros(2)
         self._system: object = None
         self._bodies = Bodies.of_each(())  # of the last accepted step
-        self._parts: Parts | None = None
+        self._margin: Margin | None = None
         self._motion = at_rest(0)
         self._pace, self._lag = Pace(), np.inf
-        # ρ at the end of shadows' last step, and its length.
-        self._last: Stretch = (np.empty((0, 3)), 0.0)
+        self._last: Stretch = (np.empty((0, 3)), 0.0)  # ρ of shadows' last step, and its length
         self._viscous: list[int] = []  # viscous stresses that act
         self._accepting: Callable[[], None] | None = None
         self._grown: list[npt.NDArray[np.int64]] = []  # rows of bodies that have just grown
@@ -101,24 +101,24 @@ class Shadow(Watch):
         Args:
             dt: Length of the present step [s].
         """
-        stepper, old = self._stepper, self._parts
+        stepper, old = self._stepper, self._margin
         if stepper.system is self._system:
             return
         self._system = stepper.system
         records = watched(stepper.state.bodies.of.records, self._in_pieces)
         viscous = [k for k, _ in stepper.forces.viscous_terms]
-        same = old is not None and [*map(id, records)] == [*map(id, old.bodies)]
+        same = old is not None and [*map(id, records)] == [*map(id, old.parts.bodies)]
         if not same or viscous != self._viscous:
             self._viscous = viscous
             self._catch_up()
             carried = Carried(stepper.scene.owned_nodes, old, self._bodies, self._motion)
             self._release()
-            self.withheld = 0.0
-            self._parts = Parts(stepper.scene, stepper.forces, records) if records else None
-            if self._parts is not None:
-                self._assemble(self._parts, dt)
+            self.withheld, self._energies = 0.0, np.zeros(2)
+            self._margin = Margin(stepper, records) if records else None
+            if self._margin is not None:
+                self._assemble(self._margin, dt)
                 bodies = stepper.state.bodies
-                self._motion, self._grown = carried.by(stepper.scene, self._parts, bodies)
+                self._motion, self._grown = carried.by(stepper.scene, self._margin, bodies)
                 if old is not None:
                     # What rings from step to step would become displacements of other cells.
                     assert self._part is not None
@@ -126,10 +126,16 @@ class Shadow(Watch):
                     self._motion.v = self._part.resolved(self._motion.v, dt, *damping)
         elif self._withheld is not None:
             self._withheld.destroy()
-        if self._parts is not None:
+        if self._margin is not None:
             assert self._mass is not None
-            self._withheld = Withheld(stepper, self._parts, self._mass, self._linear)
+            self._withheld = Withheld(stepper, self._margin.parts, self._mass, self._linear)
         self._bodies = stepper.state.bodies
+
+    @property
+    def stiffening(self) -> float | None:
+        """What bodies withhold over the strain of their own cells, in energies; None if unknown."""
+        every, own = self._energies
+        return max(1.0, float(every / own)) if own > 0 else None
 
     def _catch_up(self) -> None:
         """Take the steps that calm shadows have not taken. Collective."""
@@ -140,19 +146,18 @@ class Shadow(Watch):
             begin += span
         self._pace, self._last, self._accepting = Pace(), (np.empty((0, 3)), 0.0), None
 
-    def _assemble(self, parts: Parts, dt: float) -> None:
+    def _assemble(self, margin: Margin, dt: float) -> None:
         """Make matrices and factors, and take the shape over. Collective."""
         stepper, linear = self._stepper, self._linear
         linear.shape.x.array[:] = 0.0
-        dashpots = of_neighbours(stepper, parts.rows, linear)
-        linear.shape.x.array[parts.rows.dofs] = parts.shape
+        dashpots = of_neighbours(stepper, margin.rows, margin.beyond, linear)
+        linear.shape.x.array[margin.rows.dofs] = margin.shape
         linear.shape.x.scatter_forward()
-        own = np.ones(parts.rows.nodes.size, dtype=bool)
-        self._mass = mass_operator(stepper.scene, parts.rows, parts.cells, own)
+        self._mass = margin.parts.mass()
         stepper.forces.set_rate(1.0)
-        self._part = LinearPart(parts, self._mass, linear, dashpots)
+        self._part = LinearPart(margin, linear, dashpots)
         stepper.forces.set_rate(1 / dt)
-        self._gauge.bind(parts, linear.shape)
+        self._gauge.bind(margin, linear.shape)
 
     # Steps --------------------------------------------------------------------------------------
 
@@ -170,12 +175,12 @@ class Shadow(Watch):
         """
         with _REGROUPING:
             self.follow(dt)
-        if self._parts is None or self._withheld is None:
+        if self._margin is None or self._withheld is None or self._part is None:
             return None
         self._gauge.looks += 1
         with _LOOKING:
             force = self._withheld.force(t, dt, self._pace.little)
-            change = self._parts.change(self._pace.last, force)
+            change = self._margin.parts.change(self._pace.last, force)
             if not self._pace.due(force, dt, change):
                 self._accepting = partial(self._pace.wait, force, dt, change)
                 return None
@@ -188,8 +193,9 @@ class Shadow(Watch):
             if known.reached is None:
                 largest[:] = found.largest
                 scene.comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
-            energy = 0.5 * float(scene.sum(float(np.vdot(force, motion.still))))
-            self._accepting = partial(self._take, motion, force, dt, change, largest, energy)
+            still = motion.still[self._margin.inside]
+            told = scene.sum([0.5 * np.vdot(force, still), *self._part.energies()])
+            self._accepting = partial(self._take, motion, force, dt, change, largest, told)
             return found
 
     def ahead(self, t: float, dt: float, limits: Callable[[], Limits]) -> Strained | None:
@@ -203,7 +209,7 @@ class Shadow(Watch):
         """
         with _REGROUPING:
             self.follow(dt)
-        if self._parts is None or self._withheld is None:
+        if self._margin is None or self._withheld is None:
             return None
         with _LOOKING:
             rise = self._withheld.rise(t, dt, self._pace.alarming)
@@ -222,7 +228,7 @@ class Shadow(Watch):
         with _REGROUPING:
             self._part.factored(dt, *self._damping(t + dt / 2))
         with _LOOKING:
-            rest = Motion(*np.zeros((5, *force.shape)))
+            rest = Motion(*np.zeros((5, *self._motion.u.shape)))
             motion = self._stepped(rest, force, t + dt / 2, dt)
             return self._gauge.strained(rest, motion, dt, limits, None, struck=True)
 
@@ -242,7 +248,10 @@ class Shadow(Watch):
         self._lag = LAG * limits.window if np.isfinite(limits.window) else dt
         steps = self._pace.stretches(force, dt)
         self._shorten(steps[0][1], t)
-        motion = self._begun(self._motion, force, dt)
+        motion = self._motion
+        if self._grown:
+            assert self._part is not None
+            motion = motion.grown(self._grown, self._part.at_rest(force), dt)
         begin = t - sum(span for _, span in self._pace.waiting)
         found: Strained | None = None
         for mean, span in steps:
@@ -254,10 +263,11 @@ class Shadow(Watch):
         return motion, replace(found, spring=found.spring * (span / dt))
 
     def _take(
-        self, motion: Motion, force: Array, dt: float, change: float, largest: Array, energy: float
+        self, motion: Motion, force: Array, dt: float, change: float, largest: Array, told: Array
     ) -> None:
         self._last = force, self._pace.stretches(force, dt)[-1][1]
-        self._motion, self._grown, self.withheld = motion, [], energy
+        self._motion, self._grown, self.withheld = motion, [], float(told[0])
+        self._energies += told[1:]
         self._pace.taken(force, change, *map(float, largest))
 
     def _shorten(self, span: float, t: float) -> None:
@@ -278,20 +288,6 @@ class Shadow(Watch):
             w = np.full_like(u, np.nan)
             self._motion = replace(motion, u=u + d / 2, v=np.asarray(d / before), w=w)
             self._last = force, span
-
-    def _begun(self, motion: Motion, force: Array, dt: float) -> Motion:
-        """The motion, where bodies have just grown that under the forces alone. Collective.
-
-        At the middle of the step they are strained as these would; were they so at its start, the
-        step would throw them back.
-        """
-        if not self._grown:
-            return motion
-        assert self._part is not None
-        u, still = motion.u.copy(), self._part.at_rest(force)
-        for at in self._grown:
-            u[at] = still[at] - dt / 2 * motion.v[at]
-        return replace(motion, u=u)
 
     def _damping(self, t: float) -> tuple[float, float]:
         """α of the drag on shadows [1/s], and ξ of the numerical damping."""
@@ -324,17 +320,18 @@ class Shadow(Watch):
             Displacements of the owned nodes, zero outside, shape (nodes, 3) [m]; cells.
         """
         out, u = np.zeros((self._stepper.scene.owned_nodes, 3)), self._at_rest()
-        if self._parts is None or u is None:
+        if self._margin is None or u is None:
             return out, np.empty(0, np.int32)
-        return self._parts.in_space(self._parts.unmoved(u), self._stepper.state.bodies, out)
+        parts = self._margin.parts
+        return parts.in_space(parts.unmoved(u), self._stepper.state.bodies, out)
 
     def _at_rest(self) -> Array | None:
         """K⁺ρ of the last step in the bodies' frames; None if there is none. Collective."""
-        if self._part is None or self._pace.last is None:
+        if self._margin is None or self._part is None or self._pace.last is None:
             return None
         if self._withheld is not None:
             self._pace.last = self._withheld.exact(self._pace.last)
-        return self._part.at_rest(self._pace.last)
+        return self._part.at_rest(self._pace.last)[self._margin.inside]
 
     def _release(self) -> None:
         for item in (self._withheld, self._part, self._mass):

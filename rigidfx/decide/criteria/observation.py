@@ -22,10 +22,13 @@ class Observation:
     Attributes:
         stepper: What makes the steps.
         dt: Length of the step [s].
+        stiffening: What bodies withhold over the strain of their own cells, in energies; None if
+            that is not known.
     """
 
     stepper: Stepper
     dt: float
+    stiffening: float | None = None
 
     @property
     def t(self) -> float:

@@ -121,6 +121,7 @@ class RateRule:
             turning = memory.strokes.turning if rested >= HALF * length else 0.0
             energy = self._stiffness * seen.indicator.weights * memory.strokes.swung**2
             energy = np.where(seen.flexible, energy, 0.0)
+            memory.drift.stiffening = seen.stiffening or memory.drift.stiffening
             memory.drift.window_ends(energy, rigid, memory.strokes.last, turning, length, rested)
             largest = float(self.tol.max(initial=0.0))
             memory.drift.limit = HALF * self._kappa * self._comm.allreduce(largest, op=MPI.MAX)

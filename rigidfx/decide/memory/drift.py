@@ -5,16 +5,17 @@ half the share of strain energy that their cells had (Rayleigh). However little 
 drift apart as long as the motion lasts, and what it is off by is its drift times its size. So drift
 is kept as a strain rate, the one that flexible cells are off by,
 
-    e = Σ ½ ω D_rigid/D ė Δt,
+    e = Σ ½ ω s D_rigid/D ė Δt,
 
 D the strain energy by which a cell has swung in the window before it froze, ė the largest rate of a
 window; and e shrinks with ė as the motion dies down. It may be half of what wakes cells, κ tol, by
-the end of the next window. What a shadow withholds would not tell:
-since its freeze a cell swings by up to twice its amplitude, and neighbours stiffer than it push
-harder than they would if it gave way. In a frame that was 7 % of the energy where its cells had
-1.2. Where loads change it is they that say how fast all moves, and nothing drifts; but a
-structure that gives way by less from the beginning is off by D_rigid/D, the part of its compliance
-that it lacks (Castigliano), and that times ė may be as much.
+the end of the next window. What a shadow withholds would not tell: since its freeze a cell swings
+by up to twice its amplitude. But s is told by shadows: what bodies withhold, ½ ρᵀK⁺ρ, over the part
+of it in their own cells, for they hold what is round them, too: a small sphere twice the energy
+that it would have (J. D. Eshelby, Proc. R. Soc. A 241 (1957) 376-396), large parts little more.
+Where loads change it is they that say how fast all moves, and nothing drifts; but a structure that
+gives way by less from the beginning is off by s D_rigid/D, the part of its compliance that it lacks
+(Castigliano), and that times ė may be as much.
 
 How long a free motion goes on nobody knows: it is expected to do so for as long as it has. One that
 dies down as exp(-t/T) is off by most after T, by t exp(-t/T) = T/e in the place of that time.
@@ -42,6 +43,7 @@ class Drift:
     Attributes:
         rate: Strain rate that flexible cells are off by [1/s].
         limit: What that may be [1/s].
+        stiffening: s of the bodies, or of the last ones that there were.
         share: Part of the strain energy of the motion that rigid cells had as they froze.
         shares: That of each owned cell in the last window in which it was flexible.
     """
@@ -55,7 +57,7 @@ class Drift:
         """
         self._comm = comm
         self.shares: Array = np.zeros(cells)
-        self.rate, self.limit, self.share = 0.0, inf, 0.0
+        self.rate, self.limit, self.share, self.stiffening = 0.0, inf, 0.0, 1.0
         self._last = 0.0  # largest rate of the last window
         self._next = 0.0  # drift in it, as in the next
         self._first, self._lasted = 0.0, 0.0  # that of a free motion's first window; time since
@@ -86,7 +88,7 @@ class Drift:
             self._first = self._lasted = 0.0
         if turning > 0:
             drifting = min(rested, length)
-            self._next = 0.5 * self.share * rate * length / turning
+            self._next = 0.5 * self.stiffening * self.share * rate * length / turning
             self.rate = min(self.rate + self._next * drifting / length, MOST * rate)
             self._first = self._first or rate
             self._lasted += drifting
@@ -103,11 +105,11 @@ class Drift:
             turning: Time in which the motion turns round, 1/ω [s].
             free: Whether loads rest, so that it drifts.
         """
-        stiffer = self.limit / self._last if self._last > 0 else inf
+        stiffer = self.limit / (self.stiffening * self._last) if self._last > 0 else inf
         if not free or MOST * self._last <= self.limit:
             return stiffer
         time = self._lasted
         if 0 < self._last < self._first:
             time /= max(1.0, e * float(np.log(self._first / self._last)))
-        off = 0.5 * self._last * time / turning
+        off = 0.5 * self.stiffening * self._last * time / turning
         return min(stiffer, (self.limit - self.rate) / off) if off > 0 else stiffer
