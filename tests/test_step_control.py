@@ -497,6 +497,14 @@ def test_a_load_that_is_new_at_each_call_is_refused():
             run(bar(rf.Fixed("x0"), noise), rf.StepControl(0.05, "tip", largest=0.1), 2.0)
 
 
+def test_no_step_is_longer_than_the_longest_after_a_kink():
+    """What was left up to the end had been divided before the kink."""
+    load = rf.Traction("x1", lambda t: (0, 0, 20.0 * max(0.0, t - 0.9)))
+    t = times(run(bar(rf.Fixed("x0"), load), rf.StepControl(0.1, "tip", largest=0.25, of=1.0), 2.6))
+    assert np.abs(t - 0.9).min() < 1e-3
+    assert np.diff(t).max() <= 0.25 * (1 + 1e-9)
+
+
 def test_a_path_that_bends_at_no_breakpoint():
     """Its velocity jumps: steps end there, and begin anew."""
     path = rf.PrescribedMotion("x0", displacement=lambda t: (0, 0, 0.1 * max(0.0, t - 0.317)))

@@ -127,6 +127,7 @@ class TimeControl(WarnsOnce):
         reached = max(onset.t, min(end, t + self.length.shortest))
         if onset.jumps:
             self.expect(reached)
+        self._stop = np.nan  # what is left is divided anew
         return reached
 
     def _even(self, t: float) -> float:
