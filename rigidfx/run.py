@@ -131,7 +131,8 @@ class Run:
         if policy is None:
             return [], np.nan
         stiffening = None if self.shadow is None else self.shadow.stiffening
-        seen = Observation(self.stepper, report.dt, stiffening)
+        energies = None if self.ledgers is None else self.ledgers.energies
+        seen = Observation(self.stepper, report.dt, stiffening, energies)
         policy.observe(seen)
         decision = policy.after(seen, report)
         closeness = np.nan if decision is None else decision.closeness

@@ -168,6 +168,11 @@ class Ledgers:
         self._struck = False
 
     @property
+    def energies(self) -> tuple[float, float]:
+        """Kinetic and strain energy of deformation at the last measure [J]."""
+        return self._deformation.kinetic, self._deformation.strain
+
+    @property
     def deformation(self) -> float:
         """Largest energy of deformation so far [J]."""
         return self._deformation.largest

@@ -24,11 +24,14 @@ class Observation:
         dt: Length of the step [s].
         stiffening: What bodies withhold over the strain of their own cells, in energies; None if
             that is not known.
+        energies: Kinetic and strain energy of deformation after the step before [J]; None if nobody
+            measures them.
     """
 
     stepper: Stepper
     dt: float
     stiffening: float | None = None
+    energies: tuple[float, float] | None = None
 
     @property
     def t(self) -> float:

@@ -101,6 +101,8 @@ class RateRule:
         if looks and self._kappa is not None and not seen.flies_rigid:
             memory.strokes.swing(indicator.cells, seen.strains)
             memory.bends.add(seen.state, seen.held)
+        if seen.energies is not None:
+            memory.drift.add(*seen.energies)
         if isinstance(self._tol, Relative):
             most = float(indicator.values[indicator.cells].max(initial=0.0))
             most = self._comm.allreduce(most, op=MPI.MAX)

@@ -14,8 +14,12 @@ by up to twice its amplitude. But s is told by shadows: what bodies withhold, ½
 of it in their own cells, for they hold what is round them, too: a small sphere twice the energy
 that it would have (J. D. Eshelby, Proc. R. Soc. A 241 (1957) 376-396), large parts little more.
 Where loads change it is they that say how fast all moves, and nothing drifts; but a structure that
-gives way by less from the beginning is off by s D_rigid/D, the part of its compliance that it lacks
-(Castigliano), and that times ė may be as much.
+gives way by less from the beginning is off by A s D_rigid/D, the part of its compliance that it
+lacks (Castigliano), and that times ė may be as much. Of a vibration with the strain energy U and
+the kinetic energy T in the mean, forced through K - ω²M, a part ε of the stiffness changes
+ε U/(U - T): next to nothing more where loads are slow, a multiple of it near a resonance, where T
+is U. Other modes that move as well hide what is near one, so A is the larger of the two over their
+difference, up to ten, as damping and the time of a run bound that.
 
 How long a free motion goes on nobody knows: it is expected to do so for as long as it has. One that
 dies down as exp(-t/T) is off by most after T, by t exp(-t/T) = T/e in the place of that time.
@@ -32,6 +36,8 @@ from mpi4py import MPI
 __all__ = ["Drift"]
 
 MOST = 2.0  # times a motion is what it is off by, if it is in the opposite phase
+AMPLIFIED = 10.0  # times, at most, what is off comes of a lack of compliance
+FADING = 0.5  # of what windows tell of that, from one to the next: they may be shorter than a swing
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -44,6 +50,7 @@ class Drift:
         rate: Strain rate that flexible cells are off by [1/s].
         limit: What that may be [1/s].
         stiffening: s of the bodies, or of the last ones that there were.
+        amplification: A of the last windows.
         share: Part of the strain energy of the motion that rigid cells had as they froze.
         shares: That of each owned cell in the last window in which it was flexible.
     """
@@ -58,9 +65,15 @@ class Drift:
         self._comm = comm
         self.shares: Array = np.zeros(cells)
         self.rate, self.limit, self.share, self.stiffening = 0.0, inf, 0.0, 1.0
+        self.amplification = 1.0
+        self._moving = 0.0, 0.0  # kinetic and strain energies of the last windows, added up
         self._last = 0.0  # largest rate of the last window
         self._next = 0.0  # drift in it, as in the next
         self._first, self._lasted = 0.0, 0.0  # that of a free motion's first window; time since
+
+    def add(self, kinetic: float, strain: float) -> None:
+        """Take note of the energies of deformation in a step [J]."""
+        self._moving = self._moving[0] + kinetic, self._moving[1] + strain
 
     def window_ends(
         self, energy: Array, rigid: Bools, rate: float, turning: float, length: float, rested: float
@@ -84,6 +97,10 @@ class Drift:
             self.rate *= rate / self._last
         self._last = rate
         self._next = 0.0
+        T, U = self._moving
+        more = max(T, U)
+        self.amplification = more / max(abs(U - T), more / AMPLIFIED) if more > 0 else 1.0
+        self._moving = FADING * T, FADING * U
         if rested < length:
             self._first = self._lasted = 0.0
         if turning > 0:
@@ -105,7 +122,8 @@ class Drift:
             turning: Time in which the motion turns round, 1/ω [s].
             free: Whether loads rest, so that it drifts.
         """
-        stiffer = self.limit / (self.stiffening * self._last) if self._last > 0 else inf
+        much = self.stiffening * self._last * (1.0 if free else self.amplification)
+        stiffer = self.limit / much if much > 0 else inf
         if not free or MOST * self._last <= self.limit:
             return stiffer
         time = self._lasted

@@ -35,6 +35,7 @@ class Deformation:
         largest: The largest so far [J].
         kinetic: Kinetic energy beyond rigid motions at the last measure [J]; all of it where
             supports hold a structure still.
+        strain: Strain energy, and what bodies keep, at the last measure [J].
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -47,7 +48,7 @@ class Deformation:
         self._system: object = None
         self._bodies_alone = False
         self._of_body: Ints = np.empty(0, dtype=np.int64)
-        self.largest = self.kinetic = 0.0
+        self.largest = self.kinetic = self.strain = 0.0
 
     def measure(self, system: System, state: State, measures: Measures) -> float:
         """The energy of deformation now [J]. Collective.
@@ -60,7 +61,8 @@ class Deformation:
         self.kinetic = measures.kinetic
         if not self._still:
             self.kinetic = max(measures.kinetic - self._rigid(system, state, measures.kinetic), 0.0)
-        now = measures.strain + measures.stored + self.kinetic
+        self.strain = measures.strain + measures.stored
+        now = self.strain + self.kinetic
         self.largest = max(self.largest, now)
         return now
 
