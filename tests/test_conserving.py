@@ -50,6 +50,17 @@ def test_it_goes_on_as_long_as_what_is_taken_falls():
     assert follow([(1.0, 0.4**k) for k in range(30)], Conserving(1e-99))[0] == MOST + 1
 
 
+def test_iterations_that_it_asks_for_are_counted():
+    """For a rule that judges tangents by the others."""
+    rule = Conserving(TOLERANCE)
+    follow([(1.0, 1e-15)], rule)
+    assert rule.asked == 0
+    follow([(1.0, 1e-11), (1.0, 1e-13), (1.0, 9e-15)], rule)
+    assert rule.asked == 2
+    follow([(1.0, 3e-12), (5.0, 1e-15)], rule)  # the second is taken back
+    assert rule.asked == 1
+
+
 def test_rounding_is_met_once_and_remembered():
     """Of each quantity apart."""
     rule = Conserving(TOLERANCE)

@@ -79,8 +79,8 @@ class Equilibrium:
         # DOLFINx makes a new array of a vector each time that it is asked for one.
         self._u0, self._u1 = forces.u0.x.array, forces.u1.x.array
         self._tangent = CondensedMatrix(prolongation, bound.interior, bound.interface)
-        self.d, self.forces_out_of_balance, self._work, self._inertia = (
-            self._rows.vector() for _ in range(4)
+        self.d, self.forces_out_of_balance, self._work, self._inertia, self._before = (
+            self._rows.vector() for _ in range(5)
         )
         self._moments: Array = np.empty((0, 4, 3))
         self._last: Array = np.empty(0)  # unknowns that d and u₁ belong to
@@ -91,11 +91,11 @@ class Equilibrium:
         self.start: Array = np.empty(0)
         self._lost = Lost(scene, prolongation)
         self._rounding = Rounding(
-            scene, forces, bound.undeformed, self._tangent, mass, prolongation, actions
+            scene, forces, bound.undeformed, self._tangent, prolongation, actions
         )
 
     def begin(self, dt: float, v0: PETSc.Vec | None, imposed: Array, start: Bodies) -> None:
-        """Begin a step, under the loads that the actions have now.
+        """Begin a step, under the loads that the actions have now. Collective.
 
         Args:
             dt: Δt [s]; of no meaning in statics.
@@ -107,6 +107,8 @@ class Equilibrium:
         self.dt, self._v0, self._imposed = dt, v0, imposed
         self.start = self._u0[self._rows.dofs]
         self._cells.begin(self.start)
+        if self._mass is not None:
+            self._mass.mult(v0, self._before)
 
     def _expand(self, y: PETSc.Vec) -> None:
         """Set d and the forms' u₁ from the unknowns."""
@@ -211,7 +213,8 @@ class Equilibrium:
     def noise(self) -> float:
         """Size of what the last residual is the small difference of [N]. Collective."""
         external = self._actions.external
-        return self._rounding.in_residual(self.dt, self._v0, external, self._step.start)
+        momentum = None if self._mass is None else self._before
+        return self._rounding.in_residual(self.dt, momentum, external, self._step.start)
 
     def lost(self, y: PETSc.Vec, r: PETSc.Vec) -> Array:
         """Energy and momenta that a step with the last residual is off by. Collective.
@@ -225,8 +228,8 @@ class Equilibrium:
         """
         if self._mass is None:
             return np.empty(0)
-        self._mass.mult(self._v0, self._work)
-        d, v0, before, gained = (v.array_r for v in (self.d, self._v0, self._work, self._inertia))
+        known = self.d, self._v0, self._before, self._inertia
+        d, v0, before, gained = (v.array_r for v in known)
         energy = 0.5 * (v0 @ before) + abs(gained @ d) / self.dt
         energy += abs(self._actions.external.array_r @ d)
         if not self._lost.of_momenta:
@@ -254,6 +257,6 @@ class Equilibrium:
 
     def destroy(self) -> None:
         """Free all PETSc objects. Collective."""
-        own = self.d, self.forces_out_of_balance, self._work, self._inertia
-        for item in (self._tangent, self._rounding, *own):
+        own = self.d, self.forces_out_of_balance, self._work, self._inertia, self._before
+        for item in (self._tangent, *own):
             item.destroy()

@@ -14,7 +14,6 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from rigidfx.coupling.condensed_tangent import CondensedMatrix
-from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
@@ -28,7 +27,7 @@ Array = npt.NDArray[np.float64]
 
 
 class Rounding:
-    """Rounding in the equations of one division; `destroy` frees its work vector."""
+    """Rounding in the equations of one division."""
 
     def __init__(
         self,
@@ -36,7 +35,6 @@ class Rounding:
         forces: InternalForces,
         undeformed: tuple[fem.Form, fem.Form],
         tangent: CondensedMatrix,
-        mass: Mass | None,
         prolongation: Prolongation,
         actions: Actions,
     ) -> None:
@@ -47,18 +45,16 @@ class Rounding:
             forces: Owner of the coefficients that the forms read.
             undeformed: The tangent without deformation, over interior and interface cells.
             tangent: Matrix of such a form, overwritten; that of the steps later on.
-            mass: Mass operator, or None for statics.
             prolongation: Map between unknowns and dofs.
             actions: What acts on nodes and bodies.
         """
-        self._scene, self._forces, self._mass, self._actions = scene, forces, mass, actions
+        self._scene, self._forces, self._actions = scene, forces, actions
         self._tangent = tangent
         self._rest = undeformed
         self._cell_size = scene.mean_cell_size
-        self._comm, rows = prolongation.comm, prolongation.layout.rows
+        self._comm = prolongation.comm
         self._stiff_parts = StiffParts(scene, prolongation)
         self._p, self._n = prolongation, prolongation.own_free
-        self._momentum = rows.vector()
         # Per unknown of this rank, as a step of infinite length has it, and what 1/Δt adds.
         forces.set_rate(0.0)
         self._elastic = self._stiffness = self._undeformed(tangent)  # [N/m]
@@ -81,7 +77,7 @@ class Rounding:
     def in_residual(
         self,
         dt: float,
-        v0: PETSc.Vec | None,
+        momentum: PETSc.Vec | None,
         f_ext: PETSc.Vec,
         start: Bodies,
     ) -> float:
@@ -89,7 +85,7 @@ class Rounding:
 
         Args:
             dt: Δt [s]; of no meaning in statics.
-            v0: Velocity of the active nodes at the start of the step [m/s]; None in statics.
+            momentum: M v₀ of the active nodes at the start of the step [kg m/s]; None in statics.
             f_ext: External forces at the active nodes at the midpoint [N].
             start: The bodies at the start of the step.
         """
@@ -100,9 +96,8 @@ class Rounding:
         moved[: self._n] += np.abs(self._p.at_unknowns(self._u1[self._p.layout.rows.dofs]))
         elastic = self._stiffness * moved
         noise = float(np.sqrt(self._scene.sum(elastic @ elastic))) + f_ext.norm()
-        if self._mass is not None:
-            self._mass.mult(v0, self._momentum)
-            noise += 2 / dt * self._momentum.norm()
+        if momentum is not None:
+            noise += 2 / dt * momentum.norm()
         if len(start):
             noise += 2 / dt * start.momentum_scale
         return float(noise + self._actions.rounding)
@@ -178,7 +173,3 @@ class Rounding:
         # makes ℓ small without bound.
         out[self._n :].reshape(-1, 6)[:, 3:] = 0.0
         return np.asarray(out)
-
-    def destroy(self) -> None:
-        """Free the work vector. Collective."""
-        self._momentum.destroy()

@@ -292,7 +292,7 @@ class Newton:
         if self._chord is None:
             return
         if self._kept:
-            self._chord.accept()
+            self._chord.accept(self.conserving.asked)
         else:
             self._chord.accept_newton()
 
