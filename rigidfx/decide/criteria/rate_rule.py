@@ -25,6 +25,7 @@ Bools = npt.NDArray[np.bool_]
 
 MARGIN = 1.25  # an automatic window in longest periods
 HALF = 0.5  # of what wakes cells, that drift or freezes may make of rates: there is more
+JUST = 1.5  # steps since loads were seen to change, as they are after a step
 FEWEST = 8  # steps of an automatic window
 
 
@@ -101,7 +102,8 @@ class RateRule:
         if looks and self._kappa is not None and not seen.flies_rigid:
             memory.strokes.swing(indicator.cells, seen.strains)
             memory.bends.add(seen.state, seen.held)
-        if seen.energies is not None:
+        rested = seen.t - memory.loads.resting_since
+        if seen.energies is not None and rested < JUST * seen.dt:
             memory.drift.add(*seen.energies)
         if isinstance(self._tol, Relative):
             most = float(indicator.values[indicator.cells].max(initial=0.0))

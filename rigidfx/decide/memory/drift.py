@@ -66,13 +66,14 @@ class Drift:
         self.shares: Array = np.zeros(cells)
         self.rate, self.limit, self.share, self.stiffening = 0.0, inf, 0.0, 1.0
         self.amplification = 1.0
-        self._moving = 0.0, 0.0  # kinetic and strain energies of the last windows, added up
+        self._moving = 0.0, 0.0  # kinetic and strain energies while loads change, added up
+        self._moved = False  # in a window before: what begins has as much of both, however slow
         self._last = 0.0  # largest rate of the last window
         self._next = 0.0  # drift in it, as in the next
         self._first, self._lasted = 0.0, 0.0  # that of a free motion's first window; time since
 
     def add(self, kinetic: float, strain: float) -> None:
-        """Take note of the energies of deformation in a step [J]."""
+        """Take note of the energies of deformation in a step in which loads change [J]."""
         self._moving = self._moving[0] + kinetic, self._moving[1] + strain
 
     def window_ends(
@@ -98,9 +99,9 @@ class Drift:
         self._last = rate
         self._next = 0.0
         T, U = self._moving
-        more = max(T, U)
+        more = max(T, U) if self._moved else 0.0
         self.amplification = more / max(abs(U - T), more / AMPLIFIED) if more > 0 else 1.0
-        self._moving = FADING * T, FADING * U
+        self._moving, self._moved = (FADING * T, FADING * U), U > 0
         if rested < length:
             self._first = self._lasted = 0.0
         if turning > 0:
