@@ -18,12 +18,14 @@ from rigidfx.scene.points import far_apart
 from rigidfx.scene.timeline import Timeline
 from rigidfx.step.length.accounts import Accounts
 from rigidfx.step.length.damped import Damped
+from rigidfx.step.length.elsewhere import Elsewhere
 from rigidfx.step.length.forgetting import Forgetting, comes_back
 from rigidfx.step.length.narrowing import narrowed
 from rigidfx.step.length.octaves import Octaves
 from rigidfx.step.length.onsets import Onsets
 from rigidfx.step.length.step_length import Moves, StepLength
 from rigidfx.step.length.time_error import TimeError
+from rigidfx.step.length.tracked import Tracked
 
 SOFT = rf.StVenantKirchhoff(E=1e6, nu=0.3, rho=1000.0)
 T = 8.0
@@ -83,7 +85,7 @@ def test_the_estimate_is_the_local_error_of_a_cubic():
     for k in range(6):
         t = k * dt
         v0, v1 = (np.array([[s**3 / 3, 0.0, 0.0]]) for s in (t, t + dt))
-        found.append(estimate.look(v0, v1, t, dt))
+        found.append(float(estimate.look(v0, v1, t, dt)[0]))
         estimate.accept()
     assert np.isnan(found[0])
     # Differences lie at the ends of steps, and the mean of three at the middle one of them.
@@ -94,7 +96,7 @@ def test_what_rings_from_step_to_step_is_no_error():
     estimate = TimeError(1)
     for k in range(8):
         v0, v1 = (np.array([[(-1.0) ** n, 0.0, 0.0]]) for n in (k, k + 1))
-        error = estimate.look(v0, v1, 0.1 * k, 0.1)
+        error = float(estimate.look(v0, v1, 0.1 * k, 0.1)[0])
         estimate.accept()
     assert error == pytest.approx(0.0, abs=1e-12)
 
@@ -108,7 +110,7 @@ def test_nothing_is_known_after_a_breakpoint():
     assert not estimate.young
     estimate.forget()
     assert estimate.young
-    assert np.isnan(estimate.look(16 * v, 25 * v, 0.4, 0.1))
+    assert np.isnan(estimate.look(16 * v, 25 * v, 0.4, 0.1)).all()
 
 
 def test_where_bodies_change_three_differences_have_to_tell():
@@ -117,11 +119,39 @@ def test_where_bodies_change_three_differences_have_to_tell():
     estimate.switched()
     for k in range(6):
         v0, v1 = (np.array([[(-1.0) ** n, 0.0, 0.0]]) for n in (k, k + 1))
-        found.append(estimate.look(v0, v1, 0.1 * k, 0.1))
+        found.append(float(estimate.look(v0, v1, 0.1 * k, 0.1)[0]))
         assert not estimate.young
         estimate.accept()
     assert np.isnan(found[:3]).all()
     assert found[3:] == pytest.approx(np.zeros(3), abs=1e-12)
+
+
+def test_modes_that_cancel_where_they_are_asked_for_do_not_cancel_elsewhere():
+    """Two modes of a bar, clamped at 0: at its end their errors are opposite, and vanish."""
+    elsewhere, x = Elsewhere(1), (np.arange(40) + 0.5) / 40
+    modes = np.sin(np.pi / 2 * np.append(1.0, x)), np.sin(3 * np.pi / 2 * np.append(1.0, x))
+    u = np.zeros((41, 3))
+    u[:, 2] = 0.1 * modes[0]
+    alone = elsewhere.look(1e-3 * np.abs(modes[0]), u)
+    assert alone == pytest.approx(1e-3)  # of one mode the point itself knows most
+    both = elsewhere.look(1e-3 * np.abs(modes[0] + modes[1]), u)
+    assert both == pytest.approx(1e-3)  # root of the sum of squares, over sqrt(2)
+    u[0] = 0.0
+    u[0, 2] = 0.01  # it moves by a seventh of the others' mean
+    few = elsewhere.look(1e-3 * np.abs(modes[0] + modes[1]), u)
+    assert few == pytest.approx(1e-3 * 0.01 / (0.1 / np.sqrt(2)))
+    assert np.isnan(elsewhere.look(np.full(41, np.nan), u))
+
+
+def test_only_what_a_probe_is_connected_to_is_tracked_with_it():
+    grid = np.meshgrid([0.0, 1.0], [0.0, 1.0], [0.0, 1.0, 3.0, 4.0], indexing="ij")
+    points = np.stack(grid, axis=-1).reshape(-1, 3)
+    corners = np.array([0, 1, 4, 5, 8, 9, 12, 13])
+    apart = rf.from_arrays(points, np.array([corners, corners + 2]))
+    scene = rf.Scene(apart, SOFT, probes={"tip": (1, 0.5, 1.0)})
+    tracked = Tracked(scene, ["tip"])
+    assert tracked.asked == 1
+    assert scene.space.tabulate_dof_coordinates()[tracked.nodes, 2].max() < 2
 
 
 def test_an_even_error_gets_an_even_step_that_uses_the_budget():

@@ -72,17 +72,22 @@ def owned_part(scene: Scene, nodes: Ints, weights: Array) -> Point:
     return Point(nodes[mine] - first, weights[mine])
 
 
-def far_apart(scene: Scene, count: int) -> tuple[Ints, Ints]:
+def far_apart(
+    scene: Scene, count: int, among: npt.NDArray[np.bool_] | None = None
+) -> tuple[Ints, Ints]:
     """Nodes chosen one by one, each the farthest from those before; any ranks agree. Collective.
 
     Args:
         scene: The problem.
         count: How many are wanted.
+        among: Which of the owned nodes may be chosen; all of them if None.
 
     Returns:
         Local numbers of those that this rank owns, and the place of each in the order of choice.
     """
     comm, X = scene.comm, scene.space.tabulate_dof_coordinates()[: scene.owned_nodes]
+    own = np.arange(len(X)) if among is None else np.flatnonzero(among)
+    X = X[own]
     distance = np.linalg.norm(X - scene.centre_of_mass, axis=1)
     size = comm.allreduce(float(distance.max(initial=0.0)), op=MPI.MAX)
     X, distance = X / size, distance / size  # so that digits are those of any unit of length
@@ -98,7 +103,7 @@ def far_apart(scene: Scene, count: int) -> tuple[Ints, Ints]:
         winner = max(offers)
         point = np.asarray(winner[1:])
         if offers.index(winner) == comm.rank:
-            mine.append(int(np.argmin(np.linalg.norm(X - point, axis=1))))
+            mine.append(int(own[np.argmin(np.linalg.norm(X - point, axis=1))]))
             places.append(place)
         distance = np.minimum(distance, np.linalg.norm(X - point, axis=1))
     return np.asarray(mine, dtype=np.int64), np.asarray(places, dtype=np.int64)

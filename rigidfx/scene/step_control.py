@@ -47,7 +47,8 @@ class StepControl:
     Attributes:
         tol: Error of a run over the largest displacement so far, such as 0.01.
         at: Names of the probes whose displacements count, the one with the largest error each
-            time; some nodes far from each other if None.
+            time; some nodes far from each other if None. Of what they are connected to nodes count
+            in the mean square, as errors made there come to them.
         largest: Largest Δt [s]; to be given. What is over in less and is not declared as a time
             window, a `Table` or `breakpoints` may be stepped over.
         smallest: Smallest Δt [s]; a thousandth of the largest if None.

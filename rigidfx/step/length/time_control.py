@@ -15,6 +15,7 @@ from rigidfx.scene.timeline import Timeline
 from rigidfx.state import State
 from rigidfx.step.length.accounts import Accounts
 from rigidfx.step.length.blows import Blows
+from rigidfx.step.length.elsewhere import Elsewhere
 from rigidfx.step.length.forgetting import Forgetting
 from rigidfx.step.length.onsets import Onsets
 from rigidfx.step.length.step_length import Moves, StepLength
@@ -55,6 +56,7 @@ class TimeControl(WarnsOnce):
         self._control, self._timeline = control, timeline
         self._tracked = Tracked(scene, control.names)
         self._error = TimeError(self._tracked.count)
+        self._elsewhere = Elsewhere(self._tracked.asked)
         self._onsets = Onsets(scene)
         self._blows, self._fastest = Blows(scene), 0.0
         bends = scene.bends
@@ -163,8 +165,9 @@ class TimeControl(WarnsOnce):
         """
         t, dt = attempt.t, attempt.dt
         v0, v1, u = self._tracked.motion(self._system, self._state, dt)
-        self._found = self._error.look(v0, v1, t, dt)
+        self._found = self._elsewhere.look(self._error.look(v0, v1, t, dt), u)
         self._forgetting.look(self._error.jerk, dt)
+        v0, v1, u = (vectors[: self._tracked.asked] for vectors in (v0, v1, u))
         self._end = Moves(longest(u), longest(v1), longest(v1 - v0) / dt)
         if self._blows.any:
             self._found += self._struck(t, dt)
@@ -195,6 +198,7 @@ class TimeControl(WarnsOnce):
         """Take note that the step that was looked at last is one. Collective."""
         young = self._error.young
         self._error.accept()
+        self._elsewhere.accept()
         self._blows.accept()
         self._forgetting.accept()
         self.length.accounts.parts = self._forgetting.parts

@@ -13,7 +13,6 @@ there are fewer, ½ j_{n-1} + ½ j_n or j_n stand for it.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import isnan, sqrt
 
 import numpy as np
 import numpy.typing as npt
@@ -79,8 +78,8 @@ class TimeError:
         """Whether no point has three differences yet, since something began anew."""
         return not self._patient and bool(np.isnan(self._now.j).any(axis=(0, 2)).all())
 
-    def look(self, v0: Array, v1: Array, t: float, dt: float) -> float:
-        """Error of a step that has been solved, the largest of all points [m]; NaN if unknown.
+    def look(self, v0: Array, v1: Array, t: float, dt: float) -> Array:
+        """Error of each point in a step that has been solved, shape (points,) [m]; NaN if unknown.
 
         Args:
             v0: Velocities at its start, shape (points, 3) [m/s].
@@ -93,18 +92,13 @@ class TimeError:
         newest = (a - now.a) / (middle - now.t)
         j = np.concatenate([now.j[1:], newest[None]])
         self._next = Jerk(a, middle, j)
-        self.jerk = mean = np.einsum("k,kpi->pi", LOW_PASS, j)
-        largest = float(np.einsum("pi,pi->p", mean, mean).max())
-        if not isnan(largest):  # of all three differences are known
-            return dt**3 / 12 * sqrt(largest)
         known = (~np.isnan(j[:, :, 0])).sum(axis=0)
         weights = np.where(known == 3, LOW_PASS[:, None], YOUNGER[:, None])
         weights = np.where(known == 1, YOUNGEST[:, None], weights)
         mean = np.einsum("kp,kpi->pi", weights, np.nan_to_num(j))
         told = known > 2 * self._patient
         self.jerk = np.where(told[:, None], mean, np.nan)
-        sizes = np.linalg.norm(mean[told], axis=1)
-        return float(dt**3 / 12 * sizes.max()) if sizes.size else float("nan")
+        return np.asarray(dt**3 / 12 * np.linalg.norm(self.jerk, axis=1))
 
     def accept(self) -> None:
         """Take note that the step that was looked at last is one."""

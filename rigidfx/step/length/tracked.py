@@ -22,15 +22,18 @@ __all__ = ["Tracked"]
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
-NODES = 32  # of its own choice, where no probes are named
+NODES = 32  # of its own choice
 NONE = -1
 
 
 class Tracked:
-    """Some probes, or nodes far from each other.
+    """Some probes, and nodes far from each other of the connected parts that these belong to.
 
     Attributes:
-        count: Number of points.
+        asked: Number of the points that are asked for, the first of all: the probes, or all nodes
+            if there are none.
+        count: Number of all points.
+        nodes: Owned nodes, of whose motion that of points is a weighted sum.
     """
 
     def __init__(self, scene: Scene, names: Sequence[str]) -> None:
@@ -38,27 +41,27 @@ class Tracked:
 
         Args:
             scene: The problem.
-            names: Names of probes; nodes are chosen if there are none.
+            names: Names of probes.
         """
         self._scene = scene
-        if names:
-            probes = find_probes(scene)
-            points = [probes[name] for name in names]
-            self._nodes = np.concatenate([point.nodes for point in points]).astype(np.int64)
-            weights = np.concatenate([point.weights for point in points])
-            of = np.repeat(np.arange(len(points)), [point.nodes.size for point in points])
-            self.count = len(points)
-        else:
-            self._nodes, of = far_apart(scene, NODES)
-            weights = np.ones(self._nodes.size)
-            self.count = NODES
-        self._sums = np.zeros((self.count, self._nodes.size))
-        self._sums[of, np.arange(self._nodes.size)] = weights
-        self._X = scene.space.tabulate_dof_coordinates()[self._nodes]
-        self._dofs = 3 * self._nodes[:, None] + np.arange(3)
-        self._body: Ints = np.full(self._nodes.size, NONE)
-        self._arms: Array = np.zeros((self._nodes.size, 3))
-        self._rows: Ints = np.full(self._nodes.size, NONE)
+        probes = find_probes(scene) if names else {}
+        points = [probes[name] for name in names]
+        own = np.concatenate([np.empty(0, np.int64), *(p.nodes for p in points)])
+        weights = np.concatenate([np.empty(0), *(p.weights for p in points)])
+        of = np.repeat(np.arange(len(points)), [p.nodes.size for p in points])
+        nodes, places = far_apart(scene, NODES, _parts_of(scene, own) if names else None)
+        self.nodes: Ints = np.concatenate([own, nodes]).astype(np.int64)
+        weights = np.concatenate([weights, np.ones(nodes.size)])
+        of = np.concatenate([of, len(points) + places])
+        self.count = len(points) + NODES
+        self.asked = len(points) or NODES
+        self._sums = np.zeros((self.count, self.nodes.size))
+        self._sums[of, np.arange(self.nodes.size)] = weights
+        self._X = scene.space.tabulate_dof_coordinates()[self.nodes]
+        self._dofs = 3 * self.nodes[:, None] + np.arange(3)
+        self._body: Ints = np.full(self.nodes.size, NONE)
+        self._arms: Array = np.zeros((self.nodes.size, 3))
+        self._rows: Ints = np.full(self.nodes.size, NONE)
         self._bodies: tuple[object, ...] = ()
 
     def bind(self, system: System, bodies: Bodies) -> bool:
@@ -75,15 +78,15 @@ class Tracked:
         self._body[:] = self._rows[:] = NONE
         self._bodies = bodies.of.records
         for k, body in enumerate(bodies.of.records):
-            place = np.searchsorted(body.nodes, self._nodes)
+            place = np.searchsorted(body.nodes, self.nodes)
             inside = place < body.nodes.size
-            inside[inside] = body.nodes[place[inside]] == self._nodes[inside]
+            inside[inside] = body.nodes[place[inside]] == self.nodes[inside]
             self._body[inside] = k
             self._arms[inside] = body.offsets[place[inside]]
         rows = system.layout.rows.nodes
-        place = np.searchsorted(rows, self._nodes)
+        place = np.searchsorted(rows, self.nodes)
         known = (place < rows.size) & (self._body == NONE)
-        known[known] = rows[place[known]] == self._nodes[known]
+        known[known] = rows[place[known]] == self.nodes[known]
         self._rows[known] = place[known]
         return [*map(id, before)] != [*map(id, self._bodies)]
 
@@ -118,3 +121,12 @@ class Tracked:
             moved = np.where(inside[:, None], of_bodies, moved)
         total = np.asarray(self._scene.sum(self._sums @ np.hstack([v0, v1, moved])))
         return total[:, :3], total[:, 3:6], total[:, 6:]
+
+
+def _parts_of(scene: Scene, nodes: Ints) -> npt.NDArray[np.bool_]:
+    """Owned nodes of the connected parts that some nodes of all ranks are in. Collective."""
+    dofmap = scene.space.dofmap.list
+    of_node = np.zeros(scene.space.tabulate_dof_coordinates().shape[0], dtype=np.int64)
+    of_node[dofmap] = scene.parts.of_cell[: len(dofmap), None]
+    held = np.asarray(scene.sum(np.bincount(of_node[nodes], minlength=scene.parts.count) + 0.0))
+    return np.asarray(held[of_node[: scene.owned_nodes]] > 0)
