@@ -402,6 +402,39 @@ def test_neighbours_take_a_bodys_vibration_as_dashpots_whatever_the_mesh(monkeyp
     assert late <= 0.1 * early  # three round trips and more
 
 
+@pytest.mark.parametrize("supports", [("x0", "x1"), ("x0",), ("edge",)])
+def test_what_supports_hold_is_held_in_margins(supports, monkeypatch):
+    """K⁺ρ of a body whose margins are all the rest is what all the structure would strain."""
+    ends, at_rest = [], LinearPart.at_rest
+
+    def watch(self, force):
+        found = at_rest(self, force)
+        self._set(force)
+        self._found.array[:] = found.reshape(-1)
+        self._K.mult(self._found, self._work)
+        left = np.abs((self._work - self._right).array).reshape(-1, 3).max(axis=1)
+        ends.append((np.abs(force).max(), left, np.abs(found).max(axis=1)))
+        return found
+
+    monkeypatch.setattr(LinearPart, "at_rest", watch)
+    box = rf.box((0, 0, 0), (8, 1, 1), (4, 1, 1)).with_vertices(
+        "edge", lambda x: (x[0] < 1e-9) & (x[2] < 1e-9)
+    )
+    box = box.with_cells("middle", lambda x: (x[0] >= 2 - 1e-9) & (x[0] <= 6 + 1e-9))
+    weight = rf.Gravity((0, 0, -1.0), time=lambda t: t)
+    scene = rf.Scene(box, SOFT, [*map(rf.Fixed, supports), weight, rf.Rigid("middle")])
+    for _ in rf.simulate(
+        scene, DT, 5 * DT, rigidify=rf.StrainRate(1.0, 1e9, wake="local"), progress=False
+    ):
+        pass
+    force, left, moved = ends[-1]
+    held = moved == 0
+    assert held.sum() == sum(2 if name == "edge" else 4 for name in supports)
+    assert left[~held].max() <= 1e-6 * force  # nothing else takes a force
+    if len(supports) > 1:
+        assert left[held].max() >= 1e-2 * force  # clamps do
+
+
 def under_tension(chosen):
     """A uniform bar, pulled ever more, in which cells are rigid all of whose nodes are chosen."""
     box = rf.box((0, 0, 0), (8, 2, 2), (8, 3, 3), "tetrahedron").with_cells("chosen", chosen)

@@ -18,6 +18,7 @@ from rigidfx.step.linear.linear_solver import default_options
 __all__ = ["PREFIX", "LinearPart", "solver_of"]
 
 Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
 
 PREFIX = "rigidfx_shadow_"
 FAINT = 1e-8  # part of its stiffness that holds a margin where it is in bodies' frames
@@ -42,22 +43,23 @@ class LinearPart:
         self._M = self._mass.matrix()
         viscosity = linear.viscosity(margin.cells)
         self._viscosity = None if viscosity is None else _assembled(rows, viscosity)
-        held = margin.parts.held() - margin.parts.rows.first
-        nodes, axes = np.divmod(held[(held >= 0) & (held < 3 * self._inside.size)], 3)
-        self._held = 3 * self._inside[nodes] + axes
+        self._first, self._held, self._supported = rows.first, margin.held(), margin.supported_rows
         still = self._K.copy()
         # What hangs on a body by a node or an edge may turn round it.
         diagonal = self._K.getDiagonal()
         diagonal.array[:] *= np.repeat(FAINT * margin.outside, 3)
         still.setDiagonal(diagonal, PETSc.InsertMode.ADD_VALUES)
         diagonal.destroy()
-        scale = float(self._K.getDiagonal().norm()) / np.sqrt(max(rows.comm.allreduce(1), 1))
-        still.zeroRowsColumns((rows.first + self._held).astype(PETSc.IntType), diag=scale)
+        self._scale = float(self._K.getDiagonal().norm()) / np.sqrt(rows.comm.size)
+        self._hold(still, self._held, self._scale)
         self._static = solver_of(still)
         self._dynamic: dict[tuple[float, float, float], PETSc.KSP] = {}
         self._right, self._found, self._work, self._dashpots = (rows.vector() for _ in range(4))
         self._dashpots.array[:] = np.repeat(dashpots, 3)
         self._rest: tuple[Array | None, Array] = None, np.empty((0, 3))
+
+    def _hold(self, A: PETSc.Mat, rows: Ints, scale: float) -> None:
+        A.zeroRowsColumns((self._first + rows).astype(PETSc.IntType), diag=scale)
 
     def at_rest(self, force: Array) -> Array:
         """K⁺ρ: how the bodies strain under a steady force, but for a rigid motion. Collective.
@@ -119,6 +121,7 @@ class LinearPart:
         work.array[:] = u.reshape(-1)
         self._K.mult(work, found)
         right.axpy(-1.0, found)
+        right.array[self._supported] = 0.0
         solver.solve(right, found)
         return found.array_r.reshape(-1, 3).copy()
 
@@ -156,6 +159,7 @@ class LinearPart:
             self._dashpots.copy(self._work)
             self._work.scale(1 / dt)
             A.setDiagonal(self._work, PETSc.InsertMode.ADD_VALUES)
+            self._hold(A, self._supported, self._scale)
             self._dynamic[kind] = solver_of(A)
         return self._dynamic[kind]
 

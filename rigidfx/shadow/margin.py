@@ -4,7 +4,7 @@ What a body would strain, the difference ũ - u of two motions, obeys the equati
 structure under ρ, which acts at the body's nodes. A shadow of the body alone is free at its border:
 a cell that shares most of its nodes with flexible cells there takes forces that these would share.
 So shadows have *margins*, a layer of the flexible cells round bodies, and are free behind these,
-but for dashpots.
+but for dashpots. What supports hold in all directions they hold in both motions, in margins, too.
 """
 
 from __future__ import annotations
@@ -47,6 +47,7 @@ class Margin:
         beyond: Owned flexible cells by subdomain id that share nodes, and are in no margin.
         inside: Places of the bodies' rows among these.
         round: Of each body, places of the nodes of its margin.
+        supported: Which rows supports hold in all directions; none of bodies.
         shape: Displacement in the bodies' frames, at the freeze and in margins now, shape
             (rows,) [m].
     """
@@ -84,6 +85,8 @@ class Margin:
         self.inside: Ints = self.rows.positions(parts.rows.nodes)
         of = np.where(owners[nodes] == NOBODY, reach.claims[nodes], NOBODY)
         self.round = tuple(np.flatnonzero(of == k) for k in range(count))
+        held = stepper.prescribed.mask.reshape(-1, 3)[nodes].all(axis=1)
+        self.supported: npt.NDArray[np.bool_] = held & self.outside
         shape = np.zeros((nodes.size, 3))
         shape[self.inside] = parts.shape.reshape(-1, 3)
         now = {id(body.data): body.motion for body in state.bodies}
@@ -92,6 +95,23 @@ class Margin:
             x = (state.positions(nodes[own].astype(np.int64)) - at.r) @ at.R + data.origin
             shape[own] = x - self.rows.X[own]
         self.shape: Array = shape.reshape(-1)
+
+    def held(self) -> Ints:
+        """Rows of this rank that keep bodies from moving: of supports, and of bodies. Collective.
+
+        Forces in balance push on none of a body's.
+        """
+        x = self.rows.X + self.shape.reshape(-1, 3)
+        each = zip(self.parts.bodies, self.round, strict=True)
+        places = [x[own[self.supported[own]]] - data.origin for data, own in each]
+        rows = self.parts.held(places) - self.parts.rows.first
+        nodes, axes = np.divmod(rows[(rows >= 0) & (rows < 3 * self.inside.size)], 3)
+        return np.concatenate([self.supported_rows, 3 * self.inside[nodes] + axes])
+
+    @cached_property
+    def supported_rows(self) -> Ints:
+        """The three rows of each node that supports hold."""
+        return (3 * np.flatnonzero(self.supported)[:, None] + np.arange(3)).reshape(-1)
 
     def mass(self) -> Mass:
         """Mass operator of the rows; the caller destroys it. Collective.

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import qr
+from scipy.linalg import null_space, qr
 
 from rigidfx.coupling.mass import Mass, mass_operator
 from rigidfx.coupling.rows import Rows
@@ -20,6 +20,8 @@ __all__ = ["Parts", "mass_of", "watched"]
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 Int32s = npt.NDArray[np.int32]
+
+RIGID = 1e-6  # part of a body's length by which places on a line may be off it
 
 
 class Parts:
@@ -68,18 +70,11 @@ class Parts:
         self._lengths = np.array([body.length for body in bodies])[:, None]
         self._inverse = [np.linalg.pinv(block) for block in self._inertia()]
 
-    def _rigid_motions(self, at: Ints, length: float) -> Array:
-        """Rigid motions of nodes of a body, shape (nodes, 3, 6); rotations as lengths."""
-        modes = np.zeros((at.size, 3, 6))
-        modes[:, :, :3] = np.eye(3)
-        modes[:, :, 3:] = np.cross(np.eye(3)[:, None], self.V[at] / length).transpose(1, 2, 0)
-        return modes
-
     def _inertia(self) -> Array:
         """Σ m modesᵀ modes of each body, shape (bodies, 6, 6) [kg]. Collective."""
         local = np.zeros((len(self.bodies), 6, 6))
         for block, body, at in zip(local, self.bodies, self.at, strict=True):
-            modes = self._rigid_motions(at, body.length)
+            modes = _rigid_motions(self.V[at], body.length)
             block += np.einsum("n,nik,nil->kl", self._weights[at], modes, modes)
         return np.asarray(self._scene.sum(local))
 
@@ -216,14 +211,22 @@ class Parts:
         """Mass operator of the rows; the caller destroys it. Collective."""
         return mass_of(self._scene, self.rows, self.cells)
 
-    def held(self) -> Ints:
-        """Numbers of six rows of each body, on all ranks, that keep it from moving. Collective."""
-        out = []
-        for body, at in zip(self.bodies, self.at, strict=True):
-            modes = self._rigid_motions(at, body.length).reshape(-1, 6)
+    def held(self, supported: Sequence[Array]) -> Ints:
+        """Numbers of rows on all ranks that keep each body from moving, six at most. Collective.
+
+        Args:
+            supported: Of each body, places of nodes that are held and would move with it, relative
+                to its centre, in its frame, shape (nodes, 3) [m]. What they prevent needs no row.
+        """
+        out, comm = [], self._scene.comm
+        for body, at, places in zip(self.bodies, self.at, supported, strict=True):
+            prevented = _rigid_motions(places, body.length).reshape(-1, 6)
+            prevented = np.concatenate(comm.allgather(prevented[_independent(prevented)]))
+            free = null_space(prevented, rcond=RIGID) if len(prevented) else np.eye(6)
+            modes = _rigid_motions(self.V[at], body.length).reshape(-1, 6) @ free
             own = (self.rows.first + 3 * at[:, None] + np.arange(3)).reshape(-1)
             best = _independent(modes)
-            offers = self._scene.comm.allgather((modes[best], own[best]))
+            offers = comm.allgather((modes[best], own[best]))
             rows = np.concatenate([m for m, _ in offers])
             numbers = np.concatenate([n for _, n in offers])
             out.append(numbers[_independent(rows)])
@@ -237,12 +240,23 @@ def _span(at: Ints) -> slice | Ints:
     return slice(first, first + at.size) if whole else at
 
 
+def _rigid_motions(places: Array, length: float) -> Array:
+    """Rigid motions of places of a body, shape (places, 3, 6); rotations as lengths."""
+    modes = np.zeros((len(places), 3, 6))
+    modes[:, :, :3] = np.eye(3)
+    modes[:, :, 3:] = np.cross(np.eye(3)[:, None], places / length).transpose(1, 2, 0)
+    return modes
+
+
 def _independent(modes: Array) -> Ints:
-    """Six rows, at most, that are as independent as can be: by QR with pivoting."""
-    if not len(modes):
+    """As many rows as there are columns, at most, that are as independent as can be.
+
+    By QR with pivoting.
+    """
+    if not modes.size:
         return np.empty(0, np.int64)
     _, order = qr(modes.T, mode="r", pivoting=True)
-    return np.asarray(order[:6], dtype=np.int64)
+    return np.asarray(order[: modes.shape[1]], dtype=np.int64)
 
 
 def mass_of(scene: Scene, rows: Rows, cells: Cells) -> Mass:

@@ -22,6 +22,7 @@ from petsc4py import PETSc
 
 from rigidfx.base.instants import same_length
 from rigidfx.coupling.mass import Mass
+from rigidfx.effects import Support
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.mechanics.bodies import Bodies
@@ -86,7 +87,8 @@ class Shadow(Watch):
         self._motion = at_rest(0)
         self._pace, self._lag = Pace(), np.inf
         self._last: Stretch = (np.empty((0, 3)), 0.0)  # ρ of shadows' last step, and its length
-        self._viscous: list[int] = []  # viscous stresses that act
+        # Viscous stresses and supports that act.
+        self._around: tuple[list[int], tuple[Support, ...]] = [], ()
         self._accepting: Callable[[], None] | None = None
         self._grown: list[npt.NDArray[np.int64]] = []  # rows of bodies that have just grown
         self._mass: Mass | None = None
@@ -108,8 +110,9 @@ class Shadow(Watch):
         records = watched(stepper.state.bodies.of.records, self._in_pieces)
         viscous = [k for k, _ in stepper.forces.viscous_terms]
         same = old is not None and [*map(id, records)] == [*map(id, old.parts.bodies)]
-        if not same or viscous != self._viscous:
-            self._viscous = viscous
+        around = viscous, stepper.prescribed.active
+        if not same or around != self._around:
+            self._around = around
             self._catch_up()
             carried = Carried(stepper.scene.owned_nodes, old, self._bodies, self._motion)
             self._release()
