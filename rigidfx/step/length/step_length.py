@@ -118,10 +118,17 @@ class StepLength:
             t: Time at its start [s].
             dt: Its length [s].
         """
+        return self._begun(self._left(t), t, dt)
+
+    def _left(self, t: float) -> float:
+        """What is left over the rest of the run, in bounds [m/s]."""
         whole = self.tol * self.displacement
         even = self.accounts.rate(whole, self._t_end, anew=True)
         left = self.accounts.rate(SHARE * whole, max(self._t_end - t, 0.01 * self._t_end))
-        left = min(max(left, POOREST * even), RICHEST * even)
+        return min(max(left, POOREST * even), RICHEST * even)
+
+    def _begun(self, left: float, t: float, dt: float) -> float:
+        """That, or more while a motion begins [m/s]."""
         if self._of is not None:
             return left
         growing, whole = self._growing(t) + dt, self.tol * self._foreseen
@@ -185,9 +192,10 @@ class StepLength:
         """Length of a step from t [s] that errs by what is allowed [s]."""
         if self._envelope == 0:
             return float("inf")
-        best = sqrt(self.allowed(t) / self._envelope)
+        left = self._left(t)
+        best = sqrt(self._begun(left, t, 0.0) / self._envelope)
         for _ in range(TRIALS):  # of a length, which what is allowed depends on
-            best = sqrt(best * sqrt(self.allowed(t, best) / self._envelope))
+            best = sqrt(best * sqrt(self._begun(left, t, best) / self._envelope))
         return best
 
     def begin(self, longest: float) -> None:
