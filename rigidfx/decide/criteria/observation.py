@@ -51,8 +51,9 @@ class Observation:
     @property
     def flies_rigid(self) -> bool:
         """Whether all there is is one rigid body that nothing holds: it deflects no more."""
-        bound = any(effect.holds for effect in self.stepper.scene.effects)
-        return len(self.bodies) == 1 and self.stepper.unknowns == 6 and not bound
+        if len(self.bodies) != 1 or self.stepper.unknowns != 6:
+            return False
+        return not any(effect.holds for effect in self.stepper.scene.effects)
 
     @property
     def flexible(self) -> npt.NDArray[np.bool_]:
