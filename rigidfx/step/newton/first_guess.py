@@ -3,32 +3,36 @@
 At a large rotation per step the tangents of the motion lead far away from it and Newton pays for
 that with iterations. The mean rigid motion of what is left flexible and of the bodies, c and ω from
 their momenta, is therefore continued exactly as the step would continue it if all were one free
-rigid body: by the Cayley vector θ that keeps the angular momentum, R₁ J (2θ/Δt - ω) = J ω. Δt ω is
-that only where ω is a principal axis; a stiff body that rotates by a wrong angle, even a little,
-is strained by its square. What moves relative to it goes on along a straight line if it is slow,
-and hardly at all if it vibrates faster than the step can see: both are offered, and the smaller
-residual decides.
+rigid body: by the Cayley vector θ that keeps the angular momentum, R₁ J (2θ/Δt - ω) = J ω, which,
+as R₁ = (I - ½θ̂)⁻¹ (I + ½θ̂), is
+
+    J θ + ½ θ × J θ = Δt J ω.
+
+Δt ω is that only where ω is a principal axis; a stiff body that rotates by a wrong angle, even a
+little, is strained by its square. What moves relative to it goes on along a straight line if it is
+slow, and hardly at all if it vibrates faster than the step can see: both are offered, and the
+smaller residual decides.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import atan, isfinite, sqrt, tan
 
 import numpy as np
 import numpy.typing as npt
 
 from rigidfx.coupling.dof_layout import DofLayout
 from rigidfx.mechanics.bodies import Bodies
-from rigidfx.mechanics.rotation import IDENTITY, axial, cayley, cayley_tangent, skew
+from rigidfx.mechanics.rotation import IDENTITY, axial, cayley, skew
 from rigidfx.scene.scene import Scene
-from rigidfx.state import State
 
 __all__ = ["Guess", "predict"]
 
 Array = npt.NDArray[np.float64]
 
 SMALL = 1e-3  # rotation per step [rad] below which the tangent is as good a guess
-SINGULAR = 1e-9  # ratio of the least extension by a matrix to its largest that counts as none
+SINGULAR = 1e-9  # ratio of a principal moment of inertia to the largest that counts as none
 # Iterations for the rotation of a free body, and the correction whose square is left of it.
 TRIES, ENOUGH = 20, 1e-5
 
@@ -48,105 +52,152 @@ class Guess:
 
 
 def predict(
-    scene: Scene, state: State, layout: DofLayout, start: Bodies, dt: float
+    scene: Scene, layout: DofLayout, u: Array, v: Array, start: Bodies, dt: float
 ) -> tuple[Guess, ...]:
     """First guesses, the most natural one first. Collective.
 
     Args:
         scene: The problem.
-        state: State at the start of the step.
         layout: Division of the dofs.
-        start: The state's bodies.
+        u: Displacements of the active nodes at the start of the step, one number per row [m].
+        v: Their velocities there [m/s].
+        start: The bodies there.
         dt: Δt [s].
     """
-    rows = layout.rows
-    v = state.v.x.array[rows.dofs].reshape(-1, 3)
-    spinning = start.angular_velocity
-    whole = Guess(dt * v.reshape(-1), _six(start, dt * start.velocity, dt * spinning))
-    x = rows.X + state.u.x.array[rows.dofs].reshape(-1, 3)
-    c, velocity, omega, inertia = _mean_motion(scene, start, layout.masses, x, v)
-    if 2 * np.arctan(dt * np.linalg.norm(omega) / 2) < SMALL:
-        return (whole,)
-    theta = free_rotation(inertia, omega, dt)
-    size = np.linalg.norm(theta)
-    angle = 2 * np.arctan(size / 2)
-    turn, half = cayley(theta) - IDENTITY, cayley(2 * np.tan(angle / 4) / size * theta)
+    x, v = layout.rows.X + u.reshape(-1, 3), v.reshape(-1, 3)
+    mean = _mean_motion(scene, layout.masses, start, x, v)
+    omega = mean.omega
+    if 2 * atan(0.5 * dt * sqrt(omega @ omega)) < SMALL:
+        turns = dt * start.angular_velocity
+        return (Guess((dt * v).reshape(-1), _six(start, dt * start.velocity, turns)),)
+    theta = free_rotation(mean.principal, mean.axes, omega, dt)
+    size = sqrt(theta @ theta)
+    turn = cayley(theta) - IDENTITY
+    half = dt * cayley(2 * tan(0.5 * atan(0.5 * size)) / size * theta)
+    spin = skew(omega)
 
-    def parts(x: Array, v: Array) -> tuple[Array, Array]:
+    def parts(arms: Array, relative: Array) -> tuple[Array, Array]:
         """Increments by the mean motion, and by what goes along relative to it."""
-        arms = x - c
-        relative = v - velocity - arms @ skew(omega).T
-        return dt * velocity + arms @ turn.T, dt * relative @ half.T
+        going = relative - arms @ spin.T
+        return arms @ turn.T + dt * mean.velocity, going @ half.T
 
-    of_nodes, of_centres = parts(x, v), parts(start.r, start.velocity)
-    turns = np.broadcast_to(theta, spinning.shape), dt * (spinning - omega)
-    along = tuple(map(np.add, *zip(of_nodes, of_centres, turns, strict=True)))
-    both = along, (of_nodes[0], of_centres[0], turns[0])
-    return tuple(Guess(d.reshape(-1), _six(start, r, turn)) for d, r, turn in both)
+    with_mean, going = parts(mean.arms, mean.relative)
+    along = (with_mean + going).reshape(-1)
+    if not len(start):
+        none = np.empty((0, 6))
+        return Guess(along, none), Guess(with_mean.reshape(-1), none)
+    carried, drifting = parts(start.r - mean.centre, start.velocity - mean.velocity)
+    turns = theta + dt * (start.angular_velocity - omega)
+    return (
+        Guess(along, _six(start, carried + drifting, turns)),
+        Guess(with_mean.reshape(-1), _six(start, carried, theta)),
+    )
 
 
-def free_rotation(inertia: Array, omega: Array, dt: float) -> Array:
+def free_rotation(principal: Array, axes: Array, omega: Array, dt: float) -> Array:
     """Cayley vector θ of a free rigid body's step; Δt ω if none is found.
 
     Args:
-        inertia: J about the centre of mass, shape (3, 3) [kg m²].
+        principal: Principal moments of inertia about the centre of mass, above zero, shape (3,)
+            [kg m²].
+        axes: Their axes, a right-handed frame, one per column.
         omega: Angular velocity ω at the start of the step, shape (3,) [rad/s].
         dt: Δt [s].
     """
-    theta, momentum = dt * omega, inertia @ omega
+    theta = dt * (omega @ axes)
+    # Arithmetic of numbers: with arrays of three it takes three times as long.
+    i, j, k = map(float, principal)
+    f, g, h = 0.5 * (k - j), 0.5 * (i - k), 0.5 * (j - i)
+    p, q, r = map(float, principal * theta)
     for _ in range(TRIES):
-        half = skew(0.5 * theta)
-        T = cayley_tangent(theta, half)
-        turned = inertia + 2 * half @ T @ inertia  # R J, as cay(θ) = I + θ̂ T
-        now = turned @ (2 / dt * theta - omega)
-        slope = 2 / dt * turned - skew(now) @ T
-        if not (np.isfinite(slope).all() and np.isfinite(momentum - now).all()):
+        a, b, c = map(float, theta)
+        off = p - i * a - f * b * c, q - j * b - g * c * a, r - k * c - h * a * b
+        if not all(map(isfinite, (a, b, c, *off))):
             break
-        change = _solution(slope, momentum - now)
+        slope = (i, f * c, f * b), (g * c, j, g * a), (h * b, h * a, k)
+        try:
+            change = np.linalg.solve(slope, off)
+        except np.linalg.LinAlgError:
+            break
         theta = theta + change
-        if np.vdot(change, change) <= ENOUGH**2 * np.vdot(theta, theta):
-            return np.asarray(theta)
+        if change @ change <= ENOUGH**2 * (theta @ theta):
+            return np.asarray(axes @ theta)
     return dt * omega
 
 
 def _six(start: Bodies, translations: Array, turns: Array) -> Array:
     """Δr and ℓθ of the bodies from Δr and θ, shape (bodies, 6) [m]."""
-    return np.hstack([translations, start.of.length[:, None] * turns])
+    out = np.empty((len(start), 6))
+    out[:, :3] = translations
+    np.multiply(start.of.length[:, None], turns, out=out[:, 3:])
+    return out
 
 
-def _mean_motion(
-    scene: Scene, start: Bodies, mass: Array, x: Array, v: Array
-) -> tuple[Array, Array, Array, Array]:
-    """Centre, its velocity, ω and J of nodes and bodies together, by their momenta. Collective."""
-    of, bodies = start.of, len(start) > 0
-    first = np.asarray(scene.sum(np.concatenate([[mass.sum()], mass @ x, mass @ v])))
+@dataclass(frozen=True)
+class _MeanMotion:
+    """What nodes and bodies do together, by their momenta, and what nodes do relative to that.
+
+    Attributes:
+        centre: Their centre of mass, shape (3,) [m].
+        velocity: Its velocity, shape (3,) [m/s].
+        omega: Angular velocity ω, shape (3,) [rad/s].
+        principal: Principal moments of inertia about the centre, shape (3,) [kg m²]; the largest
+            in place of those that are next to none, as that of a line is.
+        axes: Their axes, a right-handed frame, one per column.
+        arms: Positions of nodes from the centre [m].
+        relative: Their velocities less that of the centre [m/s].
+    """
+
+    centre: Array
+    velocity: Array
+    omega: Array
+    principal: Array
+    axes: Array
+    arms: Array
+    relative: Array
+
+
+def _mean_motion(scene: Scene, mass: Array, start: Bodies, x: Array, v: Array) -> _MeanMotion:
+    """The mean motion of nodes and bodies. Collective.
+
+    Args:
+        scene: The problem.
+        mass: Mass of each active node that is its own [kg].
+        start: The bodies.
+        x: Positions of the active nodes, shape (nodes, 3) [m].
+        v: Their velocities, likewise [m/s].
+    """
+    of, bodies, first = start.of, len(start) > 0, np.empty(7)
+    first[0], first[1:4], first[4:] = mass.sum(), mass @ x, mass @ v
+    first = np.asarray(scene.sum(first))
     if bodies:
         first[0] += of.mass.sum()
         first[1:4] += of.mass @ start.r
-        first[4:] += start.momentum.sum(axis=0)
-    c, velocity = first[1:4] / first[0], first[4:] / first[0]
-    y = x - c
-    weighted = (mass[:, None] * y).T
-    inertia = _inertia(weighted @ y)
-    second = np.asarray(scene.sum(np.concatenate([axial(weighted @ v), inertia.reshape(-1)])))
+        first[4:] += of.mass @ start.velocity
+    centre, velocity = first[1:4] / first[0], first[4:] / first[0]
+    arms, relative, second = x - centre, v - velocity, np.empty((4, 3))
+    _second_moments(mass, arms, relative, second)
+    second = np.asarray(scene.sum(second))
     if bodies:
-        arms = start.r - c
-        second[:3] += axial(arms.T @ start.momentum) + start.angular_momentum.sum(axis=0)
-        turned = (start.R @ start.rotated_inertia).sum(axis=0)
-        second[3:] += (turned + _inertia((of.mass[:, None] * arms).T @ arms)).reshape(-1)
-    whole = second[3:].reshape(3, 3)
+        own = np.empty((4, 3))
+        _second_moments(of.mass, start.r - centre, start.velocity - velocity, own)
+        second += own
+        second[0] += start.angular_momentum.sum(axis=0)
+        second[1:] += (start.R @ start.rotated_inertia).sum(axis=0)
     if not np.isfinite(second).all():  # the step will say so
-        return c, velocity, np.zeros(3), whole
-    return c, velocity, _solution(whole, second[:3]), whole
+        return _MeanMotion(centre, velocity, np.zeros(3), np.ones(3), IDENTITY, arms, relative)
+    principal, axes = np.linalg.eigh(second[1:])
+    axes[:, 2] = skew(axes[:, 0]) @ axes[:, 1]
+    largest = principal[2]
+    resists = principal > SINGULAR * largest
+    spin = np.divide(second[0] @ axes, principal, out=np.zeros(3), where=resists)
+    principal = np.where(resists, principal, largest or 1.0)
+    return _MeanMotion(centre, velocity, axes @ spin, principal, axes, arms, relative)
 
 
-def _inertia(spread: Array) -> Array:
-    """Σ m (y·y I - y yᵀ) from Σ m y yᵀ."""
-    return np.asarray(spread.trace() * IDENTITY - spread)
-
-
-def _solution(A: Array, b: Array) -> Array:
-    """A⁻¹ b, shape (3,); of the least size where A is all but singular, as that of a line is."""
-    if abs(np.linalg.det(A)) > SINGULAR * np.vdot(A, A) ** 1.5:
-        return np.asarray(np.linalg.solve(A, b))
-    return np.asarray(np.linalg.lstsq(A, b, rcond=SINGULAR)[0])
+def _second_moments(mass: Array, arms: Array, relative: Array, out: Array) -> None:
+    """Angular momentum, and inertia Σ m (y·y I - y yᵀ) in the rows below it."""
+    weighted = (mass[:, None] * arms).T
+    spread = weighted @ arms
+    out[0] = axial(weighted @ relative)
+    np.subtract(spread.trace() * IDENTITY, spread, out=out[1:])

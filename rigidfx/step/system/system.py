@@ -151,7 +151,8 @@ class System:
         self._v0.array[:] = state.v.x.array[self.layout.rows.dofs]
         imposed = self._prescribed.increments(state.t, state.t + dt)
         self.equilibrium.begin(dt, self._v0, imposed, state.bodies)
-        return self.newton.solve(predict(self._scene, state, self.layout, state.bodies, dt))
+        u, v, bodies = self.equilibrium.start, self._v0.array_r, state.bodies
+        return self.newton.solve(predict(self._scene, self.layout, u, v, bodies, dt))
 
     def explain(self, solution: Solution) -> None:
         """Raise what a user's functions have done to a step that is objected to. Collective.
