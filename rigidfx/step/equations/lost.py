@@ -18,7 +18,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.coupling.prolongation import Prolongation
-from rigidfx.mechanics.rotation import axial
+from rigidfx.mechanics.rotation import axial, skew
 from rigidfx.scene.scene import Scene
 
 __all__ = ["Lost"]
@@ -47,6 +47,7 @@ class Lost:
         self._size = 0.5 * float(np.linalg.norm(corners))
         self.of_momenta = prolongation.comm.allreduce(prolongation.prescribed.size) == 0
         self._energy = self._momentum = TINY
+        self._each = np.ones(len(prolongation.free_of_nodes))
 
     def of_energy(self, y: Array, R: Array, energy: float) -> Array:
         """What the energy of a step is off by that ends with a residual. Collective.
@@ -88,10 +89,9 @@ class Lost:
             sums[2] += self._p.increments.start.momentum_scale
         self._momentum = max(self._momentum, sums[2])
         count, places, force, moment = sums[3], sums[4:7], sums[7:10], sums[10:13]
-        middle = places / max(count, 1.0)
-        turn = moment - axial(np.outer(middle, force))
-        off = np.sqrt([force @ force, turn @ turn / self._size**2])
-        return np.array([self._lost_energy(*sums[:2]), *(dt / self._momentum * off)])
+        turn = moment - skew(places / max(count, 1.0)) @ force
+        off = force @ force, turn @ turn / self._size**2
+        return np.array([self._lost_energy(*sums[:2]), *(dt / self._momentum * np.sqrt(off))])
 
     def _lost_energy(self, work: float, energy: float) -> float:
         increments = self._p.increments
@@ -106,9 +106,9 @@ class Lost:
         p = self._p
         n = p.own_free
         f = R[:n].reshape(-1, 3)  # nothing is held: whole nodes
-        at = p.at_nodes(x)
-        out[0], out[1:4] = len(at), at.sum(axis=0)
-        out[4:7], out[7:10] = f.sum(axis=0), axial(at.T @ f)
+        at, each = p.at_nodes(x), self._each
+        out[0], out[1:4] = each.size, each @ at
+        out[4:7], out[7:10] = each @ f, axial(at.T @ f)
         own = p.owned_bodies
         if own.size:
             six, start = R[n:].reshape(-1, 6), p.increments.start
