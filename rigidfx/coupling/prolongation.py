@@ -9,19 +9,13 @@ so the residual is restricted by Lᵀ, equations (5) and (13); the derivative of
 [I, -v̂₁ T/ℓ]. A dof that a support prescribes has no column, its increment is in d_s; a node inside
 a body has no row at all. So no rows of ones, no penalties and no empty rows ever reach the solver.
 
-The body-fixed coordinates [1, V] of a body's nodes never change; each node moves by them times a
-matrix of four rows, see `Increments`, which is all that turns. So vectors pass L and Lᵀ by one
-constant sparse matrix,
-
-    d = A [y of the free dofs, increments of the prescribed ones, twelve numbers of each body],
-
-and by Aᵀ. A tangent passes them by a MatPtAP with the like of A, see `interface`; a matrix that is
-condensed once per layout, such as a mass matrix, by a MatPtAP with P itself.
+Rows of a body's nodes follow twelve numbers of that body, see `attached_rows`. A tangent passes L
+and P by a MatPtAP, see `interface`; a matrix that is condensed once per layout, such as a mass
+matrix, by a MatPtAP with P itself.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -30,6 +24,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_array
 
+from rigidfx.coupling.attached_rows import AttachedRows
 from rigidfx.coupling.couplings import Lengths
 from rigidfx.coupling.dealt_rows import DealtRows
 from rigidfx.coupling.dof_layout import DofLayout
@@ -42,7 +37,6 @@ __all__ = ["Prolongation"]
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 Int = PETSc.IntType
-Entries = tuple[Ints, Ints, Array]  # rows, columns and values
 
 
 class Prolongation:
@@ -83,7 +77,8 @@ class Prolongation:
         """
         self.layout, self.comm, self.dealt = layout, comm, dealt
         rows = layout.rows
-        if layout.bodies:
+        self._with_bodies = len(layout.bodies) > 0
+        if self._with_bodies:
             prepare(comm)
         free = layout.free[rows.dofs]
         by_node = free.reshape(-1, 3)
@@ -94,6 +89,8 @@ class Prolongation:
         self.prescribed = np.flatnonzero(layout.prescribed[rows.dofs])
         self.owned_bodies = np.flatnonzero(_owners(layout, comm) == comm.rank)
         self.owned = self.own_free + 6 * self.owned_bodies.size
+        every = self.owned_bodies.size == len(layout.bodies)
+        self._own_bodies = slice(None) if every else self.owned_bodies
         self.size = int(comm.allreduce(self.owned))
         self.pose(layout.ensemble.at_rest)
         broken = int(np.count_nonzero(by_node.any(axis=1) & ~by_node.all(axis=1)))
@@ -110,23 +107,8 @@ class Prolongation:
         self._own_rows = own.reshape(-1)
         self._own_csr = np.arange(0, 6 * own.size + 1, 6, dtype=Int), np.repeat(own, 6, axis=0)
         self.touched = comm.allreduce(sum(map(len, layout.attached))) > 0
-        single = self.free.size + self.prescribed.size
-        self._A = self._constant_part(single)
-        self._A_bodies = self._A[:, single:].T.tocsr()
-        self.attached = np.unique(self._A_bodies.indices).astype(np.int64)
-        self._A_attached = self._A[self.attached][:, single:]
-
-    def _constant_part(self, single: int) -> csr_array:
-        """A of the module's text; so many of its columns are of one dof each."""
-        rows, bodies = self.layout.rows, self.layout.bodies
-        dofs = np.concatenate([self.free, self.prescribed])
-        entries: list[Entries] = [(dofs, np.arange(single), np.ones(single))]
-        for k, (body, at) in enumerate(zip(bodies, self.layout.attached, strict=True)):
-            coordinates = np.c_[np.ones(at.size), body.offsets[at]]
-            node, axis, j = (i.reshape(-1) for i in np.indices((at.size, 3, 4)))
-            places = 3 * rows.positions(body.nodes[at])[node] + axis
-            entries.append((places, single + 12 * k + 3 * j + axis, coordinates[node, j]))
-        return _sparse(entries, (rows.dofs.size, single + 12 * len(bodies)))
+        self._held = AttachedRows(layout)
+        self.attached = self._held.rows
 
     def _number_bodies(self) -> Ints:
         """Numbers of the bodies' unknowns, which come last among their owner's. Collective."""
@@ -149,7 +131,7 @@ class Prolongation:
     def at_unknowns(self, d: Array) -> Array:
         """What rows have, at this rank's unknowns. Collective."""
         if self.dealt is None:
-            return np.asarray(d[self._rows_of_free])
+            return d[self._rows_of_free]
         return self.dealt.give(d.reshape(-1, 3)).reshape(-1)[self._places]
 
     def _at_rows(self, y: Array) -> Array:
@@ -169,7 +151,7 @@ class Prolongation:
 
     def expand(
         self,
-        y: PETSc.Vec,
+        y: Array,
         step: Step,
         imposed: Array,
         d: PETSc.Vec,
@@ -177,15 +159,14 @@ class Prolongation:
         """Evaluate d = L y + d_s, with L rotated to the unknowns. Collective.
 
         Args:
-            y: Unknowns.
+            y: Unknowns of this rank, from then on not to be changed.
             step: The step of the bodies.
             imposed: Increments of the prescribed dofs [m], in their order.
             d: Increments of the active nodes, overwritten.
         """
-        if self.layout.bodies:
-            self.rotate(self.bodies_part(y), step)
-        moved = self.increments.displacement if self.attached.size else None
-        self._multiply(y, imposed, moved, d)
+        if self._with_bodies:
+            self.rotate(self._gathered(y), step)
+        self._multiply(y, imposed, self.increments.displacement, d)
 
     def apply(self, y: PETSc.Vec, six: Array, imposed: Array, d: PETSc.Vec) -> None:
         """Evaluate d = L y + d_s with L as it is.
@@ -196,20 +177,20 @@ class Prolongation:
             imposed: Increments of the prescribed dofs [m], in their order.
             d: Increments of the active nodes, overwritten.
         """
-        self._multiply(y, imposed, self.increments.L @ six[:, :, None], d)
+        self._multiply(y.array_r, imposed, self.increments.L @ six[:, :, None], d)
 
-    def _multiply(self, y: PETSc.Vec, imposed: Array, moved: Array | None, d: PETSc.Vec) -> None:
-        """Evaluate d = A z; `moved` are the numbers of the bodies in z."""
+    def _multiply(self, y: Array, imposed: Array, moved: Array, d: PETSc.Vec) -> None:
+        """Evaluate d by the unknowns and by the twelve numbers of each body that moves rows."""
         out = d.array
-        out[self._rows_of_free] = self._at_rows(y.array_r[: self.own_free])
+        out[self._rows_of_free] = self._at_rows(y[: self.own_free])
         if self.prescribed.size:
             out[self.prescribed] = imposed
-        if self.attached.size and moved is not None:
-            out[self.attached] = self._A_attached @ moved.reshape(-1)
+        if self.attached.size:
+            out[self.attached] = self._held.moved(moved)
 
     def places(self, bodies: Bodies) -> Array:
         """Where the attached nodes are, a coordinate for each of their rows, `attached` [m]."""
-        return np.asarray(self._A_attached @ bodies.pose.reshape(-1))
+        return self._held.moved(bodies.pose).copy()
 
     def pose(self, bodies: Bodies) -> None:
         """Set L and P to those of θ = 0, where they agree and map velocities, equation (25)."""
@@ -221,9 +202,13 @@ class Prolongation:
 
     def bodies_part(self, y: PETSc.Vec) -> Array:
         """The six unknowns of each body, shape (bodies, 6), on all ranks. Collective."""
-        own = y.array_r[self.own_free :].reshape(-1, 6)
+        return self._gathered(y.array_r.copy())
+
+    def _gathered(self, y: Array) -> Array:
+        """The same of unknowns that nobody changes. Collective."""
+        own = y[self.own_free :].reshape(-1, 6)
         if self.comm.size == 1:
-            return own.copy()
+            return own
         values = np.zeros((len(self.layout.bodies), 6))
         values[self.owned_bodies] = own
         return self._sum(values)
@@ -244,8 +229,8 @@ class Prolongation:
         """
         values = y.array
         values[: self.own_free] = self.at_unknowns(d)
-        if self.owned_bodies.size:
-            values[self.own_free :] = bodies[self.owned_bodies].reshape(-1)
+        if self.owned > self.own_free:
+            values[self.own_free :] = bodies[self._own_bodies].reshape(-1)
 
     def moments(self, f: PETSc.Vec) -> Array:
         """Sum f and V fᵀ over each body's attached nodes, shape (bodies, 4, 3). Collective.
@@ -254,7 +239,7 @@ class Prolongation:
         """
         if not self.touched:
             return np.zeros((len(self.layout.bodies), 4, 3))
-        return self._sum((self._A_bodies @ f.array_r).reshape(-1, 4, 3))
+        return self._sum(self._held.moments(f.array_r))
 
     def restrict(self, f: PETSc.Vec, bodies: Array, r: PETSc.Vec) -> None:
         """Evaluate r = Lᵀ f plus the bodies' own six numbers each. Collective.
@@ -294,18 +279,19 @@ class Prolongation:
 
     def trial(self) -> PETSc.Mat:
         """P where L is, as a new matrix, which the caller destroys. Collective."""
-        free, single = np.arange(self.free.size), self.free.size + self.prescribed.size
-        entries: list[Entries] = [(free, self.numbers[self.free], np.ones(free.size))]
         pattern = TRANSLATIONS.copy()
         pattern[3:, 3:] = 1.0
         row, column = np.nonzero(pattern)
         bodies = 12 * np.arange(len(self.layout.bodies))
-        entries.append((
-            (single + bodies[:, None] + row).reshape(-1),
-            self.body_columns[:, column].reshape(-1),
-            self.increments.P[:, row, column].reshape(-1),
-        ))  # fmt: skip
-        P = self._A @ _sparse(entries, (self._A.shape[1], self.size))
+        turning = csr_array(
+            (
+                self.increments.P[:, row, column].reshape(-1),
+                ((bodies[:, None] + row).reshape(-1), self.body_columns[:, column].reshape(-1)),
+            ),
+            shape=(12 * bodies.size, self.size),
+        )
+        ones = np.ones(self.free.size), (self.free, self.numbers[self.free])
+        P = csr_array(ones, shape=(self.numbers.size, self.size)) + self._held.entries @ turning
         P.sort_indices()
         out = PETSc.Mat().createAIJ(
             [(P.shape[0], None), (self.owned, None)],
@@ -334,12 +320,6 @@ class Prolongation:
         values = blocks[self.owned_bodies].reshape(-1)
         C.setValuesIJV(*self._own_csr, values, PETSc.InsertMode.ADD_VALUES, self._own_rows)
         C.assemble()
-
-
-def _sparse(entries: Sequence[Entries], shape: tuple[int, int]) -> csr_array:
-    """A matrix of the given entries."""
-    row, column, values = map(np.concatenate, zip(*entries, strict=True))
-    return csr_array((values, (row, column)), shape=shape)
 
 
 def _owners(layout: DofLayout, comm: MPI.Intracomm) -> Ints:

@@ -82,3 +82,17 @@ void resultant(int bodies, const double *length, const double *told, const doubl
     }
   }
 }
+
+/* Residual of the bodies: what `resultant` gives, with the inertia forces of that trial and less
+   torques/ℓ. */
+void balance(int bodies, const double *length, const double *told, const double *moments,
+             const double *torques, double *out)
+{
+  const double *force = told + (3 + 9 + 9 + 9 + 3 + 12) * bodies;
+  resultant(bodies, length, told, moments, out);
+  for (int b = 0; b < bodies; ++b)
+    for (int i = 0; i < 3; ++i) {
+      out[6 * b + i] += force[6 * b + i];
+      out[6 * b + 3 + i] += force[6 * b + 3 + i] - torques[3 * b + i] / length[b];
+    }
+}

@@ -39,6 +39,7 @@ DECLARED = """
 void trial(int, double, const double *, const double *, const double *, const double *,
            const double *, const double *, const double *, const double *, double *);
 void resultant(int, const double *, const double *, const double *, double *);
+void balance(int, const double *, const double *, const double *, const double *, double *);
 """
 # Numbers of a body that a trial tells, all bodies' of one kind after those of the other.
 SHAPES: dict[str, tuple[int, ...]] = {
@@ -51,8 +52,9 @@ SHAPES: dict[str, tuple[int, ...]] = {
     "force": (6,),
 }
 ENDS = dict(zip(SHAPES, accumulate(map(prod, SHAPES.values())), strict=True))
+PLACES = {name: (end - prod(SHAPES[name]), end) for name, end in ENDS.items()}
 ALL = ENDS["force"]
-LENGTH = 2  # place of ℓ in `Step.given`
+LENGTH = 2  # place of ℓ in what the C code is told of a step
 
 _compiled: list[Any] = []  # the C code, once it is there
 
@@ -94,12 +96,42 @@ class Step:
         self.start, self.dt = start, dt
 
     @cached_property
-    def given(self) -> tuple[Any, ...]:
+    def _code(self) -> tuple[Any, Any]:
+        """The C code, and what arrays are to it."""
+        code = _code()
+        return code.lib, partial(code.ffi.from_buffer, "double[]")
+
+    @cached_property
+    def _given(self) -> tuple[Any, ...]:
         """What the C code is told of the start, as it takes it."""
-        of, start, at = self.start.of, self.start, _code().ffi.from_buffer
+        of, start, (_, at) = self.start.of, self.start, self._code
         arrays = (of.mass, of.inertia, of.length, start.pose, start.velocity)
-        momenta = (start.own_momentum, start.angular_momentum)
-        return tuple(at("double[]", values) for values in (*arrays, *momenta))
+        return tuple(map(at, (*arrays, start.own_momentum, start.angular_momentum)))
+
+    def trial(self, six: Array) -> Array:
+        """What a trial with these unknowns tells, one kind of `SHAPES` after the other."""
+        out = np.empty(ALL * len(six))
+        if len(six):
+            code, at = self._code
+            code.trial(len(six), self.dt, *self._given, at(np.ascontiguousarray(six)), at(out))
+        return out
+
+    def resultant(self, told: Array, moments: Array) -> Array:
+        """See `Increments.resultant`; by what the trial has told."""
+        return self._collected("resultant", told, moments)
+
+    def balance(self, told: Array, moments: Array, torques: Array) -> Array:
+        """See `Increments.balance`; by what the trial has told."""
+        return self._collected("balance", told, moments, torques)
+
+    def _collected(self, what: str, *arrays: Array) -> Array:
+        n = len(self.start)
+        out = np.empty((n, 6))
+        if n:
+            code, at = self._code
+            given = (at(np.ascontiguousarray(values)) for values in arrays)
+            getattr(code, what)(n, self._given[LENGTH], *given, at(out))
+        return out
 
     @cached_property
     def inertia(self) -> Array:
@@ -124,9 +156,10 @@ class Increments:
     """
 
     def __init__(self, step: Step, six: Array) -> None:
-        """Take unknowns as they are, from then on not to be changed."""
+        """Try unknowns, from then on not to be changed."""
         self.step, self.six = step, six
         self.dr = six[:, :3]
+        self._told = step.trial(six)
 
     def __len__(self) -> int:
         """Number of bodies."""
@@ -137,22 +170,9 @@ class Increments:
         """The bodies at the start of the step."""
         return self.step.start
 
-    @cached_property
-    def _told(self) -> tuple[Array, Any]:
-        """What the C code tells of the trial, and as it takes that."""
-        n, out = len(self), np.empty(ALL * len(self))
-        if not n:
-            return out, None
-        code = _code()
-        told = code.ffi.from_buffer("double[]", out)
-        six = code.ffi.from_buffer("double[]", np.ascontiguousarray(self.six))
-        code.lib.trial(n, self.step.dt, *self.step.given, six, told)
-        return out, told
-
     def _part(self, name: str) -> Array:
-        n, shape = len(self), SHAPES[name]
-        end = n * ENDS[name]
-        return self._told[0][end - n * prod(shape) : end].reshape(n, *shape)
+        n, (first, end) = len(self.six), PLACES[name]
+        return self._told[n * first : n * end].reshape(n, *SHAPES[name])
 
     @property
     def theta(self) -> Array:
@@ -248,13 +268,16 @@ class Increments:
         Args:
             moments: Shape (bodies, 4, 3) [N, N m].
         """
-        out = np.empty((len(self), 6))
-        if len(self):
-            code, (_, told) = _code(), self._told
-            of = partial(code.ffi.from_buffer, "double[]")
-            length = self.step.given[LENGTH]
-            code.lib.resultant(len(self), length, told, of(np.ascontiguousarray(moments)), of(out))
-        return out
+        return self.step.resultant(self._told, moments)
+
+    def balance(self, moments: Array, torques: Array) -> Array:
+        """Residual of the bodies, shape (bodies, 6) [N].
+
+        Args:
+            moments: Of all forces on their nodes, but for those of their own inertia; as above.
+            torques: On the bodies as such, shape (bodies, 3) [N m].
+        """
+        return self.step.balance(self._told, moments, torques)
 
     def couples(self, moments: Array) -> Array:
         """Σ ½ f̂ᵢ v̂₁,ᵢ of forces with these moments, shape (bodies, 3, 3) [N m]: see `tangent`."""

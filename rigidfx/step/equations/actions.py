@@ -165,7 +165,8 @@ class Actions:
 
     def resist_bodies(self, increments: Increments, moments: Array) -> None:
         """Add Σ f and Σ V fᵀ of resistance less loads to those of nodal forces."""
-        moments -= self.moments
+        if self._load_bodies:
+            moments -= self.moments
         for resist in self._resist_bodies:
             resist(moments, increments)
 

@@ -113,7 +113,7 @@ class Equilibrium:
     def _expand(self, y: PETSc.Vec) -> None:
         """Set d and the forms' u₁ from the unknowns."""
         self._last = y.array_r.copy()
-        self.prolongation.expand(y, self._step, self._imposed, self.d)
+        self.prolongation.expand(self._last, self._step, self._imposed, self.d)
         self._cells.displace(self.start + self.d.array_r)
 
     def return_to(self, y: PETSc.Vec, r: PETSc.Vec) -> None:
@@ -154,16 +154,11 @@ class Equilibrium:
     def _body_forces(self) -> Array:
         """Residual of the bodies, shape (bodies, 6) [N]. Collective."""
         increments = self.prolongation.increments
-        if not len(increments):  # without bodies nothing of them is computed
-            return np.empty((0, 6))
+        if not len(increments.six):  # without bodies nothing of them is computed
+            return increments.six
         self._moments = self.prolongation.moments(self.forces_out_of_balance)
         self._actions.resist_bodies(increments, self._moments)
-        out = increments.inertia_force()
-        if self._moments.any():
-            out += increments.resultant(self._moments)
-        if self._actions.torques.any():
-            out[:, 3:] -= self._actions.torques / self._step.start.of.length[:, None]
-        return out
+        return increments.balance(self._moments, self._actions.torques)
 
     def tangent(self) -> None:
         """Assemble and condense the tangent at the last iterate. Collective."""

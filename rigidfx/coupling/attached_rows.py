@@ -1,0 +1,84 @@
+"""Rows of nodes that bodies hold: how a body's twelve numbers move them, and what they sum up to.
+
+The body-fixed coordinates [1, V] of a body's nodes never change; each node moves by them times a
+matrix of four rows, see `Increments`, which is all that turns. So the increments of these rows are
+
+    d = N [twelve numbers of each body],    N constant and sparse,
+
+and moments of forces at them come by Nᵀ. PETSc multiplies, by vectors whose numbers are NumPy's: a
+product of SciPy's takes three times as long where bodies are small.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from petsc4py import PETSc
+from scipy.sparse import csr_array
+
+from rigidfx.coupling.dof_layout import DofLayout
+
+__all__ = ["AttachedRows"]
+
+Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+Int = PETSc.IntType
+
+
+class AttachedRows:
+    """The rows of this rank that bodies of a layout hold.
+
+    Attributes:
+        rows: These rows, sorted.
+        entries: N, with a row for each row of the layout, shape (rows, 12 · bodies) [1, m].
+    """
+
+    def __init__(self, layout: DofLayout) -> None:
+        """Find them.
+
+        Args:
+            layout: Division of the dofs.
+        """
+        rows, count = layout.rows, 12 * len(layout.bodies)
+        parts: list[tuple[Ints, Ints, Array]] = []  # rows, columns, values
+        for k, (body, at) in enumerate(zip(layout.bodies, layout.attached, strict=True)):
+            coordinates = np.c_[np.ones(at.size), body.offsets[at]]
+            node, axis, j = (i.reshape(-1) for i in np.indices((at.size, 3, 4)))
+            places = 3 * rows.positions(body.nodes[at])[node] + axis
+            parts.append((places, 12 * k + 3 * j + axis, coordinates[node, j]))
+        none = np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0)
+        row, column, value = map(np.concatenate, zip(none, *parts, strict=True))
+        self.entries = csr_array((value, (row, column)), shape=(rows.dofs.size, count))
+        self.rows: Ints = np.unique(row)
+        own = self.entries[self.rows]
+        self._numbers, self._at_rows = np.zeros(count), np.zeros(self.rows.size)
+        vectors = (self._numbers, self._at_rows)
+        self._of_bodies, self._of_rows = (
+            PETSc.Vec().createWithArray(values, comm=PETSc.COMM_SELF) for values in vectors
+        )
+        csr = own.indptr.astype(Int), own.indices.astype(Int), own.data
+        self._N = PETSc.Mat().createAIJ(own.shape, csr=csr, comm=PETSc.COMM_SELF)
+
+    def __len__(self) -> int:
+        """How many there are."""
+        return self._at_rows.size
+
+    def moved(self, numbers: Array) -> Array:
+        """What they have, in their order; to be used before the next call.
+
+        Args:
+            numbers: Twelve of each body.
+        """
+        self._numbers[:] = numbers.reshape(-1)
+        self._N.mult(self._of_bodies, self._of_rows)
+        return self._at_rows
+
+    def moments(self, f: Array) -> Array:
+        """Sums over them, twelve of each body, shape (bodies, 4, 3).
+
+        Args:
+            f: One number per row of the layout.
+        """
+        self._at_rows[:] = f[self.rows]
+        self._N.multTranspose(self._of_rows, self._of_bodies)
+        return self._numbers.reshape(-1, 4, 3).copy()
