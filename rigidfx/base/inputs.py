@@ -174,7 +174,7 @@ def scalar(value: Any) -> float:
     Args:
         value: What was given; a truth value, such as t < 1, is 1 or 0.
     """
-    if isinstance(value, (bool, np.bool_)):
+    if isinstance(value, (float, bool, np.bool_)):
         return float(value)
     array = numbers(value)
     return float(array) if array.ndim == 0 else float("nan")

@@ -8,7 +8,7 @@ nodes it acts on, and has its sums over the nodes of bodies anew in each step.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -63,14 +63,21 @@ class DeadLoad(Windowed):
         """
         if not self.acts(t):
             return np.zeros(3)
-        value: Any = getattr(self, "value", (0.0, 0.0, 0.0))
-        vector = numbers(value(t) if is_function(value) else value)
-        return vector if self.time is None else vector * scalar(self.time(t))
+        steady = self._steady
+        if steady is None:
+            steady = numbers(getattr(self, "value")(t))  # noqa: B009 - of those that have one
+        return steady.copy() if self.time is None else steady * scalar(self.time(t))
 
-    @property
+    @cached_property
     def uniform(self) -> bool:
         """Whether its value is the same everywhere."""
         return not of_place(getattr(self, "value", None))
+
+    @cached_property
+    def _steady(self) -> Array | None:
+        """Its value, shape (3,); None if that is a function."""
+        value: Any = getattr(self, "value", (0.0, 0.0, 0.0))
+        return None if is_function(value) else numbers(value)
 
     def intensities(self, t: float, X: Array) -> Array:
         """Vectors q(X, t) at some points, shape (points, 3); zero outside the window.

@@ -14,7 +14,7 @@ error, with it 3.3).
 
 from __future__ import annotations
 
-from math import nan
+from math import sqrt
 
 import numpy as np
 import numpy.typing as npt
@@ -34,28 +34,25 @@ class Elsewhere:
             asked: How many points are asked for, the first of all.
         """
         self._asked = asked
-        self._moved: Array = np.zeros(2)
-        self._next: Array = self._moved
+        self._moved = self._next = 0.0, 0.0
 
     def look(self, errors: Array, u: Array) -> float:
         """Error of a step that has been solved at the points that are asked for [m].
 
         Args:
-            errors: Of each point in it, shape (points,) [m]; NaN where unknown.
+            errors: Of each point in it, shape (points,) [m]; NaN if unknown, of all alike.
             u: Displacements at its end, shape (points, 3) [m].
 
         Returns:
             NaN if nothing is known.
         """
-        n = self._asked
-        at, others = errors[:n][~np.isnan(errors[:n])], errors[n:][~np.isnan(errors[n:])]
-        self._next = np.maximum(self._moved, [_largest(u[:n]), _mean(u[n:])])
+        n, squares = self._asked, np.einsum("ij,ij->i", u, u)
+        moved, others = sqrt(squares[:n].max()), _mean(squares[n:])
+        self._next = max(self._moved[0], moved), max(self._moved[1], others)
         here, there = self._next
-        if not at.size:
-            return nan
-        found = float(at.max())
-        if others.size and there > 0:
-            found = max(found, _mean(others[:, None]) * min(1.0, here / there))
+        found = float(errors[:n].max())
+        if errors.size > n and there > 0:
+            found = max(found, _mean(errors[n:] ** 2) * min(1.0, here / there))
         return found
 
     def accept(self) -> None:
@@ -63,10 +60,6 @@ class Elsewhere:
         self._moved = self._next
 
 
-def _largest(vectors: Array) -> float:
-    return float(np.sqrt(np.einsum("ij,ij->i", vectors, vectors).max(initial=0.0)))
-
-
-def _mean(vectors: Array) -> float:
-    """Root of the mean square of vectors' sizes."""
-    return float(np.sqrt(np.einsum("ij,ij->", vectors, vectors) / max(len(vectors), 1)))
+def _mean(squares: Array) -> float:
+    """Root of a mean."""
+    return sqrt(squares.sum() / squares.size) if squares.size else 0.0

@@ -45,6 +45,7 @@ class Given:
             scene: The scene that names it.
         """
         self.load, self._X, self._weights = load, np.zeros((0, 3)), np.ones(1)
+        self._owner = load.owner
         self._range: tuple[Array, Array] | None = None
         self._asked = False
         self.changed: Array = np.zeros(1)
@@ -95,34 +96,36 @@ class Given:
         )
 
     def _once(self, t: float, dt: float) -> Array:
-        load = self.load
-        if isinstance(load, DeadLoad) and not load.uniform:
-            value = by_name(load.owner, t, partial(load.intensities, t, self._X))
-        else:
-            value = by_name(load.owner, t, partial(load.signal, t, dt))
+        value = by_name(self._owner, t, partial(self._value, t, dt))
         array = np.array(value, dtype=np.float64)  # a function may give the same array each time
         return array if len(self._X) else array.reshape(1, -1)
 
-    def known(self, values: list[Array]) -> bool:
+    def _value(self, t: float, dt: float) -> Array:
+        load = self.load
+        if isinstance(load, DeadLoad) and not load.uniform:
+            return load.intensities(t, self._X)
+        return load.signal(t, dt)
+
+    def known(self, values: list[Array]) -> Array | None:
         """Take values of a step into what it has changed by.
 
         Returns:
-            Whether they are finite, and as many: if not the step says what is wrong.
+            All of them, shape (values, nodes, components); None if they are not finite, or not as
+            many: the step says what is wrong.
         """
         shapes = {value.shape for value in values}
         if len(shapes) > 1 or values[0].ndim != 2 or len(values[0]) != self._weights.size:
-            return False
+            return None
         every = np.array(values)
         least, most = every.min(axis=0), every.max(axis=0)
         if self._range is not None and self._range[0].shape == least.shape:
             least, most = np.minimum(least, self._range[0]), np.maximum(most, self._range[1])
         self._range = least, most
         if not np.isfinite([least, most]).all():
-            return False
-        size = np.maximum(np.abs(least), np.abs(most))
-        moves = most - least > np.maximum(ROUNDING * size, LEAST)
-        self.changed = self._weights @ np.where(moves, most - least, 0.0)
-        return True
+            return None
+        size, by = np.maximum(-least, most), most - least
+        self.changed = self._weights @ (by * (by > np.maximum(ROUNDING * size, LEAST)))
+        return every
 
     def part(self, off: Array) -> float:
         """What something is of what the load has changed by: the most of any component.

@@ -9,7 +9,7 @@ largest is right where all is one vibration, and knows of a slow one however muc
 
 from __future__ import annotations
 
-from math import log2
+from math import log2, nan
 
 import numpy as np
 import numpy.typing as npt
@@ -40,31 +40,45 @@ class Octaves:
         """
         count = min(max(int(np.ceil(log2(time / step))), 1), MOST)
         self.cuts: Array = np.exp2(np.arange(count, dtype=np.float64)) / time
-        self._means: Array = np.zeros((STAGES, count, points, 3))
-        self._next: Array = self._means
+        # The signal and its means, one of the other, and what a step of some length makes of them.
+        self._known: Array = np.zeros((count, 1 + STAGES, 3 * points))
+        self._step: Array = np.empty(0)
+        self._dt = nan
+        self._next: Array = self._known[:, 1:]
         self._parts: Array = np.ones(count)
 
     def look(self, vectors: Array, dt: float) -> Array:
         """What each cut leaves of some vectors, the largest of all points over theirs.
 
         Args:
-            vectors: Of each point, in a step that has been solved, shape (points, 3); NaN where
-                nothing is known.
+            vectors: Of each point, in a step that has been solved, shape (points, 3); NaN if
+                nothing is known, of all alike.
             dt: Time since the last ones [s].
         """
-        known = np.isfinite(vectors)
-        size = float(np.linalg.norm(np.where(known, vectors, 0.0), axis=1).max(initial=0.0))
-        if not known.any() or size == 0:
-            self._next = self._means
+        size = float(np.einsum("pi,pi->p", vectors, vectors).max(initial=0.0))
+        if not size > 0:
+            self._next = self._known[:, 1:]
             return self._parts
-        taken = -np.expm1(-self.cuts * dt)[:, None, None]
-        signal: Array = vectors
-        self._next = self._means.copy()
-        for mean in self._next:
-            mean += np.where(known, taken * (signal - mean), 0.0)
-            signal = mean
-        return np.asarray(np.linalg.norm(self._next[-1], axis=2).max(axis=1) / size)
+        if dt != self._dt:
+            self._step, self._dt = _means(-np.expm1(-self.cuts * dt)), dt
+        self._known[:, 0] = vectors.ravel()
+        self._next = self._step @ self._known
+        slowest = self._next[:, -1].reshape(self.cuts.size, -1, 3)
+        left = np.einsum("bpi,bpi->bp", slowest, slowest).max(axis=1)
+        return np.asarray(np.sqrt(left / size))
 
     def accept(self, parts: Array) -> None:
         """Take note that the step that was looked at last is one, with what was left in it."""
-        self._means, self._parts = self._next, parts
+        self._known[:, 1:], self._parts = self._next, parts
+
+
+def _means(taken: Array) -> Array:
+    """New means, one of the other, of a signal and old ones, shape (cuts, STAGES, 1 + STAGES).
+
+    Args:
+        taken: Part of what each is a mean of that comes into it, shape (cuts,).
+    """
+    rows = [np.eye(1 + STAGES)[0] + np.zeros((taken.size, 1))]
+    for own in np.eye(1 + STAGES)[1:]:
+        rows.append(taken[:, None] * rows[-1] + (1 - taken)[:, None] * own)
+    return np.stack(rows[1:], axis=1)

@@ -37,6 +37,7 @@ Array = npt.NDArray[np.float64]
 WITHIN = 1e-6  # of a step: so far inside its ends it is asked, as windows may begin or end there
 PLACES = np.array([WITHIN, 0.25, 0.5, 0.75, 1 - WITHIN])
 SIMPSON = np.array([1, 4, 2, 4, 1]) / 12
+OTHERS = [0, 1, 3, 4]  # than the middle
 SEVERAL = 4  # in one step, of which the first counts
 SWINGS = 0.05  # of what a load changes by: its mean is off by more where a step is half a swing
 UNTOLD = 0.1  # likewise, by what the middles of steps do not tell
@@ -140,18 +141,18 @@ class Onsets:
         Returns:
             That; and by how much it swings unknown to the motion, over what it may.
         """
-        given = self._loads[k]
-        if not given.known(values):
+        given, before = self._loads[k], self._middles[k]
+        every = given.known(values)
+        if every is None:
             return 0.0, 0.0
-        every = np.array(values)
-        off = np.einsum("k,kpi->pi", SIMPSON, every) - every[2]
-        rising = np.diff(every, axis=0) > 0
-        turns = rising.any(axis=0) & ~rising.all(axis=0)
-        swing = given.part(off * turns) / SWINGS
-        before = self._middles[k]
-        if before is not None and before[0] <= times[0] and before[1].shape == off.shape:
+        apart = np.einsum("k,kpi->pi", SIMPSON, every) - every[2]
+        off, swing = given.part(apart), 0.0
+        if off > SWINGS:
+            rising = np.diff(every, axis=0) > 0
+            swing = given.part(apart * (rising.any(axis=0) & ~rising.all(axis=0))) / SWINGS
+        if before is not None and before[0] <= times[0] and before[1].shape == apart.shape:
             swing = max(swing, given.part(_untold(*before, times, every)) / UNTOLD)
-        return given.part(off), swing
+        return off, swing
 
 
 def _untold(t: float, q: Array, times: Array, every: Array) -> Array:
@@ -163,8 +164,9 @@ def _untold(t: float, q: Array, times: Array, every: Array) -> Array:
         times: Five times of the step [s].
         every: The load there, shape (5, nodes, components).
     """
-    middle, others = times[2], [0, 1, 3, 4]
-    at, slope = times[others], (every[2] - q) / (middle - t)
-    line = every[2] + slope * (at - middle)[:, None, None]
-    bends = 2 * np.abs(every[others] - line) / np.abs((at - t) * (at - middle))[:, None, None]
-    return np.asarray((times[4] - times[0]) ** 2 / 24 * bends.max(axis=0))
+    middle = times[2]
+    at = times[OTHERS, None, None]
+    after = at - middle
+    slope = (every[2] - q) / (middle - t)
+    bends = np.abs((every[OTHERS] - every[2] - slope * after) / ((at - t) * after))
+    return np.asarray((times[4] - times[0]) ** 2 / 12 * bends.max(axis=0))

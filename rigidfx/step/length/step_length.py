@@ -23,7 +23,7 @@ now,
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import exp, isnan, log2, sqrt
+from math import exp, isnan, log2, nan, sqrt
 
 from rigidfx.base.course import Course
 from rigidfx.step.length.accounts import Accounts
@@ -104,6 +104,7 @@ class StepLength:
         self._course, self.shortest = Course(REST * size if of is None else of), shortest
         self._envelope = self._last = 0.0
         self._foreseen = self.displacement
+        self._known = nan, 0.0, 0.0  # what is left at a time, of a budget, with the rates of then
         self._lost = 0.0  # steps that a longer Δt would have saved
 
     @property
@@ -123,9 +124,11 @@ class StepLength:
     def _left(self, t: float) -> float:
         """What is left over the rest of the run, in bounds [m/s]."""
         whole = self.tol * self.displacement
-        even = self.accounts.rate(whole, self._t_end, anew=True)
-        left = self.accounts.rate(SHARE * whole, max(self._t_end - t, 0.01 * self._t_end))
-        return min(max(left, POOREST * even), RICHEST * even)
+        if self._known[:2] != (t, whole):
+            even = self.accounts.rate(whole, self._t_end, anew=True)
+            left = self.accounts.rate(SHARE * whole, max(self._t_end - t, 0.01 * self._t_end))
+            self._known = t, whole, min(max(left, POOREST * even), RICHEST * even)
+        return self._known[2]
 
     def _begun(self, left: float, t: float, dt: float) -> float:
         """That, or more while a motion begins [m/s]."""
@@ -168,6 +171,7 @@ class StepLength:
     def _spend(self, error: float, dt: float) -> None:
         """Add the error of a step to what is left of those before."""
         self.accounts.add(error, dt)
+        self._known = nan, 0.0, 0.0
         self.spent = max(self.spent, self.accounts.largest)
 
     def too_much(self, error: float, t: float, dt: float) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import ceil
+from math import ceil, sqrt
 from typing import Any
 
 import numpy as np
@@ -101,7 +101,7 @@ class TimeControl(WarnsOnce):
                 None if that stays as it is.
         """
         self._forgetting.follow(energy, taken, dt)
-        self.length.accounts.rates = self._forgetting.rates
+        self.length.accounts.rates = [*map(float, self._forgetting.rates)]
         if tol is not None:
             self.length.tol = tol
 
@@ -167,8 +167,9 @@ class TimeControl(WarnsOnce):
         v0, v1, u = self._tracked.motion(self._system, self._state, dt)
         self._found = self._elsewhere.look(self._error.look(v0, v1, t, dt), u)
         self._forgetting.look(self._error.jerk, dt)
-        v0, v1, u = (vectors[: self._tracked.asked] for vectors in (v0, v1, u))
-        self._end = Moves(longest(u), longest(v1), longest(v1 - v0) / dt)
+        asked = slice(self._tracked.asked)
+        v0, v1, u = v0[asked], v1[asked], u[asked]
+        self._end = Moves(*_longest(u, v1, (v1 - v0) / dt))
         if self._blows.any:
             self._found += self._struck(t, dt)
         if attempt.final or not self.length.too_much(self._found, t, dt):
@@ -201,7 +202,7 @@ class TimeControl(WarnsOnce):
         self._elsewhere.accept()
         self._blows.accept()
         self._forgetting.accept()
-        self.length.accounts.parts = self._forgetting.parts
+        self.length.accounts.parts = [*map(float, self._forgetting.parts)]
         self._fastest = max(self._fastest, self._end.speed)
         if attempt.cuts:
             self.length.wanted = attempt.dt
@@ -215,6 +216,7 @@ class TimeControl(WarnsOnce):
             self._onsets.forget()
 
 
-def longest(vectors: npt.NDArray[np.float64]) -> float:
-    """Length of the longest vector, of shape (points, 3)."""
-    return float(np.sqrt(np.einsum("ij,ij->i", vectors, vectors).max()))
+def _longest(*vectors: npt.NDArray[np.floating[Any]]) -> list[float]:
+    """Length of the longest of some vectors of shape (points, 3), and of more of them."""
+    every = np.array(vectors)
+    return [*map(sqrt, np.einsum("kpi,kpi->kp", every, every).max(axis=1))]

@@ -12,7 +12,8 @@ there are fewer, ½ j_{n-1} + ½ j_n or j_n stand for it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from math import nan
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -21,24 +22,23 @@ __all__ = ["Jerk", "TimeError"]
 
 Array = npt.NDArray[np.float64]
 
-LOW_PASS = np.array([0.25, 0.5, 0.25])  # of the last three differences, the newest last
-YOUNGER = np.array([0.0, 0.5, 0.5])
-YOUNGEST = np.array([0.0, 0.0, 1.0])
+# Weights of the differences that are known, the newest last.
+LOW_PASS = np.array([1.0]), np.array([0.5, 0.5]), np.array([0.25, 0.5, 0.25])
+ENOUGH = len(LOW_PASS)
 
 
-@dataclass
-class Jerk:
-    """What is known of the accelerations of some points; NaN where nothing is.
+class Jerk(NamedTuple):
+    """What is known of the accelerations of some points, of all alike.
 
     Attributes:
-        a: The last acceleration, shape (points, 3) [m/s²].
+        a: The last acceleration, shape (points, 3) [m/s²]; None if none is known.
         t: Time that it belongs to [s].
-        j: The last three differences, the newest last, shape (3, points, 3) [m/s³].
+        j: The last three differences, the newest last, shape (up to 3, points, 3) [m/s³].
     """
 
-    a: Array
-    t: float = field(default=0.0)
-    j: Array = field(default_factory=lambda: np.empty(0))
+    a: Array | None
+    t: float
+    j: Array
 
 
 class TimeError:
@@ -54,14 +54,13 @@ class TimeError:
         Args:
             points: How many points there are.
         """
-        self._points = points
-        self.jerk: Array = np.full((points, 3), np.nan)
+        self._unknown: Array = np.full((points, 3), nan)
+        self.jerk = self._unknown
         self.forget()
 
     def forget(self) -> None:
         """Something has happened that accelerations before do not know of."""
-        unknown = np.full((3, self._points, 3), np.nan)
-        self._now = self._next = Jerk(unknown[0].copy(), -1.0, unknown)
+        self._now = self._next = Jerk(None, 0.0, np.empty((0, *self._unknown.shape)))
         self._patient = False
 
     def switched(self) -> None:
@@ -75,8 +74,8 @@ class TimeError:
 
     @property
     def young(self) -> bool:
-        """Whether no point has three differences yet, since something began anew."""
-        return not self._patient and bool(np.isnan(self._now.j).any(axis=(0, 2)).all())
+        """Whether three differences are not known yet, since something began anew."""
+        return not self._patient and len(self._now.j) < ENOUGH
 
     def look(self, v0: Array, v1: Array, t: float, dt: float) -> Array:
         """Error of each point in a step that has been solved, shape (points,) [m]; NaN if unknown.
@@ -87,18 +86,16 @@ class TimeError:
             t: Time at its start [s].
             dt: Its length [s].
         """
-        now, middle = self._now, t + dt / 2
+        now, middle, j = self._now, t + dt / 2, self._now.j
         a: Array = np.asarray((v1 - v0) / dt, dtype=np.float64)
-        newest = (a - now.a) / (middle - now.t)
-        j = np.concatenate([now.j[1:], newest[None]])
+        if now.a is not None:
+            j = np.concatenate([j[len(j) == ENOUGH :], (a - now.a)[None] / (middle - now.t)])
         self._next = Jerk(a, middle, j)
-        known = (~np.isnan(j[:, :, 0])).sum(axis=0)
-        weights = np.where(known == 3, LOW_PASS[:, None], YOUNGER[:, None])
-        weights = np.where(known == 1, YOUNGEST[:, None], weights)
-        mean = np.einsum("kp,kpi->pi", weights, np.nan_to_num(j))
-        told = known > 2 * self._patient
-        self.jerk = np.where(told[:, None], mean, np.nan)
-        return np.asarray(dt**3 / 12 * np.linalg.norm(self.jerk, axis=1))
+        if len(j) > (ENOUGH - 1) * self._patient:
+            self.jerk = np.einsum("k,kpi->pi", LOW_PASS[len(j) - 1], j)
+        else:
+            self.jerk = self._unknown
+        return np.asarray(dt**3 / 12 * np.sqrt(np.einsum("pi,pi->p", self.jerk, self.jerk)))
 
     def accept(self) -> None:
         """Take note that the step that was looked at last is one."""

@@ -61,7 +61,8 @@ class Tracked:
         self._dofs = 3 * self.nodes[:, None] + np.arange(3)
         self._body: Ints = np.full(self.nodes.size, NONE)
         self._arms: Array = np.zeros((self.nodes.size, 3))
-        self._rows: Ints = np.full(self.nodes.size, NONE)
+        self._free: Ints = np.empty(0, np.int64)  # those that take part in a step ...
+        self._rows: Ints = np.empty((0, 3), np.int64)  # ... and where in its increments
         self._bodies: tuple[object, ...] = ()
 
     def bind(self, system: System, bodies: Bodies) -> bool:
@@ -75,7 +76,7 @@ class Tracked:
             Whether there are other bodies than before.
         """
         before = self._bodies
-        self._body[:] = self._rows[:] = NONE
+        self._body[:] = NONE
         self._bodies = bodies.of.records
         for k, body in enumerate(bodies.of.records):
             place = np.searchsorted(body.nodes, self.nodes)
@@ -87,7 +88,8 @@ class Tracked:
         place = np.searchsorted(rows, self.nodes)
         known = (place < rows.size) & (self._body == NONE)
         known[known] = rows[place[known]] == self.nodes[known]
-        self._rows[known] = place[known]
+        self._free = np.flatnonzero(known)
+        self._rows = 3 * place[known, None] + np.arange(3)
         return [*map(id, before)] != [*map(id, self._bodies)]
 
     def motion(self, system: System, state: State, dt: float) -> tuple[Array, Array, Array]:
@@ -103,23 +105,22 @@ class Tracked:
         Returns:
             Shape (points, 3) each [m/s, m/s, m].
         """
-        free, inside = self._rows != NONE, self._body != NONE
-        d = np.zeros(self._X.shape)
-        d[free] = system.equilibrium.d.array_r.reshape(-1, 3)[self._rows[free]]
-        start = state.v.x.array[self._dofs]
-        v0 = np.where(inside[:, None], 0.0, start)
-        v1 = np.where(free[:, None], 2 / dt * d - start, v0)
-        moved = state.u.x.array[self._dofs] + d
+        free, inside = self._free, self._body != NONE
+        local: Array = np.empty((self.nodes.size, 9))
+        v0, v1, moved = local[:, :3], local[:, 3:6], local[:, 6:]
+        v0[:] = v1[:] = state.v.x.array[self._dofs]
+        moved[:] = state.u.x.array[self._dofs]
+        d = system.equilibrium.d.array_r[self._rows]
+        v1[free] = 2 / dt * d - v0[free]
+        moved[free] += d
         if inside.any():
             increments, k = system.equilibrium.prolongation.increments, self._body[inside]
             for v, bodies in ((v0, increments.start), (v1, increments.end)):
                 arms = times(bodies.R[k], self._arms[inside])
                 v[inside] = bodies.velocity[k] + np.cross(bodies.angular_velocity[k], arms)
             end = increments.end.r[k] + times(increments.end.R[k], self._arms[inside])
-            of_bodies = np.zeros(self._X.shape)
-            of_bodies[inside] = end - self._X[inside]
-            moved = np.where(inside[:, None], of_bodies, moved)
-        total = np.asarray(self._scene.sum(self._sums @ np.hstack([v0, v1, moved])))
+            moved[inside] = end - self._X[inside]
+        total = np.asarray(self._scene.sum(self._sums @ local))
         return total[:, :3], total[:, 3:6], total[:, 6:]
 
 
