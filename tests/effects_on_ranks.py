@@ -15,7 +15,17 @@ from rigidfx.coupling import dealt_rows
 
 rows = []
 least = -1.0 if "dealt" in sys.argv else np.inf  # of a rank's cells, for them to be dealt
-with patch.multiple(dealt_rows, LOPSIDED=-1.0, FEW=least):
+
+
+class AllCells(dealt_rows.DealtCells):
+    """Copies of all cells, as if the others had become rigid later on."""
+
+    def __init__(self, space, cells):
+        super().__init__(space, np.arange(space.mesh.topology.index_map(3).size_local))
+
+
+copies = AllCells if "all" in sys.argv else dealt_rows.DealtCells
+with patch.multiple(dealt_rows, LOPSIDED=-1.0, FEW=least, DealtCells=copies):
     for parts in ([], [rf.Rigid("middle")], [rf.Rigid("end")]):
         # A body may not be held in part.
         effects = [e for e in EFFECTS.values() if not isinstance(e, rf.effects.Support)]

@@ -15,11 +15,11 @@ from mpi4py import MPI
 
 import rigidfx as rf
 from rigidfx.coupling import dealt_rows
-from rigidfx.step.system import system
+from rigidfx.step import stepper
 
 EFFECTS = Path(__file__).parent / "effects_on_ranks.py"
 TOLERANCE = 1e-9  # relative to the largest number of a column
-FREEZE, RELEASE, END = 0.4, 0.8, 1.2  # s
+FREEZE, RELEASE, AGAIN, END = 0.4, 0.8, 1.2, 1.4  # s
 
 
 def _bar():
@@ -46,11 +46,11 @@ def _bar():
 
 
 def _criterion():
-    """All that is stiff freezes once."""
+    """All that is stiff freezes, is released and freezes again."""
     return rf.StrainRate(
         1e3,
         window=FREEZE,
-        until=FREEZE + 0.1,
+        until=AGAIN + 0.1,
         never=["soft"],
         wake="none",
         release=rf.Release(at=RELEASE),
@@ -58,22 +58,25 @@ def _criterion():
 
 
 def _history():
-    """Numbers of each step, and how many divisions there were with cells dealt and without."""
-    made = []
+    """Numbers of each step, which divisions had cells dealt, and how often they were dealt anew."""
+    made, dealt = [], []
 
-    def dealt(layout, loaded):
-        rows = dealt_rows.dealt_rows(layout, loaded)
-        made.append(rows is not None)
-        return rows
+    class Dealing(dealt_rows.Dealing):
+        def rows(self, layout, loaded):
+            rows = super().rows(layout, loaded)
+            made.append(rows is not None)
+            if rows is not None and rows.cells not in dealt:
+                dealt.append(rows.cells)
+            return rows
 
     rows = []
-    with patch.object(system, "dealt_rows", dealt), patch.object(dealt_rows, "FEW", 1):
+    with patch.object(stepper, "Dealing", Dealing), patch.object(dealt_rows, "FEW", 1):
         for r in rf.simulate(_bar(), 0.1, END, rigidify=_criterion(), progress=False):
             rows.append([
                 r.t, r.unknowns, r.kinetic, r.strain, r.springs, *r.linear_momentum,
                 *r.angular_momentum, *r.probes["tip"], r.energy - r.work_of_loads,
             ])  # fmt: skip
-    return {"rows": rows, "dealt": made}
+    return {"rows": rows, "dealt": made, "times": len(dealt)}
 
 
 @pytest.fixture(scope="module")
@@ -84,10 +87,11 @@ def alone():
 @pytest.mark.parallel
 @pytest.mark.parametrize("ranks", [2, 3])
 def test_dealt_between_freeze_and_release(alone, ranks):
-    """On several ranks only, and the motion is that of one rank."""
+    """On several ranks only, once for all freezes, and the motion is that of one rank."""
     several = parallel.run(__file__, ranks, timeout=300)
     assert not any(alone["dealt"])
-    assert several["dealt"] == [False, True, False]
+    assert several["dealt"] == [False, True, False, True]
+    assert several["times"] == 1
     one, other = np.array(alone["rows"]), np.array(several["rows"])
     assert len(np.unique(one[:, 1])) == 2  # flexible, frozen, and flexible again
     apart = np.abs(other - one).max(axis=0) / np.abs(one).max(axis=0)
@@ -96,9 +100,16 @@ def test_dealt_between_freeze_and_release(alone, ranks):
 
 @pytest.mark.parallel
 def test_dealt_with_every_effect():
-    """Springs, contacts, pressure, damping and supports, with a rigid part in the middle or not."""
-    one, several = (np.array(parallel.run(EFFECTS, n, 300, "consistent", "dealt")) for n in (1, 2))
-    assert (np.abs(several - one).max(axis=0) <= TOLERANCE * np.abs(one).max(axis=0)).all()
+    """Springs, contacts, pressure, damping and supports, with a rigid part in the middle or not.
+
+    The copies are those of the flexible cells, or of the rigid ones, too.
+    """
+    runs = (1, "dealt"), (2, "dealt"), (2, "dealt", "all")
+    one, *several = (
+        np.array(parallel.run(EFFECTS, n, 300, "consistent", *how)) for n, *how in runs
+    )
+    for each in several:
+        assert (np.abs(each - one).max(axis=0) <= TOLERANCE * np.abs(one).max(axis=0)).all()
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ Under mpirun all ranks share each size.
 
     ./fenicsx python3 demos/benchmarks/scaling.py --unknowns 10000 100000 1000000
     ./fenicsx mpirun -n 2 python3 demos/benchmarks/scaling.py --case metal --rigid --redistribute
+    ./fenicsx mpirun -n 2 python3 demos/benchmarks/scaling.py --dealt --unknowns 200000
 
 `cost_exponent` is the slope of log(seconds per step) over log(unknowns), from 10 000 on. Δt stays
 the same, so that in finer meshes waves pass more cells in a step; with `--same-waves` it shrinks
@@ -13,6 +14,11 @@ with the cells, as waves themselves need it. `memory` is the largest so far of t
 together, so sizes should ascend. `setup` is from the mesh to the report of the first step,
 importing and compiling apart: the smallest mesh runs first. Unknowns are those of the flexible
 structure, also where most of it is rigid.
+
+`--dealt` has steps with nine tenths rigid in turn: with the flexible cells dealt out among the
+ranks, left where the mesh has them, after `rigidfx.redistribute`, and on one of the ranks alone.
+`dealt_over` are medians of ratios; `seconds_to_deal` come with a change of bodies, and in place of
+them `seconds_to_keep` where what has been dealt serves for the next division.
 """
 
 from __future__ import annotations
@@ -24,8 +30,10 @@ from statistics import mean, median
 
 import numpy as np
 from bench import Parser, conclude, timed
+from bench.dealt import in_turn
 from common import comm, say
 from flexible_step import TRACTION
+from mpi4py import MPI
 
 import rigidfx as rf
 from meshes.tumbling_l import tumbling_l
@@ -39,19 +47,23 @@ DT = 0.05  # s, of the L
 SMALL = 9000  # unknowns; fewer do not tell how cost grows
 
 
-def soft(refine: int, rigid: bool, redistribute: bool) -> tuple[rf.Scene, float]:
+def soft(
+    refine: int, rigid: bool, redistribute: bool, ranks: MPI.Intracomm = comm
+) -> tuple[rf.Scene, float]:
     """The L with cells of edge 1/refine, and Δt [s]; rigid but for its upper tenth."""
-    domain = tumbling_l(refine).with_cells("rigid", lambda x: x[1] <= 8.7 + 1e-9)
+    domain = tumbling_l(refine, comm=ranks).with_cells("rigid", lambda x: x[1] <= 8.7 + 1e-9)
     domain = rf.redistribute(domain, ["rigid"]) if redistribute else domain
     loads = {"top": TRACTION, "side": -TRACTION}
     effects: list[rf.Effect] = [rf.Traction(name, tuple(t)) for name, t in loads.items()]
     return rf.Scene(domain, RUBBER, effects + [rf.Rigid("rigid")] * rigid), DT
 
 
-def metal(across: int, rigid: bool, redistribute: bool) -> tuple[rf.Scene, float]:
+def metal(
+    across: int, rigid: bool, redistribute: bool, ranks: MPI.Intracomm = comm
+) -> tuple[rf.Scene, float]:
     """The bar with so many cells across, and Δt [s]; rigid but for the tenth at its support."""
     cells = (5 * across, across, across)
-    domain = rf.box((0, 0, 0), BAR, cells, cell="tetrahedron")
+    domain = rf.box((0, 0, 0), BAR, cells, cell="tetrahedron", comm=ranks)
     domain = domain.with_cells("rigid", lambda x: x[0] >= 0.1 * BAR[0] - 1e-9)
     domain = rf.redistribute(domain, ["rigid"]) if redistribute else domain
     push = rf.Traction("x1", (0.0, 0.0, 1e6))
@@ -117,6 +129,9 @@ def main() -> None:
     parser.add_argument(
         "--redistribute", action="store_true", help="rigid and flexible cells divided alike"
     )
+    parser.add_argument(
+        "--dealt", action="store_true", help="under mpirun, of the first size: cells dealt or not"
+    )
     parser.add_argument("--same-waves", action="store_true", help="Δt shrinks with the cells")
     sizes = [10_000, 30_000, 100_000, 300_000, 1_000_000]
     parser.add_argument("--unknowns", type=int, nargs="+", default=sizes, help="about so many")
@@ -126,6 +141,11 @@ def main() -> None:
         min(range(1, 60), key=lambda n: abs(COUNT[options.case](n) - wanted))
         for wanted in sorted(options.unknowns)
     ]
+    if options.dealt:
+        scenes = SCENES[options.case]
+        runs = in_turn(lambda *how: scenes(fineness[0], True, *how), options.steps)
+        conclude(options.out, {"case": options.case, **runs})
+        return
     chosen = options.rigid, options.redistribute
     measure(options.case, 1, *chosen, 1, options.same_waves)  # compiles
     rows = []

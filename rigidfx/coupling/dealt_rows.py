@@ -13,11 +13,12 @@ from dolfinx import la
 
 from rigidfx.coupling.dof_layout import DofLayout
 from rigidfx.domain.exchange import Exchange
-from rigidfx.flexible.dealt_cells import DealtCells
+from rigidfx.flexible.dealt_cells import NOWHERE, DealtCells
 
-__all__ = ["DealtRows", "dealt_rows"]
+__all__ = ["Dealing", "DealtRows"]
 
 Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int32]
 
 # A step of an L all of whose flexible cells were one rank's of two took .62, .75 and .74 of the
 # time with these dealt at 20 600, 8700 and 3000 unknowns: 3200, 1300 and 430 cells for each rank.
@@ -39,17 +40,20 @@ class DealtRows:
 
         Args:
             layout: Division of the dofs.
-            cells: All cells that residuals and tangents of this layout are over.
+            cells: All cells that residuals and tangents of this layout are over, and maybe others.
         """
         self.cells, rows = cells, layout.rows
         known = la.vector(layout.space.dofmap.index_map, 5)
         of_nodes = known.array.reshape(-1, 5)  # rank, place among its rows, whether free
+        of_nodes[:, 0] = NOWHERE
         of_nodes[rows.nodes, 0] = rows.comm.rank
         of_nodes[rows.nodes, 1] = np.arange(rows.nodes.size)
         of_nodes[rows.nodes, 2:] = layout.free[rows.dofs].reshape(-1, 3)
         known.scatter_forward()
         rank, place, *free = cells.at_nodes(of_nodes).T
-        self._all = Exchange(rows.comm, rows.nodes.size, rank, place)
+        self._count, active = rank.size, np.flatnonzero(rank >= 0)
+        self._active = slice(None) if active.size == rank.size else active
+        self._all = Exchange(rows.comm, rows.nodes.size, rank[active], place[active])
         n = cells.space.dofmap.index_map.size_local
         own = np.stack(free, axis=1)[:n] > 0
         self.nodes = np.flatnonzero(own.any(axis=1))
@@ -64,31 +68,74 @@ class DealtRows:
         """The way back: shape (nodes, k) to (rows' nodes, k), zero at nodes without unknowns."""
         return self._own.collect(values)
 
-    def give_nodes(self, values: Array) -> Array:
-        """What rows' nodes have, at all local nodes of the cells' mesh. Collective."""
-        return self._all.give(values)
+    def give_nodes(self, values: Array, otherwise: float = 0.0) -> Array:
+        """What rows' nodes have, at all local nodes of the cells' mesh. Collective.
+
+        Args:
+            values: Shape (rows' nodes, k).
+            otherwise: What nodes have that are no row's: those of rigid cells alone.
+        """
+        out = np.full((self._count, values.shape[1]), otherwise)
+        out[self._active] = self._all.give(values)
+        return out
 
     def add_up(self, values: Array) -> Array:
         """Sums of what all local nodes of the cells' meshes have, at rows' nodes. Collective."""
-        return self._all.collect(values)
+        return self._all.collect(values[self._active])
 
     def destroy(self) -> None:
         """Free the ways. Collective."""
         self._all.destroy()
         self._own.destroy()
-        self.cells.destroy()
 
 
-def dealt_rows(layout: DofLayout, loaded: npt.NDArray[np.int32]) -> DealtRows | None:
-    """The rows of a layout with its flexible cells dealt out, where that pays. Collective.
+class Dealing:
+    """Deals flexible cells out where that pays; `destroy` frees what it has dealt.
 
-    Args:
-        layout: Division of the dofs.
-        loaded: Further owned cells that residuals are over, sorted.
+    Copies of cells are kept as bodies come and go: for as long as they hold what is flexible, and
+    no rank has too much of it, a new division chooses among them. To deal out 6300 cells anew takes
+    two ranks as long as four steps gain.
     """
-    comm = layout.rows.comm
-    counts = np.array(comm.allgather(sum(own.size for own in layout.flexible.values())))
-    if counts.max() <= LOPSIDED * counts.mean() or counts.mean() < FEW:
-        return None
-    cells = np.unique(np.concatenate([loaded, *layout.flexible.values()]))
-    return DealtRows(layout, DealtCells(layout.space, cells))
+
+    def __init__(self) -> None:
+        """Begin with nothing dealt."""
+        self._cells: DealtCells | None = None
+
+    def rows(self, layout: DofLayout, loaded: Indices) -> DealtRows | None:
+        """The rows of a layout with its flexible cells dealt out, where that pays. Collective.
+
+        Args:
+            layout: Division of the dofs.
+            loaded: Further owned cells that residuals are over, sorted.
+
+        Returns:
+            Rows that are of no use any more when the next ones are asked for.
+        """
+        comm, none = layout.rows.comm, np.empty(0, dtype=np.int32)
+        flexible = np.sort(np.concatenate([none, *layout.flexible.values()]))
+        counts = np.array(comm.allgather(flexible.size))
+        if not _lopsided(counts) or counts.mean() < FEW:
+            return None
+        cells = np.union1d(flexible, loaded)
+        if self._cells is not None and self._serves(self._cells, cells, flexible):
+            self._cells.forget()
+        else:
+            self.destroy()
+            self._cells = DealtCells(layout.space, cells)
+        return DealtRows(layout, self._cells)
+
+    @staticmethod
+    def _serves(dealt: DealtCells, cells: Indices, flexible: Indices) -> bool:
+        """Whether what has been dealt holds cells, and the flexible ones divided. Collective."""
+        return dealt.hold(cells) and not _lopsided(dealt.counts(flexible))
+
+    def destroy(self) -> None:
+        """Free what has been dealt. Collective."""
+        if self._cells is not None:
+            self._cells.destroy()
+            self._cells = None
+
+
+def _lopsided(counts: npt.NDArray[np.int64]) -> bool:
+    """Whether one of the ranks has too many of the cells."""
+    return bool(counts.max() > LOPSIDED * counts.mean())

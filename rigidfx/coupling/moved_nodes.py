@@ -55,7 +55,7 @@ def moved_nodes(prolongation: Prolongation, known: Any) -> MovedNodes:
         values[layout.rows.nodes, 3:] = of_rows
     else:
         own_nodes = prolongation.space.dofmap.index_map.size_local
-        values[:own_nodes, 3:] = dealt.give_nodes(of_rows)[:own_nodes]
+        values[:own_nodes, 3:] = dealt.give_nodes(of_rows, -1.0)[:own_nodes]
     own = prolongation.dofs
     values[own // 3, own % 3] = prolongation.first_column + np.arange(own.size)
     found.scatter_forward()

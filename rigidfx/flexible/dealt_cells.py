@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem
+from mpi4py import MPI
 
 from rigidfx.base import compat
 from rigidfx.domain.exchange import Exchange
@@ -57,6 +58,28 @@ class DealtCells:
         rank = np.searchsorted(firsts, place, side="right") - 1
         self._exchange = Exchange(mesh.comm, cells.size, rank, place - firsts[rank])
         self._copies: dict[fem.Function, fem.Function] = {}
+        self._spaces = {space.ufl_element(): self.space}
+
+    def hold(self, cells: Indices) -> bool:
+        """Whether these are among them, on all ranks. Collective.
+
+        Args:
+            cells: Owned cells of the original mesh.
+        """
+        here = bool(np.isin(cells, self._cells).all())
+        return bool(self.mesh.comm.allreduce(here, op=MPI.LAND))
+
+    def counts(self, own: Indices) -> npt.NDArray[np.int64]:
+        """How many copies each rank has of some of the cells. Collective.
+
+        Args:
+            own: Owned cells of the original mesh.
+        """
+        return np.array(self.mesh.comm.allgather(self.cells(own).size))
+
+    def forget(self) -> None:
+        """Let coefficients go that have copies: other forms read others."""
+        self._copies.clear()
 
     def cells(self, own: Indices) -> Indices:
         """Copies on this rank of some of the cells. Collective.
@@ -81,12 +104,10 @@ class DealtCells:
     def copy(self, function: fem.Function) -> fem.Function:
         """The copy of a coefficient, which `refresh` keeps up to date. Collective if it is new."""
         if function not in self._copies:
-            V = function.function_space
-            if V is self._original:
-                space = self.space
-            else:
-                space = fem.functionspace(self.mesh, V.ufl_element())
-            self._copies[function] = fem.Function(space)
+            element = function.function_space.ufl_element()
+            if element not in self._spaces:
+                self._spaces[element] = fem.functionspace(self.mesh, element)
+            self._copies[function] = fem.Function(self._spaces[element])
             self._copy(function)
         return self._copies[function]
 

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from rigidfx.base.failures import Failures
 from rigidfx.base.instants import longer
+from rigidfx.coupling.dealt_rows import Dealing
 from rigidfx.effects import Contact, Support, Touch, Windowed
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import InternalForces
@@ -112,6 +113,7 @@ class Stepper:
         self.watches: list[Watch] = [*measuring, *others, *squeezed, *controls]
         self._trial = np.inf  # length of the next attempt after a cut ...
         self._whole = np.inf  # ... of a step of this length
+        self._dealing = Dealing()
         self.system: System
         self.prescribed: PrescribedDofs
         self._bound = False
@@ -140,6 +142,7 @@ class Stepper:
             division.flexible,
             self.prescribed,
             self.failures,
+            self._dealing,
             division.driven_cells,
         )
         if before is not None:
@@ -316,3 +319,4 @@ class Stepper:
         if self._bound:
             self.system.destroy()
             self._bound = False
+        self._dealing.destroy()

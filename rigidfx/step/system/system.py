@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.failures import Failures
-from rigidfx.coupling.dealt_rows import dealt_rows
+from rigidfx.coupling.dealt_rows import Dealing
 from rigidfx.coupling.dof_layout import dof_layout
 from rigidfx.coupling.mass import mass_operator
 from rigidfx.coupling.prolongation import Prolongation
@@ -81,6 +81,7 @@ class System:
         flexible: Cells,
         prescribed: PrescribedDofs,
         failures: Failures,
+        dealing: Dealing,
         driven: Cells | None = None,
     ) -> None:
         """Bind everything to a division and to the effects that act. Collective.
@@ -93,6 +94,7 @@ class System:
             flexible: Flexible owned cells by subdomain id.
             prescribed: Dofs held by supports.
             failures: Keeps what a user's functions raise until all ranks are told.
+            dealing: Deals flexible cells out among the ranks where that pays.
             driven: Owned cells by subdomain id that move with a support: not flexible, all their
                 dofs prescribed, their mass counted.
         """
@@ -118,7 +120,7 @@ class System:
         self.actions = Actions(self.structure, scene.effects, acting)
         self.energies = Energies(scene, forces, self.mass, layout, self.actions)
         self._taken = forces.bind_taken(flexible, driven)
-        dealt = self._dealt = dealt_rows(layout, forces.loaded(flexible, driven or {}))
+        dealt = self._dealt = dealing.rows(layout, forces.loaded(flexible, driven or {}))
         copies = None if dealt is None else dealt.cells
         self.equilibrium = Equilibrium(
             scene,
