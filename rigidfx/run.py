@@ -25,6 +25,7 @@ from rigidfx.scene.step_control import StepControl
 from rigidfx.scene.timeline import Timeline
 from rigidfx.shadow.motion import Strained
 from rigidfx.shadow.shadow import Shadow
+from rigidfx.shadow.subjects import FreeBodies, HeldParts, Subjects
 from rigidfx.state import State
 from rigidfx.step.first_touch import FirstTouch
 from rigidfx.step.length.time_control import TimeControl
@@ -46,6 +47,7 @@ class Run:
         policy: Decides what becomes rigid and flexible; None if nothing does.
         probes: Points that are reported.
         shadow: What bodies withhold; None if forces wake none.
+        held: What parts named rigid withhold while supports hold them; None if none ever do.
         touch: What foresees the first touch of a contact.
         ledgers: What has been spent of accuracy; None if nothing estimates it.
         idle: What rigidity does to the motion where nothing may become rigid, if that is told.
@@ -57,6 +59,7 @@ class Run:
     policy: Policy | None
     probes: Probes
     shadow: Shadow | None
+    held: Shadow | None
     touch: FirstTouch
     ledgers: Ledgers | None
     idle: Rigidity | None = None
@@ -93,6 +96,11 @@ class Run:
             attempt = stepper.attempt(attempt.end, again=True)
             if shadow is not None:
                 shadow.look(t, attempt.dt, policy.rule.limits)
+        if self.held is not None and policy.withholding.waits:
+            found = self.held.look(t, attempt.dt, policy.rule.limits)
+            if found is not None:
+                seen = Observation(stepper, attempt.dt)
+                policy.withholding.look(seen, found, policy.rule.limits().rates)
         return stepper.accept(attempt), [*events, *checked]
 
     def _woken(self, policy: Policy, strained: Strained | None, why: str, dt: float) -> list[Event]:
@@ -114,8 +122,9 @@ class Run:
         """
         if issubclass(kind or RigidfxError, RigidfxError) or self.stepper.scene.comm.size == 1:
             self.stepper.close()
-            if self.shadow is not None:
-                self.shadow.destroy()
+            for shadow in (self.shadow, self.held):
+                if shadow is not None:
+                    shadow.destroy()
 
     def ahead(self, target: float) -> list[Event]:
         """Decide before a step and switch; what happened. Collective."""
@@ -196,12 +205,21 @@ def prepare(
         switch = Switch(stepper, timeline)
         impact = switch.begin()
         policy = None if rigidify is None else Policy(scene, rigidify, timeline, failures)
-        shadow = None
+        shadow = held = None
         if rigidify is not None and policy is not None and rigidify.wake == "local":
-            measure = heeded_indicator(rigidify, scene, forces, failures)
-            shadow = Shadow(stepper, measure, rigidify.settling, policy.named.in_pieces)
-            stepper.watches.append(shadow)
+            in_pieces = policy.named.in_pieces
+
+            def shadow_of(subjects: Subjects) -> Shadow:
+                measure = heeded_indicator(rigidify, scene, forces, failures)
+                out = Shadow(stepper, subjects, measure, rigidify.settling)
+                stepper.watches.append(out)
+                return out
+
+            shadow = shadow_of(FreeBodies(stepper, in_pieces))
+            if switch.clamps:
+                held = shadow_of(HeldParts(stepper, in_pieces))
         ledgers = None if shadow is None and control is None else Ledgers(stepper)
         stack.pop_all()
     touch = FirstTouch(stepper)
-    return Run(timeline, stepper, switch, policy, probes, shadow, touch, ledgers), impact
+    run = Run(timeline, stepper, switch, policy, probes, shadow, held, touch, ledgers)
+    return run, impact

@@ -29,7 +29,7 @@ from rigidfx.decide.policy import CHECKED, FORESEEN
 from rigidfx.flexible.nodal_stress import NodalStress
 from rigidfx.flexible.stress import CauchyStress
 from rigidfx.scene.sample import spread
-from rigidfx.shadow import pace, shadow
+from rigidfx.shadow import pace, response
 from rigidfx.shadow.dashpots import of_neighbours
 from rigidfx.shadow.gauge import UNSETTLED
 from rigidfx.shadow.linear_part import LinearPart
@@ -386,7 +386,7 @@ def test_neighbours_take_a_bodys_vibration_as_dashpots_whatever_the_mesh(monkeyp
         return np.stack([1e-3 * z, 0 * z, 0 * z])
 
     monkeypatch.setattr(Shadow, "look", watch)
-    monkeypatch.setattr(shadow, "of_neighbours", neighbours)
+    monkeypatch.setattr(response, "of_neighbours", neighbours)
     monkeypatch.setattr(pace, "LONG", ())  # no step is left out
     rule = rf.StrainRate(1.0, 1e9, wake="local")
     rod = rf.StVenantKirchhoff(E=SOFT.E, nu=0.0, rho=SOFT.rho)
@@ -774,11 +774,11 @@ def test_what_rings_from_step_to_step_or_turns_wakes_nothing(monkeypatch):
     def seen(self, t, dt, limits):
         found = look(self, t, dt, limits)
         if found is not None and not looks:
-            places = np.zeros_like(self._motion.u)
+            places = np.zeros_like(self._response.motion.u)
             places[self._margin.inside] = self._margin.parts.V
             stretch, turn = 1e-3 * places, np.cross((0, 0, 0.1), places)
             ends, told = [(stretch, stretch), (stretch, -stretch), (turn, turn)], []
-            now, first = self._motion, self._gauge.looks
+            now, first = self._response.motion, self._gauge.looks
             for before, then in [*ends, (0 * stretch, stretch), (0 * stretch, stretch)]:
                 self._gauge.looks = first + UNSETTLED * (len(told) == 4)
                 end = replace(now, u=now.u + dt * then, w=then)
@@ -911,7 +911,7 @@ def test_cells_spring_within_a_step_however_long_those_of_shadows_are(monkeypatc
 
 def test_named_parts_never_wake_but_it_is_said_what_they_withhold():
     scene = on_a_block(STRIKES["traction"], rf.Rigid("block"))
-    said = "strain the part 'block' that is named Rigid.* off by some .*%"
+    said = "strain the part 'block' that is named Rigid.* lacks some .*% of its compliance"
     with pytest.warns(rf.RigidfxWarning, match=said):
         *_, rigid, events = run(scene, 1.4, local(1e-4, never="stalk"))
     assert rigid[:, -1].all()

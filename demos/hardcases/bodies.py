@@ -307,3 +307,39 @@ def wakes_at_breakpoints(short: bool) -> Iterator[AnyRun]:
         yield Run(f"load, {mass}", scene, 0.1, 4.0, rule, check=wakes, momentum=None)
         scene = _bar(SPIN, rf.Fixed("x0", since=1.07), drag, mass=mass)
         yield Run(f"support, {mass}", scene, 0.1, 4.0, rule, check=is_released, momentum=None)
+
+
+@case("rigid bodies", "a root named rigid gives way in truth, and a support holds it")
+def held_part_that_gives_way(short: bool) -> Iterator[AnyRun]:
+    """A warning says what it takes from the compliance: what the tip is off by, within a fifth."""
+    period = 200.0 if short else 800.0
+    push = rf.Traction("x1", (0, 0, 0.01), time=lambda t: np.sin(2 * np.pi * t / period))
+    drag, rule = rf.MassDamping(0.2), rf.StrainRate(rf.Relative(0.02), period / 40)
+    held = (
+        ("clamped", rf.Fixed("x0")),
+        ("moved", rf.PrescribedMotion("x0", displacement=lambda t: (0, 1e-3 * t / period, 0))),
+    )
+    for mass in ("lumped", "consistent"):
+        for how, support in held:
+            way: list[float] = []
+
+            def deflects(history: History, way=way) -> str:
+                """Of the flexible run first, then of that with the rigid root."""
+                tip = history.probe("tip")
+                way.append(float(np.abs(tip[-1] - tip[0])[2]))
+                if len(way) == 1:
+                    return ""
+                told = [w for w in history.warnings if "'left' that is named Rigid" in w]
+                if len(told) != 1:
+                    return f"it warns {len(told)} times"
+                lacks = float(told[0].split("lacks some ")[1].split("%")[0]) / 100
+                return near("what it lacks", lacks, 1 - way[1] / way[0], 0.2)
+
+            effects = [push, drag, support]
+            tip = {"tip": (6.0, 1.0, 1.0)}
+            common = {"momentum": None, "check": deflects, "tangents": 8}
+            scene = _bar(*effects, mass=mass, probes=tip)
+            yield Run(f"flexible, {how}, {mass}", scene, period / 200, period / 4, **common)
+            scene = _bar(*effects, rf.Rigid("left"), mass=mass, probes=tip)
+            yield Run(f"named, {how}, {mass}", scene, period / 200, period / 4, rule,
+                      freezes=False, **common)  # fmt: skip

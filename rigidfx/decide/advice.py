@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from math import sqrt
 
 import numpy as np
 import numpy.typing as npt
@@ -11,27 +10,13 @@ from mpi4py import MPI
 
 from rigidfx.base.warning import warn
 from rigidfx.decide.criteria.judging import Criterion
-from rigidfx.decide.memory.strokes import Strokes
-from rigidfx.shadow.motion import Strained
 
-__all__ = ["Advice", "Seen"]
+__all__ = ["Advice"]
 
 Array = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Seen:
-    """What the strains of named parts are compared with.
-
-    Attributes:
-        limits: Strain rate that would wake each owned cell [1/s]; None if none does.
-        strokes: What flexible cells have strained so far.
-        t: Time [s].
-    """
-
-    limits: Array | None
-    strokes: Strokes
-    t: float
+TINY = 1e-12  # of the compliance
 
 
 class Advice:
@@ -79,51 +64,31 @@ class Advice:
             f"cells have to qualify for longer and longer now (patience). {self._criterion.remedy}"
         )
 
-    def of_named(
-        self, parts: Mapping[str, npt.NDArray[np.int32]], strained: Strained, seen: Seen
-    ) -> None:
-        """Of parts that are named rigid and withhold too much. Collective.
-
-        They are there before anything has been observed, unlike those that are found: nothing is
-        said of them until then, and of strains that add up none until a stroke is known.
+    def of_named(self, name: str, ratio: float, t: float, taken: float, vibrates: bool) -> None:
+        """Of a part that is named rigid and withholds too much.
 
         Args:
-            parts: Owned cells of each, by name.
-            strained: What each owned cell would strain, over what wakes it.
-            seen: The limits, and what flexible cells have strained.
+            name: Its name.
+            ratio: What its cells would have strained, over what wakes others.
+            t: When [s].
+            taken: What it takes from the structure's compliance, over that of both.
+            vibrates: Whether the structure does, in place of following its loads.
         """
-        ratio, strained_at, limits = strained.ratio, np.zeros_like(strained.rate), seen.limits
-        if limits is not None:
-            moved = bool(np.isfinite(seen.strokes.time))
-            if seen.t <= self._criterion.since or (self._criterion.relative and not moved):
-                return
-            ratio = ratio if moved else strained.rate
-            known = (limits > 0) & np.isfinite(limits)
-            np.multiply(strained.rate, limits, out=strained_at, where=known)
-        for name, own in parts.items():
-            local = [ratio[own].max(initial=0.0), strained_at[own].max(initial=0)]
-            largest, rate, peak = _largest(self._comm, [*local, seen.strokes.rate])
-            if largest <= 1:
-                continue
-            worst = "altogether" if rate > 0 else "by more than was asked"
-            off = f"by some {rate / peak:.1%}" if 0 < rate < peak else worst
-            self._say(
-                f"forces would strain the part '{name}' that is named Rigid, at {largest:.2g} "
-                f"times {self._criterion.limit} at t = {seen.t:.6g} s. It stays "
-                f"rigid, and what follows lacks these strains: the motion may be off {off}, and "
-                f"by more near a resonance. Do not name it, or {self._criterion.pardon} if that "
-                "is meant."
+        off = f"lacks some {taken:.1%} of its compliance: deflections may be off by as much"
+        if vibrates:
+            higher = 1 / sqrt(max(1 - taken, TINY))
+            off = (
+                f"lacks some {taken:.1%} of its compliance: it vibrates, at frequencies that are "
+                f"some {higher:.3g} times too high, and nothing bounds what the motion is off by"
             )
+        self._say(
+            f"forces would strain the part '{name}' that is named Rigid, at {ratio:.2g} "
+            f"times {self._criterion.limit} at t = {t:.6g} s. It stays rigid, and the structure "
+            f"{off}. Do not name it, or {self._criterion.pardon} if that is meant."
+        )
 
     def _say(self, message: str) -> None:
         kind = message.split(",")[0]
         if kind not in self._said:
             self._said.add(kind)
             warn(self._comm, f"{type(self._criterion).__name__}: {message}")
-
-
-def _largest(comm: MPI.Intracomm, values: list[float]) -> list[float]:
-    """The largest of each value over the ranks. Collective."""
-    out = np.array(values, dtype=np.float64)
-    comm.Allreduce(MPI.IN_PLACE, out, op=MPI.MAX)
-    return [float(value) for value in out]

@@ -20,7 +20,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.base.failures import Failures
-from rigidfx.decide.advice import Advice, Seen
+from rigidfx.decide.advice import Advice
 from rigidfx.decide.clusters import NONE, CellGraph, find_clusters
 from rigidfx.decide.criteria.heeded import heeded_rule
 from rigidfx.decide.criteria.judging import Criterion
@@ -38,6 +38,7 @@ from rigidfx.decide.memory.strokes import Strokes
 from rigidfx.decide.memory.window import Window
 from rigidfx.decide.named_parts import NamedParts
 from rigidfx.decide.releases import PLANNED, Releases
+from rigidfx.decide.withholding import Withholding
 from rigidfx.effects import Touch
 from rigidfx.report.ledger import Rigidity
 from rigidfx.report.report import Report
@@ -62,6 +63,7 @@ class Policy:
 
     Attributes:
         named: Parts that are rigid always.
+        withholding: What is said of these.
         memory: What it remembers.
         rule: Says which cells are quiet, and which bodies are not.
     """
@@ -103,6 +105,7 @@ class Policy:
             bends=Bends(scene),
             drift=Drift(scene.comm, self._graph.owned),
         )
+        self.withholding = Withholding(scene.comm, criterion, self.named, self.memory)
         self._lasting = Lasting(scene, self._graph, criterion, self.memory)
         self.rule = heeded_rule(criterion, scene, timeline, self.memory, failures)
 
@@ -163,6 +166,7 @@ class Policy:
         """
         t = seen.t
         self.memory.contacts.follow(report.touches)
+        self.withholding.follow(seen, report, last=self._timeline.over(t))
         reasons, cells = self._releases.asked(t, report, seen.bodies)
         if self._criterion.wake == "all" and self.memory.loads.declared(t):
             decision = self._release(seen, "a load or a support changes", self._every)
@@ -185,10 +189,8 @@ class Policy:
             The release; None if no cell wakes.
         """
         numbers = self._numbers(seen)
-        apart = {body.name: body.cells for body in seen.bodies if body.name in self.named.apart}
-        if named := {**self.named.cells, **apart}:
-            against = Seen(self.rule.limits().rates, self.memory.strokes, seen.t)
-            self._advice.of_named(named, strained, against)
+        if self.named.count and why == CHECKED:
+            self.withholding.look(seen, strained, self.rule.limits().rates)
         free = self._free(seen)
         waking = self.rule.waking(strained, free)
         above = waking.cells

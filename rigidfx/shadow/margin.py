@@ -4,7 +4,9 @@ What a body would strain, the difference ũ - u of two motions, obeys the equati
 structure under ρ, which acts at the body's nodes. A shadow of the body alone is free at its border:
 a cell that shares most of its nodes with flexible cells there takes forces that these would share.
 So shadows have *margins*, a layer of the flexible cells round bodies, and are free behind these,
-but for dashpots. What supports hold in all directions they hold in both motions, in margins, too.
+but for dashpots. What supports hold they hold in both motions: in margins, and in a part that is
+held itself. Directions are those of a body's frame; in one that has turned since its freeze what
+is held in some directions only is taken for free.
 """
 
 from __future__ import annotations
@@ -24,14 +26,17 @@ from rigidfx.flexible.internal_forces import Cells
 from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.scene.scene import Scene
 from rigidfx.shadow.parts import Parts, mass_of
+from rigidfx.shadow.subjects import Subjects
 from rigidfx.step.stepper import Stepper
 
 __all__ = ["Margin"]
 
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
+Bools = npt.NDArray[np.bool_]
 
 NOBODY = -1
+TURNED = 0.1  # of R, by which a body may have turned where directions are taken for its own
 
 
 class Margin:
@@ -47,20 +52,21 @@ class Margin:
         beyond: Owned flexible cells by subdomain id that share nodes, and are in no margin.
         inside: Places of the bodies' rows among these.
         round: Of each body, places of the nodes of its margin.
-        supported: Which rows supports hold in all directions; none of bodies.
+        supported: Which components of the rows' nodes supports hold, shape (nodes, 3).
         shape: Displacement in the bodies' frames, at the freeze and in margins now, shape
             (rows,) [m].
     """
 
-    def __init__(self, stepper: Stepper, bodies: Sequence[RigidBody]) -> None:
+    def __init__(self, stepper: Stepper, subjects: Subjects, bodies: Sequence[RigidBody]) -> None:
         """Find the margins. Collective.
 
         Args:
             stepper: Solves the steps.
-            bodies: The bodies' data.
+            subjects: What has shadows.
+            bodies: Their data.
         """
         self._scene = scene = stepper.scene
-        self.parts = parts = Parts(scene, stepper.forces, bodies)
+        self.parts = parts = Parts(scene, stepper.forces, bodies, subjects.free)
         state = stepper.state
         flexible, count = stepper.system.layout.flexible, len(parts.bodies)
         owners = np.full(scene.owned_nodes, float(NOBODY))
@@ -85,15 +91,18 @@ class Margin:
         self.inside: Ints = self.rows.positions(parts.rows.nodes)
         of = np.where(owners[nodes] == NOBODY, reach.claims[nodes], NOBODY)
         self.round = tuple(np.flatnonzero(of == k) for k in range(count))
-        held = stepper.prescribed.mask.reshape(-1, 3)[nodes].all(axis=1)
-        self.supported: npt.NDArray[np.bool_] = held & self.outside
+        held = subjects.held()[nodes]
+        self.supported: Bools = held & held.all(axis=1, keepdims=True)
         shape = np.zeros((nodes.size, 3))
         shape[self.inside] = parts.shape.reshape(-1, 3)
-        now = {id(body.data): body.motion for body in state.bodies}
-        for data, own in zip(parts.bodies, self.round, strict=True):
+        now = {id(body.data): body.motion for body in subjects.present()}
+        for data, own, inside in zip(parts.bodies, self.round, parts.at, strict=True):
             at = now[id(data)]
             x = (state.positions(nodes[own].astype(np.int64)) - at.r) @ at.R + data.origin
             shape[own] = x - self.rows.X[own]
+            if np.abs(at.R - np.eye(3)).max() <= TURNED:
+                every = np.concatenate([self.inside[inside], own])
+                self.supported[every] = held[every]
         self.shape: Array = shape.reshape(-1)
 
     def held(self) -> Ints:
@@ -102,16 +111,20 @@ class Margin:
         Forces in balance push on none of a body's.
         """
         x = self.rows.X + self.shape.reshape(-1, 3)
-        each = zip(self.parts.bodies, self.round, strict=True)
-        places = [x[own[self.supported[own]]] - data.origin for data, own in each]
+        every = [
+            np.concatenate([self.inside[at], own])
+            for at, own in zip(self.parts.at, self.round, strict=True)
+        ]
+        each = zip(self.parts.bodies, every, strict=True)
+        places = [(x[own] - data.origin, self.supported[own]) for data, own in each]
         rows = self.parts.held(places) - self.parts.rows.first
         nodes, axes = np.divmod(rows[(rows >= 0) & (rows < 3 * self.inside.size)], 3)
         return np.concatenate([self.supported_rows, 3 * self.inside[nodes] + axes])
 
     @cached_property
     def supported_rows(self) -> Ints:
-        """The three rows of each node that supports hold."""
-        return (3 * np.flatnonzero(self.supported)[:, None] + np.arange(3)).reshape(-1)
+        """The rows that supports hold."""
+        return np.flatnonzero(self.supported)
 
     def mass(self) -> Mass:
         """Mass operator of the rows; the caller destroys it. Collective.

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -83,6 +83,8 @@ class Strained:
         spring: Strain rate at which it would spring into that in the step, were it released.
         swing: Strain of its shadow; None if that was not looked at.
         bend: Largest displacement of its nodes beyond the body's rigid motion; likewise.
+        withheld: Strain energy ½ ρᵀK⁺ρ that the body of each part named rigid withholds, by the
+            part's name, on all ranks [J]; empty before a step is solved.
     """
 
     rate: Array
@@ -90,6 +92,7 @@ class Strained:
     spring: Array
     swing: Array | None = None
     bend: Array | None = None
+    withheld: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def ratio(self) -> Array:

@@ -20,6 +20,7 @@ __all__ = ["Parts", "mass_of", "watched"]
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 Int32s = npt.NDArray[np.int32]
+Bools = npt.NDArray[np.bool_]
 
 RIGID = 1e-6  # part of a body's length by which places on a line may be off it
 
@@ -37,16 +38,23 @@ class Parts:
         shape: Displacement at the freeze, of the rows [m].
     """
 
-    def __init__(self, scene: Scene, forces: InternalForces, bodies: Sequence[RigidBody]) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        forces: InternalForces,
+        bodies: Sequence[RigidBody],
+        free: bool = True,
+    ) -> None:
         """Number the rows. Collective.
 
         Args:
             scene: The problem.
             forces: Internal forces, which know the cells of each material.
             bodies: The bodies' data.
+            free: Whether they move as rigid bodies do; supports hold them else.
         """
         self.bodies = tuple(bodies)
-        self._scene = scene
+        self._scene, self._free = scene, free
         none: list[npt.NDArray[np.int32]] = [np.empty(0, np.int32)]
         nodes = np.sort(np.concatenate([*none, *(body.nodes for body in bodies)]))
         self.cells: Cells = forces.cells(
@@ -110,6 +118,8 @@ class Parts:
         Args:
             force: On the nodes of the rows, in the bodies' frames, shape (nodes, 3) [N].
         """
+        if not self._free:
+            return
         moving = self._rigid_motion(self._places, force)
         for own, of_body in zip(self._spans, moving, strict=True):
             force[own] -= self._masses[own] @ of_body
@@ -148,6 +158,8 @@ class Parts:
         Args:
             u: Of the nodes of the rows, in the bodies' frames, shape (nodes, 3) [m].
         """
+        if not self._free:
+            return u
         return np.asarray(u - self.linear(self._rigid_motion(self._masses, u)))
 
     def _rigid_motion(self, places: Array, vectors: Array) -> Array:
@@ -207,20 +219,35 @@ class Parts:
         """Size of the change of forces; zero if none were before. Collective."""
         return 0.0 if before is None or force is before else self.size(force - before)
 
+    def energies(self, force: Array, u: Array) -> Array:
+        """½ f·u of each body, on this rank [J].
+
+        Args:
+            force: On the nodes of the rows, shape (nodes, 3) [N].
+            u: Their displacements, likewise [m].
+        """
+        return np.array([0.5 * float(np.vdot(force[own], u[own])) for own in self._spans])
+
+    def by_name(self, numbers: Array) -> dict[str, float]:
+        """Numbers of the bodies, by the names of the parts named rigid that are in them."""
+        each = zip(self.bodies, numbers, strict=True)
+        return {name: float(number) for body, number in each for name in body.named}
+
     def mass(self) -> Mass:
         """Mass operator of the rows; the caller destroys it. Collective."""
         return mass_of(self._scene, self.rows, self.cells)
 
-    def held(self, supported: Sequence[Array]) -> Ints:
+    def held(self, supported: Sequence[tuple[Array, Bools]]) -> Ints:
         """Numbers of rows on all ranks that keep each body from moving, six at most. Collective.
 
         Args:
             supported: Of each body, places of nodes that are held and would move with it, relative
-                to its centre, in its frame, shape (nodes, 3) [m]. What they prevent needs no row.
+                to its centre, in its frame [m], and which components of these are held, shapes
+                (nodes, 3). What they prevent needs no row.
         """
         out, comm = [], self._scene.comm
-        for body, at, places in zip(self.bodies, self.at, supported, strict=True):
-            prevented = _rigid_motions(places, body.length).reshape(-1, 6)
+        for body, at, (places, which) in zip(self.bodies, self.at, supported, strict=True):
+            prevented = _rigid_motions(places, body.length)[which]
             prevented = np.concatenate(comm.allgather(prevented[_independent(prevented)]))
             free = null_space(prevented, rcond=RIGID) if len(prevented) else np.eye(6)
             modes = _rigid_motions(self.V[at], body.length).reshape(-1, 6) @ free

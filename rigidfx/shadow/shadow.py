@@ -20,21 +20,17 @@ import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from rigidfx.base.instants import same_length
 from rigidfx.coupling.mass import Mass
 from rigidfx.effects import Support
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.linear_forms import LinearForms
-from rigidfx.mechanics.bodies import Bodies
-from rigidfx.shadow.dashpots import of_neighbours
 from rigidfx.shadow.gauge import Gauge
 from rigidfx.shadow.handover import Carried
-from rigidfx.shadow.linear_part import LinearPart
 from rigidfx.shadow.margin import Margin
 from rigidfx.shadow.motion import Limits, Motion, Strained, at_rest
-from rigidfx.shadow.pace import Pace, Stretch
-from rigidfx.shadow.parts import watched
-from rigidfx.shadow.withheld import Withheld
+from rigidfx.shadow.pace import Pace
+from rigidfx.shadow.response import Response
+from rigidfx.shadow.subjects import Force, Subjects
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import Attempt
 from rigidfx.step.watches.watch import Watch
@@ -61,39 +57,30 @@ class Shadow(Watch):
     """
 
     def __init__(
-        self,
-        stepper: Stepper,
-        indicator: Indicator,
-        settling: float,
-        in_pieces: frozenset[str] = frozenset(),
+        self, stepper: Stepper, subjects: Subjects, indicator: Indicator, settling: float
     ) -> None:
         """Compile the forms. Collective.
 
         Args:
             stepper: Solves the steps.
+            subjects: What has shadows.
             indicator: A measure of its own for the bodies' cells.
             settling: Time in which a drag takes the shadows' vibration out [s].
-            in_pieces: Parts named rigid whose cells are not connected through facets: nothing
-                tells what goes from piece to piece, and their bodies have no shadow.
         """
-        self._in_pieces, self._stepper = in_pieces, stepper
+        self._stepper, self._subjects = stepper, subjects
         self._linear = LinearForms(stepper.scene, stepper.forces)
         self._gauge = Gauge(stepper.scene.space, indicator)
         self._settling = settling
         self.withheld, self._energies = 0.0, np.zeros(2)
         self._system: object = None
-        self._bodies = Bodies.of_each(())  # of the last accepted step
         self._margin: Margin | None = None
-        self._motion = at_rest(0)
-        self._pace, self._lag = Pace(), np.inf
-        self._last: Stretch = (np.empty((0, 3)), 0.0)  # ρ of shadows' last step, and its length
-        # Viscous stresses and supports that act.
-        self._around: tuple[list[int], tuple[Support, ...]] = [], ()
+        self._response: Response | None = None
+        self._pace = Pace()
+        # Viscous stresses and supports that act, and bodies that are in the way.
+        self._around: tuple[list[int], tuple[Support, ...], list[int]] = [], (), []
         self._accepting: Callable[[], None] | None = None
-        self._grown: list[npt.NDArray[np.int64]] = []  # rows of bodies that have just grown
         self._mass: Mass | None = None
-        self._part: LinearPart | None = None
-        self._withheld: Withheld | None = None
+        self._force: Force | None = None
 
     # Which bodies -------------------------------------------------------------------------------
 
@@ -103,36 +90,31 @@ class Shadow(Watch):
         Args:
             dt: Length of the present step [s].
         """
-        stepper, old = self._stepper, self._margin
+        stepper, old, subjects = self._stepper, self._margin, self._subjects
         if stepper.system is self._system:
             return
         self._system = stepper.system
-        records = watched(stepper.state.bodies.of.records, self._in_pieces)
+        before, records = subjects.last, subjects.records()
         viscous = [k for k, _ in stepper.forces.viscous_terms]
         same = old is not None and [*map(id, records)] == [*map(id, old.parts.bodies)]
-        around = viscous, stepper.prescribed.active
+        others = [*map(id, stepper.state.bodies.of.records)]
+        around = viscous, stepper.prescribed.active, others
         if not same or around != self._around:
             self._around = around
             self._catch_up()
-            carried = Carried(stepper.scene.owned_nodes, old, self._bodies, self._motion)
+            motion = at_rest(0) if self._response is None else self._response.motion
+            carried = Carried(stepper.scene.owned_nodes, old, before, motion)
             self._release()
             self.withheld, self._energies = 0.0, np.zeros(2)
-            self._margin = Margin(stepper, records) if records else None
+            self._margin = Margin(stepper, subjects, records) if records else None
             if self._margin is not None:
-                self._assemble(self._margin, dt)
-                bodies = stepper.state.bodies
-                self._motion, self._grown = carried.by(stepper.scene, self._margin, bodies)
-                if old is not None:
-                    # What rings from step to step would become displacements of other cells.
-                    assert self._part is not None
-                    damping = self._damping(stepper.state.t + dt / 2)
-                    self._motion.v = self._part.resolved(self._motion.v, dt, *damping)
-        elif self._withheld is not None:
-            self._withheld.destroy()
+                self._begin(self._margin, carried, None if old is None else dt, dt)
+        elif self._force is not None:
+            self._force.destroy()
         if self._margin is not None:
             assert self._mass is not None
-            self._withheld = Withheld(stepper, self._margin.parts, self._mass, self._linear)
-        self._bodies = stepper.state.bodies
+            self._force = subjects.force(self._margin.parts, self._mass, self._linear)
+        subjects.follow()
 
     @property
     def stiffening(self) -> float | None:
@@ -142,25 +124,19 @@ class Shadow(Watch):
 
     def _catch_up(self) -> None:
         """Take the steps that calm shadows have not taken. Collective."""
-        begin = self._stepper.state.t - sum(span for _, span in self._pace.waiting)
-        for force, span in self._pace.waiting:
-            self._shorten(span, begin)
-            self._motion = self._stepped(self._motion, force, begin + span / 2, span)
-            begin += span
-        self._pace, self._last, self._accepting = Pace(), (np.empty((0, 3)), 0.0), None
+        if self._response is not None:
+            self._response.catch_up(self._pace.waiting, self._stepper.state.t)
+        self._pace, self._accepting = Pace(), None
 
-    def _assemble(self, margin: Margin, dt: float) -> None:
-        """Make matrices and factors, and take the shape over. Collective."""
-        stepper, linear = self._stepper, self._linear
-        linear.shape.x.array[:] = 0.0
-        dashpots = of_neighbours(stepper, margin.rows, margin.beyond, linear)
-        linear.shape.x.array[margin.rows.dofs] = margin.shape
-        linear.shape.x.scatter_forward()
+    def _begin(self, margin: Margin, carried: Carried, ringing: float | None, dt: float) -> None:
+        """Have shadows of other bodies. Collective."""
+        stepper = self._stepper
         self._mass = margin.parts.mass()
-        stepper.forces.set_rate(1.0)
-        self._part = LinearPart(margin, linear, dashpots)
-        stepper.forces.set_rate(1 / dt)
-        self._gauge.bind(margin, linear.shape)
+        response = Response(stepper, margin, self._linear, self._settling, dt)
+        self._gauge.bind(margin, self._linear.shape)
+        motion, grown = carried.by(stepper.scene, margin, self._subjects.present())
+        response.begin(motion, grown, stepper.state.t, ringing)
+        self._response = response
 
     # Steps --------------------------------------------------------------------------------------
 
@@ -178,11 +154,11 @@ class Shadow(Watch):
         """
         with _REGROUPING:
             self.follow(dt)
-        if self._margin is None or self._withheld is None or self._part is None:
+        if self._margin is None or self._force is None or self._response is None:
             return None
         self._gauge.looks += 1
         with _LOOKING:
-            force = self._withheld.force(t, dt, self._pace.little)
+            force = self._force.force(t, dt, self._pace.little)
             change = self._margin.parts.change(self._pace.last, force)
             if not self._pace.due(force, dt, change):
                 self._accepting = partial(self._pace.wait, force, dt, change)
@@ -196,10 +172,10 @@ class Shadow(Watch):
             if known.reached is None:
                 largest[:] = found.largest
                 scene.comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
-            still = motion.still[self._margin.inside]
-            told = scene.sum([0.5 * np.vdot(force, still), *self._part.energies()])
+            own = self._margin.parts.energies(force, motion.still[self._margin.inside])
+            told = scene.sum(np.concatenate([self._response.part.energies(), own]))
             self._accepting = partial(self._take, motion, force, dt, change, largest, told)
-            return found
+            return replace(found, withheld=self._margin.parts.by_name(told[2:]))
 
     def ahead(self, t: float, dt: float, limits: Callable[[], Limits]) -> Strained | None:
         """What the bodies will withhold in a step that is still to be solved. Collective.
@@ -212,10 +188,10 @@ class Shadow(Watch):
         """
         with _REGROUPING:
             self.follow(dt)
-        if self._margin is None or self._withheld is None:
+        if self._margin is None or self._force is None:
             return None
         with _LOOKING:
-            rise = self._withheld.rise(t, dt, self._pace.alarming)
+            rise = self._force.rise(t, dt, self._pace.alarming)
             if rise is None:
                 return None
         last = self._pace.last
@@ -227,38 +203,37 @@ class Shadow(Watch):
 
     def _struck(self, force: Array, t: float, dt: float, limits: Limits) -> Strained:
         """What a force alone would strain in a step from rest. Collective."""
-        assert self._part is not None
+        response = self._response
+        assert response is not None
         with _REGROUPING:
-            self._part.factored(dt, *self._damping(t + dt / 2))
+            response.factor(t, dt)
         with _LOOKING:
-            rest = Motion(*np.zeros((5, *self._motion.u.shape)))
-            motion = self._stepped(rest, force, t + dt / 2, dt)
+            rest = Motion(*np.zeros((5, *response.motion.u.shape)))
+            motion = response.stepped(rest, force, t, dt)
             return self._gauge.strained(rest, motion, dt, limits, None, struck=True)
 
     def _factor(self, force: Array, t: float, dt: float) -> None:
         """Have the factors for the steps that shadows are to take. Collective."""
-        assert self._part is not None
+        assert self._response is not None
         with _REGROUPING:
             _, span = self._pace.stretches(force, dt)[0]
-            begin = t - sum(waited for _, waited in self._pace.waiting)
-            self._part.factored(span, *self._damping(begin + span / 2))
+            self._response.factor(t - sum(waited for _, waited in self._pace.waiting), span)
 
     def _foreseen(
         self, force: Array, t: float, dt: float, limits: Limits, *, struck: bool = False
     ) -> tuple[Motion, Strained]:
         """The motion at the end of a step under a force, and what cells strain. Collective."""
+        response = self._response
+        assert response is not None
         # While no window is known, the mean is over little more than a step.
-        self._lag = LAG * limits.window if np.isfinite(limits.window) else dt
+        response.lag = LAG * limits.window if np.isfinite(limits.window) else dt
         steps = self._pace.stretches(force, dt)
-        self._shorten(steps[0][1], t)
-        motion = self._motion
-        if self._grown:
-            assert self._part is not None
-            motion = motion.grown(self._grown, self._part.at_rest(force), dt)
+        response.shorten(steps[0][1], t)
+        motion = response.start(force, dt)
         begin = t - sum(span for _, span in self._pace.waiting)
         found: Strained | None = None
         for mean, span in steps:
-            start, motion = motion, self._stepped(motion, mean, begin + span / 2, span)
+            start, motion = motion, response.stepped(motion, mean, begin, span)
             found = self._gauge.strained(start, motion, span, limits, found, struck=struck)
             begin += span
         assert found is not None
@@ -268,53 +243,18 @@ class Shadow(Watch):
     def _take(
         self, motion: Motion, force: Array, dt: float, change: float, largest: Array, told: Array
     ) -> None:
-        self._last = force, self._pace.stretches(force, dt)[-1][1]
-        self._motion, self._grown, self.withheld = motion, [], float(told[0])
-        self._energies += told[1:]
+        assert self._response is not None
+        self._response.take(motion, force, self._pace.stretches(force, dt)[-1][1])
+        self.withheld = float(told[2:].sum())
+        self._energies += told[:2]
         self._pace.taken(force, change, *map(float, largest))
-
-    def _shorten(self, span: float, t: float) -> None:
-        """Have shadows go on in shorter steps than before, without what rings. Collective.
-
-        What rings from one long step to the next would be a vibration that short ones follow. The
-        middle of a step by the midpoint rule is the end of half a step by the backward Euler
-        method, with the same factor, and another half, under the force at its end, takes the
-        ringing out (R. Rannacher, Numer. Math. 43 (1984) 309-327).
-        """
-        force, before = self._last
-        if span < before and not same_length(span, before):
-            assert self._part is not None
-            motion, damping = self._motion, self._damping(t - before / 2)
-            u = motion.u - before / 2 * motion.w
-            d = self._part.increment(force, u, motion.w, before, *damping)
-            # The first step tells nothing by its rate, as that of a shadow that begins.
-            w = np.full_like(u, np.nan)
-            self._motion = replace(motion, u=u + d / 2, v=np.asarray(d / before), w=w)
-            self._last = force, span
-
-    def _damping(self, t: float) -> tuple[float, float]:
-        """α of the drag on shadows [1/s], and ξ of the numerical damping."""
-        acting = self._stepper.scene.acting(t)
-        drag = sum(effect.mass_damping for effect in acting)
-        return drag + 2 / self._settling, sum(e.numerical_damping or 0.0 for e in acting)
-
-    def _stepped(self, motion: Motion, force: Array, t: float, dt: float) -> Motion:
-        """The motion after a step. Collective."""
-        assert self._part is not None
-        still = self._part.at_rest(force)
-        d = self._part.increment(force, motion.u, motion.v, dt, *self._damping(t))
-        known = ~np.isnan(motion.mean)
-        mean = np.where(
-            known, motion.mean - np.expm1(-dt / self._lag) * (still - motion.mean), still
-        )
-        return Motion(motion.u + d, 2 / dt * d - motion.v, np.asarray(d / dt), still, mean)
 
     def accept(self, attempt: Attempt) -> None:
         """See `Watch`."""
         if self._accepting is not None:
             self._accepting()
         self._accepting = None
-        self._bodies = attempt.increments.end
+        self._subjects.accept(attempt)
 
     def recovered(self) -> tuple[Array, Ints]:
         """K⁺ρ of the last step in space, and the owned cells that it is of. Collective.
@@ -326,25 +266,25 @@ class Shadow(Watch):
         if self._margin is None or u is None:
             return out, np.empty(0, np.int32)
         parts = self._margin.parts
-        return parts.in_space(parts.unmoved(u), self._stepper.state.bodies, out)
+        return parts.in_space(parts.unmoved(u), self._subjects.present(), out)
 
     def _at_rest(self) -> Array | None:
         """K⁺ρ of the last step in the bodies' frames; None if there is none. Collective."""
-        if self._margin is None or self._part is None or self._pace.last is None:
+        if self._margin is None or self._response is None or self._pace.last is None:
             return None
-        if self._withheld is not None:
-            self._pace.last = self._withheld.exact(self._pace.last)
-        return self._part.at_rest(self._pace.last)[self._margin.inside]
+        if self._force is not None:
+            self._pace.last = self._force.exact(self._pace.last)
+        return self._response.part.at_rest(self._pace.last)[self._margin.inside]
 
     def _release(self) -> None:
-        for item in (self._withheld, self._part, self._mass):
+        for item in (self._force, self._response, self._mass):
             if item is not None:
                 item.destroy()
-        self._withheld, self._part, self._mass = None, None, None
+        self._force, self._response, self._mass = None, None, None
 
     def destroy(self) -> None:
         """Free the PETSc objects; what bodies carry may still be asked for. Collective."""
         self._at_rest()
-        part = self._part
+        response = self._response
         self._release()
-        self._part = part
+        self._response = response

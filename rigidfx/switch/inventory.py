@@ -29,12 +29,15 @@ __all__ = ["check_clamps", "divide"]
 Nodes = npt.NDArray[np.int32]
 
 
-def check_clamps(scene: Scene, timeline: Timeline) -> None:
+def check_clamps(scene: Scene, timeline: Timeline) -> bool:
     """Look ahead: will supports hold named bodies in a way that is refused? Collective.
 
     Args:
         scene: The problem.
         timeline: Tells which times are the same.
+
+    Returns:
+        Whether a support ever clamps a named body.
 
     Raises:
         SceneError: If a support, at any time, holds a body other than by clamping it whole, or
@@ -42,11 +45,13 @@ def check_clamps(scene: Scene, timeline: Timeline) -> None:
     """
     windowed = [*scene.named(Support), *scene.named(Resultant)]
     times = sorted({0.0, *(t for e in windowed for t in e.ends if t > 0)})
+    found = False
     for effect in scene.named(Rigid) if scene.named(Support) else ():
         _, nodes = _cells_and_nodes(scene, effect)
         for t in times:
             acting = scene.acting(timeline.after(t))
             clamp = _clamp(scene, supports_of(acting), effect.name, nodes)
+            found |= clamp is not None
             if clamp is not None and effect.given:
                 raise SceneError(
                     f"Rigid '{effect.name}': its mass or inertia is given, and at t = {t:g} s a "
@@ -60,6 +65,7 @@ def check_clamps(scene: Scene, timeline: Timeline) -> None:
                     "it is no body of its own. Name a NodalForce on its cells, which the support "
                     "then bears, or separate the two in time."
                 )
+    return found
 
 
 def divide(

@@ -34,6 +34,7 @@ class Switch:
     Attributes:
         acting: The effects with a time window that act.
         held: Force of each support in a static preload [N], and its moment [N m]: see `begin`.
+        clamps: Whether a support clamps a part named rigid at any time: likewise.
     """
 
     def __init__(self, stepper: Stepper, timeline: Timeline) -> None:
@@ -79,7 +80,7 @@ class Switch:
         scene, state = stepper.scene, stepper.state
         start = self._timeline.after(0.0)
         velocity = initial_velocity(scene, dt, start)
-        check_clamps(scene, self._timeline)
+        self.clamps = check_clamps(scene, self._timeline)
         supports = supports_of(self.acting)
         held = PrescribedDofs(scene, supports)
         self.held = apply_preload(scene, stepper.forces, state, held, start)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from rigidfx.decide.memory.back_off import BackOff
 from rigidfx.decide.memory.bends import Bends
+from rigidfx.decide.memory.compliance import Compliance
 from rigidfx.decide.memory.contact_changes import ContactChanges
 from rigidfx.decide.memory.drift import Drift
 from rigidfx.decide.memory.load_changes import LoadChanges
@@ -27,6 +28,7 @@ class Memory:
         loads: The loads of the present bodies, and the largest so far.
         contacts: The same of contacts.
         next_number: First number that no body has had.
+        compliance: What parts named rigid take from it.
         said: Kinds of warnings that were given.
         strokes: Largest strains and rates so far.
         bends: How far the structure deflects, and parts of it bend.
@@ -43,5 +45,6 @@ class Memory:
     strokes: Strokes
     bends: Bends
     drift: Drift
+    compliance: Compliance = field(default_factory=Compliance)
     said: set[str] = field(default_factory=set)
     largest: float = 0.0

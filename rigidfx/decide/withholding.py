@@ -1,0 +1,93 @@
+"""Parts named rigid never wake: it is said, once, what that does to the motion."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from rigidfx.decide.advice import Advice
+from rigidfx.decide.criteria.judging import Criterion
+from rigidfx.decide.criteria.observation import Observation
+from rigidfx.decide.memory.memory import Memory
+from rigidfx.decide.named_parts import NamedParts
+from rigidfx.report.report import Report
+from rigidfx.shadow.motion import Strained
+
+__all__ = ["Withholding"]
+
+Array = npt.NDArray[np.float64]
+
+
+class Withholding:
+    """Compares what named parts withhold with what wakes other cells.
+
+    What is exceeded in one step is said once the motion has not grown for as long as it has gone
+    on, or at the end of the run: then it has been seen how all moves.
+    """
+
+    def __init__(
+        self, comm: MPI.Intracomm, criterion: Criterion, named: NamedParts, memory: Memory
+    ) -> None:
+        """Nothing has been looked at.
+
+        Args:
+            comm: Communicator of the mesh.
+            criterion: What the user states.
+            named: The parts.
+            memory: What the policy remembers.
+        """
+        self._comm, self._criterion, self._named, self._memory = comm, criterion, named, memory
+        self._told: set[str] = set()
+
+    @property
+    def waits(self) -> bool:
+        """Whether there are parts of which nothing has been said."""
+        return not self._named.cells.keys() <= self._told
+
+    def look(self, seen: Observation, strained: Strained, limits: Array | None) -> None:
+        """Take note of what cells would strain in a step that has been solved. Collective.
+
+        They are there before anything has been observed, unlike bodies that are found: nothing
+        counts until then, and of strains that add up none until a stroke is known.
+
+        Args:
+            seen: The state before it.
+            strained: What each owned cell of some parts would strain, over what wakes it.
+            limits: Strain rate that would wake each owned cell [1/s]; None if none does.
+        """
+        ratio, memory = strained.ratio, self._memory
+        memory.compliance.look(strained.withheld)
+        if limits is not None:
+            moved = bool(np.isfinite(memory.strokes.time))
+            if seen.t <= self._criterion.since or (self._criterion.relative and not moved):
+                return
+            ratio = ratio if moved else strained.rate
+        named = self._named
+        apart = {body.name: body.cells for body in seen.bodies if body.name in named.apart}
+        parts = {**named.cells, **apart}
+        largest = np.array([ratio[own].max(initial=0.0) for own in parts.values()])
+        self._comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
+        for name, exceeded in zip(parts, largest, strict=True):
+            if exceeded > 1:
+                memory.compliance.exceeds(name, float(exceeded), seen.t)
+
+    def follow(self, seen: Observation, report: Report, last: bool) -> None:
+        """Take note of a step that was accepted, and say what there is to say.
+
+        Args:
+            seen: The state after it.
+            report: What it did.
+            last: Whether it is the last of the run.
+        """
+        if seen.energies is not None and self._named.count:
+            kept = sum(body.frozen.strain for body in seen.bodies)
+            strain = report.strain + report.springs + kept
+            self._memory.compliance.add(seen.energies[0], strain, seen.t)
+        compliance = self._memory.compliance
+        if not compliance.exceeded or not (last or compliance.settled):
+            return
+        advice = Advice(self._comm, self._criterion, self._memory.said)
+        for name, (ratio, t) in compliance.exceeded.items():
+            self._told.add(name)
+            advice.of_named(name, ratio, t, compliance.taken(name), compliance.vibrates(name))
