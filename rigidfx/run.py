@@ -141,7 +141,8 @@ class Run:
             return [], np.nan
         stiffening = None if self.shadow is None else self.shadow.stiffening
         energies = None if self.ledgers is None else self.ledgers.energies
-        seen = Observation(self.stepper, report.dt, stiffening, energies)
+        withheld = 0.0 if self.shadow is None else self.shadow.withheld
+        seen = Observation(self.stepper, report.dt, stiffening, energies, withheld)
         policy.observe(seen)
         decision = policy.after(seen, report)
         closeness = np.nan if decision is None else decision.closeness

@@ -26,12 +26,14 @@ class Observation:
             that is not known.
         energies: Kinetic and strain energy of deformation after the step before [J]; None if nobody
             measures them.
+        withheld: Strain energy that rigidity withholds [J]; 0 if nothing estimates it.
     """
 
     stepper: Stepper
     dt: float
     stiffening: float | None = None
     energies: tuple[float, float] | None = None
+    withheld: float = 0.0
 
     @property
     def t(self) -> float:

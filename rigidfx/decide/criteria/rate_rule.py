@@ -105,6 +105,8 @@ class RateRule:
         rested = seen.t - memory.loads.resting_since
         if seen.energies is not None and rested < JUST * seen.dt:
             memory.drift.add(*seen.energies)
+        if seen.energies is not None:
+            memory.drift.compare(seen.withheld, seen.energies[1])
         if isinstance(self._tol, Relative):
             most = float(indicator.values[indicator.cells].max(initial=0.0))
             most = self._comm.allreduce(most, op=MPI.MAX)

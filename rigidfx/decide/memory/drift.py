@@ -9,10 +9,16 @@ is kept as a strain rate, the one that flexible cells are off by,
 
 D the strain energy by which a cell has swung in the window before it froze, ė the largest rate of a
 window; and e shrinks with ė as the motion dies down. It may be half of what wakes cells, κ tol, by
-the end of the next window. What a shadow withholds would not tell: since its freeze a cell swings
-by up to twice its amplitude. But s is told by shadows: what bodies withhold, ½ ρᵀK⁺ρ, over the part
-of it in their own cells, for they hold what is round them, too: a small sphere twice the energy
-that it would have (J. D. Eshelby, Proc. R. Soc. A 241 (1957) 376-396), large parts little more.
+the end of the next window. s is told by shadows: what bodies withhold, ½ ρᵀK⁺ρ, over the part of it
+in their own cells, for they hold what is round them, too: a small sphere twice the energy that it
+would have (J. D. Eshelby, Proc. R. Soc. A 241 (1957) 376-396), large parts little more.
+
+Both s D_rigid/D and what bodies withhold over the energy of strain are too much rather than too
+little, and the lesser of them counts. The first is of the window before the freeze: where a motion
+begins a stiff part has a share of the energy that it never has again. The second is of the window
+that ends, but since its freeze a cell swings by up to twice its amplitude, and what loads have
+changed since then is in it as well.
+
 Where loads change it is they that say how fast all moves, and nothing drifts; but a structure that
 gives way by less from the beginning is off by A s D_rigid/D, the part of its compliance that it
 lacks (Castigliano), and that times ė may be as much. Of a vibration with the strain energy U and
@@ -51,6 +57,7 @@ class Drift:
         limit: What that may be [1/s].
         stiffening: s of the bodies, or of the last ones that there were.
         amplification: A of the last windows.
+        stiffer: Part by which bodies stiffened the structure in the last window, at most.
         share: Part of the strain energy of the motion that rigid cells had as they froze.
         shares: That of each owned cell in the last window in which it was flexible.
     """
@@ -66,6 +73,8 @@ class Drift:
         self.shares: Array = np.zeros(cells)
         self.rate, self.limit, self.share, self.stiffening = 0.0, inf, 0.0, 1.0
         self.amplification = 1.0
+        self.stiffer = 0.0
+        self._most = 0.0, 0.0  # energies that bodies withhold, and of strain, in the window
         self._moving = 0.0, 0.0  # kinetic and strain energies while loads change, added up
         self._moved = False  # in a window before: what begins has as much of both, however slow
         self._last = 0.0  # largest rate of the last window
@@ -75,6 +84,10 @@ class Drift:
     def add(self, kinetic: float, strain: float) -> None:
         """Take note of the energies of deformation in a step in which loads change [J]."""
         self._moving = self._moving[0] + kinetic, self._moving[1] + strain
+
+    def compare(self, withheld: float, strain: float) -> None:
+        """Take note of what bodies withhold, and of the energy of strain, after a step [J]."""
+        self._most = max(self._most[0], withheld), max(self._most[1], strain)
 
     def window_ends(
         self, energy: Array, rigid: Bools, rate: float, turning: float, length: float, rested: float
@@ -94,6 +107,11 @@ class Drift:
         self.share, total = min(float(local[0]), 1.0), float(local[1])
         if total > 0:
             self.shares = np.where(rigid, self.shares, energy / total * (1 - self.share))
+        self.stiffer = self.stiffening * self.share
+        withheld, strain = self._most
+        if min(withheld, strain) > 0:
+            self.stiffer = min(self.stiffer, withheld / strain)
+        self._most = 0.0, 0.0
         if 0 < rate < self._last:
             self.rate *= rate / self._last
         self._last = rate
@@ -106,7 +124,7 @@ class Drift:
             self._first = self._lasted = 0.0
         if turning > 0:
             drifting = min(rested, length)
-            self._next = 0.5 * self.stiffening * self.share * rate * length / turning
+            self._next = 0.5 * self.stiffer * rate * length / turning
             self.rate = min(self.rate + self._next * drifting / length, MOST * rate)
             self._first = self._first or rate
             self._lasted += drifting

@@ -126,13 +126,14 @@ class Strokes:
     def of_strains(self, length: float, other: float = inf) -> Array:
         """Times for which each owned cell may withhold a rate that wakes it [s].
 
+        A body that freezes at one turn of a motion has withheld twice its size at the other.
+
         Args:
             length: Length of a window [s].
             other: What counts while no stroke is known [s].
         """
         stroke = self.time if np.isfinite(self.time) else other
-        # From one turn of a vibration to the other, since a freeze at a turn, it is twice 1/ω.
-        return np.maximum(min(length, stroke), 2 * self.seen)
+        return 2 * np.maximum(min(length, stroke), self.seen)
 
     @property
     def turning(self) -> float:
