@@ -121,7 +121,8 @@ class Withheld:
         self._actions = Actions(self._structure, scene.effects, self._acting)
         self._d, self._f, self._a = (parts.rows.vector() for _ in range(3))
         self._given: Array | None = None  # loads on the nodes in the last step
-        self._dead: Array | None = None  # the last ones that do not follow the bodies
+        self._dead: Array | None = None  # the last ones that do not follow the bodies, and
+        self._asked: tuple[float, float] | None = None  # the step that they are of
         self._known: _Known | None = None  # while nothing touches the bodies
         # What the last force would have been computed from, if it was taken for another.
         self._left: tuple[_Turning, Array, float, Array] | None = None
@@ -281,10 +282,16 @@ class Withheld:
             self._actions.select(acting)
             self._forces.select(acting)
             self._loads = self._forces.bind_loads(self._parts.cells, self._u0, self._u1)
-        self._actions.set_time(t + dt / 2, dt)
-        dead, last = self._actions.external.array_r, self._dead
-        out: Array = dead.copy() if last is None or not np.array_equal(dead, last) else last
-        self._dead = out
+            self._asked = None
+        dead = self._dead
+        # What is foreseen of a step is mostly what comes of it.
+        if dead is None or self._asked != (t, dt) or not self._actions.dead:
+            self._actions.set_time(t + dt / 2, dt)
+            now: Array = self._actions.external.array_r
+            if dead is None or not np.array_equal(now, dead):
+                dead = now.copy()
+            self._dead, self._asked = dead, (t, dt)
+        out: Array = dead
         if self._loads is not None:
             out = out.copy()
             self._forces.set_time(t + dt / 2, dt)
