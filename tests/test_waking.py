@@ -924,6 +924,28 @@ def test_cells_spring_within_a_step_however_long_those_of_shadows_are(monkeypatc
     assert sprung == pytest.approx(strains, rel=1e-9, abs=1e-15)
 
 
+def test_what_swings_within_a_long_step_ends_it_as_it_grows():
+    """Of a force with a period of four steps the mean over four is nothing, however much it grows.
+
+    It strains by its size; at three times what it began with, it would wake cells.
+    """
+    calm, last, told = Pace(), 0.0, 0.0
+    for n in range(400):
+        size = 0.33 * 1.01 ** max(n - 100, 0)
+        if size > 1:
+            break
+        force = np.full((1, 3), size * np.sin(np.pi * (n / 2 + 0.25)))
+        change = abs(float(force[0, 0]) - last)
+        last = float(force[0, 0])
+        if calm.due(force, 1.0, change):
+            told = max(float(np.abs(f).max()) for f, _ in calm.stretches(force, 1.0))
+            calm.taken(force, change, told, 0.0)
+        else:
+            calm.wait(force, 1.0, change)
+    assert size > 1
+    assert told > 0.5
+
+
 def test_named_parts_never_wake_but_it_is_said_what_they_withhold():
     scene = on_a_block(STRIKES["traction"], rf.Rigid("block"))
     said = "strain the part 'block' that is named Rigid.* lacks some .*% of its compliance"

@@ -5,7 +5,8 @@ cells are rigid. So shadows take one step in place of four or sixteen, under the
 that wakes nothing and misses nothing: what strains cells over what wakes them, even if it comes
 nearer twice as fast as it does, stays below a part of that, and rates change so little within the
 step that it resolves them. What forces strain grows with their changes, too: a force that changes
-by so much more than it did that it might wake cells ends a long step at once.
+by so much more than it did that it might wake cells ends a long step at once. How much changes
+strain is told by single steps: the mean force of a long one has nothing of what swings within it.
 """
 
 from __future__ import annotations
@@ -53,6 +54,7 @@ class Pace:
         self._parts: deque[Array] = deque([unknown], maxlen=LOOKS)
         self._nearer: deque[Array] = deque([unknown], maxlen=LOOKS)
         self._turns: deque[float] = deque([FAR], maxlen=LOOKS)
+        self._gains: deque[float] = deque([0.0], maxlen=LOOKS)  # of a change, in single steps
         self._long = 1
         self._alarmed = False  # whether the present force has changed too much
 
@@ -71,8 +73,9 @@ class Pace:
 
     def alarming(self, change: float) -> bool:
         """Whether a force that changes so much may wake cells."""
-        rate = max(LEAST, *(float(rate) for rate, _ in self._parts))
-        return change * rate > ALARMING * max(self._changes)
+        most = max(self._changes)
+        rate = max(LEAST, max(self._gains) * most, *(float(rate) for rate, _ in self._parts))
+        return change * rate > ALARMING * most
 
     @property
     def little(self) -> float:
@@ -105,6 +108,8 @@ class Pace:
         self.last = force
         self._changes.append(max(self._largest, change))
         self._largest = 0.0
+        if steps == 1 and max(self._changes) > 0:
+            self._gains.append(max(rate, LEAST) / max(self._changes))
 
     def _calm(self, long: int) -> bool:
         """Whether a step of so many wakes nothing, and resolves what shadows do."""
