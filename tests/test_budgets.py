@@ -5,6 +5,7 @@ Run as a script under mpirun, this file reports a history.
 
 from __future__ import annotations
 
+import re
 import warnings
 from dataclasses import replace
 from functools import cache
@@ -156,6 +157,25 @@ def test_a_budget_that_is_not_met_is_said():
     with pytest.warns(rf.RigidfxWarning, match=r"budget of 0\.001 was not met: time integration"):
         ledger = run(swaying(), sharp, 3.0)[-1].ledger
     assert ledger.time.relative > 0.5e-3
+
+
+def test_numerical_damping_that_takes_too_much_is_told_what_would_do():
+    """A bar that swings to and fro; with ξ as advised nothing is said of it."""
+    box, push = rf.box((0, 0, 0), (8, 1, 1), (8, 1, 1)), rf.Traction("x1", (0, 0, 30.0), until=1.0)
+
+    def said(xi):
+        effects = [rf.Fixed("x0"), push, rf.NumericalDamping(xi)]
+        scene = rf.Scene(box, SOFT, effects, probes={"tip": (8, 0.5, 0.5)})
+        with warnings.catch_warnings(record=True) as heard:
+            warnings.simplefilter("always")
+            run(scene, rf.Accuracy(0.05, "tip"), 20.0)
+        return " ".join(
+            str(w.message) for w in heard if "numerical damping takes" in str(w.message)
+        )
+
+    advised = re.search(r"xi = (\S+) in place of 0\.5 would do", said(0.5))
+    assert 0.005 < float(advised[1]) < 0.1
+    assert not said(float(advised[1]))
 
 
 def test_nothing_is_sure_where_loads_are_as_fast_as_the_structure():

@@ -544,6 +544,20 @@ def test_a_path_that_bends_at_no_breakpoint():
     assert t[k + 1] - t[k] < 0.05
 
 
+def test_a_kink_of_a_path_that_is_over_shortens_no_steps():
+    """The base's velocity swings to and fro from then on, and no step errs where it is led.
+
+    Of 6668 steps of such a bar 6513 were the shortest, of 130 now two.
+    """
+    path = rf.PrescribedMotion("x0", displacement=lambda t: (0, 0, 0.05 * np.clip(t - 0.37, 0, 1)))
+    box = rf.box((0, 0, 0), (8, 1, 1), (8, 1, 1))
+    material = rf.StVenantKirchhoff(E=1e6, nu=0.3, rho=1000.0)
+    scene = rf.Scene(box, material, [path, rf.MassDamping(0.2)], probes={"tip": (8, 0.5, 0.5)})
+    t = times(run(scene, rf.StepControl(0.05, "tip", largest=0.3), 4.0))
+    assert len(t) < 300
+    assert (np.diff(t) < 1e-3).sum() < 20
+
+
 def test_where_a_function_is_not_smooth():
     """A jump just after it, a kink at it; what is smooth is no more than that."""
     functions = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
-from math import ceil
+from math import ceil, log1p
 from typing import Any
 
 import numpy as np
@@ -19,8 +19,9 @@ from rigidfx.decide.criteria.budget_rule import BudgetRule
 from rigidfx.decide.criteria.judging import Criterion, never_rigid
 from rigidfx.decide.criteria.rule import Rule
 from rigidfx.decide.memory.memory import Memory
+from rigidfx.effects import NumericalDamping
 from rigidfx.report.beside import beside
-from rigidfx.report.ledger import Rigidity
+from rigidfx.report.ledger import Ledger, Rigidity
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.step_control import StepControl, check_probes, fraction, probe_names
@@ -29,6 +30,8 @@ from rigidfx.scene.timeline import Timeline
 __all__ = ["Accuracy", "controlled"]
 
 FINER = 4  # a twin's Δt
+OF_XI = 0.4  # of the ξ with which damping would take as much as it may, were it to go on as it does
+ALL = 0.95  # of the energy: what damping takes more than that does not tell how fast it does
 # Unknowns of a body, from which it may save what its shadow and Python cost: steps took 3.5 ms at
 # 1000 unknowns all flexible, and 2 ms more beside bodies that took 19 % of these.
 WORTH = 600
@@ -144,7 +147,7 @@ class Accuracy(Criterion):
             over.append(f"{measured} (measured against a finer flexible run)")
         if ledger.damping.relative / 2 > budget:
             taken = f"numerical damping takes {ledger.damping.relative:.3g} of the energy"
-            over.append(f"{taken}, and half of that of amplitudes")
+            over.append(f"{taken}, and half of that of amplitudes: {_less(ledger, scene, budget)}")
         if over:
             warn(
                 scene.comm,
@@ -193,6 +196,19 @@ class Accuracy(Criterion):
     def pardon(self) -> str:
         """See `Criterion`."""
         return "take a larger budget"
+
+
+def _less(ledger: Ledger, scene: Scene, budget: float) -> str:
+    """With which ξ numerical damping would keep to a budget, at steps as they are.
+
+    What it takes of a vibration that is left to itself is 1 - exp(-c ξ). Of one that loads keep
+    moving it may be more than all, and goes with ξ. Less than that, as what it takes less of lasts.
+    """
+    xi = sum(effect.numerical_damping for effect in scene.named(NumericalDamping))
+    part = ledger.damping.relative
+    gone = -log1p(-part) if part < ALL else max(-log1p(-ALL), part)
+    kept = -log1p(-2 * budget) if budget < ALL / 2 else gone
+    return f"xi = {xi * OF_XI * min(kept / gone, 1.0):.1g} in place of {xi:g} would do"
 
 
 def controlled(accuracy: Any, scene: Scene, dt: Any, rigidify: Any) -> StepControl:

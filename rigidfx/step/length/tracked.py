@@ -1,7 +1,10 @@
 """Points whose motion is tracked while steps are tried: displacements, and velocities at both ends.
 
 A body's nodes have its motion, whether they take part in a step or not; what moves with a support
-does what that does.
+does what that does, and is where it says at the end of each step: no step errs there. The velocity
+of such a node, 2 Δu/Δt - v, swings to and fro from step to step once its path has bent, and for
+ever, as nothing damps it; that would be taken for an error whenever Δt changes. So what a support
+moves has the mean velocity of a step at both ends.
 """
 
 from __future__ import annotations
@@ -63,6 +66,7 @@ class Tracked:
         self._arms: Array = np.zeros((self.nodes.size, 3))
         self._free: Ints = np.empty(0, np.int64)  # those that take part in a step ...
         self._rows: Ints = np.empty((0, 3), np.int64)  # ... and where in its increments
+        self._held: npt.NDArray[np.bool_] = np.zeros(self._X.shape, dtype=bool)
         self._bodies: tuple[object, ...] = ()
 
     def bind(self, system: System, bodies: Bodies) -> bool:
@@ -90,6 +94,7 @@ class Tracked:
         known[known] = rows[place[known]] == self.nodes[known]
         self._free = np.flatnonzero(known)
         self._rows = 3 * place[known, None] + np.arange(3)
+        self._held = system.layout.prescribed[self._dofs]
         return [*map(id, before)] != [*map(id, self._bodies)]
 
     def motion(self, system: System, state: State, dt: float) -> tuple[Array, Array, Array]:
@@ -113,6 +118,7 @@ class Tracked:
         d = system.equilibrium.d.array_r[self._rows]
         v1[free] = 2 / dt * d - v0[free]
         moved[free] += d
+        v0[self._held] = v1[self._held] = (v0[self._held] + v1[self._held]) / 2
         if inside.any():
             increments, k = system.equilibrium.prolongation.increments, self._body[inside]
             for v, bodies in ((v0, increments.start), (v1, increments.end)):
