@@ -117,6 +117,10 @@ def test_a_part_is_watched_from_when_a_support_holds_it():
     _, (said,) = run(bar(PUSH, held, DRAG, HELD), T / 4, RULE)
     assert 0 < lacking(said) < 1
 
+    turns = rf.Resultant("root", torque=(1.0, 0, 0), until=1.0)
+    _, (said,) = run(bar(PUSH, held, DRAG, HELD, turns), T / 4, RULE)
+    assert 0 < lacking(said) < 1
+
     def angle(t):
         return 0.5 * np.sin(2 * np.pi * t / T)
 

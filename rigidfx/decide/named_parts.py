@@ -18,6 +18,7 @@ class NamedParts:
     """Parts that are rigid always.
 
     Attributes:
+        names: Their names, as they are numbered from one on.
         count: How many there are.
         apart: Names of those whose mass or inertia is given, or on which a `Resultant` acts: no
             cell may join their bodies.
@@ -35,6 +36,7 @@ class NamedParts:
         self._graph = graph
         loaded = {resultant.body for resultant in scene.named(Resultant)}
         parts = scene.named(Rigid)
+        self.names = tuple(part.name for part in parts)
         self.count = len(parts)
         self.apart = frozenset(part.name for part in parts if part.given or part.name in loaded)
         self.cells: dict[str, npt.NDArray[np.int32]] = {

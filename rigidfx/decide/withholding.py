@@ -43,7 +43,7 @@ class Withholding:
     @property
     def waits(self) -> bool:
         """Whether there are parts of which nothing has been said."""
-        return not self._named.cells.keys() <= self._told
+        return not self._told.issuperset(self._named.names)
 
     def look(self, seen: Observation, strained: Strained, limits: Array | None) -> None:
         """Take note of what cells would strain in a step that has been solved. Collective.
@@ -65,7 +65,8 @@ class Withholding:
             ratio = ratio if moved else strained.rate
         named = self._named
         apart = {body.name: body.cells for body in seen.bodies if body.name in named.apart}
-        parts = {**named.cells, **apart}
+        held = {named.names[n - 1]: cells for n, cells in seen.state.clamped.items()}
+        parts = {**named.cells, **apart, **held}
         largest = np.array([ratio[own].max(initial=0.0) for own in parts.values()])
         self._comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
         for name, exceeded in zip(parts, largest, strict=True):
