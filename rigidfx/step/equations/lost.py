@@ -25,7 +25,7 @@ __all__ = ["Lost"]
 
 Array = npt.NDArray[np.float64]
 
-TINY = float(np.finfo(np.float64).tiny)
+TINY = 1e-200  # J, and kg m/s; what is relative to less than that would be beyond all numbers
 
 
 class Lost:
