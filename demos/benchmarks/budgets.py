@@ -9,6 +9,9 @@ Each scene runs with each budget, beside
   without; of those that err by no more than the automatic run, or a tenth more; null if none does.
   `by_hand` names it. `wall_best_flexible`: of those that err by no more than the flexible one.
 
+All of them are medians of three runs each, which take turns, as runs of less than a second differ
+by a fifth from each other.
+
 `measured` is the largest distance of the probe from where it is in the reference, all flexible, on
 the same mesh, with steps a quarter as long as the sharpest budget would have them (`--short`: half
 as long), over its largest displacement; `reference` is the reference's own error, by steps twice
@@ -21,10 +24,12 @@ the latter, and `sure` what it is.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
-from bench import Parser, chosen, conclude, timed
+from bench import Parser, chosen, conclude, in_turn, timed
 from bench.budget_scenes import BUDGETS, CASES, Case
 from scipy.interpolate import CubicHermiteSpline
 
@@ -33,6 +38,7 @@ import rigidfx as rf
 NEAR = 1.1  # times the error of the automatic run that one set by hand may have
 FINER, FINER_SHORT = 4, 2  # steps of the reference; it is compared with half as many
 FACTORS = 2.0, 1.4, 1.0  # of Δt by hand, over the mean of the automatic run
+TIMES = 3  # that each run is timed
 Array = np.ndarray
 
 
@@ -62,6 +68,9 @@ class Path:
         return float(np.linalg.norm(self.u - fine(self.t), axis=1).max()) / finer.size
 
 
+Run = Callable[[], Path]
+
+
 def run(case: Case, dt: float | rf.StepControl, **more: object) -> Path:
     """A run of a scene."""
     rows = []
@@ -71,21 +80,22 @@ def run(case: Case, dt: float | rf.StepControl, **more: object) -> Path:
     return Path(t, u, unknowns, report)
 
 
-def by_hand(case: Case, steps: int, reference: Path, allowed: float) -> dict[str, float]:
-    """Wall times of runs with a constant Δt that err by no more than allowed.
+def by_hand(case: Case, steps: int, reference: Path, allowed: float) -> tuple[str, Run] | None:
+    """The fastest run with a constant Δt that errs by no more than allowed, and what it is.
 
     With rigid parts and without; with more steps only where fewer do not do.
     """
     rule = rf.StrainRate(case.tol, case.window, wake=case.wake)
-    good = {}
+    good: dict[tuple[str, Run], float] = {}
     for words, rigidify in (("flexible", None), ("rigid parts", rule)):
         for factor in FACTORS:
             dt = case.t_end / max(round(steps / factor), 1)
-            wall, path = timed(lambda dt=dt, rule=rigidify: run(case, dt, rigidify=rule))
+            tried = partial(run, case, dt, rigidify=rigidify)
+            wall, path = timed(tried)
             if path.error(reference) <= allowed:
-                good[f"{words}, Δt = {dt:.3g} s"] = wall
+                good[f"{words}, Δt = {dt:.3g} s", tried] = wall
                 break
-    return good
+    return min(good, key=lambda found: good[found], default=None)
 
 
 def measure(
@@ -95,29 +105,37 @@ def measure(
     case = CASES[name]
     brief = replace(case, t_end=case.t_end / 20)
 
-    def asked(budget: float) -> rf.Accuracy:
-        return rf.Accuracy(budget, "end", min_cells=case.min_cells)
+    def asked(case: Case, budget: float) -> Path:
+        accuracy = rf.Accuracy(budget, "end", min_cells=case.min_cells)
+        return run(case, case.largest, accuracy=accuracy)
 
     def fine(factor: float) -> rf.StepControl:
         tol, largest = min(budgets) / factor**2, case.largest / factor
         return rf.StepControl(tol, "end", largest=largest, smallest=1e-4 * largest)
 
-    run(brief, case.largest, accuracy=asked(max(budgets)))  # forms are read
-    ours = {b: timed(lambda b=b: run(case, case.largest, accuracy=asked(b))) for b in budgets}
+    asked(brief, max(budgets))  # forms are read
     reference, coarser = run(case, fine(finer)), run(case, fine(finer / 2))
     own = coarser.error(reference) / 3
     rows = []
-    for budget, (wall, found) in ours.items():
+    for budget in budgets:
+        control = rf.StepControl(budget, "end", largest=case.largest)
+        runs: dict[str, Run] = {
+            "wall": partial(asked, case, budget),
+            "wall_flexible": partial(run, case, control),
+        }
+        found, flexible = (each() for each in runs.values())
         ledger, steps = found.last.ledger, len(found.t) - 1
         assert ledger is not None
         error = found.error(reference)
-        control = rf.StepControl(budget, "end", largest=case.largest)
-        wall_flexible, flexible = timed(lambda c=control: run(case, c))
-        good = by_hand(case, steps, reference, NEAR * error) if hand else {}
-        best = min(good, key=lambda label: good[label], default=None)
-        loose, fewer, others = flexible.error(reference), len(flexible.t) - 1, good
+        loose, fewer = flexible.error(reference), len(flexible.t) - 1
+        best = by_hand(case, steps, reference, NEAR * error) if hand else None
+        other = best
         if hand and case.min_cells:
-            others = by_hand(case, fewer, reference, NEAR * loose)
+            other = by_hand(case, fewer, reference, NEAR * loose)
+        for key, fastest in {"wall_best_by_hand": best, "wall_best_flexible": other}.items():
+            if fastest is not None:
+                runs[key] = fastest[1]
+        walls = in_turn(runs, TIMES)
         rows.append(
             {
                 "scene": name,
@@ -128,11 +146,11 @@ def measure(
                 "sure": ledger.sure,
                 "reference": own,
                 "measured_flexible": loose,
-                "wall": wall,
-                "wall_flexible": wall_flexible,
-                "wall_best_by_hand": None if best is None else good[best],
-                "wall_best_flexible": min(others.values(), default=None),
-                "by_hand": best,
+                "wall": walls["wall"],
+                "wall_flexible": walls["wall_flexible"],
+                "wall_best_by_hand": walls.get("wall_best_by_hand"),
+                "wall_best_flexible": walls.get("wall_best_flexible"),
+                "by_hand": None if best is None else best[0],
                 "mean_unknowns": found.mean_unknowns,
                 "unknowns": int(found.unknowns[0]),
                 "steps": steps,

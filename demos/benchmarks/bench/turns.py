@@ -20,6 +20,15 @@ def timed(call: Callable[[], Any]) -> tuple[float, Any]:
     return perf_counter() - start, value
 
 
+def in_turn(calls: Mapping[Name, Callable[[], Any]], times: int) -> dict[Name, float]:
+    """Medians of the wall times of some calls [s], each of which is made so often, in turn."""
+    seconds: dict[Name, list[float]] = {name: [] for name in calls}
+    for _ in range(times):
+        for name, call in calls.items():
+            seconds[name].append(timed(call)[0])
+    return {name: median(each) for name, each in seconds.items()}
+
+
 class Turns(Generic[Name]):
     """Wall times and reports of several runs; at its end, as a context, all are freed.
 
