@@ -109,7 +109,9 @@ class Switch:
         stepper, timeline = self._stepper, self._timeline
         state, scene = stepper.state, stepper.scene
         t, before = state.t, self.acting
-        if t < self._pending[0] - timeline.resolution:
+        control = stepper.control
+        found = control is not None and control.jumped
+        if t < self._pending[0] - timeline.resolution and not found:
             return None
         self._pending = self._breakpoints_after(t)
         self.acting = scene.acting(timeline.after(t))
@@ -117,7 +119,9 @@ class Switch:
         jumping = tuple(
             support
             for support in supports_of(self.acting)
-            if id(support) not in known or any(timeline.same(t, b) for b in support.breakpoints)
+            if id(support) not in known
+            or any(timeline.same(t, b) for b in support.breakpoints)
+            or (found and support.moves)
         )
         # A body that a support takes over must count as the body here: interface nodes of the
         # flexible side have velocities of their own.

@@ -26,11 +26,13 @@ class Onset:
         t: Time [s]; just after a jump.
         jumps: Whether the load jumps there, in place of bending.
         by: What it jumps by, in its shape; None if it bends.
+        led: Whether it is the velocity of a support's path that jumps.
     """
 
     t: float
     jumps: bool
     by: Array | None = None
+    led: bool = False
 
 
 def narrowed(q: Callable[[float], Array], times: Array, values: list[Array]) -> Onset | None:

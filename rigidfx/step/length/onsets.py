@@ -26,6 +26,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.errors import together
+from rigidfx.effects import Support
 from rigidfx.scene.scene import Scene
 from rigidfx.step.length.given import given_loads
 from rigidfx.step.length.narrowing import Onset, narrowed
@@ -43,6 +44,7 @@ SWINGS = 0.05  # of what a load changes by: its mean is off by more where a step
 UNTOLD = 0.1  # likewise, by what the middles of steps do not tell
 SHORTER = 6  # halvings of a step for that
 CLOSE = 1e-3  # of a step after its start: that is where it had to begin
+SHARP = 1e-4  # of a step: a path is looked at as if it were so long, not to see beyond its end
 SMALL = 0.1  # of what a load changes by: a jump that steps need not begin anew for
 
 
@@ -94,24 +96,33 @@ class Onsets:
     def _first_of(self, k: int, t: float, end: float, tol: float) -> Onset | None:
         """The first of one load."""
         given, found, h = self._loads[k], None, end - t
+        led = isinstance(given.load, Support)
+        short = SHARP * h if led else h
 
         def q(time: float) -> Array:
             return given.at(time, h)
+
+        def sharp(time: float) -> Array:
+            return given.at(time, short)
 
         for _ in range(SEVERAL):
             times = t + PLACES * (end - t)
             values = [q(float(time)) for time in times]
             off, swing = self._off(k, times, values)
+            if led and (off > tol or swing > 1):
+                values = [sharp(float(time)) for time in times]
+                off, swing = self._off(k, times, values)
             self._middles[k] = float(times[2]), values[2]
             if off <= tol and swing <= 1:
                 return found
-            one = narrowed(q, times, values) if off > tol else None
+            one = narrowed(sharp, times, values) if off > tol else None
             if one is None:
                 return self._calm(k, q, t, end, swing) or found
             if not t + CLOSE * (end - t) < one.t < end:
                 return found
-            given.ask_again(one.t, h, q(one.t))
-            found, end = Onset(one.t, one.by is not None and given.part(one.by) > SMALL), one.t
+            given.ask_again(one.t, short, sharp(one.t))
+            jumps = one.by is not None and given.part(one.by) > SMALL
+            found, end = Onset(one.t, jumps, led=led and one.by is not None), one.t
         return found
 
     def _calm(

@@ -42,6 +42,8 @@ class TimeControl(WarnsOnce):
     Attributes:
         length: Chooses Δt.
         rejected: Steps that were repeated for the sake of the error.
+        jumped: Whether the velocity of a support's path has jumped at the end of the last step, at
+            no breakpoint.
     """
 
     def __init__(self, scene: Scene, control: StepControl, timeline: Timeline) -> None:
@@ -70,10 +72,10 @@ class TimeControl(WarnsOnce):
         )
         self._forgetting = Forgetting(scene, self._tracked.count, timeline.t_end, least)
         self.length.accounts = Accounts(self._forgetting.rates.size)
-        self.rejected = 0
+        self.rejected, self.jumped = 0, False
         self._objections = 0
         self._end = Moves(0.0)  # at the end of the step that was looked at last
-        self._fresh, self._event = True, np.nan
+        self._fresh, self._event, self._led = True, np.nan, np.nan
         self._stop = self._step = self._for = np.nan
         self._found = np.nan  # error of the step that was looked at last
         self._system: Any = None
@@ -129,6 +131,8 @@ class TimeControl(WarnsOnce):
         reached = max(onset.t, min(end, t + self.length.shortest))
         if onset.jumps:
             self.expect(reached)
+        if onset.led:
+            self._led = reached
         self._stop = np.nan  # what is left is divided anew
         return reached
 
@@ -211,6 +215,7 @@ class TimeControl(WarnsOnce):
         self.rejected, self._objections = self.rejected + self._objections, 0
         breaks = *self._breaks, self._event
         self._fresh = any(self._timeline.same(attempt.end, b) for b in breaks)
+        self.jumped = self._timeline.same(attempt.end, self._led)
         if self._fresh:
             self._error.forget()
             self._onsets.forget()
