@@ -34,6 +34,7 @@ def drift(t):
     return 1e-3 * t, 0.0, 0.0
 
 
+WALL = rf.Contact("x0", against=rf.Plane((0, 0, 0), (1, 0, 0)), stiffness=3e5)
 PUSH = rf.Traction("x1", (0, 0, 50.0), time=slowly)
 
 
@@ -74,8 +75,9 @@ def lacking(said):
         ((rf.Gravity((0, 0, -0.3), time=slowly), CLAMP), {}),
         ((rf.Traction("x1", (900.0, 0, 0), time=slowly), CLAMP), {}),
         ((PUSH, rf.PrescribedMotion("x0", displacement=drift)), {}),
+        ((rf.Traction("x1", (-900.0, 0, 0), time=slowly), WALL), {}),
     ],
-    ids=["push", "consistent", "tetrahedra", "spring", "weight", "axial", "moved"],
+    ids=["push", "consistent", "tetrahedra", "spring", "weight", "axial", "moved", "contact"],
 )
 def test_what_held_parts_take_is_what_the_twin_shows(effects, options):
     """Under slow loads, within a fifth."""

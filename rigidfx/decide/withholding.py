@@ -83,7 +83,7 @@ class Withholding:
         """
         if seen.energies is not None and self._named.count:
             kept = sum(body.frozen.strain for body in seen.bodies)
-            strain = report.strain + report.springs + kept
+            strain = report.strain + report.springs + report.contact + kept
             self._memory.compliance.add(seen.energies[0], strain, seen.t)
         compliance = self._memory.compliance
         if not compliance.exceeded or not (last or compliance.settled):
