@@ -160,6 +160,11 @@ def test_parts_bend_by_what_no_rigid_motion_explains():
     assert whole == pytest.approx(small / 6, rel=0.15)  # by masses, which are less at the ends
     assert half == pytest.approx(small / 24, rel=0.15)
     assert found.limits(np.ones(1)) == pytest.approx(whole / 2)
+    # The most of each body counts, of what is in none nothing.
+    found.add_up(np.array([0.5, 0.25, 9.0, 0.5]), np.array([3, 3, -1, 0]))
+    assert found.together == 1.0
+    found.add_up(None, np.zeros(4, dtype=np.int64))
+    assert found.together == 0.0
     # Of what is held at one end the deflection is the displacement itself.
     held = Bends(scene)
     held.add(_Shape(bent, X), np.repeat(X[:, 0] < 1e-9, 3))
@@ -826,6 +831,7 @@ def test_a_stroke_is_the_largest_strain_over_the_largest_rate():
     assert found.dying == pytest.approx(1 / np.log(4.0))  # from 4 to 1 in a window of 1 s
     assert found.of_strains(0.4) == pytest.approx([0.8, 0.8])  # there and back
     assert found.of_strains(0.6) == pytest.approx([1.0, 1.0])
+    assert found.of_strains(0.6, once=True) == pytest.approx([0.5, 0.5])
     found.add(np.array([1.0, 0.0]), 3.0, 4.0)
     found.look(np.array([0.5, 0.0]), 0.0, 3.0, 4.0, free)
     assert found.dying == np.inf

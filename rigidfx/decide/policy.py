@@ -178,17 +178,15 @@ class Policy:
         return self._freeze(seen) if self.memory.window.over else None
 
     def woken(self, seen: Observation, strained: Strained, why: str) -> Decision | None:
-        """Decide which cells of bodies wake in a step. Collective.
+        """Decide which cells of bodies wake in a step; None if none does. Collective.
 
         Args:
             seen: The state before it.
             strained: What cells of bodies would strain.
             why: FORESEEN or CHECKED.
-
-        Returns:
-            The release; None if no cell wakes.
         """
         numbers = self._numbers(seen)
+        self.memory.bends.add_up(strained.bend, numbers)
         if self.named.count and why == CHECKED:
             self.withholding.look(seen, strained, self.rule.limits().rates)
         free = self._free(seen)

@@ -79,8 +79,9 @@ class RateRule:
         length = float(period) if period > 0 else np.inf  # nothing may oscillate yet, or at all
         # What is at rest strains by noise: with a tolerance below that it would wake at once.
         rates = (self._kappa or 1.0) * np.maximum(self.tol, self._noise)
-        strains = rates * self._memory.strokes.of_strains(length, self._timeline.dt)
-        return Limits(rates, strains, length, bends=self._memory.bends.limits(self.tol))
+        strokes, bends = self._memory.strokes, self._memory.bends
+        times = strokes.of_strains(length, self._timeline.dt, once=bends.together > 1)
+        return Limits(rates, rates * times, length, bends=bends.limits(self.tol))
 
     @property
     def rigidity(self) -> None:

@@ -26,6 +26,7 @@ Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 Nodes = npt.NDArray[np.int32]
 Indices = npt.NDArray[np.intp]
+Ints = npt.NDArray[np.int64]
 
 MOST = 8  # shapes of a window that are kept: the first, and others as far apart as may be
 
@@ -37,12 +38,13 @@ class Bends:
         deflection: How far it deflects.
         per_rate: Largest deflection over largest strain rate so far, at the end of the last window
             [m s]; infinite while nothing but rounding has strained.
+        together: Sum over all bodies of what each would bend by, over what it may.
     """
 
     def __init__(self, scene: Scene) -> None:
         """Nothing has moved. Collective."""
         self._comm, self.deflection = scene.comm, Deflection(scene)
-        self.per_rate = np.inf
+        self.per_rate, self.together = np.inf, 0.0
         self._shapes: list[Array] = []
         self._stride, self._waited = 1, 0
 
@@ -87,6 +89,22 @@ class Bends:
             Of each; None while nothing but rounding has strained.
         """
         return rates * self.per_rate if np.isfinite(self.per_rate) else None
+
+    def add_up(self, bends: Array | None, bodies: Ints) -> None:
+        """Take note of what bodies would bend by. Collective.
+
+        Args:
+            bends: Of each owned cell, over its limit; None where there is none.
+            bodies: Number of the body that it is in, below zero where it is in none.
+        """
+        self.together = 0.0
+        if bends is None:
+            return
+        count = self._comm.allreduce(int(bodies.max(initial=-1)) + 1, op=MPI.MAX)
+        most, inside = np.zeros(count), bodies >= 0
+        np.maximum.at(most, bodies[inside], bends[inside])
+        self._comm.Allreduce(MPI.IN_PLACE, most, op=MPI.MAX)
+        self.together = float(most.sum())
 
     def swings(self, parts: Sequence[Nodes]) -> Array:
         """How far each of some parts has bent in the window, at most, from its first shape [m].

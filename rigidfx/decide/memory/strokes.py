@@ -123,7 +123,7 @@ class Strokes:
         self.seen = np.where(rigid, np.maximum(self.seen, seen), seen)
         self._now = 0.0
 
-    def of_strains(self, length: float, other: float = inf) -> Array:
+    def of_strains(self, length: float, other: float = inf, *, once: bool = False) -> Array:
         """Times for which each owned cell may withhold a rate that wakes it [s].
 
         A body that freezes at one turn of a motion has withheld twice its size at the other.
@@ -131,9 +131,11 @@ class Strokes:
         Args:
             length: Length of a window [s].
             other: What counts while no stroke is known [s].
+            once: Whether a window's strain, or a stroke's, counts once: bodies that each bend by
+                what it may add up.
         """
         stroke = self.time if np.isfinite(self.time) else other
-        return 2 * np.maximum(min(length, stroke), self.seen)
+        return np.maximum((1 if once else 2) * min(length, stroke), 2 * self.seen)
 
     @property
     def turning(self) -> float:
