@@ -90,5 +90,6 @@ class Withholding:
             return
         advice = Advice(self._comm, self._criterion, self._memory.said)
         for name, (ratio, t) in compliance.exceeded.items():
-            self._told.add(name)
-            advice.of_named(name, ratio, t, compliance.taken(name), compliance.vibrates(name))
+            if name not in self._told:
+                self._told.add(name)
+                advice.of_named(name, ratio, t, compliance.taken(name), compliance.vibrates(name))
