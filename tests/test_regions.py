@@ -135,7 +135,7 @@ def components(members, near, groups=()):
 
 
 def reference(cell, case, seen=None, numbers=None):
-    """The rules as they are written: theory.md, section 4.
+    """The rules as they are written: docs/theory.md, section 6.
 
     Args:
         cell: Kind of cell.

@@ -15,7 +15,7 @@ The discrete gradient S̄ of W between Ẽ₀ and Ẽ₁ has S̄ : (Ẽ₁ - Ẽ
 and, since B(u½)·(w × x½) = 0, both momenta. Nothing is stored, and nothing iterated in a cell. For
 small strains it is the enhanced element, whose patch tests it passes at any (P E = E where E is
 constant). How little it is stiffer than one of stationary α at large strains is told in
-docs/theory.md. For a quadratic W, Pᵀ S = S: nothing is to be projected.
+docs/theory/elements.md. For a quadratic W, Pᵀ S = S: nothing is to be projected.
 
 E.P. Kasper and R.L. Taylor, Computers and Structures 75 (2000) 237 and 251, have elements of large
 strains without iteration in a cell by constant matrices, too.

@@ -1,7 +1,7 @@
 """Stresses that rigid parts carry, recovered from the forces on them.
 
 A rigid part keeps the stress that it was frozen with. What the forces on it would add, were it
-flexible, is that of E⁰ + ε(K⁺ρ), section 8 of docs/theory.md: right for loads slower than the part.
+flexible, is that of E⁰ + ε(K⁺ρ) (docs/theory/waking.md): right for loads slower than the part.
 That is what all stresses are which are shown, of cells, at nodes, at probes and at integration
 points; each is evaluated from one displacement in rigid cells and another in flexible ones, for
 they share nodes, and a node takes the mean of what both say.
