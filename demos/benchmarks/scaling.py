@@ -6,17 +6,27 @@ Under mpirun all ranks share each size.
 
     ./fenicsx python3 demos/benchmarks/scaling.py --unknowns 10000 100000 1000000
     ./fenicsx mpirun -n 2 python3 demos/benchmarks/scaling.py --case metal --rigid --redistribute
+    ./fenicsx mpirun -n 2 python3 demos/benchmarks/scaling.py --speedup --unknowns 200000
     ./fenicsx mpirun -n 2 python3 demos/benchmarks/scaling.py --dealt --unknowns 200000
 
-`cost_exponent` is the slope of log(seconds per step) over log(unknowns), from 10 000 on. Δt stays
-the same, so that in finer meshes waves pass more cells in a step; with `--same-waves` it shrinks
-with the cells, as waves themselves need it. `memory` is the largest so far of the processes
-together, so sizes should ascend. `setup` is from the mesh to the report of the first step,
-importing and compiling apart: the smallest mesh runs first. Unknowns are those of the flexible
-structure, also where most of it is rigid.
+`cost_exponent` is the slope of log(seconds per step), medians, over log(unknowns), from 10 000 on.
+Δt stays the same, so that in finer meshes waves pass more cells in a step; with `--same-waves` it
+shrinks with the cells, as waves themselves need it. What a mean step is made of has slopes of its
+own, over all sizes and from each to the next one (`exponents`): iterations of Newton's method and
+of linear solvers, and what one of each takes for an unknown of the step, in linear systems and
+in all the rest, tangents among it (`ns_per_linear_iteration`, `ns_per_newton_iteration`). Where
+matrix and factors leave the cache, the former grows. `memory` is the largest so far of the
+processes together, so sizes should ascend. `setup` is from the mesh to the report of the first
+step, importing and compiling apart: the smallest mesh runs first. Unknowns are those of the
+flexible structure, also where most of it is rigid.
 
-`--dealt` has steps with nine tenths rigid in turn: with the flexible cells dealt out among the
-ranks, left where the mesh has them, after `rigidfx.redistribute`, and on one of the ranks alone.
+`--speedup` has steps of all ranks, of one of them, and what tells how much faster all of them could
+be at most, in turn: independent runs of a rank's share of the unknowns, one alone and one on each
+rank at the same time (`ceiling`), and what memory gives one core and all (`ceiling_by_bandwidth`),
+see `bench.ceiling`.
+
+`--dealt` has the same with nine tenths rigid: with the flexible cells dealt out among the ranks,
+left where the mesh has them, after `rigidfx.redistribute`, and on one of the ranks alone.
 `dealt_over` are medians of ratios; `seconds_to_deal` come with a change of bodies, and in place of
 them `seconds_to_keep` where what has been dealt serves for the next division.
 """
@@ -26,14 +36,19 @@ from __future__ import annotations
 import resource
 from collections.abc import Callable
 from contextlib import closing
+from functools import partial
+from itertools import pairwise
 from statistics import mean, median
+from typing import Any
 
 import numpy as np
 from bench import Parser, conclude, timed
+from bench.ceiling import started, with_ceiling
 from bench.dealt import in_turn
 from common import comm, say
 from flexible_step import TRACTION
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import rigidfx as rf
 from meshes.tumbling_l import tumbling_l
@@ -44,6 +59,7 @@ BAR = (1.0, 0.2, 0.2)  # m
 PERIOD = 1 / (0.1615 * BAR[2] / BAR[0] ** 2 * np.sqrt(STEEL.E / STEEL.rho))  # s, a slender beam's
 PER_PERIOD = 25  # steps
 DT = 0.05  # s, of the L
+MADE_OF = "newton", "linear_iterations", "ns_per_newton_iteration", "ns_per_linear_iteration"
 SMALL = 9000  # unknowns; fewer do not tell how cost grows
 
 
@@ -101,10 +117,15 @@ def measure(
         beginning, _ = timed(lambda: next(reports))
         first, report = timed(lambda: next(reports))
         seconds, taken = [], []
+        solving = -_in_solves()
         for _ in range(steps):
             each, report = timed(lambda: next(reports))
             seconds.append(each)
             taken.append(report)
+        solving += _in_solves()
+    newton = mean(each.iterations for each in taken)
+    linear = mean(each.linear_iterations for each in taken)
+    ns = 1e9 / report.unknowns
     peak = comm.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
     return {
         "unknowns": COUNT[case](fineness),
@@ -113,12 +134,45 @@ def measure(
         "first_step": first,
         "seconds_per_step": median(seconds),
         "mean_seconds_per_step": mean(seconds),
-        "newton": mean(each.iterations for each in taken),
+        "newton": newton,
         "tangents": mean(each.tangents for each in taken),
-        "linear_iterations": mean(each.linear_iterations for each in taken),
+        "linear_iterations": linear,
+        "ns_per_newton_iteration": ns * (sum(seconds) - solving) / steps / newton,
+        "ns_per_linear_iteration": ns * solving / steps / linear,
         "solver": report.solver,
         "memory": peak / 1e9,
     }
+
+
+def _in_solves() -> float:
+    """Time in which linear systems have been solved so far, once PETSc counts [s]."""
+    return float(PETSc.Log.Event("KSPSolve").getPerfInfo()["time"])
+
+
+def slopes(rows: list[dict[str, Any]]) -> dict[str, float]:
+    """Slopes of logarithms over that of the unknowns, of a mean step and of what it is made of."""
+    x = np.log([row["unknowns"] for row in rows])
+    return {
+        name: float(np.polyfit(x, np.log([row[name] for row in rows]), 1)[0])
+        for name in ("mean_seconds_per_step", *MADE_OF)
+    }
+
+
+def of_all_ranks(
+    case: str, fineness: int, share: int, rigid: bool, steps: int
+) -> dict[str, object]:
+    """How much faster all ranks are than one, and how much they could be."""
+    scene = SCENES[case]
+    run = started(*scene(fineness, rigid, rigid))
+    calls = {"all ranks": partial(next, run)}
+    _, told = with_ceiling(
+        calls,
+        lambda: scene(fineness, rigid, False, MPI.COMM_SELF),
+        lambda: scene(share, rigid, False, MPI.COMM_SELF),
+        steps,
+    )
+    run.close()  # type: ignore[attr-defined]
+    return {"rigid": rigid, "unknowns": COUNT[case](fineness), **told}
 
 
 def main() -> None:
@@ -132,27 +186,40 @@ def main() -> None:
     parser.add_argument(
         "--dealt", action="store_true", help="under mpirun, of the first size: cells dealt or not"
     )
+    parser.add_argument(
+        "--speedup", action="store_true", help="under mpirun, of the first size: what ranks gain"
+    )
     parser.add_argument("--same-waves", action="store_true", help="Δt shrinks with the cells")
     sizes = [10_000, 30_000, 100_000, 300_000, 1_000_000]
     parser.add_argument("--unknowns", type=int, nargs="+", default=sizes, help="about so many")
     parser.add_argument("--steps", type=int, default=5, help="timed steps of each")
     options = parser.read(unknowns=[700, 3000, 10_000], steps=3)
-    fineness = [
-        min(range(1, 60), key=lambda n: abs(COUNT[options.case](n) - wanted))
-        for wanted in sorted(options.unknowns)
-    ]
-    if options.dealt:
-        scenes = SCENES[options.case]
-        runs = in_turn(lambda *how: scenes(fineness[0], True, *how), options.steps)
-        conclude(options.out, {"case": options.case, **runs})
-        return
+
+    def fine(unknowns: float) -> int:
+        return min(range(1, 60), key=lambda n: abs(COUNT[options.case](n) - unknowns))
+
+    fineness = [fine(wanted) for wanted in sorted(options.unknowns)]
+    share = fine(COUNT[options.case](fineness[0]) / comm.size)
     chosen = options.rigid, options.redistribute
+    PETSc.Log.begin()
     measure(options.case, 1, *chosen, 1, options.same_waves)  # compiles
+    if options.dealt:
+        made = partial(SCENES[options.case], fineness[0], True)
+        shared = partial(SCENES[options.case], share, True, False, MPI.COMM_SELF)
+        conclude(options.out, {"case": options.case, **in_turn(made, shared, options.steps)})
+        return
+    if options.speedup:
+        told = of_all_ranks(options.case, fineness[0], share, options.rigid, options.steps)
+        conclude(options.out, {"case": options.case, **told})
+        return
     rows = []
     for n in fineness:
         rows.append(measure(options.case, n, *chosen, options.steps, options.same_waves))
         say(str(rows[-1]))
     large = [row for row in rows if row["unknowns"] >= SMALL] or rows
+    exponents = {"all": slopes(large)} if len(large) > 1 else {}
+    for pair in pairwise(large):
+        exponents[" to ".join(str(row["unknowns"]) for row in pair)] = slopes(list(pair))
     x, y = (np.log([row[key] for row in large]) for key in ("unknowns", "seconds_per_step"))
     conclude(
         options.out,
@@ -162,7 +229,8 @@ def main() -> None:
             "redistributed": options.redistribute,
             "same_waves": options.same_waves,
             "ranks": comm.size,
-            "cost_exponent": float(np.polyfit(x, y, 1)[0]) if len(large) > 1 else None,
+            "cost_exponent": float(np.polyfit(x, y, 1)[0]) if exponents else None,
+            "exponents": exponents,
             "memory_per_million_unknowns": rows[-1]["memory"] / rows[-1]["unknowns"] * 1e6,
             "sizes": rows,
         },
