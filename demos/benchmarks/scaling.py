@@ -164,9 +164,8 @@ def of_all_ranks(
     """How much faster all ranks are than one, and how much they could be."""
     scene = SCENES[case]
     run = started(*scene(fineness, rigid, rigid))
-    calls = {"all ranks": partial(next, run)}
     _, told = with_ceiling(
-        calls,
+        {"all ranks": run},
         lambda: scene(fineness, rigid, False, MPI.COMM_SELF),
         lambda: scene(share, rigid, False, MPI.COMM_SELF),
         steps,

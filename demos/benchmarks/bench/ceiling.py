@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
-from statistics import median
+from statistics import mean, median
 from time import sleep
 from typing import Any
 
@@ -81,54 +81,67 @@ def over(seconds: Mapping[str, list[float]], one: str, other: str) -> float:
 
 
 def with_ceiling(
-    calls: Calls, whole: Callable[[], Made], share: Callable[[], Made], steps: int
+    runs: Mapping[str, Iterator[rf.Report]],
+    whole: Callable[[], Made],
+    share: Callable[[], Made],
+    steps: int,
 ) -> tuple[dict[str, list[float]], dict[str, Any]]:
     """Steps of all ranks and of one in turn, and how much faster all could be at most. Collective.
 
     Args:
-        calls: Steps of all ranks; the first of them are compared with those of one.
+        runs: Runs of all ranks; the first of them is compared with that of one.
         whole: The problem, on one rank.
         share: The same with a rank's share of the unknowns, on this rank alone.
         steps: How many are timed of each. PETSc counts times since before.
 
     Returns:
-        Wall times by the names of the calls, those of `ONE` rank and others among them [s], and a
+        Wall times by the names of the runs, that of `ONE` rank and others among them [s], and a
         summary.
     """
-    alone = _Solving(started(*whole())) if COMM.rank == 0 else None
+    name = next(iter(runs))
+    steps_of_all = {each: _Counted(run) for each, run in runs.items()}
+    alone = _Counted(started(*whole())) if COMM.rank == 0 else None
     ceiling = _Ceiling(share)
-    seconds = _in_turn({**calls, ONE: alone, **ceiling.calls}, steps)
-    gained = over(seconds, ONE, next(iter(calls)))
-    told = ceiling.told(seconds, alone)
+    seconds = _in_turn({**steps_of_all, ONE: alone, **ceiling.calls}, steps)
+    every, one = steps_of_all[name].told(), COMM.bcast(alone.told() if alone else None)
+    told = ceiling.told(seconds, one["in_linear_systems"] / median(seconds[ONE]))
     ceiling.destroy()
     if alone is not None:
         alone.close()
+    gained = over(seconds, ONE, name)
     return seconds, {
         "ranks": COMM.size,
-        "seconds": {name: median(times) for name, times in seconds.items()},
+        "seconds": {each: median(times) for each, times in seconds.items()},
         "speedup": gained,
         **told,
         "speedup_over_ceiling": gained / told["ceiling"],
+        "steps": {name: every, ONE: one},
     }
 
 
-class _Solving:
-    """Takes a run's steps, and the time in which linear systems are solved in them.
-
-    Attributes:
-        seconds: That time [s], step by step.
-    """
+class _Counted:
+    """Takes a run's steps, and counts what is in them."""
 
     def __init__(self, reports: Iterator[rf.Report]) -> None:
         """Begin to count; PETSc does so already."""
         self._reports, self._event = reports, PETSc.Log.Event("KSPSolve")
-        self.seconds: list[float] = []
+        self._solving: list[float] = []
+        self._steps: list[rf.Report] = []
 
     def __call__(self) -> None:
         """Take a step."""
         before = self._event.getPerfInfo()["time"]
-        next(self._reports)
-        self.seconds.append(self._event.getPerfInfo()["time"] - before)
+        self._steps.append(next(self._reports))
+        self._solving.append(self._event.getPerfInfo()["time"] - before)
+
+    def told(self) -> dict[str, float]:
+        """Time in which linear systems are solved, a median [s], and mean iterations, in a step."""
+        return {
+            "in_linear_systems": median(self._solving),
+            "linear_iterations": mean(step.linear_iterations for step in self._steps),
+            "newton": mean(step.iterations for step in self._steps),
+            "tangents": mean(step.tangents for step in self._steps),
+        }
 
     def close(self) -> None:
         """End the run."""
@@ -163,16 +176,14 @@ class _Ceiling:
             TOGETHER: step[0],
         }
 
-    def told(self, seconds: Mapping[str, list[float]], solving: _Solving | None) -> dict[str, Any]:
-        """Both ceilings, and what they are made of. Collective.
+    def told(self, seconds: Mapping[str, list[float]], part: float) -> dict[str, Any]:
+        """Both ceilings, and what they are made of.
 
         Args:
-            seconds: Times of `calls`, and of the steps of one rank, from `_in_turn` [s].
-            solving: These steps, on the rank that has them.
+            seconds: Times of `calls` [s].
+            part: Of a step of one rank, in which linear systems are solved.
         """
         n = COMM.size
-        part = float(np.median(np.divide(solving.seconds, seconds[ONE]))) if solving else 0.0
-        part = COMM.bcast(part)
         one, every = (ENTRIES * BYTES / 1e9 / median(seconds[name]) for name in (TRIAD, TRIADS))
         gained = min(max(n * every / one, 1.0), n)
         return {

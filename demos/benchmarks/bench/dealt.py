@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 from statistics import median
 from typing import Any, ClassVar
 from unittest.mock import patch
@@ -62,8 +61,7 @@ def in_turn(
     with patch.object(dealt_rows, "LOPSIDED", np.inf):
         runs["left"] = started(*made(False, COMM))
     runs["redistributed"] = started(*made(True, COMM))
-    calls = {name: partial(next, run) for name, run in runs.items()}
-    seconds, told = with_ceiling(calls, lambda: made(False, MPI.COMM_SELF), share, steps)
+    seconds, told = with_ceiling(runs, lambda: made(False, MPI.COMM_SELF), share, steps)
     unknowns = next(runs["dealt"]).unknowns
     for run in runs.values():
         run.close()  # type: ignore[attr-defined]
