@@ -35,6 +35,7 @@ ALONE, TOGETHER = "share alone", "shares together"
 TRIAD, TRIADS = "triad alone", "triads together"
 WARM = 4  # reports before the first step that is timed, the initial state's among them
 ENTRIES = 4_000_000  # of a vector: three of them are 96 MB, beyond caches
+TRIADS_OF_A_TURN = 10
 BYTES = 24  # that a triad reads and writes for each entry
 Calls = Mapping[str, Callable[[], Any] | None]  # None where a rank has to wait
 Made = tuple[rf.Scene, float]  # a scene and Δt [s]
@@ -165,7 +166,11 @@ class _Ceiling:
         for vector in self._vectors:
             vector.set(1.0)
         w, x, y = self._vectors
-        triad = partial(w.waxpy, 0.5, x, y)
+
+        def triad() -> None:
+            for _ in range(TRIADS_OF_A_TURN):
+                w.waxpy(0.5, x, y)
+
         self._runs = [started(*share()) for _ in range(2 if COMM.rank == 0 else 1)]
         step = [partial(next, run) for run in self._runs]
         first = COMM.rank == 0
@@ -184,7 +189,8 @@ class _Ceiling:
             part: Of a step of one rank, in which linear systems are solved.
         """
         n = COMM.size
-        one, every = (ENTRIES * BYTES / 1e9 / median(seconds[name]) for name in (TRIAD, TRIADS))
+        size = TRIADS_OF_A_TURN * ENTRIES * BYTES / 1e9
+        one, every = (size / median(seconds[name]) for name in (TRIAD, TRIADS))
         gained = min(max(n * every / one, 1.0), n)
         return {
             "ceiling": n * over(seconds, ALONE, TOGETHER),
