@@ -8,7 +8,8 @@ ceilings are told, both of the present hour, as neighbours of a virtual server c
   exchange nothing and wait for nobody. As one of them takes `alone` and all of them at the same
   time take `together`, n ranks are not faster than one by more than n · alone/together;
 * 1/(s/b + (1 - s)/n), with the part s of a step in which linear systems are solved, and with b, how
-  much more all cores together get from memory than one.
+  much more all cores together get from memory than one. That is an estimate: what stays in caches
+  between uses is faster.
 """
 
 from __future__ import annotations
