@@ -107,6 +107,7 @@ BENCHMARK_SUMMARY = {
     "impact": {"energy_drift", "force_error", "duration_error", "rebound_error", "cases"},
     "condensation": {
         "ratio_to_ideal",
+        "ideal_to_flexible",
         "newton_per_step",
         "ratio_to_flexible",
         "unknowns",

@@ -167,23 +167,26 @@ def _mean_motion(scene: Scene, mass: Array, start: Bodies, x: Array, v: Array) -
         x: Positions of the active nodes, shape (nodes, 3) [m].
         v: Their velocities, likewise [m/s].
     """
-    of, bodies, first = start.of, len(start) > 0, np.empty(7)
-    first[0], first[1:4], first[4:] = mass.sum(), mass @ x, mass @ v
+    n, bodies = len(x), len(start) if scene.comm.rank == 0 else 0  # all ranks know all bodies
+    both = np.empty((n + bodies, 6))
+    both[:n, :3], both[:n, 3:] = x, v
+    if bodies:
+        both[n:, :3], both[n:, 3:] = start.r, start.velocity
+        mass = np.concatenate([mass, start.of.mass])
+    first = np.empty(7)
+    first[0], first[1:] = mass.sum(), mass @ both
     first = np.asarray(scene.sum(first))
-    if bodies:
-        first[0] += of.mass.sum()
-        first[1:4] += of.mass @ start.r
-        first[4:] += of.mass @ start.velocity
-    centre, velocity = first[1:4] / first[0], first[4:] / first[0]
-    arms, relative, second = x - centre, v - velocity, np.empty((4, 3))
-    _second_moments(mass, arms, relative, second)
+    first[1:] /= first[0]
+    both -= first[1:]
+    products = (mass[:, None] * both[:, :3]).T @ both
+    second = np.empty((4, 3))
+    second[0] = axial(products[:, 3:])
+    np.subtract(products[:, :3].trace() * IDENTITY, products[:, :3], out=second[1:])
     second = np.asarray(scene.sum(second))
-    if bodies:
-        own = np.empty((4, 3))
-        _second_moments(of.mass, start.r - centre, start.velocity - velocity, own)
-        second += own
+    if len(start):
         second[0] += start.angular_momentum.sum(axis=0)
         second[1:] += (start.R @ start.rotated_inertia).sum(axis=0)
+    centre, velocity, arms, relative = first[1:4], first[4:], both[:n, :3], both[:n, 3:]
     if not np.isfinite(second).all():  # the step will say so
         return _MeanMotion(centre, velocity, np.zeros(3), np.ones(3), IDENTITY, arms, relative)
     principal, axes = np.linalg.eigh(second[1:])
@@ -193,11 +196,3 @@ def _mean_motion(scene: Scene, mass: Array, start: Bodies, x: Array, v: Array) -
     spin = np.divide(second[0] @ axes, principal, out=np.zeros(3), where=resists)
     principal = np.where(resists, principal, largest or 1.0)
     return _MeanMotion(centre, velocity, axes @ spin, principal, axes, arms, relative)
-
-
-def _second_moments(mass: Array, arms: Array, relative: Array, out: Array) -> None:
-    """Angular momentum, and inertia Σ m (y·y I - y yᵀ) in the rows below it."""
-    weighted = (mass[:, None] * arms).T
-    spread = weighted @ arms
-    out[0] = axial(weighted @ relative)
-    np.subtract(spread.trace() * IDENTITY, spread, out=out[1:])
