@@ -111,6 +111,10 @@ def main() -> None:
     parser.add_argument("--ccx", help="CalculiX: path of its program")
     parser.add_argument("--kratos", help="Kratos: path of the Python that has it")
     options = parser.read()
+    for option in ("ccx", "kratos"):
+        path = getattr(options, option)
+        if path and not Path(path).is_file():
+            parser.error(f"--{option} must be the path of a program, got {path}")
     if options.short:
         cases = [soft_l(1, 70), metal_bracket(0.02, 30)]
     else:
