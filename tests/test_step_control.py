@@ -10,6 +10,7 @@ import pytest
 from histories import NEWTON, column, drift
 from mpi4py import MPI
 from runs import prepared, step
+from scipy.integrate import quad
 from scipy.interpolate import CubicHermiteSpline
 
 import rigidfx as rf
@@ -516,6 +517,21 @@ def test_a_sine_of_two_steps_is_seen_though_its_middles_are_nothing():
         onsets = Onsets(bar(rf.Fixed("x0"), load))
         found = [onsets.within(0.2 * k, 0.2 * (k + 1), 0.5) for k in range(3)]
         assert any(onset is not None for onset in found) == swings
+
+
+@pytest.mark.parametrize("start", [0.451, 0.455, 0.59])
+def test_a_smooth_load_that_sets_in_is_not_lost(start):
+    """Where a middle lies before it the motion knows nothing of the step's load."""
+
+    def rising(t):
+        return np.sin(np.pi * (t - start)) ** 2 if start < t < start + 1 else 0.0
+
+    onsets, t = Onsets(bar(rf.Fixed("x0"), rf.Traction("x1", (0, 0, 1.0), time=rising))), 0.0
+    for _ in range(8):
+        found = onsets.within(t, t + 0.2, 0.002)
+        before, t = t, t + 0.2 if found is None else found.t
+        unknown = (before + t) / 2 <= start
+        assert not unknown or quad(rising, before, t)[0] < 0.002 * (t - before)
 
 
 def test_a_load_that_is_new_at_each_call_is_refused():

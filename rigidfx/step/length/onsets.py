@@ -11,11 +11,12 @@ after a jump steps begin anew, unless it is a small one.
 
 What swings to and fro in some three steps is smooth, and the motion, which is told the middles,
 knows nothing of it. So where a load turns within the step and its mean is off by more than a
-twentieth, the step is halved until it is not. A sine of two steps may have a mean of nothing in
-each, as its middles are. So what a load is at the five times is compared with the line through the
-middles of this step and the one before, too: the curvature that explains it would put the mean off
-by h²/24 of it, and where that is more than a tenth the step is halved as well. Windows, kinks of a
-`Table` and `breakpoints` are known without all that.
+twentieth, the step is halved until it is not; by more than the tolerance's part where the load sets
+in, as a middle that lies before that tells nothing. A sine of two steps may have a mean of nothing
+in each, as its middles are. So what a load is at the five times is compared with the line through
+the middles of this step and the one before, too: the curvature that explains it would put the mean
+off by h²/24 of it, and where that is more than a tenth the step is halved as well. Windows, kinks
+of a `Table` and `breakpoints` are known without all that.
 """
 
 from __future__ import annotations
@@ -41,6 +42,7 @@ SIMPSON = np.array([1, 4, 2, 4, 1]) / 12
 OTHERS = [0, 1, 3, 4]  # than the middle
 SEVERAL = 4  # in one step, of which the first counts
 SWINGS = 0.05  # of what a load changes by: its mean is off by more where a step is half a swing
+SETS_IN = 2.0  # times what a load has changed by, that a step has it change by where it sets in
 UNTOLD = 0.1  # likewise, by what the middles of steps do not tell
 SHORTER = 6  # halvings of a step for that
 CLOSE = 1e-3  # of a step after its start: that is where it had to begin
@@ -96,6 +98,7 @@ class Onsets:
     def _first_of(self, k: int, t: float, end: float, tol: float) -> Onset | None:
         """The first of one load."""
         given, found, h = self._loads[k], None, end - t
+        changed, turns = float(given.changed.max()), SWINGS
         led = isinstance(given.load, Support)
         short = SHARP * h if led else h
 
@@ -108,16 +111,19 @@ class Onsets:
         for _ in range(SEVERAL):
             times = t + PLACES * (end - t)
             values = [q(float(time)) for time in times]
-            off, swing = self._off(k, times, values)
+            off, swing = self._off(k, times, values, turns)
+            if given.changed.max() > SETS_IN * changed and tol < turns:
+                turns = tol
+                off, swing = self._off(k, times, values, turns)
             if led and (off > tol or swing > 1):
                 values = [sharp(float(time)) for time in times]
-                off, swing = self._off(k, times, values)
+                off, swing = self._off(k, times, values, turns)
             self._middles[k] = float(times[2]), values[2]
             if off <= tol and swing <= 1:
                 return found
             one = narrowed(sharp, times, values) if off > tol else None
             if one is None:
-                return self._calm(k, q, t, end, swing) or found
+                return self._calm(k, q, t, end, (swing, turns)) or found
             if not t + CLOSE * (end - t) < one.t < end:
                 return found
             given.ask_again(one.t, short, sharp(one.t))
@@ -126,7 +132,12 @@ class Onsets:
         return found
 
     def _calm(
-        self, k: int, q: Callable[[float], Array], t: float, end: float, swing: float
+        self,
+        k: int,
+        q: Callable[[float], Array],
+        t: float,
+        end: float,
+        off: tuple[float, float],
     ) -> Onset | None:
         """The end of a step in which a smooth load does not swing to and fro; None if it does not.
 
@@ -135,19 +146,26 @@ class Onsets:
             q: The load.
             t: Start of the step [s].
             end: Its end [s].
-            swing: See `_off`.
+            off: By how much it swings unknown to the motion, over what it may, and `turns` of
+                `_off`.
         """
-        whole = end
+        whole, (swing, turns) = end, off
         for _ in range(SHORTER):
             if swing <= 1:
                 break
             end = (t + end) / 2
             times = t + PLACES * (end - t)
-            _, swing = self._off(k, times, [q(float(time)) for time in times])
+            _, swing = self._off(k, times, [q(float(time)) for time in times], turns)
         return Onset(end, jumps=False) if end < whole else None
 
-    def _off(self, k: int, times: Array, values: list[Array]) -> tuple[float, float]:
+    def _off(self, k: int, times: Array, values: list[Array], turns: float) -> tuple[float, float]:
         """By how much the mean of a load is off its middle, over what it has changed by so far.
+
+        Args:
+            k: Number of the load.
+            times: Five times of a step [s].
+            values: What it is there.
+            turns: What its mean may be off by where it turns within the step, likewise.
 
         Returns:
             That; and by how much it swings unknown to the motion, over what it may.
@@ -158,9 +176,9 @@ class Onsets:
             return 0.0, 0.0
         apart = np.einsum("k,kpi->pi", SIMPSON, every) - every[2]
         off, swing = given.part(apart), 0.0
-        if off > SWINGS:
+        if off > turns:
             rising = np.diff(every, axis=0) > 0
-            swing = given.part(apart * (rising.any(axis=0) & ~rising.all(axis=0))) / SWINGS
+            swing = given.part(apart * (rising.any(axis=0) & ~rising.all(axis=0))) / turns
         if before is not None and before[0] <= times[0] and before[1].shape == apart.shape:
             swing = max(swing, given.part(_untold(*before, times, every)) / UNTOLD)
         return off, swing
