@@ -163,6 +163,8 @@ def numbers(value: Any) -> npt.NDArray[np.float64]:
 
 def _has_truth(value: Any) -> bool:
     """Whether there is a truth value in lists, which NumPy makes a number beside others."""
+    if type(value) is float:  # what functions of time give, many times a step
+        return False
     if isinstance(value, (list, tuple)):
         return any(map(_has_truth, value))
     return isinstance(value, bool) or getattr(value, "dtype", None) == np.bool_

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -55,7 +56,7 @@ class PrescribedMotion(GuidedSupport):
                 "of the same arguments, t or x, t."
             )
 
-    @property
+    @cached_property
     def uniform(self) -> bool:  # type: ignore[override]
         """Whether all its nodes move alike: the path is a function of time alone."""
         return not of_place(self.displacement)
