@@ -25,6 +25,7 @@ from rigidfx.scene.step_control import StepControl
 from rigidfx.scene.timeline import Timeline
 from rigidfx.shadow.motion import Strained
 from rigidfx.shadow.shadow import Shadow
+from rigidfx.shadow.shadows import Shadows
 from rigidfx.shadow.subjects import FreeBodies, HeldParts, Subjects
 from rigidfx.state import State
 from rigidfx.step.first_touch import FirstTouch
@@ -46,8 +47,7 @@ class Run:
         switch: Applies decisions, and follows effects that begin or end.
         policy: Decides what becomes rigid and flexible; None if nothing does.
         probes: Points that are reported.
-        shadow: What bodies withhold; None if forces wake none.
-        held: What parts named rigid withhold while supports hold them; None if none ever do.
+        shadows: What rigid parts withhold; None if forces wake none.
         touch: What foresees the first touch of a contact.
         ledgers: What has been spent of accuracy; None if nothing estimates it.
         idle: What rigidity does to the motion where nothing may become rigid, if that is told.
@@ -58,11 +58,15 @@ class Run:
     switch: Switch
     policy: Policy | None
     probes: Probes
-    shadow: Shadow | None
-    held: Shadow | None
+    shadows: Shadows | None
     touch: FirstTouch
     ledgers: Ledgers | None
     idle: Rigidity | None = None
+
+    @property
+    def shadow(self) -> Shadow | None:
+        """What bodies withhold that move freely; None if forces wake none."""
+        return None if self.shadows is None else self.shadows.free
 
     def target(self) -> float:
         """Time at which the next step is to end [s]."""
@@ -96,11 +100,11 @@ class Run:
             attempt = stepper.attempt(attempt.end, again=True)
             if shadow is not None:
                 shadow.look(t, attempt.dt, policy.rule.limits)
-        if self.held is not None and policy.withholding.waits:
-            found = self.held.look(t, attempt.dt, policy.rule.limits)
+        held = None if self.shadows is None else self.shadows.held
+        if held is not None and policy.withholding.waits:
+            found = held.look(t, attempt.dt, policy.rule.limits)
             if found is not None:
-                seen = Observation(stepper, attempt.dt)
-                policy.withholding.look(seen, found, policy.rule.limits().rates)
+                policy.withholding.look(Observation(stepper, attempt.dt), found)
         return stepper.accept(attempt), [*events, *checked]
 
     def _woken(self, policy: Policy, strained: Strained | None, why: str, dt: float) -> list[Event]:
@@ -121,10 +125,11 @@ class Run:
         it has is PETSc's garbage then, until all ranks prepare a run again.
         """
         if issubclass(kind or RigidfxError, RigidfxError) or self.stepper.scene.comm.size == 1:
+            if self.shadows is not None and kind in (None, GeneratorExit):
+                self.shadows.remember()
             self.stepper.close()
-            for shadow in (self.shadow, self.held):
-                if shadow is not None:
-                    shadow.destroy()
+            if self.shadows is not None:
+                self.shadows.destroy()
 
     def ahead(self, target: float) -> list[Event]:
         """Decide before a step and switch; what happened. Collective."""
@@ -145,6 +150,8 @@ class Run:
         seen = Observation(self.stepper, report.dt, stiffening, energies, withheld)
         policy.observe(seen)
         decision = policy.after(seen, report)
+        if decision is not None and self.shadows is not None:
+            self.shadows.remember()
         closeness = np.nan if decision is None else decision.closeness
         return self._switched(policy, decision, seen), closeness
 
@@ -206,7 +213,7 @@ def prepare(
         switch = Switch(stepper, timeline)
         impact = switch.begin()
         policy = None if rigidify is None else Policy(scene, rigidify, timeline, failures)
-        shadow = held = None
+        shadows = None
         if rigidify is not None and policy is not None and rigidify.wake == "local":
             in_pieces = policy.named.in_pieces
 
@@ -216,11 +223,11 @@ def prepare(
                 stepper.watches.append(out)
                 return out
 
-            shadow = shadow_of(FreeBodies(stepper, in_pieces))
-            if switch.clamps:
-                held = shadow_of(HeldParts(stepper, in_pieces))
-        ledgers = None if shadow is None and control is None else Ledgers(stepper)
+            free = shadow_of(FreeBodies(stepper, in_pieces))
+            held = shadow_of(HeldParts(stepper, in_pieces)) if switch.clamps else None
+            shadows = Shadows(free, held)
+        ledgers = None if shadows is None and control is None else Ledgers(stepper)
         stack.pop_all()
     touch = FirstTouch(stepper)
-    run = Run(timeline, stepper, switch, policy, probes, shadow, held, touch, ledgers)
+    run = Run(timeline, stepper, switch, policy, probes, shadows, touch, ledgers)
     return run, impact

@@ -143,7 +143,7 @@ def _reports(
         account,
         progress_bar(stepper.scene.comm, timeline.t_end, shown[0]) as bar,
     ):
-        report = report_of(0, stepper, run.probes, None, impact, run.shadow)
+        report = report_of(0, stepper, run.probes, None, impact, run.shadows)
         report = replace(report, reactions=switch.held[0], reaction_moments=switch.held[1])
         report = run.accounted(report)
         balance.follow(report)
@@ -163,7 +163,7 @@ def _reports(
                     result, woken = run.advance(target)
                 except StepError as error:
                     raise balance.explained(error) from None
-                report = report_of(step, stepper, run.probes, result, impact, run.shadow)
+                report = report_of(step, stepper, run.probes, result, impact, run.shadows)
                 now, closeness = run.after(report)
                 report = amended(report, stepper, [*events, *woken, *now], closeness)
                 report = run.accounted(report)

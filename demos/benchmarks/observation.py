@@ -5,7 +5,8 @@ strain rate of every cell, records its signals and decides at the end of each wi
 ever qualifies. A third run freezes and releases nine tenths of the bar a few times: what a switch
 costs is told in steps. Two more have nine tenths named rigid from the start, and the one watches
 what forces would strain there (`wake="local"`): what its shadow takes of a step that is condensed,
-in the mean over steps of which a calm shadow looks at one in sixteen.
+in the mean over steps of which a calm shadow looks at one in sixteen. Another two are the same,
+but that a support holds that part: it never wakes, and is watched until it has been told of.
 
     ./fenicsx python3 demos/benchmarks/observation.py --unknowns 27000
 """
@@ -49,17 +50,18 @@ def switches(problem: rigidfx.Scene, usual: float) -> dict[str, list[float]]:
     return found
 
 
-def shadows(unknowns: int, looks: int) -> dict[str, float]:
+def shadows(unknowns: int, looks: int, *supports: rigidfx.Fixed) -> dict[str, float]:
     """What the shadow of nine tenths of the bar takes of a step, and of one without it.
 
     Args:
         unknowns: Of the bar, all flexible.
         looks: How often it is looked at while steps are timed.
+        supports: What holds that part, if anything does.
     """
     along, across = cells_of_bar(unknowns)
     domain = bar(along, across).with_cells("stiff", lambda x: x[0] <= 0.9 * along + 1e-9)
     sine = rigidfx.Traction("x1", (0.0, 2.0, 3.0), time=lambda t: sin(2 * pi * t / (100 * DT)))
-    problem = rigidfx.Scene(domain, MATERIAL, [sine, rigidfx.Rigid("stiff")])
+    problem = rigidfx.Scene(domain, MATERIAL, [sine, rigidfx.Rigid("stiff"), *supports])
     runs = {
         wake: rigidfx.simulate(
             problem,
@@ -100,13 +102,15 @@ def main() -> None:
             turns.take()
     usual = turns.median("plain")
     taken = switches(problem, usual)
+    looks = max(1, options.steps // 5)
     summary = {
         "observed_to_plain": turns.ratio("observed", "plain"),
         "seconds_per_step": {name: turns.median(name) for name in runs},
         "freeze_in_steps": median(taken["freeze"]) / usual,
         "release_in_steps": median(taken["release"]) / usual,
         "unknowns": turns.reports["observed"][-1].unknowns,
-        "nine_tenths_rigid": shadows(options.unknowns, max(1, options.steps // 5)),
+        "nine_tenths_rigid": shadows(options.unknowns, looks),
+        "nine_tenths_held": shadows(options.unknowns, looks, rigidfx.Fixed("x0")),
     }
     conclude(options.out, summary)
     assert sum(map(len, taken.values())) >= 4

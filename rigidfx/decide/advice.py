@@ -64,13 +64,15 @@ class Advice:
             f"cells have to qualify for longer and longer now (patience). {self._criterion.remedy}"
         )
 
-    def of_named(self, name: str, ratio: float, t: float, taken: float, vibrates: bool) -> None:
+    def of_named(
+        self, name: str, at: tuple[float, float] | None, taken: float, vibrates: bool
+    ) -> None:
         """Of a part that is named rigid and withholds too much.
 
         Args:
             name: Its name.
-            ratio: What its cells would have strained, over what wakes others.
-            t: When [s].
+            at: What its cells would have strained, over what wakes others, and when [s]; None if
+                what it takes is compared with a budget.
             taken: What it takes from the structure's compliance, over that of both.
             vibrates: Whether the structure does, in place of following its loads.
         """
@@ -81,10 +83,15 @@ class Advice:
                 f"lacks some {taken:.1%} of its compliance: it vibrates, at frequencies that are "
                 f"some {higher:.3g} times too high, and nothing bounds what the motion is off by"
             )
+        what = f"forces would strain the part '{name}' that is named Rigid, by more than is asked"
+        if at is not None:
+            what = (
+                f"forces would strain the part '{name}' that is named Rigid, at {at[0]:.2g} "
+                f"times {self._criterion.limit} at t = {at[1]:.6g} s"
+            )
         self._say(
-            f"forces would strain the part '{name}' that is named Rigid, at {ratio:.2g} "
-            f"times {self._criterion.limit} at t = {t:.6g} s. It stays rigid, and the structure "
-            f"{off}. Do not name it, or {self._criterion.pardon} if that is meant."
+            f"{what}. It stays rigid, and the structure {off}. Do not name it, or "
+            f"{self._criterion.pardon} if that is meant."
         )
 
     def _say(self, message: str) -> None:

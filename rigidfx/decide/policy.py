@@ -188,7 +188,7 @@ class Policy:
         numbers = self._numbers(seen)
         self.memory.bends.add_up(strained.bend, numbers)
         if self.named.count and why == CHECKED:
-            self.withholding.look(seen, strained, self.rule.limits().rates)
+            self.withholding.look(seen, strained)
         free = self._free(seen)
         waking = self.rule.waking(strained, free)
         above = waking.cells

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from math import pi
+
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.decide.advice import Advice
@@ -16,14 +17,13 @@ from rigidfx.shadow.motion import Strained
 
 __all__ = ["Withholding"]
 
-Array = npt.NDArray[np.float64]
-
 
 class Withholding:
     """Compares what named parts withhold with what wakes other cells.
 
-    What is exceeded in one step is said once the motion has not grown for as long as it has gone
-    on, or at the end of the run: then it has been seen how all moves.
+    By a budget of the motion it is the part of the compliance that they take, and no strain, which
+    is compared. What is exceeded in one step is said once the motion has not grown for as long as
+    it has gone on, or at the end of the run: then it has been seen how all moves.
     """
 
     def __init__(
@@ -45,7 +45,7 @@ class Withholding:
         """Whether there are parts of which nothing has been said."""
         return not self._told.issuperset(self._named.names)
 
-    def look(self, seen: Observation, strained: Strained, limits: Array | None) -> None:
+    def look(self, seen: Observation, strained: Strained) -> None:
         """Take note of what cells would strain in a step that has been solved. Collective.
 
         They are there before anything has been observed, unlike bodies that are found: nothing
@@ -54,11 +54,12 @@ class Withholding:
         Args:
             seen: The state before it.
             strained: What each owned cell of some parts would strain, over what wakes it.
-            limits: Strain rate that would wake each owned cell [1/s]; None if none does.
         """
         ratio, memory = strained.ratio, self._memory
         memory.compliance.look(strained.withheld)
-        if limits is not None:
+        if self._criterion.lacking is not None:
+            return
+        if strained.by_rates:
             moved = bool(np.isfinite(memory.strokes.time))
             if seen.t <= self._criterion.since or (self._criterion.relative and not moved):
                 return
@@ -86,10 +87,25 @@ class Withholding:
             strain = report.strain + report.springs + report.contact + kept
             self._memory.compliance.add(seen.energies[0], strain, seen.t)
         compliance = self._memory.compliance
-        if not compliance.exceeded or not (last or compliance.settled):
+        if not (last or compliance.settled):
             return
         advice = Advice(self._comm, self._criterion, self._memory.said)
-        for name, (ratio, t) in compliance.exceeded.items():
-            if name not in self._told:
-                self._told.add(name)
-                advice.of_named(name, ratio, t, compliance.taken(name), compliance.vibrates(name))
+        for name in self._exceeding(seen.t):
+            self._told.add(name)
+            at = compliance.exceeded.get(name)
+            advice.of_named(name, at, compliance.taken(name), compliance.vibrates(name))
+
+    def _exceeding(self, t: float) -> list[str]:
+        """Parts that withhold too much by t [s], and of which nothing has been said."""
+        compliance, most = self._memory.compliance, self._criterion.lacking
+        if most is None:
+            return [name for name in compliance.exceeded if name not in self._told]
+        period = self._memory.signals.period() if compliance.names else np.nan
+        out = []
+        for name in compliance.names:
+            off = compliance.taken(name)
+            if compliance.vibrates(name) and period > 0:
+                off *= max(1.0, pi * t / period)  # phases drift apart
+            if off > most and name not in self._told:
+                out += [name]
+        return out

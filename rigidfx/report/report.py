@@ -21,7 +21,7 @@ from rigidfx.report.events import Event
 from rigidfx.report.ledger import Ledger, Ledgers, Rigidity
 from rigidfx.report.probe_stress import StressAt
 from rigidfx.report.probes import Probes
-from rigidfx.shadow.shadow import Shadow
+from rigidfx.shadow.shadows import Shadows
 from rigidfx.state import State
 from rigidfx.step.equations.energies import Measures
 from rigidfx.step.stepper import Stepper, StepResult
@@ -120,7 +120,7 @@ class Report:
     _changes: int
     _indicator: Indicator | None
     _probes: Probes
-    _shadow: Shadow | None = None
+    _shadows: Shadows | None = None
 
     @property
     def energy(self) -> float:
@@ -194,7 +194,7 @@ class Report:
             SceneError: If they have not been asked for yet and the run has gone on.
         """
         self._check("stresses")
-        strained = None if self._shadow is None else self._shadow.recovered
+        strained = None if self._shadows is None else self._shadows.recovered
         return self._probes.stresses(self._state, strained)
 
     @property
@@ -213,17 +213,17 @@ class Report:
 
     @property
     def recovers(self) -> bool:
-        """Whether what rigid bodies withhold is known: where forces wake cells."""
-        return self._shadow is not None
+        """Whether what rigid parts withhold is known: where forces wake cells."""
+        return self._shadows is not None
 
     def recovered(self) -> tuple[fem.Function, npt.NDArray[np.bool_]]:
-        """The displacement with what rigid bodies would strain under their loads. Collective.
+        """The displacement with what rigid parts would strain under their loads. Collective.
 
         No part of the motion or of its energy has that. Computed when it is asked for, by one
         solve; see `rigidfx.report.recovered`.
 
         Returns:
-            The displacement, right inside these bodies [m], and which owned cells they are.
+            The displacement, right inside these parts [m], and which owned cells they are.
 
         Raises:
             SceneError: If the run has gone on.
@@ -232,8 +232,8 @@ class Report:
         self._state.rebuild()
         u = self._state.u.copy()
         cells = np.zeros(u.function_space.mesh.topology.index_map(3).size_local, dtype=bool)
-        if self._shadow is not None:
-            more, own = self._shadow.recovered()
+        if self._shadows is not None:
+            more, own = self._shadows.recovered()
             u.x.array[: more.size] += more.reshape(-1)
             u.x.scatter_forward()
             cells[own] = True
@@ -258,7 +258,7 @@ def report_of(
     probes: Probes,
     result: StepResult | None,
     impact: Impact | None,
-    shadow: Shadow | None = None,
+    shadows: Shadows | None = None,
 ) -> Report:
     """The report of a step, or of the initial state. Collective.
 
@@ -268,7 +268,7 @@ def report_of(
         probes: Points that are reported.
         result: What the step did; None for the initial state.
         impact: What the start of a support did at the start of the step.
-        shadow: What bodies withhold, if that is known.
+        shadows: What rigid parts withhold, if that is known.
     """
     state, solution = stepper.state, result.solution if result else None
     return Report(
@@ -301,7 +301,7 @@ def report_of(
         _changes=state.changes,
         _indicator=stepper.indicator,
         _probes=probes,
-        _shadow=shadow,
+        _shadows=shadows,
     )
 
 

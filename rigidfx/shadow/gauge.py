@@ -85,7 +85,8 @@ class Gauge:
         rate, swings = rate if before is None else np.maximum(rate, before.rate), limits.swings
         swing = None if swings is None else part_of(self._measured(end.u, 1.0), swings)
         bend = None if limits.bends is None else part_of(self._bent(end.u), limits.bends)
-        return Strained(rate, part_of(total, limits.strains), spring, swing, bend)
+        withheld, timed = part_of(total, limits.strains), limits.rates is not None
+        return Strained(rate, withheld, spring, swing, bend, by_rates=timed)
 
     def _rates(self, start: Motion, end: Motion, dt: float, struck: bool) -> Array:
         """Strain rate of each owned cell in a step [1/s]. Collective."""

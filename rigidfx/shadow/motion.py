@@ -85,6 +85,7 @@ class Strained:
         bend: Largest displacement of its nodes beyond the body's rigid motion; likewise.
         withheld: Strain energy ½ ρᵀK⁺ρ that the body of each part named rigid withholds, by the
             part's name, on all ranks [J]; empty before a step is solved.
+        by_rates: Whether rates wake cells.
     """
 
     rate: Array
@@ -93,6 +94,7 @@ class Strained:
     swing: Array | None = None
     bend: Array | None = None
     withheld: Mapping[str, float] = field(default_factory=dict)
+    by_rates: bool = True
 
     @property
     def ratio(self) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +15,7 @@ from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.scene.scene import Scene
 
-__all__ = ["Parts", "mass_of", "watched"]
+__all__ = ["Parts", "mass_of", "spanning", "watched"]
 
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -98,6 +98,13 @@ class Parts:
         out = np.empty_like(self.V)
         for own, of_body in zip(self._spans, numbers, strict=True):
             out[own] = self._places[own] @ of_body
+        return out
+
+    def of_each(self, vectors: Iterable[Array]) -> Array:
+        """Vectors at the nodes of each body, as those of the rows, shape (nodes, 3)."""
+        out = np.empty_like(self.V)
+        for own, of_body in zip(self._spans, vectors, strict=True):
+            out[own] = of_body
         return out
 
     def turned(self, vectors: Array, R: Array) -> Array:
@@ -284,6 +291,16 @@ def _independent(modes: Array) -> Ints:
         return np.empty(0, np.int64)
     _, order = qr(modes.T, mode="r", pivoting=True)
     return np.asarray(order[: modes.shape[1]], dtype=np.int64)
+
+
+def spanning(places: Array, length: float) -> Ints:
+    """Some of a body's places that tell how all of it moves, six at most.
+
+    Args:
+        places: Of nodes, shape (nodes, 3) [m].
+        length: Length of the body [m].
+    """
+    return np.unique(_independent(_rigid_motions(places, length).reshape(-1, 6)) // 3)
 
 
 def mass_of(scene: Scene, rows: Rows, cells: Cells) -> Mass:

@@ -73,6 +73,7 @@ class Shadow(Watch):
         self._settling = settling
         self.withheld, self._energies = 0.0, np.zeros(2)
         self._system: object = None
+        self._dt, self._ended = 0.0, False  # length of the last step [s], and whether it was all
         self._margin: Margin | None = None
         self._response: Response | None = None
         self._pace = Pace()
@@ -172,10 +173,17 @@ class Shadow(Watch):
             if known.reached is None:
                 largest[:] = found.largest
                 scene.comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
-            own = self._margin.parts.energies(force, motion.still[self._margin.inside])
-            told = scene.sum(np.concatenate([self._response.part.energies(), own]))
-            self._accepting = partial(self._take, motion, force, dt, change, largest, told)
-            return replace(found, withheld=self._margin.parts.by_name(told[2:]))
+            parts, still = self._margin.parts, motion.still[self._margin.inside]
+            mean = self._pace.stretches(force, dt)[-1][0]
+            own = [parts.energies(f, still) for f in (force, mean)]
+            told = scene.sum(np.concatenate([self._response.part.energies(), *own]))
+            now, of_mean = np.split(told[2:], 2)
+            self._accepting = partial(
+                self._take, motion, force, dt, change, largest, told[: 2 + now.size]
+            )
+            # K⁺ρ is that of a long step's mean force: exact while loads keep their proportions.
+            withheld = np.divide(now**2, of_mean, out=np.zeros_like(now), where=of_mean > 0)
+            return replace(found, withheld=parts.by_name(withheld))
 
     def ahead(self, t: float, dt: float, limits: Callable[[], Limits]) -> Strained | None:
         """What the bodies will withhold in a step that is still to be solved. Collective.
@@ -254,6 +262,7 @@ class Shadow(Watch):
         if self._accepting is not None:
             self._accepting()
         self._accepting = None
+        self._dt = attempt.dt
         self._subjects.accept(attempt)
 
     def recovered(self) -> tuple[Array, Ints]:
@@ -268,13 +277,28 @@ class Shadow(Watch):
         parts = self._margin.parts
         return parts.in_space(parts.unmoved(u), self._subjects.present(), out)
 
+    def remember(self) -> None:
+        """Have what is known of the last step outlast its equations. Collective."""
+        self._subjects.remember()
+
     def _at_rest(self) -> Array | None:
         """K⁺ρ of the last step in the bodies' frames; None if there is none. Collective."""
-        if self._margin is None or self._response is None or self._pace.last is None:
+        if not self._subjects.free and self._dt > 0:  # such parts may not be looked at any more
+            self._subjects.remember()
+            with _REGROUPING:
+                self.follow(self._dt)
+        if self._margin is None or self._response is None:
             return None
-        if self._force is not None:
+        if self._pace.last is not None and self._force is not None:
             self._pace.last = self._force.exact(self._pace.last)
-        return self._response.part.at_rest(self._pace.last)[self._margin.inside]
+        carried = self._subjects.carried(self._margin.parts)
+        force = self._pace.last if carried is None else carried
+        if force is None:
+            return None
+        out = self._response.part.at_rest(force)[self._margin.inside]
+        if self._ended:
+            self._free()
+        return out
 
     def _release(self) -> None:
         for item in (self._force, self._response, self._mass):
@@ -282,9 +306,18 @@ class Shadow(Watch):
                 item.destroy()
         self._force, self._response, self._mass = None, None, None
 
-    def destroy(self) -> None:
-        """Free the PETSc objects; what bodies carry may still be asked for. Collective."""
-        self._at_rest()
+    def _free(self) -> None:
+        """Free the PETSc objects; the last K⁺ρ stays known. Collective."""
         response = self._response
         self._release()
         self._response = response
+
+    def destroy(self) -> None:
+        """Free the PETSc objects; what bodies carry may still be asked for. Collective."""
+        if self._subjects.free:
+            self._at_rest()
+        else:  # only who asks has it computed
+            self._system = self._margin = None
+            self._pace = Pace()
+        self._free()
+        self._ended = True

@@ -20,16 +20,17 @@ from rigidfx.effects import Rigid
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body, BodyMotion, RigidBody
-from rigidfx.scene.scene import Scene
-from rigidfx.shadow.parts import Parts, watched
+from rigidfx.shadow.parts import Parts, spanning, watched
 from rigidfx.shadow.withheld import Withheld
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.system.supports import PrescribedDofs
+from rigidfx.step.system.system import System
 from rigidfx.step.watches.judge import Attempt
 
 __all__ = ["Force", "FreeBodies", "HeldParts", "Subjects"]
 
 Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
 Bools = npt.NDArray[np.bool_]
 
 
@@ -89,6 +90,21 @@ class Subjects(Protocol):
         """
         ...
 
+    def carried(self, parts: Parts) -> Array | None:
+        """ρ of the last step, whether it was looked at or not. Collective.
+
+        Args:
+            parts: Their nodes.
+
+        Returns:
+            Forces as `Force` has them; None where only looks tell.
+        """
+        ...
+
+    def remember(self) -> None:
+        """Have that outlast the equations of the step. Collective."""
+        ...
+
     def follow(self) -> None:
         """Take note that shadows have taken the present ones over."""
         ...
@@ -135,6 +151,13 @@ class FreeBodies:
         """See `Subjects`."""
         return Withheld(self._stepper, parts, mass, linear)
 
+    def carried(self, parts: Parts) -> Array | None:
+        """See `Subjects`."""
+        return None
+
+    def remember(self) -> None:
+        """See `Subjects`: looks do."""
+
     def follow(self) -> None:
         """See `Subjects`."""
         self.last = self._stepper.state.bodies
@@ -157,6 +180,11 @@ class HeldParts:
         """Take them from the stepper's state. Arguments as of `FreeBodies`."""
         self._stepper, self._in_pieces = stepper, in_pieces
         self._known: dict[int, RigidBody] = {}  # by their numbers
+        self._marks: dict[int, Ints] = {}  # of each, nodes that tell how it is turned
+        self._rows: tuple[System | None, dict[int, Ints]] = None, {}
+        self._stepped: System | None = None  # what has made the last step
+        self._borne: dict[int, Array] | None = None  # forces in it, once they were asked for
+        self._carried: tuple[Parts, Array] | None = None  # the same, of some parts
 
     def records(self) -> list[RigidBody]:
         """See `Subjects`."""
@@ -178,7 +206,7 @@ class HeldParts:
         sums = scene.sum(np.r_[m.sum(), m @ x, cells.size])
         centre = sums[1:4] / sums[0]
         spread = np.asarray(scene.sum((x - centre).T @ (m[:, None] * (x - centre))))
-        return RigidBody(
+        data = RigidBody(
             name=name,
             cells=cells,
             nodes=nodes,
@@ -190,6 +218,8 @@ class HeldParts:
             size=int(sums[4]),
             named=(name,),
         )
+        self._marks[number] = spanning(data.offsets, data.length)
+        return data
 
     @property
     def last(self) -> Bodies:
@@ -201,9 +231,23 @@ class HeldParts:
         return Bodies.of_each(Body(data, self._motion(data)) for data in self._known.values())
 
     def _motion(self, data: RigidBody) -> BodyMotion:
-        scene, state = self._stepper.scene, self._stepper.state
-        r, R = fitted(scene, data, state.positions(data.nodes.astype(np.int64)))
+        at = data.nodes[self._marks[data.number]]
+        r, R = self._fitted(data, self._stepper.state.positions(at.astype(np.int64)))
         return BodyMotion(r, R, np.zeros(3), np.zeros(3))
+
+    def _fitted(self, data: RigidBody, x: Array) -> tuple[Array, Array]:
+        """Centre [m] and rotation of a part whose marks are there. Collective.
+
+        Args:
+            data: The part.
+            x: Places of its marks, shape (marks, 3) [m].
+        """
+        V, x = data.offsets[self._marks[data.number]], x - data.origin
+        local = np.concatenate([[[len(V), 0, 0]], [x.sum(axis=0)], [V.sum(axis=0)], x.T @ V])
+        (count, *_), sx, sV, *xV = np.asarray(self._stepper.scene.sum(local))
+        W, _, Vt = np.linalg.svd(xV - np.outer(sx, sV) / count)
+        R = W @ np.diag([1.0, 1.0, np.linalg.det(W @ Vt)]) @ Vt
+        return data.origin + (sx - R @ sV) / count, R
 
     def held(self) -> Bools:
         """See `Subjects`: of these parts, what supports hold in truth."""
@@ -216,37 +260,68 @@ class HeldParts:
 
     def force(self, parts: Parts, mass: Mass, linear: LinearForms) -> Force:
         """See `Subjects`."""
-        return Borne(self._stepper, parts)
+        return Borne(self, parts)
+
+    def borne(self, data: RigidBody) -> Array:
+        """What a part's nodes have to resist in the step that was solved last. Collective.
+
+        Returns:
+            Forces in its frame, shape (nodes, 3) [N].
+        """
+        system = self._stepper.system
+        equilibrium, rows = system.equilibrium, self._rows_of(data, system)
+        u, d = (of.reshape(-1, 3) for of in (equilibrium.start, equilibrium.d.array_r))
+        own = rows[self._marks[data.number]]
+        _, R = self._fitted(data, system.layout.rows.X[own] + u[own] + 0.5 * d[own])
+        f: Array = equilibrium.forces_out_of_balance.array_r.reshape(-1, 3)[rows]
+        return -f @ R
+
+    def _rows_of(self, data: RigidBody, system: System) -> Ints:
+        """Places of a part's nodes among the rows of a division."""
+        if self._rows[0] is not system:
+            self._rows = system, {}
+        known = self._rows[1]
+        if data.number not in known:
+            known[data.number] = system.layout.rows.positions(data.nodes)
+        return known[data.number]
+
+    def carried(self, parts: Parts) -> Array | None:
+        """See `Subjects`."""
+        self.remember()
+        if self._borne is None or any(body.number not in self._borne for body in parts.bodies):
+            return None
+        if self._carried is None or self._carried[0] is not parts:
+            self._carried = parts, parts.of_each(self._borne[body.number] for body in parts.bodies)
+        return self._carried[1]
+
+    def remember(self) -> None:
+        """See `Subjects`."""
+        if self._borne is None and self._stepped is self._stepper.system:
+            self._borne = {data.number: self.borne(data) for data in self.records()}
 
     def follow(self) -> None:
         """See `Subjects`."""
 
     def accept(self, attempt: Attempt) -> None:
         """See `Subjects`."""
+        self._stepped, self._borne, self._carried = self._stepper.system, None, None
 
 
 class Borne:
     """The force on the nodes of parts that supports hold."""
 
-    def __init__(self, stepper: Stepper, parts: Parts) -> None:
-        """Find the nodes' rows.
+    def __init__(self, held: HeldParts, parts: Parts) -> None:
+        """Take them over.
 
         Args:
-            stepper: Solves the steps; the division is that in which supports hold the parts.
+            held: What knows the forces.
             parts: The parts.
         """
-        self._stepper, self._parts = stepper, parts
-        self._rows = stepper.system.layout.rows.positions(parts.rows.nodes)
+        self._held, self._parts = held, parts
 
     def force(self, t: float, dt: float, little: float = 0.0) -> Array:
         """See `Force`."""
-        equilibrium, parts = self._stepper.system.equilibrium, self._parts
-        moved = equilibrium.start + 0.5 * equilibrium.d.array_r
-        x = parts.rows.X + moved.reshape(-1, 3)[self._rows]
-        scene = self._stepper.scene
-        fits = [fitted(scene, data, x[at]) for data, at in zip(parts.bodies, parts.at, strict=True)]
-        f = equilibrium.forces_out_of_balance.array_r.reshape(-1, 3)[self._rows]
-        return parts.turned(-f, np.array([R for _, R in fits]))
+        return self._parts.of_each(map(self._held.borne, self._parts.bodies))
 
     def exact(self, force: Array) -> Array:
         """See `Force`."""
@@ -258,19 +333,3 @@ class Borne:
 
     def destroy(self) -> None:
         """There is nothing to free."""
-
-
-def fitted(scene: Scene, data: RigidBody, x: Array) -> tuple[Array, Array]:
-    """Centre [m] and rotation of a body that fit places of its nodes best, by masses. Collective.
-
-    Args:
-        scene: The problem.
-        data: The body.
-        x: Places of its owned nodes, shape (nodes, 3) [m].
-    """
-    m, V = scene.nodal_mass[data.nodes], data.offsets
-    mx = m[:, None] * (x - data.origin)
-    sums = np.asarray(scene.sum(np.concatenate([[mx.sum(axis=0)], mx.T @ V])))
-    W, _, Vt = np.linalg.svd(sums[1:])
-    R = W @ np.diag([1.0, 1.0, np.linalg.det(W @ Vt)]) @ Vt
-    return data.origin + sums[0] / data.mass, R

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import ceil, log1p
 from typing import Any
 
@@ -19,7 +19,7 @@ from rigidfx.decide.criteria.budget_rule import BudgetRule
 from rigidfx.decide.criteria.judging import Criterion, never_rigid
 from rigidfx.decide.criteria.rule import Rule
 from rigidfx.decide.memory.memory import Memory
-from rigidfx.effects import NumericalDamping
+from rigidfx.effects import NumericalDamping, Rigid
 from rigidfx.report.beside import beside
 from rigidfx.report.ledger import Ledger, Rigidity
 from rigidfx.report.report import Report
@@ -167,11 +167,16 @@ class Accuracy(Criterion):
     def watching(self, scene: Scene) -> Accuracy | None:
         """Itself, if anything may become rigid that is worth it; else None. Collective.
 
+        Where nothing may but parts are named rigid, these are watched alone.
+
         Args:
             scene: The problem.
         """
         small = 3 * scene.space.dofmap.index_map.size_global < WATCHED
-        return None if self.min_cells is None and small else self
+        if self.min_cells is not None or not small:
+            return self
+        more_than_all = scene.mesh.topology.index_map(3).size_global + 1
+        return replace(self, min_cells=more_than_all) if scene.named(Rigid) else None
 
     @property
     def idle(self) -> Rigidity:
@@ -188,9 +193,9 @@ class Accuracy(Criterion):
         return "Take a larger budget, or name their cells `never`."
 
     @property
-    def limit(self) -> str:
-        """See `Criterion`."""
-        return "the strain with which bodies would use up half of what the budget leaves them"
+    def lacking(self) -> float:
+        """See `Criterion`: deflections are off by as much."""
+        return float(self.budget)
 
     @property
     def pardon(self) -> str:

@@ -50,6 +50,7 @@ from rigidfx.decide.criteria.rule import Waking
 from rigidfx.decide.memory.memory import Memory
 from rigidfx.decide.memory.rise import Rise
 from rigidfx.decide.memory.swings import Swings
+from rigidfx.effects import Rigid
 from rigidfx.report.ledger import Rigidity
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
@@ -136,6 +137,8 @@ class BudgetRule:
         self._stiffness = stiffness(scene)
         cells = self._stiffness.size
         self._weights: Array = np.zeros(cells)
+        named = [scene.owned_cells(part.where, "Rigid").size for part in scene.named(Rigid)]
+        self._sizes = [int(size) for size in scene.sum(np.array(named, dtype=float))]
         self.past = Past(
             np.zeros(cells),
             Swings(cells),
@@ -211,7 +214,7 @@ class BudgetRule:
         past.rise.add(sqrt(past.whole), seen.t - seen.dt, seen.t)
         past.sums += np.array([strain, rate]) * seen.dt * (rate > one * (10 * noise) ** 2)
         past.period = 2 * pi * np.sqrt(past.sums[0] / past.sums[1]) if past.sums[1] > 0 else np.nan
-        past.rigid = len(seen.bodies) > 0
+        past.rigid = sum(body.size for body in seen.bodies) > self._named(seen)
         if not past.rigid:
             past.now = 0.0
         past.free = seen.t - self._memory.loads.resting_since > STEPS_AT_REST * seen.dt
@@ -219,6 +222,11 @@ class BudgetRule:
             past.phase += pi * past.now * (seen.t - past.t) / past.period
         self._share(seen)
         past.t = seen.t
+
+    def _named(self, seen: Observation) -> int:
+        """Number of cells in bodies that users have named rigid, which are none of the budget."""
+        held = seen.state.clamped
+        return sum(size for k, size in enumerate(self._sizes, start=1) if k not in held)
 
     def _share(self, seen: Observation) -> None:
         """Divide what is left of the budget. Collective."""

@@ -68,6 +68,11 @@ class Criterion:
         return "what wakes other cells (kappa · tol)"
 
     @property
+    def lacking(self) -> float | None:
+        """Part of the compliance that such parts may take unsaid; None where strains tell."""
+        return None
+
+    @property
     def pardon(self) -> str:
         """What lets such parts withhold more, in words."""
         return "give its cells a larger tolerance (tolerances)"

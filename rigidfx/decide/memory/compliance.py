@@ -32,7 +32,8 @@ class Compliance:
     def __init__(self) -> None:
         """Nothing has moved."""
         self.exceeded: dict[str, tuple[float, float]] = {}
-        self._withheld: dict[str, float] = {}
+        self._withheld: dict[str, float] = {}  # in the present step, if it was looked at, and
+        self._both: dict[str, tuple[float, float]] = {}  # with U, when these were largest together
         self._strain = self._kinetic = 0.0
         self._size, self._grew, self._t = 0.0, 0.0, 0.0  # energy when it last grew, and when
 
@@ -41,6 +42,9 @@ class Compliance:
         self._strain, self._t = max(self._strain, strain), t
         self._kinetic = max(self._kinetic, kinetic)
         size = max([self._strain, self._kinetic, *self._withheld.values()])
+        for name, energy in self._withheld.items():
+            self._both[name] = max(self._both.get(name, (0.0, 0.0)), (energy, strain), key=sum)
+        self._withheld = {}
         if size > GROWN * self._size:
             self._size, self._grew = size, t
 
@@ -51,17 +55,21 @@ class Compliance:
 
     def look(self, withheld: Mapping[str, float]) -> None:
         """Take note of what parts withhold in a step, by their names [J]."""
-        for name, energy in withheld.items():
-            self._withheld[name] = max(energy, self._withheld.get(name, 0.0))
+        self._withheld.update(withheld)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parts that have been looked at."""
+        return tuple(self._both)
 
     def exceeds(self, name: str, ratio: float, t: float) -> None:
         """Take note that a part is strained by more than wakes others, at t [s]."""
         self.exceeded.setdefault(name, (ratio, t))
 
     def taken(self, name: str) -> float:
-        """W/(U + W) of a part."""
-        energy = self._withheld.get(name, 0.0)
-        return energy / (energy + self._strain) if energy > 0 else 0.0
+        """W/(U + W) of a part: not every step is looked at, so both are of one."""
+        energy, strain = self._both.get(name, (0.0, 0.0))
+        return energy / (energy + strain) if energy > 0 else 0.0
 
     def vibrates(self, name: str) -> bool:
         """Whether the structure would vibrate without a part, in place of following its loads.

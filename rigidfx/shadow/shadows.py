@@ -1,0 +1,51 @@
+"""All shadows of a run, as those see them who ask what rigid parts carry."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.shadow.shadow import Shadow
+
+__all__ = ["Shadows"]
+
+Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class Shadows:
+    """The shadows of a run.
+
+    Attributes:
+        free: Of bodies that move freely.
+        held: Of parts named rigid while supports hold them; None if none ever do.
+    """
+
+    free: Shadow
+    held: Shadow | None
+
+    def recovered(self) -> tuple[Array, Ints]:
+        """K⁺ρ of the last step in space, and the owned cells that it is of. Collective.
+
+        Returns:
+            Displacements of the owned nodes, zero outside, shape (nodes, 3) [m]; cells.
+        """
+        u, cells = self.free.recovered()
+        if self.held is None:
+            return u, cells
+        more, others = self.held.recovered()
+        return u + more, np.concatenate([cells, others])
+
+    def remember(self) -> None:
+        """Have what is known of the last step outlast its equations. Collective."""
+        if self.held is not None:
+            self.held.remember()
+
+    def destroy(self) -> None:
+        """Free the PETSc objects; what parts carry may still be asked for. Collective."""
+        self.free.destroy()
+        if self.held is not None:
+            self.held.destroy()
