@@ -147,7 +147,8 @@ class Run:
         stiffening = None if self.shadow is None else self.shadow.stiffening
         energies = None if self.ledgers is None else self.ledgers.energies
         withheld = 0.0 if self.shadow is None else self.shadow.withheld
-        seen = Observation(self.stepper, report.dt, stiffening, energies, withheld)
+        share = None if self.shadows is None else self.shadows.share
+        seen = Observation(self.stepper, report.dt, stiffening, energies, withheld, share)
         policy.observe(seen)
         decision = policy.after(seen, report)
         if decision is not None and self.shadows is not None:

@@ -109,6 +109,34 @@ def test_what_held_parts_take_and_carry_is_what_the_twin_shows(effects, options)
     assert lacking(said[0]) == pytest.approx(1 - ways[0] / ways[1], rel=0.2)
 
 
+def beam(*effects):
+    """A weak root of 1 m on 7 m of beam, between two clamps, pulled near the other one."""
+    box = rf.box((0, 0, 0), (8, 1, 1), (16, 1, 1))
+    box = box.with_cells("root", lambda x: x[0] <= 1 + 1e-9)
+    box = box.with_cells("rest", lambda x: x[0] >= 1 - 1e-9)
+    box = box.with_cells("load", lambda x: (x[0] >= 6 - 1e-9) & (x[0] <= 6.5 + 1e-9))
+    pull = rf.BodyForce((300.0, 0, 0), "load", time=slowly)
+    weak, ends = rf.StVenantKirchhoff(E=1e4, nu=0.3, rho=1000.0), [CLAMP, rf.Fixed("x1")]
+    probes = {"tip": (6, 0.5, 0.5)}
+    return rf.Scene(box, {"root": weak, "rest": SOFT}, [*ends, pull, *effects], probes=probes)
+
+
+def lying(*effects):
+    """A bar on a floor, pressed on it at its end."""
+    floor = rf.Contact("z0", against=rf.Plane((0, 0, 0), (0, 0, 1)), stiffness=3e5)
+    press = rf.Traction("x1", (0, 0, -50.0), time=slowly)
+    return bar(CLAMP, floor, press, *effects, root=SOFT)
+
+
+@pytest.mark.parametrize("make", [beam, lying])
+def test_what_else_bears_the_loads_is_known(make):
+    """Another support, far away, and a floor: by the shadow alone 82 and 11 % were told."""
+    own, (said,) = run(make(DRAG, HELD), T / 4, RULE)
+    twin, _ = run(make(DRAG), T / 4)
+    ways = [np.linalg.norm(tips[-1]) for tips in (own, twin)]
+    assert lacking(said) == pytest.approx(1 - ways[0] / ways[1], rel=0.15)
+
+
 def watched(scene, t_end=T / 4, budget=0.05):
     """What is said of a part in a run by a budget, and the ends of its steps."""
     with warnings.catch_warnings(record=True) as said:

@@ -39,6 +39,7 @@ class Withholding:
         """
         self._comm, self._criterion, self._named, self._memory = comm, criterion, named, memory
         self._told: set[str] = set()
+        self._shared: set[str] = set()  # those whose part in the whole structure is known
 
     @property
     def waits(self) -> bool:
@@ -90,6 +91,11 @@ class Withholding:
         if not (last or compliance.settled):
             return
         advice = Advice(self._comm, self._criterion, self._memory.said)
+        if seen.share is not None:  # until then it is an upper bound
+            for name in self._exceeding(seen.t):
+                if name not in self._shared:
+                    self._shared.add(name)
+                    compliance.shares(name, seen.share(name))
         for name in self._exceeding(seen.t):
             self._told.add(name)
             at = compliance.exceeded.get(name)

@@ -31,6 +31,7 @@ from rigidfx.shadow.motion import Limits, Motion, Strained, at_rest
 from rigidfx.shadow.pace import Pace
 from rigidfx.shadow.response import Response
 from rigidfx.shadow.subjects import Force, Subjects
+from rigidfx.shadow.whole import Strongest
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import Attempt
 from rigidfx.step.watches.watch import Watch
@@ -80,6 +81,7 @@ class Shadow(Watch):
         # Viscous stresses and supports that act, and bodies that are in the way.
         self._around: tuple[list[int], tuple[Support, ...], list[int]] = [], (), []
         self._accepting: Callable[[], None] | None = None
+        self._strongest = Strongest()
         self._mass: Mass | None = None
         self._force: Force | None = None
 
@@ -178,12 +180,17 @@ class Shadow(Watch):
             own = [parts.energies(f, still) for f in (force, mean)]
             told = scene.sum(np.concatenate([self._response.part.energies(), *own]))
             now, of_mean = np.split(told[2:], 2)
-            self._accepting = partial(
-                self._take, motion, force, dt, change, largest, told[: 2 + now.size]
-            )
             # K⁺ρ is that of a long step's mean force: exact while loads keep their proportions.
-            withheld = np.divide(now**2, of_mean, out=np.zeros_like(now), where=of_mean > 0)
-            return replace(found, withheld=parts.by_name(withheld))
+            sizes = np.divide(now**2, of_mean, out=np.zeros_like(now), where=of_mean > 0)
+            told, withheld = told[: 2 + now.size], parts.by_name(sizes)
+            take = partial(self._take, motion, force, dt, change, largest, told)
+
+            def accepting() -> None:
+                take()
+                self._strongest.note(parts, withheld, force)
+
+            self._accepting = accepting
+            return replace(found, withheld=withheld)
 
     def ahead(self, t: float, dt: float, limits: Callable[[], Limits]) -> Strained | None:
         """What the bodies will withhold in a step that is still to be solved. Collective.
@@ -276,6 +283,19 @@ class Shadow(Watch):
             return out, np.empty(0, np.int32)
         parts = self._margin.parts
         return parts.in_space(parts.unmoved(u), self._subjects.present(), out)
+
+    def share(self, name: str) -> float | None:
+        """What a part withholds in the whole structure, over what it does by its shadow.
+
+        Collective.
+
+        Args:
+            name: Name of a part named rigid.
+
+        Returns:
+            The part; None of what has no shadow.
+        """
+        return self._strongest.share(name, self._stepper, self._subjects.present(), self._dt)
 
     def remember(self) -> None:
         """Have what is known of the last step outlast its equations. Collective."""

@@ -39,6 +39,18 @@ class Shadows:
         more, others = self.held.recovered()
         return u + more, np.concatenate([cells, others])
 
+    def share(self, name: str) -> float:
+        """What a part named rigid withholds in the whole structure, over that by its shadow.
+
+        Collective; takes a tangent of all of it, and its factors.
+
+        Args:
+            name: The part.
+        """
+        held = None if self.held is None else self.held.share(name)
+        found = self.free.share(name) if held is None else held
+        return 1.0 if found is None else found
+
     def remember(self) -> None:
         """Have what is known of the last step outlast its equations. Collective."""
         if self.held is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +28,8 @@ class Observation:
         energies: Kinetic and strain energy of deformation after the step before [J]; None if nobody
             measures them.
         withheld: Strain energy that rigidity withholds [J]; 0 if nothing estimates it.
+        share: What part of that a part named rigid withholds in the whole structure, by its name;
+            None if nothing estimates it. Collective.
     """
 
     stepper: Stepper
@@ -34,6 +37,7 @@ class Observation:
     stiffening: float | None = None
     energies: tuple[float, float] | None = None
     withheld: float = 0.0
+    share: Callable[[str], float] | None = None
 
     @property
     def t(self) -> float:

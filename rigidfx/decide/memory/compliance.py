@@ -34,6 +34,7 @@ class Compliance:
         self.exceeded: dict[str, tuple[float, float]] = {}
         self._withheld: dict[str, float] = {}  # in the present step, if it was looked at, and
         self._both: dict[str, tuple[float, float]] = {}  # with U, when these were largest together
+        self._shares: dict[str, float] = {}  # of W that are left in the whole structure
         self._strain = self._kinetic = 0.0
         self._size, self._grew, self._t = 0.0, 0.0, 0.0  # energy when it last grew, and when
 
@@ -57,6 +58,10 @@ class Compliance:
         """Take note of what parts withhold in a step, by their names [J]."""
         self._withheld.update(withheld)
 
+    def shares(self, name: str, part: float) -> None:
+        """Take note of what part of W a part named rigid withholds in the whole structure."""
+        self._shares[name] = part
+
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the parts that have been looked at."""
@@ -69,6 +74,7 @@ class Compliance:
     def taken(self, name: str) -> float:
         """W/(U + W) of a part: not every step is looked at, so both are of one."""
         energy, strain = self._both.get(name, (0.0, 0.0))
+        energy *= self._shares.get(name, 1.0)
         return energy / (energy + strain) if energy > 0 else 0.0
 
     def vibrates(self, name: str) -> bool:
