@@ -34,6 +34,7 @@ Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
 LONG = 1e4  # times the time so far: a step in which nothing but stiffness counts
+UP_TO = 100_000  # unknowns that are factored for that: their factors take 2 GB, and ten seconds
 
 
 class Strongest:
@@ -66,8 +67,10 @@ class Strongest:
             dt: Length of the last step [s].
 
         Returns:
-            The part; None where nothing is known of it.
+            The part; None where nothing is known of it, and where the structure is too large.
         """
+        if 3 * stepper.scene.space.dofmap.index_map.size_global > UP_TO:
+            return None
         now = {id(body.data): body.motion.R for body in present}
         if name not in self._known or id(self._known[name][1]) not in now:
             return None
