@@ -1,14 +1,17 @@
 """What steps have erred by so far, in accounts that forget at rates of their own.
 
-Each has a part of a step's error, E ← E exp(-δ Δt) + p e; the largest of them is the error. What
-may be spent per time is what leads none of them above a limit, each with the mean p of its last
-steps. They are a dozen or two, mostly one: numbers, which Python handles sooner than arrays.
+Each has a part of a step's error, E ← E exp(-δ Δt) + p e. Where they forget at different rates, the
+largest of them is the error, and what may be spent per time leads none above a limit. Where each
+is of motion slower than some cut, and what is faster errs by twice its amplitude A at most, the
+least E + 2 A is the error, and what may be spent is what leaves any of these below the limit. Each
+has the mean p of its last steps. They are a dozen or two: numbers, which Python handles sooner
+than arrays.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import exp, expm1, inf
+from math import exp, expm1
 
 __all__ = ["Accounts"]
 
@@ -23,18 +26,23 @@ class Accounts:
     Attributes:
         rates: δ of each [1/s].
         parts: What each has of a step's error.
-        largest: The error now [m].
+        beyond: What the rest of a motion errs by at most, by accounts [m].
+        error: The error now [m].
     """
 
-    def __init__(self, count: int = 1) -> None:
+    def __init__(self, count: int = 1, *, bounds: bool = False) -> None:
         """Accounts of all errors, that forget nothing.
 
         Args:
             count: How many.
+            bounds: Whether each with what is beyond it is a bound of the error, so that the least
+                counts, and not the largest.
         """
+        self._counts, self._binds = (min, max) if bounds else (max, min)
         self.rates: Sequence[float] = [0.0] * count
         self.parts: Sequence[float] = [1.0] * count
-        self.largest = 0.0
+        self.beyond: Sequence[float] = [0.0] * count
+        self.error = 0.0
         self._errors = [0.0] * count
         self._lately = [0.0] * count  # what each has had ...
         self._added = 0.0  # ... of all that was added
@@ -48,26 +56,28 @@ class Accounts:
         self._errors = [e * exp(-d * dt) + n for (e, d), n in zip(before, now, strict=True)]
         self._lately = [e * kept + n for e, n in zip(self._lately, now, strict=True)]
         self._added = self._added * kept + error
-        self.largest = max(self._errors)
+        self.error = self.left(0.0)
         if self._added > 0:
             self._shares = [max(lately / self._added, LEAST) for lately in self._lately]
 
     def left(self, time: float) -> float:
         """What is left after a time [s] in which nothing is added [m]."""
-        return max(e * exp(-d * time) for e, d in zip(self._errors, self.rates, strict=True))
+        accounts = zip(self._errors, self.rates, self.beyond, strict=True)
+        return self._counts(e * exp(-d * time) + more for e, d, more in accounts)
 
     def rate(self, end: float, time: float, *, anew: bool = False) -> float:
-        """Error per time by which the largest account comes to a limit [m/s].
+        """Error per time by which what counts comes to a limit [m/s].
 
         Args:
             end: The limit [m].
             time: When [s].
             anew: Whether nothing has been spent before.
         """
-        least = inf
-        for error, rate, share in zip(self._errors, self.rates, self._shares, strict=True):
+        rates = []
+        accounts = zip(self._errors, self.rates, self._shares, self.beyond, strict=True)
+        for error, rate, share, more in accounts:
             gone = -expm1(-rate * time)  # of an error that is forgotten in it
             lasting = gone / rate if gone > NEVER else time
             start = 0.0 if anew else error * (1 - gone)
-            least = min(least, (end - start) / (lasting * share))
-        return least
+            rates.append((end - more - start) / (lasting * share))
+        return self._binds(rates)

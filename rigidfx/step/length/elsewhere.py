@@ -49,10 +49,19 @@ class Elsewhere:
         n, squares = self._asked, np.einsum("ij,ij->i", u, u)
         moved, others = sqrt(squares[:n].max()), _mean(squares[n:])
         self._next = max(self._moved[0], moved), max(self._moved[1], others)
-        here, there = self._next
-        found = float(errors[:n].max())
-        if errors.size > n and there > 0:
-            found = max(found, _mean(errors[n:] ** 2) * min(1.0, here / there))
+        return float(self.at_asked(errors[None])[0])
+
+    def at_asked(self, lengths: Array) -> Array:
+        """What lengths at all points are worth at those that are asked for, shape (n,) [m].
+
+        Args:
+            lengths: Shape (n, points) [m].
+        """
+        n, (here, there) = self._asked, self._next
+        found: Array = lengths[:, :n].max(axis=1)
+        if lengths.shape[1] > n and there > 0:
+            mean = np.sqrt(np.mean(lengths[:, n:] ** 2, axis=1))
+            found = np.maximum(found, mean * min(1.0, here / there))
         return found
 
     def accept(self) -> None:

@@ -40,7 +40,9 @@ class Forgetting:
     """Finds rates from energies, and what of an error they are of.
 
     Attributes:
-        rates: δ of each account [1/s], that of all errors first.
+        by_frequency: Whether accounts forget at different rates.
+        cuts: ω_b of all accounts but the first, that of all errors [1/s].
+        rates: δ of each account [1/s].
         parts: What each account has of the error of the last step; one of the first.
     """
 
@@ -56,9 +58,11 @@ class Forgetting:
         self._comes_back = comes_back(scene)
         self._taken = self._stayed = 0.0
         self._damped = Damped(scene) if self._comes_back else None
-        by_octaves = self._damped is not None and self._damped.by_frequency
-        self._octaves = Octaves(points, time, step) if by_octaves else None
-        accounts = 1 if self._octaves is None else 1 + self._octaves.cuts.size
+        self.by_frequency = self._damped is not None and self._damped.by_frequency
+        adds_up = not self.by_frequency and bool(scene.named(Contact))
+        self._octaves = None if adds_up else Octaves(points, time, step)
+        self.cuts = np.empty(0) if self._octaves is None else self._octaves.cuts
+        accounts = 1 + self.cuts.size
         self.rates: Array = np.zeros(accounts)
         self.parts: Array = np.ones(accounts)
 
@@ -90,8 +94,8 @@ class Forgetting:
         self._taken, self._stayed = self._taken + taken, self._stayed + energy * dt
         if self._stayed > 0:
             self.rates[:] = max(self._taken, 0.0) / (2 * self._stayed)
-        if self._octaves is not None:
-            least = self._damped.rates(OF_CUT * self._octaves.cuts, dt)
+        if self.by_frequency:
+            least = self._damped.rates(OF_CUT * self.cuts, dt)
             self.rates[1:] = np.minimum(self.rates[1:], least)
 
 

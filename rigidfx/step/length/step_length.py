@@ -135,7 +135,7 @@ class StepLength:
         if self._of is not None:
             return left
         growing, whole = self._growing(t) + dt, self.tol * self._foreseen
-        unspent = max(whole - self.accounts.largest / SHARE, BEGINNING * whole)
+        unspent = max(whole - self.accounts.error / SHARE, BEGINNING * whole)
         return max(left, unspent / (EARLY * growing)) if growing > 0 else left
 
     @property
@@ -172,7 +172,7 @@ class StepLength:
         """Add the error of a step to what is left of those before."""
         self.accounts.add(error, dt)
         self._known = nan, 0.0, 0.0
-        self.spent = max(self.spent, self.accounts.largest)
+        self.spent = max(self.spent, self.accounts.error)
 
     def too_much(self, error: float, t: float, dt: float) -> bool:
         """Whether a step has to be repeated.

@@ -16,6 +16,7 @@ from rigidfx.state import State
 from rigidfx.step.length.accounts import Accounts
 from rigidfx.step.length.blows import Blows
 from rigidfx.step.length.elsewhere import Elsewhere
+from rigidfx.step.length.fast import Fast
 from rigidfx.step.length.forgetting import Forgetting
 from rigidfx.step.length.onsets import Onsets
 from rigidfx.step.length.step_length import Moves, StepLength
@@ -71,7 +72,9 @@ class TimeControl(WarnsOnce):
             float(control.tol), timeline.t_end, largest, least, largest, size, control.of
         )
         self._forgetting = Forgetting(scene, self._tracked.count, timeline.t_end, least)
-        self.length.accounts = Accounts(self._forgetting.rates.size)
+        cuts, bounds = self._forgetting.cuts, not self._forgetting.by_frequency
+        self.length.accounts = Accounts(1 + cuts.size, bounds=bounds)
+        self._fast = Fast(cuts, self._tracked.count) if bounds and cuts.size else None
         self.rejected, self.jumped = 0, False
         self._objections = 0
         self._end = Moves(0.0)  # at the end of the step that was looked at last
@@ -171,6 +174,8 @@ class TimeControl(WarnsOnce):
         v0, v1, u = self._tracked.motion(self._system, self._state, dt)
         self._found = self._elsewhere.look(self._error.look(v0, v1, t, dt), u)
         self._forgetting.look(self._error.jerk, dt)
+        if self._fast is not None:
+            self._fast.look(self._elsewhere.at_asked(self._fast.swings(u, dt)), dt)
         asked = slice(self._tracked.asked)
         v0, v1, u = v0[asked], v1[asked], u[asked]
         self._end = Moves(*_longest(u, v1, (v1 - v0) / dt))
@@ -206,6 +211,9 @@ class TimeControl(WarnsOnce):
         self._elsewhere.accept()
         self._blows.accept()
         self._forgetting.accept()
+        if self._fast is not None:
+            self._fast.accept()
+            self.length.accounts.beyond = [0.0, *map(float, 2 * self._fast.amplitudes)]
         self.length.accounts.parts = [*map(float, self._forgetting.parts)]
         self._fastest = max(self._fastest, self._end.speed)
         if attempt.cuts:
