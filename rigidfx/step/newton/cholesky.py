@@ -13,6 +13,7 @@ from petsc4py import PETSc
 
 from rigidfx.step.linear import cholmod
 from rigidfx.step.linear.linear_solver import PREFIX
+from rigidfx.step.newton.price import entries_of
 
 __all__ = ["Cholesky"]
 
@@ -26,22 +27,24 @@ UNKNOWN = PETSc.Mat.Structure.UNKNOWN_NONZERO_PATTERN  # PETSc compares them: th
 class Cholesky:
     """Factors of the symmetric part of one matrix; `destroy` frees them.
 
-    Options of PETSc's are understood under the prefix `rigidfx_cholesky_`.
+    Options of PETSc's are understood under the prefix `rigidfx_cholesky_`, or another.
 
     Attributes:
         ksp: Solves with them once there are any.
     """
 
-    def __init__(self, A: PETSc.Mat) -> None:
-        """Set the solver up.
+    def __init__(self, A: PETSc.Mat, prefix: str = OWN, skew: float = SKEW) -> None:
+        """Set the solver up. Collective.
 
         Args:
-            A: The matrix, of one rank.
+            A: The matrix; on several ranks each has all of its factors.
+            prefix: Prefix of the solver's options.
+            skew: Skew part that is let pass, relative to all of the matrix.
         """
-        self._A = A
+        self._A, self._skew = A, skew
         self._transposed, self._symmetric = PETSc.Mat(), PETSc.Mat()
         self._entries = 0.0
-        self.ksp = cholmod.solver(A.comm, OWN)
+        self.ksp = cholmod.solver(A.comm, prefix)
 
     def renew(self) -> bool:
         """Factor the matrix as it is now; false if it is too far from symmetric, or not definite.
@@ -52,7 +55,7 @@ class Cholesky:
 
     def _symmetrize(self) -> bool:
         """Find the symmetric part; false if it is not near enough to all of the matrix."""
-        entries = self._A.getInfo()["nz_used"]
+        entries = entries_of(self._A)
         if entries != self._entries:  # the pattern is new, or has grown
             self._entries = entries
             self._forget()
@@ -60,9 +63,9 @@ class Cholesky:
         self._transposed.axpy(1.0, self._A, UNKNOWN)
         self._transposed.scale(0.5)
         whole, symmetric = self._A.norm(), self._transposed.norm()
-        if not whole - symmetric <= 0.5 * SKEW**2 * whole:  # as ‖A‖² = ‖sym A‖² + ‖skw A‖²
+        if not whole - symmetric <= 0.5 * self._skew**2 * whole:  # as ‖A‖² = ‖sym A‖² + ‖skw A‖²
             return False
-        self._transposed.convert(PETSc.Mat.Type.SEQAIJ, self._symmetric)
+        self._transposed.convert(PETSc.Mat.Type.AIJ, self._symmetric)
         return True
 
     def _forget(self) -> None:
