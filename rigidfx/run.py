@@ -125,8 +125,9 @@ class Run:
         it has is PETSc's garbage then, until all ranks prepare a run again.
         """
         if issubclass(kind or RigidfxError, RigidfxError) or self.stepper.scene.comm.size == 1:
-            if self.shadows is not None and kind in (None, GeneratorExit):
-                self.shadows.remember()
+            if self.shadows is not None:
+                whole = kind in (None, GeneratorExit)
+                (self.shadows.remember if whole else self.shadows.forget)()
             self.stepper.close()
             if self.shadows is not None:
                 self.shadows.destroy()

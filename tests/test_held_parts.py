@@ -146,6 +146,21 @@ def watched(scene, t_end=T / 4, budget=0.05):
     return [str(w.message) for w in said if "that is named Rigid" in str(w.message)], times
 
 
+def test_a_run_that_an_error_has_ended_may_be_asked_what_held_parts_carry():
+    """Of what was solved last its equations know nothing any more: nothing is recovered."""
+
+    def failing(t):
+        if t > 4.2:
+            raise RuntimeError("boom")
+        return slowly(t)
+
+    scene = bar(rf.Traction("x1", (0, 0, 50.0), time=failing), CLAMP, DRAG, HELD)
+    with pytest.raises(rf.SceneError, match="boom"):
+        for report in rf.simulate(scene, DT, T, rigidify=RULE, progress=False):  # noqa: B007
+            pass
+    assert not rf.recovered_stress(report, CauchyStress(scene))[1].any()
+
+
 @pytest.mark.parametrize("name", ["root", "rest"])
 def test_a_budget_tells_of_named_parts_where_nothing_else_is_rigid(monkeypatch, name):
     """Be they held or free; their budget is their own, and steps are those without a watch."""

@@ -301,6 +301,11 @@ class Shadow(Watch):
         """Have what is known of the last step outlast its equations. Collective."""
         self._subjects.remember()
 
+    def forget(self) -> None:
+        """Have nothing known of the last step: an error has left its equations as it found them."""
+        if not self._subjects.free:
+            self._dt = 0.0
+
     def _at_rest(self) -> Array | None:
         """K⁺ρ of the last step in the bodies' frames; None if there is none. Collective."""
         if not self._subjects.free and self._dt > 0:  # such parts may not be looked at any more

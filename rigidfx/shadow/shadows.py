@@ -56,6 +56,11 @@ class Shadows:
         if self.held is not None:
             self.held.remember()
 
+    def forget(self) -> None:
+        """Have nothing known of the last step of held parts, which an error has ended."""
+        if self.held is not None:
+            self.held.forget()
+
     def destroy(self) -> None:
         """Free the PETSc objects; what parts carry may still be asked for. Collective."""
         self.free.destroy()

@@ -15,7 +15,9 @@ That mean is one of what moves most. Viscosity takes fast vibrations and leaves 
 axial one dies out, bending rings on, and so do its errors. So there are several accounts, of which
 the largest counts: all errors, forgotten as above; and of each octave those that are slower than
 ω_b, which are forgotten no faster than a vibration of that frequency is damped at least
-(`rigidfx.step.length.damped`). Drag damps all alike, and needs the first only.
+(`rigidfx.step.length.damped`). Drag damps all alike, and needs the first only; there, and without
+damping, octaves tell what of the error is of slow motion, as what is faster has a bound of its own
+(`rigidfx.step.length.fast`).
 """
 
 from __future__ import annotations
