@@ -37,7 +37,7 @@ class Cholesky:
         """Set the solver up. Collective.
 
         Args:
-            A: The matrix; on several ranks each has all of its factors.
+            A: The matrix, of one rank.
             prefix: Prefix of the solver's options.
             skew: Skew part that is let pass, relative to all of the matrix.
         """
