@@ -46,7 +46,7 @@ class CoarseGrid:
         self._aggregates = Aggregates(equilibrium.prolongation)
         self._left = equilibrium.prolongation.unknowns()
         self._grid: list[PETSc.Object | Cholesky] = []  # all that belongs to one tangent
-        # Whether the symmetric part is factored; a copy on each of two ranks made steps 1.15 as long.
+        # Whether the symmetric part is factored. Copies on two ranks took 1.15 times as long.
         one = equilibrium.prolongation.comm.size == 1
         self._symmetric = one and cholmod.exists()
 
