@@ -18,8 +18,9 @@ from rigidfx.decide.policy import CHECKED, FORESEEN, Policy
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.report.events import Event
 from rigidfx.report.ledger import Ledgers, Rigidity
+from rigidfx.report.of_step import with_ledger
 from rigidfx.report.probes import Probes
-from rigidfx.report.report import Report, with_ledger
+from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.step_control import StepControl
 from rigidfx.scene.timeline import Timeline

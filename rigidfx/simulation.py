@@ -28,7 +28,8 @@ from rigidfx.decide.criteria.judging import Criterion
 from rigidfx.report.account import Account, beginning
 from rigidfx.report.energy_balance import EnergyBalance
 from rigidfx.report.lumping import LumpedInertia
-from rigidfx.report.report import Report, amended, report_of
+from rigidfx.report.of_step import amended, report_of
+from rigidfx.report.report import Report
 from rigidfx.run import Run, prepare
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.step_control import StepControl

@@ -9,7 +9,7 @@ import pytest
 
 import rigidfx as rf
 from rigidfx.decide.criteria.observation import Observation
-from rigidfx.report.report import report_of
+from rigidfx.report.of_step import report_of
 from rigidfx.run import prepare
 from rigidfx.scene.timeline import Timeline
 

@@ -161,6 +161,12 @@ class Bodies:
         return np.reshape([body.mass_block for body in self], (-1, 6, 6))
 
     @property
+    def given_mass_blocks(self) -> Array:
+        """Those of bodies whose mass is given, zero for the others, shape (bodies, 6, 6) [kg]."""
+        given = np.array([body.given for body in self.of.records], dtype=bool)
+        return self.mass_blocks * given[:, None, None]
+
+    @property
     def stored(self) -> float:
         """Energy that the bodies keep for their release [J]."""
         return self.of.stored

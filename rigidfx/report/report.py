@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,21 +12,19 @@ from dolfinx import fem
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.taken import read_only
-from rigidfx.effects import Rigid, Touch
+from rigidfx.effects import Touch
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.report.body_report import BodyReport, body_reports
 from rigidfx.report.events import Event
-from rigidfx.report.ledger import Ledger, Ledgers, Rigidity
+from rigidfx.report.ledger import Ledger
 from rigidfx.report.probe_stress import StressAt
 from rigidfx.report.probes import Probes
 from rigidfx.shadow.shadows import Shadows
 from rigidfx.state import State
-from rigidfx.step.equations.energies import Measures
-from rigidfx.step.stepper import Stepper, StepResult
 from rigidfx.step.system.supports import Impact
 
-__all__ = ["Report", "amended", "report_of", "with_ledger"]
+__all__ = ["Report"]
 
 Array = npt.NDArray[np.float64]
 
@@ -250,101 +247,3 @@ class Report:
                 f"Report.{name}: the report is of t = {self.t:g} s, and the run has gone on to "
                 f"{self._state.t:g} s. Ask before the next step, and keep a copy of what you need."
             )
-
-
-def report_of(
-    step: int,
-    stepper: Stepper,
-    probes: Probes,
-    result: StepResult | None,
-    impact: Impact | None,
-    shadows: Shadows | None = None,
-) -> Report:
-    """The report of a step, or of the initial state. Collective.
-
-    Args:
-        step: Its number.
-        stepper: What has made it.
-        probes: Points that are reported.
-        result: What the step did; None for the initial state.
-        impact: What the start of a support did at the start of the step.
-        shadows: What rigid parts withhold, if that is known.
-    """
-    state, solution = stepper.state, result.solution if result else None
-    return Report(
-        step=step,
-        t=state.t,
-        dt=result.dt if result else 0.0,
-        iterations=solution.iterations if solution else 0,
-        tangents=solution.tangents if solution else 0,
-        residuals=solution.residuals if solution else (),
-        linear_iterations=solution.linear_iterations if solution else 0,
-        solver=solution.solver if solution else "",
-        cuts=result.cuts if result else 0,
-        unknowns=stepper.unknowns,
-        **_measured(stepper.measure()),
-        work_of_loads=result.work_of_loads if result else 0.0,
-        work_of_supports=result.work_of_supports if result else 0.0,
-        dissipated=result.dissipated if result else {},
-        reactions=result.reactions if result else {},
-        reaction_moments=result.reaction_moments if result else {},
-        touches=result.touches if result else {},
-        impact=impact,
-        rigid=state.bodies,
-        clamped=_clamped(stepper),
-        events=(),
-        closeness=np.nan,
-        probes=probes.displacements(state),
-        ledger=None,
-        wall=0.0,
-        _state=state,
-        _changes=state.changes,
-        _indicator=stepper.indicator,
-        _probes=probes,
-        _shadows=shadows,
-    )
-
-
-def amended(report: Report, stepper: Stepper, events: Sequence[Event], closeness: float) -> Report:
-    """A report after what was switched around its step. Collective."""
-    changes = stepper.state.changes
-    if not events and np.isnan(closeness) and report._changes == changes:
-        return report
-    report = replace(report, events=tuple(events), closeness=closeness, _changes=changes)
-    if not any(event.t == report.t for event in events):
-        return report
-    return replace(report, **_measured(stepper.measure()), rigid=stepper.state.bodies)
-
-
-def _clamped(stepper: Stepper) -> tuple[str, ...]:
-    """Names of the parts that supports hold; they are numbered as the scene names them."""
-    if not stepper.state.clamped:
-        return ()
-    named = stepper.scene.named(Rigid)
-    return tuple(named[number - 1].name for number in sorted(stepper.state.clamped))
-
-
-def with_ledger(
-    report: Report,
-    ledgers: Ledgers,
-    withheld: float,
-    periods: float,
-    rigidity: Rigidity | None = None,
-) -> Report:
-    """A report with what has been spent up to its end. Collective.
-
-    Args:
-        report: The report.
-        ledgers: Accounts of the run.
-        withheld: Strain energy that rigidity withholds [J].
-        periods: Periods that the motion has gone through.
-        rigidity: What rigidity does to the motion; None if nothing estimates that.
-    """
-    measures = Measures(**{item.name: getattr(report, item.name) for item in fields(Measures)})
-    ledger = ledgers.follow(measures, report.dissipated, withheld, periods, rigidity)
-    return replace(report, ledger=ledger)
-
-
-def _measured(measures: Measures) -> dict[str, Any]:
-    """Energies and momenta by the names that they have in a report."""
-    return {item.name: getattr(measures, item.name) for item in fields(measures)}

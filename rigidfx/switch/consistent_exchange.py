@@ -18,26 +18,23 @@ energy.
 from __future__ import annotations
 
 from collections.abc import Set
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
-from petsc4py import PETSc
 
-from rigidfx.coupling.dof_layout import nodes_of, rigid_fields
-from rigidfx.coupling.mass import ConsistentMass
-from rigidfx.coupling.prolongation import Prolongation
-from rigidfx.coupling.rows import Rows
+from rigidfx.coupling.dof_layout import nodes_of
 from rigidfx.decide.decision import PlannedBody
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body, Frozen
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
-from rigidfx.step.linear.linear_solver import conjugate_gradients
 from rigidfx.step.system.division import Division
 from rigidfx.switch.exchange import freeze
+from rigidfx.switch.present_velocities import Present
+from rigidfx.switch.projected_velocities import Field, RigidFields
 
 __all__ = ["ConsistentExchange"]
 
@@ -47,94 +44,6 @@ Bools = npt.NDArray[np.bool_]
 NEGLIGIBLE = 1e-15  # of the largest: difference velocities that need not be kept
 CONTINUOUS = 1e-13  # of the largest: difference of velocities at an interface that is only rounding
 ROUNDING = 1e-13  # of the energy: what is too little to find the scale of a field by
-
-
-@dataclass(frozen=True)
-class Field:
-    """A velocity field that is rigid in bodies.
-
-    Attributes:
-        nodal: At all owned dofs, inside bodies too [m/s].
-        bodies: Velocity of the centre and ℓω of each body, shape (bodies, 6) [m/s].
-    """
-
-    nodal: Array
-    bodies: Array
-
-    def plus(self, factor: float, other: Field) -> Field:
-        """This field and a multiple of another."""
-        return Field(self.nodal + factor * other.nodal, self.bodies + factor * other.bodies)
-
-
-class RigidFields:
-    """The velocity fields that are rigid in some bodies, and the projection on them.
-
-    Bodies whose mass is given, and is not that of their cells, count by their own 6×6 matrix.
-    """
-
-    def __init__(self, scene: Scene, bodies: Bodies, prescribed: Bools, mass: PETSc.Mat) -> None:
-        """Make P and the reduced mass matrix. Collective.
-
-        Args:
-            scene: The problem.
-            bodies: The rigid bodies, in their present pose.
-            prescribed: For each owned dof, whether a support prescribes it.
-            mass: M of all cells but those in bodies whose mass is given.
-        """
-        self._mass = mass
-        self._prolongation = Prolongation(rigid_fields(scene, bodies.of, prescribed), scene.comm)
-        self._prescribed = np.flatnonzero(prescribed)
-        self._y, self._r = self._prolongation.unknowns(), self._prolongation.unknowns()
-        self._prolongation.pose(bodies)
-        self._reduced = self._prolongation.condense(mass)
-        self._blocks = _given_blocks(bodies)
-        self._prolongation.add_blocks(self._reduced, self._blocks)
-        self._full = mass.createVecRight()
-        self._image = mass.createVecLeft()
-
-    def momenta(self, v: Array) -> Array:
-        """M v at the owned dofs [kg m/s]. Collective."""
-        self._full.array[:] = v
-        self._mass.mult(self._full, self._image)
-        return self._image.array_r.copy()
-
-    def project(self, momenta: Array, of_given: Array, v_prescribed: Array) -> Field:
-        """The field with given momenta in all its directions. Collective.
-
-        Args:
-            momenta: At all owned dofs [kg m/s].
-            of_given: Six of each body, those of its own mass where that is given [kg m/s].
-            v_prescribed: Velocity of the held dofs [m/s].
-
-        Raises:
-            StepError: If conjugate gradients do not converge.
-        """
-        fixed = np.zeros_like(momenta)
-        fixed[self._prescribed] = v_prescribed
-        rest = momenta - self.momenta(fixed)
-        self._full.array[:] = rest
-        self._prolongation.restrict(self._full, of_given, self._r)
-        self._y.set(0.0)
-        if self._r.norm() > 0.0:
-            conjugate_gradients(self._reduced, self._r, self._y)
-        six = self._prolongation.bodies_part(self._y)
-        self._prolongation.apply(self._y, six, v_prescribed, self._full)
-        return Field(self._full.array_r.copy(), six)
-
-    def given_momenta(self, bodies: Array) -> Array:
-        """Momenta of the bodies whose mass is given, zero for the others, shape (bodies, 6)."""
-        return np.einsum("kij,kj->ki", self._blocks, bodies)
-
-    def product(self, a: Field, b: Field) -> float:
-        """a·M b over all ranks [J]. Collective."""
-        comm = self._prolongation.comm
-        cells = comm.allreduce(float(a.nodal @ self.momenta(b.nodal)))
-        return float(cells + np.vdot(a.bodies, self.given_momenta(b.bodies)))
-
-    def destroy(self) -> None:
-        """Free the PETSc objects. Collective."""
-        for item in (self._y, self._r, self._reduced, self._full, self._image):
-            item.destroy()
 
 
 class ConsistentExchange:
@@ -229,7 +138,7 @@ class ConsistentExchange:
     def _include(self, state: State, body: Body, prescribed: Bools) -> None:
         """Have one more body, which keeps what it takes out of the motion. Collective."""
         present = self._present(state)
-        of_given = np.einsum("kij,kj->ki", _given_blocks(state.bodies), state.bodies.six)
+        of_given = np.einsum("kij,kj->ki", state.bodies.given_mass_blocks, state.bodies.six)
         others = list(state.bodies)
         state.group(Bodies.of_each([*others, body]))
         fields = RigidFields(self._scene, state.bodies, prescribed, present.mass)
@@ -258,73 +167,6 @@ def _take(state: State, field: Field) -> None:
     """Make a field the state's velocity. Collective."""
     state.move(field.nodal)
     state.group(state.bodies.with_six(field.bodies))
-
-
-class Present:
-    """The velocities as they are, two of them where bodies meet flexible cells.
-
-    Attributes:
-        mass: M of all cells but those in bodies whose mass is given.
-        nodal: Velocity of all owned dofs, the bodies' at their nodes [m/s].
-        difference: At each owned node of an interface, the flexible cells' velocity less the
-            body's; zero elsewhere, shape (nodes, 3) [m/s].
-        bodies: Velocity of the centre and ℓω of each body, shape (bodies, 6) [m/s].
-        momenta: Momenta at all owned dofs, but those of masses that are given [kg m/s].
-        energy: Kinetic energy [J].
-    """
-
-    def __init__(self, scene: Scene, forces: InternalForces, state: State) -> None:
-        """Assemble masses, and add up momenta and energy. Collective."""
-        none, records = np.empty(0, np.int32), state.bodies.of.records
-        every = np.arange(scene.mesh.topology.index_map(3).size_local, dtype=np.int32)
-        given = np.concatenate([none, *(b.cells for b in records if b.given)])
-        inside = np.concatenate([none, *(b.cells for b in records)])
-        counted = np.setdiff1d(every, given)
-        rows = Rows(scene.space, np.arange(scene.owned_nodes, dtype=np.int32))
-        # A point mass moves with the body that holds its node.
-        points = scene.point_masses[: scene.owned_nodes]
-        counting, outside_bodies = points.copy(), points.copy()
-        for body in records:
-            outside_bodies[body.nodes] = 0.0
-            if body.given:
-                counting[body.nodes] = 0.0
-        self._all = ConsistentMass(scene, rows, forces.cells(counted), points=counting)
-        flexible = ConsistentMass(
-            scene, rows, forces.cells(np.setdiff1d(every, inside)), points=outside_bodies
-        )
-        self.mass = self._all.matrix()
-        n = 3 * scene.owned_nodes
-        outside = state.v.x.array[:n].copy()
-        self.nodal = outside.copy()
-        for moving in state.bodies:
-            self.nodal.reshape(-1, 3)[moving.data.nodes] = moving.velocities
-        touched = nodes_of(scene, {0: np.setdiff1d(every, inside)})[: scene.owned_nodes]
-        self.difference = np.where(touched[:, None], (outside - self.nodal).reshape(-1, 3), 0.0)
-        self.bodies = state.bodies.six
-        v, p = self.mass.createVecRight(), self.mass.createVecLeft()
-        parts = []
-        for mass, field in ((flexible, outside), (self._all, self.nodal), (flexible, self.nodal)):
-            v.array[:] = field
-            mass.mult(v, p)
-            parts.append(p.array_r.copy())
-        self.momenta = parts[0] + parts[1] - parts[2]
-        energy = float(outside @ parts[0] + self.nodal @ (parts[1] - parts[2]))
-        blocks = _given_blocks(state.bodies)
-        own = np.einsum("ki,kij,kj->", self.bodies, blocks, self.bodies)
-        self.energy = 0.5 * float(scene.sum(energy) + own)
-        for item in (v, p, flexible):
-            item.destroy()
-
-    def destroy(self) -> None:
-        """Free the matrices. Collective."""
-        self.mass.destroy()
-        self._all.destroy()
-
-
-def _given_blocks(bodies: Bodies) -> Array:
-    """Mass matrix of each body whose mass is given, zero for the others, shape (bodies, 6, 6)."""
-    given = np.array([body.given for body in bodies.of.records], dtype=bool)
-    return bodies.mass_blocks * given[:, None, None]
 
 
 def _scale(square: float, mixed: float, missing: float) -> float:

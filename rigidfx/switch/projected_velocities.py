@@ -1,0 +1,108 @@
+"""Velocity fields that are rigid in bodies, and the projection on them by the mass."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from petsc4py import PETSc
+
+from rigidfx.coupling.dof_layout import rigid_fields
+from rigidfx.coupling.prolongation import Prolongation
+from rigidfx.mechanics.bodies import Bodies
+from rigidfx.scene.scene import Scene
+from rigidfx.step.linear.linear_solver import conjugate_gradients
+
+__all__ = ["Field", "RigidFields"]
+
+Array = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Field:
+    """A velocity field that is rigid in bodies.
+
+    Attributes:
+        nodal: At all owned dofs, inside bodies too [m/s].
+        bodies: Velocity of the centre and ℓω of each body, shape (bodies, 6) [m/s].
+    """
+
+    nodal: Array
+    bodies: Array
+
+    def plus(self, factor: float, other: Field) -> Field:
+        """This field and a multiple of another."""
+        return Field(self.nodal + factor * other.nodal, self.bodies + factor * other.bodies)
+
+
+class RigidFields:
+    """The velocity fields that are rigid in some bodies, and the projection on them.
+
+    Bodies whose mass is given, and is not that of their cells, count by their own 6×6 matrix.
+    """
+
+    def __init__(self, scene: Scene, bodies: Bodies, prescribed: Bools, mass: PETSc.Mat) -> None:
+        """Make P and the reduced mass matrix. Collective.
+
+        Args:
+            scene: The problem.
+            bodies: The rigid bodies, in their present pose.
+            prescribed: For each owned dof, whether a support prescribes it.
+            mass: M of all cells but those in bodies whose mass is given.
+        """
+        self._mass = mass
+        self._prolongation = Prolongation(rigid_fields(scene, bodies.of, prescribed), scene.comm)
+        self._prescribed = np.flatnonzero(prescribed)
+        self._y, self._r = self._prolongation.unknowns(), self._prolongation.unknowns()
+        self._prolongation.pose(bodies)
+        self._reduced = self._prolongation.condense(mass)
+        self._blocks = bodies.given_mass_blocks
+        self._prolongation.add_blocks(self._reduced, self._blocks)
+        self._full = mass.createVecRight()
+        self._image = mass.createVecLeft()
+
+    def momenta(self, v: Array) -> Array:
+        """M v at the owned dofs [kg m/s]. Collective."""
+        self._full.array[:] = v
+        self._mass.mult(self._full, self._image)
+        return self._image.array_r.copy()
+
+    def project(self, momenta: Array, of_given: Array, v_prescribed: Array) -> Field:
+        """The field with given momenta in all its directions. Collective.
+
+        Args:
+            momenta: At all owned dofs [kg m/s].
+            of_given: Six of each body, those of its own mass where that is given [kg m/s].
+            v_prescribed: Velocity of the held dofs [m/s].
+
+        Raises:
+            StepError: If conjugate gradients do not converge.
+        """
+        fixed = np.zeros_like(momenta)
+        fixed[self._prescribed] = v_prescribed
+        rest = momenta - self.momenta(fixed)
+        self._full.array[:] = rest
+        self._prolongation.restrict(self._full, of_given, self._r)
+        self._y.set(0.0)
+        if self._r.norm() > 0.0:
+            conjugate_gradients(self._reduced, self._r, self._y)
+        six = self._prolongation.bodies_part(self._y)
+        self._prolongation.apply(self._y, six, v_prescribed, self._full)
+        return Field(self._full.array_r.copy(), six)
+
+    def given_momenta(self, bodies: Array) -> Array:
+        """Momenta of the bodies whose mass is given, zero for the others, shape (bodies, 6)."""
+        return np.einsum("kij,kj->ki", self._blocks, bodies)
+
+    def product(self, a: Field, b: Field) -> float:
+        """a·M b over all ranks [J]. Collective."""
+        comm = self._prolongation.comm
+        cells = comm.allreduce(float(a.nodal @ self.momenta(b.nodal)))
+        return float(cells + np.vdot(a.bodies, self.given_momenta(b.bodies)))
+
+    def destroy(self) -> None:
+        """Free the PETSc objects. Collective."""
+        for item in (self._y, self._r, self._reduced, self._full, self._image):
+            item.destroy()
