@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from math import ceil, log1p
 from typing import Any
 
@@ -157,26 +157,21 @@ class Accuracy(Criterion):
             )
 
     def least_cells(self, scene: Scene) -> int:
-        """See `Criterion`."""
-        least = super().least_cells(scene)
+        """See `Criterion`; more than there are in a structure too small for bodies to pay."""
+        least, cells = super().least_cells(scene), scene.mesh.topology.index_map(3).size_global
         if self.min_cells is not None:
             return least
         unknowns = 3 * scene.space.dofmap.index_map.size_global
-        return max(least, ceil(WORTH * scene.mesh.topology.index_map(3).size_global / unknowns))
+        return max(least, ceil(WORTH * cells / unknowns)) if unknowns >= WATCHED else cells + 1
 
     def watching(self, scene: Scene) -> Accuracy | None:
-        """Itself, if anything may become rigid that is worth it; else None. Collective.
-
-        Where nothing may but parts are named rigid, these are watched alone.
+        """Itself, if anything may become rigid that is worth it, or is named so; else None.
 
         Args:
             scene: The problem.
         """
-        small = 3 * scene.space.dofmap.index_map.size_global < WATCHED
-        if self.min_cells is not None or not small:
-            return self
-        more_than_all = scene.mesh.topology.index_map(3).size_global + 1
-        return replace(self, min_cells=more_than_all) if scene.named(Rigid) else None
+        cells = scene.mesh.topology.index_map(3).size_global
+        return self if self.least_cells(scene) <= cells or scene.named(Rigid) else None
 
     @property
     def idle(self) -> Rigidity:
