@@ -25,6 +25,7 @@ from rigidfx.scene.scene import Scene
 from rigidfx.scene.step_control import StepControl
 from rigidfx.scene.timeline import Timeline
 from rigidfx.shadow.motion import Strained
+from rigidfx.shadow.recovery import Recovery
 from rigidfx.shadow.shadow import Shadow
 from rigidfx.shadow.shadows import Shadows
 from rigidfx.shadow.subjects import FreeBodies, HeldParts, Subjects
@@ -228,7 +229,7 @@ def prepare(
 
             free = shadow_of(FreeBodies(stepper, in_pieces))
             held = shadow_of(HeldParts(stepper, in_pieces)) if switch.clamps else None
-            shadows = Shadows(free, held)
+            shadows = Shadows(free, held, Recovery(stepper))
         ledgers = None if shadows is None and control is None else Ledgers(stepper)
         stack.pop_all()
     touch = FirstTouch(stepper)

@@ -24,14 +24,15 @@ from rigidfx.coupling.mass import Mass
 from rigidfx.effects import Support
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.linear_forms import LinearForms
+from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.shadow.gauge import Gauge
 from rigidfx.shadow.handover import Carried
 from rigidfx.shadow.margin import Margin
 from rigidfx.shadow.motion import Limits, Motion, Strained, at_rest
 from rigidfx.shadow.pace import Pace
 from rigidfx.shadow.response import Response
+from rigidfx.shadow.strongest import Strongest
 from rigidfx.shadow.subjects import Force, Subjects
-from rigidfx.shadow.whole import Strongest
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import Attempt
 from rigidfx.step.watches.watch import Watch
@@ -55,6 +56,7 @@ class Shadow(Watch):
 
     Attributes:
         withheld: Strain energy that rigidity withholds, ½ ρᵀK⁺ρ, when shadows last took a step [J].
+        dt: Length of the last step [s].
     """
 
     def __init__(
@@ -74,7 +76,7 @@ class Shadow(Watch):
         self._settling = settling
         self.withheld, self._energies = 0.0, np.zeros(2)
         self._system: object = None
-        self._dt, self._ended = 0.0, False  # length of the last step [s], and whether it was all
+        self.dt, self._ended = 0.0, False  # `_ended`: whether the last step was all
         self._margin: Margin | None = None
         self._response: Response | None = None
         self._pace = Pace()
@@ -269,33 +271,29 @@ class Shadow(Watch):
         if self._accepting is not None:
             self._accepting()
         self._accepting = None
-        self._dt = attempt.dt
+        self.dt = attempt.dt
         self._subjects.accept(attempt)
 
     def recovered(self) -> tuple[Array, Ints]:
-        """K⁺ρ of the last step in space, and the owned cells that it is of. Collective.
-
-        Returns:
-            Displacements of the owned nodes, zero outside, shape (nodes, 3) [m]; cells.
-        """
+        """See `Shadows`. Collective."""
         out, u = np.zeros((self._stepper.scene.owned_nodes, 3)), self._at_rest()
         if self._margin is None or u is None:
             return out, np.empty(0, np.int32)
         parts = self._margin.parts
         return parts.in_space(parts.unmoved(u), self._subjects.present(), out)
 
+    def loaded(self) -> list[tuple[RigidBody, Array]]:
+        """Bodies with parts named rigid, and ρ of the last step in space [N]. Collective."""
+        force, now = self._last(), {id(b.data): b.motion.R for b in self._subjects.present()}
+        if self._margin is None or force is None:
+            return []
+        pairs = zip(self._margin.parts.bodies, self._margin.parts.at, strict=True)
+        every = [(data, at) for data, at in pairs if data.named and id(data) in now]
+        return [(data, force[at] @ now[id(data)].T) for data, at in every]
+
     def share(self, name: str) -> float | None:
-        """What a part withholds in the whole structure, over what it does by its shadow.
-
-        Collective.
-
-        Args:
-            name: Name of a part named rigid.
-
-        Returns:
-            The part; None of what has no shadow.
-        """
-        return self._strongest.share(name, self._stepper, self._subjects.present(), self._dt)
+        """See `Shadows`; None of what has no shadow. Collective."""
+        return self._strongest.share(name, self._stepper, self._subjects.present(), self.dt)
 
     def remember(self) -> None:
         """Have what is known of the last step outlast its equations. Collective."""
@@ -304,21 +302,25 @@ class Shadow(Watch):
     def forget(self) -> None:
         """Have nothing known of the last step: an error has left its equations as it found them."""
         if not self._subjects.free:
-            self._dt = 0.0
+            self.dt = 0.0
 
-    def _at_rest(self) -> Array | None:
-        """K⁺ρ of the last step in the bodies' frames; None if there is none. Collective."""
-        if not self._subjects.free and self._dt > 0:  # such parts may not be looked at any more
+    def _last(self) -> Array | None:
+        """ρ of the last step in the bodies' frames; None if there is none. Collective."""
+        if not self._subjects.free and self.dt > 0:  # such parts may not be looked at any more
             self._subjects.remember()
             with _REGROUPING:
-                self.follow(self._dt)
+                self.follow(self.dt)
         if self._margin is None or self._response is None:
             return None
         if self._pace.last is not None and self._force is not None:
             self._pace.last = self._force.exact(self._pace.last)
         carried = self._subjects.carried(self._margin.parts)
-        force = self._pace.last if carried is None else carried
-        if force is None:
+        return self._pace.last if carried is None else carried
+
+    def _at_rest(self) -> Array | None:
+        """K⁺ρ of the last step in the bodies' frames; None if there is none. Collective."""
+        force = self._last()
+        if force is None or self._margin is None or self._response is None:
             return None
         out = self._response.part.at_rest(force)[self._margin.inside]
         if self._ended:

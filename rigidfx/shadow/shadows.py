@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.shadow.recovery import Recovery
 from rigidfx.shadow.shadow import Shadow
 
 __all__ = ["Shadows"]
@@ -22,22 +23,29 @@ class Shadows:
     Attributes:
         free: Of bodies that move freely.
         held: Of parts named rigid while supports hold them; None if none ever do.
+        recovery: What parts named rigid strain by in the whole structure.
     """
 
     free: Shadow
     held: Shadow | None
+    recovery: Recovery
 
     def recovered(self) -> tuple[Array, Ints]:
         """K⁺ρ of the last step in space, and the owned cells that it is of. Collective.
 
+        K is the stiffness of the whole structure for parts named rigid, where more bears loads than
+        what their shadows have; see `Recovery`.
+
         Returns:
             Displacements of the owned nodes, zero outside, shape (nodes, 3) [m]; cells.
         """
-        u, cells = self.free.recovered()
-        if self.held is None:
-            return u, cells
-        more, others = self.held.recovered()
-        return u + more, np.concatenate([cells, others])
+        (u, cells), loaded = self.free.recovered(), self.free.loaded()
+        if self.held is not None:
+            more, others = self.held.recovered()
+            u, cells = u + more, np.concatenate([cells, others])
+            loaded += self.held.loaded()
+        self.recovery.recover(u, loaded, self.free.dt)
+        return u, cells
 
     def share(self, name: str) -> float:
         """What a part named rigid withholds in the whole structure, over that by its shadow.

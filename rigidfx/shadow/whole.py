@@ -1,18 +1,19 @@
-"""What a rigid part would give way by in the whole structure, and not beside its neighbours alone.
+"""The structure as it is now, some of its rigid parts flexible: what forces on these move there.
 
 The difference of two motions, e = ũ - u, obeys the equations of the whole structure under ρ; a
-shadow is that structure, cut off behind one layer of cells, without its contacts and springs. For
-what a structure is told to lack that is too little to hold it where something else bears the loads.
-It is told once, so that it is worth one tangent of all of it as it is then, the part flexible: of
-a step so long that neither inertia nor viscosity counts, by the midpoint rule half the stiffness.
+shadow is that structure, cut off behind one layer of cells, without its contacts and springs. Where
+something else bears the loads that is too little to hold what is there. Here it is all of it as it
+is now, other bodies condensed, springs and contacts as they are: in a step so long that neither
+inertia nor viscosity counts. Its forces are those halfway, so that it goes 2e.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
+from petsc4py import PETSc
 
 from rigidfx.coupling.dof_layout import dof_layout
 from rigidfx.coupling.mass import mass_operator
@@ -20,7 +21,6 @@ from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import RigidBody
-from rigidfx.shadow.parts import Parts
 from rigidfx.step.equations.actions import Actions
 from rigidfx.step.equations.equations import Equilibrium
 from rigidfx.step.equations.structure import BoundStructure
@@ -28,119 +28,145 @@ from rigidfx.step.newton.factors import Factors
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.system.supports import PrescribedDofs
 
-__all__ = ["Strongest"]
+__all__ = ["Whole", "small_enough"]
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
 LONG = 1e4  # times the time so far: a step in which nothing but stiffness counts
 UP_TO = 100_000  # unknowns that are factored for that: their factors take 2 GB, and ten seconds
+BALANCED = 1e-5  # part of the forces that may be out of balance at the end
+SLOW = 0.1  # part that a solve may leave before its factors are made anew
+SOLVES = 12  # tried
 
 
-class Strongest:
-    """The forces by which parts named rigid withheld most so far."""
+def small_enough(stepper: Stepper) -> bool:
+    """Whether the structure of a run may be factored as a whole."""
+    return 3 * int(stepper.scene.space.dofmap.index_map.size_global) <= UP_TO
 
-    def __init__(self) -> None:
-        """Nothing is withheld."""
-        self._known: dict[str, tuple[float, RigidBody, Array]] = {}
 
-    def note(self, parts: Parts, withheld: Mapping[str, float], force: Array) -> None:
-        """Take note of a step.
+class Whole:
+    """The equations of the structure, some rigid parts flexible; `destroy` frees them."""
 
-        Args:
-            parts: The bodies.
-            withheld: ½ ρᵀK⁺ρ, by the names of parts named rigid that are in them [J].
-            force: ρ at the nodes of the rows, shape (nodes, 3) [N].
-        """
-        for data, at in zip(parts.bodies, parts.at, strict=True):
-            for name in data.named:
-                if withheld[name] > (self._known[name][0] if name in self._known else 0.0):
-                    self._known[name] = withheld[name], data, force[at]
+    def __init__(self, stepper: Stepper, parts: Sequence[RigidBody], dt: float) -> None:
+        """Bind all that acts to it, and factor its tangent. Collective.
 
-    def share(self, name: str, stepper: Stepper, present: Bodies, dt: float) -> float | None:
-        """What part of its energy a part would withhold in the whole structure. Collective.
+        The coefficient u₁ of the forms is its own until `destroy`.
 
         Args:
-            name: The part.
             stepper: Solves the steps.
-            present: Bodies as they are now.
+            parts: The parts.
             dt: Length of the last step [s].
+        """
+        scene, state, forces = stepper.scene, stepper.state, stepper.forces
+        state.rebuild()
+        self._parts, self._forces = parts, forces
+        self._end = forces.u1.x.array.copy()
+        which = {id(data) for data in parts}
+        others = Bodies.of_each(body for body in state.bodies if id(body.data) not in which)
+        mask = stepper.flexible
+        for data in parts:
+            mask[data.cells] = True
+        flexible = forces.cells(np.flatnonzero(mask).astype(np.int32))
+        driven, prescribed = _driven(stepper, parts)
+        self._layout = layout = dof_layout(scene, flexible, others.of, prescribed, driven)
+        own = layout.massive[layout.rows.nodes]
+        self._mass = mass_operator(scene, layout.rows, flexible, own, driven)
+        structure = BoundStructure(
+            scene=scene,
+            rows=layout.rows,
+            own=own,
+            bodies=others,
+            mass=self._mass,
+            u=state.u.x.array,
+            surface=forces.surface,
+            failures=stepper.failures,
+            notes=dict(state.notes),
+        )
+        self._actions = Actions(structure, scene.effects, stepper.system.acting)
+        bound = forces.bind(flexible, layout.interior, layout.interface, driven)
+        self._prolongation = p = Prolongation(layout, scene.comm)
+        self._equations = Equilibrium(scene, forces, bound, self._mass, p, self._actions)
+        forces.set_time(state.t, dt)
+        self._actions.set_time(state.t, dt)
+        self._still = layout.rows.vector()
+        nothing = np.zeros(p.prescribed.size)
+        self._equations.begin(LONG * state.t, self._still, nothing, others)
+        self._y = p.unknowns()
+        self._rest = self._y.duplicate()  # what is out of balance as it is
+        self._equations.residual(self._y, self._rest)
+        self._equations.tangent()
+        self._factors = Factors(self._equations)
+        self._factors.renew()
+
+    def energy(self, forces: Sequence[Array]) -> float:
+        """½ ρᵀK⁻¹ρ, K the stiffness at present [J]. Collective.
+
+        Args:
+            forces: ρ at the nodes of each part, in space, shape (nodes, 3) [N].
+        """
+        r = self._collapsed(forces)
+        y = r.duplicate()
+        self._factors.solve(r, y)
+        out = 0.25 * float(r.dot(y))
+        r.destroy()
+        y.destroy()
+        return out
+
+    def displaced(self, forces: Sequence[Array]) -> list[Array] | None:
+        """How far forces move the nodes of each part, by Newton's method. Collective.
+
+        Contacts open and close. Factors are made anew where a solve leaves too much.
+
+        Args:
+            forces: As of `energy`.
 
         Returns:
-            The part; None where nothing is known of it, and where the structure is too large.
+            Shape (nodes, 3) [m] of each part; None where no balance is found.
         """
-        if 3 * stepper.scene.space.dofmap.index_map.size_global > UP_TO:
+        given, equations, y = self._collapsed(forces), self._equations, self._y
+        r, more = given.copy(), given.duplicate()
+        size, left, tried = given.norm(), 1.0, 0
+        while size > 0 and BALANCED < left < np.inf and tried < SOLVES:
+            self._factors.solve(r, more)
+            y.axpy(1.0, more)
+            equations.residual(y, r)
+            r.axpy(-1.0, self._rest)
+            r.aypx(-1.0, given)
+            before, left, tried = left, r.norm() / size, tried + 1
+            if max(BALANCED, SLOW * before) < left < np.inf:
+                equations.tangent()
+                self._factors.renew()
+        for item in (given, r, more):
+            item.destroy()
+        if size > 0 and not left <= BALANCED:
             return None
-        now = {id(body.data): body.motion.R for body in present}
-        if name not in self._known or id(self._known[name][1]) not in now:
-            return None
-        energy, data, force = self._known[name]
-        whole = energy_in_whole(stepper, data, force @ now[id(data)].T, dt)
-        # What buckles has no stiffness that tells.
-        return whole / energy if whole > 0 and np.isfinite(whole) else None
+        e = 0.5 * equations.d.array_r.reshape(-1, 3)
+        return [e[self._layout.rows.positions(data.nodes)] for data in self._parts]
+
+    def _collapsed(self, forces: Sequence[Array]) -> PETSc.Vec:
+        """Forces on the parts' nodes, on the unknowns. Collective."""
+        f, out = self._layout.rows.vector(), self._y.duplicate()
+        for data, force in zip(self._parts, forces, strict=True):
+            f.array.reshape(-1, 3)[self._layout.rows.positions(data.nodes)] += force
+        self._prolongation.collapse(f.array_r, np.zeros((len(self._layout.bodies), 6)), out)
+        f.destroy()
+        return out
+
+    def destroy(self) -> None:
+        """Free the PETSc objects; u₁ is that of the run again. Collective."""
+        self._forces.u1.x.array[:] = self._end
+        own = self._factors, self._y, self._rest, self._still
+        for item in (*own, self._equations, self._actions, self._mass):
+            item.destroy()
 
 
-def energy_in_whole(stepper: Stepper, data: RigidBody, force: Array, dt: float) -> float:
-    """½ ρᵀK⁻¹ρ, K the stiffness of the structure at present, a part of it flexible. Collective.
-
-    Args:
-        stepper: Solves the steps.
-        data: The part.
-        force: ρ at its nodes, in space, shape (nodes, 3) [N].
-        dt: Length of the last step [s].
-    """
-    scene, state, forces = stepper.scene, stepper.state, stepper.forces
-    state.rebuild()
-    end = forces.u1.x.array.copy()
-    others = Bodies.of_each(body for body in state.bodies if body.data is not data)
-    mask = stepper.flexible
-    mask[data.cells] = True
-    flexible = forces.cells(np.flatnonzero(mask).astype(np.int32))
-    driven, prescribed = _driven(stepper, data)
-    layout = dof_layout(scene, flexible, others.of, prescribed, driven)
-    own = layout.massive[layout.rows.nodes]
-    mass = mass_operator(scene, layout.rows, flexible, own, driven)
-    structure = BoundStructure(
-        scene=scene,
-        rows=layout.rows,
-        own=own,
-        bodies=others,
-        mass=mass,
-        u=state.u.x.array,
-        surface=forces.surface,
-        failures=stepper.failures,
-        notes=dict(state.notes),
-    )
-    actions = Actions(structure, scene.effects, stepper.system.acting)
-    bound = forces.bind(flexible, layout.interior, layout.interface, driven)
-    prolongation = Prolongation(layout, scene.comm)
-    whole = Equilibrium(scene, forces, bound, mass, prolongation, actions)
-    forces.set_time(state.t, dt)
-    actions.set_time(state.t, dt)
-    still = layout.rows.vector()
-    nothing = np.zeros(prolongation.prescribed.size)
-    whole.begin(LONG * state.t, still, nothing, others)
-    y = prolongation.unknowns()
-    r, f = y.duplicate(), layout.rows.vector()
-    whole.residual(y, r)
-    whole.tangent()
-    f.array.reshape(-1, 3)[layout.rows.positions(data.nodes)] = force
-    prolongation.collapse(f.array_r, np.zeros((len(layout.bodies), 6)), r)
-    factors = Factors(whole)
-    factors.renew()
-    factors.solve(r, y)
-    out = 0.25 * float(r.dot(y))
-    forces.u1.x.array[:] = end
-    for item in (factors, y, r, f, still, whole, actions, mass):
-        item.destroy()
-    return out
-
-
-def _driven(stepper: Stepper, data: RigidBody) -> tuple[Cells | None, Bools]:
-    """Cells that supports still move where a part is flexible, and which dofs these hold."""
+def _driven(stepper: Stepper, parts: Sequence[RigidBody]) -> tuple[Cells | None, Bools]:
+    """Cells that supports still move where parts are flexible, and which dofs these hold."""
     scene, state = stepper.scene, stepper.state
     prescribed = PrescribedDofs(scene, stepper.prescribed.active).mask
-    others = [cells for cells in state.clamped.values() if not np.array_equal(cells, data.cells)]
+    wanted = {data.number for data in parts}
+    others = [cells for number, cells in state.clamped.items() if number not in wanted]
     if not others:
         return None, prescribed
     cells = np.sort(np.concatenate(others))

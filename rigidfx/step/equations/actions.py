@@ -39,6 +39,7 @@ class Actions:
         torques: Torques in space on the bodies as such, shape (bodies, 3) [N m].
         kinds: Names of the kinds of effects that act.
         stiffen: Whether any of them changes the tangent.
+        elastic: Whether any of these stores energy: what loads may rest on.
         rounding: Size of a force that the machine precision is to be multiplied with [N].
         dead: Whether none depends on the motion.
         failures: Keeps what they raise until all ranks are told.
@@ -115,6 +116,7 @@ class Actions:
         self._potential_of_bodies = heeded.tells(on_bodies, "potential_of_bodies")
         self._dissipated_by_bodies = _by_kind(on_bodies, "dissipated_by_bodies", heeded)
         self.stiffen = bool(self._stiffen_nodes or self._stiffen_bodies or self._look)
+        self.elastic = _resting(every)
         self.kinds = tuple(dict.fromkeys(action.kind for action in every))
         self.rounding = sum(action.rounding for action in every)
         self.dead = not (self._resist_nodes or self._resistance_at or self._resist_bodies)
@@ -306,6 +308,16 @@ class Actions:
         self.external.destroy()
         for _, action in self._every:
             action.destroy()
+
+
+def _resting(actions: Sequence[Action]) -> bool:
+    """Whether any action stiffens nodes or bodies, and stores energy."""
+
+    def able(*methods: str) -> set[int]:
+        return {id(action) for method in methods for action in doing(actions, method)}
+
+    stores = able("potential", "potential_of_bodies", "potential_of_links", "touch")
+    return bool(able("stiffen_nodes", "stiffen_bodies") & stores)
 
 
 def _by_kind(
