@@ -100,23 +100,21 @@ class Whole:
         self._factors.renew()
 
     def energy(self, forces: Sequence[Array]) -> float:
-        """½ ρᵀK⁻¹ρ, K the stiffness at present [J]. Collective.
+        """½ ρᵀe, e how far the forces move the parts [J]. Collective.
+
+        Where no balance is found e is that of the stiffness at present.
 
         Args:
             forces: ρ at the nodes of each part, in space, shape (nodes, 3) [N].
         """
-        r = self._collapsed(forces)
-        y = r.duplicate()
-        self._factors.solve(r, y)
-        out = 0.25 * float(r.dot(y))
-        r.destroy()
-        y.destroy()
+        given = self._collapsed(forces)
+        balanced, at_first = self._balance(given)
+        out = 0.25 * float(given.dot(self._y)) if balanced else at_first
+        given.destroy()
         return out
 
     def displaced(self, forces: Sequence[Array]) -> list[Array] | None:
-        """How far forces move the nodes of each part, by Newton's method. Collective.
-
-        Contacts open and close. Factors are made anew where a solve leaves too much.
+        """How far forces move the nodes of each part. Collective.
 
         Args:
             forces: As of `energy`.
@@ -124,11 +122,27 @@ class Whole:
         Returns:
             Shape (nodes, 3) [m] of each part; None where no balance is found.
         """
-        given, equations, y = self._collapsed(forces), self._equations, self._y
+        given = self._collapsed(forces)
+        balanced, _ = self._balance(given)
+        given.destroy()
+        e = 0.5 * self._equations.d.array_r.reshape(-1, 3)
+        parts = [e[self._layout.rows.positions(data.nodes)] for data in self._parts]
+        return parts if balanced else None
+
+    def _balance(self, given: PETSc.Vec) -> tuple[bool, float]:
+        """Go 2e under forces on the unknowns, by Newton's method. Collective.
+
+        Contacts open and close. Factors are made anew where a solve leaves too much.
+
+        Returns:
+            Whether a balance is found, and ½ ρᵀe of the first solve [J].
+        """
+        equations, y = self._equations, self._y
         r, more = given.copy(), given.duplicate()
-        size, left, tried = given.norm(), 1.0, 0
+        size, left, tried, at_first = given.norm(), 1.0, 0, 0.0
         while size > 0 and BALANCED < left < np.inf and tried < SOLVES:
             self._factors.solve(r, more)
+            at_first = at_first if tried else 0.25 * float(given.dot(more))
             y.axpy(1.0, more)
             equations.residual(y, r)
             r.axpy(-1.0, self._rest)
@@ -137,12 +151,9 @@ class Whole:
             if max(BALANCED, SLOW * before) < left < np.inf:
                 equations.tangent()
                 self._factors.renew()
-        for item in (given, r, more):
-            item.destroy()
-        if size > 0 and not left <= BALANCED:
-            return None
-        e = 0.5 * equations.d.array_r.reshape(-1, 3)
-        return [e[self._layout.rows.positions(data.nodes)] for data in self._parts]
+        r.destroy()
+        more.destroy()
+        return size == 0 or left <= BALANCED, at_first
 
     def _collapsed(self, forces: Sequence[Array]) -> PETSc.Vec:
         """Forces on the parts' nodes, on the unknowns. Collective."""
