@@ -19,7 +19,7 @@ Bools = npt.NDArray[np.bool_]
 
 
 class Recovery:
-    """Solves the whole structure for them, once for each time that is asked for."""
+    """Solves the whole structure for them, once for each state of the run that is asked for."""
 
     def __init__(self, stepper: Stepper) -> None:
         """Nothing is known yet.
@@ -28,7 +28,7 @@ class Recovery:
             stepper: Solves the steps.
         """
         self._stepper = stepper
-        self._asked: tuple[float, Sequence[RigidBody]] = np.nan, ()
+        self._asked = -1  # the state that is known, by how often it had been written into
         self._known: list[Array] | None = None
 
     def recover(self, u: Array, loaded: Sequence[tuple[RigidBody, Array]], dt: float) -> None:
@@ -42,12 +42,11 @@ class Recovery:
         stepper, parts = self._stepper, [data for data, _ in loaded]
         if not parts or not small_enough(stepper) or not self._more_bears(parts):
             return
-        t, before = self._asked
-        if t != stepper.state.t or [*map(id, before)] != [*map(id, parts)]:
+        if self._asked != stepper.state.changes:
             whole = Whole(stepper, parts, dt)
             self._known = whole.displaced([force for _, force in loaded])
             whole.destroy()
-            self._asked = stepper.state.t, parts
+            self._asked = stepper.state.changes
         if self._known is not None:
             for data, e in zip(parts, self._known, strict=True):
                 u[data.nodes] = e

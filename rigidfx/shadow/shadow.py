@@ -21,7 +21,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from rigidfx.coupling.mass import Mass
-from rigidfx.effects import Support
+from rigidfx.effects import Rigid, Support
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.mechanics.rigid_body import RigidBody
@@ -284,12 +284,12 @@ class Shadow(Watch):
 
     def loaded(self) -> list[tuple[RigidBody, Array]]:
         """Bodies with parts named rigid, and ρ of the last step in space [N]. Collective."""
-        force, now = self._last(), {id(b.data): b.motion.R for b in self._subjects.present()}
+        force = self._last() if self._stepper.scene.named(Rigid) else None
         if self._margin is None or force is None:
             return []
+        now = {id(b.data): b.motion.R for b in self._subjects.present() if b.data.named}
         pairs = zip(self._margin.parts.bodies, self._margin.parts.at, strict=True)
-        every = [(data, at) for data, at in pairs if data.named and id(data) in now]
-        return [(data, force[at] @ now[id(data)].T) for data, at in every]
+        return [(d, force[at] @ now[id(d)].T) for d, at in pairs if id(d) in now]
 
     def share(self, name: str) -> float | None:
         """See `Shadows`; None of what has no shadow. Collective."""

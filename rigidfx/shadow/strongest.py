@@ -1,6 +1,6 @@
 """What a rigid part would give way by in the whole structure, and not beside its neighbours alone.
 
-It is told once, so that it is worth one tangent of all of the structure as it is then.
+It is told once, so that it is worth the factors of all of the structure as it is then.
 """
 
 from __future__ import annotations

@@ -167,6 +167,8 @@ class Accuracy(Criterion):
     def watching(self, scene: Scene) -> Accuracy | None:
         """Itself, if anything may become rigid that is worth it, or is named so; else None.
 
+        Collective.
+
         Args:
             scene: The problem.
         """
