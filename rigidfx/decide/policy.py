@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -21,11 +20,11 @@ from mpi4py import MPI
 
 from rigidfx.base.failures import Failures
 from rigidfx.decide.advice import Advice
-from rigidfx.decide.clusters import NONE, CellGraph, find_clusters
+from rigidfx.decide.clusters import NONE, CellGraph
 from rigidfx.decide.criteria.heeded import heeded_rule
 from rigidfx.decide.criteria.judging import Criterion
 from rigidfx.decide.criteria.observation import Observation
-from rigidfx.decide.decision import Decision, kept_bodies, plan_bodies, qualify
+from rigidfx.decide.decision import Decision, kept_bodies, qualify
 from rigidfx.decide.lasting import Lasting
 from rigidfx.decide.memory.back_off import BackOff
 from rigidfx.decide.memory.bends import Bends
@@ -37,6 +36,7 @@ from rigidfx.decide.memory.signals import Signals
 from rigidfx.decide.memory.strokes import Strokes
 from rigidfx.decide.memory.window import Window
 from rigidfx.decide.named_parts import NamedParts
+from rigidfx.decide.planner import Planner
 from rigidfx.decide.releases import PLANNED, Releases
 from rigidfx.decide.withholding import Withholding
 from rigidfx.effects import Touch
@@ -50,7 +50,6 @@ __all__ = ["CHECKED", "FORESEEN", "Policy"]
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
-Ints = npt.NDArray[np.int64]
 
 CHANGE = 0.1  # of its largest value so far, by which a load changes if nobody says
 FORESEEN = "predicted: forces will strain them"  # reasons of a release before a step ...
@@ -90,9 +89,9 @@ class Policy:
         self._never = ~self._every
         for name in criterion.never:
             self._never[scene.owned_cells(name, f"{type(criterion).__name__} (never)")] = True
-        self._least = criterion.least_cells(scene)
         self._releases = Releases(scene, criterion.releases, timeline)
         self.named = NamedParts(scene, self._graph)
+        self._planner = Planner(self._graph, self.named, criterion.least_cells(scene))
         change = CHANGE if criterion.load_change is None else criterion.load_change
         self.memory = Memory(
             window=self._new_window(0.0),
@@ -152,7 +151,7 @@ class Policy:
         changed = self.memory.contacts.changed(touches) if self._criterion.wake == "all" else ""
         if not changed:
             return None
-        if not self._any(self._free(seen)):
+        if not self._any(self._planner.free(seen)):
             return None
         decision = self._release(seen, f"the contact '{changed}' changes", self._every)
         return replace(decision, loads_changed=True)
@@ -185,11 +184,11 @@ class Policy:
             strained: What cells of bodies would strain.
             why: FORESEEN or CHECKED.
         """
-        numbers = self._numbers(seen)
+        numbers = self._planner.numbers(seen)
         self.memory.bends.add_up(strained.bend, numbers)
         if self.named.count and why == CHECKED:
             self.withholding.look(seen, strained)
-        free = self._free(seen)
+        free = self._planner.free(seen)
         waking = self.rule.waking(strained, free)
         above = waking.cells
         if not self._any(above | waking.stale):
@@ -214,17 +213,18 @@ class Policy:
         """Freeze what has qualified in the window. Collective."""
         memory, t = self.memory, seen.t
         flexible, tol = seen.flexible & memory.window.whole, self.rule.tol
-        if memory.drift.too_far and self._any(self._free(seen)):
+        if memory.drift.too_far and self._any(self._planner.free(seen)):
             return self._release(seen, DRIFTED, self._every)
         self._advice.of_window(memory.signals.period(), tol, seen.noise)
         qualified, closeness = qualify(memory.window.worst, tol, flexible, self._graph.comm)
         able = memory.back_off.lasting(qualified)
-        existing = self._numbers(seen)
-        barred = self._never | (~seen.flexible & (existing == NONE)) | self._chained(seen)
+        existing = self._planner.numbers(seen)
+        barred = self._never | (~seen.flexible & (existing == NONE)) | self._planner.chained(seen)
         reason = f"strain rates in a window that ended at {t:.6g} s"
 
         def plan(able: Bools, barred: Bools) -> Decision:
-            return self._plan("freeze", reason, seen, able, existing, barred)
+            number = memory.next_number
+            return self._planner.plan("freeze", reason, seen, able, existing, barred, number)
 
         if not self._any(able & (existing == NONE) & ~barred):
             stay = kept_bodies(b for b in seen.bodies if b.name not in self.named.apart)
@@ -237,65 +237,11 @@ class Policy:
 
     def _release(self, seen: Observation, reason: str, cells: Bools) -> Decision:
         """Release owned cells from their bodies; what is left of these stays rigid. Collective."""
-        numbers = self._numbers(seen)
-        leaving = cells & (numbers != NONE) & ~self.named.mask
-        mine = np.unique(numbers[leaving]).tolist()
-        concerned = sorted({k for part in self._graph.comm.allgather(mine) for k in part})
-        inside = np.isin(numbers, concerned)
-        # What is left of a body is a new find, but for cells that are rigid always.
-        able = inside & ~leaving
-        existing = np.where(inside, NONE, numbers)
-        first = max((body.number for body in seen.bodies), default=0) + 1
-        for k, own in enumerate(self.named.cells.values()):
-            existing[own[inside[own]]] = first + k
-        barred = ~able & (existing == NONE)
-        return self._plan("release", reason, seen, able, existing, barred)
-
-    def _plan(
-        self,
-        kind: Literal["freeze", "release"],
-        reason: str,
-        seen: Observation,
-        able: Bools,
-        existing: Ints,
-        barred: Bools,
-    ) -> Decision:
-        """Find the bodies. Collective."""
-        clusters = find_clusters(self._graph, able, existing, barred, self._least)
-        sizes = {body.number: body.size for body in seen.bodies}
-        bodies, next_number = plan_bodies(
-            clusters,
-            self._numbers(seen),
-            sizes,
-            self.named.cells,
-            self.memory.next_number,
-            self._graph.comm,
-        )
-        return Decision(kind, reason, bodies, self.named.apart, next_number)
-
-    def _numbers(self, seen: Observation) -> Ints:
-        """For each owned cell the number of the body it is in and may leave or grow, or NONE."""
-        numbers = np.full(self._graph.owned, NONE, dtype=np.int64)
-        for body in seen.bodies:
-            if body.name not in self.named.apart:
-                numbers[body.cells] = body.number
-        return numbers
-
-    def _free(self, seen: Observation) -> Bools:
-        """Owned cells of bodies that may leave them."""
-        return (self._numbers(seen) != NONE) & ~self.named.mask
+        return self._planner.release(seen, reason, cells, self.memory.next_number)
 
     def _any(self, cells: Bools) -> bool:
         """Whether there are any on any rank. Collective."""
         return bool(self._graph.comm.allreduce(bool(cells.any()), op=MPI.LOR))
-
-    def _chained(self, seen: Observation) -> Bools:
-        """Owned cells at nodes that supports hold, or that bodies apart hold. Collective."""
-        nodes = seen.supported.copy()
-        for body in seen.bodies:
-            if body.name in self.named.apart:
-                nodes[body.nodes] = True
-        return self._graph.touching(self._graph.nodes_with_ghosts(nodes))
 
     # Memory -------------------------------------------------------------------------------------
 
@@ -328,7 +274,7 @@ class Policy:
             memory.back_off.window_ended(decision.qualified, t - memory.window.start)
         if changed:
             memory.contacts.remember()
-            rigid = self._numbers(seen) != NONE
+            rigid = self._planner.numbers(seen) != NONE
             memory.window.whole &= rigid | ~memory.back_off.rigid
             hasty = memory.back_off.switched(rigid, t, counts=decision.reason != PLANNED)
             if self._graph.comm.allreduce(hasty, op=MPI.LOR):

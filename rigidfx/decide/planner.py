@@ -1,0 +1,104 @@
+"""Which bodies there are, once it is known which cells freeze or leave: see `clusters`."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.decide.clusters import NONE, CellGraph, find_clusters
+from rigidfx.decide.criteria.observation import Observation
+from rigidfx.decide.decision import Decision, plan_bodies
+from rigidfx.decide.named_parts import NamedParts
+
+__all__ = ["Planner"]
+
+Bools = npt.NDArray[np.bool_]
+Ints = npt.NDArray[np.int64]
+
+
+class Planner:
+    """Makes decisions of cells; it remembers nothing."""
+
+    def __init__(self, graph: CellGraph, named: NamedParts, least: int) -> None:
+        """Take the cells over.
+
+        Args:
+            graph: Neighbours of the cells.
+            named: Parts that are rigid always.
+            least: Least number of cells of a new body.
+        """
+        self._graph, self._named, self._least = graph, named, least
+
+    def numbers(self, seen: Observation) -> Ints:
+        """For each owned cell the number of the body it is in and may leave or grow, or NONE."""
+        numbers = np.full(self._graph.owned, NONE, dtype=np.int64)
+        for body in seen.bodies:
+            if body.name not in self._named.apart:
+                numbers[body.cells] = body.number
+        return numbers
+
+    def free(self, seen: Observation) -> Bools:
+        """Owned cells of bodies that may leave them."""
+        return (self.numbers(seen) != NONE) & ~self._named.mask
+
+    def chained(self, seen: Observation) -> Bools:
+        """Owned cells at nodes that supports hold, or that bodies apart hold. Collective."""
+        nodes = seen.supported.copy()
+        for body in seen.bodies:
+            if body.name in self._named.apart:
+                nodes[body.nodes] = True
+        return self._graph.touching(self._graph.nodes_with_ghosts(nodes))
+
+    def release(self, seen: Observation, reason: str, cells: Bools, next_number: int) -> Decision:
+        """Release owned cells from their bodies; what is left of these stays rigid. Collective.
+
+        Args:
+            seen: The state.
+            reason: Why, in words.
+            cells: These cells; those that are in no body, or rigid always, do not count.
+            next_number: First number that no body has had.
+        """
+        numbers = self.numbers(seen)
+        leaving = cells & (numbers != NONE) & ~self._named.mask
+        mine = np.unique(numbers[leaving]).tolist()
+        concerned = sorted({k for part in self._graph.comm.allgather(mine) for k in part})
+        inside = np.isin(numbers, concerned)
+        # What is left of a body is a new find, but for cells that are rigid always.
+        able = inside & ~leaving
+        existing = np.where(inside, NONE, numbers)
+        first = max((body.number for body in seen.bodies), default=0) + 1
+        for k, own in enumerate(self._named.cells.values()):
+            existing[own[inside[own]]] = first + k
+        barred = ~able & (existing == NONE)
+        return self.plan("release", reason, seen, able, existing, barred, next_number)
+
+    def plan(
+        self,
+        kind: Literal["freeze", "release"],
+        reason: str,
+        seen: Observation,
+        able: Bools,
+        existing: Ints,
+        barred: Bools,
+        next_number: int,
+    ) -> Decision:
+        """Find the bodies. Collective.
+
+        Args:
+            kind: What it is reported as.
+            reason: Why, in words.
+            seen: The state.
+            able: Owned cells that may be rigid.
+            existing: For each owned cell the number of the body that it stays in, or NONE.
+            barred: Owned cells that have to stay flexible if they are in no existing body.
+            next_number: First number that no body has had.
+        """
+        clusters = find_clusters(self._graph, able, existing, barred, self._least)
+        sizes = {body.number: body.size for body in seen.bodies}
+        numbers, named = self.numbers(seen), self._named
+        bodies, following = plan_bodies(
+            clusters, numbers, sizes, named.cells, next_number, self._graph.comm
+        )
+        return Decision(kind, reason, bodies, named.apart, following)
