@@ -16,6 +16,7 @@ from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.decision import Decision
 from rigidfx.decide.policy import CHECKED, FORESEEN, Policy
 from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.mechanics.eased import Eased
 from rigidfx.report.events import Event
 from rigidfx.report.ledger import Ledgers, Rigidity
 from rigidfx.report.of_step import with_ledger
@@ -24,12 +25,14 @@ from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.step_control import StepControl
 from rigidfx.scene.timeline import Timeline
+from rigidfx.shadow.letting_down import let_down
 from rigidfx.shadow.motion import Strained
 from rigidfx.shadow.recovery import Recovery
 from rigidfx.shadow.shadow import Shadow
 from rigidfx.shadow.shadows import Shadows
 from rigidfx.shadow.subjects import FreeBodies, HeldParts, Subjects
 from rigidfx.state import State
+from rigidfx.step.equations.eased_forces import EasedForces
 from rigidfx.step.first_touch import FirstTouch
 from rigidfx.step.length.time_control import TimeControl
 from rigidfx.step.stepper import Stepper, StepResult
@@ -166,7 +169,8 @@ class Run:
         withheld = np.nan if self.shadow is None else self.shadow.withheld
         periods, rigidity = (0.0, self.idle) if self.policy is None else self.policy.spent(report.t)
         if self.stepper.control is not None:
-            energy, taken = report.energy - report.contact, sum(report.dissipated.values())
+            energy = report.energy - report.contact
+            taken = sum(e for kind, e in report.dissipated.items() if kind != EasedForces.kind)
             rest = None if rigidity is None else rigidity.rest
             self.stepper.control.learn(energy, taken, report.dt, rest)
         return with_ledger(report, self.ledgers, withheld, periods, rigidity)
@@ -176,9 +180,19 @@ class Run:
     ) -> list[Event]:
         if decision is None:
             return []
-        event = self.switch.apply(decision)
+        event = self.switch.apply(decision, self._let_down(decision))
         policy.applied(decision, seen, event is not None)
         return [] if event is None else [event]
+
+    def _let_down(self, decision: Decision) -> Eased | None:
+        """What cells that a decision releases are to bear on. Collective."""
+        if self.shadow is None or not decision.easing > 0:
+            return None
+        stepper = self.stepper
+        leaving = stepper.state.body_numbers() > 0
+        for body in decision.bodies:
+            leaving[body.cells] = False
+        return let_down(self.shadow, stepper, np.flatnonzero(leaving), decision.easing)
 
 
 def prepare(
@@ -216,7 +230,10 @@ def prepare(
         stack.callback(stepper.close)
         switch = Switch(stepper, timeline)
         impact = switch.begin()
-        policy = None if rigidify is None else Policy(scene, rigidify, timeline, failures)
+        policy = None
+        if rigidify is not None:
+            measure = heeded_indicator(rigidify, scene, forces, failures)
+            policy = Policy(scene, rigidify, timeline, failures, measure)
         shadows = None
         if rigidify is not None and policy is not None and rigidify.wake == "local":
             in_pieces = policy.named.in_pieces

@@ -1,7 +1,7 @@
 """The only mutable physics: displacement, velocity, rigid bodies, time.
 
-This module alone writes them: a step by `advance`, a switch by `group`, `take_out` and `move`, a
-support that begins by `kick`, a static preload by `place`.
+This module alone writes them: a step by `advance`, a switch by `group`, `take_out`, `move` and
+`ease`, a support that begins by `kick`, a static preload by `place`.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from rigidfx.effects import InitialDisplacement, InitialVelocity
 from rigidfx.effects.fields import values_of
 from rigidfx.effects.initial.initial_velocity import agree_with_support, given_velocity
 from rigidfx.mechanics.bodies import Bodies
+from rigidfx.mechanics.eased import Eased
 from rigidfx.mechanics.rigid_body import Body
 from rigidfx.scene.scene import Scene
 
@@ -38,6 +39,7 @@ class State:
         v: Velocity [m/s].
         bodies: Rigid bodies that move freely.
         clamped: Owned cells of each named part that a support moves, by the part's number.
+        eased: What releases have let down, and has not faded yet.
         notes: What effects remember from step to step, by their identity.
         changes: How often it has been written into.
         X: Reference positions of the local nodes, shape (nodes, 3) [m].
@@ -52,6 +54,7 @@ class State:
         self.v = fem.Function(scene.space, name="velocity")
         self.bodies = Bodies.of_each(())
         self.clamped: Mapping[int, Nodes] = {}
+        self.eased: tuple[Eased, ...] = ()
         self.X: Array = read_only(scene.space.tabulate_dof_coordinates())
         self.notes: dict[int, Any] = {}
         self.changes = 0
@@ -204,6 +207,11 @@ class State:
             u[body.data.nodes] = body.positions - self.X[body.data.nodes]
         self.u.x.scatter_forward()
         return gone
+
+    def ease(self, eased: Eased | None) -> None:
+        """Have a release let down, if it is to be; what has faded is gone."""
+        left = (before for before in self.eased if not before.over(self.t))
+        self.eased = (*left, *(() if eased is None else (eased,)))
 
     def follow(self, following: tuple[Nodes, ...]) -> None:
         """Say for each body which of its nodes have its velocity: see `DofLayout.following`."""

@@ -753,7 +753,7 @@ def test_what_would_be_enclosed_and_is_not_quiet_stays_flexible_with_a_ring():
     every, loud = np.arange(125, dtype=np.int32), np.where(far < 0.5, 1.6, 0.5)
 
     def out(criterion, loud):
-        lasting = Lasting(scene, CellGraph(scene), criterion, memory=None)
+        lasting = Lasting(scene, CellGraph(scene), criterion, memory=None, indicator=None)
         return lasting.round_enclosed([every], far > 0.5, loud)
 
     assert np.array_equal(out(local(1.0), loud), far < 1.5)  # half of κ is 1.5

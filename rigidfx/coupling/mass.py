@@ -22,7 +22,7 @@ from rigidfx.flexible.internal_forces import Cells
 from rigidfx.flexible.kernels import Kernel
 from rigidfx.scene.scene import Scene
 
-__all__ = ["ConsistentMass", "LumpedMass", "Mass", "mass_operator"]
+__all__ = ["ConsistentMass", "LumpedMass", "Mass", "mass_operator", "without_zeros"]
 
 
 class Mass(Protocol):
@@ -138,7 +138,7 @@ class ConsistentMass:
             # A node of no counted cell has no entry in the pattern yet.
             rows.add_diagonal(self._matrix, self._points.array_r)
         self._matrix.assemble()
-        self._matrix = _without_zeros(self._matrix)
+        self._matrix = without_zeros(self._matrix)
         self._condensed: CondensedMatrix | None = None
 
     def mult(self, v: PETSc.Vec, out: PETSc.Vec) -> None:
@@ -175,10 +175,10 @@ class ConsistentMass:
             self._condensed.destroy()
 
 
-def _without_zeros(A: PETSc.Mat) -> PETSc.Mat:
+def without_zeros(A: PETSc.Mat) -> PETSc.Mat:
     """A matrix that holds what is not zero of another, which is destroyed. Collective.
 
-    Masses do not couple directions: two thirds of the assembled entries are zeros.
+    What does not couple directions, as masses, has two zeros in three assembled entries.
     """
     rows, columns = A.getSizes()
     offsets, places, values = A.getValuesCSR()

@@ -61,6 +61,7 @@ class Decision:
         woken: Owned cells that forces on their bodies would strain too much; None if another reason
             is behind it.
         loads_at: Time whose loads are those of the bodies from now on [s]; None if these stay.
+        easing: Time in which released cells are let down [s]; zero where they are cut.
     """
 
     kind: Literal["freeze", "release"]
@@ -73,6 +74,7 @@ class Decision:
     loads_changed: bool = False
     woken: npt.NDArray[np.int32] | None = None
     loads_at: float | None = None
+    easing: float = 0.0
 
 
 def qualify(worst: Array, tol: Array, observed: Bools, comm: MPI.Intracomm) -> tuple[Bools, float]:

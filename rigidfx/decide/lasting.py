@@ -16,10 +16,12 @@ from mpi4py import MPI
 from rigidfx.decide.clusters import CellGraph
 from rigidfx.decide.criteria.concentration import Concentration
 from rigidfx.decide.criteria.judging import Criterion
+from rigidfx.decide.criteria.kinks import Kinks
 from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.decision import Decision, PlannedBody
 from rigidfx.decide.memory.memory import Memory
 from rigidfx.decide.memory.work import too_dear
+from rigidfx.flexible.indicator import Indicator
 from rigidfx.scene.scene import Scene
 
 __all__ = ["Lasting"]
@@ -38,7 +40,12 @@ class Lasting:
     """Knows what concerns a structure when parts of it become rigid."""
 
     def __init__(
-        self, scene: Scene, graph: CellGraph, criterion: Criterion, memory: Memory
+        self,
+        scene: Scene,
+        graph: CellGraph,
+        criterion: Criterion,
+        memory: Memory,
+        indicator: Indicator,
     ) -> None:
         """Take the stiffness of the cells. Collective.
 
@@ -47,10 +54,11 @@ class Lasting:
             graph: Neighbours of its cells.
             criterion: What the user states.
             memory: What the policy remembers.
+            indicator: A measure of its own.
         """
         self._comm, self._criterion, self._memory = scene.comm, criterion, memory
         self._graph = graph
-        self._concentration = Concentration(scene)
+        self._concentration, self._kinks = Concentration(scene), Kinks(scene, graph, indicator)
 
     def bodies(
         self,
@@ -88,6 +96,9 @@ class Lasting:
             if not self._some(out) and np.isfinite(most):
                 weights = seen.indicator.weights
                 out = self._concentration.too_loud(parts, worst, weights, tol, flexible, most)
+                if self._some(out):
+                    for own, loudest in zip(parts, self._kinks.loud(seen, new, tol), strict=True):
+                        out[own] &= loudest > most
             if not self._some(out):
                 out = self._drifting(parts, loud, resting)
             if not self._some(out):

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from math import pi
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +26,7 @@ from rigidfx.decide.criteria.heeded import heeded_rule
 from rigidfx.decide.criteria.judging import Criterion
 from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.decision import Decision, kept_bodies, qualify
+from rigidfx.decide.easing import Easing
 from rigidfx.decide.lasting import Lasting
 from rigidfx.decide.memory.back_off import BackOff
 from rigidfx.decide.memory.bends import Bends
@@ -34,19 +36,21 @@ from rigidfx.decide.memory.load_changes import LoadChanges
 from rigidfx.decide.memory.memory import Memory
 from rigidfx.decide.memory.signals import Signals
 from rigidfx.decide.memory.strokes import Strokes
+from rigidfx.decide.memory.trial import Trial
 from rigidfx.decide.memory.window import Window
 from rigidfx.decide.named_parts import NamedParts
 from rigidfx.decide.planner import Planner
 from rigidfx.decide.releases import PLANNED, Releases
 from rigidfx.decide.withholding import Withholding
 from rigidfx.effects import Touch
+from rigidfx.flexible.indicator import Indicator
 from rigidfx.report.ledger import Rigidity
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
 from rigidfx.shadow.motion import Strained
 
-__all__ = ["CHECKED", "FORESEEN", "Policy"]
+__all__ = ["CHECKED", "DRIFTED", "FORESEEN", "UNDONE", "Policy"]
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -54,6 +58,7 @@ Bools = npt.NDArray[np.bool_]
 CHANGE = 0.1  # of its largest value so far, by which a load changes if nobody says
 FORESEEN = "predicted: forces will strain them"  # reasons of a release before a step ...
 CHECKED = "checked: forces would strain them"  # ... and after it, which is then solved again
+UNDONE = "checked: what has just frozen would not last"
 DRIFTED = "drift: a free motion would be off by half of what wakes cells"
 
 
@@ -68,7 +73,12 @@ class Policy:
     """
 
     def __init__(
-        self, scene: Scene, criterion: Criterion, timeline: Timeline, failures: Failures
+        self,
+        scene: Scene,
+        criterion: Criterion,
+        timeline: Timeline,
+        failures: Failures,
+        indicator: Indicator,
     ) -> None:
         """Find the cells that the criterion names. Collective.
 
@@ -77,6 +87,7 @@ class Policy:
             criterion: What the user states.
             timeline: Where steps end; planned releases are added to it.
             failures: Keeps what the criterion's rule raises.
+            indicator: A measure of its own.
 
         Raises:
             SceneError: If a name is unknown, or the mesh was distributed without ghost cells.
@@ -91,6 +102,8 @@ class Policy:
             self._never[scene.owned_cells(name, f"{type(criterion).__name__} (never)")] = True
         self._releases = Releases(scene, criterion.releases, timeline)
         self.named = NamedParts(scene, self._graph)
+        self._easing = Easing(criterion.easing or 0.0)
+        self._strained: Strained | None = None
         self._planner = Planner(self._graph, self.named, criterion.least_cells(scene))
         change = CHANGE if criterion.load_change is None else criterion.load_change
         self.memory = Memory(
@@ -103,9 +116,10 @@ class Policy:
             strokes=Strokes(scene.comm, self._graph.owned),
             bends=Bends(scene),
             drift=Drift(scene.comm, self._graph.owned),
+            trial=Trial(self._graph.owned),
         )
         self.withholding = Withholding(scene.comm, criterion, self.named, self.memory)
-        self._lasting = Lasting(scene, self._graph, criterion, self.memory)
+        self._lasting = Lasting(scene, self._graph, criterion, self.memory, indicator)
         self.rule = heeded_rule(criterion, scene, timeline, self.memory, failures)
 
     @property
@@ -191,13 +205,39 @@ class Policy:
         free = self._planner.free(seen)
         waking = self.rule.waking(strained, free)
         above = waking.cells
+        self._strained = strained
+        undone = why == CHECKED and self._undone(seen, strained)
         if not self._any(above | waking.stale):
-            return None
+            if not undone:
+                return None
+            decision = self._let_down(seen, strained, UNDONE, self.memory.trial.cells)
+            return replace(decision, woken=np.empty(0, np.int32))
         leaving = self._graph.touching(self._graph.largest_at_nodes(above.astype(np.float64)) > 0)
         mine = np.unique(numbers[waking.stale | (free & leaving & (strained.spring > 1))])
-        stale = np.isin(numbers, np.concatenate(self._graph.comm.allgather(mine)))
-        decision = self._release(seen, why, stale | leaving)
+        leaving |= np.isin(numbers, np.concatenate(self._graph.comm.allgather(mine)))
+        decision = self._let_down(seen, strained, why, leaving)
         return replace(decision, woken=np.flatnonzero(above).astype(np.int32))
+
+    def _let_down(
+        self, seen: Observation, strained: Strained | None, reason: str, cells: Bools
+    ) -> Decision:
+        """Release owned cells so that they do not spring, where shadows know them. Collective."""
+        decision = self._release(seen, reason, cells)
+        if strained is None:
+            return decision
+        leaving = self._planner.free(seen) & cells
+        here = float(strained.spring[leaving].max(initial=0.0))
+        spring = self._graph.comm.allreduce(here, op=MPI.MAX)
+        easing = self._easing.span(strained.window, seen.dt, spring)
+        return replace(decision, easing=easing)
+
+    def _undone(self, seen: Observation, strained: Strained) -> bool:
+        """Whether what has just frozen will not last. Collective."""
+        memory, window = self.memory, strained.window
+        turning = memory.strokes.turning
+        turning = turning if pi * turning <= window else 0.0
+        here = memory.trial.failed(strained.sum, seen.t + seen.dt, window, turning)
+        return bool(self._graph.comm.allreduce(here, op=MPI.LOR))
 
     def _window_ends(self, seen: Observation) -> bool:
         """Whether the window has its length. Collective."""
@@ -214,7 +254,7 @@ class Policy:
         memory, t = self.memory, seen.t
         flexible, tol = seen.flexible & memory.window.whole, self.rule.tol
         if memory.drift.too_far and self._any(self._planner.free(seen)):
-            return self._release(seen, DRIFTED, self._every)
+            return self._let_down(seen, self._strained, DRIFTED, self._every)
         self._advice.of_window(memory.signals.period(), tol, seen.noise)
         qualified, closeness = qualify(memory.window.worst, tol, flexible, self._graph.comm)
         able = memory.back_off.lasting(qualified)
@@ -269,17 +309,20 @@ class Policy:
             changed: Whether any body changed.
         """
         memory, t = self.memory, seen.t
-        memory.next_number = decision.next_number
+        memory.next_number, freezes = decision.next_number, decision.kind == "freeze"
         if decision.qualified is not None:
             memory.back_off.window_ended(decision.qualified, t - memory.window.start)
         if changed:
             memory.contacts.remember()
             rigid = self._planner.numbers(seen) != NONE
+            if freezes:
+                memory.trial.begin(rigid & ~memory.back_off.rigid, t)
+            else:
+                memory.trial.end()
             memory.window.whole &= rigid | ~memory.back_off.rigid
             hasty = memory.back_off.switched(rigid, t, counts=decision.reason != PLANNED)
-            if self._graph.comm.allreduce(hasty, op=MPI.LOR):
+            if decision.reason != UNDONE and self._graph.comm.allreduce(hasty, op=MPI.LOR):
                 self._advice.of_haste()
-        freezes = decision.kind == "freeze"
         if decision.loads_at is not None and (changed or not freezes):
             memory.loads.remember(decision.loads_at)
         if decision.loads_at is not None and not changed and not freezes:

@@ -86,7 +86,7 @@ class Gauge:
         swing = None if swings is None else part_of(self._measured(end.u, 1.0), swings)
         bend = None if limits.bends is None else part_of(self._bent(end.u), limits.bends)
         withheld, timed = part_of(total, limits.strains), limits.rates is not None
-        return Strained(rate, withheld, spring, swing, bend, by_rates=timed)
+        return Strained(rate, withheld, spring, swing, bend, by_rates=timed, window=limits.window)
 
     def _rates(self, start: Motion, end: Motion, dt: float, struck: bool) -> Array:
         """Strain rate of each owned cell in a step [1/s]. Collective."""

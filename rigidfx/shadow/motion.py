@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 
 from rigidfx.mechanics.rigid_body import RigidBody
 
@@ -86,6 +87,7 @@ class Strained:
         withheld: Strain energy ½ ρᵀK⁺ρ that the body of each part named rigid withholds, by the
             part's name, on all ranks [J]; empty before a step is solved.
         by_rates: Whether rates wake cells.
+        window: Length of a window [s]; infinite while that is not known.
     """
 
     rate: Array
@@ -95,6 +97,7 @@ class Strained:
     bend: Array | None = None
     withheld: Mapping[str, float] = field(default_factory=dict)
     by_rates: bool = True
+    window: float = np.inf
 
     @property
     def ratio(self) -> Array:
@@ -104,13 +107,12 @@ class Strained:
             found = found if other is None else np.maximum(found, other)
         return found
 
-    @property
-    def largest(self) -> tuple[float, float]:
-        """The largest rate, and the largest of what adds up, on this rank."""
-        sums = [
-            float(of.max(initial=0.0)) for of in (self.sum, self.swing, self.bend) if of is not None
-        ]
-        return float(self.rate.max(initial=0.0)), max(sums)
+    def largest(self, comm: MPI.Intracomm) -> Array:
+        """The largest rate, and the largest of what adds up, shape (2,). Collective."""
+        sums = [of.max(initial=0.0) for of in (self.sum, self.swing, self.bend) if of is not None]
+        out = np.array([self.rate.max(initial=0.0), max(sums)])
+        comm.Allreduce(MPI.IN_PLACE, out, op=MPI.MAX)
+        return out
 
 
 def at_rest(nodes: int) -> Motion:

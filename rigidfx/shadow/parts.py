@@ -235,6 +235,17 @@ class Parts:
         """
         return np.array([0.5 * float(np.vdot(force[own], u[own])) for own in self._spans])
 
+    def named(self, force: Array, bodies: Bodies) -> list[tuple[RigidBody, Array]]:
+        """Bodies with parts named rigid, and forces on their nodes in space.
+
+        Args:
+            force: On the nodes of the rows, in the bodies' frames, shape (nodes, 3) [N].
+            bodies: Bodies at present; some may be others than here.
+        """
+        now = {id(body.data): body.motion.R for body in bodies if body.data.named}
+        pairs = zip(self.bodies, self.at, strict=True)
+        return [(data, force[at] @ now[id(data)].T) for data, at in pairs if id(data) in now]
+
     def by_name(self, numbers: Array) -> dict[str, float]:
         """Numbers of the bodies, by the names of the parts named rigid that are in them."""
         each = zip(self.bodies, numbers, strict=True)

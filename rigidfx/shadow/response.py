@@ -44,7 +44,7 @@ class Response:
             settling: Time in which a drag takes the shadows' vibration out [s].
             dt: Length of the present step [s].
         """
-        self._scene, self._settling = stepper.scene, settling
+        self._scene, self._margin, self._settling = stepper.scene, margin, settling
         linear.shape.x.array[:] = 0.0
         dashpots = of_neighbours(stepper, margin.rows, margin.beyond, linear)
         linear.shape.x.array[margin.rows.dofs] = margin.shape
@@ -89,6 +89,31 @@ class Response:
             known, motion.mean - np.expm1(-dt / self.lag) * (still - motion.mean), still
         )
         return Motion(motion.u + d, 2 / dt * d - motion.v, np.asarray(d / dt), still, mean)
+
+    @property
+    def moved(self) -> Array:
+        """δ of the bodies' nodes, shape (nodes, 3) [m]."""
+        return self.motion.u[self._margin.inside]
+
+    def withheld(self, motion: Motion, force: Array, mean: Array) -> tuple[Array, Array]:
+        """Strain energies that are withheld at the end of a step. Collective.
+
+        Args:
+            motion: The motion then.
+            force: ρ of the last step [N].
+            mean: Its mean over a long one, of which K⁺ρ is [N].
+
+        Returns:
+            Twice that of bodies with their margins, twice that of these alone, and ½ ρᵀK⁺ρ of each
+            body; and of each the same with K⁺ρ of ρ itself, exact while loads keep their
+            proportions, shape (bodies,) [J].
+        """
+        parts, still = self._margin.parts, motion.still[self._margin.inside]
+        own = [parts.energies(f, still) for f in (force, mean)]
+        told = np.asarray(self._scene.sum(np.concatenate([self.part.energies(), *own])))
+        now, of_mean = np.split(told[2:], 2)
+        sizes = np.divide(now**2, of_mean, out=np.zeros_like(now), where=of_mean > 0)
+        return told[: 2 + now.size], sizes
 
     def take(self, motion: Motion, force: Array, dt: float) -> None:
         """Have taken a step of length dt [s] under a force."""

@@ -17,7 +17,6 @@ from functools import partial
 
 import numpy as np
 import numpy.typing as npt
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from rigidfx.coupling.mass import Mass
@@ -172,27 +171,18 @@ class Shadow(Watch):
         with _LOOKING:
             known = limits()
             motion, found = self._foreseen(force, t, dt, known)
-            scene = self._stepper.scene
-            largest = np.full(2, 0.0 if known.reached is None else known.reached)
-            if known.reached is None:
-                largest[:] = found.largest
-                scene.comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
-            parts, still = self._margin.parts, motion.still[self._margin.inside]
-            mean = self._pace.stretches(force, dt)[-1][0]
-            own = [parts.energies(f, still) for f in (force, mean)]
-            told = scene.sum(np.concatenate([self._response.part.energies(), *own]))
-            now, of_mean = np.split(told[2:], 2)
-            # K⁺ρ is that of a long step's mean force: exact while loads keep their proportions.
-            sizes = np.divide(now**2, of_mean, out=np.zeros_like(now), where=of_mean > 0)
-            told, withheld = told[: 2 + now.size], parts.by_name(sizes)
-            take = partial(self._take, motion, force, dt, change, largest, told)
+            comm, reached = self._stepper.scene.comm, known.reached
+            largest = found.largest(comm) if reached is None else np.full(2, reached)
+            parts, mean = self._margin.parts, self._pace.stretches(force, dt)[-1][0]
+            told, sizes = self._response.withheld(motion, force, mean)
+            found = replace(found, withheld=parts.by_name(sizes))
 
             def accepting() -> None:
-                take()
-                self._strongest.note(parts, withheld, force)
+                self._take(motion, force, dt, change, largest, told)
+                self._strongest.note(parts, found.withheld, force)
 
             self._accepting = accepting
-            return replace(found, withheld=withheld)
+            return found
 
     def ahead(self, t: float, dt: float, limits: Callable[[], Limits]) -> Strained | None:
         """What the bodies will withhold in a step that is still to be solved. Collective.
@@ -276,7 +266,16 @@ class Shadow(Watch):
 
     def recovered(self) -> tuple[Array, Ints]:
         """See `Shadows`. Collective."""
-        out, u = np.zeros((self._stepper.scene.owned_nodes, 3)), self._at_rest()
+        return self._in_space(self._at_rest())
+
+    def moved(self) -> tuple[Array, Ints]:
+        """δ in space without rigid motions, and the cells that it is of, likewise. Collective."""
+        self._catch_up()
+        return self._in_space(None if self._response is None else self._response.moved)
+
+    def _in_space(self, u: Array | None) -> tuple[Array, Ints]:
+        """Displacements of the bodies' nodes, and their cells. Collective."""
+        out = np.zeros((self._stepper.scene.owned_nodes, 3))
         if self._margin is None or u is None:
             return out, np.empty(0, np.int32)
         parts = self._margin.parts
@@ -287,9 +286,7 @@ class Shadow(Watch):
         force = self._last() if self._stepper.scene.named(Rigid) else None
         if self._margin is None or force is None:
             return []
-        now = {id(b.data): b.motion.R for b in self._subjects.present() if b.data.named}
-        pairs = zip(self._margin.parts.bodies, self._margin.parts.at, strict=True)
-        return [(d, force[at] @ now[id(d)].T) for d, at in pairs if id(d) in now]
+        return self._margin.parts.named(force, self._subjects.present())
 
     def share(self, name: str) -> float | None:
         """See `Shadows`; None of what has no shadow. Collective."""

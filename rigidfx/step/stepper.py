@@ -12,6 +12,7 @@ from rigidfx.base.failures import Failures
 from rigidfx.base.instants import longer
 from rigidfx.coupling.dealt_rows import Dealing
 from rigidfx.effects import Contact, Support, Touch, Windowed
+from rigidfx.flexible.eased_stress import EasedStress
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.inversion import Inversion, InvertedCells
@@ -113,7 +114,7 @@ class Stepper:
         self.watches: list[Watch] = [*measuring, *others, *squeezed, *controls]
         self._trial = np.inf  # length of the next attempt after a cut ...
         self._whole = np.inf  # ... of a step of this length
-        self._dealing = Dealing()
+        self._dealing, self._eased_stress = Dealing(), EasedStress(scene, forces)
         self.system: System
         self.prescribed: PrescribedDofs
         self._bound = False
@@ -143,6 +144,7 @@ class Stepper:
             self.prescribed,
             self.failures,
             self._dealing,
+            self._eased_stress,
             division.driven_cells,
         )
         if before is not None:

@@ -13,6 +13,7 @@ import numpy as np
 from rigidfx.base.errors import InversionError
 from rigidfx.decide.decision import Decision
 from rigidfx.effects import Contact, InitialDisplacement, Preload, Windowed
+from rigidfx.mechanics.eased import Eased
 from rigidfx.mechanics.rigid_body import Body, RigidBody
 from rigidfx.report.events import BodyChange, Event
 from rigidfx.scene.timeline import Timeline
@@ -140,11 +141,12 @@ class Switch:
         impact = stepper.meet(jumping, dt, measures)
         return impact + begun if impact and begun else impact or begun
 
-    def apply(self, decision: Decision) -> Event | None:
+    def apply(self, decision: Decision, eased: Eased | None = None) -> Event | None:
         """Release and freeze, so that the bodies are those of a decision. Collective.
 
         Args:
             decision: The decision.
+            eased: What of a release is let down.
 
         Returns:
             What happened; None if nothing did.
@@ -163,6 +165,7 @@ class Switch:
             if not body.kept:
                 self._exchange.freeze(state, body, prescribed)
         found = [body for body in state.bodies if body.data.name not in decision.apart]
+        state.ease(eased)
         self._bind(found)
         changes = _changes(old, {body.data.number: body.data for body in found})
         if not changes:  # what was to freeze could not be a body

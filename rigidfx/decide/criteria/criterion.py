@@ -10,7 +10,7 @@ from typing import Literal
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import number, positive, shown, whole
 from rigidfx.base.taken import take_fields
-from rigidfx.decide.criteria.judging import Criterion, never_rigid
+from rigidfx.decide.criteria.judging import EASING, Criterion, never_rigid
 from rigidfx.decide.criteria.rate_rule import HALF, RateRule
 from rigidfx.decide.criteria.relative import Relative
 from rigidfx.decide.criteria.release import Release
@@ -70,6 +70,11 @@ class StrainRate(Criterion):
             row on. Planned releases (`Release(at=…)`) do not count. With "local" cells also wait
             until as much work has been done on them for nothing as their switches cost, some seven
             flexible steps of the whole structure. 1 lets them never wait, for neither.
+        easing: Of wake="local", and refused with another: part of a window in which cells that
+            forces release are let down, at least. What their body withheld they bear on as a stress
+            that fades; so they do not ring about the shape that forces give them, and are quiet
+            again sooner. What that takes is under "Easing" in what is dissipated. 0 gives all
+            energy back at once, and lets it ring. A quarter if None.
         since: Time [s] at which observation begins.
         until: Time [s] from which on no more bodies are formed.
     """
@@ -85,6 +90,7 @@ class StrainRate(Criterion):
     wake: Literal["all", "local", "none"] | None = field(default=None, kw_only=True)
     kappa: float = field(default=3.0, kw_only=True)
     patience: float = field(default=2.0, kw_only=True)
+    easing: float | None = field(default=None, kw_only=True)
     since: float = field(default=0.0, kw_only=True)
     until: float = field(default=inf, kw_only=True)
 
@@ -140,10 +146,10 @@ class StrainRate(Criterion):
                     "StrainRate: load_change says which changes of loads release all bodies, and "
                     f"with wake='{self.wake}' none does. Take wake='all', or leave it out."
                 )
-        if not number(owner, "kappa", self.kappa) >= 1:
-            raise SceneError(f"StrainRate: kappa must be ≥ 1, got {shown(self.kappa)}.")
-        if not number(owner, "patience", self.patience) >= 1:
-            raise SceneError(f"StrainRate: patience must be ≥ 1, got {shown(self.patience)}.")
+        for name in ("kappa", "patience"):
+            if not number(owner, name, value := getattr(self, name)) >= 1:
+                raise SceneError(f"StrainRate: {name} must be ≥ 1, got {shown(value)}.")
+        object.__setattr__(self, "easing", _easing(self.easing, self.wake))
         since = number(owner, "since", self.since)
         if not max(since, 0.0) < number(owner, "until", self.until, infinite=True):
             raise SceneError(
@@ -192,3 +198,23 @@ class StrainRate(Criterion):
     def indicator(self, scene: Scene, forces: InternalForces) -> Indicator:
         """See `Criterion`."""
         return StrainRates(scene, forces, self.measure)
+
+
+def _easing(given: float | None, wake: str | None) -> float:
+    """Part of a window in which cells are let down, for a kind of waking.
+
+    Raises:
+        SceneError: If it is none, or nothing wakes that could be let down.
+    """
+    if given is None:
+        return EASING if wake == "local" else 0.0
+    if wake != "local":
+        raise SceneError(
+            "StrainRate: easing says how cells are let down that forces release, and with "
+            f"wake='{wake}' none are. Take wake='local', or leave it out."
+        )
+    if not 0 <= number("StrainRate", "easing", given) <= 1:
+        raise SceneError(
+            f"StrainRate: easing must be a part of a window, 0 to 1, got {shown(given)}."
+        )
+    return float(given)

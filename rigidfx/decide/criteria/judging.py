@@ -16,9 +16,10 @@ from rigidfx.flexible.strain_rate import StrainRates
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
 
-__all__ = ["Criterion", "never_rigid"]
+__all__ = ["EASING", "Criterion", "never_rigid"]
 
 LEAST = 2  # cells of a body: one alone hardly saves anything
+EASING = 0.25  # windows in which released cells are let down, at least
 WORTH = 0.05  # of all cells: what is less saves less than its switches and its shadow cost
 
 
@@ -34,6 +35,7 @@ class Criterion:
     min_cells: int | None = 2
     load_change: float | None = inf
     patience: float = 2.0
+    easing: float | None = EASING
     since: float = 0.0
     until: float = inf
 

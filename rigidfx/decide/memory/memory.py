@@ -12,6 +12,7 @@ from rigidfx.decide.memory.drift import Drift
 from rigidfx.decide.memory.load_changes import LoadChanges
 from rigidfx.decide.memory.signals import Signals
 from rigidfx.decide.memory.strokes import Strokes
+from rigidfx.decide.memory.trial import Trial
 from rigidfx.decide.memory.window import Window
 
 __all__ = ["Memory"]
@@ -33,6 +34,7 @@ class Memory:
         strokes: Largest strains and rates so far.
         bends: How far the structure deflects, and parts of it bend.
         drift: What rigid parts do to the phases of a free motion.
+        trial: Whether the last freeze will last.
         largest: Largest strain rate of any cell so far, if tolerances are relative to it [1/s].
     """
 
@@ -45,6 +47,7 @@ class Memory:
     strokes: Strokes
     bends: Bends
     drift: Drift
+    trial: Trial
     compliance: Compliance = field(default_factory=Compliance)
     said: set[str] = field(default_factory=set)
     largest: float = 0.0

@@ -21,6 +21,7 @@ from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects import Action, Effect, Touch, Windowed
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments
+from rigidfx.step.equations.eased_forces import EasedForces
 from rigidfx.step.equations.heeded import Heeded, doing
 from rigidfx.step.equations.structure import BoundStructure
 
@@ -50,6 +51,7 @@ class Actions:
         structure: BoundStructure,
         effects: Sequence[Effect],
         acting: Sequence[Effect],
+        easing: Sequence[EasedForces] = (),
     ) -> None:
         """Bind effects. Collective.
 
@@ -58,6 +60,7 @@ class Actions:
             effects: All effects; those that act now, or are dead loads and may act later, are
                 bound.
             acting: The effects with a time window that act now.
+            easing: What releases have let down, bound already; it is freed with the rest.
 
         Raises:
             SceneError: On every rank, if an effect cannot be bound on any.
@@ -69,6 +72,8 @@ class Actions:
         self.failures.settle()  # all ranks go on with the same actions
         self._every = [(effect, action) for effect, action in pairs if action is not None]
         self._owners = {id(action): effect.owner for effect, action in self._every}
+        self._easing = list(easing)
+        self._owners |= {id(action): "What a release lets down" for action in easing}
         self._heeded = Heeded(self._owners, self.failures)
         bodies = len(structure.bodies)
         self._forces: Array = np.zeros((structure.rows.nodes.size, 3))
@@ -91,8 +96,12 @@ class Actions:
 
     def select(self, acting: Iterable[Effect]) -> None:
         """From now on let those act that are among the given effects, or have no time window."""
-        here = {id(effect) for effect in acting}
+        self._select({id(effect) for effect in acting})
+
+    def _select(self, here: set[int]) -> None:
+        self._here = here
         every = [a for e, a in self._every if id(e) in here or not isinstance(e, Windowed)]
+        every += self._easing
         on_bodies = every if self._with_bodies else []
         self._acting, self._acting_on_bodies = every, on_bodies
         self._timed, self._contacts = doing(every, "set_time"), doing(every, "touch")
@@ -132,6 +141,10 @@ class Actions:
             SceneError: On every rank, if a user's function fails on any.
         """
         self._touches = None
+        while over := next((e for e in self._easing if e.over(t)), None):
+            self._easing.remove(over)
+            over.destroy()
+            self._select(self._here)
         if self._timed:
 
             def evaluate() -> None:
@@ -306,7 +319,7 @@ class Actions:
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
         self.external.destroy()
-        for _, action in self._every:
+        for action in (*(action for _, action in self._every), *self._easing):
             action.destroy()
 
 

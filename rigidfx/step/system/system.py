@@ -18,12 +18,14 @@ from rigidfx.coupling.dof_layout import dof_layout
 from rigidfx.coupling.mass import mass_operator
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects import Touch, Windowed
+from rigidfx.flexible.eased_stress import EasedStress
 from rigidfx.flexible.internal_forces import Cells, InternalForces
 from rigidfx.flexible.kernels import integral
 from rigidfx.mechanics.body_step import Increments
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.equations.actions import Actions
+from rigidfx.step.equations.eased_forces import EasedForces
 from rigidfx.step.equations.energies import Energies
 from rigidfx.step.equations.equations import Equilibrium
 from rigidfx.step.equations.structure import BoundStructure
@@ -82,6 +84,7 @@ class System:
         prescribed: PrescribedDofs,
         failures: Failures,
         dealing: Dealing,
+        eased_stress: EasedStress,
         driven: Cells | None = None,
     ) -> None:
         """Bind everything to a division and to the effects that act. Collective.
@@ -95,6 +98,7 @@ class System:
             prescribed: Dofs held by supports.
             failures: Keeps what a user's functions raise until all ranks are told.
             dealing: Deals flexible cells out among the ranks where that pays.
+            eased_stress: Form of what releases have let down.
             driven: Owned cells by subdomain id that move with a support: not flexible, all their
                 dofs prescribed, their mass counted.
         """
@@ -117,7 +121,11 @@ class System:
             failures=failures,
             notes=state.notes,
         )
-        self.actions = Actions(self.structure, scene.effects, acting)
+        easing = [
+            EasedForces(eased_stress, eased, rows, self.structure.u, flexible)
+            for eased in state.eased
+        ]
+        self.actions = Actions(self.structure, scene.effects, acting, easing)
         self.energies = Energies(scene, forces, self.mass, layout, self.actions)
         self._taken = forces.bind_taken(flexible, driven)
         dealt = self._dealt = dealing.rows(layout, forces.loaded(flexible, driven or {}))

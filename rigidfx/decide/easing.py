@@ -1,0 +1,34 @@
+"""For how long released cells are let down: see `rigidfx.mechanics.eased`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import isfinite, pi
+
+__all__ = ["Easing"]
+
+# A stress that fades as ½ (1 + cos πt/T) lets cells strain by ε at a rate of up to π/2 ε/T.
+STEEPEST = pi / 2
+
+
+@dataclass(frozen=True)
+class Easing:
+    """Chooses the time T in which a stress fades: cells let down strain at no more than wakes them.
+
+    Attributes:
+        part: Of a window, that it takes at least; zero lets nothing down.
+    """
+
+    part: float
+
+    def span(self, window: float, dt: float, spring: float) -> float:
+        """T [s]; zero where nothing is let down.
+
+        Args:
+            window: Length of a window [s].
+            dt: Length of the step [s].
+            spring: Rate at which released cells would spring in it, over what wakes cells.
+        """
+        if not self.part > 0 or not isfinite(window):
+            return 0.0
+        return min(window, max(self.part * window, STEEPEST * spring * dt))

@@ -1,0 +1,48 @@
+"""What a release lets down in place of cutting it: a stress that fades.
+
+Rigidity bears what the forces on a body would strain. Cut at once, its cells ring about the shape
+that these forces give them. So they bear on for a while the stress that they lack of that shape,
+less and less of it: they begin with the acceleration of the body's shadow, and nothing jumps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import cos, pi
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["Eased"]
+
+Array = npt.NDArray[np.float64]
+Int32s = npt.NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class Eased:
+    """Cells that a release has eased.
+
+    Attributes:
+        cells: These owned cells, sorted.
+        nodes: Their local nodes, sorted.
+        shape: Displacements of these at the release, shape (nodes, 3) [m].
+        strained: What they would be as forces would strain the cells, likewise.
+        since: Time of the release [s].
+        span: How long the stress takes to fade [s].
+    """
+
+    cells: Int32s
+    nodes: Int32s
+    shape: Array
+    strained: Array
+    since: float
+    span: float
+
+    def part(self, t: float) -> float:
+        """What part of the stress is left at t [s]: ½ (1 + cos π(t - t₀)/T)."""
+        return 0.0 if self.over(t) else 0.5 * (1 + cos(pi * (t - self.since) / self.span))
+
+    def over(self, t: float) -> bool:
+        """Whether it has faded at t [s]."""
+        return t - self.since >= self.span

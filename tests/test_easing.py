@@ -1,0 +1,250 @@
+"""Releases that let cells down: a stress that fades, a freeze that is undone, kinks at a freeze."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+import rigidfx as rf
+from rigidfx.base.errors import SceneError
+from rigidfx.decide.clusters import CellGraph
+from rigidfx.decide.criteria.concentration import Concentration
+from rigidfx.decide.criteria.kinks import Kinks
+from rigidfx.decide.criteria.observation import Observation
+from rigidfx.decide.decision import PlannedBody
+from rigidfx.decide.easing import STEEPEST, Easing
+from rigidfx.decide.memory.trial import ENOUGH, LAST, Trial
+from rigidfx.decide.policy import DRIFTED, UNDONE
+from rigidfx.flexible.strain_rate import StrainRates
+from rigidfx.mechanics.eased import Eased
+from rigidfx.run import prepare
+from rigidfx.scene.timeline import Timeline
+from rigidfx.step.system.supports import supports_of
+from rigidfx.switch.inventory import divide
+
+DT, WINDOW = 0.02, 20  # s, steps
+SOFT, STIFF = (rf.StVenantKirchhoff(E=E, nu=0.3, rho=1000.0) for E in (1e6, 1e8))
+HYPERELASTIC = rf.NeoHooke(E=1e6, nu=0.3, rho=1000.0)
+
+
+def box(cell="hexahedron", cells=(6, 2, 2)):
+    domain = rf.box((0, 0, 0), (3, 1, 1), cells, cell, comm=MPI.COMM_SELF)
+    return domain.with_cells("end", lambda x: x[0] <= 1 + 1e-9)
+
+
+def bind_anew(run):
+    """Have the equations know what is eased."""
+    stepper, acting = run.stepper, run.switch.acting
+    state = stepper.state
+    division = divide(stepper.scene, stepper.forces, state, supports_of(acting), [])
+    stepper.bind(replace(division, bodies=state.bodies), acting)
+
+
+def let_down(scene, t_end, span, by=0.02):
+    """Reports of a run at whose start the half x ≥ 1.5 is to fade from a shape of its own."""
+    run, _ = prepare(scene, Timeline(DT, t_end))
+    state, space = run.stepper.state, scene.space
+    middles = scene.mesh.geometry.x[scene.mesh.geometry.dofmap].mean(axis=1)
+    cells = np.flatnonzero(middles[:, 0] > 1.5).astype(np.int32)
+    nodes = np.unique(space.dofmap.list[cells]).astype(np.int32)
+    shape = state.u.x.array.reshape(-1, 3)[nodes]
+    X = state.X[nodes]
+    further = by * np.stack([X[:, 1] ** 2, X[:, 2] * X[:, 0], -(X[:, 0] ** 2) / 3], axis=1)
+    state.ease(Eased(cells, nodes, shape, shape + further, 0.0, span))
+    bind_anew(run)
+    found = []
+    with run:
+        found.append((run.stepper.measure(), 0.0))
+        while state.t < t_end - DT / 2:
+            result, _ = run.advance(run.target())
+            found.append((run.stepper.measure(), result.dissipated.get("Easing", 0.0)))
+    return found
+
+
+@pytest.mark.parametrize(
+    ("cell", "material", "options"),
+    [
+        ("hexahedron", SOFT, {}),
+        ("hexahedron", SOFT, {"mass": "consistent"}),
+        ("hexahedron", SOFT, {"element": "enhanced"}),
+        ("hexahedron", HYPERELASTIC, {}),
+        ("tetrahedron", SOFT, {}),
+        ("hexahedron", SOFT, {"order": 2}),
+        ("hexahedron", SOFT, {"rigid": True}),
+        ("hexahedron", SOFT, {"rigid": True, "mass": "consistent"}),
+    ],
+)
+def test_a_stress_that_fades_moves_no_momentum_and_tells_its_work(cell, material, options):
+    rigid = [rf.Rigid("end")] if options.pop("rigid", False) else []
+    turning = rf.InitialVelocity(linear=(0.3, 0, 0), angular=(0.2, 0.5, 1.0))
+    scene = rf.Scene(box(cell), material, [turning, *rigid], **options)
+    found = let_down(scene, 0.8, 0.4)
+    first, works = found[0][0], np.array([work for _, work in found])
+    assert np.abs(works[:21]).max() > 1e-3 * first.kinetic
+    assert not works[21:].any()  # it is over, and no force of a step any more
+    for now, taken in zip((m for m, _ in found), np.cumsum(works), strict=True):
+        J = np.linalg.norm(first.angular_momentum)
+        off = np.linalg.norm(now.linear_momentum - first.linear_momentum)
+        assert off <= 1e-12 * first.momentum_scale
+        assert np.linalg.norm(now.angular_momentum - first.angular_momentum) <= 1e-12 * J
+        assert now.energy + taken == pytest.approx(first.energy, rel=1e-11)
+
+
+def test_what_is_let_down_does_not_ring():
+    """A bar in its weight, held straight by the stress of its bend: cut it swings by all of that.
+
+    Let down over T it swings by |cos ωT/2|/((ωT/π)² - 1) of it, 1/15 after two periods.
+    """
+    weight = rf.Fixed("x0"), rf.Gravity((0, 0, -0.01))
+    scene = rf.Scene(box(), SOFT, [*weight, rf.MassDamping(20.0)])
+    *_, last = rf.simulate(scene, 0.1, 20.0, progress=False)
+    bent = last.state.u.x.array.reshape(-1, 3).copy()
+    free = rf.Scene(box(), SOFT, [*weight])
+    period, largest = float(rf.periods(free, 1)[0]), np.abs(bent).max()
+    swings = {}
+    for span in (1e-9, 2 * period):
+        run, _ = prepare(free, Timeline(period / 50, 3.5 * period))
+        state = run.stepper.state
+        nodes, cells = np.arange(len(bent), dtype=np.int32), np.arange(24, dtype=np.int32)
+        state.ease(Eased(cells, nodes, np.zeros_like(bent), bent, 0.0, span))
+        bind_anew(run)
+        away = []
+        with run:
+            while state.t < 3.5 * period - 1e-9:
+                run.advance(run.target())
+                away.append(np.abs(state.u.x.array.reshape(-1, 3) - bent).max() / largest)
+        swings[span], start = max(away[-50:]), away[0]
+    assert swings[1e-9] >= 0.9
+    assert swings[2 * period] == pytest.approx(1 / 15, rel=0.05)
+    assert start >= 0.999  # and begins where it was
+
+
+def pulse(t):
+    return float(3.0 < t < 3.3) * np.sin(np.pi * (t - 3.0) / 0.3) ** 2
+
+
+def struck():
+    """A stiff block on a soft stalk, struck sideways."""
+    domain = rf.box((0, 0, 0), (8, 1, 1), (16, 2, 2), comm=MPI.COMM_SELF)
+    domain = domain.with_cells("stalk", lambda x: x[0] <= 4 + 1e-9)
+    domain = domain.with_cells("block", lambda x: x[0] >= 4 - 1e-9)
+    blow = rf.Traction("y1", (0, 0, 400.0), time=pulse)
+    effects = [rf.Fixed("x0"), blow, rf.MassDamping(2.0)]
+    probes = {"tip": (8, 0.5, 0.5)}
+    return rf.Scene(domain, {"stalk": SOFT, "block": STIFF}, effects, probes=probes)
+
+
+@pytest.mark.filterwarnings("ignore:StrainRate. bodies are:rigidfx.RigidfxWarning")
+@pytest.mark.filterwarnings("ignore:Body 'part 1'. 16%:rigidfx.RigidfxWarning")
+def test_energy_is_told_where_a_run_undoes_a_freeze_and_lets_cells_down():
+    rule = rf.StrainRate(0.0, 1e9)
+    reports = rf.simulate(struck(), DT, 4.0, rigidify=rule, progress=False)
+    tol = 0.01 * max(float(report.strain_rate.max()) for report in reports)
+    taken = {}
+    for easing in (0.0, None):
+        rule = rf.StrainRate(tol, WINDOW * DT, easing=easing)
+        reasons, reports = set(), []
+        for report in rf.simulate(struck(), DT, 14.0, rigidify=rule, progress=False):
+            reports.append(report)
+            reasons |= {event.reason for event in report.events}
+        assert {UNDONE, DRIFTED} < reasons
+        taken[easing] = sum(report.dissipated.get("Easing", 0.0) for report in reports)
+        given = sum(r.work_of_loads - sum(r.dissipated.values()) for r in reports)
+        assert reports[-1].energy == pytest.approx(given, rel=1e-9)
+    assert taken[None] > 0
+    assert taken[0.0] == 0
+
+
+def test_the_time_in_which_a_stress_fades():
+    assert Easing(0.25).span(0.4, 0.02, 0.0) == pytest.approx(0.1)
+    assert Easing(0.25).span(0.4, 0.02, 8.0) == pytest.approx(STEEPEST * 8.0 * 0.02)
+    assert Easing(0.25).span(0.4, 0.02, 1e3) == 0.4
+    assert Easing(0.25).span(np.inf, 0.02, 8.0) == 0.0
+    assert Easing(0.0).span(0.4, 0.02, 8.0) == 0.0
+    none = np.empty(0, dtype=np.int32)
+    eased = Eased(none, none, np.empty((0, 3)), np.empty((0, 3)), 1.0, 0.5)
+    assert [eased.part(t) for t in (1.0, 1.25, 1.5, 9.0)] == pytest.approx([1, 0.5, 0, 0])
+    assert not eased.over(1.49)
+    assert eased.over(1.5)
+
+
+@pytest.mark.parametrize(
+    ("growth", "turning", "fails"), [(0.05, 0.0, True), (0.01, 0.0, False), (0.05, 0.03, False)]
+)
+def test_a_freeze_fails_whose_strain_grows(growth, turning, fails):
+    """In the look in which it is asked, and in no other."""
+    trial = Trial(3)
+    trial.begin(np.array([True, True, False]), 1.0)
+    looks = []
+    for k in range(1, LAST + 3):
+        strains = np.array([0.01, 0.1 + growth * k, 9.0])  # the last cell is on no trial
+        looks.append(trial.failed(strains, 1.0 + k * DT, WINDOW * DT, turning))
+    assert looks == [fails and k == LAST for k in range(1, LAST + 3)]
+    expected = 0.1 + growth * LAST + growth * (WINDOW - LAST)
+    assert (expected > ENOUGH) == (growth > 0.02)
+
+
+def test_nothing_fails_that_is_not_on_trial():
+    trial = Trial(1)
+    much = np.array([2.0])
+    assert not any(trial.failed(k * much, k * DT, 1.0, 0.0) for k in range(1, 9))
+    trial.begin(np.array([True]), 0.0)
+    trial.end()
+    assert not any(trial.failed(k * much, k * DT, 1.0, 0.0) for k in range(1, 9))
+    trial.begin(np.array([True]), 0.0)
+    assert not any(trial.failed(k * much, k * DT, np.inf, 0.0) for k in range(1, 9))
+
+
+def kinks(shape):
+    """What is told of a block that moves with a shape, on a stalk that does as well."""
+    domain = rf.box((0, 0, 0), (8, 1, 1), (16, 2, 2), comm=MPI.COMM_SELF)
+    moving = rf.InitialVelocity(function=shape)
+    scene = rf.Scene(domain, SOFT, [moving, rf.Fixed("x0")])
+    run, _ = prepare(scene, Timeline(DT, 1.0), rf.StrainRate(1e-3, 0.4))
+    with run:
+        graph = CellGraph(scene)
+        measure = StrainRates(scene, run.stepper.forces, "rms")
+        middles = scene.mesh.geometry.x[scene.mesh.geometry.dofmap].mean(axis=1)
+        cells = np.flatnonzero(middles[:, 0] > 1.0).astype(np.int32)
+        nodes = np.unique(scene.space.dofmap.list[cells]).astype(np.int32)
+        body = PlannedBody(cells, nodes, "part 1", 1)
+        seen = Observation(run.stepper, DT)
+        tol = np.full(64, 1e-3)
+        rates = np.full(64, 1e-12)
+        rates[cells] = 1e-3
+        flexible = np.ones(64, dtype=bool)
+        concentration = Concentration(scene)
+        weights = run.stepper.indicator.weights
+        out = concentration.too_loud([cells], rates, weights, tol, flexible, 1.5)
+        return out.any(), float(Kinks(scene, graph, measure).loud(seen, [body], tol)[0])
+
+
+def test_a_vibration_within_a_part_is_none_that_others_take_over():
+    """Swinging as a whole, its root strains by all of that; squeezed to and fro, by nothing."""
+
+    def swings(x):
+        return np.stack([0 * x[0], 0 * x[0], 1e-3 * x[0] ** 2])
+
+    def squeezed(x):
+        return np.stack([0 * x[0], 1e-3 * (x[1] - 0.5) * (x[0] > 2), 0 * x[0]])
+
+    told = {shape.__name__: kinks(shape) for shape in (swings, squeezed)}
+    assert all(power for power, _ in told.values())  # by which the root takes over both
+    assert told["swings"][1] > 1.5
+    assert told["squeezed"][1] < 0.1
+
+
+@pytest.mark.parametrize("value", [-0.1, 1.1, np.nan, "long"])
+def test_bad_easing_is_named(value):
+    with pytest.raises(SceneError, match="easing"):
+        rf.StrainRate(1e-3, 0.4, easing=value)
+
+
+@pytest.mark.parametrize("wake", ["all", "none"])
+def test_easing_goes_with_local_waking_only(wake):
+    assert rf.StrainRate(1e-3, 0.4, wake=wake).easing == 0.0
+    with pytest.raises(SceneError, match="easing says how cells are let down"):
+        rf.StrainRate(1e-3, 0.4, wake=wake, easing=0.5)
