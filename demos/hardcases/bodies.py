@@ -343,3 +343,22 @@ def held_part_that_gives_way(short: bool) -> Iterator[AnyRun]:
             scene = _bar(*effects, rf.Rigid("left"), mass=mass, probes=tip)
             yield Run(f"named, {how}, {mass}", scene, period / 200, period / 4, rule,
                       freezes=False, **common)  # fmt: skip
+
+
+@case("rigid bodies", "released under a load, cut or let down within a step or over a window")
+def releases_let_down(short: bool) -> Iterator[AnyRun]:
+    """H to Newton's tolerance, the work of what fades in it. Momenta change by the load."""
+    push = rf.Traction("x1", (0, 0, 10.0), time=lambda t: float(np.clip((t - 1) / 2, 0, 1)) ** 2)
+    for mass in ("lumped", "consistent"):
+        for easing in (0.0, 1e-6, None, 1.0):
+
+            def takes(history: History, easing=easing) -> str:
+                if "release" not in history.kinds():
+                    return "nothing was released"
+                some = history.eased > 1e-6 * max(history.energy)
+                return "" if some == (easing != 0) else f"easing took {history.eased:.1e} J"
+
+            rule = rf.StrainRate(0.05, 0.4, easing=easing)
+            scene = _bar(SPIN, push, rf.KelvinVoigt(20.0), mass=mass)
+            name = f"{'as usual' if easing is None else easing}, {mass}"
+            yield Run(name, scene, 0.1, 4.0 if short else 8.0, rule, momentum=None, check=takes)

@@ -34,6 +34,7 @@ class History:
         self.energy: list[float] = []
         self.sizes: list[float] = []
         self.supplied: list[float] = []  # work less dissipation, and impacts, up to t [J]
+        self.eased = 0.0  # what releases that let down have taken [J]
         self.L: list[np.ndarray] = []
         self.J: list[np.ndarray] = []
         self.momentum_scale: list[float] = []
@@ -70,6 +71,7 @@ class History:
             self.iterations.append(r.iterations)
             self.tangents.append(r.tangents)
             self.linear_iterations.append(r.linear_iterations)
+        self.eased += r.dissipated.get("Easing", 0.0)
         self.cuts += r.cuts
         self.last = r
 

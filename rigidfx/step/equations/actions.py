@@ -100,8 +100,8 @@ class Actions:
 
     def _select(self, here: set[int]) -> None:
         self._here = here
-        every = [a for e, a in self._every if id(e) in here or not isinstance(e, Windowed)]
-        every += self._easing
+        own = [a for e, a in self._every if id(e) in here or not isinstance(e, Windowed)]
+        every = [*own, *self._easing]
         on_bodies = every if self._with_bodies else []
         self._acting, self._acting_on_bodies = every, on_bodies
         self._timed, self._contacts = doing(every, "set_time"), doing(every, "touch")
@@ -124,11 +124,13 @@ class Actions:
         self._work_on_bodies = heeded.tells(on_bodies, "work_on_bodies")
         self._potential_of_bodies = heeded.tells(on_bodies, "potential_of_bodies")
         self._dissipated_by_bodies = _by_kind(on_bodies, "dissipated_by_bodies", heeded)
-        self.stiffen = bool(self._stiffen_nodes or self._stiffen_bodies or self._look)
+        # What fades is for solvers no more than the stress of cells.
+        stiffening, resisting = doing(own, "stiffen_nodes"), doing(own, "resist_nodes")
+        self.stiffen = bool(stiffening or self._stiffen_bodies or self._look)
         self.elastic = _resting(every)
         self.kinds = tuple(dict.fromkeys(action.kind for action in every))
         self.rounding = sum(action.rounding for action in every)
-        self.dead = not (self._resist_nodes or self._resistance_at or self._resist_bodies)
+        self.dead = not (resisting or self._resistance_at or self._resist_bodies)
 
     def set_time(self, t: float, dt: float) -> None:
         """Evaluate functions of time, and dead loads, for a step. Collective.
