@@ -169,6 +169,31 @@ def test_what_parts_carry_is_that_of_the_whole_structure(monkeypatch, effects, n
     assert error() > off
 
 
+@pytest.mark.filterwarnings("ignore:StrainRate. forces would:rigidfx.RigidfxWarning")
+@pytest.mark.parametrize("bears", [rf.Spring("x1", 3000.0), FLOOR], ids=["spring", "floor"])
+def test_what_is_asked_for_often_is_what_is_asked_for_once(monkeypatch, bears):
+    """Equations and factors of the whole serve all asks; contacts open and close on the way."""
+    effects = rf.Gravity((0, 0, -0.5), time=lambda t: np.sin(2 * np.pi * t / 7)), CLAMP, bears
+    rule = rf.StrainRate(rf.Relative(0.02), 5 * DT, never=("root", "rest"))
+    made, own = [], rigidfx.shadow.recovery.Whole
+
+    def counted(*given):
+        made.append(own(*given))
+        return made[-1]
+
+    monkeypatch.setattr(rigidfx.shadow.recovery, "Whole", counted)
+    found = []
+    for often in (True, False):
+        scene = bar(*effects, DRAG, HELD, root=SOFT)
+        stress, made[:] = CauchyStress(scene), []
+        for report in rf.simulate(scene, DT, 6.0, rigidify=rule, progress=False):
+            if report.step and (often or report.t > 6.0 - DT / 2):
+                carried, recovered = rf.recovered_stress(report, stress)
+        assert len(made) == 1
+        found.append(carried[recovered])
+    assert found[0] == pytest.approx(found[1], abs=1e-4 * np.abs(found[1]).max())
+
+
 def watched(scene, t_end=T / 4, budget=0.05):
     """What is said of a part in a run by a budget, and the ends of its steps."""
     with warnings.catch_warnings(record=True) as said:

@@ -71,6 +71,7 @@ class Shadows:
 
     def destroy(self) -> None:
         """Free the PETSc objects; what parts carry may still be asked for. Collective."""
+        self.recovery.destroy()
         self.free.destroy()
         if self.held is not None:
             self.held.destroy()

@@ -59,8 +59,10 @@ class Strongest:
         if name not in self._known or id(self._known[name][1]) not in now:
             return None
         energy, data, force = self._known[name]
-        whole = Whole(stepper, (data,), dt)
+        whole = Whole(stepper, (data,))
+        whole.take(dt)
         told = whole.energy([force @ now[id(data)].T])
+        whole.leave()
         whole.destroy()
         # What buckles has no stiffness that tells.
         return told / energy if told > 0 and np.isfinite(told) else None

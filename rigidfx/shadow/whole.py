@@ -46,24 +46,22 @@ def small_enough(stepper: Stepper) -> bool:
 
 
 class Whole:
-    """The equations of the structure, some rigid parts flexible; `destroy` frees them."""
+    """The equations of the structure, some rigid parts flexible; `destroy` frees them.
 
-    def __init__(self, stepper: Stepper, parts: Sequence[RigidBody], dt: float) -> None:
-        """Bind all that acts to it, and factor its tangent. Collective.
+    They stay what they are for a division and what acts on it; a state is taken over by `take`.
+    """
 
-        The coefficient u₁ of the forms is its own until `destroy`.
+    def __init__(self, stepper: Stepper, parts: Sequence[RigidBody]) -> None:
+        """Bind all that acts to it. Collective.
 
         Args:
             stepper: Solves the steps.
             parts: The parts.
-            dt: Length of the last step [s].
         """
         scene, state, forces = stepper.scene, stepper.state, stepper.forces
         state.rebuild()
-        self._parts, self._forces = parts, forces
-        self._end = forces.u1.x.array.copy()
-        which = {id(data) for data in parts}
-        others = Bodies.of_each(body for body in state.bodies if id(body.data) not in which)
+        self._stepper, self._parts, self._forces = stepper, parts, forces
+        others = self._others()
         mask = stepper.flexible
         for data in parts:
             mask[data.cells] = True
@@ -87,17 +85,43 @@ class Whole:
         bound = forces.bind(flexible, layout.interior, layout.interface, driven)
         self._prolongation = p = Prolongation(layout, scene.comm)
         self._equations = Equilibrium(scene, forces, bound, self._mass, p, self._actions)
-        forces.set_time(state.t, dt)
-        self._actions.set_time(state.t, dt)
         self._still = layout.rows.vector()
-        nothing = np.zeros(p.prescribed.size)
-        self._equations.begin(LONG * state.t, self._still, nothing, others)
         self._y = p.unknowns()
         self._rest = self._y.duplicate()  # what is out of balance as it is
+        self._end = forces.u1.x.array
+        self._factors: Factors | None = None
+
+    def _others(self) -> Bodies:
+        """The bodies that stay rigid, as they are now."""
+        which = {id(data) for data in self._parts}
+        every = self._stepper.state.bodies
+        return Bodies.of_each(body for body in every if id(body.data) not in which)
+
+    def take(self, dt: float) -> None:
+        """Take the present state over; the first one's tangent is factored. Collective.
+
+        The coefficient u₁ of the forms is its own until `leave`.
+
+        Args:
+            dt: Length of the last step [s].
+        """
+        state, forces = self._stepper.state, self._forces
+        state.rebuild()
+        self._end = forces.u1.x.array.copy()
+        forces.set_time(state.t, dt)
+        self._actions.set_time(state.t, dt)
+        nothing = np.zeros(self._prolongation.prescribed.size)
+        self._equations.begin(LONG * state.t, self._still, nothing, self._others())
+        self._y.set(0.0)
         self._equations.residual(self._y, self._rest)
-        self._equations.tangent()
-        self._factors = Factors(self._equations)
-        self._factors.renew()
+        if self._factors is None:
+            self._equations.tangent()
+            self._factors = Factors(self._equations)
+            self._factors.renew()
+
+    def leave(self) -> None:
+        """Have u₁ be that of the run again."""
+        self._forces.u1.x.array[:] = self._end
 
     def energy(self, forces: Sequence[Array]) -> float:
         """½ ρᵀe, e how far the forces move the parts [J]. Collective.
@@ -137,11 +161,12 @@ class Whole:
         Returns:
             Whether a balance is found, and ½ ρᵀe of the first solve [J].
         """
-        equations, y = self._equations, self._y
+        equations, y, factors = self._equations, self._y, self._factors
+        assert factors is not None
         r, more = given.copy(), given.duplicate()
         size, left, tried, at_first = given.norm(), 1.0, 0, 0.0
         while size > 0 and BALANCED < left < np.inf and tried < SOLVES:
-            self._factors.solve(r, more)
+            factors.solve(r, more)
             at_first = at_first if tried else 0.25 * float(given.dot(more))
             y.axpy(1.0, more)
             equations.residual(y, r)
@@ -150,7 +175,7 @@ class Whole:
             before, left, tried = left, r.norm() / size, tried + 1
             if max(BALANCED, SLOW * before) < left < np.inf:
                 equations.tangent()
-                self._factors.renew()
+                factors.renew()
         r.destroy()
         more.destroy()
         return size == 0 or left <= BALANCED, at_first
@@ -165,11 +190,11 @@ class Whole:
         return out
 
     def destroy(self) -> None:
-        """Free the PETSc objects; u₁ is that of the run again. Collective."""
-        self._forces.u1.x.array[:] = self._end
+        """Free the PETSc objects. Collective."""
         own = self._factors, self._y, self._rest, self._still
         for item in (*own, self._equations, self._actions, self._mass):
-            item.destroy()
+            if item is not None:
+                item.destroy()
 
 
 def _driven(stepper: Stepper, parts: Sequence[RigidBody]) -> tuple[Cells | None, Bools]:
