@@ -189,10 +189,11 @@ class Run:
         if self.shadow is None or not decision.easing > 0:
             return None
         stepper = self.stepper
-        leaving = stepper.state.body_numbers() > 0
-        for body in decision.bodies:
-            leaving[body.cells] = False
-        return let_down(self.shadow, stepper, np.flatnonzero(leaving), decision.easing)
+        none = np.empty(0, np.int32)
+        was = (b.cells for b in stepper.state.bodies.of.records if b.name not in decision.apart)
+        stays = (body.cells for body in decision.bodies)
+        leaving = np.setdiff1d(np.concatenate([none, *was]), np.concatenate([none, *stays]))
+        return let_down(self.shadow, stepper, leaving, decision.easing)
 
 
 def prepare(

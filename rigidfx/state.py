@@ -209,8 +209,10 @@ class State:
         return gone
 
     def ease(self, eased: Eased | None) -> None:
-        """Have a release let down, if it is to be; what has faded is gone."""
-        left = (before for before in self.eased if not before.over(self.t))
+        """Have a release let down, if it is to be; what has faded, or is rigid now, is gone."""
+        own = [np.empty(0, np.int32), *(body.cells for body in self.bodies.of.records)]
+        rigid = np.concatenate(own)
+        left = (before.without(rigid) for before in self.eased if not before.over(self.t))
         self.eased = (*left, *(() if eased is None else (eased,)))
 
     def follow(self, following: tuple[Nodes, ...]) -> None:

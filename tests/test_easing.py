@@ -1,10 +1,15 @@
-"""Releases that let cells down: a stress that fades, a freeze that is undone, kinks at a freeze."""
+"""Releases that let cells down: a stress that fades, a freeze that is undone, kinks at a freeze.
+
+Run as a script under mpirun, this file reports a history with all of that.
+"""
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
+import parallel
 import pytest
 from mpi4py import MPI
 
@@ -14,7 +19,7 @@ from rigidfx.decide.clusters import CellGraph
 from rigidfx.decide.criteria.concentration import Concentration
 from rigidfx.decide.criteria.kinks import Kinks
 from rigidfx.decide.criteria.observation import Observation
-from rigidfx.decide.decision import PlannedBody
+from rigidfx.decide.decision import Decision, PlannedBody
 from rigidfx.decide.easing import STEEPEST, Easing
 from rigidfx.decide.memory.trial import ENOUGH, LAST, Trial
 from rigidfx.decide.policy import DRIFTED, UNDONE
@@ -43,8 +48,8 @@ def bind_anew(run):
     stepper.bind(replace(division, bodies=state.bodies), acting)
 
 
-def let_down(scene, t_end, span, by=0.02):
-    """Reports of a run at whose start the half x ≥ 1.5 is to fade from a shape of its own."""
+def begun(scene, t_end, span, by=0.02):
+    """A run at whose start the half x ≥ 1.5 is to fade from a shape of its own; its cells."""
     run, _ = prepare(scene, Timeline(DT, t_end))
     state, space = run.stepper.state, scene.space
     middles = scene.mesh.geometry.x[scene.mesh.geometry.dofmap].mean(axis=1)
@@ -55,7 +60,13 @@ def let_down(scene, t_end, span, by=0.02):
     further = by * np.stack([X[:, 1] ** 2, X[:, 2] * X[:, 0], -(X[:, 0] ** 2) / 3], axis=1)
     state.ease(Eased(cells, nodes, shape, shape + further, 0.0, span))
     bind_anew(run)
-    found = []
+    return run, cells
+
+
+def let_down(scene, t_end, span):
+    """Measures and work of easing of each step of such a run."""
+    run, _ = begun(scene, t_end, span)
+    state, found = run.stepper.state, []
     with run:
         found.append((run.stepper.measure(), 0.0))
         while state.t < t_end - DT / 2:
@@ -93,6 +104,38 @@ def test_a_stress_that_fades_moves_no_momentum_and_tells_its_work(cell, material
         assert now.energy + taken == pytest.approx(first.energy, rel=1e-11)
 
 
+def works(run, steps):
+    """What is let down in some steps."""
+    results = (run.advance(run.stepper.state.t + DT)[0] for _ in range(steps))
+    return [result.dissipated.get("Easing", 0.0) for result in results]
+
+
+def test_an_attempt_that_is_cut_lets_nothing_go():
+    scene = rf.Scene(box(), SOFT, [rf.InitialVelocity(angular=(0.2, 0.5, 1.0))])
+    found = []
+    for far in (False, True):
+        run, _ = begun(scene, 2.0, 0.4)
+        with run:
+            if far:
+                run.stepper.attempt(0.9)  # its middle is later than the end of what fades
+            found.append(works(run, 3))
+    assert found[1] == pytest.approx(found[0], rel=1e-9)
+    assert min(map(abs, found[0])) > 0
+
+
+def test_what_freezes_again_bears_nothing_any_more():
+    scene = rf.Scene(box(), SOFT, [rf.InitialVelocity(angular=(0.2, 0.5, 1.0))])
+    run, cells = begun(scene, 2.0, 0.8)
+    nodes = np.unique(scene.space.dofmap.list[cells]).astype(np.int32)
+    with run:
+        assert min(map(abs, works(run, 4))) > 0
+        body = PlannedBody(cells, nodes, "part 1", 1)
+        run.switch.apply(Decision("freeze", "", (body,), frozenset(), 2))
+        assert not any(works(run, 2))
+        run.switch.apply(Decision("release", "", (), frozenset(), 2))
+        assert not any(works(run, 2))
+
+
 def test_what_is_let_down_does_not_ring():
     """A bar in its weight, held straight by the stress of its bend: cut it swings by all of that.
 
@@ -126,9 +169,9 @@ def pulse(t):
     return float(3.0 < t < 3.3) * np.sin(np.pi * (t - 3.0) / 0.3) ** 2
 
 
-def struck():
+def struck(comm=MPI.COMM_SELF):
     """A stiff block on a soft stalk, struck sideways."""
-    domain = rf.box((0, 0, 0), (8, 1, 1), (16, 2, 2), comm=MPI.COMM_SELF)
+    domain = rf.box((0, 0, 0), (8, 1, 1), (16, 2, 2), comm=comm)
     domain = domain.with_cells("stalk", lambda x: x[0] <= 4 + 1e-9)
     domain = domain.with_cells("block", lambda x: x[0] >= 4 - 1e-9)
     blow = rf.Traction("y1", (0, 0, 400.0), time=pulse)
@@ -198,12 +241,11 @@ def test_nothing_fails_that_is_not_on_trial():
     assert not any(trial.failed(k * much, k * DT, np.inf, 0.0) for k in range(1, 9))
 
 
-def kinks(shape):
+def kinks(shape, dt=DT, *supports):
     """What is told of a block that moves with a shape, on a stalk that does as well."""
     domain = rf.box((0, 0, 0), (8, 1, 1), (16, 2, 2), comm=MPI.COMM_SELF)
-    moving = rf.InitialVelocity(function=shape)
-    scene = rf.Scene(domain, SOFT, [moving, rf.Fixed("x0")])
-    run, _ = prepare(scene, Timeline(DT, 1.0), rf.StrainRate(1e-3, 0.4))
+    scene = rf.Scene(domain, SOFT, [rf.InitialVelocity(function=shape), *supports])
+    run, _ = prepare(scene, Timeline(dt, 1.0), rf.StrainRate(1e-3, 0.4))
     with run:
         graph = CellGraph(scene)
         measure = StrainRates(scene, run.stepper.forces, "rms")
@@ -211,15 +253,17 @@ def kinks(shape):
         cells = np.flatnonzero(middles[:, 0] > 1.0).astype(np.int32)
         nodes = np.unique(scene.space.dofmap.list[cells]).astype(np.int32)
         body = PlannedBody(cells, nodes, "part 1", 1)
-        seen = Observation(run.stepper, DT)
-        tol = np.full(64, 1e-3)
-        rates = np.full(64, 1e-12)
+        seen = Observation(run.stepper, dt)
+        tol, rates, flexible = np.full(64, 1e-3), np.full(64, 1e-12), np.ones(64, dtype=bool)
         rates[cells] = 1e-3
-        flexible = np.ones(64, dtype=bool)
-        concentration = Concentration(scene)
         weights = run.stepper.indicator.weights
-        out = concentration.too_loud([cells], rates, weights, tol, flexible, 1.5)
+        out = Concentration(scene).too_loud([cells], rates, weights, tol, flexible, 1.5)
         return out.any(), float(Kinks(scene, graph, measure).loud(seen, [body], tol)[0])
+
+
+def squeezed(x):
+    """The block to and fro, the stalk at rest."""
+    return np.stack([0 * x[0], 1e-3 * (x[1] - 0.5) * (x[0] > 2), 0 * x[0]])
 
 
 def test_a_vibration_within_a_part_is_none_that_others_take_over():
@@ -228,13 +272,18 @@ def test_a_vibration_within_a_part_is_none_that_others_take_over():
     def swings(x):
         return np.stack([0 * x[0], 0 * x[0], 1e-3 * x[0] ** 2])
 
-    def squeezed(x):
-        return np.stack([0 * x[0], 1e-3 * (x[1] - 0.5) * (x[0] > 2), 0 * x[0]])
+    told = [kinks(shape, DT, rf.Fixed("x0")) for shape in (swings, squeezed)]
+    assert all(power for power, _ in told)  # by which the root takes over both
+    assert told[0][1] > 1.5
+    assert told[1][1] < 0.1
 
-    told = {shape.__name__: kinks(shape) for shape in (swings, squeezed)}
-    assert all(power for power, _ in told.values())  # by which the root takes over both
-    assert told["swings"][1] > 1.5
-    assert told["squeezed"][1] < 0.1
+
+@pytest.mark.parametrize("dt", [0.002, DT])
+def test_what_turns_as_a_whole_makes_no_kink(dt):
+    def turning(x):
+        return squeezed(x) + 2.0 * np.stack([-x[1], x[0], 0 * x[0]])
+
+    assert kinks(turning, dt)[1] == pytest.approx(kinks(squeezed, dt)[1], rel=1e-6)
 
 
 @pytest.mark.parametrize("value", [-0.1, 1.1, np.nan, "long"])
@@ -248,3 +297,40 @@ def test_easing_goes_with_local_waking_only(wake):
     assert rf.StrainRate(1e-3, 0.4, wake=wake).easing == 0.0
     with pytest.raises(SceneError, match="easing says how cells are let down"):
         rf.StrainRate(1e-3, 0.4, wake=wake, easing=0.5)
+
+
+@pytest.mark.filterwarnings("ignore:Body 'part 1'. 16%:rigidfx.RigidfxWarning")
+def test_steps_that_are_shortened_twice_leave_shadows_numbers():
+    """What rings in shadows was taken out of a motion of which that had been taken out already."""
+    control = rf.StepControl(0.01, "tip", largest=0.05)
+    rule = rf.StrainRate(6e-4, WINDOW * DT)
+    reports = rf.simulate(struck(), control, 3.5, rigidify=rule, progress=False)
+    assert any(event.kind == "release" for report in reports for event in report.events)
+
+
+def history(comm):
+    """A struck block that freezes, and is let down: tips, works and events."""
+    tips, told = [], []
+    rule = rf.StrainRate(6e-4, WINDOW * DT)
+    for report in rf.simulate(struck(comm), DT, 10.6, rigidify=rule, progress=False):
+        tips.append([*report.probes["tip"], report.dissipated.get("Easing", 0.0)])
+        told += [[e.t, e.reason, len(e.changes), e.unknowns_after] for e in report.events]
+    return tips, told
+
+
+@pytest.mark.parallel
+@pytest.mark.filterwarnings("ignore:Body 'part 1'. 16%:rigidfx.RigidfxWarning")
+def test_three_ranks_let_the_same_down():
+    """One of them has but quiet cells, another one what just moves by rounding."""
+    tips, told = parallel.run(__file__, 3, 300)
+    alone, events = history(MPI.COMM_SELF)
+    assert told == events
+    assert len(events) >= 5
+    assert np.abs(np.array(tips) - alone).max() <= 1e-9 * np.abs(alone).max()
+
+
+if __name__ == "__main__":
+    warnings.simplefilter("ignore", rf.RigidfxWarning)
+    found = history(MPI.COMM_WORLD)
+    if MPI.COMM_WORLD.rank == 0:
+        parallel.report(found)

@@ -863,6 +863,28 @@ def test_how_a_motion_grows_is_told_by_the_last_half():
             assert found == pytest.approx(2.0**power, rel=0.1)
 
 
+class Beside:
+    """A communicator of two, in which the other one gives these numbers."""
+
+    def __init__(self, *others):
+        self.others = list(others)
+
+    def allreduce(self, value, op):
+        other = self.others.pop(0)
+        return max(value, other) if op is MPI.MAX else min(value, other)
+
+
+def test_a_rank_that_sees_next_to_nothing_does_not_say_since_when():
+    """The other one: the largest is 6, it was next to nothing until 3, and 4 at 6.5."""
+    rise = Rise(Beside(6.0, 3.0, 4.0))
+    rise.add(1e-12, 0.5, 1.0)
+    assert rise.growth(9.0, 10.0) == 1.5
+    rise = Rise(Beside(1e-12, np.inf, 1e-12))  # and asked of that one
+    for t, value in ((1.0, 1e-12), (3.0, 1e-12), (5.0, 4.0), (8.0, 6.0)):
+        rise.add(value, t, t + 1)
+    assert rise.growth(9.0, 10.0) == 1.5
+
+
 def test_what_rings_now_is_told_by_the_last_windows():
     """A vibration with ω = 5 turns round in 0.2 s, whatever blow has come before."""
     found, rigid = Strokes(COMM, 2), np.array([False, True])

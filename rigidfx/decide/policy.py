@@ -23,7 +23,7 @@ from rigidfx.base.failures import Failures
 from rigidfx.decide.advice import Advice
 from rigidfx.decide.clusters import NONE, CellGraph
 from rigidfx.decide.criteria.heeded import heeded_rule
-from rigidfx.decide.criteria.judging import Criterion
+from rigidfx.decide.criteria.judging import Criterion, part_of_window
 from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.decision import Decision, kept_bodies, qualify
 from rigidfx.decide.easing import Easing
@@ -102,8 +102,8 @@ class Policy:
             self._never[scene.owned_cells(name, f"{type(criterion).__name__} (never)")] = True
         self._releases = Releases(scene, criterion.releases, timeline)
         self.named = NamedParts(scene, self._graph)
-        self._easing = Easing(criterion.easing or 0.0)
-        self._strained: Strained | None = None
+        self._easing = Easing(part_of_window(type(criterion).__name__, criterion.easing))
+        self._springs: Array | None = None  # of the present bodies, at the last look
         self._planner = Planner(self._graph, self.named, criterion.least_cells(scene))
         change = CHANGE if criterion.load_change is None else criterion.load_change
         self.memory = Memory(
@@ -205,31 +205,33 @@ class Policy:
         free = self._planner.free(seen)
         waking = self.rule.waking(strained, free)
         above = waking.cells
-        self._strained = strained
+        self._springs = strained.spring
         undone = why == CHECKED and self._undone(seen, strained)
         if not self._any(above | waking.stale):
             if not undone:
                 return None
-            decision = self._let_down(seen, strained, UNDONE, self.memory.trial.cells)
+            decision = self._let_down(seen, UNDONE, self.memory.trial.cells, strained.window)
             return replace(decision, woken=np.empty(0, np.int32))
         leaving = self._graph.touching(self._graph.largest_at_nodes(above.astype(np.float64)) > 0)
         mine = np.unique(numbers[waking.stale | (free & leaving & (strained.spring > 1))])
         leaving |= np.isin(numbers, np.concatenate(self._graph.comm.allgather(mine)))
-        decision = self._let_down(seen, strained, why, leaving)
+        decision = self._let_down(seen, why, leaving, strained.window)
         return replace(decision, woken=np.flatnonzero(above).astype(np.int32))
 
-    def _let_down(
-        self, seen: Observation, strained: Strained | None, reason: str, cells: Bools
-    ) -> Decision:
-        """Release owned cells so that they do not spring, where shadows know them. Collective."""
-        decision = self._release(seen, reason, cells)
-        if strained is None:
-            return decision
-        leaving = self._planner.free(seen) & cells
-        here = float(strained.spring[leaving].max(initial=0.0))
+    def _let_down(self, seen: Observation, reason: str, cells: Bools, window: float) -> Decision:
+        """Release owned cells so that they do not spring, as far as is known of that. Collective.
+
+        Args:
+            seen: The state.
+            reason: Why, in words.
+            cells: These cells.
+            window: Length of a window [s].
+        """
+        leaving, known = self._planner.free(seen) & cells, self._springs
+        here = 0.0 if known is None else float(known[leaving].max(initial=0.0))
         spring = self._graph.comm.allreduce(here, op=MPI.MAX)
-        easing = self._easing.span(strained.window, seen.dt, spring)
-        return replace(decision, easing=easing)
+        easing = self._easing.span(window, seen.dt, spring)
+        return replace(self._release(seen, reason, cells), easing=easing)
 
     def _undone(self, seen: Observation, strained: Strained) -> bool:
         """Whether what has just frozen will not last. Collective."""
@@ -254,7 +256,7 @@ class Policy:
         memory, t = self.memory, seen.t
         flexible, tol = seen.flexible & memory.window.whole, self.rule.tol
         if memory.drift.too_far and self._any(self._planner.free(seen)):
-            return self._let_down(seen, self._strained, DRIFTED, self._every)
+            return self._let_down(seen, DRIFTED, self._every, t - memory.window.start)
         self._advice.of_window(memory.signals.period(), tol, seen.noise)
         qualified, closeness = qualify(memory.window.worst, tol, flexible, self._graph.comm)
         able = memory.back_off.lasting(qualified)
@@ -313,6 +315,7 @@ class Policy:
         if decision.qualified is not None:
             memory.back_off.window_ended(decision.qualified, t - memory.window.start)
         if changed:
+            self._springs = None
             memory.contacts.remember()
             rigid = self._planner.numbers(seen) != NONE
             if freezes:

@@ -7,7 +7,7 @@ less and less of it: they begin with the acceleration of the body's shadow, and 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import cos, pi
 
 import numpy as np
@@ -38,6 +38,10 @@ class Eased:
     strained: Array
     since: float
     span: float
+
+    def without(self, cells: Int32s) -> Eased:
+        """The same without some cells, which have become rigid."""
+        return replace(self, cells=np.setdiff1d(self.cells, cells))
 
     def part(self, t: float) -> float:
         """What part of the stress is left at t [s]: ½ (1 + cos π(t - t₀)/T)."""

@@ -55,6 +55,7 @@ class Response:
         self.motion, self.lag = at_rest(margin.rows.nodes.size), np.inf
         self.grown: list[Ints] = []
         self._last: Stretch = (np.empty((0, 3)), 0.0)  # ρ of the last step, and its length
+        self._shortened = False  # whether what rang in that has been taken out
 
     def begin(self, motion: Motion, grown: list[Ints], t: float, dt: float | None) -> None:
         """Go on from a motion. Collective.
@@ -118,6 +119,7 @@ class Response:
     def take(self, motion: Motion, force: Array, dt: float) -> None:
         """Have taken a step of length dt [s] under a force."""
         self._last, self.motion, self.grown = (force, dt), motion, []
+        self._shortened = False
 
     def catch_up(self, stretches: list[Stretch], t: float) -> None:
         """Take the steps that calm shadows have not taken, up to t [s]. Collective."""
@@ -140,14 +142,14 @@ class Response:
             t: Time [s].
         """
         force, before = self._last
-        if span < before and not same_length(span, before):
+        if not self._shortened and span < before and not same_length(span, before):
             motion, damping = self.motion, self._damping(t - before / 2)
             u = motion.u - before / 2 * motion.w
             d = self.part.increment(force, u, motion.w, before, *damping)
             # The first step tells nothing by its rate, as that of a shadow that begins.
             w = np.full_like(u, np.nan)
             self.motion = replace(motion, u=u + d / 2, v=np.asarray(d / before), w=w)
-            self._last = force, span
+            self._shortened = True  # however short a step is tried next, until one is taken
 
     def _damping(self, t: float) -> tuple[float, float]:
         """α of the drag on shadows [1/s], and ξ of the numerical damping."""

@@ -10,7 +10,7 @@ from typing import Literal
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import number, positive, shown, whole
 from rigidfx.base.taken import take_fields
-from rigidfx.decide.criteria.judging import EASING, Criterion, never_rigid
+from rigidfx.decide.criteria.judging import EASING, Criterion, never_rigid, part_of_window
 from rigidfx.decide.criteria.rate_rule import HALF, RateRule
 from rigidfx.decide.criteria.relative import Relative
 from rigidfx.decide.criteria.release import Release
@@ -90,7 +90,7 @@ class StrainRate(Criterion):
     wake: Literal["all", "local", "none"] | None = field(default=None, kw_only=True)
     kappa: float = field(default=3.0, kw_only=True)
     patience: float = field(default=2.0, kw_only=True)
-    easing: float | None = field(default=None, kw_only=True)
+    easing: float | None = field(default=None, kw_only=True)  # type: ignore[assignment]
     since: float = field(default=0.0, kw_only=True)
     until: float = field(default=inf, kw_only=True)
 
@@ -213,8 +213,4 @@ def _easing(given: float | None, wake: str | None) -> float:
             "StrainRate: easing says how cells are let down that forces release, and with "
             f"wake='{wake}' none are. Take wake='local', or leave it out."
         )
-    if not 0 <= number("StrainRate", "easing", given) <= 1:
-        raise SceneError(
-            f"StrainRate: easing must be a part of a window, 0 to 1, got {shown(given)}."
-        )
-    return float(given)
+    return part_of_window("StrainRate", given)

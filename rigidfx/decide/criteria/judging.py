@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from math import inf
 from typing import Any, Literal
 
-from rigidfx.base.inputs import names
+from rigidfx.base.errors import SceneError
+from rigidfx.base.inputs import names, number, shown
 from rigidfx.decide.criteria.release import Release
 from rigidfx.decide.criteria.rule import Rule
 from rigidfx.decide.memory.memory import Memory
@@ -16,7 +17,7 @@ from rigidfx.flexible.strain_rate import StrainRates
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
 
-__all__ = ["EASING", "Criterion", "never_rigid"]
+__all__ = ["EASING", "Criterion", "never_rigid", "part_of_window"]
 
 LEAST = 2  # cells of a body: one alone hardly saves anything
 EASING = 0.25  # windows in which released cells are let down, at least
@@ -35,7 +36,7 @@ class Criterion:
     min_cells: int | None = 2
     load_change: float | None = inf
     patience: float = 2.0
-    easing: float | None = EASING
+    easing: float = EASING
     since: float = 0.0
     until: float = inf
 
@@ -141,3 +142,18 @@ def never_rigid(owner: str, never: Any) -> tuple[str, ...]:
         SceneError: If it is anything else.
     """
     return names(owner, "never", never, "cell sets")
+
+
+def part_of_window(owner: str, given: Any) -> float:
+    """Part of a window in which a criterion lets cells down.
+
+    Args:
+        owner: Whose number this is, for the message.
+        given: What was given.
+
+    Raises:
+        SceneError: If it is none.
+    """
+    if not 0 <= number(owner, "easing", given) <= 1:
+        raise SceneError(f"{owner}: easing must be a part of a window, 0 to 1, got {shown(given)}.")
+    return float(given)

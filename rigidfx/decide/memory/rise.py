@@ -53,7 +53,9 @@ class Rise:
             t: Now [s].
         """
         largest = self._comm.allreduce(self._course.largest, op=MPI.MAX)
-        begun = self._comm.allreduce(self._course.until(NOTHING * largest), op=MPI.MIN)
+        small = NOTHING * largest  # more than that may never have been seen on this rank
+        mine = self._course.until(small) if self._course.largest > small else inf
+        begun = self._comm.allreduce(mine, op=MPI.MIN)
         ago = t - HALF * max(t - start, t - begun)
         before = self._comm.allreduce(self._course.at(ago), op=MPI.MAX)
         return float(largest / before) if before > 0 else inf if largest > 0 else 1.0

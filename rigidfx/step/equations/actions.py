@@ -143,10 +143,6 @@ class Actions:
             SceneError: On every rank, if a user's function fails on any.
         """
         self._touches = None
-        while over := next((e for e in self._easing if e.over(t)), None):
-            self._easing.remove(over)
-            over.destroy()
-            self._select(self._here)
         if self._timed:
 
             def evaluate() -> None:
@@ -230,9 +226,14 @@ class Actions:
         return sum(potential(u, bodies) for potential in self._potential_of_links)
 
     def accept(self) -> None:
-        """Take note that the last iterate has become a step."""
+        """Take note that the last iterate has become a step. Collective where something fades."""
         for accept in self._accept:
             accept()
+        if over := [e for e in self._easing if e.over]:  # an attempt may be cut, a step is not
+            self._easing = [e for e in self._easing if not e.over]
+            self._select(self._here)
+            for action in over:
+                action.destroy()
 
     def resist_at(self, nodes: npt.NDArray[np.int32], forces: Array) -> None:
         """Add the resistance of owned nodes by actions that are not bound to bodies' nodes [N]."""

@@ -55,7 +55,7 @@ class EasedForces(Action):
         self._x.array[:] = (rows.X - rows.comm.allreduce(rows.X.sum(axis=0)) / count).reshape(-1)
         self._G.mult(self._x, self._still)
         self._condensed: CondensedMatrix | None = None
-        self._part = 0.0
+        self._part = 1.0
         largest = PETSc.NormType.INFINITY
         self.rounding = float(self._G.norm(largest) * self._x.norm(largest))
 
@@ -67,9 +67,10 @@ class EasedForces(Action):
         """See `Action`."""
         self._part = self._eased.part(t)
 
-    def over(self, t: float) -> bool:
-        """Whether nothing is left at t [s]."""
-        return self._eased.over(t)
+    @property
+    def over(self) -> bool:
+        """Whether nothing was left in the step that time was set for last."""
+        return self._part == 0.0
 
     def _resistance(self, d: PETSc.Vec) -> PETSc.Vec:
         """G x½ for increments d. Collective."""

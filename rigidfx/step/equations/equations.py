@@ -239,7 +239,7 @@ class Equilibrium:
 
     def strain_error(self, residual: float) -> float:
         """Strain that rounding, and a residual ‖R‖ [N], may leave in a cell. Collective."""
-        return self._rounding.in_strain(residual)
+        return self._rounding.in_strain(residual, self._step.start)
 
     def worst_place(self) -> Array:
         """Reference position of the node with the largest residual [m], shape (3,). Collective."""

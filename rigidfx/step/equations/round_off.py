@@ -102,14 +102,16 @@ class Rounding:
             noise += 2 / dt * start.momentum_scale
         return float(noise + self._actions.rounding)
 
-    def in_strain(self, residual: float) -> float:
+    def in_strain(self, residual: float, bodies: Bodies) -> float:
         """Strain that a residual and rounding may leave in a cell. Collective.
 
         The residual moves a node by no more than it would against the mean stiffness of a node;
-        without flexible cells it strains nothing.
+        without flexible cells it strains nothing. Nodes of bodies are where these are, rounded as
+        places are.
 
         Args:
             residual: ‖R‖ of a solution [N].
+            bodies: The bodies at the start of the step.
         """
         if self._mean == 0.0:
             sums = np.array([self._stiffness.sum(), self._stiffness.size])
@@ -117,7 +119,10 @@ class Rounding:
             self._mean = float(sums[0] / np.sqrt(max(sums[1], 1.0)))
         moved = residual / self._mean if self._mean > 0 else 0.0
         eps = float(np.finfo(np.float64).eps)
-        return float(moved / self._cell_size + eps * self._forces.strain_noise)
+        lengths = (body.length for body in bodies.of.records)
+        reach = float(np.abs(bodies.r).max(initial=0.0)) + max(lengths, default=0.0)
+        noise = max(1.0, reach / self._cell_size) * self._forces.strain_noise
+        return float(moved / self._cell_size + eps * noise)
 
     def waves(self, dt: float) -> float:
         """How many cells a wave passes in a step of Δt [s], about."""
