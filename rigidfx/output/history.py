@@ -5,7 +5,7 @@ Columns, in SI units; a vector has one column for each of x, y, z:
     step, t, dt, iterations, linear_iterations, cuts, unknowns
     kinetic, strain, stored, springs, energy at t; stored in bodies, in springs, and the sum [J]
     work_of_loads, work_of_supports          in the step [J]
-    dissipated                               by all damping in the step [J]
+    dissipated                               by all damping in the step, and let down [J]
     impact_energy                            change of energy where a support began [J]
     momentum_scale, L_x …                    Σ m|v| and linear momentum [kg m/s]
     J_x …                                    angular momentum about the origin [kg m²/s]

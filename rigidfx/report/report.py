@@ -60,7 +60,8 @@ class Report:
         work_of_loads: Work of the loads in this step [J].
         work_of_supports: Work of the reactions in this step [J].
         dissipated: Energy that damping took in this step [J], by the name of its kind, such as
-            "KelvinVoigt" (a spring's dashpot counts as "Spring").
+            "KelvinVoigt" (a spring's dashpot counts as "Spring"); "Easing" is what releases by
+            forces have let down, and may be less than nothing.
         reactions: Force of each support on the structure at the step's midpoint, by the name of
             its set, shape (3,) [N]; in the initial state those of a static preload.
         reaction_moments: Its moment about the origin, likewise [N m].
