@@ -236,6 +236,8 @@ class Policy:
     def _undone(self, seen: Observation, strained: Strained) -> bool:
         """Whether what has just frozen will not last. Collective."""
         memory, window = self.memory, strained.window
+        if memory.trial.over:
+            return False
         turning = memory.strokes.turning
         turning = turning if pi * turning <= window else 0.0
         here = memory.trial.failed(strained.sum, seen.t + seen.dt, window, turning)

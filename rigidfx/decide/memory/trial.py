@@ -40,6 +40,11 @@ class Trial:
         self._looks, self._since = LAST, 0.0
         self._first: tuple[float, Array] = 0.0, np.zeros(cells)
 
+    @property
+    def over(self) -> bool:
+        """Whether nothing is on trial; the same on all ranks."""
+        return self._looks >= LAST
+
     def begin(self, cells: Bools, t: float) -> None:
         """Have cells on trial that have frozen at t [s]."""
         self.cells, self._since, self._looks = cells, t, 0
@@ -57,7 +62,7 @@ class Trial:
             window: Length of a window [s].
             turning: Time in which what moves turns round [s]; zero where windows do not tell.
         """
-        if self._looks >= LAST:
+        if self.over:
             return False
         self._looks += 1
         if self._looks <= FIRST:
