@@ -14,6 +14,7 @@ import pytest
 from mpi4py import MPI
 
 import rigidfx as rf
+from rigidfx.base.compat import cell_geometry_dofs
 from rigidfx.base.errors import SceneError
 from rigidfx.decide.clusters import CellGraph
 from rigidfx.decide.criteria.concentration import Concentration
@@ -40,6 +41,10 @@ def box(cell="hexahedron", cells=(6, 2, 2)):
     return domain.with_cells("end", lambda x: x[0] <= 1 + 1e-9)
 
 
+def middles(mesh):
+    return mesh.geometry.x[cell_geometry_dofs(mesh)].mean(axis=1)
+
+
 def bind_anew(run):
     """Have the equations know what is eased."""
     stepper, acting = run.stepper, run.switch.acting
@@ -52,8 +57,7 @@ def begun(scene, t_end, span, by=0.02):
     """A run at whose start the half x ≥ 1.5 is to fade from a shape of its own; its cells."""
     run, _ = prepare(scene, Timeline(DT, t_end))
     state, space = run.stepper.state, scene.space
-    middles = scene.mesh.geometry.x[scene.mesh.geometry.dofmap].mean(axis=1)
-    cells = np.flatnonzero(middles[:, 0] > 1.5).astype(np.int32)
+    cells = np.flatnonzero(middles(scene.mesh)[:, 0] > 1.5).astype(np.int32)
     nodes = np.unique(space.dofmap.list[cells]).astype(np.int32)
     shape = state.u.x.array.reshape(-1, 3)[nodes]
     X = state.X[nodes]
@@ -249,8 +253,7 @@ def kinks(shape, dt=DT, *supports):
     with run:
         graph = CellGraph(scene)
         measure = StrainRates(scene, run.stepper.forces, "rms")
-        middles = scene.mesh.geometry.x[scene.mesh.geometry.dofmap].mean(axis=1)
-        cells = np.flatnonzero(middles[:, 0] > 1.0).astype(np.int32)
+        cells = np.flatnonzero(middles(scene.mesh)[:, 0] > 1.0).astype(np.int32)
         nodes = np.unique(scene.space.dofmap.list[cells]).astype(np.int32)
         body = PlannedBody(cells, nodes, "part 1", 1)
         seen = Observation(run.stepper, dt)
