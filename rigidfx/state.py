@@ -66,10 +66,11 @@ class State:
         """Positions of owned nodes, also of those inside bodies, shape (nodes, 3) [m]."""
         x = np.asarray(self.X[nodes] + self.u.x.array.reshape(-1, 3)[nodes])
         if len(self.bodies):
-            body, coordinates = self.bodies.of.holding(len(self.X))
+            body, coordinates, displacement = self.bodies.of.holding(len(self.X))
             inside = np.flatnonzero(body[nodes] >= 0)
             held = nodes[inside]
-            x[inside] = (coordinates[held][:, None] @ self.bodies.pose[body[held]])[:, 0]
+            moved = (coordinates[held][:, None] @ self.bodies.moved[body[held]])[:, 0]
+            x[inside] = self.X[held] + (displacement[held] + moved)
         return x
 
     @property
@@ -120,7 +121,7 @@ class State:
         v: Array,
         bodies: Bodies,
         attached: npt.NDArray[np.int64],
-        places: Array,
+        displacement: Array,
     ) -> None:
         """Take over the result of a step. Collective.
 
@@ -132,13 +133,13 @@ class State:
             bodies: The bodies at its end.
             attached: Owned dofs of the bodies' nodes among them: they are put exactly where the
                 bodies are, as increments would add up rounding.
-            places: The coordinates of these [m].
+            displacement: The displacement of these [m].
         """
         self.changes += 1
         self.u.x.array[dofs] += d
         self.v.x.array[dofs] = v
         self.bodies, self.t = bodies, t
-        self.u.x.array[attached] = places - self.X.reshape(-1)[attached]
+        self.u.x.array[attached] = displacement
         self._scatter()
 
     def rebuild(self) -> None:
@@ -152,7 +153,7 @@ class State:
         u, v = (f.x.array.reshape(-1, 3) for f in (self.u, self.v))
         for body, own in zip(self.bodies, self._following, strict=True):
             nodes = body.data.nodes
-            u[nodes] = body.positions - self.X[nodes]
+            u[nodes] = body.displacement
             v[nodes[own]] = body.velocities[own]
         self._scatter()
 
@@ -204,7 +205,7 @@ class State:
         )
         u = self.u.x.array.reshape(-1, 3)
         for body in gone:
-            u[body.data.nodes] = body.positions - self.X[body.data.nodes]
+            u[body.data.nodes] = body.displacement
         self.u.x.scatter_forward()
         return gone
 

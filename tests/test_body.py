@@ -298,7 +298,8 @@ def exact_period(moments, omega):
 def top(inertia=INERTIA, mass=2.0):
     """A body without cells."""
     nothing = np.empty(0, np.int32)
-    return RigidBody("top", nothing, nothing, np.empty((0, 3)), mass, inertia, np.zeros(3))
+    none = np.empty((0, 3))
+    return RigidBody("top", nothing, nothing, none, none, mass, inertia, np.zeros(3))
 
 
 def step_of(body, start, dr, theta, dt):

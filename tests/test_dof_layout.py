@@ -41,7 +41,9 @@ def bar(cells, rigid):
         nodes = np.flatnonzero((x[:, 0] > low - 1e-9) & (x[:, 0] < high + 1e-9)).astype(np.int32)
         J = np.diag([1.0, 2.0, 3.0])
         bodies.append(
-            RigidBody(f"{k}", owned[inside], nodes, x[nodes], 2.0 + k, J, np.zeros(3), k + 1)
+            RigidBody(
+                f"{k}", owned[inside], nodes, x[nodes], 0 * x[nodes], 2.0 + k, J, np.zeros(3), k + 1
+            )
         )
         flexible &= ~inside
     return scene, {1: owned[flexible]}, Ensemble(bodies)

@@ -30,6 +30,7 @@ class AttachedRows:
 
     Attributes:
         rows: These rows, sorted.
+        displacement: Displacement at the freeze, in their order [m].
         entries: N, with a row for each row of the layout, shape (rows, 12 · bodies) [1, m].
     """
 
@@ -41,15 +42,18 @@ class AttachedRows:
         """
         rows, count = layout.rows, 12 * len(layout.bodies)
         parts: list[tuple[Ints, Ints, Array]] = []  # rows, columns, values
+        displacement = np.zeros(rows.dofs.size)
         for k, (body, at) in enumerate(zip(layout.bodies, layout.attached, strict=True)):
             coordinates = np.c_[np.ones(at.size), body.offsets[at]]
             node, axis, j = (i.reshape(-1) for i in np.indices((at.size, 3, 4)))
             places = 3 * rows.positions(body.nodes[at])[node] + axis
+            displacement[places] = body.displacement[at][node, axis]
             parts.append((places, 12 * k + 3 * j + axis, coordinates[node, j]))
         none = np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0)
         row, column, value = map(np.concatenate, zip(none, *parts, strict=True))
         self.entries = csr_array((value, (row, column)), shape=(rows.dofs.size, count))
         self.rows: Ints = np.unique(row)
+        self.displacement: Array = displacement[self.rows]
         own = self.entries[self.rows]
         self._numbers, self._at_rows = np.zeros(count), np.zeros(self.rows.size)
         vectors = (self._numbers, self._at_rows)

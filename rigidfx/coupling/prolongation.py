@@ -188,9 +188,9 @@ class Prolongation:
         if self.attached.size:
             out[self.attached] = self._held.moved(moved)
 
-    def places(self, bodies: Bodies) -> Array:
-        """Where the attached nodes are, a coordinate for each of their rows, `attached` [m]."""
-        return self._held.moved(bodies.pose).copy()
+    def displacement(self, bodies: Bodies) -> Array:
+        """Displacement of the attached nodes, in their rows, `attached` [m]."""
+        return self._held.displacement + self._held.moved(bodies.moved)
 
     def pose(self, bodies: Bodies) -> None:
         """Set L and P to those of θ = 0, where they agree and map velocities, equation (25)."""

@@ -38,6 +38,7 @@ class Ensemble:
         square_length: ℓ², shape (bodies, 1, 1) [m²].
         frames: The part of `Increments.L` that does not turn, shape (bodies, 12, 6).
         stored: Energy that they keep for their release [J].
+        frozen: Rows r and Rᵀ = I at the freeze, shape (bodies, 4, 3) [m, 1].
         skews: v times them is -v̂/ℓ, row by row; shape (bodies, 3, 9) [1/m].
     """
 
@@ -48,8 +49,9 @@ class Ensemble:
         self.inertia = np.reshape([body.inertia for body in records], (-1, 3, 3))
         self.excess = np.reshape([body.excess for body in records], (-1, 3, 3))
         self.excessive = bool(self.excess.any())
-        self._holding: tuple[npt.NDArray[np.int32], Array] | None = None
+        self._holding: tuple[npt.NDArray[np.int32], Array, Array] | None = None
         self.stored = float(sum(body.frozen.energy for body in records))
+        self.frozen = np.reshape([[body.origin, *np.eye(3)] for body in records], (-1, 4, 3))
         self.length = np.array([body.length for body in records], dtype=np.float64)
         self.square_length = (self.length**2)[:, None, None]
         self.skews = UNIT_SKEWS / -self.length[:, None, None]
@@ -60,23 +62,25 @@ class Ensemble:
         """Number of bodies."""
         return len(self.records)
 
-    def holding(self, count: int) -> tuple[npt.NDArray[np.int32], Array]:
+    def holding(self, count: int) -> tuple[npt.NDArray[np.int32], Array, Array]:
         """Which of the first nodes are bodies', found once.
 
         Args:
             count: Number of nodes.
 
         Returns:
-            Number of each node's body, -1 if it has none, and its body-fixed [1, V], shapes
-            (nodes,) and (nodes, 4) [1, m].
+            Number of each node's body, -1 if it has none, its body-fixed [1, V] and its
+            displacement at the freeze, shapes (nodes,), (nodes, 4) [1, m] and (nodes, 3) [m].
         """
         if self._holding is None:
             body, coordinates = np.full(count, -1, dtype=np.int32), np.zeros((count, 4))
+            displacement = np.zeros((count, 3))
             for k, record in enumerate(self.records):
                 body[record.nodes] = k
                 coordinates[record.nodes, 0] = 1.0
                 coordinates[record.nodes, 1:] = record.offsets
-            self._holding = body, coordinates
+                displacement[record.nodes] = record.displacement
+            self._holding = body, coordinates, displacement
         return self._holding
 
     @property
@@ -170,6 +174,15 @@ class Bodies:
     def stored(self) -> float:
         """Energy that the bodies keep for their release [J]."""
         return self.of.stored
+
+    @cached_property
+    def moved(self) -> Array:
+        """What the pose has changed by since the freeze, shape (bodies, 4, 3) [m, 1].
+
+        [1, V] times it is a node's displacement since then, so rounded as that is: a body that has
+        not moved is at rest, and strains nothing beside it.
+        """
+        return read_only(self.pose - self.of.frozen)
 
     @cached_property
     def momentum(self) -> Array:

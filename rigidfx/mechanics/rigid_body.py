@@ -58,6 +58,7 @@ class RigidBody:
         cells: Owned cells on this rank, sorted.
         nodes: Owned nodes on this rank, sorted.
         offsets: V of these nodes in the body's frame, shape (nodes, 3) [m].
+        displacement: Their displacement at the freeze, shape (nodes, 3) [m].
         mass: m [kg].
         inertia: J about the centre of mass in the body's frame, shape (3, 3) [kg m²].
         origin: Centre of mass at the freeze, shape (3,) [m].
@@ -73,6 +74,7 @@ class RigidBody:
     cells: npt.NDArray[np.int32]
     nodes: npt.NDArray[np.int32]
     offsets: Array
+    displacement: Array
     mass: float
     inertia: Array
     origin: Array
@@ -157,6 +159,12 @@ class Body:
     def positions(self) -> Array:
         """Positions of its owned nodes, shape (nodes, 3) [m]."""
         return self.motion.positions(self.data.offsets)
+
+    @property
+    def displacement(self) -> Array:
+        """Displacement of its owned nodes, shape (nodes, 3) [m]; see `Bodies.moved`."""
+        V, turned = self.data.offsets, self.motion.R - np.eye(3)
+        return np.asarray(self.data.displacement + (self.motion.r - self.data.origin + V @ turned.T))
 
     @property
     def velocities(self) -> Array:

@@ -63,11 +63,11 @@ class Parts:
         self.rows = Rows(scene.space, nodes)
         self.at = tuple(self.rows.positions(body.nodes) for body in bodies)
         self.V: Array = np.zeros((nodes.size, 3))
-        frozen = np.zeros((nodes.size, 3))
+        shape = np.zeros((nodes.size, 3))
         for body, at in zip(bodies, self.at, strict=True):
             self.V[at] = body.offsets
-            frozen[at] = body.origin + body.offsets
-        self.shape: Array = (frozen - self.rows.X).reshape(-1)
+            shape[at] = body.displacement
+        self.shape: Array = shape.reshape(-1)
         self._weights = m = scene.nodal_mass[nodes]
         light = np.divide(1.0, m, out=np.zeros_like(m), where=m > 0)
         self._lightness: Array = np.repeat(light[:, None], 3, axis=1)

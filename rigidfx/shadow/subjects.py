@@ -211,6 +211,7 @@ class HeldParts:
             cells=cells,
             nodes=nodes,
             offsets=x - centre,
+            displacement=x - state.X[nodes],
             mass=float(sums[0]),
             inertia=np.trace(spread) * np.eye(3) - spread,
             origin=centre,

@@ -105,6 +105,7 @@ def freeze(scene: Scene, forces: InternalForces, state: State, what: PlannedBody
         cells=what.cells,
         nodes=what.nodes,
         offsets=offsets,
+        displacement=u[what.nodes],
         mass=p.mass,
         inertia=p.inertia,
         origin=p.centre,

@@ -195,7 +195,7 @@ class System:
             2 / dt * d - self._v0.array_r,
             bodies,
             dofs[prolongation.attached],
-            prolongation.places(bodies),
+            prolongation.displacement(bodies),
         )
         return work
 
