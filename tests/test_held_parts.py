@@ -38,7 +38,15 @@ def drift(t):
 
 
 WALL = rf.Contact("x0", against=rf.Plane((0, 0, 0), (1, 0, 0)), stiffness=3e5)
-FLOOR = rf.Contact("z0", against=rf.Plane((0, 0, 0), (0, 0, 1)), stiffness=3e5)
+
+
+def floor(speed=0.0, **friction):
+    """A floor below the bar that runs along it [m/s]."""
+    below = rf.Plane((0, 0, 0), (0, 0, 1), path=lambda t: (speed * t, 0.0, 0.0))
+    return rf.Contact("z0", against=below, stiffness=3e5, **friction)
+
+
+FLOOR = floor()
 PUSH = rf.Traction("x1", (0, 0, 50.0), time=slowly)
 
 
@@ -125,8 +133,7 @@ def beam(*effects):
 
 def lying(*effects):
     """A bar on a floor, pressed on it at its end."""
-    press = rf.Traction("x1", (0, 0, -50.0), time=slowly)
-    return bar(CLAMP, FLOOR, press, *effects, root=SOFT)
+    return bar(CLAMP, FLOOR, PRESS, *effects, root=SOFT)
 
 
 @pytest.mark.parametrize("make", [beam, lying])
@@ -139,6 +146,7 @@ def test_what_else_bears_the_loads_is_known(make):
 
 
 GRAVITY = rf.Gravity((0, 0, -0.5), time=slowly)
+PRESS = rf.Traction("x1", (0, 0, -50.0), time=slowly)
 
 
 @pytest.mark.parametrize(
@@ -147,9 +155,11 @@ GRAVITY = rf.Gravity((0, 0, -0.5), time=slowly)
         ((PUSH, CLAMP, rf.Spring("x1", 3000.0)), "root", 0.1),
         ((GRAVITY, CLAMP, rf.Fixed("x1", "z"), rf.Spring("x1", 300.0)), "root", 0.5),
         ((GRAVITY, CLAMP, FLOOR), "root", 1.0),
-        ((rf.Traction("x1", (0, 0, -50.0), time=slowly), CLAMP, FLOOR), "rest", 0.3),
+        ((PRESS, CLAMP, FLOOR), "rest", 0.3),
+        ((GRAVITY, PRESS, CLAMP, floor(friction=0.3, creep=1e-3)), "root", 1.0),
+        ((GRAVITY, PRESS, CLAMP, floor(0.01, friction=0.3, creep=1e-5)), "root", 1.0),
     ],
-    ids=["spring", "second support", "floor", "free on a floor"],
+    ids=["spring", "second support", "floor", "free on a floor", "friction", "belt"],
 )
 def test_what_parts_carry_is_that_of_the_whole_structure(monkeypatch, effects, name, off):
     """Within 5 % of the twin's stress in the mean; by the shadow alone it is off by far more."""

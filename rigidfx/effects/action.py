@@ -237,6 +237,13 @@ class Action:
     def accept(self) -> None:
         """Take note that the last iterate has become a step."""
 
+    def creep_for(self, time: float) -> None:
+        """Have friction be that of a motion that takes so long [s], until a time is set again.
+
+        Args:
+            time: In place of Δt, where a step asks what forces move and not how fast.
+        """
+
     def resistance_at(self, nodes: npt.NDArray[np.int32]) -> Array:
         """Resistance of owned nodes at the last iterate, shape (nodes, 3) [N].
 

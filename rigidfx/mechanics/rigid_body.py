@@ -163,8 +163,9 @@ class Body:
     @property
     def displacement(self) -> Array:
         """Displacement of its owned nodes, shape (nodes, 3) [m]; see `Bodies.moved`."""
-        V, turned = self.data.offsets, self.motion.R - np.eye(3)
-        return np.asarray(self.data.displacement + (self.motion.r - self.data.origin + V @ turned.T))
+        data, turned = self.data, self.motion.R - np.eye(3)
+        moved = self.motion.r - data.origin + data.offsets @ turned.T
+        return np.asarray(data.displacement + moved)
 
     @property
     def velocities(self) -> Array:

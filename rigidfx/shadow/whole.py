@@ -110,6 +110,7 @@ class Whole:
         self._end = forces.u1.x.array.copy()
         forces.set_time(state.t, dt)
         self._actions.set_time(state.t, dt)
+        self._actions.creep_for(2 * state.t)  # e has come since the start; see above of 2e
         nothing = np.zeros(self._prolongation.prescribed.size)
         self._equations.begin(LONG * state.t, self._still, nothing, self._others())
         self._y.set(0.0)

@@ -6,6 +6,7 @@ of increments, so their forces enter its six unknowns by Σ f and Σ V fᵀ.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -65,7 +66,7 @@ class ObstacleForces(Action):
         self._loaded = Points(self._asked, np.concatenate([np.empty(0), *of_bodies]))
         self._of_step: Step | None = None
         self._ends: Array = np.zeros((2, 3))  # displacements of the obstacle
-        self._dt = 0.0
+        self._dt, self._friction = 0.0, effect.friction_in(0.0)
         self.rounding = self._rounding(k, structure)
 
     def _rounding(self, k: Array, structure: Structure) -> float:
@@ -84,8 +85,17 @@ class ObstacleForces(Action):
         """
         self._ends = np.stack([self._displacement(t - dt / 2), self._displacement(t + dt / 2)])
         self._dt, self._of_step = dt, None
+        self._friction = self._effect.friction_in(dt)
         y0 = self._X + self._u0[self._dofs] - self._ends[0]
-        self._points.begin(y0, self._effect.friction_in(dt))
+        self._points.begin(y0, self._friction)
+
+    def creep_for(self, time: float) -> None:
+        """See `Action`: the obstacle goes on as in the step."""
+        friction = self._effect.friction_in(time)
+        if friction is not None:
+            beside = (1.0 - time / self._dt) * self._moved
+            self._friction, self._of_step = replace(friction, beside=beside), None
+            self._points.begin(self._points.y0, self._friction)
 
     def _displacement(self, t: float) -> Array:
         obstacle = self._obstacle
@@ -117,7 +127,7 @@ class ObstacleForces(Action):
         if self._of_step is not increments.step:
             self._of_step = increments.step
             y0 = self._follow(increments.start.pose) - self._ends[0]
-            self._loaded.begin(y0, self._effect.friction_in(self._dt))
+            self._loaded.begin(y0, self._friction)
         p = self._loaded.press(self._follow(increments.displacement) - self._moved)
         out = np.zeros((len(increments), 4, 3))
         np.add.at(out, self._of[p.at], self._a[p.at, :, None] * p.force[:, None])

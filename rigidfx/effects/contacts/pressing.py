@@ -38,10 +38,12 @@ class Friction:
     Attributes:
         mu: Coefficient μ.
         slip: Displacement ε Δt below which points creep [m].
+        beside: How far all of them slide beside what they move, shape (3,) [m].
     """
 
     mu: float
     slip: float
+    beside: Array | float = 0.0
 
 
 @dataclass(frozen=True)
@@ -210,7 +212,8 @@ class Points:
         """How points slide; t follows from the linearised system of the last iterate."""
         length = np.linalg.norm(approach.m, axis=1)
         n = approach.m / length[:, None]
-        slid = moved - n * np.einsum("ni,ni->n", n, moved)[:, None]
+        slid = moved + friction.beside
+        slid -= n * np.einsum("ni,ni->n", n, slid)[:, None]
         root = np.sqrt((slid * slid).sum(axis=1) + friction.slip**2)
         before, size, t = self._before[0][at], self._before[1][at], self._t[at]
         change = np.einsum("ni,ni->n", before, slid - before) / size

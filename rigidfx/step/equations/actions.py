@@ -109,6 +109,7 @@ class Actions:
         self._load_nodes = heeded.does(every, "load_nodes")
         self._look = heeded.does(every, "look")
         self._accept = heeded.does(every, "accept")
+        self._creep_for = heeded.does(every, "creep_for")
         self._resistance_at = heeded.adds(every, "resistance_at")
         self._resist_nodes = heeded.does(every, "resist_nodes")
         self._stiffen_nodes = heeded.does(every, "stiffen_nodes")
@@ -131,6 +132,11 @@ class Actions:
         self.kinds = tuple(dict.fromkeys(action.kind for action in every))
         self.rounding = sum(action.rounding for action in every)
         self.dead = not (resisting or self._resistance_at or self._resist_bodies)
+
+    def creep_for(self, time: float) -> None:
+        """Have friction be that of a motion that takes so long [s]; see `Action`."""
+        for creep in self._creep_for:
+            creep(time)
 
     def set_time(self, t: float, dt: float) -> None:
         """Evaluate functions of time, and dead loads, for a step. Collective.
