@@ -164,6 +164,15 @@ class State:
         self.changes += 1
         self.u.x.array[:] = u
 
+    def shift(self, dofs: npt.NDArray[np.int64], d: Array) -> None:
+        """Move owned dofs [m] to look at forces elsewhere; `return_to` ends that. Collective."""
+        self.u.x.array[dofs] += d
+        self.u.x.scatter_forward()
+
+    def return_to(self, u: Array) -> None:
+        """Have all local dofs where they were before a `shift` [m]."""
+        self.u.x.array[:] = u
+
     def move(self, v: Array) -> None:
         """Take over a velocity at all local dofs, or at the owned ones [m/s]. Collective."""
         self.changes += 1

@@ -12,6 +12,7 @@ import numpy as np
 import parallel
 import pytest
 from mpi4py import MPI
+from test_contact_pairs import boxes
 
 import rigidfx as rf
 import rigidfx.shadow.recovery
@@ -153,16 +154,21 @@ PRESS = rf.Traction("x1", (0, 0, -50.0), time=slowly)
     ("effects", "name", "off"),
     [
         ((PUSH, CLAMP, rf.Spring("x1", 3000.0)), "root", 0.1),
-        ((GRAVITY, CLAMP, rf.Fixed("x1", "z"), rf.Spring("x1", 300.0)), "root", 0.5),
+        ((GRAVITY, CLAMP, rf.Fixed("x1", "z"), rf.Spring("x1", 300.0)), "root", 0.4),
         ((GRAVITY, CLAMP, FLOOR), "root", 1.0),
         ((PRESS, CLAMP, FLOOR), "rest", 0.3),
         ((GRAVITY, PRESS, CLAMP, floor(friction=0.3, creep=1e-3)), "root", 1.0),
         ((GRAVITY, PRESS, CLAMP, floor(0.01, friction=0.3, creep=1e-5)), "root", 1.0),
+        ((rf.Gravity((0, 0, -2.0), time=slowly), CLAMP), "root", 0.1),
+        ((rf.Traction("x1", (2e5, 0, 0), time=slowly), CLAMP, rf.Spring("x1", 1e5)), "root", 0.1),
     ],
-    ids=["spring", "second support", "floor", "free on a floor", "friction", "belt"],
+    ids=[
+        *("spring", "second support", "floor", "free on a floor", "friction", "belt"),
+        *("bent far", "pulled far"),
+    ],
 )
 def test_what_parts_carry_is_that_of_the_whole_structure(monkeypatch, effects, name, off):
-    """Within 5 % of the twin's stress in the mean; by the shadow alone it is off by far more."""
+    """Within 3 % of the twin's stress in the mean; by the shadow alone it is off by far more."""
     scene, flexible = bar(*effects, DRAG, rf.Rigid(name), root=SOFT), bar(*effects, DRAG, root=SOFT)
     rule = rf.StrainRate(rf.Relative(0.02), 5 * DT, never=("root", "rest"))
     last, last_of_twin = ended(scene, T / 4, rule)[2], ended(flexible, T / 4)[2]
@@ -174,9 +180,34 @@ def test_what_parts_carry_is_that_of_the_whole_structure(monkeypatch, effects, n
         sizes = np.linalg.norm([carried - exact, exact], axis=(2, 3))[:, recovered].sum(axis=1)
         return sizes[0] / sizes[1]
 
-    assert error() < 0.05
+    assert error() < 0.03
     monkeypatch.setattr(rigidfx.shadow.recovery, "small_enough", lambda stepper: False)
     assert error() > off
+
+
+@pytest.mark.filterwarnings("ignore:StrainRate. forces would:rigidfx.RigidfxWarning")
+def test_what_a_part_on_another_surface_carries():
+    """A bar that comes to lie on another one, both clamped; they close by what each gives way."""
+    gap = 1e-3
+    both = ((0, 0, 0), (4, 1, 1), (8, 1, 1)), ((0, 0.1, 1 + gap), (4.2, 0.9, 2 + gap), (8, 1, 1))
+    domain = boxes(*both).with_cells("root", lambda x: (x[2] > 1 + gap / 2) & (x[0] < 2.2))
+    domain = domain.with_cells("rest", lambda x: (x[2] < 1 + gap / 2) | (x[0] > 2.0))
+    for name, z in {"lower": 1.0, "upper": 1 + gap}.items():
+        domain = domain.with_facets(name, lambda x, z=z: abs(x[2] - z) < 1e-9)
+    for name, at in {"left": 0.0, "end": 4.2}.items():
+        domain = domain.with_facets(name, lambda x, at=at: abs(x[0] - at) < 1e-9)
+    meets = rf.Contact("upper", against="lower", stiffness=3e5)
+    press = rf.Traction("end", (0, 0, -50.0), time=slowly)
+    effects = GRAVITY, press, rf.Fixed("left"), meets, DRAG
+    scene, flexible = (rf.Scene(domain, SOFT, [*effects, *held]) for held in ([HELD], []))
+    (*_, last) = rf.simulate(scene, DT, T / 4, rigidify=RULE, progress=False)
+    (*_, twin) = rf.simulate(flexible, DT, T / 4, progress=False)
+    assert twin.touches["upper_lower"].nodes > last.touches["upper_lower"].nodes == 0
+    carried, recovered = rf.recovered_stress(last, CauchyStress(scene))
+    exact, _ = rf.recovered_stress(twin, CauchyStress(flexible))
+    sizes = np.linalg.norm([carried - exact, exact], axis=(2, 3))[:, recovered].sum(axis=1)
+    assert recovered.any()
+    assert sizes[0] < 0.01 * sizes[1]
 
 
 @pytest.mark.filterwarnings("ignore:StrainRate. forces would:rigidfx.RigidfxWarning")

@@ -237,11 +237,15 @@ class Action:
     def accept(self) -> None:
         """Take note that the last iterate has become a step."""
 
-    def creep_for(self, time: float) -> None:
-        """Have friction be that of a motion that takes so long [s], until a time is set again.
+    def creep_for(self, time: float, u: Array, bodies: Bodies) -> None:
+        """Have friction be that of a longer motion, until a time is set again.
+
+        A step that asks what forces move, and not how fast, has no Δt of its own.
 
         Args:
-            time: In place of Δt, where a step asks what forces move and not how fast.
+            time: How long it takes in all [s].
+            u: Displacement at which it began, at all local dofs [m].
+            bodies: The bodies there.
         """
 
     def resistance_at(self, nodes: npt.NDArray[np.int32]) -> Array:

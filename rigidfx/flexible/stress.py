@@ -24,6 +24,7 @@ damping, and it is not the mean over a step by which the energy-momentum method 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import basix
 import numpy as np
@@ -43,11 +44,25 @@ __all__ = ["CauchyStress", "PointStress", "Recovered", "chunks", "tensors", "von
 
 Array = npt.NDArray[np.float64]
 Cells = npt.NDArray[np.int32]
-Recovered = tuple[fem.Function, npt.NDArray[np.bool_]]
 
 SYMMETRIC = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))  # components that are computed
 PLACES = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])  # where each of all nine is among them
 AT_ONCE = 1 << 14  # cells, so that what is in between does not take more memory than the result
+
+
+class Recovered(NamedTuple):
+    """What some cells have in place of a displacement.
+
+    Attributes:
+        u: Displacement in them [m].
+        cells: Which owned cells these are, shape (cells,).
+        linear: In which of them it is the first derivative of a motion, and strains are to follow
+            it as such: a bend turns nodes, and by its second order would stretch a slender part.
+    """
+
+    u: fem.Function
+    cells: npt.NDArray[np.bool_]
+    linear: npt.NDArray[np.bool_]
 
 
 class PointStress:
@@ -57,8 +72,7 @@ class PointStress:
         points: Places of the points in the reference cell, shape (points, 3).
         weights: Their weights, shape (points,).
         u: Displacement that they are of: to be set, ghosts included, before `evaluate`.
-        recovered: The displacement that some cells have instead, and which owned ones these are,
-            shape (cells,); None for none. To be set likewise.
+        recovered: What some cells have instead; None for none. To be set likewise.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -105,16 +119,25 @@ class PointStress:
         """
         if self.recovered is None:
             return self._evaluated(cells)
-        other, of = self.recovered
-        own = of[cells]
+        linear = self.recovered.linear[cells]
+        moved = self.recovered.cells[cells] & ~linear
         out = np.empty((cells.size, self.weights.size, 14))
-        out[~own] = self._evaluated(cells[~own])
+        out[~moved] = self._evaluated(cells[~moved])
+        out[moved] = self._displaced(cells[moved], 1.0)
+        if linear.any():
+            ends = (self._displaced(cells[linear], side)[:, :, :12] for side in (1.0, -1.0))
+            out[linear, :, :12] += np.subtract(*ends) / 2
+        return out
+
+    def _displaced(self, cells: Cells, side: float) -> Array:
+        """See `evaluate`; all cells have u and so many times what is recovered."""
+        assert self.recovered is not None
         # Cells of both kinds share nodes. So these have the other displacement for a moment only.
-        nodes = np.unique(self._nodes[cells[own]])
-        u, instead = (f.x.array.reshape(-1, 3) for f in (self.u, other))
+        nodes = np.unique(self._nodes[cells])
+        u, instead = (f.x.array.reshape(-1, 3) for f in (self.u, self.recovered.u))
         kept = u[nodes]
-        u[nodes] = instead[nodes]
-        out[own] = self._evaluated(cells[own])
+        u[nodes] += side * (instead[nodes] - kept)
+        out = self._evaluated(cells)
         u[nodes] = kept
         return out
 

@@ -19,12 +19,13 @@ from rigidfx.base.taken import seal
 from rigidfx.flexible.nodal_stress import extrapolation, material_groups
 from rigidfx.flexible.stress import PointStress, Recovered, tensors, von_mises
 from rigidfx.scene.scene import Scene
+from rigidfx.shadow.recovery import Carried
 from rigidfx.state import State
 
 __all__ = ["Holder", "ProbeStress", "Strained", "StressAt"]
 
 Array = npt.NDArray[np.float64]
-Strained = Callable[[], tuple[Array, npt.NDArray[np.int32]]]
+Strained = Callable[[], Carried]
 
 
 @dataclass(frozen=True)
@@ -118,7 +119,7 @@ class ProbeStress:
 
         Args:
             state: Where the structure is; nodes inside bodies need not be up to date.
-            strained: What rigid cells would strain, see `Shadow.recovered`; asked only where a
+            strained: What rigid cells would strain, see `Shadows.recovered`; asked only where a
                 probe is at one. Collective.
         """
         u: fem.Function = self._points.u
@@ -131,7 +132,7 @@ class ProbeStress:
         local = np.zeros((len(self._names), 13))
         np.add.at(local[:, :12], self._of, np.einsum("cq,cqi->ci", self._weights, values))
         if recovered is not None:
-            np.add.at(local[:, 12], self._of, recovered[1][self._cells])
+            np.add.at(local[:, 12], self._of, recovered.cells[self._cells])
         rows = np.asarray(self._scene.sum(local))
         return {
             name: StressAt(tensors(row[:6]), tensors(row[6:12]), bool(row[12] > 0))
@@ -143,9 +144,7 @@ class ProbeStress:
         rigid = state.body_numbers() > 0
         if not self._scene.sum(float(rigid[self._cells].sum())):
             return None
-        more, own = strained()
-        self._more.x.array.reshape(-1, 3)[self._nodes] = now + more[self._nodes]
+        carried = strained()
+        self._more.x.array.reshape(-1, 3)[self._nodes] = now + carried.u[self._nodes]
         self._more.x.scatter_forward()
-        rigid[:] = False
-        rigid[own] = True
-        return self._more, rigid
+        return Recovered(self._more, *carried.among(rigid.size))

@@ -47,4 +47,4 @@ def recovered_stress(report: Report, stress: CauchyStress) -> tuple[Array, npt.N
         raise SceneError("recovered_stress: stress is that of a scene on another mesh.")
     state.rebuild()
     recovered = report.recovered()
-    return stress.measure(state.u, recovered), recovered[1]
+    return stress.measure(state.u, recovered), recovered.cells

@@ -8,12 +8,12 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.taken import read_only
 from rigidfx.effects import Touch
 from rigidfx.flexible.indicator import Indicator
+from rigidfx.flexible.stress import Recovered
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.report.body_report import BodyReport, body_reports
 from rigidfx.report.events import Event
@@ -214,14 +214,15 @@ class Report:
         """Whether what rigid parts withhold is known: where forces wake cells."""
         return self._shadows is not None
 
-    def recovered(self) -> tuple[fem.Function, npt.NDArray[np.bool_]]:
+    def recovered(self) -> Recovered:
         """The displacement with what rigid parts would strain under their loads. Collective.
 
         No part of the motion or of its energy has that. Computed when it is asked for, by one
         solve; see `rigidfx.report.recovered`.
 
         Returns:
-            The displacement, right inside these parts [m], and which owned cells they are.
+            The displacement, right inside these parts [m], which owned cells they are, and where
+            it is a linear response.
 
         Raises:
             SceneError: If the run has gone on.
@@ -229,13 +230,13 @@ class Report:
         self._check("recovered")
         self._state.rebuild()
         u = self._state.u.copy()
-        cells = np.zeros(u.function_space.mesh.topology.index_map(3).size_local, dtype=bool)
-        if self._shadows is not None:
-            more, own = self._shadows.recovered()
-            u.x.array[: more.size] += more.reshape(-1)
-            u.x.scatter_forward()
-            cells[own] = True
-        return u, cells
+        count = u.function_space.mesh.topology.index_map(3).size_local
+        if self._shadows is None:
+            return Recovered(u, *np.zeros((2, count), dtype=bool))
+        carried = self._shadows.recovered()
+        u.x.array[: carried.u.size] += carried.u.reshape(-1)
+        u.x.scatter_forward()
+        return Recovered(u, *carried.among(count))
 
     @property
     def finds_bodies(self) -> bool:

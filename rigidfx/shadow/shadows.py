@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx.shadow.recovery import Recovery
+from rigidfx.shadow.recovery import Carried, Recovery
 from rigidfx.shadow.shadow import Shadow
 
 __all__ = ["Shadows"]
@@ -30,22 +30,17 @@ class Shadows:
     held: Shadow | None
     recovery: Recovery
 
-    def recovered(self) -> tuple[Array, Ints]:
-        """K⁺ρ of the last step in space, and the owned cells that it is of. Collective.
+    def recovered(self) -> Carried:
+        """K⁺ρ of the last step in space. Collective.
 
-        K is the stiffness of the whole structure for parts named rigid, where more bears loads than
-        what their shadows have; see `Recovery`.
-
-        Returns:
-            Displacements of the owned nodes, zero outside, shape (nodes, 3) [m]; cells.
+        Parts named rigid are what they would be in the whole structure; see `Recovery`.
         """
         (u, cells), loaded = self.free.recovered(), self.free.loaded()
         if self.held is not None:
             more, others = self.held.recovered()
             u, cells = u + more, np.concatenate([cells, others])
             loaded += self.held.loaded()
-        self.recovery.recover(u, loaded, self.free.dt)
-        return u, cells
+        return Carried(u, cells, self.recovery.recover(u, loaded, self.free.dt))
 
     def share(self, name: str) -> float:
         """What a part named rigid withholds in the whole structure, over that by its shadow.

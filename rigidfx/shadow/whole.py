@@ -4,12 +4,18 @@ The difference of two motions, e = ũ - u, obeys the equations of the whole stru
 shadow is that structure, cut off behind one layer of cells, without its contacts and springs. Where
 something else bears the loads that is too little to hold what is there. Here it is all of it as it
 is now, other bodies condensed, springs and contacts as they are: in a step so long that neither
-inertia nor viscosity counts. Its forces are those halfway, so that it goes 2e.
+inertia nor viscosity counts.
+
+Newton's method goes from state to state, g(u + e) - g(u) = ρ: at each iterate a step begins there,
+whose forces without an increment are those of that state. A single step that leads to 2e, its
+forces halfway, would not do: the mean of two turned shapes is shorter than either. The derivative
+of forces halfway is half the stiffness.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import deepcopy
 
 import numpy as np
 import numpy.typing as npt
@@ -37,7 +43,7 @@ LONG = 1e4  # times the time so far: a step in which nothing but stiffness count
 UP_TO = 100_000  # unknowns that are factored for that: their factors take 2 GB, and ten seconds
 BALANCED = 1e-5  # part of the forces that may be out of balance at the end
 SLOW = 0.1  # part that a solve may leave before its factors are made anew
-SOLVES = 12  # tried
+SOLVES = 20  # tried: with friction each leaves a third
 
 
 def small_enough(stepper: Stepper) -> bool:
@@ -79,7 +85,7 @@ class Whole:
             u=state.u.x.array,
             surface=forces.surface,
             failures=stepper.failures,
-            notes=dict(state.notes),
+            notes=deepcopy(state.notes),  # they follow its iterates
         )
         self._actions = Actions(structure, scene.effects, stepper.system.acting)
         bound = forces.bind(flexible, layout.interior, layout.interface, driven)
@@ -88,7 +94,9 @@ class Whole:
         self._still = layout.rows.vector()
         self._y = p.unknowns()
         self._rest = self._y.duplicate()  # what is out of balance as it is
-        self._end = forces.u1.x.array
+        self._u = state.u.x.array
+        self._kept = self._u, self._u  # u₀ and u₁ of the run, while iterates are in their place
+        self._from, self._dt = others, 0.0
         self._factors: Factors | None = None
 
     def _others(self) -> Bodies:
@@ -100,29 +108,36 @@ class Whole:
     def take(self, dt: float) -> None:
         """Take the present state over; the first one's tangent is factored. Collective.
 
-        The coefficient u₁ of the forms is its own until `leave`.
+        The coefficients u₀ and u₁ of the forms are its own until `leave`.
 
         Args:
             dt: Length of the last step [s].
         """
         state, forces = self._stepper.state, self._forces
         state.rebuild()
-        self._end = forces.u1.x.array.copy()
+        self._kept = self._u.copy(), forces.u1.x.array.copy()
+        self._dt, self._from = dt, self._others()
         forces.set_time(state.t, dt)
-        self._actions.set_time(state.t, dt)
-        self._actions.creep_for(2 * state.t)  # e has come since the start; see above of 2e
-        nothing = np.zeros(self._prolongation.prescribed.size)
-        self._equations.begin(LONG * state.t, self._still, nothing, self._others())
-        self._y.set(0.0)
+        self._begin(self._from)
         self._equations.residual(self._y, self._rest)
         if self._factors is None:
             self._equations.tangent()
             self._factors = Factors(self._equations)
             self._factors.renew()
 
+    def _begin(self, bodies: Bodies) -> None:
+        """Begin a step without an increment at the present u₀. Collective."""
+        t, nothing = self._stepper.state.t, np.zeros(self._prolongation.prescribed.size)
+        self._actions.set_time(t, self._dt)
+        self._actions.creep_for(t, self._kept[0], self._from)
+        self._equations.begin(LONG * t, self._still, nothing, bodies)
+        self._y.set(0.0)
+
     def leave(self) -> None:
-        """Have u₁ be that of the run again."""
-        self._forces.u1.x.array[:] = self._end
+        """Have u₀ and u₁ be those of the run again."""
+        u0, u1 = self._kept
+        self._stepper.state.return_to(u0)
+        self._forces.u1.x.array[:] = u1
 
     def energy(self, forces: Sequence[Array]) -> float:
         """½ ρᵀe, e how far the forces move the parts [J]. Collective.
@@ -134,9 +149,13 @@ class Whole:
         """
         given = self._collapsed(forces)
         balanced, at_first = self._balance(given)
-        out = 0.25 * float(given.dot(self._y)) if balanced else at_first
         given.destroy()
-        return out
+        if not balanced:
+            return at_first
+        e, out = self._u - self._kept[0], 0.0
+        for data, force in zip(self._parts, forces, strict=True):
+            out += 0.5 * float(np.vdot(force, e.reshape(-1, 3)[data.nodes]))
+        return float(self._stepper.scene.sum(out))
 
     def displaced(self, forces: Sequence[Array]) -> list[Array] | None:
         """How far forces move the nodes of each part. Collective.
@@ -150,36 +169,46 @@ class Whole:
         given = self._collapsed(forces)
         balanced, _ = self._balance(given)
         given.destroy()
-        e = 0.5 * self._equations.d.array_r.reshape(-1, 3)
-        parts = [e[self._layout.rows.positions(data.nodes)] for data in self._parts]
-        return parts if balanced else None
+        e = (self._u - self._kept[0]).reshape(-1, 3)
+        return [e[data.nodes] for data in self._parts] if balanced else None
 
     def _balance(self, given: PETSc.Vec) -> tuple[bool, float]:
-        """Go 2e under forces on the unknowns, by Newton's method. Collective.
+        """Go where forces on the unknowns lead, by Newton's method. Collective.
 
         Contacts open and close. Factors are made anew where a solve leaves too much.
 
         Returns:
             Whether a balance is found, and ½ ρᵀe of the first solve [J].
         """
-        equations, y, factors = self._equations, self._y, self._factors
+        factors = self._factors
         assert factors is not None
         r, more = given.copy(), given.duplicate()
         size, left, tried, at_first = given.norm(), 1.0, 0, 0.0
         while size > 0 and BALANCED < left < np.inf and tried < SOLVES:
             factors.solve(r, more)
-            at_first = at_first if tried else 0.25 * float(given.dot(more))
-            y.axpy(1.0, more)
-            equations.residual(y, r)
+            more.scale(0.5)
+            at_first = at_first if tried else 0.5 * float(given.dot(more))
+            self._go(more, r)
             r.axpy(-1.0, self._rest)
             r.aypx(-1.0, given)
             before, left, tried = left, r.norm() / size, tried + 1
             if max(BALANCED, SLOW * before) < left < np.inf:
-                equations.tangent()
+                self._equations.tangent()
                 factors.renew()
         r.destroy()
         more.destroy()
         return size == 0 or left <= BALANCED, at_first
+
+    def _go(self, y: PETSc.Vec, r: PETSc.Vec) -> None:
+        """Move all by increments of the unknowns, and have the residual there. Collective."""
+        equations = self._equations
+        equations.residual(y, r)
+        self._actions.accept()
+        self._stepper.state.shift(self._layout.rows.dofs, equations.d.array_r)
+        bodies = self._prolongation.increments.end
+        rest = np.zeros((len(bodies), 3))
+        self._begin(bodies.moving(rest, rest))
+        equations.residual(self._y, r)
 
     def _collapsed(self, forces: Sequence[Array]) -> PETSc.Vec:
         """Forces on the parts' nodes, on the unknowns. Collective."""

@@ -67,6 +67,8 @@ class ObstacleForces(Action):
         self._of_step: Step | None = None
         self._ends: Array = np.zeros((2, 3))  # displacements of the obstacle
         self._dt, self._friction = 0.0, effect.friction_in(0.0)
+        self._began: Bodies | None = None  # where bodies were as a longer motion began ...
+        self._obstacle_went: Array = np.zeros(3)  # ... and how far the obstacle has gone [m]
         self.rounding = self._rounding(k, structure)
 
     def _rounding(self, k: Array, structure: Structure) -> float:
@@ -84,18 +86,23 @@ class ObstacleForces(Action):
             SceneError: On this rank, if the path fails.
         """
         self._ends = np.stack([self._displacement(t - dt / 2), self._displacement(t + dt / 2)])
-        self._dt, self._of_step = dt, None
+        self._dt, self._of_step, self._began = dt, None, None
         self._friction = self._effect.friction_in(dt)
         y0 = self._X + self._u0[self._dofs] - self._ends[0]
         self._points.begin(y0, self._friction)
 
-    def creep_for(self, time: float) -> None:
-        """See `Action`: the obstacle goes on as in the step."""
+    def creep_for(self, time: float, u: Array, bodies: Bodies) -> None:
+        """See `Action`: the obstacle has gone as in the step all the time."""
         friction = self._effect.friction_in(time)
-        if friction is not None:
-            beside = (1.0 - time / self._dt) * self._moved
-            self._friction, self._of_step = replace(friction, beside=beside), None
-            self._points.begin(self._points.y0, self._friction)
+        if friction is None:
+            return
+        self._of_step = None
+        # Of the step itself half counts, as in forces halfway.
+        self._friction = replace(friction, part=0.5)
+        self._obstacle_went = (time / self._dt - 0.5) * self._moved
+        self._began = bodies
+        beside = self._u0[self._dofs] - u[self._dofs] - self._obstacle_went
+        self._points.begin(self._points.y0, replace(self._friction, beside=beside))
 
     def _displacement(self, t: float) -> Array:
         obstacle = self._obstacle
@@ -126,8 +133,12 @@ class ObstacleForces(Action):
         """See `Action`. Collective."""
         if self._of_step is not increments.step:
             self._of_step = increments.step
-            y0 = self._follow(increments.start.pose) - self._ends[0]
-            self._loaded.begin(y0, self._friction)
+            x0 = self._follow(increments.start.pose)
+            friction = self._friction
+            if friction is not None and self._began is not None:
+                beside = x0 - self._follow(self._began.pose) - self._obstacle_went
+                friction = replace(friction, beside=beside)
+            self._loaded.begin(x0 - self._ends[0], friction)
         p = self._loaded.press(self._follow(increments.displacement) - self._moved)
         out = np.zeros((len(increments), 4, 3))
         np.add.at(out, self._of[p.at], self._a[p.at, :, None] * p.force[:, None])

@@ -38,12 +38,14 @@ class Friction:
     Attributes:
         mu: Coefficient μ.
         slip: Displacement ε Δt below which points creep [m].
-        beside: How far all of them slide beside what they move, shape (3,) [m].
+        beside: How far each slides beside what it moves, shape (points, 3) [m]; None for nothing.
+        part: What part of its motion counts as a slide.
     """
 
     mu: float
     slip: float
-    beside: Array | float = 0.0
+    beside: Array | None = None
+    part: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -90,6 +92,7 @@ class Pressed:
             dg = dg - n[:, :, None] * of_n[:, None] - along[:, None, None] * dn
         direction = s.slid / s.root[:, None]
         across = IDENTITY - s.t[:, :, None] * direction[:, None]
+        across *= s.part
         turned = (-value * length / s.root)[:, None, None] * (across @ dg)
         return np.asarray(s.mu * (direction[:, :, None] * dN[:, None] + turned))
 
@@ -113,6 +116,7 @@ class Sliding:
         slid: Δg_T, shape (n, 3) [m].
         root: √(|Δg_T|² + (ε Δt)²), shape (n,) [m].
         t: What stands for Δg_T over that in derivatives, shape (n, 3).
+        part: What part of Δy is in it.
     """
 
     mu: float
@@ -121,6 +125,7 @@ class Sliding:
     slid: Array
     root: Array
     t: Array
+    part: float
 
 
 NOTHING = Pressed(
@@ -212,8 +217,8 @@ class Points:
         """How points slide; t follows from the linearised system of the last iterate."""
         length = np.linalg.norm(approach.m, axis=1)
         n = approach.m / length[:, None]
-        slid = moved + friction.beside
-        slid -= n * np.einsum("ni,ni->n", n, slid)[:, None]
+        slid = friction.part * moved + (0.0 if friction.beside is None else friction.beside[at])
+        slid = slid - n * np.einsum("ni,ni->n", n, slid)[:, None]
         root = np.sqrt((slid * slid).sum(axis=1) + friction.slip**2)
         before, size, t = self._before[0][at], self._before[1][at], self._t[at]
         change = np.einsum("ni,ni->n", before, slid - before) / size
@@ -222,4 +227,4 @@ class Points:
         t[~self._known[at]] = 0.0
         self._t[at], self._before[0][at], self._before[1][at] = t, slid, root
         self._known[at] = True
-        return Sliding(friction.mu, n, length, slid, root, t)
+        return Sliding(friction.mu, n, length, slid, root, t, friction.part)

@@ -133,10 +133,10 @@ class Actions:
         self.rounding = sum(action.rounding for action in every)
         self.dead = not (resisting or self._resistance_at or self._resist_bodies)
 
-    def creep_for(self, time: float) -> None:
-        """Have friction be that of a motion that takes so long [s]; see `Action`."""
+    def creep_for(self, time: float, u: Array, bodies: Bodies) -> None:
+        """Have friction be that of a longer motion; see `Action`."""
         for creep in self._creep_for:
-            creep(time)
+            creep(time, u, bodies)
 
     def set_time(self, t: float, dt: float) -> None:
         """Evaluate functions of time, and dead loads, for a step. Collective.
