@@ -19,7 +19,7 @@ from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.eased import Eased
 from rigidfx.report.events import Event
 from rigidfx.report.ledger import Ledgers, Rigidity
-from rigidfx.report.of_step import with_ledger
+from rigidfx.report.of_step import report_of, with_ledger
 from rigidfx.report.probes import Probes
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
@@ -37,6 +37,7 @@ from rigidfx.step.first_touch import FirstTouch
 from rigidfx.step.length.time_control import TimeControl
 from rigidfx.step.stepper import Stepper, StepResult
 from rigidfx.step.system.supports import Impact
+from rigidfx.step.watches.judge import Attempt
 from rigidfx.switch.switch import Switch
 
 __all__ = ["Run", "prepare"]
@@ -78,11 +79,12 @@ class Run:
         t, control = self.stepper.state.t, self.stepper.control
         return self.timeline.next(t) if control is None else control.target(t)
 
-    def advance(self, target: float) -> tuple[StepResult, list[Event]]:
+    def advance(self, target: float, number: int = 0) -> tuple[StepResult, list[Event]]:
         """Advance to the target time, or towards it; where bodies wake, once more. Collective.
 
         Args:
             target: Time at which the step is to end [s].
+            number: Of the step.
 
         Returns:
             What the step did, and what happened in it.
@@ -101,6 +103,8 @@ class Run:
         else:
             found = shadow.look(t, attempt.dt, policy.rule.limits)
             checked = self._woken(policy, found, CHECKED, attempt.dt)
+        if not checked and policy.releases.repeat and len(stepper.state.bodies):
+            checked = self._asked(policy, attempt, number)
         if checked:
             attempt = stepper.attempt(attempt.end, again=True)
             if shadow is not None:
@@ -118,6 +122,16 @@ class Run:
             return []
         seen = Observation(self.stepper, dt)
         return self._switched(policy, policy.woken(seen, strained, why), seen)
+
+    def _asked(self, policy: Policy, attempt: Attempt, number: int) -> list[Event]:
+        """Release what a user's conditions ask for before the step is solved again. Collective."""
+        stepper = self.stepper
+        with stepper.foreseen(attempt) as result:
+            report = report_of(number, stepper, self.probes, result, None)
+            bodies = stepper.state.bodies.of.records
+            _, cells = policy.releases.asked(report.t, report, bodies, before=True)
+        seen = Observation(stepper, attempt.dt)
+        return self._switched(policy, policy.repeated(seen, cells), seen)
 
     def __enter__(self) -> Run:
         """Nothing to do: what it has was made before."""

@@ -161,7 +161,7 @@ def _reports(
                 impact = switch.follow_effects(target - state.t)
                 target = run.touch.before(target)
                 try:
-                    result, woken = run.advance(target)
+                    result, woken = run.advance(target, step)
                 except StepError as error:
                     raise balance.explained(error) from None
                 report = report_of(step, stepper, run.probes, result, impact, run.shadows)

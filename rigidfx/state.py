@@ -7,7 +7,7 @@ This module alone writes them: a step by `advance`, a switch by `group`, `take_o
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Set
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -28,6 +28,24 @@ __all__ = ["State", "initial_displacement", "initial_velocity"]
 
 Array = npt.NDArray[np.float64]
 Nodes = npt.NDArray[np.int32]
+
+
+class Snapshot(NamedTuple):
+    """What a step changes of a state.
+
+    Attributes:
+        t: Time [s].
+        u: Displacement at all local dofs [m].
+        v: Velocity there [m/s].
+        bodies: The rigid bodies.
+        changes: How often the state had been written into.
+    """
+
+    t: float
+    u: Array
+    v: Array
+    bodies: Bodies
+    changes: int
 
 
 class State:
@@ -163,6 +181,16 @@ class State:
         """Take over the displacement of a static preload at all local dofs [m]."""
         self.changes += 1
         self.u.x.array[:] = u
+
+    def snapshot(self) -> Snapshot:
+        """What a step changes, to be had back by `restore`."""
+        u, v = self.u.x.array.copy(), self.v.x.array.copy()
+        return Snapshot(self.t, u, v, self.bodies, self.changes)
+
+    def restore(self, kept: Snapshot) -> None:
+        """Be again what it was when that was taken."""
+        self.t, self.bodies, self.changes = kept.t, kept.bodies, kept.changes
+        self.u.x.array[:], self.v.x.array[:] = kept.u, kept.v
 
     def shift(self, dofs: npt.NDArray[np.int64], d: Array) -> None:
         """Move owned dofs [m] to look at forces elsewhere; `return_to` ends that. Collective."""

@@ -218,6 +218,11 @@ CRITERIA = {
     "infinite patience": (lambda: _rate(patience=np.inf), "patience must be a finite number"),
     "an observation that ends at once": (lambda: _rate(since=1.0, until=1.0), "since < until"),
     "text for a beginning": (lambda: _rate(since="now"), "since must be a finite number"),
+    "a planned release that repeats": (lambda: rf.Release(at=1.0, repeat=True), "goes with a"),
+    "a release that repeats oddly": (
+        lambda: rf.Release(when=lambda r: True, repeat="yes"),
+        "must be True or False",
+    ),
     "a release of nothing": (lambda: rf.Release(), "a time (at) or a condition (when)"),
     "a release before the start": (lambda: rf.Release(at=-1.0), "later than the start"),
     "a release at no number": (lambda: rf.Release(at=[0.1, "b"]), "at must be a finite number"),

@@ -147,6 +147,7 @@ def test_what_else_bears_the_loads_is_known(make):
 
 
 GRAVITY = rf.Gravity((0, 0, -0.5), time=slowly)
+VISCOUS = rf.StiffnessDamping(ratio=0.2, frequency=0.5), rf.NumericalDamping(0.35)
 PRESS = rf.Traction("x1", (0, 0, -50.0), time=slowly)
 
 
@@ -159,12 +160,13 @@ PRESS = rf.Traction("x1", (0, 0, -50.0), time=slowly)
         ((PRESS, CLAMP, FLOOR), "rest", 0.3),
         ((GRAVITY, PRESS, CLAMP, floor(friction=0.3, creep=1e-3)), "root", 1.0),
         ((GRAVITY, PRESS, CLAMP, floor(0.01, friction=0.3, creep=1e-5)), "root", 1.0),
+        ((GRAVITY, CLAMP, rf.Spring("x1", 3000.0), *VISCOUS), "root", 0.1),
         ((rf.Gravity((0, 0, -2.0), time=slowly), CLAMP), "root", 0.1),
         ((rf.Traction("x1", (2e5, 0, 0), time=slowly), CLAMP, rf.Spring("x1", 1e5)), "root", 0.1),
     ],
     ids=[
         *("spring", "second support", "floor", "free on a floor", "friction", "belt"),
-        *("bent far", "pulled far"),
+        *("viscous", "bent far", "pulled far"),
     ],
 )
 def test_what_parts_carry_is_that_of_the_whole_structure(monkeypatch, effects, name, off):

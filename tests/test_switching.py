@@ -293,6 +293,37 @@ def test_rest_freezes_eager(mass, tol, beside):
 
 
 @MASSES
+@pytest.mark.parametrize("wake", ["local", "none"])
+def test_a_condition_may_have_its_step_solved_again(mass, wake):
+    """Fig. 2: as if the release had been planned where that step began. It is asked of its end."""
+    asked = []
+
+    def farther(report):
+        if report.bodies:
+            asked.append((report.step, report.t, report.strain_rate.shape, report.probes["tip"]))
+        return report.t > 0.75
+
+    ends = {}
+    for release in (rf.Release(when=farther, repeat=True), rf.Release(at=0.7)):
+        scene = bar(SPIN, mass=mass, probes={"tip": (8, 0.5, 0.5)})
+        criterion = eager(ANY, DT, release=release, until=0.5, wake=wake)
+        *reports, last = run(scene, criterion, 1.2)
+        ends[release.repeat] = last.state.u.x.array.copy(), last.energy
+        assert times([*reports, last], "release") == [0.7]
+        (event,) = [e for e in events([*reports, last]) if e.kind == "release"]
+        assert event.reason == ("checked: a condition" if release.repeat else "planned")
+        if release.repeat:
+            (step, t, shape, tip) = asked[-1]
+            assert (step, t) == (8, pytest.approx(0.8))
+            assert shape == last.strain_rate.shape
+            # The rigid body's end of the step, and not the flexible one that has come of it.
+            assert 0 < np.abs(tip - reports[8].probes["tip"]).max() < 0.02
+    size = np.abs(ends[True][0]).max()
+    assert np.abs(ends[True][0] - ends[False][0]).max() <= 1e-11 * size
+    assert ends[True][1] == pytest.approx(ends[False][1], rel=1e-12)
+
+
+@MASSES
 def test_run_in_which_nothing_qualifies(mass):
     """It is the flexible one, bit by bit."""
     criterion = rf.StrainRate(1e-6, 1.0)

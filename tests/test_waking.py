@@ -19,7 +19,7 @@ from rigidfx.base.errors import SceneError, StepError
 from rigidfx.decide.clusters import CellGraph
 from rigidfx.decide.criteria.concentration import quiet_enough
 from rigidfx.decide.lasting import Lasting
-from rigidfx.decide.memory import deflection
+from rigidfx.decide.memory import bends, deflection
 from rigidfx.decide.memory.bends import Bends
 from rigidfx.decide.memory.drift import Drift
 from rigidfx.decide.memory.rise import Rise
@@ -42,7 +42,7 @@ from rigidfx.step.watches.judge import Judge
 COMM = MPI.COMM_WORLD
 DT, WINDOW = 0.02, 20  # s, steps
 NOTHING = rf.StrainRate(0.0, 1e9)  # nothing qualifies; rates are measured
-SOFT, STIFF = (rf.StVenantKirchhoff(E=E, nu=0.3, rho=1000.0) for E in (1e6, 1e8))
+SOFT, MIDDLING, STIFF = (rf.StVenantKirchhoff(E=E, nu=0.3, rho=1000.0) for E in (1e6, 1e7, 1e8))
 
 chatter = pytest.mark.filterwarnings("ignore:StrainRate. bodies are:rigidfx.RigidfxWarning")
 
@@ -166,10 +166,18 @@ def test_parts_bend_by_what_no_rigid_motion_explains():
     found.add_up(None, np.zeros(4, dtype=np.int64))
     assert found.together == 0.0
     # Of what is held at one end the deflection is the displacement itself.
-    held = Bends(scene)
-    held.add(_Shape(bent, X), np.repeat(X[:, 0] < 1e-9, 3))
-    held.look(2.0, 1e-9)
+    held, end = Bends(scene), np.repeat(X[:, 0] < 1e-9, 3)
+    for x in (X, bent):
+        held.add(_Shape(x, X), end)
+    held.look(2.0, 1e-9, steps=10 * bends.FAST)
     assert held.per_rate == pytest.approx(small / 2)
+    assert held.swing() == pytest.approx(small)
+    # What flies turns as a whole, and goes farther than it deflects.
+    assert found.swing() == pytest.approx(whole, rel=0.1)
+    rates = np.array([0.01, 0.2, 2.0])
+    assert found.limits(rates) == pytest.approx(found.per_rate * rates)
+    # .01 of it; no more than .03; and what the rate amounts to in a tenth of the time.
+    assert held.limits(rates) == pytest.approx(np.array([0.005, 0.03, 0.1]) * small)
 
 
 def test_few_nodes_stand_for_all_of_a_fine_mesh(monkeypatch):
@@ -197,6 +205,9 @@ def test_drift_is_half_the_share_of_power_and_dies_down_with_the_motion():
     # Half of 1/5, for a second of 10 rad: as much as the motion itself.
     assert found.room(0.1, free=True) == pytest.approx(0.1 / 5)
     assert found.room(0.1, free=False) == pytest.approx(0.1)  # what a structure gives way less by
+    assert found.room_to_go == np.inf
+    found.driven = 0.02  # for how far it goes
+    assert found.room_to_go == pytest.approx(0.02)
     rigid = np.array([True, False])
     found.window_ends(np.array([0.0, 4.0]), rigid, 1.0, 0.1, 0.1, 1.1)
     assert found.share == pytest.approx(0.2)
@@ -534,12 +545,13 @@ def test_growth_of_a_body_does_not_wake_it():
 def test_a_slow_load_wakes_by_what_it_has_withheld():
     """Its rate is below the threshold at all times; its strain grows."""
     push = rf.Traction("x1", (0, 0, 100.0), time=lambda t: t / 20.0)
-    scene = bar(rf.Fixed("x0"), push, rf.MassDamping(3.0), block=SOFT)
+    scene = bar(rf.Fixed("x0"), push, rf.MassDamping(3.0), block=MIDDLING)
     _, rates, _, _ = run(scene, 10.0)
-    tol = 1.2 * rates[50:].max()
-    _, _, rigid, events = run(scene, 10.0, local(tol))
-    assert rigid.any()
-    assert sum(bool(event.woken.size) for event in events) >= 2
+    tol, block = 1.2 * rates[50:].max(), scene.owned_cells("block", "")
+    some = {"block": 1.2 * rates[50:, block].max()}
+    _, _, rigid, events = run(scene, 10.0, local(tol, tolerances=some))
+    assert rigid[300:, block].any()
+    assert any(event.woken.size for event in events if event.t > 6.0)
 
 
 @pytest.mark.parametrize("mass", ["lumped", "consistent"])
@@ -563,7 +575,7 @@ BLOWS = {
     "traction": rf.Traction("x1", (-3000.0, 0, 0), time=blow),
     "pressure": rf.Pressure("x1", 3000.0, time=blow),
     "window opens": rf.Pressure("x1", 3000.0, since=1.0),
-    "window closes": rf.Pressure("x1", 3000.0, until=0.7, time=lambda t: min(0.2 * t, 1.0)),
+    "window closes": rf.Pressure("x1", 3000.0, until=1.3, time=lambda t: min(0.2 * t, 1.0)),
 }
 
 
@@ -571,9 +583,9 @@ BLOWS = {
 @pytest.mark.parametrize("push", BLOWS)
 def test_what_loads_change_on_a_body_is_predicted(push):
     """A blow on the body itself wakes it before the step."""
-    part, push = 0.1 if push == "window closes" else 0.004, BLOWS[push]
-    scene = bar(rf.Fixed("x0"), push, rf.MassDamping(0.1), block=SOFT)
-    tol = part * run(scene, 1.6)[1].max()
+    part, block = (0.02, MIDDLING) if push == "window closes" else (0.004, SOFT)
+    scene = bar(rf.Fixed("x0"), BLOWS[push], rf.MassDamping(0.1), block=block)
+    tol = part * run(scene, 2.2)[1].max()
     *_, events = run(scene, 1.6, local(tol))
     reasons = [event.reason for event in events if event.woken.size]
     assert reasons[0] == FORESEEN
@@ -690,16 +702,16 @@ def test_stresses_are_recovered_where_they_are_asked_for(monkeypatch):
     monkeypatch.setattr(LinearPart, "at_rest", counted)
     scene, on_stalk = (on_a_block(probes=p) for p in (POINTS, {"stalk": POINTS["stalk"]}))
     cells, (_, tol) = CauchyStress(scene), gentle()
-    for report in rf.simulate(on_stalk, DT, 0.6, rigidify=local(tol), progress=False):
+    for report in rf.simulate(on_stalk, DT, 1.0, rigidify=local(tol), progress=False):
         assert not report.stresses["stalk"].recovered
     assert len(report.bodies) == 1
     assert not asked
-    for report in rf.simulate(scene, DT, 0.6, rigidify=local(tol), progress=False):
+    for report in rf.simulate(scene, DT, 1.0, rigidify=local(tol), progress=False):
         assert not asked  # by the step
         solved.clear()
         at, (_, carried) = report.stresses, rf.recovered_stress(report, cells)
         assert sum(solved) <= 1
-        assert at["block"].recovered == carried.any() == (report.step > WINDOW)
+        assert at["block"].recovered == carried.any() == (report.step > 2 * WINDOW)
         asked.clear()
     after, found = rf.recovered_stress(report, cells)  # the run has ended
     assert np.array_equal(found, carried)
@@ -709,14 +721,14 @@ def test_stresses_are_recovered_where_they_are_asked_for(monkeypatch):
 def test_series_and_table_mark_what_is_recovered(tmp_path):
     scene = on_a_block(probes=POINTS)
     _, tol = gentle()
-    with rf.Recorder(scene, tmp_path, every=30) as recorder:
-        for report in rf.simulate(scene, DT, 0.6, rigidify=local(tol), progress=False):
+    with rf.Recorder(scene, tmp_path, every=50) as recorder:
+        for report in rf.simulate(scene, DT, 1.0, rigidify=local(tol), progress=False):
             recorder.write(report)
     first, last = ((tmp_path / "fields" / f"fields_{k:06d}.vtu").read_bytes() for k in (0, 1))
     assert b'Name="recovered"' in first
     assert b'Name="recovered"' in last
     table = rf.read_history(tmp_path)
-    assert table["recovered_block"].tolist() == [float(k > WINDOW) for k in range(31)]
+    assert table["recovered_block"].tolist() == [float(k > 2 * WINDOW) for k in range(51)]
     assert not table["recovered_stalk"].any()
     assert table["stress_block_xx"][-1] == report.stresses["block"].stress[0, 0]
 
@@ -1180,7 +1192,7 @@ def cases():
     blows = STRIKES["traction"]
     along = rf.Traction("x1", (200.0, 0, 0), time=beats)
     late = rf.Traction("x1", (-3000.0, 0, 0), time=lambda t: blow(t - 2.4))
-    asked = rf.Release(when=lambda report: 0.47 < report.t < 0.49, where="block")
+    asked = rf.Release(when=lambda report: 0.87 < report.t < 0.89, where="block")
     pushes = rf.Traction("z1", (0, 0, -300.0), since=0.5)
     return {
         "lumped": (on_a_block(blows), 1.4, local(2e-4)),
@@ -1192,7 +1204,7 @@ def cases():
         ),
         "condition": (on_a_block(blows), 1.2, local(2e-4, release=asked)),
         "support begins": (on_a_block(pushes, rf.Fixed("x1", since=0.5)), 0.7, local(2e-4)),
-        "window opens": (on_a_block(rf.Pressure("z1", 300.0, since=0.5)), 0.7, local(2e-4)),
+        "window opens": (on_a_block(rf.Pressure("z1", 3000.0, since=0.5)), 0.7, local(2e-4)),
     }
 
 

@@ -7,11 +7,14 @@ strain rates of the flexible twin judge the other run, in windows of 20 steps:
   them in which the cell was rigid when the twin crossed that and one step later;
 - woken: cells above the threshold, without the ring round them; false: the share of them that
   stays below tol in the twin for two windows from then on;
+- released: all cells that become flexible, with rings, bodies that are released whole, what
+  drifted and freezes that are undone; released_quiet: the share of them that stays below tol;
 - quiet_share: cell-windows below tol in the twin; rigid_share: rigid time × cells;
 - error of the probe relative to its largest displacement, and of the energy;
 - time_ratio: wall time over that of the twin; prediction_share: the part of it in which shadows
   take their steps; shadow_factor_share: that in which they are made and factored;
-- repeats: steps solved twice, as the check found what the prediction had not.
+- repeats: steps solved twice, as the check found what the prediction had not, or a freeze that
+  would not last.
 
 With --oracle that of Mercier-Aubin et al. 2022 is asked in each step, too (`bench/oracle.py`).
 
@@ -30,7 +33,7 @@ from bench.waking_scenes import CASES, Case
 from petsc4py import PETSc
 
 import rigidfx as rf
-from rigidfx.decide.policy import CHECKED
+from rigidfx.decide.policy import CHECKED, UNDONE
 
 KAPPA = 3.0
 WINDOW = 20  # steps
@@ -60,7 +63,7 @@ def judged(
         tol: Tolerance [1/s].
     """
     steps, cells = rates.shape
-    quiet = needed = missed = woken = false = 0
+    quiet = needed = missed = woken = false = released = in_vain = 0
     for first in range(0, steps - WINDOW + 1, WINDOW):
         window = rates[first : first + WINDOW]
         quiet += int((window <= tol).all(axis=0).sum())
@@ -74,11 +77,17 @@ def judged(
             ahead = rates[step : step + 2 * WINDOW]
             woken += event.woken.size
             false += int((ahead[:, event.woken] <= tol).all(axis=0).sum())
+    for step in range(1, steps):
+        left = rigid[step - 1] & ~rigid[step]
+        released += int(left.sum())
+        in_vain += int((rates[step : step + 2 * WINDOW, left] <= tol).all(axis=0).sum())
     return {
         "needed": needed,
         "missed": missed / max(needed, 1),
         "woken": woken,
         "false": false / max(woken, 1),
+        "released": released,
+        "released_quiet": in_vain / max(released, 1),
         "rigid_share": float(rigid.mean()),
         "quiet_share": quiet / (steps // WINDOW * cells),
     }
@@ -121,7 +130,9 @@ def measure(name: str, across: int, ask: bool) -> dict[str, object]:
         "time_ratio": wall / sum(turns.seconds["twin"]),
         "prediction_share": spent[0] / wall,
         "shadow_factor_share": spent[1] / wall,
-        "repeats": sum(event.reason == CHECKED for report in ours for event in report.events),
+        "repeats": sum(
+            event.reason in (CHECKED, UNDONE) for report in ours for event in report.events
+        ),
         **asked,
     }
 

@@ -81,7 +81,7 @@ class Advice:
             higher = 1 / sqrt(max(1 - taken, TINY))
             off = (
                 f"lacks some {taken:.1%} of its compliance: it vibrates, at frequencies that are "
-                f"some {higher:.3g} times too high, and nothing bounds what the motion is off by"
+                f"some {higher - 1:.1%} too high, and nothing bounds what the motion is off by"
             )
         what = f"forces would strain the part '{name}' that is named Rigid, by more than is asked"
         if at is not None:

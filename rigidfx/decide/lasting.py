@@ -33,6 +33,7 @@ Ints = npt.NDArray[np.int32]
 
 FIRM = 1 / 3  # times what releases a body by its bend: what lets it freeze
 GENTLE = 4.0  # times its rates a motion may grow by in half a window as loads set in gently
+STILL = 0.1  # of the loudest cell's rate, over tolerances, what hardly bends in a slow motion
 QUIETER = 0.8  # times the loudest cell of parts that do too much: what may still be rigid
 
 
@@ -141,7 +142,8 @@ class Lasting:
     def _drifting(self, parts: Sequence[Ints], loud: Array, resting: bool) -> Bools:
         """Cells of parts with which a motion would be too far off. Collective.
 
-        Where loads rest these are the loudest ones, where they change the part that strains most.
+        Where loads rest these are the loudest ones, where they change the part that strains most;
+        what of that is hardly strained may stay if only how far all goes is in question.
         """
         drift, turning = self._memory.drift, self._memory.strokes.turning
         if turning == 0 or not np.isfinite(drift.limit):
@@ -149,13 +151,17 @@ class Lasting:
         shares = np.array([0.0, *(drift.shares[own].sum() for own in parts)])
         self._comm.Allreduce(MPI.IN_PLACE, shares, op=MPI.SUM)
         more = shares.sum()
-        if more == 0 or drift.share + more <= drift.room(turning, resting):
+        rigid, room = drift.share + more, drift.room(turning, resting)
+        if more == 0 or rigid <= (room if resting else min(room, drift.room_to_go)):
             return np.zeros(loud.size, dtype=bool)
-        if resting:
+        if not resting:
+            parts = [parts[int(np.argmax(shares[1:]))]]
+        if resting or rigid <= room:
             most = float(self._largest([loud[own] for own in parts]).max(initial=0.0))
+            most *= 1.0 if resting else STILL
             return self._loudest(parts, loud, [most for _ in parts])
         every = np.zeros(loud.size, dtype=bool)
-        every[parts[int(np.argmax(shares[1:]))]] = True
+        every[parts[0]] = True
         return every
 
     def _bent(

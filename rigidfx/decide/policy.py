@@ -58,6 +58,7 @@ Bools = npt.NDArray[np.bool_]
 CHANGE = 0.1  # of its largest value so far, by which a load changes if nobody says
 FORESEEN = "predicted: forces will strain them"  # reasons of a release before a step ...
 CHECKED = "checked: forces would strain them"  # ... and after it, which is then solved again
+ASKED = "checked: a condition"
 UNDONE = "checked: what has just frozen would not last"
 DRIFTED = "drift: a free motion would be off by half of what wakes cells"
 
@@ -69,6 +70,7 @@ class Policy:
         named: Parts that are rigid always.
         withholding: What is said of these.
         memory: What it remembers.
+        releases: Those that a user asks for.
         rule: Says which cells are quiet, and which bodies are not.
     """
 
@@ -100,7 +102,7 @@ class Policy:
         self._never = ~self._every
         for name in criterion.never:
             self._never[scene.owned_cells(name, f"{type(criterion).__name__} (never)")] = True
-        self._releases = Releases(scene, criterion.releases, timeline)
+        self.releases = Releases(scene, criterion.releases, timeline)
         self.named = NamedParts(scene, self._graph)
         self._easing = Easing(part_of_window(type(criterion).__name__, criterion.easing))
         self._springs: Array | None = None  # of the present bodies, at the last look
@@ -170,6 +172,12 @@ class Policy:
         decision = self._release(seen, f"the contact '{changed}' changes", self._every)
         return replace(decision, loads_changed=True)
 
+    def repeated(self, seen: Observation, cells: Bools | None) -> Decision | None:
+        """The release that conditions ask for before a step is solved again. Collective."""
+        if cells is None or not self._any(cells & self._planner.free(seen)):
+            return None
+        return self._release(seen, ASKED, cells)
+
     def after(self, seen: Observation, report: Report) -> Decision | None:
         """Decide on a release or a freeze after a step; None if there is none. Collective.
 
@@ -180,7 +188,7 @@ class Policy:
         t = seen.t
         self.memory.contacts.follow(report.touches)
         self.withholding.follow(seen, report, last=self._timeline.over(t))
-        reasons, cells = self._releases.asked(t, report, seen.bodies)
+        reasons, cells = self.releases.asked(t, report, seen.bodies)
         if self._criterion.wake == "all" and self.memory.loads.declared(t):
             decision = self._release(seen, "a load or a support changes", self._every)
             return replace(decision, loads_changed=True)

@@ -45,8 +45,13 @@ class Releases:
             cells[scene.owned_cells(release.where, "Release")] = True
             self._pairs.append((release, cells))
 
+    @property
+    def repeat(self) -> bool:
+        """Whether there is a condition that has steps solved again."""
+        return any(release.repeat for release, _ in self._pairs)
+
     def asked(
-        self, t: float, report: Report, bodies: Sequence[RigidBody]
+        self, t: float, report: Report, bodies: Sequence[RigidBody], before: bool = False
     ) -> tuple[list[str], Bools | None]:
         """Why cells are released at t [s], and which owned ones; None if none are. Collective.
 
@@ -54,6 +59,7 @@ class Releases:
             t: Time [s].
             report: What a user's condition is given.
             bodies: The bodies at t.
+            before: Whether the step has not been accepted yet.
 
         Raises:
             SceneError: If a condition fails, or names a body that there is not.
@@ -62,7 +68,9 @@ class Releases:
         released: Bools | None = None
         for release, cells in self._pairs:
             asked = cells
-            if any(self._timeline.same(t, planned) for planned in release.times):
+            if before and not release.repeat:
+                continue
+            if not before and any(self._timeline.same(t, planned) for planned in release.times):
                 reason = PLANNED
             elif release.when is None:
                 continue

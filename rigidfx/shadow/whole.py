@@ -118,6 +118,7 @@ class Whole:
         self._kept = self._u.copy(), forces.u1.x.array.copy()
         self._dt, self._from = dt, self._others()
         forces.set_time(state.t, dt)
+        forces.set_rate(0.0)
         self._begin(self._from)
         self._equations.residual(self._y, self._rest)
         if self._factors is None:
@@ -138,6 +139,7 @@ class Whole:
         u0, u1 = self._kept
         self._stepper.state.return_to(u0)
         self._forces.u1.x.array[:] = u1
+        self._forces.set_rate(1 / self._dt)
 
     def energy(self, forces: Sequence[Array]) -> float:
         """½ ρᵀe, e how far the forces move the parts [J]. Collective.

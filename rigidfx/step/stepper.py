@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +24,7 @@ from rigidfx.step.length.time_control import TimeControl
 from rigidfx.step.newton.solution import Solution
 from rigidfx.step.system.division import Division
 from rigidfx.step.system.supports import Impact, PrescribedDofs, impose_velocity, supports_of
-from rigidfx.step.system.system import System
+from rigidfx.step.system.system import System, Work
 from rigidfx.step.watches.compression import Compression
 from rigidfx.step.watches.judge import Attempt, Judge
 from rigidfx.step.watches.jumps import JumpingObstacles, Jumps
@@ -256,18 +257,21 @@ class Stepper:
         """Let the state, and all else that remembers, take an attempt over. Collective."""
         for watch in self.watches:  # before u₀ becomes u₁
             watch.accept(attempt)
-        work = self.system.accept(self.state, attempt.dt, attempt.end)
-        return StepResult(
-            dt=attempt.dt,
-            solution=attempt.solution,
-            cuts=attempt.cuts,
-            work_of_loads=work.loads,
-            work_of_supports=work.supports,
-            dissipated=work.dissipated,
-            reactions=work.reactions,
-            reaction_moments=work.reaction_moments,
-            touches=work.touches,
-        )
+        return _result(attempt, self.system.accept(self.state, attempt.dt, attempt.end))
+
+    @contextmanager
+    def foreseen(self, attempt: Attempt) -> Iterator[StepResult]:
+        """What the step would do; the state is as it would be, in the context alone. Collective.
+
+        What two surfaces remember of their contact is of before.
+        """
+        if self.indicator is not None:
+            self.indicator.measure(attempt.dt)
+        kept = self.state.snapshot()
+        try:
+            yield _result(attempt, self.system.foresee(self.state, attempt.dt, attempt.end))
+        finally:
+            self.state.restore(kept)
 
     def meet(self, supports: Sequence[Support], dt: float, before: Measures) -> Impact | None:
         """Give nodes the velocity of supports that begin, or jump. Collective.
@@ -322,3 +326,18 @@ class Stepper:
             self.system.destroy()
             self._bound = False
         self._dealing.destroy()
+
+
+def _result(attempt: Attempt, work: Work) -> StepResult:
+    """What a step did, or would do."""
+    return StepResult(
+        dt=attempt.dt,
+        solution=attempt.solution,
+        cuts=attempt.cuts,
+        work_of_loads=work.loads,
+        work_of_supports=work.supports,
+        dissipated=work.dissipated,
+        reactions=work.reactions,
+        reaction_moments=work.reaction_moments,
+        touches=work.touches,
+    )

@@ -59,12 +59,13 @@ class StrainRate(Criterion):
             only jumps, kinks and windows count.
         wake: What ends a body. "local": what the forces on a body would strain, were it flexible,
             is computed in each step; cells that it would strain at more than `kappa` times their
-            tolerance are released with a ring of cells round them, and the step is solved again. A
-            change of a load releases nothing by itself. "all": any change of a load or of a support
-            releases all of them, the paper's rule. "none": nothing, but what `release` asks for. In
-            any case all bodies are released where a support begins or ends. "local" if None, or
-            "all" where load_change is given.
-        kappa: κ ≥ 1 of "local".
+            tolerance are released with a ring of cells round them, and the step is solved again; a
+            body is released whole where cells of that ring would spring, or where it has withheld
+            too much as a whole. A change of a load releases nothing by itself. "all": any change of
+            a load or of a support releases all of them, the paper's rule. "none": nothing, but what
+            `release` asks for. In any case all bodies are released where a support begins or ends.
+            "local" if None, or "all" where load_change is given.
+        kappa: κ ≥ 1 of "local"; of no meaning with another.
         patience: Factor γ ≥ 1 by which cells have to qualify in more windows, one after the other,
             each time they are released sooner than they were observed, from the second time in a
             row on. Planned releases (`Release(at=…)`) do not count. With "local" cells also wait

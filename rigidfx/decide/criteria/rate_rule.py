@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import inf
 from typing import Literal
 
 import numpy as np
@@ -122,7 +123,8 @@ class RateRule:
             start, rigid = memory.window.start, memory.back_off.rigid
             length = seen.t - start
             memory.strokes.look(seen.strains, self._noise, start, seen.t, rigid)
-            memory.bends.look(memory.strokes.rate_of_all, self._noise)
+            steps = memory.strokes.time / seen.dt
+            memory.bends.look(memory.strokes.rate_of_all, self._noise, steps)
             rested = seen.t - memory.loads.resting_since
             # A load that stands still at a crest does not rest.
             turning = memory.strokes.turning if rested >= HALF * length else 0.0
@@ -130,8 +132,13 @@ class RateRule:
             energy = np.where(seen.flexible, energy, 0.0)
             memory.drift.stiffening = seen.stiffening or memory.drift.stiffening
             memory.drift.window_ends(energy, rigid, memory.strokes.last, turning, length, rested)
-            largest = float(self.tol.max(initial=0.0))
-            memory.drift.limit = HALF * self._kappa * self._comm.allreduce(largest, op=MPI.MAX)
+            largest = self._comm.allreduce(float(self.tol.max(initial=0.0)), op=MPI.MAX)
+            memory.drift.limit = HALF * self._kappa * largest
+            # A slow motion goes farther than its rates tell.
+            moved, may = memory.bends.swing(), memory.bends.limits(np.array([largest]))
+            memory.drift.driven = inf
+            if may is not None and moved > 0:
+                memory.drift.driven = HALF * self._kappa * memory.strokes.last * may[0] / moved
 
     def told(self) -> str:
         """Nothing that the user has not set."""

@@ -24,6 +24,10 @@ class Release:
         at: Times [s] at which steps end and bodies are released.
         when: A function of the report of a step that says whether to release after it: True or
             False, or the names of bodies.
+        repeat: Whether the step in which the condition comes true is solved again with these cells
+            flexible, before it is accepted (Fig. 2), rather than released after it. So the
+            condition is asked before each step is accepted, of a report without events, ledger and
+            recovered stresses, and once more after it.
         where: Name of a set of cells that are released, out of whatever body they are in; what is
             left of it stays rigid. All cells if None.
     """
@@ -31,6 +35,7 @@ class Release:
     at: Sequence[float] | float = ()
     when: Callable[[Any], bool | Iterable[str]] | None = None
     where: str | None = None
+    repeat: bool = False
 
     def __post_init__(self) -> None:
         """Check the record.
@@ -50,6 +55,11 @@ class Release:
         if self.when is not None and not callable(self.when):
             raise SceneError(
                 f"Release: when must be a function of a report, got {shown(self.when)}."
+            )
+        if not isinstance(self.repeat, bool) or (self.repeat and self.when is None):
+            raise SceneError(
+                "Release: repeat must be True or False, and goes with a condition (when), got "
+                f"{shown(self.repeat)}."
             )
         if not self.times and self.when is None:
             raise SceneError("Release: name a time (at) or a condition (when).")

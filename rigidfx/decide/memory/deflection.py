@@ -32,6 +32,7 @@ class Deflection:
     Attributes:
         nodes: Owned nodes that stand for all.
         X: Where they are in the mesh [m].
+        now: How far they are deflected after the last state, shape (nodes, 3) [m].
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -42,12 +43,23 @@ class Deflection:
         self._all = np.arange(self.nodes.size)
         self._mask: Bools | None = None
         self._held: list[Indices] = []
-        self._largest = 0.0
+        self._counts: Array = np.zeros(3)
+        self._largest, self.now = 0.0, np.zeros_like(self.X)
 
     @property
     def largest(self) -> float:
         """The largest so far, of all ranks [m]. Collective."""
         return float(self._scene.comm.allreduce(self._largest, op=MPI.MAX))
+
+    @property
+    def held(self) -> bool:
+        """Whether supports held anything in the last state."""
+        return bool(self._counts.any())
+
+    @property
+    def flies(self) -> bool:
+        """Whether neither supports nor springs did."""
+        return not (self.held or self._scene.named(Spring))
 
     def follow(self, state: State, held: Bools) -> Array:
         """Take note of a state. Collective.
@@ -63,7 +75,9 @@ class Deflection:
         if held is not self._mask:
             self._find_held(held)
         x = state.positions(self.nodes)
-        self._largest = max(self._largest, self._now(x, state))
+        self.now = self._deflected(x, state)
+        far = float(np.linalg.norm(self.now, axis=1).max(initial=0.0))
+        self._largest = max(self._largest, far)
         return x
 
     def _find_held(self, held: Bools) -> None:
@@ -75,8 +89,8 @@ class Deflection:
             self._held.append(nodes[spread(self._scene.comm, X[nodes], HELD)])
         self._counts = np.asarray(self._scene.sum(np.array([float(n.size) for n in self._held])))
 
-    def _now(self, x: Array, state: State) -> float:
-        """Largest displacement on this rank but for a common one [m]. Collective.
+    def _deflected(self, x: Array, state: State) -> Array:
+        """Displacements of this rank's nodes but for a common one [m]. Collective.
 
         What supports hold tells that, component by component; where they hold nothing at all the
         best rigid motion does, unless springs bring the structure back to where it was: then how it
@@ -85,18 +99,18 @@ class Deflection:
         counts, u = self._counts, x - self.X
         if not counts.any():
             if self._scene.named(Spring):
-                return float(np.linalg.norm(u, axis=1).max(initial=0.0))
-            return float(self.left(self.X, x, [self._all])[0].max(initial=0.0))
+                return u
+            return self.left(self.X, x, [self._all])[0]
         moved = [state.positions(n)[:, k] - state.X[n, k] for k, n in enumerate(self._held)]
         sums = np.array([*(of.sum() for of in moved), *(self._mass @ u), self._mass.sum()])
         every = np.asarray(self._scene.sum(sums))
         common = np.where(counts > 0, every[:3] / np.maximum(counts, 1), every[3:6] / every[6])
-        return float(np.linalg.norm(u - common, axis=1).max(initial=0.0))
+        return np.asarray(u - common)
 
     def left(self, before: Array, now: Array, parts: Sequence[Indices]) -> list[Array]:
         """Of each part how far its nodes are from their best rigid motion [m]. Collective.
 
-        By masses (W. Kabsch, Acta Cryst. A 32 (1976) 922-923).
+        In the axes from before; by masses (W. Kabsch, Acta Cryst. A 32 (1976) 922-923).
 
         Args:
             before: Positions of the nodes that stand for all [m].
@@ -113,5 +127,5 @@ class Deflection:
             a, b = sums[1:4] / m, sums[4:7] / m
             W, _, Vt = np.linalg.svd(sums[7:].reshape(3, 3) / m - np.outer(a, b))
             turn = W @ np.diag([1.0, 1.0, np.sign(np.linalg.det(W @ Vt))]) @ Vt
-            out.append(np.linalg.norm(now[nodes] - b - (before[nodes] - a) @ turn, axis=1))
+            out.append((now[nodes] - b) @ turn.T - (before[nodes] - a))
         return out

@@ -55,6 +55,8 @@ class Drift:
     Attributes:
         rate: Strain rate that flexible cells are off by [1/s].
         limit: What that may be [1/s].
+        driven: Strain rate that is to the last one what a motion may be off by is to how far it has
+            gone in the last window [1/s].
         stiffening: s of the bodies, or of the last ones that there were.
         amplification: A of the last windows.
         stiffer: Part by which bodies stiffened the structure in the last window, at most.
@@ -71,7 +73,7 @@ class Drift:
         """
         self._comm = comm
         self.shares: Array = np.zeros(cells)
-        self.rate, self.limit, self.share, self.stiffening = 0.0, inf, 0.0, 1.0
+        self.rate, self.limit, self.driven, self.share, self.stiffening = 0.0, inf, inf, 0.0, 1.0
         self.amplification = 1.0
         self.stiffer = 0.0
         self._most = 0.0, 0.0  # energies that bodies withhold, and of strain, in the window
@@ -133,6 +135,12 @@ class Drift:
     def too_far(self) -> bool:
         """Whether it has drifted too far by the end of a window that is as the last."""
         return self.rate > 0 and min(self.rate + self._next, MOST * self._last) > self.limit
+
+    @property
+    def room_to_go(self) -> float:
+        """Share of the energy that may be rigid for how far a driven motion goes."""
+        much = self.stiffening * self._last * self.amplification
+        return self.driven / much if much > 0 else inf
 
     def room(self, turning: float, free: bool) -> float:
         """Share of the energy that may be rigid.

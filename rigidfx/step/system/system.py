@@ -183,9 +183,14 @@ class System:
 
     def accept(self, state: State, dt: float, t: float) -> Work:
         """Take the found increment over into the state, which then is at time t. Collective."""
-        work = self._work(state, dt)
+        work = self.foresee(state, dt, t)
         self.newton.accept()
         self.actions.accept()
+        return work
+
+    def foresee(self, state: State, dt: float, t: float) -> Work:
+        """Put the state where the found increment leads, and nothing else. Collective."""
+        work = self._work(state, dt)
         d, dofs = self.equilibrium.d.array_r, self.layout.rows.dofs
         prolongation, bodies = self.equilibrium.prolongation, self.increments.end
         state.advance(
