@@ -31,7 +31,7 @@ Ints = npt.NDArray[np.int64]
 # Of the largest deflection so far, what a body may bend by at most: a tolerance that is more of the
 # largest rate so far is meant for a faster motion to come, which may go less far than this one. A
 # bar that swung slowly before a blow along it was half off.
-PART = 0.03
+PART = 0.02
 FAST = 1.0  # steps in which what is to come may turn round, at the least
 MOST = 8  # shapes of a window that are kept: the first, and others as far apart as may be
 
