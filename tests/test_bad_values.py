@@ -134,7 +134,7 @@ CASES = {
     ),
     "a release as an effect": (
         lambda: _scene(rf.Release(at=0.1)),
-        "Scene: Release(at=(0.1,), when=None, where=None) is not an",
+        "Scene: Release(at=(0.1,), when=None, where=None, repeat=False) is not an",
     ),
     "a scene as a material": (
         lambda: _scene(material=_scene()),

@@ -14,6 +14,7 @@ from rigidfx.decide.criteria.concentration import stiffness
 from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.criteria.relative import Relative
 from rigidfx.decide.criteria.rule import Waking
+from rigidfx.decide.memory.bends import FAST
 from rigidfx.decide.memory.memory import Memory
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
@@ -123,7 +124,8 @@ class RateRule:
             start, rigid = memory.window.start, memory.back_off.rigid
             length = seen.t - start
             memory.strokes.look(seen.strains, self._noise, start, seen.t, rigid)
-            steps = memory.strokes.time / seen.dt
+            # A part of what has been seen is meant for no faster motion to come.
+            steps = FAST if isinstance(self._tol, Relative) else memory.strokes.time / seen.dt
             memory.bends.look(memory.strokes.rate_of_all, self._noise, steps)
             rested = seen.t - memory.loads.resting_since
             # A load that stands still at a crest does not rest.

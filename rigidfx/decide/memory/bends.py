@@ -20,7 +20,7 @@ from rigidfx.decide.memory.deflection import Deflection
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 
-__all__ = ["Bends"]
+__all__ = ["FAST", "Bends"]
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
