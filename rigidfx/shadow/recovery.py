@@ -89,8 +89,10 @@ class Recovery:
         if self._asked != stepper.state.changes:
             whole = self._present(parts)
             whole.take(dt)
-            self._known = whole.displaced([force for _, force in loaded])
-            whole.leave()
+            try:
+                self._known = whole.displaced([force for _, force in loaded])
+            finally:
+                whole.leave()
             self._asked = stepper.state.changes
             if self._ended:
                 self._free()

@@ -61,8 +61,10 @@ class Strongest:
         energy, data, force = self._known[name]
         whole = Whole(stepper, (data,))
         whole.take(dt)
-        told = whole.energy([force @ now[id(data)].T])
-        whole.leave()
-        whole.destroy()
+        try:
+            told = whole.energy([force @ now[id(data)].T])
+        finally:
+            whole.leave()
+            whole.destroy()
         # What buckles has no stiffness that tells.
         return told / energy if told > 0 and np.isfinite(told) else None
