@@ -183,7 +183,7 @@ class State:
         self.u.x.array[:] = u
 
     def snapshot(self) -> Snapshot:
-        """What a step changes, to be had back by `restore`."""
+        """What a step or a `shift` changes, to be had back by `restore`."""
         u, v = self.u.x.array.copy(), self.v.x.array.copy()
         return Snapshot(self.t, u, v, self.bodies, self.changes)
 
@@ -193,13 +193,9 @@ class State:
         self.u.x.array[:], self.v.x.array[:] = kept.u, kept.v
 
     def shift(self, dofs: npt.NDArray[np.int64], d: Array) -> None:
-        """Move owned dofs [m] to look at forces elsewhere; `return_to` ends that. Collective."""
+        """Move owned dofs [m] to look at forces elsewhere; `restore` ends that. Collective."""
         self.u.x.array[dofs] += d
         self.u.x.scatter_forward()
-
-    def return_to(self, u: Array) -> None:
-        """Have all local dofs where they were before a `shift` [m]."""
-        self.u.x.array[:] = u
 
     def move(self, v: Array) -> None:
         """Take over a velocity at all local dofs, or at the owned ones [m/s]. Collective."""

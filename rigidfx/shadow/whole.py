@@ -95,7 +95,8 @@ class Whole:
         self._y = p.unknowns()
         self._rest = self._y.duplicate()  # what is out of balance as it is
         self._u = state.u.x.array
-        self._kept = self._u, self._u  # u₀ and u₁ of the run, while iterates are in their place
+        self._kept = state.snapshot()  # the run's state, and its u₁, while iterates are there
+        self._end = forces.u1.x.array
         self._from, self._dt = others, 0.0
         self._factors: Factors | None = None
 
@@ -115,7 +116,7 @@ class Whole:
         """
         state, forces = self._stepper.state, self._forces
         state.rebuild()
-        self._kept = self._u.copy(), forces.u1.x.array.copy()
+        self._kept, self._end = state.snapshot(), forces.u1.x.array.copy()
         self._dt, self._from = dt, self._others()
         forces.set_time(state.t, dt)
         forces.set_rate(0.0)
@@ -130,15 +131,14 @@ class Whole:
         """Begin a step without an increment at the present u₀. Collective."""
         t, nothing = self._stepper.state.t, np.zeros(self._prolongation.prescribed.size)
         self._actions.set_time(t, self._dt)
-        self._actions.creep_for(t, self._kept[0], self._from)
+        self._actions.creep_for(t, self._kept.u, self._from)
         self._equations.begin(LONG * t, self._still, nothing, bodies)
         self._y.set(0.0)
 
     def leave(self) -> None:
         """Have u₀ and u₁ be those of the run again."""
-        u0, u1 = self._kept
-        self._stepper.state.return_to(u0)
-        self._forces.u1.x.array[:] = u1
+        self._stepper.state.restore(self._kept)
+        self._forces.u1.x.array[:] = self._end
         self._forces.set_rate(1 / self._dt)
 
     def energy(self, forces: Sequence[Array]) -> float:
@@ -154,7 +154,7 @@ class Whole:
         given.destroy()
         if not balanced:
             return at_first
-        e, out = self._u - self._kept[0], 0.0
+        e, out = self._u - self._kept.u, 0.0
         for data, force in zip(self._parts, forces, strict=True):
             out += 0.5 * float(np.vdot(force, e.reshape(-1, 3)[data.nodes]))
         return float(self._stepper.scene.sum(out))
@@ -171,7 +171,7 @@ class Whole:
         given = self._collapsed(forces)
         balanced, _ = self._balance(given)
         given.destroy()
-        e = (self._u - self._kept[0]).reshape(-1, 3)
+        e = (self._u - self._kept.u).reshape(-1, 3)
         return [e[data.nodes] for data in self._parts] if balanced else None
 
     def _balance(self, given: PETSc.Vec) -> tuple[bool, float]:
