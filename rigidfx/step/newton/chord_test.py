@@ -3,7 +3,7 @@
 Newton's next iterate is so much better that the last one's residual is all rounding where it looks
 like it. With a kept tangent the residual falls by one factor ρ in each iteration, and what the last
 iterate has left is ρ times what the one before had, whether rounding hides it or not. So the
-iteration goes on below rounding, until what must be left is a hundredth of what is seen; a biased
+iteration goes on below rounding, until what must be left is a tenth of what is seen; a biased
 rest, however small, would sum up over the steps and show as a drift of energy and momenta. And a
 residual that falls more slowly than before is no stall: the tangent may not fit. Only where a new
 one does no better, rounding is met, and where that is is remembered.
@@ -24,7 +24,7 @@ from rigidfx.step.newton.stopping_test import (
 
 __all__ = ["ChordTest"]
 
-HIDDEN = 0.01  # of a residual of rounding, what truncation may be
+HIDDEN = 0.1  # of a residual of rounding, what truncation may be
 UNKNOWN = 0.3  # contraction of a tangent that has not shown any
 NEWTON_ERROR = 2.0  # contraction of a tangent, times that of the first iteration with it
 

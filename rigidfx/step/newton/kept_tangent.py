@@ -20,6 +20,7 @@ import numpy.typing as npt
 from petsc4py import PETSc
 
 from rigidfx.step.newton.frames import Frames
+from rigidfx.step.newton.secants import Secants
 
 __all__ = ["Inverse", "KeptTangent"]
 
@@ -83,6 +84,7 @@ class KeptTangent:
         """
         self.inverse, self._frames = inverse, frames
         self._right = y.duplicate()
+        self._secants = Secants(y.comm.tompi4py(), y.getLocalSize())
         self._now = self._then = np.eye(3)[None]
         self._Q: Array | None = None
         self._factor = 1.0
@@ -112,6 +114,9 @@ class KeptTangent:
         self.iterations = 0
         self._now = self._frames.rotations(u)
         self._Q = self._now @ self._then.swapaxes(1, 2)
+        if dt != self._dt:
+            self._secants.forget()
+        self._secants.begin()
         # The inertial part of a tangent goes with 1/Δt², the elastic one stays: this is right in
         # the middle.
         self._dt, self._factor = dt, 2 / (1 + (self._assembled_for / dt) ** 2)
@@ -119,20 +124,21 @@ class KeptTangent:
     def renewed(self) -> None:
         """Take note that the tangent has just been assembled, in this step. Collective."""
         self.inverse.renew()
+        self._secants.forget()
         self._then, self._Q = self._now, None
         self._assembled_for, self._factor = self._dt, 1.0
 
     def apply(self, pc: PETSc.PC, r: PETSc.Vec, z: PETSc.Vec) -> None:
         """PETSc's call: z = Q A₀⁻¹ Qᵀ r. Collective."""
-        if self._Q is None:
-            self.inverse.solve(r, z)
-        else:
-            r.copy(self._right)
+        r.copy(self._right)
+        if self._Q is not None:
             self._frames.turn(self._right.array, self._Q.swapaxes(1, 2))
-            self.inverse.solve(self._right, z)
-            self._frames.turn(z.array, self._Q)
+        self.inverse.solve(self._right, z)
         if self._factor != 1.0:
             z.scale(self._factor)
+        self._secants.mend(z.array)
+        if self._Q is not None:
+            self._frames.turn(z.array, self._Q)
         self.iterations += self.inverse.iterations
 
     def destroy(self, pc: PETSc.PC) -> None:

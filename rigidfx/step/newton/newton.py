@@ -23,7 +23,7 @@ from rigidfx.step.linear.linear_solver import (
 from rigidfx.step.linear.petsc_options import loose_solves_allowed, monitor_solves
 from rigidfx.step.newton.callbacks import errors_of_callbacks
 from rigidfx.step.newton.chord import Chord, pays
-from rigidfx.step.newton.chord_test import HIDDEN, ChordTest
+from rigidfx.step.newton.chord_test import ChordTest
 from rigidfx.step.newton.conserving import Conserving
 from rigidfx.step.newton.first_guess import Guess
 from rigidfx.step.newton.solution import Solution
@@ -37,6 +37,7 @@ from rigidfx.step.newton.stopping_test import (
 
 __all__ = ["Newton"]
 
+CONSERVED = 3e-3  # of the tolerance of residuals, what a step may take from energy and momenta
 MAX_FALLBACKS = 3  # direct solves in place of failed Krylov solves before Krylov is given up
 
 
@@ -91,7 +92,7 @@ class Newton:
         self._loosest = [(name, self._snes.getParamsEW()[name]) for name in ("rtol_0", "rtol_max")]
         rtol, _, _, max_it = self._snes.getTolerances()
         self.stop = StoppingTest(rtol, max_it)
-        self.conserving = Conserving(HIDDEN * rtol)
+        self.conserving = Conserving(CONSERVED * rtol)
         self._chord: Chord | None = None
         if pays(equilibrium):
             self._chord = Chord(equilibrium, scene.parts, ChordTest(rtol, max_it))

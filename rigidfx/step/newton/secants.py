@@ -1,0 +1,97 @@
+"""What the iterates of a kept tangent tell of the true one: secants, after D. G. Anderson.
+
+From one iterate to the next a correction s moves the unknowns, and the residual changes by J s. So
+the correction that the kept tangent gives, z = A₀⁻¹ r, changes by A₀⁻¹ J s: as many of these pairs
+as are known say how z is to be mended (D. G. Anderson, J. ACM 12 (1965) 547-560, of type II),
+
+    J⁻¹ r ≈ z + Σ c (s − Δz) ,    c by the least squares of z − Σ c Δz .
+
+What bends stays near the shape it was in a step before. So pairs are kept over steps, in the frame
+of the tangent, until there is a new one.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+__all__ = ["Secants"]
+
+Array = npt.NDArray[np.float64]
+
+MOST = 10  # pairs that are kept
+OF_STEP = 3  # first ones of a step that count: what comes later is small, and soon rounding
+INDEPENDENT = 1e-4  # square of the part in which pairs have to differ
+
+
+class Secants:
+    """Mends what a kept tangent gives.
+
+    Attributes:
+        known: How many pairs are kept.
+    """
+
+    def __init__(self, comm: MPI.Intracomm, size: int) -> None:
+        """Begin without pairs.
+
+        Args:
+            comm: Communicator of the unknowns.
+            size: How many of them this rank owns.
+        """
+        self._comm = comm
+        self._changes = np.zeros((MOST, size))  # Δz, the newest in a place of its own by turns
+        self._mending = np.zeros((MOST, size))  # s - Δz
+        self._products = np.zeros((MOST, MOST))
+        self.forget()
+
+    def forget(self) -> None:
+        """Drop all pairs: there is a new tangent."""
+        self.known, self._next = 0, 0
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin the iterates of a step, or of an attempt at it."""
+        self._last: tuple[Array, Array] | None = None
+        self._of_step = 0
+
+    def mend(self, z: Array) -> None:
+        """Have a correction mended by what is known, and learn from it. Collective.
+
+        Args:
+            z: What the kept tangent gives, shape (unknowns,); changed in place.
+        """
+        given = z.copy()
+        if self._last is not None and self._of_step < OF_STEP:
+            self._learn(given)
+        if self.known:
+            z += self._coefficients(given) @ self._mending[: self.known]
+        self._last = given, z.copy()
+
+    def _learn(self, given: Array) -> None:
+        """Take the pair of the last two iterates."""
+        assert self._last is not None
+        before, taken = self._last
+        k = self._next
+        np.subtract(given, before, out=self._changes[k])
+        np.negative(taken, out=self._mending[k])
+        self._mending[k] -= self._changes[k]
+        self.known, self._next = max(self.known, k + 1), (k + 1) % MOST
+        self._of_step += 1
+        row = self._sums(self._changes[k])
+        self._products[k, : self.known] = self._products[: self.known, k] = row
+
+    def _sums(self, vector: Array) -> Array:
+        """Products of a vector with all Δz, on all ranks."""
+        out: Array = self._changes[: self.known] @ vector
+        self._comm.Allreduce(MPI.IN_PLACE, out, op=MPI.SUM)
+        return out
+
+    def _coefficients(self, given: Array) -> Array:
+        """c of each pair."""
+        products = self._products[: self.known, : self.known]
+        sizes = np.sqrt(products.diagonal())
+        sizes[sizes == 0.0] = 1.0
+        inverse = np.linalg.pinv(products / np.outer(sizes, sizes), INDEPENDENT, hermitian=True)
+        out: Array = inverse @ (self._sums(given) / sizes) / sizes
+        return out
