@@ -427,14 +427,14 @@ def test_events_have_a_row_for_each_body(tmp_path):
     assert [row["reason"] for row in rows] == [e.reason for e, _ in pairs]
     for row, (event, change) in zip(rows, pairs, strict=True):
         for column in ("t", "unknowns_before", "unknowns_after", "energy_frozen",
-                       "energy_released", "energy_lost", "linear_momentum_error",
-                       "angular_momentum_error"):  # fmt: skip
+                       "energy_released", "energy_lost", "work_of_supports",
+                       "linear_momentum_error", "angular_momentum_error"):  # fmt: skip
             assert float(row[column]) == getattr(event, column)
         for column in ("number", "cells_before", "cells_after", "stored_before", "stored_after"):
             assert float(row[column]) == getattr(change, column)
         for name in ("impulse", "angular_impulse"):
             assert [float(row[f"{name}_{axis}"]) for axis in "xyz"] == list(getattr(event, name))
-    assert len(rows[0]) == 22
+    assert len(rows[0]) == 23
     h = rf.read_history(recorder.history)
     np.testing.assert_array_equal(h["bodies"], [len(r.bodies) for r in reports])
     np.testing.assert_array_equal(h["stored"], [r.stored for r in reports])

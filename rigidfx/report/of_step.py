@@ -79,7 +79,14 @@ def amended(report: Report, stepper: Stepper, events: Sequence[Event], closeness
     changes = stepper.state.changes
     if not events and np.isnan(closeness) and report._changes == changes:
         return report
-    report = replace(report, events=tuple(events), closeness=closeness, _changes=changes)
+    work = report.work_of_supports + sum(event.work_of_supports for event in events)
+    report = replace(
+        report,
+        events=tuple(events),
+        work_of_supports=work,
+        closeness=closeness,
+        _changes=changes,
+    )
     if not any(event.t == report.t for event in events):
         return report
     return replace(report, **_measured(stepper.measure()), rigid=stepper.state.bodies)

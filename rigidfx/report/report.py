@@ -58,7 +58,7 @@ class Report:
         momentum_scale: Σ |(M v)ᵢ| [kg m/s], what L is to be compared with; a body counts with
             |m ṙ| + |π|/ℓ.
         work_of_loads: Work of the loads in this step [J].
-        work_of_supports: Work of the reactions in this step [J].
+        work_of_supports: Work of the reactions in this step, and of supports at events [J].
         dissipated: Energy that damping took in this step [J], by the name of its kind, such as
             "KelvinVoigt" (a spring's dashpot counts as "Spring"); "Easing" is what releases by
             forces have let down, and may be less than nothing.

@@ -7,7 +7,8 @@ of the mass, on the fields P y that are rigid in the bodies:
     Pᵀ M P y = Pᵀ p,    p the momenta of all nodes.
 
 What is projected out has no momenta, for rigid motions of the whole are among the P y, and its
-energy is exactly the difference; both are kept by the new body. The flexible side of an interface,
+energy is exactly the difference; both are kept by the new body. Supports that move do work on the
+way: nodes that they hold keep their velocity v_s by an impulse, the change of (M v)_s. The flexible side of an interface,
 which has a velocity of its own between switches, gets that of the body: otherwise the difference
 would ring, with the other sign after each step. At a release the kept field
 rotates with the body, brought into the range of the P that is valid then, made orthogonal to the
@@ -58,10 +59,10 @@ class ConsistentExchange:
         """
         self._scene, self._forces = scene, forces
 
-    def release(self, state: State, numbers: Set[int], prescribed: Bools) -> None:
+    def release(self, state: State, numbers: Set[int], prescribed: Bools) -> float:
         """See `rigidfx.switch.exchange.Exchange`."""
         if not numbers:
-            return
+            return 0.0
         present = self._present(state)
         before = RigidFields(self._scene, state.bodies, prescribed, present.mass)
         of_given = before.given_momenta(present.bodies)
@@ -85,22 +86,24 @@ class ConsistentExchange:
         own[staying] = after.given_momenta(possible.bodies)
         rigid = before.project(before.momenta(possible.nodal), own, at_rest)
         mode = possible.plus(-1.0, Field(rigid.nodal, rigid.bodies[staying]))
-        wanted = present.energy + sum(body.data.frozen.vibration for body in gone)
+        work = self._work(present, prescribed, after.momenta(merged.nodal) - present.momenta)
+        of_mode = self._work(present, prescribed, after.momenta(mode.nodal))
+        wanted = present.energy + work + sum(body.data.frozen.vibration for body in gone)
         missing = wanted - 0.5 * after.product(merged, merged)
         if abs(missing) > ROUNDING * abs(wanted):
-            scale = _scale(after.product(mode, mode), after.product(merged, mode), missing)
+            mixed = after.product(merged, mode) - of_mode
+            scale = _scale(after.product(mode, mode), mixed, missing)
         else:
             scale = 1.0
         _take(state, merged.plus(scale, mode))
         for item in (before, after, present):
             item.destroy()
+        return work + scale * of_mode
 
-    def freeze(self, state: State, what: PlannedBody, prescribed: Bools) -> bool:
+    def freeze(self, state: State, what: PlannedBody, prescribed: Bools) -> float:
         """See `rigidfx.switch.exchange.Exchange`."""
         body = freeze(self._scene, self._forces, state, what)
-        if body is not None:
-            self._include(state, body, prescribed)
-        return body is not None
+        return 0.0 if body is None else self._include(state, body, prescribed)
 
     def settle(self, state: State, division: Division, prescribed: Bools) -> None:
         """See `rigidfx.switch.exchange.Exchange`."""
@@ -123,7 +126,7 @@ class ConsistentExchange:
             present.destroy()
         for body in new:
             if not body.data.given:
-                self._include(state, body, prescribed)
+                self._include(state, body, prescribed, named=True)
         settled = {body.data.number: body for body in state.bodies}
         state.group(Bodies.of_each(settled[b.number] for b in division.bodies.of.records))
 
@@ -135,8 +138,18 @@ class ConsistentExchange:
         gap, largest = np.max(self._scene.comm.allgather((gap, largest)), axis=0)
         return bool(gap <= CONTINUOUS * largest)
 
-    def _include(self, state: State, body: Body, prescribed: Bools) -> None:
-        """Have one more body, which keeps what it takes out of the motion. Collective."""
+    def _include(self, state: State, body: Body, prescribed: Bools, named: bool = False) -> float:
+        """Have one more body, which keeps what it takes out of the motion. Collective.
+
+        Args:
+            state: Gains the body.
+            body: The body.
+            prescribed: For each owned dof, whether a support prescribes it.
+            named: Whether it is none that is ever released, and keeps the work of supports as well.
+
+        Returns:
+            Work of supports [J].
+        """
         present = self._present(state)
         of_given = np.einsum("kij,kj->ki", state.bodies.given_mass_blocks, state.bodies.six)
         others = list(state.bodies)
@@ -149,15 +162,21 @@ class ConsistentExchange:
         size: Array = np.sqrt((lost**2).sum(axis=1))
         most = self._scene.comm.allreduce(float(size.max(initial=0.0)), op=MPI.MAX)
         nodes = np.flatnonzero(size > NEGLIGIBLE * most).astype(np.int32)
-        energy = present.energy - 0.5 * fields.product(new, new)
-        # Beside a support that moves, what is taken out is not orthogonal to its motion: the
-        # energy may be less than zero, and is kept as it is.
+        work = 0.0
+        if not named:
+            work = self._work(present, prescribed, fields.momenta(new.nodal) - present.momenta)
+        energy = present.energy + work - 0.5 * fields.product(new, new)
         frozen = Frozen(nodes, lost[nodes], body.data.frozen.strain, energy)
         body = replace(body, data=replace(body.data, frozen=frozen))
         state.group(Bodies.of_each([*others, body]))
         _take(state, new)
         fields.destroy()
         present.destroy()
+        return work
+
+    def _work(self, present: Present, prescribed: Bools, gained: Array) -> float:
+        """Work of supports by which all owned dofs gain momenta, at their velocity [J]."""
+        return float(self._scene.sum(float(present.nodal[prescribed] @ gained[prescribed])))
 
     def _present(self, state: State) -> Present:
         return Present(self._scene, self._forces, state)
@@ -174,7 +193,7 @@ def _scale(square: float, mixed: float, missing: float) -> float:
 
     Args:
         square: mode·M mode ≥ 0 [J].
-        mixed: What mode and the other motion have in common, zero but beside moving supports [J].
+        mixed: What mode and the other motion have in common, beside the work of supports [J].
         missing: Energy that is to be given back [J].
     """
     discriminant = mixed**2 + 2 * square * missing

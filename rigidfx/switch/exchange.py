@@ -39,23 +39,29 @@ __all__ = ["Exchange", "LumpedExchange", "freeze"]
 class Exchange(Protocol):
     """Moves energy and momenta between nodes and bodies; both ways change the state only."""
 
-    def release(self, state: State, numbers: Set[int], prescribed: npt.NDArray[np.bool_]) -> None:
+    def release(self, state: State, numbers: Set[int], prescribed: npt.NDArray[np.bool_]) -> float:
         """Make the bodies of these numbers flexible. Collective.
 
         Args:
             state: Loses these bodies.
             numbers: Numbers of bodies.
             prescribed: For each owned dof, whether a support prescribes it.
+
+        Returns:
+            Work of supports, by the impulse that they exert as they keep their velocity [J].
         """
         ...
 
-    def freeze(self, state: State, what: PlannedBody, prescribed: npt.NDArray[np.bool_]) -> bool:
-        """Make a body of cells; False if their inertia is singular. Collective.
+    def freeze(self, state: State, what: PlannedBody, prescribed: npt.NDArray[np.bool_]) -> float:
+        """Make a body of cells; not if their inertia is singular. Collective.
 
         Args:
             state: Gains the body. Displacement and velocity of its nodes are up to date.
             what: Cells and nodes.
             prescribed: For each owned dof, whether a support prescribes it.
+
+        Returns:
+            Work of supports, as of `release` [J].
         """
         ...
 
@@ -135,7 +141,7 @@ class LumpedExchange:
         """
         self._scene, self._forces = scene, forces
 
-    def release(self, state: State, numbers: Set[int], prescribed: npt.NDArray[np.bool_]) -> None:
+    def release(self, state: State, numbers: Set[int], prescribed: npt.NDArray[np.bool_]) -> float:
         """See `Exchange`."""
         gone = state.take_out(numbers)
         velocity = state.v.x.array.copy()
@@ -145,14 +151,14 @@ class LumpedExchange:
             v[body.data.nodes] = body.velocities
             v[frozen.nodes] += frozen.velocities @ body.motion.R.T
         state.move(velocity)
+        return 0.0
 
-    def freeze(self, state: State, what: PlannedBody, prescribed: npt.NDArray[np.bool_]) -> bool:
+    def freeze(self, state: State, what: PlannedBody, prescribed: npt.NDArray[np.bool_]) -> float:
         """See `Exchange`."""
         body = freeze(self._scene, self._forces, state, what)
-        if body is None:
-            return False
-        state.group(Bodies.of_each([*state.bodies, body]))
-        return True
+        if body is not None:
+            state.group(Bodies.of_each([*state.bodies, body]))
+        return 0.0
 
     def settle(self, state: State, division: Division, prescribed: npt.NDArray[np.bool_]) -> None:
         """See `Exchange`."""

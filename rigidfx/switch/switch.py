@@ -160,10 +160,10 @@ class Switch:
         before, unknowns = stepper.measure(), stepper.unknowns
         held_before = stepper.held_momenta()
         prescribed = stepper.prescribed.mask
-        self._exchange.release(state, old.keys() - kept, prescribed)
+        work = self._exchange.release(state, old.keys() - kept, prescribed)
         for body in decision.bodies:
             if not body.kept:
-                self._exchange.freeze(state, body, prescribed)
+                work += self._exchange.freeze(state, body, prescribed)
         found = [body for body in state.bodies if body.data.name not in decision.apart]
         state.ease(eased)
         self._bind(found)
@@ -185,7 +185,8 @@ class Switch:
             unknowns_after=stepper.unknowns,
             energy_frozen=max(after.stored - before.stored, 0.0),
             energy_released=max(before.stored - after.stored, 0.0),
-            energy_lost=before.energy - after.energy,
+            energy_lost=before.energy + work - after.energy,
+            work_of_supports=work,
             impulse=impulse,
             angular_impulse=angular_impulse,
             linear_momentum_error=float(np.linalg.norm(linear)),
