@@ -106,6 +106,23 @@ def test_slow_convergence_is_no_stall_unless_the_tangent_is_new():
     assert end([1e2, 1e0, 1e-2, 1e-4, 9e-6, 9e-6], stop) == 5
 
 
+def test_what_does_not_end_at_rounding_asks_for_a_tangent():
+    """A tangent that has contracted next to nothing once would never be done; a new one is."""
+    stop = level()
+    slowly = [1e2, 9.9e1, 9.8e1]
+    assert end(slowly, stop) == -1
+    assert end([1e2, *[5e-7] * 4], stop) == -1
+    assert not stop.stuck
+    assert end([1e2, *[5e-7] * 5], stop) == -1
+    assert stop.stuck
+    assert end([1e2, *[5e-7] * 9], stop, renewed=[5]) > 0
+
+
+def test_a_first_guess_may_be_nearer_than_the_first_iterate():
+    stop = level()
+    assert end([1e0, 1e1, 1e-3, 1e-7, 1e-8, 9e-9], stop) > 0
+
+
 def test_reduction_ends_a_step_well_below_that_of_newton():
     assert end([1e7, 1e1, 1e-5, 1e-6], level(0.0)) == 3
     assert end([1.0] * 50, level(0.0)) == MAX_ITERATIONS
@@ -145,7 +162,7 @@ def corrections(secants, kept, true, right):
     errors = []
     for _ in range(12):
         z = np.linalg.solve(kept, right - true @ y)
-        secants.mend(z)
+        secants.mend(z, learning=True)
         y += z
         errors.append(np.linalg.norm(y - exact) / np.linalg.norm(exact))
     return errors
@@ -158,8 +175,26 @@ def test_secants_tell_what_a_kept_tangent_lacks():
     first, second = (corrections(secants, kept, true, b) for b in np.eye(len(kept))[:2])
     assert first[2] > 1e-2
     assert second[2] < 1e-12
+    assert secants.known == 6
+    z = np.full(len(kept), 1e200)
+    for _ in range(2):  # what overflows mends nothing, and what is rounding teaches nothing
+        secants.mend(z, learning=False)
+    assert secants.known == 6
+    secants.mend(z, learning=True)
+    assert np.isfinite(z).all()
     secants.forget()
     assert corrections(secants, kept, true, np.eye(len(kept))[1])[2] > 1e-3
+
+
+def test_small_strains_wear_no_tangent_out():
+    """Where all iterates but the first are rounding, one of these would be taken for a secant."""
+    sheet = rf.box((0, 0, 0), (1, 1, 0.02), (8, 8, 1), cell="hexahedron")
+    push = rf.Traction("x1", (0, 0, 1.0), until=0.03)
+    effects = [rf.Fixed("x0"), push]
+    scene = rf.Scene(sheet, STEEL, effects, element="enhanced")
+    reports = list(rf.simulate(scene, 3e-3, 0.18, progress=False))
+    assert sum(report.tangents for report in reports) <= 6
+    assert all("kept" in report.solver for report in reports[1:])
 
 
 # Frames ----------------------------------------------------------------------------------------

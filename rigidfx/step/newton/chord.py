@@ -61,6 +61,7 @@ COARSE_DOWN_TO = 6.0  # of what has had such a step: Δt that goes up and down c
 # Beyond, solves with kept factors turn a slender part about its axis by rounding, for good: at
 # 2·10⁵ a needle of 1107 unknowns lost 8e-4 of its energy in 500 steps.
 STIFF_UP_TO = 5e3
+CLEAR = 10.0  # times what rounding may leave, of a residual that secants are learned from
 OF_SOLVERS = "ksp_", "pc_", "mat_", "sub_", "mg_", "snes_lag_"
 
 
@@ -171,10 +172,14 @@ class Chord:
         self._refresh.begin()
         self.tangents = 0
 
+    def look(self) -> None:
+        """Take note of the last iterate: what rounding makes of it tells nothing of the tangent."""
+        self._kept.learning = self.stop.history[-1] > CLEAR * self.stop.target
+
     def renew(self) -> None:
         """Assemble the tangent at the last iterate, if that is worth it. Collective."""
         slow = self._refresh.wanted(self.stop.history, self.stop.target)
-        if slow or self._equilibrium.outdated():
+        if slow or self.stop.stuck or self._equilibrium.outdated():
             self.make()
 
     def make(self) -> None:

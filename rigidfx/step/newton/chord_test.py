@@ -25,6 +25,7 @@ from rigidfx.step.newton.stopping_test import (
 __all__ = ["ChordTest"]
 
 HIDDEN = 0.1  # of a residual of rounding, what truncation may be
+STAYING = 5  # iterates that do not fall, all of rounding's size, before a new tangent is asked
 UNKNOWN = 0.3  # contraction of a tangent that has not shown any
 NEWTON_ERROR = 2.0  # contraction of a tangent, times that of the first iteration with it
 
@@ -57,6 +58,14 @@ class ChordTest(StoppingTest):
         return max(self.rtol * self.history[0], self._level)
 
     @property
+    def stuck(self) -> bool:
+        """Whether only a new tangent will tell that what is left is rounding."""
+        last = self.history[-STAYING:]
+        if self._renewed_at >= 0 or len(last) < STAYING:
+            return False
+        return max(last) <= self._level and min(last[1:]) > SLOW * last[0]
+
+    @property
     def _level(self) -> float:
         return max(self.rounding, self._floor * self._noise)
 
@@ -71,7 +80,9 @@ class ChordTest(StoppingTest):
     def _learn(self, norm: float) -> None:
         """See how fast the residual falls, and what must be left of it."""
         self._before = self._contraction
-        if norm > self._level:
+        # A first guess may be nearer than what a tangent of an earlier step makes of it.
+        worse = len(self.history) == 1 and norm > self.history[0]
+        if norm > self._level and not worse:
             self._contraction = max(self._contraction, min(self._seen(norm), 1.0))
         self._left = min(norm, (self._contraction or UNKNOWN) * self._left)
 

@@ -72,6 +72,7 @@ class KeptTangent:
     Attributes:
         inverse: Solves with the tangent.
         iterations: How many it has taken since the step began.
+        learning: Whether the next correction tells something of the tangent.
     """
 
     def __init__(self, inverse: Inverse, frames: Frames, y: PETSc.Vec) -> None:
@@ -89,7 +90,7 @@ class KeptTangent:
         self._Q: Array | None = None
         self._factor = 1.0
         self._dt = self._assembled_for = 0.0
-        self.iterations = 0
+        self.iterations, self.learning = 0, True
 
     def replace(self, inverse: Inverse) -> None:
         """Take another inverse, which has no tangent yet. Collective.
@@ -136,7 +137,7 @@ class KeptTangent:
         self.inverse.solve(self._right, z)
         if self._factor != 1.0:
             z.scale(self._factor)
-        self._secants.mend(z.array)
+        self._secants.mend(z.array, self.learning)
         if self._Q is not None:
             self._frames.turn(z.array, self._Q)
         self.iterations += self.inverse.iterations

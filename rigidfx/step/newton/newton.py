@@ -217,6 +217,7 @@ class Newton:
     def renew_tangent(self) -> None:
         """Have the tangent ready that the next linear system takes. Collective."""
         if self._keeping and self._chord is not None:
+            self._chord.look()
             if not self.conserving.following:
                 self._chord.renew()
             elif self.conserving.doubtful:

@@ -21,7 +21,7 @@ __all__ = ["Secants"]
 Array = npt.NDArray[np.float64]
 
 MOST = 10  # pairs that are kept
-OF_STEP = 3  # first ones of a step that count: what comes later is small, and soon rounding
+OF_STEP = 3  # first ones of a step that count: what comes later is small
 INDEPENDENT = 1e-4  # square of the part in which pairs have to differ
 
 
@@ -55,14 +55,16 @@ class Secants:
         self._last: tuple[Array, Array] | None = None
         self._of_step = 0
 
-    def mend(self, z: Array) -> None:
+    def mend(self, z: Array, learning: bool) -> None:
         """Have a correction mended by what is known, and learn from it. Collective.
 
         Args:
             z: What the kept tangent gives, shape (unknowns,); changed in place.
+            learning: Whether it is no rounding: that would be found where it is as large again, in
+                what is softest, and steps of a plate that hardly strains fail.
         """
         given = z.copy()
-        if self._last is not None and self._of_step < OF_STEP:
+        if learning and self._last is not None and self._of_step < OF_STEP:
             self._learn(given)
         if self.known:
             z += self._coefficients(given) @ self._mending[: self.known]
@@ -91,7 +93,8 @@ class Secants:
         """c of each pair."""
         products = self._products[: self.known, : self.known]
         sizes = np.sqrt(products.diagonal())
-        sizes[sizes == 0.0] = 1.0
+        if not (np.isfinite(sizes).all() and sizes.all()):
+            return np.zeros(self.known)  # what overflows is no step
         inverse = np.linalg.pinv(products / np.outer(sizes, sizes), INDEPENDENT, hermitian=True)
         out: Array = inverse @ (self._sums(given) / sizes) / sizes
         return out
