@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 
 import rigidfx as rf
 
-from .case import History, Run, case
+from .case import Run, case
+from .twin import beside_its_twin
 
 KAPPA, PART = 3.0, 0.01
 PEAK = 0.0224  # 1/s, the largest strain rate of the flexible bar, in the blow
@@ -45,17 +47,7 @@ def slow_beside_fast(short: bool) -> Iterator[Run]:
     """The tip is off by no more than .8 κ tol over the peak rate, of its largest way."""
     bound, dt = 0.8 * KAPPA * PART, 0.01
     orders = {"slow first": (0.0, 4.0, 6.0)} | ({} if short else {"blow first": (6.0, 0.5, 12.0)})
+    rule = rf.StrainRate(PART * PEAK, 20 * dt, kappa=KAPPA)
     for order, (slow_from, blow_at, t_end) in orders.items():
-        tips: list[np.ndarray] = []
-
-        def near_its_twin(history: History, tips: list[np.ndarray] = tips) -> str:
-            """Of the flexible run first, then of the other."""
-            tips.append(history.probe("tip"))
-            off = np.abs(tips[-1] - tips[0]).max() / np.abs(tips[0]).max()
-            return "" if off <= bound else f"the tip is off by {off:.1%}, the bound is {bound:.1%}"
-
-        same: dict[str, float | Callable[[History], str] | None] = {"momentum": None}
-        same["check"] = near_its_twin
-        yield Run(f"flexible, {order}", _bar(slow_from, blow_at), dt, t_end, **same)
-        rule = rf.StrainRate(PART * PEAK, 20 * dt, kappa=KAPPA)
-        yield Run(f"adaptive, {order}", _bar(slow_from, blow_at), dt, t_end, rule, **same)
+        scene = partial(_bar, slow_from, blow_at)
+        yield from beside_its_twin(order, scene, dt, t_end, rule, bound)

@@ -26,11 +26,11 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 from mpi4py import MPI
-from petsc4py import PETSc
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from rigidfx.base.errors import agree
+from rigidfx.coupling.at_nodes import AtNodes
 from rigidfx.scene.scene import Scene
 
 __all__ = ["NONE", "CellGraph", "Cluster", "find_clusters"]
@@ -81,7 +81,7 @@ class CellGraph:
         self.comm = scene.comm
         self.owned = topology.index_map(3).size_local
         self.numbers = np.asarray(topology.original_cell_index, dtype=np.int64)
-        self._nodes = scene.space.dofmap.list
+        self._nodes, self._at_nodes = scene.space.dofmap.list, AtNodes(scene)
         self._owned_nodes = scene.owned_nodes
         topology.create_entities(2)
         topology.create_connectivity(2, 3)
@@ -100,7 +100,6 @@ class CellGraph:
         )
         self._cell_field = fem.Function(scene.cell_space)
         self._cell_dofs = self._cell_field.function_space.dofmap.list[:, 0]
-        self._node_field = fem.Function(scene.space)
 
     def with_ghosts(self, values: npt.NDArray[np.generic]) -> npt.NDArray[np.float64]:
         """Values of owned cells as values of all local cells. Collective."""
@@ -115,13 +114,7 @@ class CellGraph:
         Args:
             values: Per owned cell.
         """
-        x = self._node_field.x
-        x.array[:] = -np.inf
-        nodes = self._nodes[: self.owned]
-        np.maximum.at(x.array, 3 * nodes.reshape(-1), np.repeat(values, nodes.shape[1]))
-        x.petsc_vec.ghostUpdate(addv=PETSc.InsertMode.MAX, mode=PETSc.ScatterMode.REVERSE)
-        x.scatter_forward()
-        return x.array[::3].copy()
+        return self._at_nodes.largest(self._nodes[: self.owned], values)
 
     def largest_round_cells(self, values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """The same at the nodes of each owned cell, shape (owned, nodes of a cell). Collective."""
@@ -129,10 +122,7 @@ class CellGraph:
 
     def nodes_with_ghosts(self, marks: Bools) -> Bools:
         """Marks of owned nodes as marks of all local nodes. Collective."""
-        x = self._node_field.x
-        x.array[::3][: self._owned_nodes] = marks
-        x.scatter_forward()
-        return np.asarray(x.array[::3] > 0)
+        return np.asarray(self._at_nodes.of_owners(marks) > 0)
 
     def touching(self, nodes: Bools) -> Bools:
         """Owned cells that have a marked node.

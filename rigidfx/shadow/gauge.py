@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
 from rigidfx.flexible.indicator import Indicator
+from rigidfx.shadow.hanging import Hanging
 from rigidfx.shadow.margin import Margin
 from rigidfx.shadow.motion import Limits, Motion, Strained, part_of
 from rigidfx.shadow.parts import Parts
@@ -43,15 +46,19 @@ class Gauge:
         self._ends = fem.Function(space), fem.Function(space)
         self._parts: Parts | None = None
         self._inside: npt.NDArray[np.int64] = np.empty(0, np.int64)
+        self._find_hanging: Callable[[], Hanging] | None = None
+        self._hanging: Hanging | None = None
 
-    def bind(self, margin: Margin, shape: fem.Function) -> None:
+    def bind(self, margin: Margin, shape: fem.Function, hanging: Callable[[], Hanging]) -> None:
         """Measure the cells of some bodies from now on. Collective.
 
         Args:
             margin: The bodies, and what gives way with them.
             shape: Displacements of the shape that they are frozen in [m].
+            hanging: Finds what hangs on them, once that is asked for. Collective.
         """
         self.looks, self._parts, self._inside = 0, margin.parts, margin.inside
+        self._find_hanging, self._hanging = hanging, None
         self._ends[0].x.array[:] = shape.x.array
         self._indicator.bind(margin.parts.cells, self._ends)
 
@@ -99,8 +106,14 @@ class Gauge:
         return np.maximum(rates, slow) if self.looks > UNSETTLED else rates
 
     def _bent(self, u: Array) -> Array:
-        """Largest displacement of each owned cell's nodes but for its body's motion. Collective."""
+        """Largest displacement of each owned cell's nodes but for its body's motion. Collective.
+
+        Or how far its body carries what hangs on it, if that is more.
+        """
         assert self._parts is not None
+        assert self._find_hanging is not None
+        if self._hanging is None:
+            self._hanging = self._find_hanging()
         rows, field = self._parts.rows, self._ends[1]
         field.x.array[:] = 0.0
         field.x.array[rows.dofs] = self._parts.unmoved(u[self._inside]).reshape(-1)
@@ -109,6 +122,9 @@ class Gauge:
         out = np.zeros(self._indicator.values.size)
         cells = self._indicator.cells
         out[cells] = far[field.function_space.dofmap.list[cells]].max(axis=1, initial=0.0)
+        carried = self._hanging.carried(u[self._inside])
+        for data, most in zip(self._parts.bodies, carried, strict=True):
+            out[data.cells] = np.maximum(out[data.cells], most)
         return out
 
     def _measured(self, change: Array, dt: float) -> Array:

@@ -16,9 +16,8 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem
-from petsc4py import PETSc
 
+from rigidfx.coupling.at_nodes import AtNodes
 from rigidfx.coupling.dof_layout import nodes_of
 from rigidfx.coupling.mass import LumpedMass, Mass
 from rigidfx.coupling.rows import Rows
@@ -156,11 +155,8 @@ class _Reach:
 
     def __init__(self, scene: Scene, owners: Array, count: int) -> None:
         self._dofs, self._count = scene.space.dofmap.list, count
-        self._field = fem.Function(scene.space)
-        x = self._field.x
-        x.array[::3][: owners.size] = owners
-        x.scatter_forward()
-        self._owners = x.array[::3].copy()
+        self._at_nodes = AtNodes(scene)
+        self._owners = self._at_nodes.of_owners(owners)
         self.claims = np.full(self._owners.size, float(NOBODY))
 
     def within(self, flexible: Cells) -> Cells:
@@ -169,7 +165,8 @@ class _Reach:
         cells = np.concatenate([np.empty(0, np.int32), *near.values()])
         nodes = self._dofs[cells]
         own = self._owners[nodes].max(axis=1, initial=NOBODY)
-        most, least = self._largest(nodes, own), -self._largest(nodes, -own)
+        largest = self._at_nodes.largest
+        most, least = largest(nodes, own), -largest(nodes, -own)
         agreed = (most == least) & (self._owners == NOBODY)
         self.claims[agreed] = most[agreed]
         held = np.where(self._owners == NOBODY, self.claims, self._owners)
@@ -185,12 +182,3 @@ class _Reach:
         highest = own.max(axis=1, initial=NOBODY)
         mixed = ((own != NOBODY) & (own != highest[:, None])).any(axis=1)
         return (highest != NOBODY) & (highest < self._count) & ~mixed
-
-    def _largest(self, nodes: npt.NDArray[np.int32], values: Array) -> Array:
-        """At each local node the largest value of cells, of any rank, round it. Collective."""
-        x = self._field.x
-        x.array[:] = -np.inf
-        np.maximum.at(x.array, 3 * nodes.reshape(-1), np.repeat(values, nodes.shape[1]))
-        x.petsc_vec.ghostUpdate(addv=PETSc.InsertMode.MAX, mode=PETSc.ScatterMode.REVERSE)
-        x.scatter_forward()
-        return x.array[::3].copy()

@@ -15,7 +15,7 @@ from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.scene.scene import Scene
 
-__all__ = ["Parts", "mass_of", "spanning", "watched"]
+__all__ = ["Parts", "mass_of", "rigid_motions", "spanning", "watched"]
 
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -82,7 +82,7 @@ class Parts:
         """Σ m modesᵀ modes of each body, shape (bodies, 6, 6) [kg]. Collective."""
         local = np.zeros((len(self.bodies), 6, 6))
         for block, body, at in zip(local, self.bodies, self.at, strict=True):
-            modes = _rigid_motions(self.V[at], body.length)
+            modes = rigid_motions(self.V[at], body.length)
             block += np.einsum("n,nik,nil->kl", self._weights[at], modes, modes)
         return np.asarray(self._scene.sum(local))
 
@@ -265,10 +265,10 @@ class Parts:
         """
         out, comm = [], self._scene.comm
         for body, at, (places, which) in zip(self.bodies, self.at, supported, strict=True):
-            prevented = _rigid_motions(places, body.length)[which]
+            prevented = rigid_motions(places, body.length)[which]
             prevented = np.concatenate(comm.allgather(prevented[_independent(prevented)]))
             free = null_space(prevented, rcond=RIGID) if len(prevented) else np.eye(6)
-            modes = _rigid_motions(self.V[at], body.length).reshape(-1, 6) @ free
+            modes = rigid_motions(self.V[at], body.length).reshape(-1, 6) @ free
             own = (self.rows.first + 3 * at[:, None] + np.arange(3)).reshape(-1)
             best = _independent(modes)
             offers = comm.allgather((modes[best], own[best]))
@@ -285,8 +285,13 @@ def _span(at: Ints) -> slice | Ints:
     return slice(first, first + at.size) if whole else at
 
 
-def _rigid_motions(places: Array, length: float) -> Array:
-    """Rigid motions of places of a body, shape (places, 3, 6); rotations as lengths."""
+def rigid_motions(places: Array, length: float) -> Array:
+    """Rigid motions of places of a body, shape (places, 3, 6); rotations as lengths.
+
+    Args:
+        places: Relative to its centre, shape (places, 3) [m].
+        length: Its length, by which rotations are multiplied [m].
+    """
     modes = np.zeros((len(places), 3, 6))
     modes[:, :, :3] = np.eye(3)
     modes[:, :, 3:] = np.cross(np.eye(3)[:, None], places / length).transpose(1, 2, 0)
@@ -311,7 +316,7 @@ def spanning(places: Array, length: float) -> Ints:
         places: Of nodes, shape (nodes, 3) [m].
         length: Length of the body [m].
     """
-    return np.unique(_independent(_rigid_motions(places, length).reshape(-1, 6)) // 3)
+    return np.unique(_independent(rigid_motions(places, length).reshape(-1, 6)) // 3)
 
 
 def mass_of(scene: Scene, rows: Rows, cells: Cells) -> Mass:

@@ -26,6 +26,7 @@ from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.shadow.gauge import Gauge
 from rigidfx.shadow.handover import Carried
+from rigidfx.shadow.hanging import Hanging
 from rigidfx.shadow.margin import Margin
 from rigidfx.shadow.motion import Limits, Motion, Strained, at_rest
 from rigidfx.shadow.pace import Pace
@@ -137,7 +138,8 @@ class Shadow(Watch):
         stepper = self._stepper
         self._mass = margin.parts.mass()
         response = Response(stepper, margin, self._linear, self._settling, dt)
-        self._gauge.bind(margin, self._linear.shape)
+        hanging = partial(Hanging, stepper, margin.parts, self._subjects.held())
+        self._gauge.bind(margin, self._linear.shape, hanging)
         motion, grown = carried.by(stepper.scene, margin, self._subjects.present())
         response.begin(motion, grown, stepper.state.t, ringing)
         self._response = response

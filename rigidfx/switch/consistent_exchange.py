@@ -8,11 +8,11 @@ of the mass, on the fields P y that are rigid in the bodies:
 
 What is projected out has no momenta, for rigid motions of the whole are among the P y, and its
 energy is exactly the difference; both are kept by the new body. Supports that move do work on the
-way: nodes that they hold keep their velocity v_s by an impulse, the change of (M v)_s. The flexible side of an interface,
-which has a velocity of its own between switches, gets that of the body: otherwise the difference
-would ring, with the other sign after each step. At a release the kept field
-rotates with the body, brought into the range of the P that is valid then, made orthogonal to the
-range valid before, so that it adds no momenta, and scaled by the one number that restores the
+way: nodes that they hold keep their velocity v_s by an impulse, the change of (M v)_s. The flexible
+side of an interface, which has a velocity of its own between switches, gets that of the body:
+otherwise the difference would ring, with the other sign after each step. At a release the kept
+field rotates with the body, brought into the range of the P that is valid then, made orthogonal to
+the range valid before, so that it adds no momenta, and scaled by the one number that restores the
 energy.
 """
 
