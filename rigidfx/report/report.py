@@ -40,8 +40,8 @@ class Report:
         step: Number of the step; 0 is the initial state.
         t: Time at its end [s].
         dt: Its length [s]; 0 for the initial state.
-        iterations: Newton iterations.
-        residuals: ‖R‖ [N] at each Newton iterate.
+        iterations: Newton iterations, those of a solve with a kept tangent that failed among them.
+        residuals: ‖R‖ [N] at each iterate of the solve that has found the step.
         tangents: Tangents assembled; fewer than iterations where one is kept.
         linear_iterations: Krylov iterations in total.
         solver: Linear solver used.

@@ -143,8 +143,7 @@ class Newton:
         self._kept = False
         if self._chord is not None and self._chord.serves(self.equilibrium.dt):
             found = self._solve_by_chord(self._chord, guesses)
-            if found.converged:
-                return found
+            return found if found.converged else self._solve_by_newton(guesses).after(found)
         return self._solve_by_newton(guesses)
 
     def _solve_by_chord(self, chord: Chord, guesses: Sequence[Guess]) -> Solution:

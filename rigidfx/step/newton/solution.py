@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +27,8 @@ class Solution:
         moved: Largest increment of an unknown [m].
         left: How far what is left of the residual moves an unknown against its own stiffness and
             inertia, the largest of all [m]; 0 if Newton has met its relative tolerance.
+        given_up: Iterations of a solve with a kept tangent that came to nothing before; its
+            tangents and Krylov iterations are among those above.
     """
 
     converged: bool
@@ -38,8 +40,18 @@ class Solution:
     place: Array | None
     moved: float
     left: float
+    given_up: int = 0
 
     @property
     def iterations(self) -> int:
         """Newton iterations."""
-        return len(self.residuals) - 1
+        return len(self.residuals) - 1 + self.given_up
+
+    def after(self, failed: Solution) -> Solution:
+        """The same, with what another solve of the step has cost before."""
+        return replace(
+            self,
+            tangents=self.tangents + failed.tangents,
+            linear_iterations=self.linear_iterations + failed.linear_iterations,
+            given_up=failed.iterations,
+        )
