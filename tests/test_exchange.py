@@ -109,10 +109,13 @@ class Case:
         return PlannedBody(cells, nodes, name, number, named)
 
     def freeze(self, low, high, number):
-        assert self.exchange.freeze(self.state, self.planned(low, high, number), self.prescribed)
+        planned = self.planned(low, high, number)
+        work = self.exchange.freeze(self.state, planned, self.prescribed)
+        assert work is not None
+        return work
 
     def release(self, *numbers):
-        self.exchange.release(self.state, set(numbers), self.prescribed)
+        return self.exchange.release(self.state, set(numbers), self.prescribed)
 
     def fly(self, seed):
         """Move bodies as steps would: nodes that flexible cells touch go along, others lag behind.
@@ -195,9 +198,9 @@ class Case:
         return H, L, J, size, size_J
 
     def change(self, action):
-        """Relative changes of H, L and J by an action. Collective."""
+        """Relative changes of H, L and J by an action, but for work of supports. Collective."""
         H, L, J, size, size_J = self.sums()
-        action()
+        H += action() or 0.0
         H1, L1, J1, *_ = self.sums()
         return {
             "H": abs(H1 - H) / abs(H),
@@ -399,7 +402,7 @@ def test_what_cannot_be_a_body(mass):
     v, bodies = case.velocities, case.state.bodies
     nothing = np.empty(0, np.int32)
     body = PlannedBody(nothing, nothing, "nothing", 1)
-    assert not case.exchange.freeze(case.state, body, case.prescribed)
+    assert case.exchange.freeze(case.state, body, case.prescribed) is None
     assert np.array_equal(case.velocities, v)
     assert case.state.bodies is bodies
 

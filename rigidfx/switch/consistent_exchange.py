@@ -100,10 +100,10 @@ class ConsistentExchange:
             item.destroy()
         return work + scale * of_mode
 
-    def freeze(self, state: State, what: PlannedBody, prescribed: Bools) -> float:
+    def freeze(self, state: State, what: PlannedBody, prescribed: Bools) -> float | None:
         """See `rigidfx.switch.exchange.Exchange`."""
         body = freeze(self._scene, self._forces, state, what)
-        return 0.0 if body is None else self._include(state, body, prescribed)
+        return None if body is None else self._include(state, body, prescribed)
 
     def settle(self, state: State, division: Division, prescribed: Bools) -> None:
         """See `rigidfx.switch.exchange.Exchange`."""

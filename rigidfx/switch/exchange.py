@@ -52,8 +52,10 @@ class Exchange(Protocol):
         """
         ...
 
-    def freeze(self, state: State, what: PlannedBody, prescribed: npt.NDArray[np.bool_]) -> float:
-        """Make a body of cells; not if their inertia is singular. Collective.
+    def freeze(
+        self, state: State, what: PlannedBody, prescribed: npt.NDArray[np.bool_]
+    ) -> float | None:
+        """Make a body of cells. Collective.
 
         Args:
             state: Gains the body. Displacement and velocity of its nodes are up to date.
@@ -61,7 +63,8 @@ class Exchange(Protocol):
             prescribed: For each owned dof, whether a support prescribes it.
 
         Returns:
-            Work of supports, as of `release` [J].
+            Work of supports, as of `release` [J]; None if the cells' inertia is singular, so that
+            they cannot be a body.
         """
         ...
 
@@ -153,11 +156,14 @@ class LumpedExchange:
         state.move(velocity)
         return 0.0
 
-    def freeze(self, state: State, what: PlannedBody, prescribed: npt.NDArray[np.bool_]) -> float:
+    def freeze(
+        self, state: State, what: PlannedBody, prescribed: npt.NDArray[np.bool_]
+    ) -> float | None:
         """See `Exchange`."""
         body = freeze(self._scene, self._forces, state, what)
-        if body is not None:
-            state.group(Bodies.of_each([*state.bodies, body]))
+        if body is None:
+            return None
+        state.group(Bodies.of_each([*state.bodies, body]))
         return 0.0
 
     def settle(self, state: State, division: Division, prescribed: npt.NDArray[np.bool_]) -> None:

@@ -163,7 +163,7 @@ class Switch:
         work = self._exchange.release(state, old.keys() - kept, prescribed)
         for body in decision.bodies:
             if not body.kept:
-                work += self._exchange.freeze(state, body, prescribed)
+                work += self._exchange.freeze(state, body, prescribed) or 0.0
         found = [body for body in state.bodies if body.data.name not in decision.apart]
         state.ease(eased)
         self._bind(found)
