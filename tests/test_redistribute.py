@@ -15,6 +15,7 @@ from mpi4py import MPI
 from tumbling_l import tumbling_l
 
 import rigidfx as rf
+from rigidfx.base.compat import cell_geometry_dofs
 
 COMM = MPI.COMM_WORLD
 EDGES = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))
@@ -31,7 +32,7 @@ def _hexahedra():
 def _curved():
     """Tetrahedra of ten nodes, whose middles of edges lie on a bent bar."""
     box = rf.box((0, 0, 0), (6, 1, 1), (12, 2, 2), "tetrahedron", comm=MPI.COMM_SELF)
-    x, corners = box.mesh.geometry.x, box.mesh.geometry.dofmap
+    x, corners = box.mesh.geometry.x, cell_geometry_dofs(box.mesh)
     ends = np.sort(corners[:, EDGES], axis=2).reshape(-1, 2)
     pairs, middle = np.unique(ends, axis=0, return_inverse=True)
     points = np.concatenate([x, x[pairs].mean(axis=1)])

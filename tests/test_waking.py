@@ -15,6 +15,7 @@ import pytest
 from mpi4py import MPI
 
 import rigidfx as rf
+from rigidfx.base.compat import cell_geometry_dofs
 from rigidfx.base.errors import SceneError, StepError
 from rigidfx.decide.clusters import CellGraph
 from rigidfx.decide.criteria.concentration import quiet_enough
@@ -761,7 +762,7 @@ def test_the_quietest_parts_freeze_as_long_as_the_rest_can_take_the_motion():
 
 def test_what_would_be_enclosed_and_is_not_quiet_stays_flexible_with_a_ring():
     scene = rf.Scene(rf.box((0, 0, 0), (5, 5, 5), (5, 5, 5), comm=MPI.COMM_SELF), SOFT)
-    corners = scene.mesh.geometry.x[scene.mesh.geometry.dofmap]
+    corners = scene.mesh.geometry.x[cell_geometry_dofs(scene.mesh)]
     far = np.abs(corners.mean(axis=1) - 2.5).max(axis=1)  # of cells from the middle
     every, loud = np.arange(125, dtype=np.int32), np.where(far < 0.5, 1.6, 0.5)
 
