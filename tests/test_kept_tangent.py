@@ -96,6 +96,15 @@ def test_linear_convergence_goes_on_below_rounding():
     assert end([*falling, 1e-6, 1e-7, 1e-8, 1e-9], level(1e-7)) == -1  # it still falls
 
 
+def test_rounding_is_no_more_than_a_hundred_times_the_least_that_has_been_met():
+    """Where it is estimated for what is stiff and does not move, say."""
+    stop, slower = level(1e-5), [1e2, 1e-3, 5e-6, 1e-8, 1e-10, 1e-10]
+    assert end(slower, level(1e-5)) == 2
+    assert end([1e2, 1e-3, 1e-8, 1e-8], stop) == 3
+    # From then on what is left is seen to fall more slowly than at first.
+    assert end(slower, stop) == 5
+
+
 def test_slow_convergence_is_no_stall_unless_the_tangent_is_new():
     slow = [1e2, 1e-4, 1e-5, 9e-6]
     assert end(slow, level()) == -1

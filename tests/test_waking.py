@@ -37,6 +37,7 @@ from rigidfx.shadow.hanging import Hanging
 from rigidfx.shadow.linear_part import LinearPart
 from rigidfx.shadow.pace import LONG, LOOKS, Pace
 from rigidfx.shadow.parts import Parts
+from rigidfx.shadow.response import Response
 from rigidfx.shadow.shadow import Shadow
 from rigidfx.shadow.withheld import Withheld
 from rigidfx.step.watches.judge import Judge
@@ -1073,6 +1074,46 @@ def test_named_parts_in_pieces_are_not_spoken_of():
     assert rigid[:, -1].all()
 
 
+@pytest.mark.parametrize(
+    "held", [None, rf.Fixed("corner"), rf.Symmetry("under")], ids=["none", "corner", "plane"]
+)
+def test_what_forces_strain_does_not_hang_on_the_rows_that_hold_a_body(held, monkeypatch):
+    """K⁺ρ is known to rounding, though nothing holds the margin but the body, and that somehow."""
+    found, begin = [], Response.begin
+
+    def solved(self, *arguments):
+        force = np.zeros_like(self._margin.parts.V)
+        force[:, 2] = self._margin.parts.V[:, 0] ** 2
+        self._margin.parts.balance(force)
+        found.append((self._margin, force, self.part.strained(force)))
+        begin(self, *arguments)
+
+    rows = Parts.held
+
+    def others(self, free):
+        """The rows of other nodes hold the bodies."""
+        order, self.V = self.V, np.roll(self.V, len(self.V) // 3, axis=0)
+        out = rows(self, free)
+        self.V = order
+        return 3 * ((out // 3 - len(self.V) // 3) % len(self.V)) + out % 3
+
+    monkeypatch.setattr(Response, "begin", solved)
+    box = rf.box((0, 0, 0), (8, 1, 1), (16, 1, 1)).with_cells("block", lambda x: x[0] >= 4 - 1e-9)
+    box = box.with_vertices("corner", lambda x: (abs(x[0] - 3.5) < 1e-9) & (x[1] + x[2] < 1e-9))
+    box = box.with_facets("under", lambda x: (x[1] < 1e-9) & (x[0] < 3.6))
+    effects = [rf.Rigid("block"), rf.Gravity((0, 0, -1.0)), *([held] if held else [])]
+    for choice in (rows, others):
+        monkeypatch.setattr(Parts, "held", choice)
+        scene = rf.Scene(box, SOFT, effects)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            list(rf.simulate(scene, DT, DT, rigidify=local(1.0), progress=False))
+    (margin, force, u), (_, same, again) = found
+    assert np.array_equal(force, same)
+    assert np.abs(again - u).max() <= 1e-12 * np.abs(u).max()
+    assert np.abs(u[margin.outside]).max() > 0
+
+
 @pytest.mark.filterwarnings("ignore::rigidfx.RigidfxWarning")
 def test_what_moves_bodies_as_a_whole_is_taken_out(monkeypatch):
     """Of forces on two bodies whose nodes are numbered in turns, and of displacements."""
@@ -1195,6 +1236,8 @@ def cases():
     along = rf.Traction("x1", (200.0, 0, 0), time=beats)
     late = rf.Traction("x1", (-3000.0, 0, 0), time=lambda t: blow(t - 2.4))
     asked = rf.Release(when=lambda report: 0.87 < report.t < 0.89, where="block")
+    swing = rf.Traction("x1", (0, 0, 20.0), time=sine)
+    thick = {"cells": (16, 2, 2), "probes": {"tip": (8, 0.5, 0.5)}}
     pushes = rf.Traction("z1", (0, 0, -300.0), since=0.5)
     return {
         "lumped": (on_a_block(blows), 1.4, local(2e-4)),
@@ -1204,6 +1247,8 @@ def cases():
             3.6,
             rf.StrainRate(4e-5, "auto", wake="local"),
         ),
+        # A body grows, wakes again, and is let down.
+        "grown": (bar(rf.Fixed("x0"), rf.MassDamping(1.0), swing, **thick), 3.2, local(3e-4)),
         "condition": (on_a_block(blows), 1.2, local(2e-4, release=asked)),
         "support begins": (on_a_block(pushes, rf.Fixed("x1", since=0.5)), 0.7, local(2e-4)),
         "window opens": (on_a_block(rf.Pressure("z1", 3000.0, since=0.5)), 0.7, local(2e-4)),
@@ -1212,7 +1257,7 @@ def cases():
 
 # Both masses are tried on two and on three ranks, the others on either.
 ON_RANKS = {
-    2: ("lumped", "consistent", "condition", "window opens"),
+    2: ("lumped", "consistent", "grown", "condition", "window opens"),
     3: ("lumped", "consistent", "automatic window", "support begins"),
 }
 

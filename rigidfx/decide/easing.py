@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import isfinite, pi
+from math import ceil, isfinite, pi
 
 __all__ = ["Easing"]
 
 # A stress that fades as ½ (1 + cos πt/T) lets cells strain by ε at a rate of up to π/2 ε/T.
 STEEPEST = pi / 2
+# What cells would spring by is known to less than this part of it.
+KNOWN = 1e-3
 
 
 @dataclass(frozen=True)
@@ -31,4 +33,6 @@ class Easing:
         """
         if not self.part > 0 or not isfinite(window):
             return 0.0
-        return min(window, max(self.part * window, STEEPEST * spring * dt))
+        # In whole steps, so that what it is known by makes no difference.
+        steps = ceil(STEEPEST * spring * (1 - KNOWN))
+        return min(window, max(self.part * window, steps * dt))

@@ -24,7 +24,8 @@ from scipy.sparse.csgraph import connected_components
 from rigidfx.coupling.at_nodes import AtNodes
 from rigidfx.domain.connected import connected_parts
 from rigidfx.mechanics.rigid_body import Body
-from rigidfx.shadow.parts import Parts, rigid_motions
+from rigidfx.shadow.parts import Parts
+from rigidfx.shadow.rigid_motions import rigid_motions
 from rigidfx.step.stepper import Stepper
 
 __all__ = ["Hanging"]

@@ -44,6 +44,7 @@ class LinearPart:
         viscosity = linear.viscosity(margin.cells)
         self._viscosity = None if viscosity is None else _assembled(rows, viscosity)
         self._first, self._held, self._supported = rows.first, margin.held(), margin.supported_rows
+        self._unmoved = margin.unmoved
         still = self._K.copy()
         # What hangs on a body by a node or an edge may turn round it.
         diagonal = self._K.getDiagonal()
@@ -74,10 +75,30 @@ class LinearPart:
         """
         if force is not self._rest[0]:
             self._set(force)
-            self._right.array[self._held] = 0.0
-            self._static.solve(self._right, self._found)
-            self._rest = force, read_only(self._found.array_r.reshape(-1, 3).copy())
+            self._rest = force, read_only(self._solved())
         return self._rest[1]
+
+    def strained(self, force: Array) -> Array:
+        """K⁺ρ to rounding, and without the rigid motions that it leaves open. Collective.
+
+        What holds margins faintly resists those of the choice of held rows, by FAINT; one
+        correction has that squared.
+
+        Args:
+            force: As of `at_rest`.
+        """
+        u = self._unmoved(self.at_rest(force))
+        self._found.array[:] = u.reshape(-1)
+        self._K.mult(self._found, self._work)
+        self._set(force)
+        self._right.axpy(-1.0, self._work)
+        return self._unmoved(u + self._solved())
+
+    def _solved(self) -> Array:
+        """Displacements at rest under the forces on the right, shape (nodes, 3) [m]. Collective."""
+        self._right.array[self._held] = 0.0
+        self._static.solve(self._right, self._found)
+        return self._found.array_r.reshape(-1, 3).copy()
 
     def energies(self) -> Array:
         """Twice the strain energies of the last response at rest, on this rank [J].

@@ -25,6 +25,7 @@ from rigidfx.flexible.internal_forces import Cells
 from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.scene.scene import Scene
 from rigidfx.shadow.parts import Parts, mass_of
+from rigidfx.shadow.rigid_motions import free_motions
 from rigidfx.shadow.subjects import Subjects
 from rigidfx.step.stepper import Stepper
 
@@ -109,16 +110,44 @@ class Margin:
 
         Forces in balance push on none of a body's.
         """
-        x = self.rows.X + self.shape.reshape(-1, 3)
-        every = [
-            np.concatenate([self.inside[at], own])
-            for at, own in zip(self.parts.at, self.round, strict=True)
-        ]
-        each = zip(self.parts.bodies, every, strict=True)
-        places = [(x[own] - data.origin, self.supported[own]) for data, own in each]
-        rows = self.parts.held(places) - self.parts.rows.first
+        rows = self.parts.held(self._free) - self.parts.rows.first
         nodes, axes = np.divmod(rows[(rows >= 0) & (rows < 3 * self.inside.size)], 3)
         return np.concatenate([self.supported_rows, 3 * self.inside[nodes] + axes])
+
+    def unmoved(self, u: Array) -> Array:
+        """Displacements without the rigid motions of bodies that nothing holds. Collective.
+
+        Rows that are chosen to keep a body from moving turn it as they please: one choice on one
+        rank, another on two.
+
+        Args:
+            u: Of the rows' nodes, shape (nodes, 3) [m].
+        """
+        out = u.copy()
+        moving = self.parts.rigid_motion(u[self.inside], self._free)
+        for own, places, numbers in zip(self._every, self._places, moving, strict=True):
+            out[own] -= np.column_stack([np.ones(own.size), places]) @ numbers
+        return out
+
+    @cached_property
+    def _every(self) -> list[Ints]:
+        """Of each body, places of its rows and of those of its margin."""
+        each = zip(self.parts.at, self.round, strict=True)
+        return [np.concatenate([self.inside[at], own]) for at, own in each]
+
+    @cached_property
+    def _places(self) -> list[Array]:
+        """Of each body, where these nodes are, relative to its centre, in its frame [m]."""
+        x = self.rows.X + self.shape.reshape(-1, 3)
+        each = zip(self.parts.bodies, self._every, strict=True)
+        return [x[own] - data.origin for data, own in each]
+
+    @cached_property
+    def _free(self) -> list[Array]:
+        """Of each body, the rigid motions that no support prevents. Collective."""
+        comm = self._scene.comm
+        each = zip(self.parts.bodies, self._places, self._every, strict=True)
+        return [free_motions(x, self.supported[own], data.length, comm) for data, x, own in each]
 
     @cached_property
     def supported_rows(self) -> Ints:

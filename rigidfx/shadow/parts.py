@@ -6,7 +6,6 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import null_space, qr
 
 from rigidfx.coupling.mass import Mass, mass_operator
 from rigidfx.coupling.rows import Rows
@@ -14,15 +13,13 @@ from rigidfx.flexible.internal_forces import Cells, InternalForces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.scene.scene import Scene
+from rigidfx.shadow.rigid_motions import independent, rigid_motions
 
-__all__ = ["Parts", "mass_of", "rigid_motions", "spanning", "watched"]
+__all__ = ["Parts", "mass_of", "watched"]
 
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 Int32s = npt.NDArray[np.int32]
-Bools = npt.NDArray[np.bool_]
-
-RIGID = 1e-6  # part of a body's length by which places on a line may be off it
 
 
 class Parts:
@@ -76,9 +73,10 @@ class Parts:
         self._spans = tuple(map(_span, self.at))
         self._spread: Array | None = None  # Σ m V Vᵀ of each body, once asked for [kg m²]
         self._lengths = np.array([body.length for body in bodies])[:, None]
-        self._inverse = [np.linalg.pinv(block) for block in self._inertia()]
+        self._inertia = self._inertia_of_each()
+        self._inverse = [np.linalg.pinv(block) for block in self._inertia]
 
-    def _inertia(self) -> Array:
+    def _inertia_of_each(self) -> Array:
         """Σ m modesᵀ modes of each body, shape (bodies, 6, 6) [kg]. Collective."""
         local = np.zeros((len(self.bodies), 6, 6))
         for block, body, at in zip(local, self.bodies, self.at, strict=True):
@@ -169,12 +167,29 @@ class Parts:
             return u
         return np.asarray(u - self.linear(self._rigid_motion(self._masses, u)))
 
-    def _rigid_motion(self, places: Array, vectors: Array) -> Array:
+    def rigid_motion(self, u: Array, free: Sequence[Array]) -> Array:
+        """Of the rigid motions that are free the one that fits displacements best. Collective.
+
+        Args:
+            u: As of `unmoved`.
+            free: Of each body, those that are: see `free_motions`.
+
+        Returns:
+            What it is by `linear`, shape (bodies, 4, 3).
+        """
+        each = zip(self._inertia, free, strict=True)
+        inverses = [F @ np.linalg.pinv(F.T @ inertia @ F) @ F.T for inertia, F in each]
+        return self._rigid_motion(self._masses, u, inverses)
+
+    def _rigid_motion(
+        self, places: Array, vectors: Array, inverses: Sequence[Array] | None = None
+    ) -> Array:
         """The rigid motion of each body that has given sums of momenta. Collective.
 
         Args:
             places: [1, V] of the nodes of the rows, or m times that, shape (nodes, 4).
             vectors: Their momenta, or these over m, shape (nodes, 3).
+            inverses: Velocities that such sums are of, shape (6, 6) of each body; all if None.
 
         Returns:
             What it is by `linear`, shape (bodies, 4, 3).
@@ -185,7 +200,8 @@ class Parts:
         turning = np.cross(np.eye(3), local[:, 1:]).sum(axis=1) / self._lengths
         sums = np.asarray(self._scene.sum(np.concatenate([local[:, 0], turning], axis=1)))
         out = np.empty_like(local)
-        for numbers, inverse, total in zip(out, self._inverse, sums, strict=True):
+        each = zip(out, inverses or self._inverse, sums, strict=True)
+        for numbers, inverse, total in each:
             motion = inverse @ total
             numbers[0] = motion[:3]
             numbers[1:] = np.cross(motion[3:], np.eye(3))
@@ -255,26 +271,21 @@ class Parts:
         """Mass operator of the rows; the caller destroys it. Collective."""
         return mass_of(self._scene, self.rows, self.cells)
 
-    def held(self, supported: Sequence[tuple[Array, Bools]]) -> Ints:
+    def held(self, free: Sequence[Array]) -> Ints:
         """Numbers of rows on all ranks that keep each body from moving, six at most. Collective.
 
         Args:
-            supported: Of each body, places of nodes that are held and would move with it, relative
-                to its centre, in its frame [m], and which components of these are held, shapes
-                (nodes, 3). What they prevent needs no row.
+            free: Of each body, how it could move: see `free_motions`.
         """
         out, comm = [], self._scene.comm
-        for body, at, (places, which) in zip(self.bodies, self.at, supported, strict=True):
-            prevented = rigid_motions(places, body.length)[which]
-            prevented = np.concatenate(comm.allgather(prevented[_independent(prevented)]))
-            free = null_space(prevented, rcond=RIGID) if len(prevented) else np.eye(6)
-            modes = rigid_motions(self.V[at], body.length).reshape(-1, 6) @ free
+        for body, at, motions in zip(self.bodies, self.at, free, strict=True):
+            modes = rigid_motions(self.V[at], body.length).reshape(-1, 6) @ motions
             own = (self.rows.first + 3 * at[:, None] + np.arange(3)).reshape(-1)
-            best = _independent(modes)
+            best = independent(modes)
             offers = comm.allgather((modes[best], own[best]))
             rows = np.concatenate([m for m, _ in offers])
             numbers = np.concatenate([n for _, n in offers])
-            out.append(numbers[_independent(rows)])
+            out.append(numbers[independent(rows)])
         return np.concatenate([np.empty(0, np.int64), *out])
 
 
@@ -283,40 +294,6 @@ def _span(at: Ints) -> slice | Ints:
     first = int(at[0]) if at.size else 0
     whole = np.array_equal(at, np.arange(first, first + at.size))
     return slice(first, first + at.size) if whole else at
-
-
-def rigid_motions(places: Array, length: float) -> Array:
-    """Rigid motions of places of a body, shape (places, 3, 6); rotations as lengths.
-
-    Args:
-        places: Relative to its centre, shape (places, 3) [m].
-        length: Its length, by which rotations are multiplied [m].
-    """
-    modes = np.zeros((len(places), 3, 6))
-    modes[:, :, :3] = np.eye(3)
-    modes[:, :, 3:] = np.cross(np.eye(3)[:, None], places / length).transpose(1, 2, 0)
-    return modes
-
-
-def _independent(modes: Array) -> Ints:
-    """As many rows as there are columns, at most, that are as independent as can be.
-
-    By QR with pivoting.
-    """
-    if not modes.size:
-        return np.empty(0, np.int64)
-    _, order = qr(modes.T, mode="r", pivoting=True)
-    return np.asarray(order[: modes.shape[1]], dtype=np.int64)
-
-
-def spanning(places: Array, length: float) -> Ints:
-    """Some of a body's places that tell how all of it moves, six at most.
-
-    Args:
-        places: Of nodes, shape (nodes, 3) [m].
-        length: Length of the body [m].
-    """
-    return np.unique(_independent(rigid_motions(places, length).reshape(-1, 6)) // 3)
 
 
 def mass_of(scene: Scene, rows: Rows, cells: Cells) -> Mass:

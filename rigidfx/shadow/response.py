@@ -79,7 +79,7 @@ class Response:
         """The motion before a step of length dt [s] under a force. Collective."""
         if not self.grown:
             return self.motion
-        return self.motion.grown(self.grown, self.part.at_rest(force), dt)
+        return self.motion.grown(self.grown, self.part.strained(force), dt)
 
     def stepped(self, motion: Motion, force: Array, t: float, dt: float) -> Motion:
         """The motion after a step from t [s], of length dt [s], under a force. Collective."""

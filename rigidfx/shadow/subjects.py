@@ -20,7 +20,8 @@ from rigidfx.effects import Rigid
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body, BodyMotion, RigidBody
-from rigidfx.shadow.parts import Parts, spanning, watched
+from rigidfx.shadow.parts import Parts, watched
+from rigidfx.shadow.rigid_motions import spanning
 from rigidfx.shadow.withheld import Withheld
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.system.supports import PrescribedDofs

@@ -25,6 +25,7 @@ from rigidfx.step.newton.stopping_test import (
 __all__ = ["ChordTest"]
 
 HIDDEN = 0.1  # of a residual of rounding, what truncation may be
+SEEN = 100.0  # times the least residual that has been met, what rounding may be at most
 STAYING = 5  # iterates that do not fall, all of rounding's size, before a new tangent is asked
 UNKNOWN = 0.3  # contraction of a tangent that has not shown any
 NEWTON_ERROR = 2.0  # contraction of a tangent, times that of the first iteration with it
@@ -40,7 +41,9 @@ class ChordTest(StoppingTest):
         self._before = 0.0  # ... until the last iterate
         self._renewed_at = -1  # iterate; -1 if the tangent is an earlier step's
         self._left = 0.0  # ‖R‖ that rounding may hide
-        self._floor = 0.0  # where stalls have been met, as part of what R is the difference of
+        # Where stalls have been met, and the least that has been, as parts of what R is the
+        # difference of.
+        self._floor, self._least = 0.0, math.inf
 
     def restart(self) -> None:
         """Forget the iterates, not what the tangent is worth."""
@@ -67,7 +70,10 @@ class ChordTest(StoppingTest):
 
     @property
     def _level(self) -> float:
-        return max(self.rounding, self._floor * self._noise)
+        """Below which rounding may be all of ‖R‖: estimates of it are far too large at times."""
+        if not self._noise > 0:  # not estimated yet
+            return self.rounding
+        return max(min(self.rounding, SEEN * self._least * self._noise), self._floor * self._noise)
 
     def __call__(self, iteration: int, norm: float) -> int:
         """SNES's reason to stop, or 0 to go on; as of the base class."""
@@ -75,6 +81,8 @@ class ChordTest(StoppingTest):
             self._left = norm
         else:
             self._learn(norm)
+        if norm > 0 and self._noise > 0:
+            self._least = min(self._least, norm / self._noise)
         return super().__call__(iteration, norm)
 
     def _learn(self, norm: float) -> None:
