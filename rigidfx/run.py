@@ -14,7 +14,8 @@ from rigidfx.decide.criteria.heeded import heeded_indicator
 from rigidfx.decide.criteria.judging import Criterion
 from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.decision import Decision
-from rigidfx.decide.policy import CHECKED, FORESEEN, Policy
+from rigidfx.decide.policy import Policy
+from rigidfx.decide.reasons import CHECKED, FORESEEN
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.eased import Eased
 from rigidfx.report.events import Event
@@ -25,6 +26,7 @@ from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.step_control import StepControl
 from rigidfx.scene.timeline import Timeline
+from rigidfx.shadow.deviation import Deviation, can_be_followed
 from rigidfx.shadow.letting_down import let_down
 from rigidfx.shadow.motion import Strained
 from rigidfx.shadow.recovery import Recovery
@@ -56,6 +58,7 @@ class Run:
         shadows: What rigid parts withhold; None if forces wake none.
         touch: What foresees the first touch of a contact.
         ledgers: What has been spent of accuracy; None if nothing estimates it.
+        deviation: How far the run is off its flexible twin; None if nobody asks.
         idle: What rigidity does to the motion where nothing may become rigid, if that is told.
     """
 
@@ -67,6 +70,7 @@ class Run:
     shadows: Shadows | None
     touch: FirstTouch
     ledgers: Ledgers | None
+    deviation: Deviation | None
     idle: Rigidity | None = None
 
     @property
@@ -148,8 +152,9 @@ class Run:
                 whole = kind in (None, GeneratorExit)
                 (self.shadows.remember if whole else self.shadows.forget)()
             self.stepper.close()
-            if self.shadows is not None:
-                self.shadows.destroy()
+            for item in (self.shadows, self.deviation):
+                if item is not None:
+                    item.destroy()
 
     def ahead(self, target: float) -> list[Event]:
         """Decide before a step and switch; what happened. Collective."""
@@ -168,7 +173,8 @@ class Run:
         energies = None if self.ledgers is None else self.ledgers.energies
         withheld = 0.0 if self.shadow is None else self.shadow.withheld
         share = None if self.shadows is None else self.shadows.share
-        seen = Observation(self.stepper, report.dt, stiffening, energies, withheld, share)
+        off = None if self.deviation is None else self.deviation.largest
+        seen = Observation(self.stepper, report.dt, stiffening, energies, withheld, share, off)
         policy.observe(seen)
         decision = policy.after(seen, report)
         if decision is not None and self.shadows is not None:
@@ -194,8 +200,11 @@ class Run:
     ) -> list[Event]:
         if decision is None:
             return []
+        before = None if self.deviation is None else self.deviation.velocities()
         event = self.switch.apply(decision, self._let_down(decision))
         policy.applied(decision, seen, event is not None)
+        if self.deviation is not None and event is not None:
+            self.deviation.switched(before)
         return [] if event is None else [event]
 
     def _let_down(self, decision: Decision) -> Eased | None:
@@ -249,7 +258,7 @@ def prepare(
         if rigidify is not None:
             measure = heeded_indicator(rigidify, scene, forces, failures)
             policy = Policy(scene, rigidify, timeline, failures, measure)
-        shadows = None
+        shadows = deviation = None
         if rigidify is not None and policy is not None and rigidify.wake == "local":
             in_pieces = policy.named.in_pieces
 
@@ -262,8 +271,12 @@ def prepare(
             free = shadow_of(FreeBodies(stepper, in_pieces))
             held = shadow_of(HeldParts(stepper, in_pieces)) if switch.clamps else None
             shadows = Shadows(free, held, Recovery(stepper))
+            if rigidify.lacking is None and can_be_followed(scene):
+                strokes = policy.memory.strokes
+                deviation = Deviation(stepper, free, lambda: strokes.time)
+                stepper.watches.append(deviation)
         ledgers = None if shadows is None and control is None else Ledgers(stepper)
         stack.pop_all()
     touch = FirstTouch(stepper)
-    run = Run(timeline, stepper, switch, policy, probes, shadows, touch, ledgers)
+    run = Run(timeline, stepper, switch, policy, probes, shadows, touch, ledgers, deviation)
     return run, impact

@@ -26,7 +26,7 @@ from rigidfx.decide.memory.drift import Drift
 from rigidfx.decide.memory.rise import Rise
 from rigidfx.decide.memory.strokes import Strokes
 from rigidfx.decide.memory.work import SWITCHES, too_dear
-from rigidfx.decide.policy import CHECKED, FORESEEN
+from rigidfx.decide.reasons import CHECKED, FORESEEN
 from rigidfx.flexible.nodal_stress import NodalStress
 from rigidfx.flexible.stress import CauchyStress
 from rigidfx.scene.sample import spread

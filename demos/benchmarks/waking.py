@@ -33,7 +33,7 @@ from bench.waking_scenes import CASES, Case
 from petsc4py import PETSc
 
 import rigidfx as rf
-from rigidfx.decide.policy import CHECKED, UNDONE
+from rigidfx.decide.reasons import CHECKED, UNDONE
 
 KAPPA = 3.0
 WINDOW = 20  # steps

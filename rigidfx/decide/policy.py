@@ -40,6 +40,7 @@ from rigidfx.decide.memory.trial import Trial
 from rigidfx.decide.memory.window import Window
 from rigidfx.decide.named_parts import NamedParts
 from rigidfx.decide.planner import Planner
+from rigidfx.decide.reasons import ASKED, ASTRAY, CHECKED, DRIFTED, UNDONE
 from rigidfx.decide.releases import PLANNED, Releases
 from rigidfx.decide.withholding import Withholding
 from rigidfx.effects import Touch
@@ -50,17 +51,12 @@ from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
 from rigidfx.shadow.motion import Strained
 
-__all__ = ["CHECKED", "DRIFTED", "FORESEEN", "UNDONE", "Policy"]
+__all__ = ["Policy"]
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
 CHANGE = 0.1  # of its largest value so far, by which a load changes if nobody says
-FORESEEN = "predicted: forces will strain them"  # reasons of a release before a step ...
-CHECKED = "checked: forces would strain them"  # ... and after it, which is then solved again
-ASKED = "checked: a condition"
-UNDONE = "checked: what has just frozen would not last"
-DRIFTED = "drift: a free motion would be off by half of what wakes cells"
 
 
 class Policy:
@@ -196,6 +192,9 @@ class Policy:
             return self._release(seen, "a support begins or ends", self._every)
         if cells is not None:
             return self._release(seen, ", ".join(reasons), cells)
+        astray = self._of_bodies(seen, self.memory.astray.too_far(self._every.size))
+        if self._any(astray):
+            return self._let_down(seen, ASTRAY, astray, t - self.memory.window.start)
         return self._freeze(seen) if self.memory.window.over else None
 
     def woken(self, seen: Observation, strained: Strained, why: str) -> Decision | None:
@@ -206,14 +205,11 @@ class Policy:
             strained: What cells of bodies would strain.
             why: FORESEEN or CHECKED.
         """
-        numbers = self._planner.numbers(seen)
-        self.memory.bends.add_up(strained.bend, numbers)
+        self.memory.bends.add_up(strained.bend, self._planner.numbers(seen))
         if self.named.count and why == CHECKED:
             self.withholding.look(seen, strained)
-        free = self._planner.free(seen)
-        waking = self.rule.waking(strained, free)
-        above = waking.cells
-        self._springs = strained.spring
+        waking = self.rule.waking(strained, self._planner.free(seen))
+        above, self._springs = waking.cells, strained.spring
         undone = why == CHECKED and self._undone(seen, strained)
         if not self._any(above | waking.stale):
             if not undone:
@@ -221,10 +217,15 @@ class Policy:
             decision = self._let_down(seen, UNDONE, self.memory.trial.cells, strained.window)
             return replace(decision, woken=np.empty(0, np.int32))
         leaving = self._graph.touching(self._graph.largest_at_nodes(above.astype(np.float64)) > 0)
-        mine = np.unique(numbers[waking.stale | (free & leaving & (strained.spring > 1))])
-        leaving |= np.isin(numbers, np.concatenate(self._graph.comm.allgather(mine)))
+        leaving |= self._of_bodies(seen, waking.stale | (leaving & (strained.spring > 1)))
         decision = self._let_down(seen, why, leaving, strained.window)
         return replace(decision, woken=np.flatnonzero(above).astype(np.int32))
+
+    def _of_bodies(self, seen: Observation, cells: Bools) -> Bools:
+        """All owned cells of the bodies that some of these cells are in. Collective."""
+        numbers = self._planner.numbers(seen)
+        mine = np.unique(numbers[cells & self._planner.free(seen)])
+        return np.isin(numbers, np.concatenate(self._graph.comm.allgather(mine)))
 
     def _let_down(self, seen: Observation, reason: str, cells: Bools, window: float) -> Decision:
         """Release owned cells so that they do not spring, as far as is known of that. Collective.
@@ -246,8 +247,7 @@ class Policy:
         memory, window = self.memory, strained.window
         if memory.trial.over:
             return False
-        turning = memory.strokes.turning
-        turning = turning if pi * turning <= window else 0.0
+        turning = memory.strokes.turning * (pi * memory.strokes.turning <= window)
         here = memory.trial.failed(strained.sum, seen.t + seen.dt, window, turning)
         return bool(self._graph.comm.allreduce(here, op=MPI.LOR))
 
@@ -302,9 +302,8 @@ class Policy:
         memory, t = self.memory, seen.t
         if t <= self._criterion.since + self._timeline.resolution:
             return
-        indicator = seen.indicator
-        rates = indicator.values[indicator.cells]
-        memory.window.add(indicator.cells, rates)
+        cells = seen.indicator.cells
+        memory.window.add(cells, seen.indicator.values[cells])
         self.rule.observe(seen)
         memory.signals.add(seen.state, memory.loads.observe(t))
         memory.signals.rest_since(memory.loads.resting_since)
@@ -348,3 +347,4 @@ class Policy:
             memory.back_off.restart()
         memory.window = self._new_window(t)
         memory.bends.window_begins()
+        memory.astray.window_begins()

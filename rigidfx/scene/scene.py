@@ -213,6 +213,12 @@ class Scene:
         """The effects with a time window that act at t [s]."""
         return tuple(e for e in self.named(fx.Windowed) if e.acts(t))
 
+    def damping(self, t: float) -> tuple[float, float]:
+        """α of the drag at t [1/s], and ξ of the numerical damping, of all effects together."""
+        acting = self.acting(t)
+        drag = sum(effect.mass_damping for effect in acting)
+        return drag, sum(effect.numerical_damping or 0.0 for effect in acting)
+
     def nodes(self, name: str, wanted_by: str, dims: Sequence[int] = (2, 3, 1, 0)) -> Nodes:
         """Local nodes in the closure of a named set, ghosts included. Collective."""
         found = self.domain.find(name, dims, wanted_by)

@@ -4,28 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem
-from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 
 from rigidfx.base.taken import read_only
-from rigidfx.coupling.rows import Rows
 from rigidfx.flexible.linear_forms import LinearForms
+from rigidfx.shadow.linear_motion import LinearMotion, assembled, solver_of
 from rigidfx.shadow.margin import Margin
-from rigidfx.step.linear import cholmod
-from rigidfx.step.linear.linear_solver import default_options
 
-__all__ = ["PREFIX", "LinearPart", "solver_of"]
+__all__ = ["LinearPart"]
 
 Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
-PREFIX = "rigidfx_shadow_"
 FAINT = 1e-8  # part of its stiffness that holds a margin where it is in bodies' frames
-KINDS = 3  # of steps whose factors are kept: short, long and very long ones
 
 
-class LinearPart:
+class LinearPart(LinearMotion):
     """M δ̈ + C δ̇ + K δ = ρ, and K δ = ρ, with kept factors; `destroy` frees them."""
 
     def __init__(self, margin: Margin, linear: LinearForms, dashpots: Array) -> None:
@@ -36,31 +29,20 @@ class LinearPart:
             linear: Forms, whose shape is that of the margin.
             dashpots: Constants of dashpots at the nodes of the rows, which act on shadows [N s/m].
         """
-        self._mass = margin.mass()
         rows, self._inside = margin.rows, margin.inside
-        self._K = _assembled(rows, linear.stiffness(margin.cells))
-        self._around = _assembled(rows, linear.stiffness(margin.around))
-        self._M = self._mass.matrix()
-        viscosity = linear.viscosity(margin.cells)
-        self._viscosity = None if viscosity is None else _assembled(rows, viscosity)
-        self._first, self._held, self._supported = rows.first, margin.held(), margin.supported_rows
-        self._unmoved = margin.unmoved
+        supported = margin.supported_rows
+        super().__init__(rows, margin.cells, linear, margin.mass(), supported, dashpots)
+        self._around = assembled(rows, linear.stiffness(margin.around))
+        self._held, self._unmoved = margin.held(), margin.unmoved
         still = self._K.copy()
         # What hangs on a body by a node or an edge may turn round it.
         diagonal = self._K.getDiagonal()
         diagonal.array[:] *= np.repeat(FAINT * margin.outside, 3)
         still.setDiagonal(diagonal, PETSc.InsertMode.ADD_VALUES)
         diagonal.destroy()
-        self._scale = float(self._K.getDiagonal().norm()) / np.sqrt(rows.comm.size)
         self._hold(still, self._held, self._scale)
         self._static = solver_of(still)
-        self._dynamic: dict[tuple[float, float, float], PETSc.KSP] = {}
-        self._right, self._found, self._work, self._dashpots = (rows.vector() for _ in range(4))
-        self._dashpots.array[:] = np.repeat(dashpots, 3)
         self._rest: tuple[Array | None, Array] = None, np.empty((0, 3))
-
-    def _hold(self, A: PETSc.Mat, rows: Ints, scale: float) -> None:
-        A.zeroRowsColumns((self._first + rows).astype(PETSc.IntType), diag=scale)
 
     def at_rest(self, force: Array) -> Array:
         """K⁺ρ: how the bodies strain under a steady force, but for a rigid motion. Collective.
@@ -116,35 +98,11 @@ class LinearPart:
     def _set(self, force: Array) -> None:
         """Have forces on the nodes of bodies alone on the right."""
         self._right.array[:] = 0.0
-        self._right.array.reshape(-1, 3)[self._inside] = force
+        self._push(force)
 
-    def increment(
-        self, force: Array, u: Array, v: Array, dt: float, drag: float, xi: float
-    ) -> Array:
-        """Increment of a step, by the midpoint rule. Collective.
-
-        Args:
-            force: ρ at its middle, shape (nodes, 3) [N].
-            u: δ at its start [m].
-            v: δ̇ at its start [m/s].
-            dt: Its length [s].
-            drag: α of a force -α M δ̇ [1/s].
-            xi: ξ of the numerical damping.
-
-        Returns:
-            Δδ, shape (nodes, 3) [m].
-        """
-        solver = self.factored(dt, drag, xi)
-        right, work, found = self._right, self._work, self._found
-        work.array[:] = v.reshape(-1) * (2 / dt)
-        self._mass.mult(work, right)
-        right.array.reshape(-1, 3)[self._inside] += force
-        work.array[:] = u.reshape(-1)
-        self._K.mult(work, found)
-        right.axpy(-1.0, found)
-        right.array[self._supported] = 0.0
-        solver.solve(right, found)
-        return found.array_r.reshape(-1, 3).copy()
+    def _push(self, force: Array) -> None:
+        """Add forces on the right: at the nodes of bodies."""
+        self._right.array.reshape(-1, 3)[self._inside] += force
 
     def resolved(self, v: Array, dt: float, drag: float, xi: float) -> Array:
         """Of velocities what a step resolves: of what turns at ω, 1 - (1 - F)⁴. Collective.
@@ -163,61 +121,8 @@ class LinearPart:
             found, left = found + part, left - part
         return found
 
-    def factored(self, dt: float, drag: float, xi: float) -> PETSc.KSP:
-        """The factors of a step; those of few kinds of steps are kept. Arguments as of `increment`.
-
-        Collective.
-        """
-        kind = float(f"{dt:.9g}"), drag, xi  # times at the ends of steps are rounded
-        if kind not in self._dynamic:
-            if len(self._dynamic) == KINDS:
-                self._dynamic.pop(next(iter(self._dynamic))).destroy()
-            A = self._K.copy()
-            A.scale(0.5 + xi)
-            A.axpy(2 / dt**2 + drag / dt, self._M, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
-            if self._viscosity is not None:
-                A.axpy(1 / dt, self._viscosity, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
-            self._dashpots.copy(self._work)
-            self._work.scale(1 / dt)
-            A.setDiagonal(self._work, PETSc.InsertMode.ADD_VALUES)
-            self._hold(A, self._supported, self._scale)
-            self._dynamic[kind] = solver_of(A)
-        return self._dynamic[kind]
-
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
-        own = self._K, self._around, self._M, self._viscosity, self._static, *self._dynamic.values()
-        for item in (*own, self._mass, self._right, self._found, self._work, self._dashpots):
-            if item is not None:
-                item.destroy()
-
-
-def _assembled(rows: Rows, form: fem.Form) -> PETSc.Mat:
-    A = rows.matrix(form)
-    fem_petsc.assemble_matrix(A, form)
-    A.assemble()
-    return A
-
-
-def solver_of(A: PETSc.Mat) -> PETSc.KSP:
-    """A solver with kept factors of a symmetric, definite matrix, which it owns. Collective.
-
-    By CHOLMOD on one rank; by MUMPS on several, and where a material gives way, so that the matrix
-    is not definite.
-    """
-    A.setOption(PETSc.Mat.Option.SPD, True)
-    if A.comm.size == 1 and cholmod.exists():
-        ksp = cholmod.solver(A.comm, PREFIX)
-        if cholmod.factor(ksp, A):
-            A.destroy()  # its solver holds it
-            return ksp
-        ksp.destroy()
-    ksp = PETSc.KSP().create(A.comm)
-    ksp.setOptionsPrefix(PREFIX)
-    ksp.setOperators(A)
-    given = {"ksp_type": "preonly", "pc_type": "cholesky", "pc_factor_mat_solver_type": "mumps"}
-    with default_options(PREFIX, **given):
-        ksp.setFromOptions()
-    ksp.setUp()
-    A.destroy()
-    return ksp
+        super().destroy()
+        self._around.destroy()
+        self._static.destroy()

@@ -153,9 +153,8 @@ class Response:
 
     def _damping(self, t: float) -> tuple[float, float]:
         """α of the drag on shadows [1/s], and ξ of the numerical damping."""
-        acting = self._scene.acting(t)
-        drag = sum(effect.mass_damping for effect in acting)
-        return drag + 2 / self._settling, sum(e.numerical_damping or 0.0 for e in acting)
+        drag, xi = self._scene.damping(t)
+        return drag + 2 / self._settling, xi
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""

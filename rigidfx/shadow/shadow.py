@@ -5,8 +5,7 @@ Two responses to the force that rigidity takes over tell what is withheld: the *
     M δ̈ + C δ̇ + K δ = ρ,    δ̇ = R ΔV at the freeze, the velocities that it took out of the motion,
 
 which sees waves and resonance, and the response K⁺ρ to a load slower than the body, which sees what
-a shadow that is damped does not. The larger of their strain rates is each cell's. Shadows that are
-calm take long steps, see `pace`.
+a damped shadow does not. The larger rate is each cell's. Calm shadows take long steps, see `pace`.
 """
 
 from __future__ import annotations
@@ -30,6 +29,7 @@ from rigidfx.shadow.hanging import Hanging
 from rigidfx.shadow.margin import Margin
 from rigidfx.shadow.motion import Limits, Motion, Strained, at_rest
 from rigidfx.shadow.pace import Pace
+from rigidfx.shadow.parts import Parts
 from rigidfx.shadow.response import Response
 from rigidfx.shadow.strongest import Strongest
 from rigidfx.shadow.subjects import Force, Subjects
@@ -55,8 +55,10 @@ class Shadow(Watch):
     """The shadows of the bodies of a run; `destroy` frees the PETSc objects.
 
     Attributes:
-        withheld: Strain energy that rigidity withholds, ½ ρᵀK⁺ρ, when shadows last took a step [J].
+        withheld: Energy that rigidity withholds, ½ ρᵀK⁺ρ, when shadows last took a step [J].
         dt: Length of the last step [s].
+        linear: Forms about the shape that bodies are frozen in.
+        borne: Bodies in the step that was looked at last, and ρ in their frames [N]; None without.
     """
 
     def __init__(
@@ -71,7 +73,7 @@ class Shadow(Watch):
             settling: Time in which a drag takes the shadows' vibration out [s].
         """
         self._stepper, self._subjects = stepper, subjects
-        self._linear = LinearForms(stepper.scene, stepper.forces)
+        self.linear = LinearForms(stepper.scene, stepper.forces)
         self._gauge = Gauge(stepper.scene.space, indicator)
         self._settling = settling
         self.withheld, self._energies = 0.0, np.zeros(2)
@@ -86,8 +88,7 @@ class Shadow(Watch):
         self._strongest = Strongest()
         self._mass: Mass | None = None
         self._force: Force | None = None
-
-    # Which bodies -------------------------------------------------------------------------------
+        self.borne: tuple[Parts, Array] | None = None
 
     def follow(self, dt: float) -> None:
         """Have the shadows of the present bodies; their motion is carried over. Collective.
@@ -118,7 +119,7 @@ class Shadow(Watch):
             self._force.destroy()
         if self._margin is not None:
             assert self._mass is not None
-            self._force = subjects.force(self._margin.parts, self._mass, self._linear)
+            self._force = subjects.force(self._margin.parts, self._mass, self.linear)
         subjects.follow()
 
     @property
@@ -137,14 +138,12 @@ class Shadow(Watch):
         """Have shadows of other bodies. Collective."""
         stepper = self._stepper
         self._mass = margin.parts.mass()
-        response = Response(stepper, margin, self._linear, self._settling, dt)
+        response = Response(stepper, margin, self.linear, self._settling, dt)
         hanging = partial(Hanging, stepper, margin.parts, self._subjects.held())
-        self._gauge.bind(margin, self._linear.shape, hanging)
+        self._gauge.bind(margin, self.linear.shape, hanging)
         motion, grown = carried.by(stepper.scene, margin, self._subjects.present())
         response.begin(motion, grown, stepper.state.t, ringing)
         self._response = response
-
-    # Steps --------------------------------------------------------------------------------------
 
     def look(self, t: float, dt: float, limits: Callable[[], Limits]) -> Strained | None:
         """What the bodies withhold in the step that has been solved. Collective.
@@ -160,11 +159,13 @@ class Shadow(Watch):
         """
         with _REGROUPING:
             self.follow(dt)
+        self.borne = None
         if self._margin is None or self._force is None or self._response is None:
             return None
         self._gauge.looks += 1
         with _LOOKING:
             force = self._force.force(t, dt, self._pace.little)
+            self.borne = self._margin.parts, force
             change = self._margin.parts.change(self._pace.last, force)
             if not self._pace.due(force, dt, change):
                 self._accepting = partial(self._pace.wait, force, dt, change)
@@ -246,7 +247,7 @@ class Shadow(Watch):
             found = self._gauge.strained(start, motion, span, limits, found, struck=struck)
             begin += span
         assert found is not None
-        # Cells spring within a step, however long that of the shadows was.
+        # Within a step cells spring, however long that of shadows was.
         return motion, replace(found, spring=found.spring * (span / dt))
 
     def _take(
@@ -280,8 +281,8 @@ class Shadow(Watch):
         out = np.zeros((self._stepper.scene.owned_nodes, 3))
         if self._margin is None or u is None:
             return out, np.empty(0, np.int32)
-        parts = self._margin.parts
-        return parts.in_space(parts.unmoved(u), self._subjects.present(), out)
+        u = self._margin.parts.unmoved(u)
+        return self._margin.parts.in_space(u, self._subjects.present(), out)
 
     def loaded(self) -> list[tuple[RigidBody, Array]]:
         """Bodies with parts named rigid, and ρ of the last step in space [N]. Collective."""

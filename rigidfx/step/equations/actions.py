@@ -43,6 +43,7 @@ class Actions:
         elastic: Whether any of these stores energy: what loads may rest on.
         rounding: Size of a force that the machine precision is to be multiplied with [N].
         dead: Whether none depends on the motion.
+        easing: What releases have let down.
         failures: Keeps what they raise until all ranks are told.
     """
 
@@ -66,13 +67,12 @@ class Actions:
             SceneError: On every rank, if an effect cannot be bound on any.
         """
         self._comm, self.failures = structure.scene.comm, structure.failures
-        here = {id(effect) for effect in acting}
+        self.easing, here = list(easing), {id(effect) for effect in acting}
         wanted = (e for e in effects if e.is_dead or not isinstance(e, Windowed) or id(e) in here)
         pairs = [(effect, self._bound(effect, structure)) for effect in wanted]
         self.failures.settle()  # all ranks go on with the same actions
         self._every = [(effect, action) for effect, action in pairs if action is not None]
         self._owners = {id(action): effect.owner for effect, action in self._every}
-        self._easing = list(easing)
         self._owners |= {id(action): "What a release lets down" for action in easing}
         self._heeded = Heeded(self._owners, self.failures)
         bodies = len(structure.bodies)
@@ -101,7 +101,7 @@ class Actions:
     def _select(self, here: set[int]) -> None:
         self._here = here
         own = [a for e, a in self._every if id(e) in here or not isinstance(e, Windowed)]
-        every = [*own, *self._easing]
+        every = [*own, *self.easing]
         on_bodies = every if self._with_bodies else []
         self._acting, self._acting_on_bodies = every, on_bodies
         self._timed, self._contacts = doing(every, "set_time"), doing(every, "touch")
@@ -126,7 +126,7 @@ class Actions:
         self._potential_of_bodies = heeded.tells(on_bodies, "potential_of_bodies")
         self._dissipated_by_bodies = _by_kind(on_bodies, "dissipated_by_bodies", heeded)
         # What fades is for solvers no more than the stress of cells.
-        stiffening, resisting = doing(own, "stiffen_nodes"), doing(own, "resist_nodes")
+        stiffening, resisting = (doing(own, what) for what in ("stiffen_nodes", "resist_nodes"))
         self.stiffen = bool(stiffening or self._stiffen_bodies or self._look)
         self.elastic = _resting(every)
         self.kinds = tuple(dict.fromkeys(action.kind for action in every))
@@ -235,8 +235,8 @@ class Actions:
         """Take note that the last iterate has become a step. Collective where something fades."""
         for accept in self._accept:
             accept()
-        if over := [e for e in self._easing if e.over]:  # an attempt may be cut, a step is not
-            self._easing = [e for e in self._easing if not e.over]
+        if over := [e for e in self.easing if e.over]:  # an attempt may be cut, a step is not
+            self.easing = [e for e in self.easing if not e.over]
             self._select(self._here)
             for action in over:
                 action.destroy()
@@ -328,7 +328,7 @@ class Actions:
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
         self.external.destroy()
-        for action in (*(action for _, action in self._every), *self._easing):
+        for action in (*(action for _, action in self._every), *self.easing):
             action.destroy()
 
 

@@ -72,6 +72,10 @@ class EasedForces(Action):
         """Whether nothing was left in the step that time was set for last."""
         return self._part == 0.0
 
+    def add_impulse(self, dt: float, out: Array) -> None:
+        """Add what the last step of length dt [s] has borne to impulses on owned dofs [N s]."""
+        out[self._dofs] += dt * self._part * self._f.array_r
+
     def _resistance(self, d: PETSc.Vec) -> PETSc.Vec:
         """G x½ for increments d. Collective."""
         self._x.array[:] = self._u0[self._dofs] + 0.5 * d.array_r

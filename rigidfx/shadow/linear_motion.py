@@ -1,0 +1,155 @@
+"""The linear equations of motion of some rows, about a shape, step by step."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+from dolfinx.fem import petsc as fem_petsc
+from petsc4py import PETSc
+
+from rigidfx.coupling.mass import Mass
+from rigidfx.coupling.rows import Rows
+from rigidfx.flexible.internal_forces import Cells
+from rigidfx.flexible.linear_forms import LinearForms
+from rigidfx.step.linear import cholmod
+from rigidfx.step.linear.linear_solver import default_options
+
+__all__ = ["PREFIX", "LinearMotion", "assembled", "solver_of"]
+
+Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+PREFIX = "rigidfx_shadow_"
+KINDS = 3  # of steps whose factors are kept: short, long and very long ones
+
+
+class LinearMotion:
+    """M δ̈ + C δ̇ + K δ = ρ, with kept factors; `destroy` frees them."""
+
+    def __init__(
+        self,
+        rows: Rows,
+        cells: Cells,
+        linear: LinearForms,
+        mass: Mass,
+        supported: Ints,
+        dashpots: Array | None = None,
+    ) -> None:
+        """Assemble the matrices. Collective.
+
+        Args:
+            rows: These rows.
+            cells: Owned cells by subdomain id that strain.
+            linear: Forms, whose shape is theirs.
+            mass: Mass operator of the rows, owned from now on.
+            supported: Rows of this rank that supports hold.
+            dashpots: Constants of dashpots at the nodes [N s/m].
+        """
+        self._mass, self._first, self._supported = mass, rows.first, supported
+        self._K = assembled(rows, linear.stiffness(cells))
+        self._M = mass.matrix()
+        viscosity = linear.viscosity(cells)
+        self._viscosity = None if viscosity is None else assembled(rows, viscosity)
+        diagonal = self._K.getDiagonal()
+        self._scale = float(diagonal.norm()) / np.sqrt(rows.comm.size)
+        diagonal.destroy()
+        self._dynamic: dict[tuple[float, float, float], PETSc.KSP] = {}
+        self._right, self._found, self._work, self._dashpots = (rows.vector() for _ in range(4))
+        if dashpots is not None:
+            self._dashpots.array[:] = np.repeat(dashpots, 3)
+
+    def _hold(self, A: PETSc.Mat, rows: Ints, scale: float) -> None:
+        A.zeroRowsColumns((self._first + rows).astype(PETSc.IntType), diag=scale)
+
+    def _push(self, force: Array) -> None:
+        """Add forces on the right: at all nodes of the rows."""
+        self._right.array.reshape(-1, 3)[:] += force
+
+    def increment(
+        self, force: Array, u: Array, v: Array, dt: float, drag: float, xi: float
+    ) -> Array:
+        """Increment of a step, by the midpoint rule. Collective.
+
+        Args:
+            force: ρ at its middle, shape (nodes, 3) [N].
+            u: δ at its start [m].
+            v: δ̇ at its start [m/s].
+            dt: Its length [s].
+            drag: α of a force -α M δ̇ [1/s].
+            xi: ξ of the numerical damping.
+
+        Returns:
+            Δδ, shape (nodes, 3) [m].
+        """
+        solver = self.factored(dt, drag, xi)
+        right, work, found = self._right, self._work, self._found
+        work.array[:] = v.reshape(-1) * (2 / dt)
+        self._mass.mult(work, right)
+        self._push(force)
+        work.array[:] = u.reshape(-1)
+        self._K.mult(work, found)
+        right.axpy(-1.0, found)
+        right.array[self._supported] = 0.0
+        solver.solve(right, found)
+        return found.array_r.reshape(-1, 3).copy()
+
+    def factored(self, dt: float, drag: float, xi: float) -> PETSc.KSP:
+        """The factors of a step; those of few kinds of steps are kept. Arguments as of `increment`.
+
+        Collective.
+        """
+        kind = float(f"{dt:.9g}"), drag, xi  # times at the ends of steps are rounded
+        if kind not in self._dynamic:
+            if len(self._dynamic) == KINDS:
+                self._dynamic.pop(next(iter(self._dynamic))).destroy()
+            A = self._K.copy()
+            A.scale(0.5 + xi)
+            A.axpy(2 / dt**2 + drag / dt, self._M, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+            if self._viscosity is not None:
+                A.axpy(1 / dt, self._viscosity, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+            self._dashpots.copy(self._work)
+            self._work.scale(1 / dt)
+            A.setDiagonal(self._work, PETSc.InsertMode.ADD_VALUES)
+            self._hold(A, self._supported, self._scale)
+            self._dynamic[kind] = solver_of(A)
+        return self._dynamic[kind]
+
+    def destroy(self) -> None:
+        """Free the PETSc objects. Collective."""
+        own = self._K, self._M, self._viscosity, *self._dynamic.values()
+        for item in (*own, self._mass, self._right, self._found, self._work, self._dashpots):
+            if item is not None:
+                item.destroy()
+
+
+def assembled(rows: Rows, form: fem.Form) -> PETSc.Mat:
+    """A form's matrix over some rows; the caller destroys it. Collective."""
+    A = rows.matrix(form)
+    fem_petsc.assemble_matrix(A, form)
+    A.assemble()
+    return A
+
+
+def solver_of(A: PETSc.Mat) -> PETSc.KSP:
+    """A solver with kept factors of a symmetric, definite matrix, which it owns. Collective.
+
+    By CHOLMOD on one rank; by MUMPS on several, and where a material gives way, so that the matrix
+    is not definite.
+    """
+    A.setOption(PETSc.Mat.Option.SPD, True)
+    if A.comm.size == 1 and cholmod.exists():
+        ksp = cholmod.solver(A.comm, PREFIX)
+        if cholmod.factor(ksp, A):
+            A.destroy()  # its solver holds it
+            return ksp
+        ksp.destroy()
+    ksp = PETSc.KSP().create(A.comm)
+    ksp.setOptionsPrefix(PREFIX)
+    ksp.setOperators(A)
+    given = {"ksp_type": "preonly", "pc_type": "cholesky", "pc_factor_mat_solver_type": "mumps"}
+    with default_options(PREFIX, **given):
+        ksp.setFromOptions()
+    ksp.setUp()
+    A.destroy()
+    return ksp
