@@ -21,6 +21,7 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from rigidfx.coupling.rows import Rows
 from rigidfx.effects import Rigid
@@ -36,6 +37,9 @@ __all__ = ["Deviation", "can_be_followed"]
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
+
+# What PETSc's log calls this part of a run, with the shadows'.
+_LOOKING = PETSc.Log.Event("rigidfxShadow")
 
 MOST = 30_000  # unknowns: beyond, factors of all of them take longer than they tell
 RESOLVED = 0.4  # of the time in which what moves turns round, 1/ω, what e steps by
@@ -104,8 +108,12 @@ class Deviation(Watch):
 
     def accept(self, attempt: Attempt) -> None:
         """See `Watch`."""
-        if not (self.known and self._begun):
-            return
+        if self.known and self._begun:
+            with _LOOKING:
+                self._take(attempt)
+
+    def _take(self, attempt: Attempt) -> None:
+        """Take a step of the run. Collective."""
         actions = self._stepper.system.actions
         if actions.elastic:
             self.known = False
@@ -150,7 +158,10 @@ class Deviation(Watch):
         Args:
             dt: Length of the step of the run [s].
         """
-        longest = min(RESOLVED * self._turning(), LONGEST * dt)
+        longest = LONGEST * dt
+        # Where nothing pushes, e rings on, and any step keeps its size.
+        if self._shadow.borne is not None or self._stepper.system.actions.easing:
+            longest = min(RESOLVED * self._turning(), longest)
         if not 0.5 * longest <= self._dt <= longest:
             self._dt, self._of_run = max(int(longest / dt), 1) * dt, dt
 
