@@ -41,7 +41,7 @@ Bools = npt.NDArray[np.bool_]
 # What PETSc's log calls this part of a run, with the shadows'.
 _LOOKING = PETSc.Log.Event("rigidfxShadow")
 
-MOST = 30_000  # unknowns: beyond, factors of all of them take longer than they tell
+MOST = 5000  # unknowns: beyond, steps and factors of all cells take more time than bodies save
 RESOLVED = 0.4  # of the time in which what moves turns round, 1/ω, what e steps by
 LONGEST = 4  # steps of the run, at most
 MOVED = 0.1  # of a structure's length, by which it is in another shape
