@@ -26,6 +26,7 @@ __all__ = ["ChordTest"]
 
 HIDDEN = 0.1  # of a residual of rounding, what truncation may be
 SEEN = 100.0  # times the least residual that has been met, what rounding may be at most
+RESTING = 1e-3  # of its estimate, what it is at least, though what is at rest shows none
 STAYING = 5  # iterates that do not fall, all of rounding's size, before a new tangent is asked
 UNKNOWN = 0.3  # contraction of a tangent that has not shown any
 NEWTON_ERROR = 2.0  # contraction of a tangent, times that of the first iteration with it
@@ -73,7 +74,8 @@ class ChordTest(StoppingTest):
         """Below which rounding may be all of ‖R‖: estimates of it are far too large at times."""
         if not self._noise > 0:  # not estimated yet
             return self.rounding
-        return max(min(self.rounding, SEEN * self._least * self._noise), self._floor * self._noise)
+        seen = max(SEEN * self._least * self._noise, RESTING * self.rounding)
+        return max(min(self.rounding, seen), self._floor * self._noise)
 
     def __call__(self, iteration: int, norm: float) -> int:
         """SNES's reason to stop, or 0 to go on; as of the base class."""
