@@ -13,6 +13,8 @@ strain rates of the flexible twin judge the other run, in windows of 20 steps:
 - error of the probe relative to its largest displacement, and of the energy;
 - time_ratio: wall time over that of the twin; prediction_share: the part of it in which shadows
   take their steps; shadow_factor_share: that in which they are made and factored;
+  deviation_share: that in which it is followed how far the run is off, factors included (zero
+  where nobody follows it);
 - repeats: steps solved twice, as the check found what the prediction had not, or a freeze that
   would not last.
 
@@ -37,6 +39,11 @@ from rigidfx.decide.reasons import CHECKED, UNDONE
 
 KAPPA = 3.0
 WINDOW = 20  # steps
+EVENTS = {  # PETSc's log, by what the summary calls a part of the run
+    "prediction_share": "rigidfxShadow",
+    "shadow_factor_share": "rigidfxShadowNew",
+    "deviation_share": "rigidfxDeviation",
+}
 
 
 def seconds(name: str) -> float:
@@ -99,7 +106,7 @@ def measure(name: str, across: int, ask: bool) -> dict[str, object]:
     tol = case.tol * peak_rate(case, across)
     rule = rf.StrainRate(tol, WINDOW * case.dt, kappa=KAPPA)
     measuring = rf.StrainRate(0.0, 1e9, wake="none")
-    before = seconds("rigidfxShadow"), seconds("rigidfxShadowNew")
+    before = {share: seconds(event) for share, event in EVENTS.items()}
     runs = {
         key: rf.simulate(case.scene(across), case.dt, case.t_end, rigidify=r, progress=False)
         for key, r in (("twin", measuring), ("local", rule))
@@ -116,7 +123,7 @@ def measure(name: str, across: int, ask: bool) -> dict[str, object]:
             rigid.append(now["local"].state.body_numbers() > 0)
             guesses.append(np.zeros_like(rates[-1]) if guess is None else guess)
     wall = sum(turns.seconds["local"])
-    spent = seconds("rigidfxShadow") - before[0], seconds("rigidfxShadowNew") - before[1]
+    spent = {share: seconds(event) - before[share] for share, event in EVENTS.items()}
     twin, ours = turns.reports["twin"], turns.reports["local"]
     found = np.array(rates), np.array(rigid)
     shares = judged(*found, ours, tol)
@@ -128,8 +135,7 @@ def measure(name: str, across: int, ask: bool) -> dict[str, object]:
         "tol_over_peak": case.tol,
         **errors(ours, twin),
         "time_ratio": wall / sum(turns.seconds["twin"]),
-        "prediction_share": spent[0] / wall,
-        "shadow_factor_share": spent[1] / wall,
+        **{share: part / wall for share, part in spent.items()},
         "repeats": sum(
             event.reason in (CHECKED, UNDONE) for report in ours for event in report.events
         ),

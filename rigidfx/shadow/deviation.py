@@ -38,8 +38,8 @@ __all__ = ["Deviation", "can_be_followed"]
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
-# What PETSc's log calls this part of a run, with the shadows'.
-_LOOKING = PETSc.Log.Event("rigidfxShadow")
+# What PETSc's log calls this part of a run.
+_FOLLOWING = PETSc.Log.Event("rigidfxDeviation")
 
 MOST = 5000  # unknowns: beyond, steps and factors of all cells take more time than bodies save
 RESOLVED = 0.4  # of the time in which what moves turns round, 1/ω, what e steps by
@@ -109,7 +109,7 @@ class Deviation(Watch):
     def accept(self, attempt: Attempt) -> None:
         """See `Watch`."""
         if self.known and self._begun:
-            with _LOOKING:
+            with _FOLLOWING:
                 self._take(attempt)
 
     def _take(self, attempt: Attempt) -> None:

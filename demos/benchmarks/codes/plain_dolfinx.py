@@ -17,7 +17,9 @@ SOLVERS = {
     },
 }
 LU_BELOW = 50_000  # unknowns; beyond, a factorisation takes gigabytes and most of a minute
-ROUNDING = 1e-9  # of the largest nodal force: no better can be had where forces are of rounding
+# Of the largest nodal force, where Newton's iteration may stop: rounding leaves 2e-9 in the bracket
+# of steel, whose stiffness the forces of a step are small against.
+ROUNDING = 1e-8
 
 
 def loop(case: Case, solver: str) -> PlainLoop:
@@ -30,8 +32,8 @@ def loop(case: Case, solver: str) -> PlainLoop:
     return PlainLoop(case.scene, case.dt, tractions, SOLVERS[solver], case.held, floor)
 
 
-def cheaper(case: Case) -> str:
-    """The solver with the cheaper third step."""
+def cheaper(case: Case) -> str | None:
+    """The solver with the cheaper third step; None if none gets so far."""
     cost = {}
     for solver in SOLVERS:
         if solver.startswith("lu") and case.unknowns > LU_BELOW:
@@ -41,12 +43,14 @@ def cheaper(case: Case) -> str:
             cost[solver] = [timed(lambda: next(trial))[0] for _ in range(3)][-1]  # noqa: B023
         except RuntimeError:
             continue
-    return min(cost, key=lambda name: cost[name])
+    return min(cost, key=lambda name: cost[name], default=None)
 
 
 def plain_dolfinx(case: Case) -> Outcome:
     """Run a case."""
     solver = cheaper(case)
+    if solver is None:
+        return Outcome(failed="no solver gets through three steps")
     steps, energy = loop(case, solver), Energies(case, case.scene.mass)
     outcome = Outcome(solver=solver)
     try:
