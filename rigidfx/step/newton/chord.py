@@ -15,13 +15,15 @@ from petsc4py import PETSc
 
 from rigidfx.domain.connected import ConnectedParts
 from rigidfx.step.equations.equations import Equilibrium
+from rigidfx.step.linear import cholmod
 from rigidfx.step.linear.linear_solver import PREFIX
-from rigidfx.step.newton.band import few_entries, fill
+from rigidfx.step.newton.band import few_entries, fill, likely_fill
 from rigidfx.step.newton.chord_test import ChordTest
 from rigidfx.step.newton.factors import Factors
 from rigidfx.step.newton.frames import Frames
 from rigidfx.step.newton.incomplete import IncompleteFactors
 from rigidfx.step.newton.kept_tangent import KeptTangent
+from rigidfx.step.newton.long_kept import LongKept
 from rigidfx.step.newton.pause import Pause
 from rigidfx.step.newton.refresh import Refresh
 from rigidfx.step.newton.two_levels import TwoLevels
@@ -42,6 +44,8 @@ FACTORS_UP_TO = 100_000
 # second-order hexahedra (130 680, waves that pass 1800 cells) steps with them took .39 of the time.
 SLENDER_UP_TO = 300_000
 SLENDER = 25.0  # fill at most; that plate has 20, a bar five times as long as thick 31
+# Of soft parts whose tangents serve long, on one rank; 17 kB for each unknown.
+SOFT_FACTORS_UP_TO = 80_000
 # Cells that a wave passes in a step, as the diagonals of stiffness and mass estimate them. From a
 # prototype that counted them by the material's wave speed; not measured again for the diagonals.
 STIFF_FROM = 15.0
@@ -49,9 +53,9 @@ STIFF_FROM = 15.0
 # iterations a step at 3 to 13 cells (a frame of 4914 unknowns, 130 ms; 13 by full factors, and 90
 # to make these): what once was stiff keeps full ones down to this.
 STIFF_DOWN_TO = 2.0
-COARSE_BEYOND = 80_000  # unknowns of soft parts, from which on a coarse grid stands by ...
-# ... incomplete factors, if waves get so far: at 9 cells (the L of 85 557 unknowns) that hardly
-# paid, at 12, 24 and 49 cells solves took .63, .36 and .24 of the time (196 875 unknowns).
+# From here on, and beyond as many unknowns as full factors are kept for, a coarse grid stands by
+# incomplete ones: at 9 cells (the L of 85 557 unknowns) that hardly paid, at 12, 24 and 49 cells
+# solves took .63, .36 and .24 of the time (196 875 unknowns).
 COARSE_FROM = 9.0
 COARSE_DOWN_TO = 6.0  # of what has had such a step: Δt that goes up and down changes no solver
 # Beyond, solves with kept factors turn a slender part about its axis by rounding, for good: at
@@ -83,6 +87,7 @@ class Chord:
         self._equilibrium, p = equilibrium, equilibrium.prolongation
         self._pause = Pause()
         self._once_stiff = self._once_far = False  # whether waves have got so far in a step
+        self._long_kept = LongKept(lambda: likely_fill(equilibrium.tangent_matrix))
         like = p.unknowns()
         self._kept = KeptTangent(self._suited(0.0)(equilibrium), Frames(p, parts), like)
         like.destroy()
@@ -108,9 +113,10 @@ class Chord:
         if self._stiff(dt):
             full = size <= FACTORS_UP_TO or (size <= SLENDER_UP_TO and self._slender)
             return Factors if full else TwoLevels
-        if size < FULL_UP_TO or (self._equilibrium.calm and self._few_entries):
+        few = size < FULL_UP_TO or (self._equilibrium.calm and self._few_entries)
+        if few or self._long_kept.full:
             return Factors
-        far = size > COARSE_BEYOND and self._far(dt)
+        far = size > SOFT_FACTORS_UP_TO and self._far(dt)
         return TwoLevels if far else IncompleteFactors
 
     def _stiff(self, dt: float) -> bool:
@@ -127,6 +133,17 @@ class Chord:
         waves = self._equilibrium.waves(dt)
         self._once_far |= waves >= COARSE_FROM
         return self._once_far and waves >= COARSE_DOWN_TO
+
+    @property
+    def _counts(self) -> bool:
+        """Whether it is counted how long tangents of soft parts serve."""
+        p = self._equilibrium.prolongation
+        return p.comm.size == 1 and p.size <= SOFT_FACTORS_UP_TO and cholmod.exists()
+
+    def go_on(self, before: Chord) -> None:
+        """Take over what has been found of the division before, which may have been freed."""
+        if self._counts:
+            self._long_kept.go_on(before._long_kept)
 
     @cached_property
     def _slender(self) -> bool:
@@ -196,6 +213,11 @@ class Chord:
         self._refresh.accepted(iterations - asked)
         cost = iterations + self._refresh.cost * self.tangents
         self._pause.kept(cost / self._kept.inverse.worth)
+        inverse = self._kept.inverse
+        soft = self._long_kept.full or isinstance(inverse, IncompleteFactors)
+        if soft and self._counts:
+            dear = isinstance(inverse, Factors) and inverse.dear
+            self._long_kept.served(iterations, self.linear_iterations, self.tangents > 0, dear)
 
     def accept_newton(self) -> None:
         """Take note that a solve by Newton's method has become a step."""

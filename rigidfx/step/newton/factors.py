@@ -70,6 +70,11 @@ class Factors:
         """Its name in reports."""
         return f"{self._present.getType()}+{self._present.getPC().getType()}"
 
+    @property
+    def dear(self) -> bool:
+        """Whether they are LU by MUMPS."""
+        return self._present is self._ksp and not self._quick
+
     def renew(self) -> None:
         """Factor a new tangent, and choose by what. Collective."""
         if self._pivots == self._equilibrium.well_conditioned:

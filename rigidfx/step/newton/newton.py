@@ -107,6 +107,8 @@ class Newton:
     def go_on(self, before: Newton) -> None:
         """Take over what has been found of the division before, which may have been freed."""
         self.conserving.rounding = before.conserving.rounding
+        if self._chord is not None and before._chord is not None:
+            self._chord.go_on(before._chord)
 
     def _create_snes(self) -> PETSc.SNES:
         snes = PETSc.SNES().create(self.equilibrium.prolongation.comm)
