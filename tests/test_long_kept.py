@@ -67,6 +67,15 @@ def test_factors_that_do_not_repay_are_given_up_and_tried_later():
     assert rule.full
 
 
+def test_factors_that_spare_no_iterations_are_given_up_however_long_they_serve():
+    for newton, stays in ((4, True), (6, False)):
+        rule = _rule()
+        _serve(rule, 1000)
+        _serve(rule, 100, newton=newton, linear=newton)
+        rule.served(newton, newton, True)
+        assert rule.full == stays
+
+
 def test_factors_by_mumps_are_given_up_at_once_and_for_good():
     rule = _rule()
     _serve(rule, 1000)

@@ -61,7 +61,8 @@ class StrainRate(Criterion):
             is computed in each step; cells that it would strain at more than `kappa` times their
             tolerance are released with a ring of cells round them, and the step is solved again; a
             body is released whole where cells of that ring would spring, or where it has withheld
-            too much as a whole. A change of a load releases nothing by itself. "all": any change of
+            too much as a whole, and all are where the run is too far off its flexible twin, as far
+            as that can be told (see docs/rigid_parts.md). A change of a load releases nothing by itself. "all": any change of
             a load or of a support releases all of them, the paper's rule. "none": nothing, but what
             `release` asks for. In any case all bodies are released where a support begins or ends.
             "local" if None, or "all" where load_change is given.

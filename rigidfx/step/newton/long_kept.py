@@ -6,8 +6,8 @@ cantilever that swings keeps one for all its steps, what turns and bends wide ne
 every few steps. They pay where that tangent fits as well: what GMRES leaves, a hundredth, takes
 iterations of Newton's method then, which full factors spare. While incomplete factors serve,
 iterations of GMRES with the present tangent are counted, as of a skier who rents before he buys.
-Once there have been more than full factors cost, these are made for the next tangent. If that
-serves too short a time to repay them, incomplete factors return, and have to serve twice as long
+Once there have been more than full factors cost, these are made for the next tangent. If the steps
+that it serves do not repay them, incomplete factors return, and have to serve twice as long
 before the next trial. LU by MUMPS hardly ever pays: where the tangent is too far from symmetric for
 Cholesky's factors, incomplete ones return for good.
 
@@ -18,7 +18,8 @@ whose bodies come and go would pay for GMRES with what a flexible one has done w
 All costs are in iterations of GMRES with incomplete factors, so that runs can be repeated and ranks
 agree. What these take depends on the machine: first-order matrices of 3·10⁴ unknowns may stay in a
 large cache, where GMRES is twice as fast and factors are not. The rule is one that holds there, and
-elsewhere gains more.
+elsewhere gains more. What a step gains is counted on both sides, Newton's iterations among it: in
+some parts full factors halve them, in others they spare none.
 """
 
 from __future__ import annotations
@@ -31,15 +32,14 @@ __all__ = ["LongKept"]
 # For each unit of fill φ. Of 12 systems of 4·10³ to 3·10⁴ unknowns, first and second order,
 # hexahedra and tetrahedra, Cholesky's factors took 17 to 36 iterations to make, a solve with them
 # .27 to .87 with a cache of 32 MB; LU by MUMPS 19 to 48, and .5 to 1.7, elsewhere 5 to 13, and .2
-# to .41. GMRES took .32 to .46 φ in an iteration of Newton's where full factors then made steps .76
-# to .95 as long, .14 φ where 1.10.
-MAKING, SOLVING = 20.0, 0.3
+# to .41. With .3 in place of .4 a wave in a bar, whose GMRES takes .38 φ, took 1.2 times as long.
+MAKING, SOLVING = 20.0, 0.4
 OFTEN = 1.5  # how many times the cost of factors has to be spent
 # Newton's iterations in a step up to which a tangent fits. Cantilevers took 5 to 6, and 4 with full
 # factors; at 7, where one bent wide, steps took 1.1 times as long by these, at 7.8 to 9.3 (the L
 # that turns and bends), of which .83 to 1.08 were left, 1.2 to 2 times.
 FITTING = 6.5
-FEWER = 0.75  # Newton's iterations with full factors to those with incomplete ones, where it fits
+RESIDUAL = 2.0  # iterations of GMRES that the rest of one of Newton's takes; 1.3 to 2.6
 
 
 class LongKept:
@@ -59,7 +59,7 @@ class LongKept:
         self.full = False
         self._fill_of, self._fill = fill, 0.0
         self._often = OFTEN
-        self._without = 0.0  # iterations of GMRES in one of Newton's, without full factors
+        self._before = 0.0  # what a step costs without full factors
         self._steps, self._newton, self._linear = 0, 0, 0  # and iterations with the present tangent
 
     def go_on(self, before: LongKept) -> None:
@@ -72,7 +72,7 @@ class LongKept:
         """
         if math.isfinite(before._often):  # what was too far from symmetric may be rigid now, or not
             self.full, self._often = before.full, before._often
-            self._without = before._without
+            self._before = before._before
 
     def served(self, newton: int, linear: int, renewed: bool, dear: bool = False) -> None:
         """Take note of a step with a kept tangent.
@@ -107,17 +107,21 @@ class LongKept:
         long = self._linear >= self._often * MAKING * self._fill
         if not long or per_iteration < SOLVING * self._fill:
             return
-        self.full, self._without = True, per_iteration
+        self.full, self._before = True, self._step(per_iteration)
         self._begin()
 
     def _ended(self) -> None:
         """Take note that another tangent takes the present one's place."""
         if self.full and self._newton > 0:
-            gained = self._without / FEWER - SOLVING * self._fill  # by one of Newton's iterations
-            if self._newton * gained < MAKING * self._fill:
+            gained = self._before - self._step(SOLVING * self._fill)
+            if self._steps * gained < MAKING * self._fill:
                 self.full = False
                 self._often *= 2
         self._begin()
+
+    def _step(self, solving: float) -> float:
+        """What a step with the present tangent costs, by what a solve does."""
+        return self._newton / self._steps * (RESIDUAL + solving)
 
     def _begin(self) -> None:
         self._steps, self._newton, self._linear = 0, 0, 0
