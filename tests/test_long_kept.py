@@ -121,3 +121,23 @@ def test_a_cantilever_of_rubber_comes_to_full_factors_and_to_the_same_motion():
     assert divided[39:] == solvers[39:]  # another division has them from its first step on
     by_newton, _ = run(petsc_options={"snes_lag_jacobian": 1})
     assert energy == pytest.approx(by_newton, rel=1e-10)
+
+
+def test_what_is_left_of_a_stiff_structure_keeps_full_factors():
+    """A stalk whose stiff block freezes; by GMRES it took twice the iterations."""
+    box = rf.box((0, 0, 0), (8, 1, 1), (32, 4, 4))
+    box = box.with_cells("stalk", lambda x: x[0] <= 4 + 1e-9)
+    box = box.with_cells("block", lambda x: x[0] >= 4 - 1e-9)
+    soft, stiff = (rf.StVenantKirchhoff(E=E, nu=0.3, rho=1000.0) for E in (1e6, 1e8))
+    effects = rf.Fixed("x0"), rf.Gravity(), rf.MassDamping(1.0)
+
+    def solvers(*more, **options):
+        scene = rf.Scene(box, {"stalk": soft, "block": stiff}, [*effects, *more])
+        _, *reports = rf.simulate(scene, 0.02, 0.4, progress=False, **options)
+        return [report.solver for report in reports]
+
+    rule = rf.StrainRate(1e9, 0.2, never=["stalk"], wake="none")
+    before, *_, after = solvers(rigidify=rule)
+    assert before.startswith("kept preonly+")
+    assert after.startswith("kept preonly+")
+    assert solvers(rf.Rigid("block"))[-1] == "kept fgmres+ilu"  # which knows nothing of it

@@ -62,10 +62,10 @@ class StrainRate(Criterion):
             tolerance are released with a ring of cells round them, and the step is solved again; a
             body is released whole where cells of that ring would spring, or where it has withheld
             too much as a whole, and all are where the run is too far off its flexible twin, as far
-            as that can be told (see docs/rigid_parts.md). A change of a load releases nothing by itself. "all": any change of
-            a load or of a support releases all of them, the paper's rule. "none": nothing, but what
-            `release` asks for. In any case all bodies are released where a support begins or ends.
-            "local" if None, or "all" where load_change is given.
+            as that can be told (see docs/rigid_parts.md). A change of a load releases nothing by
+            itself. "all": any change of a load or of a support releases all of them, the paper's
+            rule. "none": nothing, but what `release` asks for. In any case all bodies are released
+            where a support begins or ends. "local" if None, or "all" where load_change is given.
         kappa: κ ≥ 1 of "local"; of no meaning with another.
         patience: Factor γ ≥ 1 by which cells have to qualify in more windows, one after the other,
             each time they are released sooner than they were observed, from the second time in a
