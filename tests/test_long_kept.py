@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import math
-
 import pytest
 
 import rigidfx as rf
-from rigidfx.step.newton.long_kept import FITTING, MAKING, OFTEN, SOLVING, LongKept
+from rigidfx.step.newton.long_kept import MAKING, OFTEN, SOLVING, LongKept
 
 FILL = 6.0
 
@@ -35,12 +33,6 @@ def test_one_that_does_not_keeps_incomplete_ones():
     rule, steps = _rule(), int(OFTEN * MAKING * FILL / 14)
     for _ in range(100):
         assert _serve(rule, steps) is None
-
-
-def test_a_tangent_that_does_not_fit_keeps_them_too():
-    many = math.ceil(FITTING) + 1
-    assert _serve(_rule(), 1000, newton=many, linear=3 * many) is None
-    assert _serve(_rule(), 1000, newton=many - 2, linear=3 * many) is not None
 
 
 def test_full_factors_whose_solves_take_as_long_are_not_made():
@@ -140,4 +132,4 @@ def test_what_is_left_of_a_stiff_structure_keeps_full_factors():
     before, *_, after = solvers(rigidify=rule)
     assert before.startswith("kept preonly+")
     assert after.startswith("kept preonly+")
-    assert solvers(rf.Rigid("block"))[-1] == "kept fgmres+ilu"  # which knows nothing of it
+    assert solvers(rf.Rigid("block"))[0] == "kept fgmres+ilu"  # which knows nothing of it

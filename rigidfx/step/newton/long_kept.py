@@ -3,8 +3,8 @@
 Full factors of a compact part take as long to make as many iterations of GMRES, and one solve with
 them replaces some of these. So they pay where a tangent serves long, which only the motion tells: a
 cantilever that swings keeps one for all its steps, what turns and bends wide needs another one
-every few steps. They pay where that tangent fits as well: what GMRES leaves, a hundredth, takes
-iterations of Newton's method then, which full factors spare. While incomplete factors serve,
+every few steps. And they pay where what GMRES leaves, a hundredth, takes iterations of Newton's
+method, which full factors spare. While incomplete factors serve,
 iterations of GMRES with the present tangent are counted, as of a skier who rents before he buys.
 Once there have been more than full factors cost, these are made for the next tangent. If the steps
 that it serves do not repay them, incomplete factors return, and have to serve twice as long
@@ -35,10 +35,6 @@ __all__ = ["LongKept"]
 # to .41. With .3 in place of .4 a wave in a bar, whose GMRES takes .38 φ, took 1.2 times as long.
 MAKING, SOLVING = 20.0, 0.4
 OFTEN = 1.5  # how many times the cost of factors has to be spent
-# Newton's iterations in a step up to which a tangent fits. Cantilevers took 5 to 6, and 4 with full
-# factors; at 7, where one bent wide, steps took 1.1 times as long by these, at 7.8 to 9.3 (the L
-# that turns and bends), of which .83 to 1.08 were left, 1.2 to 2 times.
-FITTING = 6.5
 RESIDUAL = 2.0  # iterations of GMRES that the rest of one of Newton's takes; 1.3 to 2.6
 
 
@@ -100,8 +96,6 @@ class LongKept:
         per_iteration = self._linear / max(self._newton, 1)
         # A solve with factors that have none but the matrix's own entries is the cheapest.
         if self._linear < self._often * MAKING or per_iteration < SOLVING:
-            return
-        if self._newton > FITTING * self._steps:
             return
         self._fill = self._fill or self._fill_of()
         long = self._linear >= self._often * MAKING * self._fill
