@@ -78,9 +78,10 @@ def compared(make, followed, t_end, part=0.01, **options):
         ((BASE, rf.MassDamping(1.0)), {}),
         ((BASE, rf.MassDamping(1.0)), {"mass": "consistent"}),
         ((HELD, PUSHED, rf.KelvinVoigt(3e4)), {}),
+        ((HELD, PUSHED, rf.Spring("x1", (3e2, 3e2, 4e3), damping=50.0), rf.MassDamping(0.5)), {}),
         ((HELD, PUSHED, rf.NumericalDamping(0.1), rf.MassDamping(0.3)), {}),
     ],
-    ids=["drag", "consistent", "viscosity", "numerical damping"],
+    ids=["drag", "consistent", "viscosity", "springs", "numerical damping"],
 )
 def test_a_run_knows_how_far_it_is_off(effects, options, longest, followed, monkeypatch):
     """Bodies that grow, wake, are let down and freeze anew included."""
@@ -112,10 +113,12 @@ def test_bodies_are_released_before_a_run_is_too_far_off(followed, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "more", [(rf.Spring("x1", stiffness=1e3),), (rf.Rigid("block"),), ()], ids=str
+    "more",
+    [(rf.Contact("z0", against=rf.Plane((0, 0, -9.0), (0, 0, 1.0))),), (rf.Rigid("block"),), ()],
+    ids=str,
 )
 def test_what_is_not_followed(more, followed):
-    """Springs, parts named rigid, and what nothing holds: what bodies bend by tells there."""
+    """Contacts, parts named rigid, and what nothing holds: what bodies bend by tells there."""
     effects = [*([HELD] if more else []), PUSHED, rf.MassDamping(1.0), *more]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -131,8 +134,8 @@ def test_a_structure_that_turns_has_its_equations_anew(followed, monkeypatch):
     made = []
 
     class Counted(LinearMotion):
-        def __init__(self, *arguments):
-            super().__init__(*arguments)
+        def __init__(self, *arguments, **options):
+            super().__init__(*arguments, **options)
             made.append(self)
 
     monkeypatch.setattr(deviation, "LinearMotion", Counted)

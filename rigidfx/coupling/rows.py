@@ -68,6 +68,20 @@ class Rows:
         offsets = np.arange(numbers.size + 1, dtype=Int)
         A.setValuesIJV(offsets, numbers, values, PETSc.InsertMode.ADD_VALUES, numbers)
 
+    def add_blocks(self, A: PETSc.Mat, blocks: npt.NDArray[np.float64]) -> None:
+        """Add to nodes' own blocks of a matrix of these rows, and assemble it. Collective.
+
+        Args:
+            A: It has entries there.
+            blocks: Shape (nodes, 3, 3).
+        """
+        at = np.flatnonzero(blocks.any(axis=(1, 2)))
+        numbers = (self.first + 3 * at[:, None] + np.arange(3)).astype(Int)
+        offsets = np.arange(0, 3 * numbers.size + 1, 3, dtype=Int)
+        columns, values = np.repeat(numbers, 3, axis=0).reshape(-1), blocks[at].reshape(-1)
+        A.setValuesIJV(offsets, columns, values, PETSc.InsertMode.ADD_VALUES, numbers.reshape(-1))
+        A.assemble()
+
     def positions(self, nodes: npt.NDArray[np.int32]) -> npt.NDArray[np.int64]:
         """Places of some of the nodes among them."""
         return np.searchsorted(self.nodes, nodes)

@@ -10,8 +10,8 @@ Unlike what a body bends by, e knows what hangs on it, what resonates with it, a
 bodies that there were. It is linear: a structure that turns or bends far has its equations anew.
 
 e has steps of its own, as long as what moves allows, so that factors serve all run long. What
-would have to be known besides is not there: where springs or contacts act, where parts are named
-rigid, where nothing is held, and beyond `MOST` unknowns nobody follows e.
+would have to be known besides is not there: where contacts act, where parts are named rigid, where
+no support holds, and beyond `MOST` unknowns nobody follows e.
 """
 
 from __future__ import annotations
@@ -24,8 +24,9 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from rigidfx.coupling.rows import Rows
-from rigidfx.effects import Rigid
+from rigidfx.effects import Rigid, Spring
 from rigidfx.scene.scene import Scene
+from rigidfx.shadow.ground import ground_of
 from rigidfx.shadow.linear_motion import LinearMotion
 from rigidfx.shadow.parts import mass_of
 from rigidfx.shadow.shadow import Shadow
@@ -57,7 +58,7 @@ class Deviation(Watch):
     """Follows e from the first freeze on; `destroy` frees the PETSc objects.
 
     Attributes:
-        known: Whether it is followed: false from the first spring or contact on.
+        known: Whether it is followed: false from the first contact on.
     """
 
     def __init__(self, stepper: Stepper, shadow: Shadow, turning: Callable[[], float]) -> None:
@@ -115,7 +116,7 @@ class Deviation(Watch):
     def _take(self, attempt: Attempt) -> None:
         """Take a step of the run. Collective."""
         actions = self._stepper.system.actions
-        if actions.elastic:
+        if actions.elastic - {Spring.__name__}:
             self.known = False
             self.destroy()
             return
@@ -176,7 +177,8 @@ class Deviation(Watch):
         linear.shape.x.array[:] = self._stepper.state.u.x.array
         forces.set_rate(1.0)
         supported = np.flatnonzero(self._mask)
-        out = LinearMotion(rows, cells, linear, mass_of(scene, rows, cells), supported)
+        mass, ground = mass_of(scene, rows, cells), ground_of(scene, rows)
+        out = LinearMotion(rows, cells, linear, mass, supported, ground=ground)
         forces.set_rate(1 / dt)
         linear.shape.x.array[:] = before
         return out

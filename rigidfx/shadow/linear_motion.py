@@ -12,6 +12,7 @@ from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.rows import Rows
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.flexible.linear_forms import LinearForms
+from rigidfx.shadow.ground import Ground
 from rigidfx.step.linear import cholmod
 from rigidfx.step.linear.linear_solver import default_options
 
@@ -35,6 +36,7 @@ class LinearMotion:
         mass: Mass,
         supported: Ints,
         dashpots: Array | None = None,
+        ground: Ground | None = None,
     ) -> None:
         """Assemble the matrices. Collective.
 
@@ -45,12 +47,15 @@ class LinearMotion:
             mass: Mass operator of the rows, owned from now on.
             supported: Rows of this rank that supports hold.
             dashpots: Constants of dashpots at the nodes [N s/m].
+            ground: What springs do at the nodes, if there are any.
         """
         self._mass, self._first, self._supported = mass, rows.first, supported
         self._K = assembled(rows, linear.stiffness(cells))
         self._M = mass.matrix()
         viscosity = linear.viscosity(cells)
         self._viscosity = None if viscosity is None else assembled(rows, viscosity)
+        if ground is not None:
+            self._tie(rows, ground)
         diagonal = self._K.getDiagonal()
         self._scale = float(diagonal.norm()) / np.sqrt(rows.comm.size)
         diagonal.destroy()
@@ -58,6 +63,13 @@ class LinearMotion:
         self._right, self._found, self._work, self._dashpots = (rows.vector() for _ in range(4))
         if dashpots is not None:
             self._dashpots.array[:] = np.repeat(dashpots, 3)
+
+    def _tie(self, rows: Rows, ground: Ground) -> None:
+        rows.add_blocks(self._K, ground.K)
+        if self._viscosity is None:
+            self._viscosity = self._K.copy()
+            self._viscosity.zeroEntries()
+        rows.add_blocks(self._viscosity, ground.C)
 
     def _hold(self, A: PETSc.Mat, rows: Ints, scale: float) -> None:
         A.zeroRowsColumns((self._first + rows).astype(PETSc.IntType), diag=scale)

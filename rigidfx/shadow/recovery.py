@@ -136,4 +136,4 @@ class Recovery:
         for data in parts:
             elsewhere[data.nodes] = False
         here = np.count_nonzero(elsewhere[: stepper.scene.owned_nodes])
-        return stepper.system.actions.elastic or bool(stepper.scene.sum(float(here)))
+        return bool(stepper.system.actions.elastic or stepper.scene.sum(float(here)))

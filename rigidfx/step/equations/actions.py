@@ -40,7 +40,7 @@ class Actions:
         torques: Torques in space on the bodies as such, shape (bodies, 3) [N m].
         kinds: Names of the kinds of effects that act.
         stiffen: Whether any of them changes the tangent.
-        elastic: Whether any of these stores energy: what loads may rest on.
+        elastic: Kinds of these that store energy: what loads may rest on.
         rounding: Size of a force that the machine precision is to be multiplied with [N].
         dead: Whether none depends on the motion.
         easing: What releases have let down.
@@ -332,14 +332,14 @@ class Actions:
             action.destroy()
 
 
-def _resting(actions: Sequence[Action]) -> bool:
-    """Whether any action stiffens nodes or bodies, and stores energy."""
+def _resting(actions: Sequence[Action]) -> set[str]:
+    """Kinds of actions that stiffen nodes or bodies, and store energy."""
 
-    def able(*methods: str) -> set[int]:
-        return {id(action) for method in methods for action in doing(actions, method)}
+    def able(*methods: str) -> set[str]:
+        return {action.kind for method in methods for action in doing(actions, method)}
 
     stores = able("potential", "potential_of_bodies", "potential_of_links", "touch")
-    return bool(able("stiffen_nodes", "stiffen_bodies") & stores)
+    return able("stiffen_nodes", "stiffen_bodies") & stores
 
 
 def _by_kind(
