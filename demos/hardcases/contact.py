@@ -33,7 +33,7 @@ def stiff_contact_in_long_steps(short: bool) -> Iterator[Run]:
             yield Run(f"{way}, flexible", scene, dt, t_end, **options)
             if not short:
                 adaptive = rf.StrainRate(ANY, 5 * dt)
-                yield Run(f"{way}, adaptive", scene, dt, t_end, adaptive, freezes=False, **options)
+                yield Run(f"{way}, adaptive", scene, dt, t_end, adaptive, **options)
 
 
 @case("contact", "a tumbling block between the walls of a tube, which grips it")
