@@ -148,3 +148,44 @@ def test_a_structure_that_turns_has_its_equations_anew(followed, monkeypatch):
     assert any(event.kind == "freeze" for event in events)
     assert len(made) > 3
     assert max(told) / size == pytest.approx(off.max(), rel=0.3)
+
+
+def test_what_hangs_bent_under_a_preload_keeps_the_bound(followed):
+    """Its sag, twenty times what moves, is no motion that bodies may take a part of."""
+
+    def still(t):
+        return 0.0, 0.0, 0.002 * np.sin(2 * np.pi * t) * min(1.0, t / 2) ** 3
+
+    weight = rf.Gravity((0, 0, -0.05))
+    hung = rf.PrescribedMotion("x0", displacement=still), weight, rf.Preload([weight])
+    off, _, _, events = compared(lambda: scene(*hung, rf.MassDamping(0.5)), followed, 12.0)
+    sag = next(iter(rf.simulate(scene(*hung), DT, DT, progress=False))).probes["tip"]
+    assert np.linalg.norm(sag) > 5 * (2 * 0.002)
+    assert any(event.kind == "freeze" for event in events)
+    assert off.max() <= 0.8 * 3 * 0.01
+
+
+def test_an_error_turns_with_the_structure(followed):
+    """In an arm that turns on and on what bends it would stretch it, and grew without bound."""
+    turn = rf.PrescribedRotation(
+        "x0", axis=(0, 0, 1), through=(0, 0.5, 0.5), angle=lambda t: 0.5 * t * min(1.0, t / 4)
+    )
+    push = rf.Traction("x1", (0, 0, 50.0), time=lambda t: np.sin(2 * np.pi * t / 1.1) * min(1, t))
+    off, told, size, _ = compared(lambda: scene(turn, push, rf.MassDamping(0.3)), followed, 16.0)
+    assert off.max() <= 0.8 * 3 * 0.01
+    assert max(told[-200:]) <= 0.1 * size
+
+
+def test_viscosity_that_ends_is_one_no_more(followed, monkeypatch):
+    made = []
+
+    class Seen(LinearMotion):
+        def __init__(self, *arguments, **options):
+            super().__init__(*arguments, **options)
+            made.append(self._viscosity is not None)
+
+    monkeypatch.setattr(deviation, "LinearMotion", Seen)
+    viscous = rf.KelvinVoigt(1e5, until=4.0), rf.MassDamping(0.2)
+    off, told, size, _ = compared(lambda: scene(BASE, *viscous), followed, 12.0)
+    assert made == [True, False]
+    assert max(told) / size == pytest.approx(off.max(), rel=0.25)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 import rigidfx as rf
@@ -133,3 +134,23 @@ def test_what_is_left_of_a_stiff_structure_keeps_full_factors():
     assert before.startswith("kept preonly+")
     assert after.startswith("kept preonly+")
     assert solvers(rf.Rigid("block"))[0] == "kept fgmres+ilu"  # which knows nothing of it
+
+
+def test_what_was_found_outlasts_a_division_that_keeps_no_tangents():
+    """All of a bar freezes, and is released: its next step has the factors that had been earned."""
+    soft = rf.StVenantKirchhoff(E=1e6, nu=0.3, rho=1000.0)
+    box = rf.box((0, 0, 0), (8, 1, 1), (32, 4, 4))
+    effects = [
+        rf.Fixed("x0"),
+        rf.Traction("x1", (0, 0, 60.0), time=lambda t: np.sin(2 * np.pi * t / 3)),
+        rf.MassDamping(6.0),
+    ]
+    rule = rf.StrainRate(1e9, 0.2, since=1.6, wake="none", release=rf.Release(at=2.0))
+    run = rf.simulate(rf.Scene(box, soft, effects), 0.02, 2.04, rigidify=rule, progress=False)
+    _, *reports = run
+    at = next(k for k, report in enumerate(reports) if report.unknowns == 6)
+    assert reports[0].solver == "kept fgmres+ilu"
+    assert reports[at - 1].solver.startswith("kept preonly+")
+    assert reports[at].solver == "preonly+lu"
+    assert reports[-1].unknowns == 2400
+    assert reports[-1].solver == reports[at - 1].solver

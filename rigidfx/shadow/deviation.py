@@ -7,7 +7,8 @@ balance by in the motion of the run. So the difference e to the flexible twin ob
 
 with all cells of the structure, about the shape that it has, and f_a of what releases let down.
 Unlike what a body bends by, e knows what hangs on it, what resonates with it, and what is left of
-bodies that there were. It is linear: a structure that turns or bends far has its equations anew.
+bodies that there were. It is linear: a structure that turns or bends far has its equations anew,
+and e turns with it, as what bends an arm would stretch it after a turn.
 
 e has steps of its own, as long as what moves allows, so that factors serve all run long. What
 would have to be known besides is not there: where contacts act, where parts are named rigid, where
@@ -81,8 +82,9 @@ class Deviation(Watch):
         self._motion: LinearMotion | None = None
         self._dt = self._of_run = 0.0  # length of its steps, and of the run's [s]
         self._mask: Bools = np.zeros(3 * n, dtype=bool)
-        self._shape = np.zeros((n, 3))  # displacements that the equations are about
-        X = scene.space.tabulate_dof_coordinates()[:n]
+        self._viscous: list[int] = []  # terms of viscosity in these equations
+        self._shape = np.zeros((n, 3))  # displacements that they are about
+        self._X = X = scene.space.tabulate_dof_coordinates()[:n]
         ends = np.array([-X.min(axis=0, initial=np.inf), X.max(axis=0, initial=-np.inf)])
         scene.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
         self._length = float(np.linalg.norm(ends.sum(axis=0)))
@@ -141,17 +143,33 @@ class Deviation(Watch):
         state, mask = self._stepper.state, self._stepper.prescribed.mask[: self._u.size]
         u = state.u.x.array[: self._u.size].reshape(-1, 3)
         moved = float(np.linalg.norm(u - self._shape, axis=1).max(initial=0.0))
-        new = self._motion is None or bool((mask != self._mask).any())
+        viscous = [k for k, _ in self._stepper.forces.viscous_terms]
+        new = self._motion is None or viscous != self._viscous or bool((mask != self._mask).any())
         here = np.array([moved / self._length, float(new)])
         self._scene.comm.Allreduce(MPI.IN_PLACE, here, op=MPI.MAX)
         if here[0] <= MOVED and not here[1]:
             return
         self.destroy()
         state.rebuild()
-        self._mask, self._shape = mask.copy(), u.copy()
+        turn = self._turn(u)
+        self._u, self._v = self._u @ turn.T, self._v @ turn.T
+        self._mask, self._shape, self._viscous = mask.copy(), u.copy(), viscous
         self._u[mask.reshape(-1, 3)] = 0.0
         self._v[mask.reshape(-1, 3)] = 0.0
         self._motion = self._equations(dt)
+
+    def _turn(self, u: Array) -> Array:
+        """The rotation that takes the last shape best to the present one, shape (3, 3). Collective.
+
+        Args:
+            u: Displacements of the owned nodes [m].
+        """
+        a, b = self._X + self._shape, self._X + u
+        sums = np.concatenate([[len(a)], a.sum(axis=0), b.sum(axis=0), (b.T @ a).reshape(-1)])
+        self._scene.comm.Allreduce(MPI.IN_PLACE, sums, op=MPI.SUM)
+        products = sums[7:].reshape(3, 3) - np.outer(sums[4:7], sums[1:4]) / sums[0]
+        W, _, Vt = np.linalg.svd(products)
+        return np.asarray(W @ np.diag([1.0, 1.0, np.linalg.det(W @ Vt)]) @ Vt)
 
     def _adapt(self, dt: float) -> None:
         """Have steps that resolve what moves, and are as long as that allows.

@@ -69,7 +69,7 @@ class Bends:
         """
         x = self.deflection.follow(state, held)
         # What flies goes farther than it deflects.
-        self.most = np.inf if self.deflection.flies else PART * self.deflection.largest
+        self.most = np.inf if self.deflection.flies else PART * self.deflection.moved
         self._waited += 1
         if not self._shapes or self._waited == self._stride:
             self._waited = 0
@@ -85,9 +85,9 @@ class Bends:
             noise: Strain rate that rounding may leave [1/s].
             steps: In how many steps the motion so far turns round.
         """
-        largest = self.deflection.largest
-        if rate > noise and largest > 0:
-            self.per_rate = largest / rate
+        moved = self.deflection.moved
+        if rate > noise and moved > 0:
+            self.per_rate = moved / rate
             self._faster = min(FAST / steps, 1.0)
 
     def limits(self, rates: Array) -> Array | None:

@@ -45,7 +45,9 @@ class Deflection:
         self._held: list[Indices] = []
         self._counts: Array = np.zeros(3)
         self.now = np.zeros_like(self.X)
-        self._largest: Array = np.zeros(2)  # deflection and displacement on this rank
+        self._start: Array | None = None  # deflection when it was seen first
+        # On this rank: of deflections, displacements, and changes of deflections since the start.
+        self._largest: Array = np.zeros(3)
 
     @property
     def largest(self) -> float:
@@ -54,9 +56,21 @@ class Deflection:
         No more than the largest displacement, where supports tell what is common: what stands on a
         base that shakes fast stays where it is, and what it is off by is a part of that.
         """
-        far = np.empty(2)
+        far = self._of_all()
+        return float(far[:2].min() if self.held else far[0])
+
+    @property
+    def moved(self) -> float:
+        """How far it has deflected from where it was seen first, at most `largest` [m]. Collective.
+
+        What hangs bent under a permanent load does not move for that.
+        """
+        return float(min(self.largest, self._of_all()[2]))
+
+    def _of_all(self) -> Array:
+        far = np.empty(3)
         self._scene.comm.Allreduce(self._largest, far, op=MPI.MAX)
-        return float(far.min() if self.held else far[0])
+        return far
 
     @property
     def held(self) -> bool:
@@ -83,7 +97,8 @@ class Deflection:
             self._find_held(held)
         x = state.positions(self.nodes)
         self.now = self._deflected(x, state)
-        each = self.now, x - self.X
+        self._start = self.now if self._start is None else self._start
+        each = self.now, x - self.X, self.now - self._start
         far = [np.linalg.norm(u, axis=1).max(initial=0.0) for u in each]
         self._largest = np.maximum(self._largest, far)
         return x

@@ -96,6 +96,8 @@ class Newton:
         self._chord: Chord | None = None
         if pays(equilibrium):
             self._chord = Chord(equilibrium, scene.parts, ChordTest(rtol, max_it))
+        # What keeps tangents, here or in the last division that was large enough for it.
+        self._experience = self._chord
         self._keeping = False  # whether the present solve is by the chord method ...
         self._kept = False  # ... and whether that has found the last solution
         self._offered, self._best = 0, 0  # first guesses of the last choice, and what it was
@@ -107,8 +109,10 @@ class Newton:
     def go_on(self, before: Newton) -> None:
         """Take over what has been found of the division before, which may have been freed."""
         self.conserving.rounding = before.conserving.rounding
-        if self._chord is not None and before._chord is not None:
-            self._chord.go_on(before._chord)
+        if self._chord is None:
+            self._experience = before._experience
+        elif before._experience is not None:
+            self._chord.go_on(before._experience)
 
     def _create_snes(self) -> PETSc.SNES:
         snes = PETSc.SNES().create(self.equilibrium.prolongation.comm)
