@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from rigidfx.effects import Spring
+from rigidfx.effects import Preload, Spring
 from rigidfx.scene.sample import spread
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
@@ -24,6 +24,7 @@ Indices = npt.NDArray[np.intp]
 
 NODES = 1000  # that stand for all, at most
 HELD = 100  # likewise for those of which supports hold a component
+REST = 1e-6  # of a deflection: what moves less is at rest, as well as preloads are solved
 
 
 class Deflection:
@@ -45,7 +46,8 @@ class Deflection:
         self._held: list[Indices] = []
         self._counts: Array = np.zeros(3)
         self.now = np.zeros_like(self.X)
-        self._start: Array | None = None  # deflection when it was seen first
+        # Deflection from which the run begins, known once a preload has made it.
+        self._start: Array | None = None if scene.named(Preload) else np.zeros_like(self.X)
         # On this rank: of deflections, displacements, and changes of deflections since the start.
         self._largest: Array = np.zeros(3)
 
@@ -61,11 +63,11 @@ class Deflection:
 
     @property
     def moved(self) -> float:
-        """How far it has deflected from where it was seen first, at most `largest` [m]. Collective.
+        """How far it has deflected from where the run begins, at most `largest` [m]. Collective.
 
-        What hangs bent under a permanent load does not move for that.
+        What hangs bent by a `Preload` does not move for that.
         """
-        return float(min(self.largest, self._of_all()[2]))
+        return float(min(self.largest, max(self._of_all()[2], REST * self.largest)))
 
     def _of_all(self) -> Array:
         far = np.empty(3)
