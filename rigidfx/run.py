@@ -34,7 +34,6 @@ from rigidfx.shadow.shadow import Shadow
 from rigidfx.shadow.shadows import Shadows
 from rigidfx.shadow.subjects import FreeBodies, HeldParts, Subjects
 from rigidfx.state import State
-from rigidfx.step.equations.eased_forces import EasedForces
 from rigidfx.step.first_touch import FirstTouch
 from rigidfx.step.length.time_control import TimeControl
 from rigidfx.step.stepper import Stepper, StepResult
@@ -190,9 +189,8 @@ class Run:
         periods, rigidity = (0.0, self.idle) if self.policy is None else self.policy.spent(report.t)
         if self.stepper.control is not None:
             energy = report.energy - report.contact
-            taken = sum(e for kind, e in report.dissipated.items() if kind != EasedForces.kind)
             rest = None if rigidity is None else rigidity.rest
-            self.stepper.control.learn(energy, taken, report.dt, rest)
+            self.stepper.control.learn(energy, report.dissipated, report.dt, rest)
         return with_ledger(report, self.ledgers, withheld, periods, rigidity)
 
     def _switched(

@@ -105,6 +105,12 @@ def test_the_tables_and_pictures_have_it(tmp_path):
     assert h["rigidity_allowed"][1] == 0.0  # while nothing is rigid, Δt has all of it
     assert h["rigidity_error"][-1] == report.ledger.rigidity.spent
     assert np.isnan(h["measured_error"]).all()
+    energy = h["deformation"][-1]
+    assert h["damping_allowed"][-1] == pytest.approx(2 * 0.1 * energy)
+    assert 0 < h["energy_allowed"][-1] < 0.1 * energy
+    assert max(h["withheld"][-1], h["frozen"][-1]) < h["energy_allowed"][-1]
+    assert h["rejected"][-1] == report.ledger.rejected
+    assert h["periods"][-1] == report.ledger.periods
     assert "Rigid parts, % of the largest displacement" in spent(h)
 
 

@@ -25,13 +25,16 @@ Columns, in SI units; a vector has one column for each of x, y, z:
     contact_NAME_pressing                    sum of the sizes of its nodal forces [N]
     contact_NAME_energy, _dissipated         stored at t, taken by friction in the step [J]
     contact_NAME_penetration, _nodes         greatest [m], number of nodes that touch, at t
-    withheld, frozen, damped                 what the ledger says: withheld by rigidity, kept of
-                                             vibrations, taken by numerical damping [J]
-    deformation, energy_allowed              what these are relative to, and what each may be [J]
+    withheld, frozen, energy_allowed         what the ledger says: withheld by rigidity, kept of
+                                             vibrations, and what each may be [J]
+    damped, damping_allowed                  taken by numerical damping, and what that may be [J]
+    deformation                              what these are relative to [J]
     time_error, displacement, time_allowed   estimated error of time integration, what it is
                                              relative to, and what it may be [m]; NaN where
                                              nothing estimates it, or nothing was asked
+    rejected                                 steps so far that erred by too much in time
     rigidity_error, rigidity_allowed         the same of what is rigid [m], with an `Accuracy`
+    periods                                  that the motion has gone through so far
     unsure                                   0 where these are estimates, 1 where rigidity_error is
                                              a bound, 2 where it is unknown, and 3 where time_error
                                              is, too: from the first contact on
@@ -66,9 +69,9 @@ SCALARS = (
 )
 
 LEDGER = (
-    *("withheld", "frozen", "damped", "deformation", "energy_allowed"),
-    *("time_error", "displacement", "time_allowed"),
-    *("rigidity_error", "rigidity_allowed", "unsure", "measured_error"),
+    *("withheld", "frozen", "energy_allowed", "damped", "damping_allowed", "deformation"),
+    *("time_error", "displacement", "time_allowed", "rejected"),
+    *("rigidity_error", "rigidity_allowed", "periods", "unsure", "measured_error"),
 )
 UNSURE = "estimate", "bound", "unknown"
 
@@ -141,11 +144,11 @@ def _spent(report: Report) -> dict[str, float]:
     ledger = report.ledger
     if ledger is None:
         return dict.fromkeys(LEDGER, nan)
-    energies = ledger.withheld.spent, ledger.frozen.spent, ledger.damping.spent
-    of_energy = *energies, ledger.frozen.scale, ledger.frozen.allowed
+    withheld, frozen, damping = ledger.withheld, ledger.frozen, ledger.damping
+    of_energy = withheld.spent, frozen.spent, frozen.allowed, damping.spent, damping.allowed
     time = ledger.time
-    of_time = time.spent, time.scale, time.allowed
-    of_rigidity = ledger.rigidity.spent, ledger.rigidity.allowed
+    of_time = frozen.scale, time.spent, time.scale, time.allowed, float(ledger.rejected)
+    of_rigidity = ledger.rigidity.spent, ledger.rigidity.allowed, ledger.periods
     unsure = float(len(UNSURE) if ledger.struck else UNSURE.index(ledger.sure))
     every = *of_energy, *of_time, *of_rigidity, unsure, ledger.measured.spent
     return dict(zip(LEDGER, every, strict=True))

@@ -13,11 +13,7 @@ __all__ = ["spent"]
 
 Array = npt.NDArray[np.float64]
 
-ENERGIES = {
-    "withheld": "withheld by rigidity",
-    "frozen": "frozen vibration",
-    "damped": "numerical damping",
-}
+ENERGIES = {"withheld": "withheld by rigidity", "frozen": "frozen vibration"}
 
 
 def spent(history: Mapping[str, Array]) -> dict[str, list[Curve]]:
@@ -29,9 +25,17 @@ def spent(history: Mapping[str, Array]) -> dict[str, list[Curve]]:
     if not np.isfinite(history.get("deformation", np.array([np.nan]))).any():
         return {}
     t, panels = history["t"], {}
-    panels["Energies, % of the energy of deformation"] = _panel(
-        t, history, "deformation", ENERGIES, "energy_allowed"
-    )
+    panels["Energies, % of the energy of deformation"] = [
+        *_panel(t, history, "deformation", ENERGIES, "energy_allowed"),
+        *_panel(
+            t,
+            history,
+            "deformation",
+            {"damped": "numerical damping"},
+            "damping_allowed",
+            "allowed of that",
+        ),
+    ]
     panels["Time integration, % of the largest displacement"] = _panel(
         t, history, "displacement", {"time_error": "estimated error"}, "time_allowed"
     )
@@ -52,10 +56,15 @@ def spent(history: Mapping[str, Array]) -> dict[str, list[Curve]]:
 
 
 def _panel(
-    t: Array, h: Mapping[str, Array], scale: str, names: Mapping[str, str], allowed: str
+    t: Array,
+    h: Mapping[str, Array],
+    scale: str,
+    names: Mapping[str, str],
+    allowed: str,
+    called: str = "allowed",
 ) -> list[Curve]:
     sizes = np.where(h[scale] > 0, h[scale], np.inf)
-    every = {**names, allowed: "allowed"}
+    every = {**names, allowed: called}
     known = {
         name: words for name, words in every.items() if name in h and np.isfinite(h[name]).any()
     }

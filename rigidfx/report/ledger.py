@@ -28,6 +28,7 @@ __all__ = ["Entry", "Ledger", "Ledgers", "Rigidity"]
 TINY = 1e-300
 Sure = Literal["estimate", "bound", "unknown"]
 NOISE = 1e-9  # of a kinetic energy: rounding of what of it is of deformation
+OF_AMPLITUDE = 2.0  # parts of an energy that go with one of an amplitude
 SLOW = 0.5  # of kinetic over strain energy of deformation, below which loads are slow
 
 
@@ -76,6 +77,8 @@ class Rigidity:
         motion: Its error so far, over the largest displacement.
         allowed: What that may be at the end of the run.
         rest: What is left to time integration.
+        withheld: What bodies may withhold now, or keep of vibrations, over the largest energy of
+            deformation.
         free: Whether loads rest.
         rings: Whether shadows swing by more than loads at rest would strain them.
     """
@@ -83,6 +86,7 @@ class Rigidity:
     motion: float
     allowed: float
     rest: float
+    withheld: float
     free: bool
     rings: bool
 
@@ -93,9 +97,11 @@ class Ledger:
 
     Attributes:
         withheld: Strain energy that rigidity withholds now.
-        frozen: Kinetic energy of vibration that bodies keep now.
+        frozen: Kinetic energy of vibration that bodies keep now, which would strain them by as
+            much; both may be what `Accuracy` allows bodies to withhold.
         time: Error of displacements by time integration so far, an estimate.
-        damping: Energy taken by numerical damping so far.
+        damping: Energy taken by numerical damping so far; half of that is missing of amplitudes,
+            so that twice the budget of `Accuracy` is allowed.
         periods: Periods N that the motion has gone through so far, as far as can be told.
         rejected: Steps that were repeated so far, as they erred by too much in time.
         rigidity: Error of displacements by what is rigid so far, an estimate; of `Accuracy` only.
@@ -153,14 +159,13 @@ class Ledger:
 class Ledgers:
     """Keeps the accounts of a run."""
 
-    def __init__(self, stepper: Stepper, budget: float = nan) -> None:
+    def __init__(self, stepper: Stepper) -> None:
         """Nothing has been spent. Collective.
 
         Args:
             stepper: Makes the steps.
-            budget: What energies may be spent, over that of deformation; NaN if nothing says.
         """
-        self._stepper, self._budget = stepper, budget
+        self._stepper = stepper
         self._deformation = Deformation(stepper.scene)
         self._damped = 0.0
         self._inertia = 0.0, 0.0  # kinetic and strain energy while loads change, added up
@@ -200,12 +205,14 @@ class Ledgers:
         self._damped += taken.get(NumericalDamping.__name__, 0.0)
         H = self._deformation.largest
         frozen = sum(max(b.frozen.vibration, 0.0) for b in stepper.state.bodies.of.records)
-        allowed = self._budget * H
+        allowed = budget = nan
+        if rigidity is not None:
+            allowed, budget = rigidity.withheld, rigidity.allowed + rigidity.rest
         return Ledger(
-            withheld=Entry(withheld, H, allowed / (1 + pi * periods), "J"),
-            frozen=Entry(frozen, H, allowed, "J"),
+            withheld=Entry(withheld, H, allowed * H, "J"),
+            frozen=Entry(frozen, H, allowed * H, "J"),
             time=self._time(),
-            damping=Entry(self._damped, H, allowed, "J"),
+            damping=Entry(self._damped, H, OF_AMPLITUDE * budget * H, "J"),
             periods=periods,
             rejected=0 if stepper.control is None else stepper.control.rejected,
             rigidity=NOTHING if rigidity is None else self._of_rigidity(rigidity),

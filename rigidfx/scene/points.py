@@ -93,15 +93,17 @@ def far_apart(
     X, distance = X / size, distance / size  # so that digits are those of any unit of length
     mine, places = [], []
     for place in range(count):
-        far = np.flatnonzero(distance >= distance.max(initial=0.0) * (1 - 1e-9))
-        # Of equally far nodes the one with the greatest coordinates, whoever owns it.
+        rounded = distance.round(9)
+        far = np.flatnonzero(rounded == rounded.max(initial=0.0))
+        # Of equally far nodes the one with the greatest coordinates, whoever owns it. Distances
+        # are from where it is, not from rounded coordinates, which would make them differ.
         best = max(
-            ((float(distance[i].round(9)), *X[i].round(9).tolist()) for i in far),
-            default=(-1.0, 0.0, 0.0, 0.0),
+            ((float(rounded[i]), *X[i].round(9).tolist(), *X[i].tolist()) for i in far),
+            default=(-1.0,) + 6 * (0.0,),
         )
         offers = comm.allgather(best)
         winner = max(offers)
-        point = np.asarray(winner[1:])
+        point = np.asarray(winner[4:])
         if offers.index(winner) == comm.rank:
             mine.append(int(own[np.argmin(np.linalg.norm(X - point, axis=1))]))
             places.append(place)

@@ -14,10 +14,11 @@ from rigidfx.scene.scene import Scene
 __all__ = ["StepControl", "check_probes", "fraction", "probe_names"]
 
 LEAST = 1e-3  # of the largest step: the smallest one, unless told otherwise
+FINEST = 1e-12  # part of a displacement that rounding leaves something of
 
 
 def fraction(owner: str, name: str, value: Any) -> float:
-    """A user's number between zero and one as a float.
+    """A user's number between zero, or what rounding leaves of one, and one as a float.
 
     Args:
         owner: Whose number it is, for the message.
@@ -28,8 +29,13 @@ def fraction(owner: str, name: str, value: Any) -> float:
         SceneError: If it is anything else.
     """
     result = number(owner, name, value)
-    if 0 < result < 1:
+    if FINEST <= result < 1:
         return result
+    if 0 < result < 1:
+        raise SceneError(
+            f"{owner}: {name} must be {FINEST:g} or more, as rounding errs by some of that, got "
+            f"{shown(value)}."
+        )
     raise SceneError(
         f"{owner}: {name} must be a number between 0 and 1, such as 0.01 for one per cent, got "
         f"{shown(value)}."

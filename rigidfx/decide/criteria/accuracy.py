@@ -30,7 +30,7 @@ from rigidfx.scene.timeline import Timeline
 __all__ = ["Accuracy", "controlled"]
 
 FINER = 4  # a twin's Δt
-OF_XI = 0.4  # of the ξ with which damping would take as much as it may, were it to go on as it does
+OF_XI = 0.3  # of the ξ with which damping would take as much as it may, were it to go on as it does
 ALL = 0.95  # of the energy: what damping takes more than that does not tell how fast it does
 # Unknowns of a body, from which it may save what its shadow and Python cost: steps took 3.5 ms at
 # 1000 unknowns all flexible, and 2 ms more beside bodies that took 19 % of these.
@@ -145,7 +145,7 @@ class Accuracy(Criterion):
         if ledger.measured.relative > budget:
             measured = f"the run errs by {ledger.measured.relative:.3g}"
             over.append(f"{measured} (measured against a finer flexible run)")
-        if ledger.damping.relative / 2 > budget:
+        if ledger.damping.spent > ledger.damping.allowed:
             taken = f"numerical damping takes {ledger.damping.relative:.3g} of the energy"
             over.append(f"{taken}, and half of that of amplitudes: {_less(ledger, scene, budget)}")
         if over:
@@ -178,7 +178,7 @@ class Accuracy(Criterion):
     @property
     def idle(self) -> Rigidity:
         """What rigidity does to a motion where nothing becomes rigid."""
-        return Rigidity(0.0, 0.0, float(self.budget), True, False)
+        return Rigidity(0.0, 0.0, float(self.budget), 0.0, True, False)
 
     def rule(self, scene: Scene, timeline: Timeline, memory: Memory) -> BudgetRule:
         """See `Criterion`."""

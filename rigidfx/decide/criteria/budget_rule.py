@@ -169,7 +169,14 @@ class BudgetRule:
         past = self.past
         kept = past.scale * (past.budget if past.rigid else past.phase)
         motion, rest = past.scale * (past.now + past.phase), max(self._whole - kept, self._least)
-        return Rigidity(motion, self._whole - rest, rest, past.free, past.rings)
+        return Rigidity(
+            motion=motion,
+            allowed=self._whole - rest,
+            rest=rest,
+            withheld=self.allowed,
+            free=past.free,
+            rings=past.rings,
+        )
 
     @property
     def _least(self) -> float:

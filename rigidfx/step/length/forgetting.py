@@ -11,6 +11,9 @@ was: a structure of one part that supports hold against all rigid motions, from 
 end as all its damping acts, and that touches nothing. What flies freely keeps an error of its place
 or its turn.
 
+Drag, α M v, takes up to twice as much of what a support moves as of a vibration, whose energy is
+kinetic for half of the time. It damps all vibrations by α/2, and counts for no more.
+
 That mean is one of what moves most. Viscosity takes fast vibrations and leaves slow ones: where an
 axial one dies out, bending rings on, and so do its errors. So there are several accounts, of which
 the largest counts: all errors, forgotten as above; and of each octave those that are slower than
@@ -22,11 +25,14 @@ damping, octaves tell what of the error is of slow motion, as what is faster has
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import numpy.typing as npt
 
 from rigidfx.effects import Contact, KelvinVoigt, MassDamping, NumericalDamping, StiffnessDamping
 from rigidfx.scene.scene import Scene
+from rigidfx.step.equations.eased_forces import EasedForces
 from rigidfx.step.length.damped import Damped
 from rigidfx.step.length.held import always, holding
 from rigidfx.step.length.octaves import OF_CUT, Octaves
@@ -36,6 +42,7 @@ __all__ = ["Forgetting", "comes_back"]
 Array = npt.NDArray[np.float64]
 
 DAMPING = KelvinVoigt, MassDamping, NumericalDamping, StiffnessDamping
+OTHERWISE = MassDamping.__name__, EasedForces.kind  # counted apart, and no damping
 
 
 class Forgetting:
@@ -58,7 +65,7 @@ class Forgetting:
             step: Shortest Δt [s].
         """
         self._comes_back = comes_back(scene)
-        self._taken = self._stayed = 0.0
+        self._taken = self._dragged = self._stayed = 0.0
         self._damped = Damped(scene) if self._comes_back else None
         self.by_frequency = self._damped is not None and self._damped.by_frequency
         adds_up = not self.by_frequency and bool(scene.named(Contact))
@@ -68,34 +75,39 @@ class Forgetting:
         self.rates: Array = np.zeros(accounts)
         self.parts: Array = np.ones(accounts)
 
-    def look(self, jerk: Array, dt: float) -> None:
+    def look(self, jerk: Array, swinging: Array, dt: float) -> None:
         """Find what accounts have of the error of a step that has been solved.
 
         Args:
             jerk: Of each point, shape (points, 3); the error per time goes with Δt² of it.
+            swinging: Its root mean square over a turn, shape (points,).
             dt: Its length [s].
         """
         if self._octaves is not None:
-            self.parts = np.concatenate([[1.0], self._octaves.look(dt**2 * jerk, dt)])
+            parts = self._octaves.look(dt**2 * jerk, dt**2 * swinging, dt)
+            self.parts = np.concatenate([[1.0], parts])
 
     def accept(self) -> None:
         """Take note that the step that was looked at last is one."""
         if self._octaves is not None:
             self._octaves.accept(self.parts[1:])
 
-    def follow(self, energy: float, taken: float, dt: float) -> None:
+    def follow(self, energy: float, dissipated: Mapping[str, float], dt: float) -> None:
         """Take note of a step.
 
         Args:
             energy: Kinetic and strain energy at its end [J].
-            taken: What damping took in it [J].
+            dissipated: What each kind of damping took in it [J].
             dt: Its length [s].
         """
         if self._damped is None:
             return
-        self._taken, self._stayed = self._taken + taken, self._stayed + energy * dt
+        self._taken += sum(e for kind, e in dissipated.items() if kind not in OTHERWISE)
+        self._dragged += dissipated.get(MassDamping.__name__, 0.0)
+        self._stayed += energy * dt
         if self._stayed > 0:
-            self.rates[:] = max(self._taken, 0.0) / (2 * self._stayed)
+            of_drag = min(self._dragged / (2 * self._stayed), self._damped.drag / 2)
+            self.rates[:] = max(self._taken, 0.0) / (2 * self._stayed) + of_drag
         if self.by_frequency:
             least = self._damped.rates(OF_CUT * self.cuts, dt)
             self.rates[1:] = np.minimum(self.rates[1:], least)

@@ -47,15 +47,16 @@ class Octaves:
         self._next: Array = self._known[:, 1:]
         self._parts: Array = np.ones(count)
 
-    def look(self, vectors: Array, dt: float) -> Array:
-        """What each cut leaves of some vectors, the largest of all points over theirs.
+    def look(self, vectors: Array, sizes: Array, dt: float) -> Array:
+        """What each cut leaves of some vectors, the largest of all points over their sizes.
 
         Args:
             vectors: Of each point, in a step that has been solved, shape (points, 3); NaN if
                 nothing is known, of all alike.
+            sizes: Root mean squares of these as they swing, shape (points,); NaN likewise.
             dt: Time since the last ones [s].
         """
-        size = float(np.einsum("pi,pi->p", vectors, vectors).max(initial=0.0))
+        size = float(sizes.max(initial=0.0))
         if not size > 0:
             self._next = self._known[:, 1:]
             return self._parts
@@ -65,7 +66,7 @@ class Octaves:
         self._next = self._step @ self._known
         slowest = self._next[:, -1].reshape(self.cuts.size, -1, 3)
         left = np.einsum("bpi,bpi->bp", slowest, slowest).max(axis=1)
-        return np.asarray(np.sqrt(left / size))
+        return np.asarray(np.sqrt(left) / size)
 
     def accept(self, parts: Array) -> None:
         """Take note that the step that was looked at last is one, with what was left in it."""

@@ -30,7 +30,7 @@ from rigidfx.step.length.accounts import Accounts
 
 __all__ = ["Moves", "StepLength"]
 
-SHARE = 0.6  # of the budget that estimates are to add up to: they are 0.5 to 2.5 times the error
+SHARE = 0.5  # of the budget that estimates are to add up to: they may be half of the error
 SAFETY = 0.9
 DECAY = exp(-1 / 14)  # of the envelope in a step
 LONGER, SHORTER = 1.5, 0.7  # factors between which Δt stays as it is

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import ceil, sqrt
 from typing import Any
 
@@ -95,17 +96,19 @@ class TimeControl(WarnsOnce):
         if self._tracked.bind(system, state.bodies):
             self._error.switched()
 
-    def learn(self, energy: float, taken: float, dt: float, tol: float | None) -> None:
+    def learn(
+        self, energy: float, dissipated: Mapping[str, float], dt: float, tol: float | None
+    ) -> None:
         """Take note of what has been found out about a step that was accepted.
 
         Args:
             energy: Kinetic and strain energy at its end [J].
-            taken: What damping took in it [J].
+            dissipated: What each kind of damping took in it [J].
             dt: Its length [s].
             tol: Error that time integration may make from now on, over the largest displacement;
                 None if that stays as it is.
         """
-        self._forgetting.follow(energy, taken, dt)
+        self._forgetting.follow(energy, dissipated, dt)
         self.length.accounts.rates = [*map(float, self._forgetting.rates)]
         if tol is not None:
             self.length.tol = tol
@@ -173,7 +176,7 @@ class TimeControl(WarnsOnce):
         t, dt = attempt.t, attempt.dt
         v0, v1, u = self._tracked.motion(self._system, self._state, dt)
         self._found = self._elsewhere.look(self._error.look(v0, v1, t, dt), u)
-        self._forgetting.look(self._error.jerk, dt)
+        self._forgetting.look(self._error.jerk, self._error.swinging, dt)
         if self._fast is not None:
             self._fast.look(self._elsewhere.at_asked(self._fast.swings(u, dt)), dt)
         asked = slice(self._tracked.asked)
