@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import warnings
 from itertools import pairwise
 
 import numpy as np
@@ -230,6 +231,18 @@ def test_the_step_does_not_depend_on_what_solves():
 
     kept, newton = times(), times(petsc_options={"snes_lag_jacobian": 1})
     assert kept == pytest.approx(newton, rel=1e-6)
+
+
+@pytest.mark.parametrize("of", [1.0, None])
+def test_a_single_step_does_not_spend_the_budget(of):
+    """As a motion begins, little of it is slow yet: a tumbling L spent nine tenths in one step."""
+    length = StepLength(0.01, 10.0, 0.1, 1e-3, 1.0, 1.0, of=of)
+    length.accept(0.0, 0.1, 0.1, Moves(1.0), False)
+    length.accounts = Accounts(2, bounds=True)
+    length.accounts.parts = [1.0, 0.0]  # of the second nothing has been seen
+    length.accounts.add(1e-9, 0.1)
+    assert length.allowed(5.0) > 0.01 / 5.0
+    assert length.allowed(5.0, 1.0) <= 0.05 * 0.01 * (1 + 1e-9)
 
 
 def test_what_errs_by_much_is_halved_more_than_once():
@@ -815,6 +828,30 @@ def test_the_longest_step_is_to_be_given(given):
     """What its absence means is said as all is."""
     with pytest.raises(rf.SceneError, match="StepControl: needs largest, the longest step in s"):
         rf.StepControl(*given[:2], **({"largest": None} if len(given) > 2 else {}))
+
+
+@pytest.mark.parametrize("given", ["StepControl", "Accuracy"])
+def test_accuracy_where_supports_lead_is_warned_of(given):
+    """Nothing errs there: Δt was the longest, without a word."""
+    box = rf.box((0, 0, 0), (8, 1, 1), (4, 1, 1))
+    probes = {"root": (0, 0.5, 0.5), "tip": (8, 0.5, 0.5)}
+    scene = rf.Scene(box, SOFT, [rf.Fixed("x0")], probes=probes)
+
+    def said(at):
+        asked = (
+            {"dt": rf.StepControl(0.01, at, largest=0.1)}
+            if given == "StepControl"
+            else {"dt": 0.1, "accuracy": rf.Accuracy(0.01, at)}
+        )
+        with warnings.catch_warnings(record=True) as heard:
+            warnings.simplefilter("always")
+            list(rf.simulate(scene, t_end=0.2, progress=False, **asked))
+        return [
+            str(w.message) for w in heard if "Supports hold or move the probes" in str(w.message)
+        ]
+
+    assert "('root')" in said("root")[0]
+    assert not said(("root", "tip"))
 
 
 def test_an_unknown_probe_is_refused():

@@ -3,17 +3,18 @@
 With r the error per time that may be spent, and c the envelope of e/Δt³ over the last steps,
 c Δt³ = r Δt gives Δt = 0.9 sqrt(r/c). What may be spent is
 
-    r = max( δ [0.6 tol U - E exp(-δ(T - t))]/[1 - exp(-δ(T - t))] ,
-             max[tol U' - E/0.6, ¼ tol U']/(5 s) ) ,
+    r = max( δ [½ tol U - E exp(-δ(T - t))]/[1 - exp(-δ(T - t))] ,
+             max[tol U' - 2 E, ¼ tol U']/(5 s) ) ,
 
 the rest of the budget evenly over the rest of the run, in bounds. E is what has been spent, all e
 added up, of which damping lets a part δ per time be forgotten (`forgetting`; where fast motions are
 forgotten sooner, the least of several accounts' r counts); without it the first is
-[0.6 tol U - E]/(T - t). U is the largest displacement so far, and s the time in which it has
-grown to four times what it was, the step itself included: a single one may not spend all. A motion
-that begins from rest would otherwise be computed to a part of what is next to nothing. So that it
-is not followed from its first instant on as closely as later, U' is what becomes of it as it moves
-now,
+[½ tol U - E]/(T - t). Of a single step no more than tol U/20 is allowed by it: where fast motion is
+bounded, little has been seen of slow one as all begins, and nine tenths went to a first long step.
+U is the largest displacement so far, and s the time in which it has grown to four times what it
+was, the step itself included: a single one may not spend all of that either. A motion that begins
+from rest would otherwise be computed to a part of what is next to nothing. So that it is not
+followed from its first instant on as closely as later, U' is what becomes of it as it moves now,
 
     U' = U + |v| h + ½ |a| h² ,    h the longest step, or 4 s if that is less .
 
@@ -39,6 +40,7 @@ MOST, LEAST = 1.7, 0.5  # factor of a change
 MOST_YOUNG = 4.0  # while steps grow from the small first ones
 EARLY = 5.0  # motions that begin may err by tol U/(5 s) per time
 BEGINNING = 0.25  # of tol U', least that motions which begin may spend
+SINGLE = 0.05  # of tol U, most that is allowed of a single step: what is bounded later is not yet
 GROWN = 4.0  # factor of U in s
 AHEAD = 4.0  # of s, in which a motion that grows may be expected to go on ...
 MOST_AHEAD = 16.0  # ... up to so many times U
@@ -132,6 +134,8 @@ class StepLength:
 
     def _begun(self, left: float, t: float, dt: float) -> float:
         """That, or more while a motion begins [m/s]."""
+        if dt > 0:
+            left = min(left, SINGLE * self.tol * self.displacement / dt)
         if self._of is not None:
             return left
         growing, whole = self._growing(t) + dt, self.tol * self._foreseen

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.errors import StepError
+from rigidfx.base.warning import warn
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.step_control import StepControl
 from rigidfx.scene.timeline import Timeline
@@ -57,7 +58,7 @@ class TimeControl(WarnsOnce):
             timeline: Breakpoints are added to it, but for kinks that may be stepped over.
         """
         super().__init__(scene.comm)
-        self._control, self._timeline = control, timeline
+        self._scene, self._control, self._timeline = scene, control, timeline
         self._tracked = Tracked(scene, control.names)
         self._error = TimeError(self._tracked.count)
         self._elsewhere = Elsewhere(self._tracked.asked)
@@ -92,9 +93,16 @@ class TimeControl(WarnsOnce):
 
     def follow(self, system: System, state: State) -> None:
         """Take over the equations of a division. Collective."""
-        self._system, self._state = system, state
+        first, self._system, self._state = self._system is None, system, state
         if self._tracked.bind(system, state.bodies):
             self._error.switched()
+        if first and self._control.names and self._tracked.led:
+            names = ", ".join(f"'{name}'" for name in self._control.names)
+            warn(
+                self._scene.comm,
+                f"Supports hold or move the probes at which accuracy is asked for ({names}): no "
+                "step errs there, and Δt is the longest. Name a probe that moves freely.",
+            )
 
     def learn(
         self, energy: float, dissipated: Mapping[str, float], dt: float, tol: float | None

@@ -27,6 +27,7 @@ Ints = npt.NDArray[np.int64]
 
 NODES = 32  # of its own choice
 NONE = -1
+ROUNDING = 1e-9  # of a probe's weights of nodes, which add up to one
 
 
 class Tracked:
@@ -96,6 +97,12 @@ class Tracked:
         self._rows = 3 * place[known, None] + np.arange(3)
         self._held = system.layout.prescribed[self._dofs]
         return [*map(id, before)] != [*map(id, self._bodies)]
+
+    @property
+    def led(self) -> bool:
+        """Whether supports hold or move all points that are asked for. Collective."""
+        weights = np.abs(self._sums[: self.asked])
+        return float(self._scene.sum((weights @ ~self._held).sum())) < ROUNDING
 
     def motion(self, system: System, state: State, dt: float) -> tuple[Array, Array, Array]:
         """Velocities at both ends of the step that has been solved, displacements at its end.
