@@ -273,6 +273,33 @@ def test_what_is_at_rest_is_rigid_until_it_is_struck(tol):
     assert rigid[10:20].all()
 
 
+def test_what_is_at_rest_takes_no_solves_and_wakes_as_if_it_had(monkeypatch):
+    """A resting bar before a blow: its shadow solved for zero, nine times, and then each 16th."""
+    push = rf.Traction("x1", (100.0, 30.0, 0.0), since=60 * DT, until=62 * DT)
+    rule, runs = rf.StrainRate(1e-4, 3 * DT, wake="local"), []
+    increments, solves = LinearPart.increment, []
+
+    def counted(self, *given):
+        solves.append(given)
+        return increments(self, *given)
+
+    monkeypatch.setattr(LinearPart, "increment", counted)
+    for rests in (Response.rests, lambda *_: False):
+        monkeypatch.setattr(Response, "rests", rests)
+        scene, known = bar(push), []
+        for report in rf.simulate(scene, DT, 70 * DT, rigidify=rule, progress=False):
+            known.append((report.probes["tip"], [(e.t, e.unknowns_after) for e in report.events]))
+            if round(report.t / DT) == 59:
+                before = len(solves)
+        runs.append((before, known))
+        solves.clear()
+    (none, resting), (some, solved) = runs
+    assert none == 0 < some
+    for (tip, events), (same, others) in zip(resting, solved, strict=True):
+        assert tip == pytest.approx(same, rel=1e-9, abs=1e-15)
+        assert events == others
+
+
 def test_a_stiff_head_that_rang_for_a_moment_stays_rigid():
     """Of the energy of the arm's swing it has a thousandth, however fast it rang."""
     box = rf.box((0, 0, 0), (10, 1, 1), (10, 1, 1))

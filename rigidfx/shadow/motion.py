@@ -115,10 +115,10 @@ class Strained:
         return out
 
 
-def at_rest(nodes: int) -> Motion:
-    """A motion of so many nodes of which nothing is known."""
+def at_rest(nodes: int, *, known: bool = False) -> Motion:
+    """A motion of so many nodes of which nothing is known, or that there was and is none."""
     u, v = np.zeros((2, nodes, 3))
-    w, still, mean = np.full((3, nodes, 3), np.nan)
+    w, still, mean = np.full((3, nodes, 3), 0.0 if known else np.nan)
     return Motion(u, v, w, still, mean)
 
 

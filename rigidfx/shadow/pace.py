@@ -82,6 +82,10 @@ class Pace:
         """Part of its size by which a force may change and be taken for the last one."""
         return LITTLE * max(1.0, LEAST / max(float(np.max(self._parts)), TINY))
 
+    def rest(self, force: Array) -> None:
+        """Take note of a step in which no force acted on shadows at rest."""
+        self.last = force
+
     def wait(self, force: Array, dt: float, change: float) -> None:
         """Take note of a step that shadows have not taken."""
         self.waiting.append((force, dt))

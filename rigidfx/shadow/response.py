@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 
 from rigidfx.base.instants import same_length
 from rigidfx.flexible.linear_forms import LinearForms
@@ -21,6 +22,10 @@ __all__ = ["Response"]
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
+# Part of a window over which K⁺ρ is meant before it has a rate: what is faster than that shadows
+# see, and a body's response to it is none of a body at rest.
+LAG = 0.25
+
 
 class Response:
     """The motion of the shadows of some bodies; `destroy` frees the PETSc objects.
@@ -30,6 +35,7 @@ class Response:
         motion: At the end of the last step that they have taken.
         grown: Rows of bodies that have just grown.
         lag: Time over which K⁺ρ is meant before it has a rate [s].
+        resting: Whether nothing moves on any rank, and no force has acted.
     """
 
     def __init__(
@@ -54,6 +60,7 @@ class Response:
         stepper.forces.set_rate(1 / dt)
         self.motion, self.lag = at_rest(margin.rows.nodes.size), np.inf
         self.grown: list[Ints] = []
+        self.resting = True
         self._last: Stretch = (np.empty((0, 3)), 0.0)  # ρ of the last step, and its length
         self._shortened = False  # whether what rang in that has been taken out
 
@@ -68,12 +75,32 @@ class Response:
                 displacements of other cells, is to be left out [s]; None where nothing does.
         """
         self.motion, self.grown = motion, grown
-        if dt is not None:
+        moves = bool(motion.u.any() or motion.v.any())
+        self.resting = not self._scene.comm.allreduce(moves, op=MPI.LOR)
+        if dt is not None and not self.resting:
             motion.v = self.part.resolved(motion.v, dt, *self._damping(t + dt / 2))
+
+    def mean_over(self, window: float, dt: float) -> None:
+        """Take the mean of K⁺ρ over a part of a window [s], or of a step while none is known."""
+        self.lag = LAG * window if np.isfinite(window) else dt
 
     def factor(self, t: float, dt: float) -> None:
         """Have the factors for a step from t [s], of length dt [s]. Collective."""
         self.part.factored(dt, *self._damping(t + dt / 2))
+
+    def rests(self, force: Array, before: Array | None, change: float) -> bool:
+        """Whether all stays at rest in the present step: it need not be solved. Collective.
+
+        Args:
+            force: ρ of the step [N].
+            before: That of the last one; None if there is none.
+            change: Size of the change.
+        """
+        if self.resting and (change != 0 or before is None):
+            self.resting = not self._scene.comm.allreduce(bool(force.any()), op=MPI.LOR)
+        if self.resting:
+            self.motion = at_rest(len(self.motion.u), known=True)
+        return self.resting
 
     def start(self, force: Array, dt: float) -> Motion:
         """The motion before a step of length dt [s] under a force. Collective."""

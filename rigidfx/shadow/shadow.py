@@ -46,10 +46,6 @@ Ints = npt.NDArray[np.int32]
 _REGROUPING = PETSc.Log.Event("rigidfxShadowNew")
 _LOOKING = PETSc.Log.Event("rigidfxShadow")
 
-# Part of a window over which K⁺ρ is meant before it has a rate: what is faster than that shadows
-# see, and a body's response to it is none of a body at rest.
-LAG = 0.25
-
 
 class Shadow(Watch):
     """The shadows of the bodies of a run; `destroy` frees the PETSc objects.
@@ -167,6 +163,9 @@ class Shadow(Watch):
             force = self._force.force(t, dt, self._pace.little)
             self.borne = self._margin.parts, force
             change = self._margin.parts.change(self._pace.last, force)
+            if self._response.rests(force, self._pace.last, change):
+                self._accepting = partial(self._pace.rest, force)
+                return None
             if not self._pace.due(force, dt, change):
                 self._accepting = partial(self._pace.wait, force, dt, change)
                 return None
@@ -218,7 +217,7 @@ class Shadow(Watch):
         with _REGROUPING:
             response.factor(t, dt)
         with _LOOKING:
-            rest = Motion(*np.zeros((5, *response.motion.u.shape)))
+            rest = at_rest(len(response.motion.u), known=True)
             motion = response.stepped(rest, force, t, dt)
             return self._gauge.strained(rest, motion, dt, limits, None, struck=True)
 
@@ -235,8 +234,7 @@ class Shadow(Watch):
         """The motion at the end of a step under a force, and what cells strain. Collective."""
         response = self._response
         assert response is not None
-        # While no window is known, the mean is over little more than a step.
-        response.lag = LAG * limits.window if np.isfinite(limits.window) else dt
+        response.mean_over(limits.window, dt)
         steps = self._pace.stretches(force, dt)
         response.shorten(steps[0][1], t)
         motion = response.start(force, dt)
