@@ -25,17 +25,13 @@ def spent(history: Mapping[str, Array]) -> dict[str, list[Curve]]:
     if not np.isfinite(history.get("deformation", np.array([np.nan]))).any():
         return {}
     t, panels = history["t"], {}
-    panels["Energies, % of the energy of deformation"] = [
-        *_panel(t, history, "deformation", ENERGIES, "energy_allowed"),
-        *_panel(
-            t,
-            history,
-            "deformation",
-            {"damped": "numerical damping"},
-            "damping_allowed",
-            "allowed of that",
-        ),
-    ]
+    panels["Energies, % of the energy of deformation"] = _panel(
+        t, history, "deformation", ENERGIES, "energy_allowed"
+    )
+    if np.any(history["damped"] > 0):
+        panels["Numerical damping, % of the energy of deformation"] = _panel(
+            t, history, "deformation", {"damped": "taken"}, "damping_allowed"
+        )
     panels["Time integration, % of the largest displacement"] = _panel(
         t, history, "displacement", {"time_error": "estimated error"}, "time_allowed"
     )
@@ -56,15 +52,10 @@ def spent(history: Mapping[str, Array]) -> dict[str, list[Curve]]:
 
 
 def _panel(
-    t: Array,
-    h: Mapping[str, Array],
-    scale: str,
-    names: Mapping[str, str],
-    allowed: str,
-    called: str = "allowed",
+    t: Array, h: Mapping[str, Array], scale: str, names: Mapping[str, str], allowed: str
 ) -> list[Curve]:
     sizes = np.where(h[scale] > 0, h[scale], np.inf)
-    every = {**names, allowed: called}
+    every = {**names, allowed: "allowed"}
     known = {
         name: words for name, words in every.items() if name in h and np.isfinite(h[name]).any()
     }
