@@ -16,7 +16,9 @@ was, the step itself included: a single one may not spend all of that either. A 
 from rest would otherwise be computed to a part of what is next to nothing. So that it is not
 followed from its first instant on as closely as later, U' is what becomes of it as it moves now,
 
-    U' = U + |v| h + ½ |a| h² ,    h the longest step, or 4 s if that is less .
+    U' = U + |v| h + ½ |a| h² ,    h the longest step, or 4 s if that is less ,
+
+and no more than U times the factor by which it has grown in the last h: what swings stays.
 
 Δt changes only where it is worth it, as what is kept for one Δt has to be made anew for another.
 """
@@ -167,10 +169,12 @@ class StepLength:
         return not self._course.begun or self._growing(t) < ON_THE_WAY * (t - rest)
 
     def _foresee(self, t: float, now: Moves) -> None:
-        """Expect that points go on as they move now."""
+        """Expect that points go on as they move now, and U grows by no more than it has before."""
         h, U = min(self.longest, AHEAD * self._growing(t)), self.displacement
         expected = U + now.speed * h + now.acceleration * h**2 / 2
-        self._foreseen = min(expected, MOST_AHEAD * U)
+        known = self._course.begun and t - h > self._course.until(0.0)
+        before = self._course.at(t - h) if known else 0.0
+        self._foreseen = min(expected, U * (U / max(before, U / MOST_AHEAD)))
 
     def _spend(self, error: float, dt: float) -> None:
         """Add the error of a step to what is left of those before."""
