@@ -45,7 +45,8 @@ BEGINNING = 0.25  # of tol U', least that motions which begin may spend
 SINGLE = 0.05  # of tol U, most that is allowed of a single step: what is bounded later is not yet
 GROWN = 4.0  # factor of U in s
 AHEAD = 4.0  # of s, in which a motion that grows may be expected to go on ...
-MOST_AHEAD = 4.0  # ... up to so many times U: with 16 a weight on a plate spent twice its budget at once
+# ... up to so many times U: with 16 a weight on a plate spent twice its share as it set in.
+MOST_AHEAD = 4.0
 POOREST, RICHEST = 0.1, 2.0  # of tol U/T, bounds of what is left
 TRIALS = 3
 OBJECTION = 2.0  # times what is asked, above which a step is repeated
