@@ -99,7 +99,7 @@ class Response:
         if self.resting and (change != 0 or before is None):
             self.resting = not self._scene.comm.allreduce(bool(force.any()), op=MPI.LOR)
         if self.resting:
-            self.motion = at_rest(len(self.motion.u), known=True)
+            self.motion, self.grown = at_rest(len(self.motion.u), known=True), []
         return self.resting
 
     def start(self, force: Array, dt: float) -> Motion:
