@@ -5,6 +5,7 @@ scene names a domain, materials and effects; `simulate` yields a report per step
 writes ParaView files and a CSV.
 """
 
+import rigidfx.base.dolfinx_first  # noqa: F401 - before DOLFINx, petsc4py and mpi4py
 from rigidfx.base.errors import (
     CompilerError,
     InversionError,
@@ -72,7 +73,7 @@ from rigidfx.scene.scene import Scene
 from rigidfx.scene.step_control import StepControl
 from rigidfx.simulation import simulate
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 share_cells()
 end_together()

@@ -31,6 +31,9 @@ sys.path += [str(ROOT), str(ROOT / "meshes"), str(ROOT / "demos")]
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # DOLFINx warns about packages it could use and does not find
+    import rigidfx.base.dolfinx_first  # noqa: F401
+
+    # isort: split
     import dolfinx.jit
 
 # Another process may be compiling a form that is needed here, on a busy machine.

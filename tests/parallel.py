@@ -25,6 +25,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 
 RESULT = "RIGIDFX_TEST_RESULT"  # names the file; standard output mixes what the ranks print
 NAP = 0.01  # s, between two looks for what the other side has left in their folder
@@ -75,15 +76,20 @@ def check_the_same(script: str | Path, ranks: int, alone: Any) -> None:
 def launch(ranks: int) -> tuple[list[str], dict[str, str]]:
     """Command that starts Python on several ranks, and the environment to start it in.
 
-    This process may itself be a rank of MPI, of which mpirun must know nothing.
+    mpirun is that of this Python's MPI, Open MPI or MPICH: in a virtual environment it lies beside
+    python. This process may itself be a rank of MPI, of which mpirun must know nothing.
     """
     mine = ("OMPI_COMM", "OMPI_UNIVERSE", "OMPI_APP", "OMPI_NUM", "OMPI_FIRST", "OMPI_FILE",
-            "PMIX_", "PMI_", "PRTE_", "HYDRA_")  # fmt: skip
+            "PMIX_", "PMI_", "PRTE_", "HYDRA_", "HYDI_", "MPI_LOCAL")  # fmt: skip
     kept = {k: v for k, v in os.environ.items() if not k.startswith(mine)}
     folders = [ROOT, *(ROOT / name for name in ("meshes", "tests", "demos"))]
     path = [os.environ.get("PYTHONPATH", ""), *map(str, folders)]
     kept["PYTHONPATH"] = os.pathsep.join(p for p in path if p)
-    return ["mpirun", "--oversubscribe", "-n", str(ranks), sys.executable], kept
+    beside = Path(sys.executable).with_name("mpirun")
+    mpirun = str(beside) if beside.exists() else "mpirun"
+    # MPICH's takes more ranks than cores by itself, and does not know this option.
+    extra = ["--oversubscribe"] if "Open MPI" in MPI.Get_library_version() else []
+    return [mpirun, *extra, "-n", str(ranks), sys.executable], kept
 
 
 class Ranks:
@@ -164,7 +170,7 @@ def _awaited(job: Path, starter: int) -> bool:
 
 def _run_scripts(folder: Path, starter: int) -> None:
     """Run what is left in a folder, until nobody will leave anything any more. Collective."""
-    from mpi4py import MPI
+    import rigidfx.base.dolfinx_first  # noqa: F401 - scripts may import DOLFINx before rigidfx
 
     comm, environment, path = MPI.COMM_WORLD, dict(os.environ), list(sys.path)
     number = 1

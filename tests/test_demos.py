@@ -7,7 +7,6 @@ pictures in the folder. A new one is found by itself; SUMMARY may name what else
 from __future__ import annotations
 
 import json
-import os
 import runpy
 import subprocess
 import sys
@@ -23,9 +22,6 @@ from rigidfx.output.history import read_history
 ROOT = Path(__file__).resolve().parent.parent
 DEMOS = sorted((ROOT / "demos").glob("*.py"))
 BENCHMARKS = sorted((ROOT / "demos" / "benchmarks").glob("*.py"))
-MPI_VARIABLES = ("OMPI_COMM", "OMPI_UNIVERSE", "OMPI_APP", "OMPI_NUM", "OMPI_FIRST", "OMPI_FILE",
-                 "PMIX_", "PMI_", "PRTE_", "HYDRA_")  # fmt: skip
-
 # Benchmarks of many scenes, of which one is run.
 SOME = {
     "waking": ("--only", "wave"),
@@ -157,10 +153,8 @@ pytestmark = [
 
 def run(demo, ranks, *arguments):
     """Run a demo as a reader would: in processes of its own, which take seconds to start."""
-    command = [sys.executable, str(demo), *map(str, arguments)]
-    if ranks > 1:
-        command = ["mpirun", "--oversubscribe", "-n", str(ranks), *command]
-    kept = {k: v for k, v in os.environ.items() if not k.startswith(MPI_VARIABLES)}
+    launcher, kept = parallel.launch(ranks)
+    command = [*(launcher if ranks > 1 else [sys.executable]), str(demo), *map(str, arguments)]
     process = subprocess.Popen(
         command, env=kept, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )

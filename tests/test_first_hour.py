@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import pytest
 
 import rigidfx as rf
@@ -20,6 +25,17 @@ def halves():
 def test_package_shows_what_it_exports():
     assert set(dir(rf)) == {*rf.__all__, "__doc__", "__version__"}
     assert rf.__version__.count(".") == 2
+
+
+def test_without_dolfinx_a_sentence_says_what_to_install():
+    """Without the packages of its site (-S), this Python has no DOLFINx."""
+    bare = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
+    root = Path(rf.__file__).parent.parent
+    command = [sys.executable, "-S", "-c", "import rigidfx"]
+    done = subprocess.run(command, cwd=root, env=bare, capture_output=True, text=True, check=False)
+    last = done.stderr.splitlines()[-1]
+    assert last.startswith("ModuleNotFoundError: rigidfx needs DOLFINx 0.9 to 0.11, petsc4py")
+    assert "'pip install dolfinx-solver-real'" in last
 
 
 def test_scene_and_domain_have_a_line():
