@@ -1,9 +1,9 @@
 """Hard cases: small scenes at the ends of what a method can be asked, with bounds for each."""
 
-from . import bodies, contact, failure, levers, material, ranks, shape, speeds, stepping, units
+from . import bodies, cad_parts, contact, failure, levers, material, ranks, shape, speeds, stepping, units
 from .case import CASES, Case, Result, Run, carry_out, follow, judge
 
 __all__ = [
-    "CASES", "Case", "Result", "Run", "bodies", "carry_out", "contact", "failure", "follow",
+    "CASES", "Case", "Result", "Run", "bodies", "cad_parts", "carry_out", "contact", "failure", "follow",
     "judge", "levers", "material", "ranks", "shape", "speeds", "stepping", "units",
 ]  # fmt: skip

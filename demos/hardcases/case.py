@@ -118,7 +118,8 @@ class Run:
         tangents: Most tangents that a step assembles, one for each iteration of Newton's method;
             iterations with a tangent that is kept are cheap.
         cuts: How often steps may be cut, where step control is the remedy.
-        freezes: Whether something has to become rigid, where there is a criterion.
+        freezes: Whether something has to become rigid, where there is a criterion; None where
+            either is right.
         check: Compares the answer with a reference.
         fails: Error that has to end the run.
         says: What its message has to contain.
@@ -136,7 +137,7 @@ class Run:
     momentum: float | None = 1e-10
     tangents: int = 8
     cuts: int = 0
-    freezes: bool = True
+    freezes: bool | None = True
     check: Check | None = None
     fails: type[Exception] | None = None
     says: tuple[str, ...] = ()
@@ -255,7 +256,8 @@ def judge(case: Case, run: Run, history: History) -> Result:
         problems.append(f"a step took {worst} > {run.tangents} tangents")
     if history.cuts > run.cuts and run.fails is None:
         problems.append(f"steps were cut {history.cuts} times")
-    if run.rigidify is not None and (max(history.cells, default=0) > 0) != run.freezes:
+    found_rigid = max(history.cells, default=0) > 0
+    if run.rigidify is not None and run.freezes not in (None, found_rigid):
         problems.append("nothing has become rigid" if run.freezes else "there are bodies")
     lost = [text for text in history.warnings if "balance of energy" in text]
     if lost and not run.warns:

@@ -64,6 +64,13 @@ class Advice:
             f"cells have to qualify for longer and longer now (patience). {self._criterion.remedy}"
         )
 
+    def of_failure(self, error: Exception) -> None:
+        """Of an estimate that could not be computed, so that nothing freezes in this window."""
+        self._say(
+            f"an estimate at the end of a window failed ({error}), and nothing freezes in such a "
+            "window. The motion is computed as before; bodies that exist stay."
+        )
+
     def of_named(
         self, name: str, at: tuple[float, float] | None, taken: float, vibrates: bool
     ) -> None:

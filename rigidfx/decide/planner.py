@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from rigidfx.decide.clusters import NONE, CellGraph, find_clusters
 from rigidfx.decide.criteria.observation import Observation
-from rigidfx.decide.decision import Decision, plan_bodies
+from rigidfx.decide.decision import Decision, kept_bodies, plan_bodies
 from rigidfx.decide.named_parts import NamedParts
 
 __all__ = ["Planner"]
@@ -50,6 +50,23 @@ class Planner:
             if body.name in self._named.apart:
                 nodes[body.nodes] = True
         return self._graph.touching(self._graph.nodes_with_ghosts(nodes))
+
+    def whole_bodies(self, seen: Observation, cells: Bools) -> Bools:
+        """All owned cells of the bodies that some of these cells are in. Collective."""
+        numbers = self.numbers(seen)
+        mine = np.unique(numbers[cells & self.free(seen)])
+        return np.isin(numbers, np.concatenate(self._graph.comm.allgather(mine)))
+
+    def unchanged(self, reason: str, seen: Observation, next_number: int) -> Decision:
+        """A freeze that adds nothing: all bodies stay as they are.
+
+        Args:
+            reason: Why, in words.
+            seen: The state.
+            next_number: First number that no body has had.
+        """
+        stay = kept_bodies(b for b in seen.bodies if b.name not in self._named.apart)
+        return Decision("freeze", reason, stay, self._named.apart, next_number)
 
     def release(self, seen: Observation, reason: str, cells: Bools, next_number: int) -> Decision:
         """Release owned cells from their bodies; what is left of these stays rigid. Collective.

@@ -25,7 +25,7 @@ from rigidfx.decide.clusters import NONE, CellGraph
 from rigidfx.decide.criteria.heeded import heeded_rule
 from rigidfx.decide.criteria.judging import Criterion, part_of_window
 from rigidfx.decide.criteria.observation import Observation
-from rigidfx.decide.decision import Decision, kept_bodies, qualify
+from rigidfx.decide.decision import Decision, qualify
 from rigidfx.decide.easing import Easing
 from rigidfx.decide.lasting import Lasting
 from rigidfx.decide.memory.back_off import BackOff
@@ -192,10 +192,10 @@ class Policy:
             return self._release(seen, "a support begins or ends", self._every)
         if cells is not None:
             return self._release(seen, ", ".join(reasons), cells)
-        astray = self._of_bodies(seen, self.memory.astray.too_far(self._every.size))
+        astray = self._planner.whole_bodies(seen, self.memory.astray.too_far(self._every.size))
         if self._any(astray):
             return self._let_down(seen, ASTRAY, astray, t - self.memory.window.start)
-        return self._freeze(seen) if self.memory.window.over else None
+        return self._window_decides(seen) if self.memory.window.over else None
 
     def woken(self, seen: Observation, strained: Strained, why: str) -> Decision | None:
         """Decide which cells of bodies wake in a step; None if none does. Collective.
@@ -217,25 +217,12 @@ class Policy:
             decision = self._let_down(seen, UNDONE, self.memory.trial.cells, strained.window)
             return replace(decision, woken=np.empty(0, np.int32))
         leaving = self._graph.touching(self._graph.largest_at_nodes(above.astype(np.float64)) > 0)
-        leaving |= self._of_bodies(seen, waking.stale | (leaving & (strained.spring > 1)))
+        leaving |= self._planner.whole_bodies(seen, waking.stale | (leaving & (strained.spring > 1)))
         decision = self._let_down(seen, why, leaving, strained.window)
         return replace(decision, woken=np.flatnonzero(above).astype(np.int32))
 
-    def _of_bodies(self, seen: Observation, cells: Bools) -> Bools:
-        """All owned cells of the bodies that some of these cells are in. Collective."""
-        numbers = self._planner.numbers(seen)
-        mine = np.unique(numbers[cells & self._planner.free(seen)])
-        return np.isin(numbers, np.concatenate(self._graph.comm.allgather(mine)))
-
     def _let_down(self, seen: Observation, reason: str, cells: Bools, window: float) -> Decision:
-        """Release owned cells so that they do not spring, as far as is known of that. Collective.
-
-        Args:
-            seen: The state.
-            reason: Why, in words.
-            cells: These cells.
-            window: Length of a window [s].
-        """
+        """Release owned cells so that they do not spring: within a window [s]. Collective."""
         leaving, known = self._planner.free(seen) & cells, self._springs
         here = 0.0 if known is None else float(known[leaving].max(initial=0.0))
         spring = self._graph.comm.allreduce(here, op=MPI.MAX)
@@ -261,6 +248,18 @@ class Policy:
         over = over and self.rule.tol.size == self._graph.owned and not self._failures.count
         return bool(self._graph.comm.allreduce(bool(over), op=MPI.LAND))
 
+    def _window_decides(self, seen: Observation) -> Decision:
+        """The decision at the end of a window; bodies stay as they are if it fails. Collective.
+
+        An estimate fails on all ranks alike, as it is computed from sums over all of them.
+        """
+        try:
+            return self._freeze(seen)
+        except np.linalg.LinAlgError as error:
+            self._advice.of_failure(error)
+            reason = f"an estimate that failed at {seen.t:.6g} s"
+            return self._planner.unchanged(reason, seen, self.memory.next_number)
+
     def _freeze(self, seen: Observation) -> Decision:
         """Freeze what has qualified in the window. Collective."""
         memory, t = self.memory, seen.t
@@ -279,8 +278,7 @@ class Policy:
             return self._planner.plan("freeze", reason, seen, able, existing, barred, number)
 
         if not self._any(able & (existing == NONE) & ~barred):
-            stay = kept_bodies(b for b in seen.bodies if b.name not in self.named.apart)
-            decision = Decision("freeze", reason, stay, self.named.apart, memory.next_number)
+            decision = self._planner.unchanged(reason, seen, memory.next_number)
         elif self._criterion.wake == "local":
             decision = self._lasting.bodies(plan, seen, tol, able, barred)
         else:

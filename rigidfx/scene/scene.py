@@ -70,6 +70,10 @@ class Scene:
         scheme: Time integration scheme.
         space, cell_space: Functions of displacement and velocity; piecewise constant ones.
         nodal_mass: ∫ ρ0 Nᵢ dV and point masses per local node with ghosts, shape (nodes,) [kg].
+        averaging_mass: Positive weights for means and best fits over some of the nodes, |∫ ρ0 Nᵢ dV|
+            and point masses, shape (nodes,) [kg]. At vertices of second-order tetrahedra the
+            nodal mass is negative: sums over all nodes of a part are right with it, a mean over a
+            few of them is not.
         point_masses: The point masses in it [kg].
         element: How its cells strain.
         supports: Pairs of a support and its local nodes, ghosts included.
@@ -139,6 +143,7 @@ class Scene:
         self.point_masses = read_only(self._point_masses())
         own = self.cell_weights(self.density(), self.owned_cells(None, "Scene"))
         self.nodal_mass = read_only(own + self.point_masses)
+        self.averaging_mass = read_only(np.abs(own) + self.point_masses)
         check_masses(self)
 
     def _check_effects(self) -> None:

@@ -65,7 +65,7 @@ class Parts:
             self.V[at] = body.offsets
             shape[at] = body.displacement
         self.shape: Array = shape.reshape(-1)
-        self._weights = m = scene.nodal_mass[nodes]
+        self._weights = m = scene.averaging_mass[nodes]
         light = np.divide(1.0, m, out=np.zeros_like(m), where=m > 0)
         self._lightness: Array = np.repeat(light[:, None], 3, axis=1)
         self._places: Array = np.column_stack([np.ones(nodes.size), self.V])

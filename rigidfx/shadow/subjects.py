@@ -203,7 +203,7 @@ class HeldParts:
         scene, state, forces = stepper.scene, stepper.state, stepper.forces
         inside = nodes_of(scene, forces.cells(cells))[: scene.owned_nodes]
         nodes = np.flatnonzero(inside).astype(np.int32)
-        x, m = state.positions(nodes.astype(np.int64)), scene.nodal_mass[nodes]
+        x, m = state.positions(nodes.astype(np.int64)), scene.averaging_mass[nodes]
         sums = scene.sum(np.r_[m.sum(), m @ x, cells.size])
         centre = sums[1:4] / sums[0]
         spread = np.asarray(scene.sum((x - centre).T @ (m[:, None] * (x - centre))))

@@ -89,7 +89,7 @@ class Kinks:
             x: Places of owned nodes, shape (nodes, 3) [m].
             v: Their velocities, likewise [m/s].
         """
-        local, masses = np.zeros((len(new), 8, 3)), self._scene.nodal_mass
+        local, masses = np.zeros((len(new), 8, 3)), self._scene.averaging_mass
         for sums, body in zip(local, new, strict=True):
             m, at = masses[body.nodes, None], x[body.nodes]
             p = m * v[body.nodes]

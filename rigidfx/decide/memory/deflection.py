@@ -40,7 +40,7 @@ class Deflection:
         """Nothing has moved. Collective."""
         X = scene.space.tabulate_dof_coordinates()[: scene.owned_nodes]
         self._scene, self.nodes = scene, spread(scene.comm, X, NODES)
-        self._mass, self.X = scene.nodal_mass[self.nodes], X[self.nodes]
+        self._mass, self.X = scene.averaging_mass[self.nodes], X[self.nodes]
         self._all = np.arange(self.nodes.size)
         self._mask: Bools | None = None
         self._held: list[Indices] = []
