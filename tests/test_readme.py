@@ -110,6 +110,8 @@ def source_of(script):
     text = script.read_text(encoding="utf-8")
     packages = re.findall(r"^from (\w+)", text, flags=re.MULTILINE)
     folders = [script.parent / name for name in packages] + [ROOT / "demos" / "common"]
+    if "from rigidfx.command import" in text:
+        folders.append(ROOT / "rigidfx" / "command")
     files = [file for folder in folders for file in folder.glob("*.py")]
     return "\n".join([text, *(file.read_text(encoding="utf-8") for file in files)])
 

@@ -8,11 +8,14 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from .finish import conclude, write, write_json
-from .numbers import nonnegative, number, positive
-from .pair import Pair
-from .reports import curve, energy_jump, events_of, freezes_of
-from .start import ROOT, Parser, chosen, comm, say
+from rigidfx.command.files import conclude, write_json
+from rigidfx.command.numbers import nonnegative, number, positive
+from rigidfx.command.pair import Pair
+from rigidfx.command.parser import say
+from rigidfx.command.reports import curve, energy_jump, events_of, freezes_of
+
+from .finish import write
+from .start import ROOT, Parser, chosen, comm
 
 __all__ = [
     "ROOT", "Pair", "Parser", "chosen", "comm", "conclude", "curve", "energy_jump",

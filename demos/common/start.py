@@ -1,26 +1,22 @@
-"""How a demo starts: its options, its folder, and what it says, on rank 0 alone."""
+"""How a demo starts: its options and its folder."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 from mpi4py import MPI
+
+from rigidfx.command.parser import RankParser
 
 ROOT = Path(__file__).resolve().parents[2]
 comm = MPI.COMM_WORLD
 
 
-def say(text: str) -> None:
-    """Print on rank 0."""
-    if comm.rank == 0:
-        print(text, flush=True)
-
-
-class Parser(argparse.ArgumentParser):
-    """Options of a demo; all ranks read them, rank 0 says what is wrong with them.
+class Parser(RankParser):
+    """Options of a demo.
 
     Two are there always: --short, and --out with out/NAME OF THE SCRIPT for its default.
     """
@@ -54,14 +50,6 @@ class Parser(argparse.ArgumentParser):
     def defaults(self, options: argparse.Namespace, *names: str) -> bool:
         """Whether options have their defaults (of the short run, where it is one)."""
         return all(getattr(options, name) == self.get_default(name) for name in names)
-
-    def error(self, message: str) -> NoReturn:
-        """Stop with a message and status 2."""
-        self.exit(2, f"{self.prog}: {message}\n")
-
-    def _print_message(self, message: str, file: Any = None) -> None:
-        if comm.rank == 0:
-            super()._print_message(message, file)
 
 
 def chosen(

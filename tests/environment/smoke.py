@@ -1,5 +1,11 @@
 """What must work where rigidfx runs: ./fenicsx takes no new folder for whole before this does."""
 
+from importlib.util import find_spec
+
+if find_spec("dolfinx_solver"):
+    import dolfinx_solver  # noqa: F401 - of the wheel, before DOLFINx
+
+# isort: split
 import dolfinx
 import dolfinx.fem.petsc
 import gmsh

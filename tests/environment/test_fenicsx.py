@@ -86,6 +86,15 @@ class MessageTest(unittest.TestCase):
         assert (done.returncode, done.stderr.count("\n")) == (1, 1)
         assert "'woody'" in done.stderr
 
+    def test_unknown_choice_of_the_wheel(self):
+        for choice in (
+            {"RIGIDFX_WHEEL": "maybe"},
+            {"RIGIDFX_WHEEL": "yes", "RIGIDFX_DEBIAN": "sid"},
+        ):
+            done = call("true", env=outside(**choice))
+            assert (done.returncode, done.stderr.count("\n")) == (1, 1)
+            assert "RIGIDFX_WHEEL" in done.stderr
+
     def test_no_space_or_no_rights(self):
         with tempfile.TemporaryDirectory() as folder:
             for name, text in (("df", "echo 10"), ("sudo", "exit 1")):

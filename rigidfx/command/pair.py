@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from typing import Any
 
-import rigidfx as rf
+from rigidfx.command.parser import say
+from rigidfx.command.reports import line_of
+from rigidfx.decide.criteria.criterion import StrainRate
+from rigidfx.report.report import Report
+from rigidfx.scene.scene import Scene
+from rigidfx.simulation import simulate
 
-from .reports import line_of
-from .start import say
+__all__ = ["Pair"]
 
 SAME = 1e-9  # relative difference of times that are one
 
@@ -25,33 +30,36 @@ class Pair:
 
     def __init__(
         self,
-        scene: rf.Scene,
+        scene: Scene,
         dt: float | Mapping[float, float],
         t_end: float,
-        rigidify: rf.StrainRate,
+        rigidify: StrainRate,
         compare: bool = True,
-        beside: rf.StrainRate | None = None,
+        beside: StrainRate | None = None,
     ) -> None:
-        """Set the runs up, as of `rf.simulate`; without `compare` there is one only.
+        """Set the runs up, as of `rigidfx.simulate`; without `compare` there is one only.
 
         One of tolerance zero in `beside` has the strain rates of the flexible run measured.
         """
-        self.adaptive: list[rf.Report] = []
-        self.flexible: list[rf.Report] = []
-        self._ahead = rf.simulate(scene, dt, t_end, rigidify=rigidify, progress=True)
-        self._beside = None
+        self.adaptive: list[Report] = []
+        self.flexible: list[Report] = []
+        self._ahead: Any = simulate(scene, dt, t_end, rigidify=rigidify, progress=True)
+        self._beside: Any = None
         if compare:
-            self._beside = rf.simulate(scene, dt, t_end, rigidify=beside, progress=False)
+            self._beside = simulate(scene, dt, t_end, rigidify=beside, progress=False)
 
     def __enter__(self) -> Pair:
+        """The two runs."""
         return self
 
     def __exit__(self, *_: object) -> None:
+        """Free both."""
         self._ahead.close()
         if self._beside is not None:
             self._beside.close()
 
-    def __iter__(self) -> Iterator[rf.Report]:
+    def __iter__(self) -> Iterator[Report]:
+        """Reports of the adaptive run; the other one goes on beside it."""
         for report in self._ahead:
             self.adaptive.append(report)
             # A step that was cut has reports at times that the other run has not.
@@ -61,7 +69,7 @@ class Pair:
                 say(line_of(event))
             yield report
 
-    def matched(self) -> list[tuple[rf.Report, rf.Report]]:
+    def matched(self) -> list[tuple[Report, Report]]:
         """Reports of both runs at the same times: those of cut steps are in one only."""
         out, ahead, beside = [], iter(self.adaptive), iter(self.flexible)
         a, b = next(ahead, None), next(beside, None)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from argparse import ArgumentTypeError
 from math import isfinite, nan
 
+__all__ = ["nonnegative", "number", "positive"]
+
 
 def number(text: str) -> float:
     """A finite number."""

@@ -5,17 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from common import Parser
+from rigidfx.base.errors import RigidfxError, SceneError
+from rigidfx.command.parser import RankParser
 
-import rigidfx as rf
+__all__ = ["told"]
 
 
 @contextmanager
-def told(parser: Parser) -> Iterator[None]:
+def told(parser: RankParser) -> Iterator[None]:
     """Stop all ranks over an error of rigidfx, which all have: a message instead of a traceback."""
     try:
         yield
-    except rf.SceneError as error:  # of what is asked for
+    except SceneError as error:  # of what is asked for
         parser.error(str(error))
-    except rf.RigidfxError as error:  # of the run
+    except RigidfxError as error:  # of the run
         parser.exit(1, f"{parser.prog}: {type(error).__name__}: {error}\n")

@@ -6,24 +6,29 @@ import sys
 from argparse import Namespace
 
 import numpy as np
-from common import Parser, comm, say
+from mpi4py import MPI
 
-import rigidfx as rf
+from rigidfx.command.options import CAD, GEO
+from rigidfx.command.parser import RankParser, say
+from rigidfx.domain.cad import list_cad, read_cad
+from rigidfx.domain.domain import Domain
+from rigidfx.domain.gmsh_model import read_msh
+from rigidfx.domain.gmsh_script import read_geo
 
-from .options import CAD, GEO
+__all__ = ["read"]
 
 
-def read(parser: Parser, options: Namespace) -> rf.Domain:
-    """The domain of the file; its names are printed, and the demo stops if nothing else is asked.
+def read(parser: RankParser, options: Namespace) -> Domain:
+    """The domain of the file, whose names are printed. Collective.
 
-    Collective.
+    The command ends here if it has only to show the file, or nothing is held or loaded.
     """
     if options.list and options.kind in CAD:
-        say(str(rf.list_cad(options.file, scale=options.scale)))
+        say(str(list_cad(options.file, scale=options.scale)))
         sys.exit(0)
     domain = _domain(options)
     cells = domain.mesh.topology.index_map(3).size_global
-    x = np.concatenate(comm.allgather(domain.mesh.geometry.x))
+    x = np.concatenate(MPI.COMM_WORLD.allgather(domain.mesh.geometry.x))
     size = np.round(np.ptp(x, axis=0), 6)
     say(f"{options.file}: {cells} cells, {size} m; names: {domain.names}")
     nothing = not (options.hold or options.load or options.gravity)
@@ -36,18 +41,18 @@ def read(parser: Parser, options: Namespace) -> rf.Domain:
     return domain
 
 
-def _domain(options: Namespace) -> rf.Domain:
+def _domain(options: Namespace) -> Domain:
     path, size, scale = options.file, options.size, options.scale
     if options.kind in CAD:
         surfaces = {
             name: [int(n) if n.isdecimal() else n for n in numbers.split(",")]
             for name, numbers in options.surfaces.items()
         }
-        return rf.read_cad(path, surfaces=surfaces, size=size, scale=scale)
+        return read_cad(path, surfaces=surfaces, size=size, scale=scale)
     if options.kind in GEO:
         parameters = {name: _value(text) for name, text in options.parameters.items()}
-        return rf.read_geo(path, parameters, size=size, scale=scale)
-    return rf.read_msh(path, scale=scale)
+        return read_geo(path, parameters, size=size, scale=scale)
+    return read_msh(path, scale=scale)
 
 
 def _value(text: str) -> float | str:

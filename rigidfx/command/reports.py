@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
 
-import rigidfx as rf
 from rigidfx.plot import Curve
+from rigidfx.report.events import Event
+from rigidfx.report.report import Report
 
-if TYPE_CHECKING:
-    from rigidfx.report.events import Event
+__all__ = ["curve", "energy_jump", "events_of", "freezes_of", "line_of"]
 
 
-def events_of(reports: Iterable[rf.Report]) -> list[Event]:
+def events_of(reports: Iterable[Report]) -> list[Event]:
     """All events of a run."""
     return [event for report in reports for event in report.events]
 
 
-def freezes_of(reports: Iterable[rf.Report]) -> list[Event]:
+def freezes_of(reports: Iterable[Report]) -> list[Event]:
     """Those by which something became rigid."""
     return [event for event in events_of(reports) if event.kind == "freeze"]
 
 
-def energy_jump(reports: Sequence[rf.Report]) -> float:
+def energy_jump(reports: Sequence[Report]) -> float:
     """The most that any event lost or gained, relative to the largest energy of the run."""
     largest = max(r.energy for r in reports)
     lost = max((abs(event.energy_lost) for event in events_of(reports)), default=0.0)
@@ -39,6 +38,6 @@ def line_of(event: Event) -> str:
     )
 
 
-def curve(label: str, reports: Sequence[rf.Report], name: str) -> Curve:
+def curve(label: str, reports: Sequence[Report], name: str) -> Curve:
     """A number of the reports, by its name, against time."""
     return Curve(label, [r.t for r in reports], [getattr(r, name) for r in reports])

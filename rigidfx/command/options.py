@@ -1,38 +1,63 @@
-"""Options of `custom_geometry.py`; without a file those of its example, a bracket."""
+"""Options of the command `rigidfx`; without a file those of an example, where there is one."""
 
 from __future__ import annotations
 
 from argparse import ArgumentTypeError, Namespace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from common import ROOT, Parser, nonnegative, number, positive
+
+from rigidfx.command.numbers import nonnegative, number, positive
+from rigidfx.command.parser import RankParser
+
+__all__ = ["CAD", "GEO", "Example", "ask"]
 
 GEO = (".geo", ".geo_unrolled")
 CAD = (".step", ".stp", ".brep", ".iges", ".igs")
-BRACKET = ROOT / "meshes" / "bracket.geo"
 
 
-def ask(script: str) -> tuple[Parser, Namespace]:
+@dataclass(frozen=True)
+class Example:
+    """A script of gmsh that is run without a file: what it holds is named "wall" and "end".
+
+    Attributes:
+        file: The script.
+        out: Folder for results.
+    """
+
+    file: Path
+    out: Path
+
+
+def ask(prog: str | None, example: Example | None) -> tuple[RankParser, Namespace]:
     """The options as given, checked as far as the file need not be read.
 
     To those of the command line are added: `example`, whether no file is given; `kind`, the file's
     ending; `surfaces` and `parameters`, what --name and --set say; `load` has forces as arrays [N].
+
+    Args:
+        prog: The command's name in messages; that of the script if None.
+        example: What is run without a file; a file has to be given if None.
     """
-    parser = Parser(
-        script,
-        "Simulate a geometry of your own; parts that hardly strain become rigid.",
-        "a coarse bracket for a short time",
+    parser = RankParser(
+        prog,
+        description="Simulate a geometry of your own; parts that hardly strain become rigid.",
         epilog="Names are physical names of gmsh, labels of CAD parts, or those given by --name. "
         "All is in SI units.",
     )
-    _of_geometry(parser)
+    _of_geometry(parser, optional=example is not None)
     _of_problem(parser)
-    _of_run(parser)
-    options = parser.read(order=1)
+    _of_run(parser, example)
+    options = parser.parse_args()
     options.example = options.file is None
-    if options.example:
-        _complete(options)
+    if example is not None:
+        _complete(options, example)
+    options.order = options.order or 2
+    if options.out is None:
+        options.out = Path("out", options.file.stem)
+    if options.until is None and options.t_end is not None:
+        options.until = options.t_end / 10
     options.kind = options.file.suffix.lower()
     options.surfaces = _pairs(parser, options, "name", CAD)
     options.parameters = _pairs(parser, options, "set", GEO)
@@ -42,9 +67,11 @@ def ask(script: str) -> tuple[Parser, Namespace]:
     return parser, options
 
 
-def _of_geometry(parser: Parser) -> None:
+def _of_geometry(parser: RankParser, optional: bool) -> None:
     group = parser.add_argument_group("geometry")
-    group.add_argument("file", nargs="?", type=Path, help=".msh, .geo, .step, .iges or .brep")
+    group.add_argument(
+        "file", nargs="?" if optional else None, type=Path, help=".msh, .geo, .step, .iges or .brep"
+    )
     group.add_argument("--list", action="store_true", help="show what is in the file, and stop")
     group.add_argument("--size", type=positive, help="largest edge of a cell [m] (.geo and CAD)")
     group.add_argument(
@@ -60,12 +87,10 @@ def _of_geometry(parser: Parser) -> None:
     group.add_argument(
         "--name", metavar="NAME=3,4", action="append", default=[], help="surfaces of CAD, by number"
     )
-    group.add_argument(
-        "--order", type=int, choices=[1, 2], default=2, help="of the displacement (2)"
-    )
+    group.add_argument("--order", type=int, choices=[1, 2], help="of the displacement (2)")
 
 
-def _of_problem(parser: Parser) -> None:
+def _of_problem(parser: RankParser) -> None:
     group = parser.add_argument_group("problem")
     group.add_argument("--E", type=positive, default=2.1e11, help="Young's modulus [Pa] (2.1e11)")
     group.add_argument("--nu", type=number, default=0.3, help="Poisson's ratio (0.3)")
@@ -86,8 +111,11 @@ def _of_problem(parser: Parser) -> None:
     )
 
 
-def _of_run(parser: Parser) -> None:
+def _of_run(parser: RankParser, example: Example | None) -> None:
     group = parser.add_argument_group("run")
+    group.add_argument("--out", type=Path, help="folder for results (out/NAME OF THE FILE)")
+    if example is not None:
+        group.add_argument("--short", action="store_true", help="coarse, and for a short time")
     group.add_argument("--dt", type=positive, help="time step [s] (a 400th of the run)")
     group.add_argument("--t-end", type=positive, help="end of the run [s]")
     group.add_argument("--tol", type=nonnegative, help="rigid below this rate [1/s] (found)")
@@ -102,9 +130,14 @@ def _length(text: str) -> float | str:
     return text if text == "auto" else positive(text)
 
 
-def _complete(options: Namespace) -> None:
-    """What is not given is the example's: a block on a thin arm at a wall, pushed down."""
-    options.file = BRACKET
+def _complete(options: Namespace, example: Example) -> None:
+    """Take from the example what is not given: a block on a thin arm at a wall, pushed down."""
+    options.out = options.out or example.out
+    if options.short:
+        options.order = options.order or 1
+    if not options.example:
+        return
+    options.file = example.file
     options.size = options.size or (0.02 if options.short else 0.012)
     options.hold = options.hold or ["wall"]
     options.load = options.load or [["end", "0", "0", "-300"]]
@@ -114,7 +147,7 @@ def _complete(options: Namespace) -> None:
 
 
 def _pairs(
-    parser: Parser, options: Namespace, option: str, suits: tuple[str, ...]
+    parser: RankParser, options: Namespace, option: str, suits: tuple[str, ...]
 ) -> dict[str, str]:
     """What an option says as NAME=VALUE, as a dict."""
     texts = getattr(options, option)
@@ -131,7 +164,7 @@ def _pairs(
     return found
 
 
-def _force(parser: Parser, name: str, texts: list[str]) -> np.ndarray:
+def _force(parser: RankParser, name: str, texts: list[str]) -> np.ndarray:
     """A total force [N]."""
     try:
         return np.array([number(text) for text in texts])

@@ -1,0 +1,8 @@
+"""Run the command `rigidfx` where the package is not installed."""
+
+from rigidfx.command.main import main
+
+__all__: list[str] = []
+
+if __name__ == "__main__":
+    main(prog="python3 -m rigidfx.command")

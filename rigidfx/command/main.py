@@ -1,0 +1,149 @@
+"""What the command does: reads a geometry, runs it with parts that become rigid, draws pictures.
+
+The tolerance of the criterion is a strain rate, and what is small depends on the motion. Unless it
+is given, the time of the load is run once without rigid parts, and a fiftieth of the largest strain
+rate is taken.
+"""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from rigidfx.command.acting import supports_and_loads
+from rigidfx.command.files import conclude
+from rigidfx.command.options import Example, ask
+from rigidfx.command.pair import Pair
+from rigidfx.command.parser import say
+from rigidfx.command.reading import read
+from rigidfx.command.reports import curve, energy_jump, events_of, freezes_of
+from rigidfx.command.told import told
+from rigidfx.decide.criteria.criterion import StrainRate
+from rigidfx.domain.domain import Domain
+from rigidfx.mechanics.materials import StVenantKirchhoff
+from rigidfx.output.recorder import Recorder
+from rigidfx.plot import Shapes, curves
+from rigidfx.scene.scene import Scene
+from rigidfx.simulation import simulate
+
+__all__ = ["main", "run"]
+
+QUIET = 1 / 50  # tolerance, relative to the largest strain rate under the load
+STEPS = 400  # of a run whose Δt is not given
+PICTURES = 0.05, 0.35, 0.65, 1.0  # of the run's time, of the shapes that are drawn
+
+
+def main(prog: str | None = None, example: Example | None = None) -> dict[str, Any]:
+    """Run the command with the options of the command line. Collective.
+
+    Args:
+        prog: Its name in messages; that of the script if None.
+        example: What is run without a file, if anything.
+
+    Returns:
+        What `summary.json` holds.
+    """
+    parser, options = ask(prog, example)
+    found = options.tol is None
+    with told(parser):
+        scene = _scene(read(parser, options), options)
+        dt = options.dt or options.t_end / STEPS
+        shapes = Shapes(scene, options.t_end * np.array(PICTURES), colour="rigid")
+        recorder = Recorder(scene, options.out, interval=options.t_end / 100)
+        with recorder, _pair(scene, dt, options) as run:
+            for report in run:
+                recorder.write(report)
+                shapes.add(report)
+        summary = _summary(scene, run, options) | {"dt": dt, "tol_found": found}
+        conclude(options.out, summary)
+        _draw(run, options)
+        view = (0.7, -1.0, 0.45)
+        shapes.draw(options.out / "rigid_parts.png", view=view, title=options.file.name)
+    say(f"Pictures and fields are in {options.out}")
+    return summary
+
+
+def run() -> None:
+    """The installed command. Collective."""
+    main("rigidfx")
+
+
+def _scene(domain: Domain, options: Namespace) -> Scene:
+    """The geometry with its material and what acts; second-order cells have a consistent mass."""
+    return Scene(
+        domain,
+        StVenantKirchhoff(E=options.E, nu=options.nu, rho=options.rho),
+        supports_and_loads(options),
+        order=options.order,
+        mass="consistent" if options.order == 2 else "lumped",
+    )
+
+
+def _pair(scene: Scene, dt: float, options: Namespace) -> Pair:
+    """The run, and the one beside it that --compare asks for."""
+    if options.tol is None:
+        options.tol = QUIET * _largest_rate(scene, dt, options)
+    since = options.until if options.load else 0.0  # s; observation begins
+    criterion = StrainRate(options.tol, options.window, min_cells=10, since=since)
+    say(
+        f"Δt = {dt:g} s to t = {options.t_end:g} s on {scene.comm.size} rank(s), "
+        f"tolerance {options.tol:.3g} 1/s"
+    )
+    return Pair(scene, dt, options.t_end, criterion, compare=options.compare)
+
+
+def _largest_rate(scene: Scene, dt: float, options: Namespace) -> float:
+    """Largest strain rate of any cell until the loads end [1/s]."""
+    largest = 0.0
+    watched = StrainRate(0.0, 2 * options.t_end)
+    end = min(options.until, options.t_end)
+    for r in simulate(scene, dt, end, rigidify=watched, progress=False):
+        if r.strain_rate is not None:
+            largest = max(largest, float(r.strain_rate.max(initial=0.0)))
+    return scene.comm.allreduce(largest, op=MPI.MAX)
+
+
+def _summary(scene: Scene, run: Pair, options: Namespace) -> dict[str, Any]:
+    """Numbers of the run, as JSON takes them."""
+    reports, flexible = run.adaptive, run.flexible
+    freezes = freezes_of(reports)
+    largest = max(*(r.energy for r in reports), 1e-300)  # J
+    deviation = abs(reports[-1].energy - flexible[-1].energy) / largest if flexible else None
+    return {
+        "file": options.file.name,
+        "cells": int(scene.mesh.topology.index_map(3).size_global),
+        "unknowns_start": reports[0].unknowns,
+        "unknowns_end": min(r.unknowns for r in reports),
+        "first_rigid_time": freezes[0].t if freezes else None,
+        "bodies_end": len(reports[-1].bodies),
+        "events": [f"{e.t:.4g} s: {e.kind} ({e.reason})" for e in events_of(reports)],
+        "energy_jump": energy_jump(reports),
+        "energy_deviation": deviation,
+        "wall_adaptive_s": sum(r.wall for r in reports),
+        "wall_flexible_s": sum(r.wall for r in flexible) if flexible else None,
+        "tol": options.tol,
+        "window": options.window,
+        "order": options.order,
+        "ranks": scene.comm.size,
+    }
+
+
+def _draw(run: Pair, options: Namespace) -> None:
+    """Energy and size of the problem against time."""
+    compared = {"adaptive": run.adaptive}
+    if run.flexible:
+        compared["all flexible"] = run.flexible
+    drawn = ("Total energy", "energy"), ("Kinetic energy", "kinetic"), ("Unknowns", "unknowns")
+    curves(
+        {
+            heading: [curve(label, of, name) for label, of in compared.items()]
+            for heading, name in drawn
+        },
+        options.out / "energy_unknowns.png",
+        xlabel="time (s)",
+        ylabel=["energy (J)", "energy (J)", "number"],
+        title=f"{options.file.name}: energy and size of the problem",
+    )

@@ -1,0 +1,30 @@
+"""Options that all ranks read, of which rank 0 says what is wrong."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from typing import Any, NoReturn
+
+from mpi4py import MPI
+
+__all__ = ["RankParser", "say"]
+
+
+def say(text: str) -> None:
+    """Print on rank 0."""
+    if MPI.COMM_WORLD.rank == 0:
+        sys.stdout.write(f"{text}\n")
+        sys.stdout.flush()
+
+
+class RankParser(argparse.ArgumentParser):
+    """A parser for scripts that run on several ranks: rank 0 alone prints."""
+
+    def error(self, message: str) -> NoReturn:
+        """Stop with a message and status 2."""
+        self.exit(2, f"{self.prog}: {message}\n")
+
+    def _print_message(self, message: str, file: Any = None) -> None:
+        if MPI.COMM_WORLD.rank == 0:
+            super()._print_message(message, file)
