@@ -320,6 +320,7 @@ CASES = {
 }
 
 
+@pytest.mark.filterwarnings("ignore:.*as a door about its hinge")
 @pytest.mark.parametrize("name", CASES)
 def test_is_refused(name):
     """Each with its own error and a message that says what is wrong."""

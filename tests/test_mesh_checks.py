@@ -166,7 +166,7 @@ def test_parts_that_do_not_fall_apart_are_no_news():
     both = end(end(close, 0, "a"), 2, "b")
     assert not said(both, rf.Fixed("a"), rf.Fixed("b"))
     assert not said(both, rf.Fixed("a"), rf.Spring("b", 1.0))
-    assert not said(close, rf.Rigid())
+    assert not said(close, rf.Rigid(each=False))
     assert not said(rf.box((0, 0, 0), (2, 1, 1), (2, 1, 1)))
 
 
@@ -187,6 +187,36 @@ def test_describe_names_the_parts(capsys):
     )
 
 
+def test_a_rigid_name_in_several_pieces(capsys):
+    """Three nuts of one name: one body, with a warning; a body each; or one body as meant."""
+    free = cubes((0, 0, 0), (2, 0, 0), (4, 0, 0), (6, 0, 0)).with_cells("nut", lambda x: x[0] < 6)
+    (message,) = said(free, rf.Rigid("nut"))
+    assert "'nut': its cells are in 3 pieces, which move as one" in message
+    assert not said(free, rf.Rigid("nut", each=False))
+    for each, words, count in ((True, "a body each", 3), (False, "which move as one", 1)):
+        assert not said(free, rf.Rigid("nut", each=each))
+        scene = rf.Scene(free, SOFT, [rf.Rigid("nut", each=each)])
+        assert f"Rigid 'nut': in 3 pieces, {words}" in scene.describe()
+        first = next(rf.simulate(scene, 0.1, 0.1))
+        assert [body.cells for body in first.bodies] == [3 // count] * count
+    with pytest.raises(rf.SceneError, match="each must be True, False or None"):
+        rf.Rigid("nut", each=2)
+    taken = free.with_cells("nut 2", lambda x: x[0] > 5)
+    with pytest.raises(rf.SceneError, match="there are cells of this name already"):
+        rf.Scene(taken, SOFT, [rf.Rigid("nut", each=True)])
+
+
+def test_each_nut_moves_on_its_own():
+    """A nut that is held does not hold the others, which fall freely."""
+    free = cubes((0, 0, 0), (2, 0, 0), (4, 0, 0)).with_cells("nut", lambda x: x[0] < 9)
+    held = end(free, 0)
+    effects = [rf.Fixed("end"), rf.Rigid("nut", each=True), rf.Gravity()]
+    *_, last = rf.simulate(rf.Scene(held, SOFT, effects), 0.1, 0.2)
+    assert last.clamped == ("nut 1",)
+    assert [b.name for b in last.bodies] == ["nut 2", "nut 3"]
+    assert [b.velocity[2] for b in last.bodies] == pytest.approx([-0.2 * 9.81] * 2, rel=1e-3)
+
+
 def test_parts_through_facets_and_through_vertices():
     """Cubes that share an edge are one part through vertices and two through facets."""
     points = np.array(
@@ -198,6 +228,34 @@ def test_parts_through_facets_and_through_vertices():
     mesh = rf.from_arrays(points, cells if COMM.rank == 0 else cells[:0]).mesh
     assert connected_parts(mesh, 0).count == 1
     assert connected_parts(mesh, 2).count == 2
+
+
+# The corner at which a second unit cube begins, and the words for the nodes that it shares.
+HINGES = {
+    "an edge": ((1, 1, 0), "share 2 nodes of one edge around (1, 1, 0.5) m, and no facet"),
+    "a corner": ((1, 1, 1), "share one node at (1, 1, 1) m, and no facet"),
+    "another edge": ((1, 0, 1), "share 2 nodes of one edge around (1, 0.5, 1) m, and no facet"),
+}
+
+
+def hinged(corner, *effects):
+    """The warnings of two unit cubes that share the nodes they have in common."""
+    points, number = np.unique(np.concatenate([CUBE, CUBE + corner]), axis=0, return_inverse=True)
+    cells = number.reshape(2, 8)
+    if COMM.rank > 0:
+        points, cells = points[:0], cells[:0]
+    domain = rf.from_arrays(points, cells).with_cells("first", lambda x: x[1] < 1.5)
+    return said(end(domain.with_cells("both", lambda x: x[1] < 9), 0), *effects)
+
+
+@pytest.mark.parametrize("name", HINGES)
+def test_parts_that_share_an_edge_or_a_corner(name):
+    """They would swing like a door; one rigid body of both does not."""
+    corner, words = HINGES[name]
+    (message,) = hinged(corner, rf.Fixed("end"))
+    assert words in message
+    assert "the part of 1 × 1 × 1 m around (0.5, 0.5, 0.5) m and" in message
+    assert not hinged(corner, rf.Rigid("both"))
 
 
 def islands():
@@ -233,6 +291,12 @@ def _script():
         found[name] = beside(corner, size)
     for name in CROSSINGS:
         found[name] = crossing(name)
+    for name, (corner, _) in HINGES.items():
+        found[f"hinge: {name}"] = hinged(corner, rf.Fixed("end"))
+    nuts = cubes((0, 0, 0), (2, 0, 0), (4, 0, 0)).with_cells("nut", lambda x: x[0] < 3)
+    found["nuts"] = said(nuts, rf.Rigid("nut"))
+    each = rf.Scene(nuts, SOFT, [rf.Rigid("nut", each=True)])
+    found["each"] = [b.name for b in next(rf.simulate(each, 0.1, 0.1)).bodies]
     found["apart"] = said(cubes((0, 0, 0), (2, 0, 0)))
     bar = rf.box((0, 0, 0), (10, 1, 1), (10, 1, 1))
     spin = rf.InitialVelocity(angular=(1.0, 0, 0))

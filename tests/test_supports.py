@@ -313,6 +313,7 @@ def test_preload_without_enough_supports(supports):
         next(rf.simulate(scene, 0.1, 1.0))
 
 
+@pytest.mark.filterwarnings("ignore:.*as a door about its hinge")
 def test_preload_of_parts_that_are_held_one_by_one():
     """Two loose cubes, and two on a hinge: a spring at the second suffices, or a support."""
     cube = np.array([[i, j, k] for k in (0, 1) for j in (0, 1) for i in (0, 1)], dtype=float)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
@@ -33,6 +33,9 @@ class Rigid(Effect):
         mass: Mass in place of the computed one [kg].
         inertia: Inertia about the centre of mass in place of the computed one, shape (3, 3)
             [kg m²].
+        each: Whether each piece of the set, which shares no node with the others, is a body of its
+            own, of the given mass and inertia: those of "nut" are called "nut 1", "nut 2", ... One
+            body of all if False; so it is, with a warning where there are several, if None.
     """
 
     is_rigid: ClassVar[bool] = True
@@ -40,6 +43,7 @@ class Rigid(Effect):
     where: str | None = None
     mass: float | None = None
     inertia: Sequence[Sequence[float]] | None = None
+    each: bool | None = field(default=None, kw_only=True)
 
     @property
     def name(self) -> str:
@@ -64,10 +68,12 @@ class Rigid(Effect):
         """Check the given data.
 
         Raises:
-            SceneError: If the mass is not positive or the inertia not symmetric positive definite
-                with principal moments that a body can have.
+            SceneError: If each is no truth value, the mass is not positive or the inertia not
+                symmetric positive definite with principal moments that a body can have.
         """
         super().__post_init__()
+        if self.each is not None and not isinstance(self.each, (bool, np.bool_)):
+            raise SceneError(f"Rigid: each must be True, False or None, got {shown(self.each)}.")
         if self.mass is not None:
             positive("Rigid", "mass", self.mass)
         if self.inertia is None:

@@ -17,10 +17,11 @@ from rigidfx.base.compat import cell_geometry_dofs
 from rigidfx.base.warning import warn
 from rigidfx.domain.connected import ConnectedParts, connected_parts
 from rigidfx.domain.domain import Domain
+from rigidfx.domain.hinges import hinges
 from rigidfx.domain.thin import thin_parts
 from rigidfx.domain.touching import touching
 
-__all__ = ["parts_in_words", "warn_of_bending", "warn_of_distance", "warn_of_gaps"]
+__all__ = ["parts_in_words", "warn_of_bending", "warn_of_mesh"]
 
 DIGITS = 1e-9  # error of a cell's size that is warned of
 
@@ -47,7 +48,19 @@ def warn_of_bending(domain: Domain) -> None:
     )
 
 
-def warn_of_gaps(domain: Domain, effects: Sequence[fx.Effect]) -> None:
+def warn_of_mesh(domain: Domain, effects: Sequence[fx.Effect]) -> None:
+    """Warn of parts that part or swing, and of sizes that rounding hides. Collective.
+
+    Args:
+        domain: Mesh and names.
+        effects: All effects of a scene.
+    """
+    _warn_of_gaps(domain, effects)
+    _warn_of_hinges(domain, effects)
+    _warn_of_distance(domain)
+
+
+def _warn_of_gaps(domain: Domain, effects: Sequence[fx.Effect]) -> None:
     """Warn of parts that nothing holds, and that touch others without sharing nodes. Collective.
 
     Parts that fly freely on their own are none of these, however near they are.
@@ -79,7 +92,39 @@ def warn_of_gaps(domain: Domain, effects: Sequence[fx.Effect]) -> None:
     )
 
 
-def warn_of_distance(domain: Domain) -> None:
+def _warn_of_hinges(domain: Domain, effects: Sequence[fx.Effect]) -> None:
+    """Warn of parts that share a node or an edge and no facet. Collective.
+
+    Two parts of one rigid body do not swing, and are left out.
+
+    Args:
+        domain: Mesh and names.
+        effects: All effects of a scene.
+    """
+    parts = connected_parts(domain.mesh, 2)
+    if parts.count == 1:
+        return
+    bodies = [_parts_of_cells(domain, parts, e.where) for e in effects if isinstance(e, fx.Rigid)]
+    found = [
+        hinge
+        for hinge in hinges(domain.mesh, parts)
+        if not any(np.isin(hinge.parts, body).all() for body in bodies)
+    ]
+    if not found:
+        return
+    a, b = found[0].parts
+    more = f" {len(found) - 1} other pairs of parts do so." if len(found) > 1 else ""
+    warn(
+        domain.comm,
+        f"Scene: {parts.place(a)} and {parts.place(b)} share {found[0]}, and no facet of a cell: "
+        "they turn about it without resistance, as a door about its hinge, and stresses there "
+        f"grow with each refinement.{more} Let the parts overlap or share a face, and mesh them "
+        "as one (glue=True of read_cad, Coherence or BooleanFragments in gmsh); or keep a gap "
+        "between them.",
+    )
+
+
+def _warn_of_distance(domain: Domain) -> None:
     """Warn of cells so far from the origin that their size is known to a few digits only.
 
     A number of size |x| is known to ε|x|, so that lengths h of cells, and with them volumes and
@@ -116,6 +161,17 @@ def parts_in_words(domain: Domain, most: int = 8) -> list[str]:
         return []
     lines = [parts.place(k) for k in range(min(parts.count, most))]
     return lines + ([f"and {parts.count - most} more"] if parts.count > most else [])
+
+
+def _parts_of_cells(
+    domain: Domain, parts: ConnectedParts, name: str | None
+) -> npt.NDArray[np.int64]:
+    """Parts that have cells of a named set; all if it has no name. Collective."""
+    if name is None:
+        return np.arange(parts.count)
+    cells = domain.find(name, (3,), "Rigid").entities
+    every = domain.comm.allgather(np.unique(parts.of_cell[cells]))
+    return np.unique(np.concatenate(every))
 
 
 def _parts_of(

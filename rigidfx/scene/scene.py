@@ -44,7 +44,8 @@ from rigidfx.scene.checks import (
 )
 from rigidfx.scene.conflicts import check_together
 from rigidfx.scene.elements import element_of
-from rigidfx.scene.mesh_checks import warn_of_distance, warn_of_gaps
+from rigidfx.scene.mesh_checks import warn_of_mesh
+from rigidfx.scene.pieces import divide, warn_of_pieces
 from rigidfx.scene.places import cells_of
 from rigidfx.scene.stiffness import stiff_parts
 from rigidfx.scene.summary import description, in_a_line
@@ -60,11 +61,12 @@ class Scene:
     """A problem of structural dynamics, made of values as they are now; arrays are read-only.
 
     Attributes:
-        domain: Mesh and names.
+        domain: Mesh and names, those of pieces that are a rigid body each among them.
+        pieces: How many bodies each name of these stands for.
         materials: Pairs of a material and its owned cells, of this rank; together they cover the
             mesh. A rank may have no cells of a material.
         material_sets: Of each of them the name of its set of cells, "" where there is but one.
-        effects: All effects as given.
+        effects: All effects as given, a `Rigid` for each piece.
         order: Order of the Lagrange displacement.
         mass: "lumped" (diagonal, default) or "consistent".
         scheme: Time integration scheme.
@@ -129,6 +131,7 @@ class Scene:
 
     def _assign(self, material: Any, element: Any) -> None:
         """Give cells their materials and their element, and effects their places. Collective."""
+        self.domain, self.effects, self.pieces = divide(self.domain, self.effects)
         self.effects = tuple(effect.placed(self.domain) for effect in self.effects)
         self.materials = assign(self.domain, material)
         self.element: Element = element_of(self, element)
@@ -154,8 +157,8 @@ class Scene:
         for effect in self.effects:
             effect.check(self)
         check_rigid(self)
-        warn_of_gaps(self.domain, self.effects)
-        warn_of_distance(self.domain)
+        warn_of_pieces(self.domain, self.effects)
+        warn_of_mesh(self.domain, self.effects)
 
     # What is asked of a scene -------------------------------------------------------------------
 

@@ -13,6 +13,7 @@ import ufl
 from rigidfx.effects import Effect, Table, Windowed
 from rigidfx.mechanics.element import StandardElement
 from rigidfx.scene.mesh_checks import parts_in_words
+from rigidfx.scene.pieces import pieces_in_words
 
 __all__ = ["FURTHER", "description", "effects_table", "in_a_line", "in_words", "phases"]
 
@@ -44,6 +45,7 @@ def description(scene: Any, step: float | None, periods: int | None = None) -> l
         f"{type(scene.scheme).__name__}",
         f"  {_extent(scene)}",
         *(f"  {line}, which shares no node with others" for line in parts_in_words(scene.domain)),
+        *(f"  {line}" for line in pieces_in_words(scene.domain, scene.effects, scene.pieces)),
         "Materials",
         *(
             f"  {f'{name!r}: ' if name else ''}{in_words(material)}; "

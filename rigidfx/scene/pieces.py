@@ -1,0 +1,118 @@
+"""Pieces of parts named rigid: cells that share no node with other cells of the name.
+
+A name may hold several pieces, such as eight nuts. They are one body, or one each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx import effects as fx
+from rigidfx.base.errors import SceneError
+from rigidfx.base.warning import warn
+from rigidfx.domain.connected import connected_parts
+from rigidfx.domain.domain import Domain, EntitySet, replace_sets
+
+__all__ = ["count_pieces", "divide", "pieces_in_words", "warn_of_pieces"]
+
+
+def divide(
+    domain: Domain, effects: Sequence[fx.Effect]
+) -> tuple[Domain, tuple[fx.Effect, ...], Mapping[str, int]]:
+    """Make a part of each piece where that is asked for. Collective.
+
+    Args:
+        domain: Mesh and names.
+        effects: All effects.
+
+    Returns:
+        The domain, which also knows the pieces by the names "nut 1", "nut 2", ...; the effects, a
+        `Rigid` for each of these pieces; and how many pieces each such name has had.
+
+    Raises:
+        SceneError: On every rank, if the name of a piece is taken.
+    """
+    out: list[fx.Effect] = []
+    counts: dict[str, int] = {}
+    for effect in effects:
+        if not (isinstance(effect, fx.Rigid) and effect.each):
+            out.append(effect)
+            continue
+        pieces = _pieces(domain, effect)
+        counts[effect.name] = len(pieces)
+        for k, cells in enumerate(pieces, 1):
+            name = f"{effect.name} {k}"
+            if (name, 3) in domain.sets:
+                raise SceneError(
+                    f"Rigid '{effect.name}': each=True names its pieces '{name}' and so on, and "
+                    "there are cells of this name already. Rename them."
+                )
+            sets = {**domain.sets, (name, 3): EntitySet(name, 3, cells)}
+            domain = replace_sets(domain, sets)
+            out.append(replace(effect, where=name, each=False))
+    return domain, tuple(out), counts
+
+
+def count_pieces(domain: Domain, rigid: fx.Rigid) -> int:
+    """Number of pieces that a part named rigid is in. Collective."""
+    return len(_pieces(domain, rigid))
+
+
+def warn_of_pieces(domain: Domain, effects: Sequence[fx.Effect]) -> None:
+    """Warn of a name with several pieces, where nothing says whether they are one body. Collective.
+
+    Args:
+        domain: Mesh and names.
+        effects: All effects.
+    """
+    for rigid in effects:
+        if not isinstance(rigid, fx.Rigid) or rigid.each is not None:
+            continue
+        count = count_pieces(domain, rigid)
+        if count > 1:
+            warn(
+                domain.comm,
+                f"Rigid '{rigid.name}': its cells are in {count} pieces, which move as one: what "
+                "holds or drives one of them holds or drives all. each=True makes a body of each "
+                "piece; each=False says that one body of all is meant.",
+            )
+
+
+def pieces_in_words(
+    domain: Domain, effects: Sequence[fx.Effect], divided: Mapping[str, int]
+) -> list[str]:
+    """A line for each name of a rigid part that has several pieces. Collective.
+
+    Args:
+        domain: Mesh and names.
+        effects: All effects, a `Rigid` for each piece where each is a body.
+        divided: How many pieces names had that are divided.
+    """
+    lines = [f"Rigid '{name}': in {n} pieces, a body each" for name, n in divided.items() if n > 1]
+    for rigid in effects:
+        count = count_pieces(domain, rigid) if isinstance(rigid, fx.Rigid) else 1
+        if count > 1 and isinstance(rigid, fx.Rigid):
+            lines.append(f"Rigid '{rigid.name}': in {count} pieces, which move as one")
+    return lines
+
+
+def _pieces(domain: Domain, rigid: fx.Rigid) -> list[npt.NDArray[np.int32]]:
+    """Local cells of each piece, ghosts included, in the order of the mesh file. Collective."""
+    topology = domain.mesh.topology
+    map_ = topology.index_map(3)
+    local = map_.size_local + map_.num_ghosts
+    if rigid.where is None:
+        cells: npt.NDArray[np.int32] = np.arange(local, dtype=np.int32)
+        parts = connected_parts(domain.mesh, 0)
+    else:
+        cells = domain.find(rigid.where, (3,), rigid.kind).entities
+        among = np.zeros(local, dtype=bool)
+        among[cells] = True
+        parts = connected_parts(domain.mesh, 0, among)
+    own = parts.of_cell[cells]
+    every = np.unique(np.concatenate(domain.comm.allgather(np.unique(own))))
+    return [cells[own == number] for number in every]
