@@ -653,7 +653,7 @@ def test_table_accounts_for_all_momentum(tmp_path, mass, moves):
 def test_set_in_two_pieces_that_is_rigid_always():
     """It is one body, also when what was found between the pieces is released."""
     ends = domain().with_cells("ends", lambda x: np.abs(x[0] - 4) >= 2 - 1e-9)
-    scene = rf.Scene(ends, MATERIAL, [SPIN, rf.Rigid("ends")])
+    scene = rf.Scene(ends, MATERIAL, [SPIN, rf.Rigid("ends", each=False)])
     found, cells = {}, Cells(scene)
     criterion = eager(ANY, 0.2, release=rf.Release(at=0.5, where="middle"), until=0.6)
     for r in rf.simulate(scene, DT, 0.8, rigidify=criterion):

@@ -1096,7 +1096,7 @@ def test_named_parts_may_be_watched_where_nothing_qualifies():
 
 def test_named_parts_in_pieces_are_not_spoken_of():
     """Nothing tells what one piece exerts on the other."""
-    scene = on_a_block(rf.Rigid("pieces"), pieces=True)
+    scene = on_a_block(rf.Rigid("pieces", each=False), pieces=True)
     *_, rigid, _ = run(scene, 1.0, local(1.0, never="stalk"))
     assert rigid[:, -1].all()
 
