@@ -16,15 +16,14 @@ from mpi4py import MPI
 
 from rigidfx.base.errors import together
 from rigidfx.base.taken import read_only
-from rigidfx.effects import InitialDisplacement, InitialVelocity
-from rigidfx.effects.fields import values_of
+from rigidfx.effects import InitialVelocity, Preload
 from rigidfx.effects.initial.initial_velocity import agree_with_support, given_velocity
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.eased import Eased
 from rigidfx.mechanics.rigid_body import Body
 from rigidfx.scene.scene import Scene
 
-__all__ = ["State", "initial_displacement", "initial_velocity"]
+__all__ = ["State", "initial_velocity"]
 
 Array = npt.NDArray[np.float64]
 Nodes = npt.NDArray[np.int32]
@@ -258,11 +257,14 @@ class State:
         self.v.x.scatter_forward()
 
 
-def initial_velocity(scene: Scene, dt: float, start: float) -> Array:
+def initial_velocity(scene: Scene, x: Array, dt: float, start: float) -> Array:
     """Velocity at the start per local node with ghosts, shape (nodes, 3) [m/s]. Collective.
+
+    Without an `InitialVelocity` it is the spin of a `Preload`, if that has one.
 
     Args:
         scene: The problem.
+        x: Places of the local nodes, shape (nodes, 3) [m].
         dt: Nominal Δt [s], the scale for velocities of supports that are known by their path only.
         start: Time just after t = 0 [s], at which what begins there acts.
 
@@ -270,31 +272,18 @@ def initial_velocity(scene: Scene, dt: float, start: float) -> Array:
         SceneError: If a given velocity is not finite, or contradicts a support that acts at the
             start. Where no velocity is given, a support simply begins to move its nodes.
     """
+    if not scene.named(InitialVelocity):
+        spun = [preload.velocities(scene, x) for preload in scene.named(Preload)]
+        return spun[0] if spun else np.zeros_like(x)
     X = scene.space.tabulate_dof_coordinates()
-    v = given_velocity(scene)
-    for support, nodes in scene.supports if scene.named(InitialVelocity) else ():
+    v = given_velocity(scene, x)
+    for support, nodes in scene.supports:
         if not support.acts(start):
             continue
         wanted = together(
             scene.comm,
             f"{type(support).__name__} on '{support.where}'",
-            lambda s=support, at=X[nodes]: s.velocities_at(0.0, dt, at),  # type: ignore[misc]
+            lambda s=support, at=nodes: s.velocities_at(0.0, dt, X[at], x[at]),  # type: ignore[misc]
         )
         agree_with_support(scene, v, support, nodes, wanted)
     return v
-
-
-def initial_displacement(scene: Scene) -> Array | None:
-    """Displacement at the start per local node with ghosts, shape (nodes, 3) [m]. Collective.
-
-    Returns:
-        None if the scene names none.
-
-    Raises:
-        SceneError: On every rank, if a function gives anything but finite vectors.
-    """
-    given = [
-        values_of(effect.kind, effect.function, scene)
-        for effect in scene.named(InitialDisplacement)
-    ]
-    return sum(given, np.zeros_like(given[0])) if given else None

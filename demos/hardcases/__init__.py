@@ -1,9 +1,21 @@
 """Hard cases: small scenes at the ends of what a method can be asked, with bounds for each."""
 
-from . import bodies, cad_parts, contact, failure, levers, material, ranks, shape, speeds, stepping, units
+from . import (
+    bodies,
+    cad_parts,
+    contact,
+    failure,
+    levers,
+    material,
+    ranks,
+    shape,
+    speeds,
+    stepping,
+    units,
+)
 from .case import CASES, Case, Result, Run, carry_out, follow, judge
 
 __all__ = [
-    "CASES", "Case", "Result", "Run", "bodies", "cad_parts", "carry_out", "contact", "failure", "follow",
-    "judge", "levers", "material", "ranks", "shape", "speeds", "stepping", "units",
+    "CASES", "Case", "Result", "Run", "bodies", "cad_parts", "carry_out", "contact", "failure",
+    "follow", "judge", "levers", "material", "ranks", "shape", "speeds", "stepping", "units",
 ]  # fmt: skip

@@ -217,7 +217,9 @@ class Policy:
             decision = self._let_down(seen, UNDONE, self.memory.trial.cells, strained.window)
             return replace(decision, woken=np.empty(0, np.int32))
         leaving = self._graph.touching(self._graph.largest_at_nodes(above.astype(np.float64)) > 0)
-        leaving |= self._planner.whole_bodies(seen, waking.stale | (leaving & (strained.spring > 1)))
+        leaving |= self._planner.whole_bodies(
+            seen, waking.stale | (leaving & (strained.spring > 1))
+        )
         decision = self._let_down(seen, why, leaving, strained.window)
         return replace(decision, woken=np.flatnonzero(above).astype(np.int32))
 

@@ -123,11 +123,11 @@ class Effect:
         """Instants at which a step must end [s]."""
         return ()
 
-    def placed(self, domain: Any) -> Effect:
-        """The effect with what it takes from the mesh; itself if that is nothing. Collective.
+    def placed(self, scene: Any) -> Effect:
+        """The effect with the data that it takes from the mesh; itself without. Collective.
 
         Args:
-            domain: Mesh and names.
+            scene: The scene, whose space and start places are known already.
 
         Raises:
             SceneError: On every rank, if it cannot be there.

@@ -21,8 +21,6 @@ from rigidfx.effects.contacts.pair_surface import pair_of
 from rigidfx.effects.contacts.pairs import PairForces
 from rigidfx.effects.contacts.pressing import Friction
 from rigidfx.effects.contacts.surface import surface_of
-from rigidfx.effects.fields import values_of
-from rigidfx.effects.initial.initial_displacement import InitialDisplacement
 
 __all__ = ["Contact"]
 
@@ -128,10 +126,7 @@ class Contact(Windowed):
             )
         if start > 0.0:
             return  # nobody knows where it will be
-        X = scene.space.tabulate_dof_coordinates()
-        for effect in scene.named(InitialDisplacement):
-            X = X + values_of(effect.kind, effect.function, scene)
-        worst, place = self.depth(scene, X, start)
+        worst, place = self.depth(scene, scene.start_places, start)
         if worst <= NEGLIGIBLE * surface.size:
             return
         x, y, z = place

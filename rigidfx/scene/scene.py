@@ -49,7 +49,7 @@ from rigidfx.scene.pieces import divide, warn_of_pieces
 from rigidfx.scene.places import cells_of
 from rigidfx.scene.stiffness import stiff_parts
 from rigidfx.scene.summary import description, in_a_line
-from rigidfx.scene.weights import nodal_weights
+from rigidfx.scene.weights import nodal_weights, point_masses
 
 __all__ = ["Scene"]
 
@@ -72,10 +72,9 @@ class Scene:
         scheme: Time integration scheme.
         space, cell_space: Functions of displacement and velocity; piecewise constant ones.
         nodal_mass: ∫ ρ0 Nᵢ dV and point masses per local node with ghosts, shape (nodes,) [kg].
-        averaging_mass: Positive weights for means and best fits over some of the nodes, |∫ ρ0 Nᵢ dV|
-            and point masses, shape (nodes,) [kg]. At vertices of second-order tetrahedra the
-            nodal mass is negative: sums over all nodes of a part are right with it, a mean over a
-            few of them is not.
+        averaging_mass: |∫ ρ0 Nᵢ dV| and point masses, [kg]: weights for best fits over a few
+            nodes, as nodal masses are negative at vertices of second-order tetrahedra.
+        start_places: Places of the local nodes at the start, before a preload [m].
         point_masses: The point masses in it [kg].
         element: How its cells strain.
         supports: Pairs of a support and its local nodes, ghosts included.
@@ -130,9 +129,8 @@ class Scene:
         self._check_effects()
 
     def _assign(self, material: Any, element: Any) -> None:
-        """Give cells their materials and their element, and effects their places. Collective."""
+        """Give cells their materials and their element, and Rigid pieces their names. Collective."""
         self.domain, self.effects, self.pieces = divide(self.domain, self.effects)
-        self.effects = tuple(effect.placed(self.domain) for effect in self.effects)
         self.materials = assign(self.domain, material)
         self.element: Element = element_of(self, element)
         sets = tuple(material) if isinstance(material, Mapping) else ("",)
@@ -142,8 +140,10 @@ class Scene:
     def _weigh(self) -> None:
         """Set nodes up, and their masses. Collective."""
         self.space = fem.functionspace(self.mesh, ("Lagrange", self.order, (3,)))
+        X = self.space.tabulate_dof_coordinates()
+        self.start_places = read_only(X + fx.displacement_at_start(self))
         self.cell_space = fem.functionspace(self.mesh, ("DG", 0))
-        self.point_masses = read_only(self._point_masses())
+        self.point_masses = read_only(point_masses(self))
         own = self.cell_weights(self.density(), self.owned_cells(None, "Scene"))
         self.nodal_mass = read_only(own + self.point_masses)
         self.averaging_mass = read_only(np.abs(own) + self.point_masses)
@@ -151,6 +151,7 @@ class Scene:
 
     def _check_effects(self) -> None:
         """Look the effects up on the mesh, supports first. Collective."""
+        self.effects = tuple(effect.placed(self) for effect in self.effects)
         supports = self.named(fx.Support)
         self.supports = tuple((s, read_only(self.nodes(s.where, s.kind))) for s in supports)
         check_supports(self)
@@ -236,9 +237,14 @@ class Scene:
 
     def shares(self, name: str, wanted_by: str) -> Array:
         """Equal parts of 1 for the nodes of a named set, per local node with ghosts. Collective."""
-        parts = np.zeros(self.space.tabulate_dof_coordinates().shape[0])
-        parts[self.nodes(name, wanted_by)] = 1.0
+        parts = self.members(name, wanted_by)[:, 0]
         return parts / self.sum(parts[: self.owned_nodes].sum())
+
+    def members(self, name: str, wanted_by: str) -> Array:
+        """1 at local nodes of a named set, 0 elsewhere, shape (nodes, 1). Collective."""
+        members = np.zeros((len(self.space.tabulate_dof_coordinates()), 1))
+        members[self.nodes(name, wanted_by)] = 1.0
+        return members
 
     def boundary(self, name: str, wanted_by: str) -> Nodes:
         """Owned cell and local number of each facet of a named set, shape (n, 2). Collective.
@@ -273,9 +279,13 @@ class Scene:
     @property
     def centre_of_mass(self) -> Array:
         """Centre of mass in the reference configuration, shape (3,) [m]. Collective."""
+        return self.centre_of(1.0, self.space.tabulate_dof_coordinates())
+
+    def centre_of(self, members: Array | float, x: Array) -> Array:
+        """Centre of mass of nodes at places x, members being 1 at these, else 0 [m]. Collective."""
         n = self.owned_nodes
-        m, X = self.nodal_mass[:n], self.space.tabulate_dof_coordinates()[:n]
-        return np.asarray(self.sum(m @ X)) / self.sum(m.sum())
+        m = (self.nodal_mass[:, None] * members)[:n]
+        return np.asarray(self.sum((m * x[:n]).sum(axis=0))) / self.sum(m.sum())
 
     @cached_property
     def parts(self) -> ConnectedParts:
@@ -301,13 +311,6 @@ class Scene:
     def facet_weights(self, name: str, wanted_by: str, density: Any = 1.0) -> Array:
         """∫ density Nᵢ dA over a set's boundary facets, per local node with ghosts. Collective."""
         return nodal_weights(self.space, density, "ds", self.boundary(name, wanted_by))
-
-    def _point_masses(self) -> Array:
-        total = np.zeros(self.space.tabulate_dof_coordinates().shape[0])
-        for effect in self.effects:
-            own = effect.nodal_mass(self)
-            total += 0.0 if own is None else own
-        return total
 
     def density(self) -> fem.Function:
         """ρ0 per cell [kg/m³] as a piecewise constant function."""

@@ -74,7 +74,7 @@ def _extent(scene: Any) -> str:
     Args:
         scene: The scene.
     """
-    n, X = scene.owned_nodes, scene.space.tabulate_dof_coordinates()
+    n, X = scene.owned_nodes, scene.start_places
     mass = scene.sum(scene.nodal_mass[:n].sum())
     low = np.min(scene.comm.allgather(X[:n].min(axis=0, initial=np.inf)), axis=0)
     high = np.max(scene.comm.allgather(X[:n].max(axis=0, initial=-np.inf)), axis=0)

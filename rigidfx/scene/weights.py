@@ -11,7 +11,7 @@ from dolfinx import fem, la
 
 from rigidfx.base.form_cache import form_on
 
-__all__ = ["nodal_weights"]
+__all__ = ["nodal_weights", "point_masses"]
 
 
 def nodal_weights(
@@ -36,3 +36,16 @@ def nodal_weights(
     out.x.scatter_reverse(la.InsertMode.add)
     out.x.scatter_forward()
     return np.asarray(out.x.array[::3].copy())
+
+
+def point_masses(scene: Any) -> npt.NDArray[np.float64]:
+    """Sum of the point masses of all effects, per local node with ghosts [kg]. Collective.
+
+    Args:
+        scene: The scene, whose space is known already.
+    """
+    total = np.zeros(len(scene.start_places))
+    for effect in scene.effects:
+        own = effect.nodal_mass(scene)
+        total += 0.0 if own is None else own
+    return total

@@ -286,7 +286,7 @@ class Stepper:
         """
         if not supports:
             return None
-        velocities = self.prescribed.velocities(self.state.t, dt)
+        velocities = self.prescribed.velocities(self.state.t, dt, self.state.u.x.array)
         system = self.system
         changed = impose_velocity(self.scene, self.state, system.mass, system.layout, velocities)
         # A body that a support takes over loses what it has kept to the same impact.

@@ -17,7 +17,7 @@ from rigidfx.mechanics.eased import Eased
 from rigidfx.mechanics.rigid_body import Body, RigidBody
 from rigidfx.report.events import BodyChange, Event
 from rigidfx.scene.timeline import Timeline
-from rigidfx.state import initial_displacement, initial_velocity
+from rigidfx.state import initial_velocity
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.system.preload import apply_preload
 from rigidfx.step.system.supports import Impact, PrescribedDofs, supports_of
@@ -80,15 +80,14 @@ class Switch:
         stepper, dt = self._stepper, self._timeline.dt
         scene, state = stepper.scene, stepper.state
         start = self._timeline.after(0.0)
-        velocity = initial_velocity(scene, dt, start)
         self.clamps = check_clamps(scene, self._timeline)
         supports = supports_of(self.acting)
         held = PrescribedDofs(scene, supports)
         self.held = apply_preload(scene, stepper.forces, state, held, start)
-        displaced = initial_displacement(scene)
-        if displaced is not None:
-            state.place(displaced.reshape(-1))
-        state.move(velocity.reshape(-1))
+        if scene.named(InitialDisplacement):
+            state.place((scene.start_places - state.X).reshape(-1))
+        x = state.X + state.u.x.array.reshape(-1, 3)
+        state.move(initial_velocity(scene, x, dt, start).reshape(-1))
         self._bind([])
         impact = stepper.meet(supports, dt, stepper.measure())
         placed = {Preload: "The static preload", InitialDisplacement: "The InitialDisplacement"}

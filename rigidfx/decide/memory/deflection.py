@@ -32,13 +32,13 @@ class Deflection:
 
     Attributes:
         nodes: Owned nodes that stand for all.
-        X: Where they are in the mesh [m].
+        X: Their places at the start [m].
         now: How far they are deflected after the last state, shape (nodes, 3) [m].
     """
 
     def __init__(self, scene: Scene) -> None:
         """Nothing has moved. Collective."""
-        X = scene.space.tabulate_dof_coordinates()[: scene.owned_nodes]
+        X = scene.start_places[: scene.owned_nodes]
         self._scene, self.nodes = scene, spread(scene.comm, X, NODES)
         self._mass, self.X = scene.averaging_mass[self.nodes], X[self.nodes]
         self._all = np.arange(self.nodes.size)
@@ -126,7 +126,10 @@ class Deflection:
             if self._scene.named(Spring):
                 return u
             return self.left(self.X, x, [self._all])[0]
-        moved = [state.positions(n)[:, k] - state.X[n, k] for k, n in enumerate(self._held)]
+        moved = [
+            state.positions(n)[:, k] - self._scene.start_places[n, k]
+            for k, n in enumerate(self._held)
+        ]
         sums = np.array([*(of.sum() for of in moved), *(self._mass @ u), self._mass.sum()])
         every = np.asarray(self._scene.sum(sums))
         common = np.where(counts > 0, every[:3] / np.maximum(counts, 1), every[3:6] / every[6])

@@ -16,7 +16,7 @@ class PointMass(Effect):
     """A mass without size, spread in equal parts over the nodes of a named set.
 
     It counts in inertia and momenta, in the mass and inertia of a body that holds its nodes, and in
-    `Gravity` that acts everywhere.
+    `Gravity` everywhere or on a set that holds its nodes.
 
     Attributes:
         where: Name of a set of any dimension; all nodes in its closure take part.

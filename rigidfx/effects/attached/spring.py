@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -25,14 +25,17 @@ Stiffness = float | Sequence[float] | Sequence[Sequence[float]]
 class Spring(Effect):
     """Linear springs, and dashpots if asked for, between nodes and the ground.
 
-    The force -(K u½ + C Δu/Δt) is spread in equal parts over the nodes. Without displacement the
-    spring has no force; it acts during the whole run, in a static preload too.
+    The force -(K (u - u₀)½ + C Δu/Δt) is spread in equal parts over the nodes. It acts during the
+    whole run, in a static preload too.
 
     Attributes:
         where: Name of a set of any dimension; all nodes in its closure take part.
         stiffness: *Total* K [N/m]: a number for all directions, three for x, y and z, or a
             symmetric 3×3 matrix without negative eigenvalue.
         damping: *Total* C [N s/m], likewise; none by default.
+        relaxed: Place at which it has no force: "start", where an `InitialDisplacement` puts its
+            nodes (u₀ is that displacement), or "mesh", their reference positions (u₀ = 0), so that
+            an `InitialDisplacement` strains it. The same without an `InitialDisplacement`.
     """
 
     is_lasting: ClassVar[bool] = True
@@ -41,6 +44,7 @@ class Spring(Effect):
     where: str
     stiffness: Stiffness
     damping: Stiffness = 0.0
+    relaxed: Literal["start", "mesh"] = field(default="start", kw_only=True)
 
     def __post_init__(self) -> None:
         """Check both tensors.
@@ -51,6 +55,10 @@ class Spring(Effect):
         super().__post_init__()
         for name in ("stiffness", "damping"):
             _tensor(self.where, name, getattr(self, name))
+        if self.relaxed not in ("start", "mesh"):
+            raise SceneError(
+                f"{self.owner}: relaxed must be 'start' or 'mesh', got {shown(self.relaxed)}."
+            )
 
     @property
     def K(self) -> npt.NDArray[np.float64]:
@@ -99,7 +107,10 @@ class SpringForces(Grounded):
         self._share = 1.0 if structure.static else 0.5
         self._K = spring.K
         self._C = np.zeros((3, 3)) if structure.static else spring.C
-        u = self._u0[: 3 * n].reshape(-1, 3)
+        X = scene.space.tabulate_dof_coordinates()[:n]
+        rest = scene.start_places[:n] - X if spring.relaxed == "start" else np.zeros_like(X)
+        self._rest = rest[self._nodes]
+        u = self._u0[: 3 * n].reshape(-1, 3) - rest
         sums = np.zeros((len(bodies), 29))
         for row, body in zip(sums, bodies.of.records, strict=True):
             w, moved = weights[body.nodes], u[body.nodes]
@@ -117,13 +128,14 @@ class SpringForces(Grounded):
             self._K,
             self._C,
         )
-        x = np.abs(scene.space.tabulate_dof_coordinates()[:n] + u).max(initial=0.0)
+        x = np.abs(X + rest + u).max(initial=0.0)
         self.rounding = float(np.linalg.norm(self._K)) * scene.comm.allreduce(float(x))
 
     def resist_nodes(self, d: Any, dt: float, f: Any) -> None:
         """Add w (K u½ + C Δu/Δt)."""
         step = d.array_r.reshape(-1, 3)[self._at]
-        force = (self._u0[self._dofs] + self._share * step) @ self._K + step @ self._C / dt
+        strained = self._u0[self._dofs] - self._rest + self._share * step
+        force = strained @ self._K + step @ self._C / dt
         f.array.reshape(-1, 3)[self._at] += self._weights[:, None] * force
 
     def stiffen_nodes(self, tangent: Any, dt: float, prolongation: Any) -> None:
@@ -132,8 +144,8 @@ class SpringForces(Grounded):
         tangent.add_nodal(self._nodes, self._weights[:, None, None] * block)
 
     def potential(self, u: Array) -> float:
-        """½ w u·K u [J]."""
-        moved = u.reshape(-1, 3)[self._at]
+        """½ w (u - u₀)·K (u - u₀) [J]."""
+        moved = u.reshape(-1, 3)[self._at] - self._rest
         return 0.5 * float(np.vdot(self._weights[:, None] * moved, moved @ self._K))
 
     def potential_of_bodies(self, bodies: Bodies) -> float:

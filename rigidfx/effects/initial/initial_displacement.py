@@ -1,9 +1,13 @@
-"""Where the motion starts from."""
+"""Where the motion starts from.
+
+Effects that say where they act mean the body where it lies at the start: at X plus the
+displacements given here, and after a static preload.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -13,7 +17,9 @@ from rigidfx.base.errors import SceneError
 from rigidfx.effects.base import Effect
 from rigidfx.effects.fields import values_of
 
-__all__ = ["InitialDisplacement"]
+__all__ = ["InitialDisplacement", "displacement_at_start"]
+
+Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -24,9 +30,11 @@ class InitialDisplacement(Effect):
 
     Attributes:
         function: x of shape (3, n) [m] → displacements of shape (3, n) [m].
+        where: Name of a set whose nodes it displaces, of any dimension; all nodes if None.
     """
 
-    function: Callable[[npt.NDArray[np.float64]], npt.ArrayLike]
+    function: Callable[[Array], npt.ArrayLike]
+    where: str | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         """Check the function.
@@ -38,6 +46,24 @@ class InitialDisplacement(Effect):
         if not callable(self.function):
             raise SceneError("InitialDisplacement: function must be a function of x.")
 
-    def check(self, scene: Any) -> None:
-        """See whether the function gives finite vectors. Collective."""
-        values_of(self.kind, self.function, scene)
+    def values(self, scene: Any) -> Array:
+        """Its displacements per local node with ghosts, shape (nodes, 3) [m]. Collective.
+
+        Raises:
+            SceneError: On every rank, if the function gives anything but finite vectors.
+        """
+        values = values_of(self.kind, self.function, scene)
+        return values if self.where is None else values * scene.members(self.where, self.kind)
+
+
+def displacement_at_start(scene: Any) -> Array:
+    """Displacement that a scene's effects give, shape (nodes, 3) [m]; zero without. Collective.
+
+    Args:
+        scene: The scene, whose space is known already.
+
+    Raises:
+        SceneError: On every rank, if a function gives anything but finite vectors.
+    """
+    given = [effect.values(scene) for effect in scene.named(InitialDisplacement)]
+    return np.asarray(sum(given, np.zeros_like(scene.space.tabulate_dof_coordinates())))

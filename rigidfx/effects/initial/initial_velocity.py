@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -28,18 +29,23 @@ CONTRADICTION = 1e-5
 class InitialVelocity(Effect):
     """Velocity at the start: a rigid motion, or any function of the reference position.
 
+    The rigid motion is that of the body where it lies at the start, displaced by an
+    `InitialDisplacement` or a `Preload`: v = linear + ω × (x - centre).
+
     Attributes:
         linear: Velocity of the centre [m/s].
         angular: Angular velocity ω [rad/s].
-        centre: Point of the rotation [m]; the centre of mass if None.
-        function: x of shape (3, n) [m] → velocities of shape (3, n) [m/s], added to the rigid
-            motion.
+        centre: Point of the rotation [m]; if None the centre of mass of `where`, as it lies.
+        function: Reference positions X of shape (3, n) [m] → velocities of shape (3, n) [m/s],
+            added to the rigid motion.
+        where: Name of a set whose nodes it moves, of any dimension; all nodes if None.
     """
 
     linear: Vector = (0.0, 0.0, 0.0)
     angular: Vector = (0.0, 0.0, 0.0)
     centre: Vector | None = None
     function: Callable[[npt.NDArray[np.float64]], npt.ArrayLike] | None = None
+    where: str | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         """Check the vectors.
@@ -61,29 +67,47 @@ class InitialVelocity(Effect):
         Supports that move are looked at when a run starts: their velocity may be a difference
         quotient, over a part of Δt.
         """
-        velocity = given_velocity(scene)
+        _refuse_shared_nodes(scene)
+        velocity = given_velocity(scene, scene.start_places)
         for support, nodes in scene.supports:
             if isinstance(support, Fixed) and support.acts(0.0):
                 agree_with_support(scene, velocity, support, nodes, np.zeros(3))
 
 
-def given_velocity(scene: Any) -> Array:
-    """What all initial velocities of a scene give together, shape (nodes, 3) [m/s]. Collective.
+def given_velocity(scene: Any, x: Array) -> Array:
+    """Sum of all initial velocities of a scene, shape (nodes, 3) [m/s]. Collective.
 
     Args:
         scene: The scene, whose masses are known already.
+        x: Places of all local nodes at the start, shape (nodes, 3) [m].
 
     Raises:
         SceneError: On every rank, if a function gives anything but finite vectors.
     """
-    X = scene.space.tabulate_dof_coordinates()
-    v = np.zeros_like(X)
+    v = np.zeros_like(x)
     for effect in scene.named(InitialVelocity):
-        centre = scene.centre_of_mass if effect.centre is None else np.asarray(effect.centre)
-        v += np.asarray(effect.linear) + np.cross(effect.angular, X - centre)
+        where = effect.where
+        members = 1.0 if where is None else scene.members(where, effect.kind)
+        centre = effect.centre
+        if centre is None:
+            centre = scene.centre_of(np.broadcast_to(members, (len(x), 1)), x)
+        own = np.asarray(effect.linear) + np.cross(effect.angular, x - np.asarray(centre))
         if effect.function is not None:
-            v += values_of(effect.kind, effect.function, scene)
+            own = own + values_of(effect.kind, effect.function, scene)
+        v += own * members
     return v
+
+
+def _refuse_shared_nodes(scene: Any) -> None:
+    """Refuse velocities of two sets with common nodes, which would get the sum. Collective."""
+    named = [effect for effect in scene.named(InitialVelocity) if effect.where is not None]
+    for a, b in combinations(named, 2):
+        both = scene.members(a.where, a.kind) * scene.members(b.where, b.kind)
+        if a.where != b.where and scene.sum(both[: scene.owned_nodes].sum()) > 0:
+            raise SceneError(
+                f"InitialVelocity: '{a.where}' and '{b.where}' have nodes in common, which would "
+                "get the sum of both velocities. Name sets without common nodes."
+            )
 
 
 def agree_with_support(

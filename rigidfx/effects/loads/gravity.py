@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from rigidfx.base.errors import SceneError
 from rigidfx.effects.action import Structure
 from rigidfx.effects.base import Array, Vector
 from rigidfx.effects.loads.dead_load import DeadLoad
@@ -18,7 +19,10 @@ __all__ = ["Gravity"]
 
 @dataclass(frozen=True)
 class Gravity(DeadLoad):
-    """Uniform acceleration field: force ρ0 g per reference volume.
+    """Uniform acceleration field: force m g on all mass of the nodes it acts on.
+
+    That is the mass of the cells of its set, ρ0 g per reference volume, and all of a `PointMass` on
+    the nodes of these cells. A `Rigid` part of given mass weighs that mass.
 
     Attributes:
         value: Acceleration g, three components [m/s²], or a function of time giving them.
@@ -29,9 +33,25 @@ class Gravity(DeadLoad):
     where: str | None = None
 
     def weights(self, scene: Any) -> Array:
-        """Mass of each node, and point masses where it acts everywhere [kg]."""
+        """Mass of the loaded cells at each node, and its point masses [kg]. Collective."""
         weights = scene.cell_weights(scene.density(), scene.owned_cells(self.where, self.kind))
-        return weights if self.where is not None else weights + scene.point_masses
+        return weights + scene.point_masses * self._members(scene)
+
+    def _members(self, scene: Any) -> Array | float:
+        """1 at the nodes of its cells, 0 elsewhere, per local node. Collective."""
+        return 1.0 if self.where is None else scene.members(self.where, self.kind)[:, 0]
+
+    def check(self, scene: Any) -> None:
+        """Check its set, and that no other one loads the same point mass too. Collective."""
+        super().check(scene)
+        others = [e for e in scene.named(Gravity) if e.where not in (None, self.where)]
+        for other in others if self.where is not None else ():
+            both = scene.point_masses * self._members(scene) * other._members(scene)
+            if scene.sum(both[: scene.owned_nodes].sum()) > 0:
+                raise SceneError(
+                    f"Gravity: '{self.where}' and '{other.where}' both hold nodes of a PointMass, "
+                    "which would weigh twice. Name one set that holds all of them."
+                )
 
     def moments(self, structure: Structure, weights: Array) -> Array:
         """As of any dead load, but bodies whose mass is given weigh what that says."""

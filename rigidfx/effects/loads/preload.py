@@ -2,45 +2,63 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence, Set
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence, Set
+from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from rigidfx.base.errors import SceneError
-from rigidfx.base.inputs import shown, whole
-from rigidfx.effects.base import Effect
+from rigidfx.base.inputs import shown, vector, whole
+from rigidfx.effects.base import Array, Effect, Vector
+from rigidfx.effects.loads.centrifugal import Centrifugal
 from rigidfx.effects.loads.dead_load import DeadLoad
+from rigidfx.effects.supports.prescribed_rotation import PrescribedRotation
 
 __all__ = ["Preload"]
 
 
 @dataclass(frozen=True)
 class Preload(Effect):
-    """Static equilibrium under loads of its own, found before the dynamics start from rest in it.
+    """Static equilibrium under loads of its own, from which the dynamics start.
 
     The loads act in the statics only: one that is to stay on is named in the scene as well, one
-    that is not is thereby let go suddenly at the start.
+    that is not is thereby let go suddenly at the start. With a spin the equilibrium is that of a
+    frame that turns, under centrifugal forces on the deformed places X + u, and the motion starts
+    with the velocities ω × (X + u - centre), unless the scene names an `InitialVelocity`.
 
     Attributes:
-        loads: Dead loads, taken at the start time.
+        loads: Dead loads, taken at the start time; may be none with a spin.
         increments: Number of equal load increments.
+        spin: Angular velocity ω of the frame [rad/s].
+        centre: Point of its axis [m]; if None a point of the axis of a `PrescribedRotation` that
+            acts at the start, or else the centre of mass.
     """
 
-    loads: Sequence[DeadLoad]
+    loads: Sequence[DeadLoad] = ()
     increments: int = 1
+    spin: Vector = field(default=(0.0, 0.0, 0.0), kw_only=True)
+    centre: Vector | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         """Check the loads.
 
         Raises:
-            SceneError: If there are none, one is not a dead load, or increments < 1.
+            SceneError: If there are none and no spin, one is not a dead load, or increments < 1.
         """
         super().__post_init__()
         given = (self.loads,) if isinstance(self.loads, DeadLoad) else self.loads
         listed = isinstance(given, Iterable) and not isinstance(given, Set)
         loads = tuple(given) if listed else ()
-        if not loads or not all(isinstance(load, DeadLoad) for load in loads):
-            raise SceneError(f"Preload: loads must be one or more dead loads, got {shown(given)}.")
+        turns = bool(vector(self, "spin", self.spin).any())
+        if self.centre is not None:
+            vector(self, "centre", self.centre)
+        empty = listed and not loads and turns
+        if not (loads or empty) or not all(isinstance(load, DeadLoad) for load in loads):
+            raise SceneError(
+                f"Preload: loads must be one or more dead loads, got {shown(given)}; without loads "
+                "it needs a spin."
+            )
         object.__setattr__(self, "loads", loads)
         increments = whole("Preload", "increments", self.increments, least=1)
         object.__setattr__(self, "increments", increments)
@@ -49,3 +67,26 @@ class Preload(Effect):
         """Check its loads."""
         for load in self.loads:
             load.check(scene)
+
+    @property
+    def turns(self) -> bool:
+        """Whether its frame turns."""
+        return any(self.spin)
+
+    def centrifugal(self, scene: Any, share: Callable[[], float]) -> list[Effect]:
+        """Its centrifugal forces, times a share; none without a spin. Collective."""
+        return [Centrifugal(self.spin, self._pivot(scene), share)] if self.turns else []
+
+    def velocities(self, scene: Any, x: Array) -> Array:
+        """ω × (x - centre) of some places, shape (nodes, 3) [m/s]. Collective."""
+        return np.cross(self.spin, x - np.asarray(self._pivot(scene)))
+
+    def _pivot(self, scene: Any) -> Vector:
+        """A point of the axis [m]. Collective."""
+        if self.centre is not None:
+            return self.centre
+        turned = [s for s in scene.named(PrescribedRotation) if s.acts(0.0)]
+        if turned:
+            return turned[0].through
+        x, y, z = scene.centre_of_mass
+        return float(x), float(y), float(z)

@@ -65,7 +65,7 @@ class PrescribedMotion(GuidedSupport):
         """The path of some points at t, shape (3,) or (points, 3) [m]."""
         return self.displacement_at(t) if self.uniform else values_at(self.displacement, X, t)
 
-    def velocities_at(self, t: float, dt: float, X: Array) -> Array:
+    def velocities_at(self, t: float, dt: float, X: Array, x: Array) -> Array:
         """The velocity of some points just after t, shape (3,) or (points, 3) [m/s]."""
         if self.uniform:
             return self.velocity_at(t, dt)
@@ -109,7 +109,7 @@ class PrescribedMotion(GuidedSupport):
             X = self._points[:1]
             return PathAndVelocity(
                 lambda t: self.displacements_at(t, X)[0],
-                lambda t: self.velocities_at(t, 1.0, X)[0],
+                lambda t: self.velocities_at(t, 1.0, X, X)[0],
                 self.axes,
             )
         velocity: Any = self.velocity
@@ -120,4 +120,6 @@ class PrescribedMotion(GuidedSupport):
         some = np.zeros((1, 3)) if self.uniform else self._points
         if not self.acts(t):
             return np.zeros(some.size)
-        return np.asarray(np.broadcast_to(self.velocities_at(t, dt, some), some.shape)).ravel()
+        return np.asarray(
+            np.broadcast_to(self.velocities_at(t, dt, some, some), some.shape)
+        ).ravel()

@@ -22,11 +22,12 @@ __all__ = ["PrescribedRotation"]
 
 @dataclass(frozen=True)
 class PrescribedRotation(GuidedSupport):
-    """Turns the nodes of a named set about a fixed axis, as they lie in the undeformed body.
+    """Turns the nodes of a named set about a fixed axis, from where they lie at its start.
 
-    A node at X moves by (R(φ(t)) - R(φ(t₀))) (X - c) from where it is at the start t₀. Its work is
-    force times path, so that energy balances whatever Δt. The velocity of its nodes is 2 Δu/Δt less
-    the one before, as everywhere: it alternates about ω × r by (ωΔt)²/12 of that.
+    In a step from t₀ to t₁ a node at x moves by (R(φ(t₁) - φ(t₀)) - I) (x - c), so that nodes that
+    an `InitialDisplacement`, a `Preload` or the motion before has moved are turned as they lie. Its
+    work is force times path, so that energy balances whatever Δt. The velocity of its nodes is
+    2 Δu/Δt less the one before, as everywhere: it alternates about ω × r by (ωΔt)²/12 of that.
 
     Attributes:
         axis: Direction of the axis, of any length; the angle counts by the right hand.
@@ -103,15 +104,20 @@ class PrescribedRotation(GuidedSupport):
         turn = self._asked("angle", t) * self.direction
         return np.asarray(Rotation.from_rotvec(turn).apply(arms) - arms).reshape(-1, 3)
 
-    def velocities_at(self, t: float, dt: float, X: Array) -> Array:
-        """ω × R (X - c) of some points just after t, shape (points, 3) [m/s]."""
-        now = X - np.asarray(self.through) + self.displacements_at(t, X)
-        return np.cross(self.angular_velocity(t, dt), now)
+    def increments_of(self, t0: float, t1: float, X: Array, x: Array) -> Array:
+        """(R(φ₁ - φ₀) - I)(x - c) of some points, shape (points, 3) [m]."""
+        arms = x - np.asarray(self.through)
+        turn = (self._asked("angle", t1) - self._asked("angle", t0)) * self.direction
+        return np.asarray(Rotation.from_rotvec(turn).apply(arms) - arms).reshape(-1, 3)
+
+    def velocities_at(self, t: float, dt: float, X: Array, x: Array) -> Array:
+        """ω × (x - c) of some points just after t, shape (points, 3) [m/s]."""
+        return np.cross(self.angular_velocity(t, dt), x - np.asarray(self.through))
 
     @property
     def keeps_rigid(self) -> bool:
-        """Whether it acts from the start on, where parts are as they were meshed."""
-        return self.since <= 0.0
+        """True: a rotation strains nothing."""
+        return True
 
     def same_motion(self, other: Support) -> bool:
         """The same angle about the same axis."""

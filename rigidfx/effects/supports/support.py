@@ -84,13 +84,25 @@ class Support(Windowed):
         """
         return self.displacement_at(t)
 
-    def velocities_at(self, t: float, dt: float, X: Array) -> Array:
+    def increments_of(self, t0: float, t1: float, X: Array, x: Array) -> Array:
+        """Prescribed increments of some points from t0 to t1, shape (points, 3) [m].
+
+        Args:
+            t0: Start of a step [s].
+            t1: End of the step [s].
+            X: Reference positions, shape (points, 3) [m].
+            x: Their places at t0, likewise.
+        """
+        return self.displacements_at(t1, X) - self.displacements_at(t0, X)
+
+    def velocities_at(self, t: float, dt: float, X: Array, x: Array) -> Array:
         """Prescribed velocities of some points just after t, shape (3,) or (points, 3) [m/s].
 
         Args:
             t: Time [s].
             dt: Time step [s], the scale of the difference quotient where one is needed.
             X: Reference positions, shape (points, 3) [m].
+            x: Their places at t, likewise.
         """
         return self.velocity_at(t, dt)
 
@@ -137,7 +149,7 @@ class Support(Windowed):
         def check() -> None:
             for value in (
                 self.displacements_at(self.start, X),
-                self.velocities_at(self.start, 1.0, X),
+                self.velocities_at(self.start, 1.0, X, X),
             ):
                 if np.shape(value) not in ((3,), X.shape) or not np.isfinite(value).all():
                     raise SceneError(

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from dolfinx.mesh import entities_to_geometry
 
 from rigidfx.base.errors import SceneError
 from rigidfx.effects.supports.fixed import Fixed
@@ -20,6 +19,8 @@ FLAT = 1e-9  # of the size of the mesh
 class Symmetry(Fixed):
     """Holds the nodes of a plane in the direction of its normal, which is x, y or z.
 
+    It is the plane in which they lie at the start, displaced by an `InitialDisplacement`.
+
     What lies on the other side is the mirror image: loads, reactions and energies are those of the
     half that there is. Of a force in the plane itself half is to be given.
 
@@ -29,19 +30,15 @@ class Symmetry(Fixed):
 
     components: str = field(default="xyz", init=False)
 
-    def placed(self, domain: Any) -> Symmetry:
-        """The same with the normal of its plane. Collective.
+    def placed(self, scene: Any) -> Symmetry:
+        """The same with the normal of its plane, as that lies at the start. Collective.
 
         Raises:
             SceneError: If the set is unknown, or no plane with the normal x, y or z.
         """
-        mesh = domain.mesh
-        found = domain.find(self.where, (2,), self.kind)
-        mesh.topology.create_connectivity(2, 3)
-        X: Any = np.empty((0, 3))
-        if found.entities.size:  # a rank may have none, which DOLFINx divides by
-            X = mesh.geometry.x[np.unique(entities_to_geometry(mesh, 2, found.entities))]
-        comm = domain.comm
+        nodes = scene.nodes(self.where, self.kind, (2,))
+        X = scene.start_places[nodes]
+        comm = scene.comm
         ends = [
             comm.allreduce(tuple(map(float, values)), op=op)
             for values, op in (
@@ -55,7 +52,7 @@ class Symmetry(Fixed):
         if len(flat) != 1:
             raise SceneError(
                 f"{self.owner}: its facets must lie in one plane whose normal is x, y or z; they "
-                f"reach from {ends[0]} to {ends[1]} m."
+                f"reach from {ends[0]} to {ends[1]} m at the start."
             )
         out = replace(self)
         object.__setattr__(out, "components", "xyz"[int(flat[0])])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 import numpy.typing as npt
@@ -10,6 +10,7 @@ import numpy.typing as npt
 from rigidfx.base.errors import SceneError, StepError
 from rigidfx.base.failures import Failures
 from rigidfx.coupling.dof_layout import DofLayout, dof_layout
+from rigidfx.coupling.mass import mass_operator
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects import Contact, Preload
 from rigidfx.flexible.internal_forces import InternalForces
@@ -50,10 +51,11 @@ def apply_preload(
         StepError: If an increment does not converge.
     """
     found: tuple[Mapping[str, Array], Mapping[str, Array]] = {}, {}
+    share = [1.0]  # of the loads, in the present increment
     for preload in scene.named(Preload):
         _check(scene, preload, prescribed, start)
         layout = dof_layout(scene, forces.cells(), state.bodies.of, prescribed.mask)
-        actions = _actions(scene, forces, state, layout, preload)
+        actions = _actions(scene, forces, state, layout, preload, lambda: share[0])
         statics = Equilibrium(
             scene,
             forces,
@@ -65,7 +67,7 @@ def apply_preload(
         newton = Newton(statics, scene)
         actions.set_time(0.0, 1.0)
         full = actions.external.copy()
-        if full.norm() == 0.0:
+        if full.norm() == 0.0 and not preload.turns:
             raise SceneError(
                 "Preload: its loads are zero at t = 0, when the statics are, so that there is "
                 "nothing to be in equilibrium with. Look at their values and time functions."
@@ -73,7 +75,8 @@ def apply_preload(
         rest = Guess(np.zeros(layout.rows.dofs.size), np.empty((0, 6)))
         for k in range(1, preload.increments + 1):
             full.copy(actions.external)
-            actions.external.scale(k / preload.increments)
+            share[0] = k / preload.increments
+            actions.external.scale(share[0])
             nothing = np.zeros(statics.prolongation.prescribed.size)
             statics.begin(1.0, None, nothing, state.bodies)
             solution = newton.solve((rest,))
@@ -117,19 +120,26 @@ def _check(scene: Scene, preload: Preload, prescribed: PrescribedDofs, start: fl
 
 
 def _actions(
-    scene: Scene, forces: InternalForces, state: State, layout: DofLayout, preload: Preload
+    scene: Scene,
+    forces: InternalForces,
+    state: State,
+    layout: DofLayout,
+    preload: Preload,
+    share: Callable[[], float],
 ) -> Actions:
-    """The loads of a preload, and the scene's springs. Collective."""
+    """The loads of a preload, its centrifugal forces, and the scene's springs. Collective."""
+    rows, own = layout.rows, layout.massive[layout.rows.nodes]
     structure = BoundStructure(
         scene=scene,
-        rows=layout.rows,
-        own=layout.massive[layout.rows.nodes],
+        rows=rows,
+        own=own,
         bodies=state.bodies,
-        mass=None,
+        mass=mass_operator(scene, rows, forces.cells(), own) if preload.turns else None,
         u=state.u.x.array,
         surface=forces.surface,
         failures=Failures(scene.comm),
         static=True,
     )
     lasting = [effect for effect in scene.effects if effect.is_lasting]
-    return Actions(structure, [*preload.loads, *lasting], preload.loads)
+    spun = preload.centrifugal(scene, share)
+    return Actions(structure, [*preload.loads, *lasting, *spun], preload.loads)

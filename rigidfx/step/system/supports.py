@@ -95,7 +95,8 @@ class PrescribedDofs:
         self._owner = owner[self.mask]
         held = np.flatnonzero(self.mask)
         self._axis = (held % 3).astype(np.int32)
-        self._X = scene.space.tabulate_dof_coordinates()[held // 3]
+        self._nodes = held // 3
+        self._X = scene.space.tabulate_dof_coordinates()[self._nodes]
         self._own = [np.flatnonzero(self._owner == k) for k in range(len(self.active))]
 
     def _spread(self, per_support: list[Array]) -> Array:
@@ -105,15 +106,21 @@ class PrescribedDofs:
             out[own] = each[np.arange(own.size), self._axis[own]]
         return out
 
-    def increments(self, t0: float, t1: float) -> Array:
-        """Prescribed increments of the held dofs from t0 to t1 [m]. Collective."""
+    def increments(self, t0: float, t1: float, u: Array) -> Array:
+        """Prescribed increments of the held dofs from t0 to t1 [m]. Collective.
 
-        def gained(support: Support, X: Array) -> Array:
+        Args:
+            t0: Start of a step [s].
+            t1: End of the step [s].
+            u: Displacement at all local dofs at t0 [m].
+        """
+
+        def gained(support: Support, X: Array, x: Array) -> Array:
             jumps = self._jumps if support.moves else None
             if not support.uniform:
                 if jumps is not None:
                     jumps.look(support, t0, t1, support.path_at(t0), support.path_at(t1))
-                return support.displacements_at(t1, X) - support.displacements_at(t0, X)
+                return support.increments_of(t0, t1, X, x)
             u0 = np.array(support.displacement_at(t0))  # a path may change one array in place
             u1 = np.array(support.displacement_at(t1))
             for given in (u0, u1):
@@ -126,19 +133,26 @@ class PrescribedDofs:
 
         if self._jumps is not None:
             self._jumps.begin()
-        return self._ask(gained, t1)
+        return self._ask(gained, t1, u)
 
-    def velocities(self, t: float, dt: float) -> Array:
-        """Prescribed velocities of the held dofs just after t [m/s]. Collective."""
-        return self._ask(lambda support, X: support.velocities_at(t, dt, X), t)
+    def velocities(self, t: float, dt: float, u: Array) -> Array:
+        """Prescribed velocities of the held dofs just after t [m/s]. Collective.
 
-    def _ask(self, question: Callable[[Support, Array], Array], t: float) -> Array:
+        Args:
+            t: Time [s].
+            dt: Time step [s], the scale of difference quotients.
+            u: Displacement at all local dofs at t [m].
+        """
+        return self._ask(lambda support, X, x: support.velocities_at(t, dt, X, x), t, u)
+
+    def _ask(self, question: Callable[[Support, Array, Array], Array], t: float, u: Array) -> Array:
         """Answers of each support, spread over its dofs; what a user's function does is checked.
 
         Args:
-            question: Function of a support and of the reference positions of its dofs' nodes, shape
-                (dofs, 3) [m], to a vector for each of them, or one for all.
+            question: Function of a support, and of the reference positions and the places of its
+                dofs' nodes, shape (dofs, 3) [m], to a vector for each of them, or one for all.
             t: Time, for messages [s].
+            u: Displacement at all local dofs [m].
 
         Raises:
             SceneError: On every rank, if one fails or is not three finite numbers. Collective.
@@ -148,9 +162,10 @@ class PrescribedDofs:
             out = []
             for support, own in zip(self.active, self._own, strict=True):
                 X = self._X[own]
+                x = X + u.reshape(-1, 3)[self._nodes[own]]
                 name = f"{type(support).__name__} on '{support.where}'"
                 try:
-                    value = question(support, X)
+                    value = question(support, X, x)
                 except Exception as error:  # whatever a user's function may raise
                     raise SceneError(
                         f"{name}: its path failed near t = {t:g} s with "

@@ -159,7 +159,7 @@ class System:
         self._forces.set_time(middle, dt)
         self.actions.set_time(middle, dt)
         self._v0.array[:] = state.v.x.array[self.layout.rows.dofs]
-        imposed = self._prescribed.increments(state.t, state.t + dt)
+        imposed = self._prescribed.increments(state.t, state.t + dt, state.u.x.array)
         self.equilibrium.begin(dt, self._v0, imposed, state.bodies)
         u, v, bodies = self.equilibrium.start, self._v0.array_r, state.bodies
         return self.newton.solve(predict(self._scene, self.layout, u, v, bodies, dt))
