@@ -103,7 +103,7 @@ LOADS = {
     ),
     "Gravity on a body": (
         rf.Gravity(tuple(Q), "right"),
-        lambda X: 2.0 * per_volume(*RIGHT)(X),
+        lambda X: 2.0 * per_volume(*RIGHT)(X) + POINT * at_corner(X),
     ),
     "NodalForce": (rf.NodalForce("y0", tuple(Q)), shared((0, 0, 0), (4, 0, 1))),
     "NodalForce on cells": (rf.NodalForce("right", tuple(Q)), shared(*RIGHT)),

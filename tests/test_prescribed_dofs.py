@@ -25,6 +25,7 @@ from rigidfx.step.system.supports import PrescribedDofs, impose_velocity
 
 MATERIAL = rf.StVenantKirchhoff(rho=2.0, E=50.0, nu=0.3)
 MASSES = pytest.mark.parametrize("mass", ["lumped", "consistent"])
+NOWHERE = np.zeros(3 * 5 * 3 * 2)  # m; displacement of the bar below
 EPS = float(np.finfo(float).eps)
 SOLVED = 1e-13  # relative, by conjugate gradients to rounding
 
@@ -86,7 +87,7 @@ def test_components_of_the_nodes_of_a_set_are_held(components):
 def test_without_supports_nothing_is_held():
     dofs, _, _ = prescribed_by()
     assert not dofs.mask.any()
-    assert dofs.increments(0.0, 1.0).shape == dofs.velocities(0.0, 0.1).shape == (0,)
+    assert dofs.increments(0.0, 1.0, NOWHERE).shape == dofs.velocities(0.0, 0.1, NOWHERE).shape == (0,)
     assert dofs.reactions(np.empty(0), np.empty((0, 3))) == ({}, {})
 
 
@@ -103,19 +104,19 @@ def test_each_dof_moves_by_the_path_of_its_support():
     t0, t1 = 0.5, 1.25
     moved = np.subtract(path(t1), path(t0)), np.subtract(other_path(t1), other_path(t0))
     wanted = np.where(first, moved[0][axis], moved[1][axis])
-    assert np.abs(dofs.increments(t0, t1) - wanted).max() <= 10 * EPS
+    assert np.abs(dofs.increments(t0, t1, NOWHERE) - wanted).max() <= 10 * EPS
     speed = np.array([2.0, 6.0 * t0, 1 - 2.0 * t0]), np.array([0.0, -5.0, 8.0 * t0])
     wanted = np.where(first, speed[0][axis], speed[1][axis])
     # A difference quotient over a thousandth of the step loses three digits.
-    assert np.abs(dofs.velocities(t0, 0.1) - wanted).max() <= 1e6 * EPS
+    assert np.abs(dofs.velocities(t0, 0.1, NOWHERE) - wanted).max() <= 1e6 * EPS
 
 
 def test_a_velocity_that_is_given_is_taken():
     """Beyond the start it need not be the derivative of the path, which counts in steps."""
     support = rf.PrescribedMotion("x0", "yz", displacement=path, velocity=lambda t: (2.0, t, 1.0))
     dofs, _, axis = prescribed_by(support)
-    assert dofs.velocities(2.0, 0.1).tolist() == np.where(axis == 1, 2.0, 1.0).tolist()
-    assert dofs.increments(0.0, 2.0).tolist() == np.where(axis == 1, 12.0, -2.0).tolist()
+    assert dofs.velocities(2.0, 0.1, NOWHERE).tolist() == np.where(axis == 1, 2.0, 1.0).tolist()
+    assert dofs.increments(0.0, 2.0, NOWHERE).tolist() == np.where(axis == 1, 12.0, -2.0).tolist()
 
 
 def test_nodes_of_a_driven_body_move_with_its_support():
@@ -124,7 +125,7 @@ def test_nodes_of_a_driven_body_move_with_its_support():
     supports = rf.Fixed("x0", "z"), rf.PrescribedMotion("x1", "x", displacement=path)
     dofs, _, _ = prescribed_by(*supports, driven={1: nodes})
     found = np.zeros(dofs.mask.size)
-    found[dofs.mask] = dofs.increments(0.0, 2.0)
+    found[dofs.mask] = dofs.increments(0.0, 2.0, NOWHERE)
     for c, wanted in enumerate(np.subtract(path(2.0), path(0.0))):
         assert found[3 * nodes + c] == pytest.approx(wanted)
 
@@ -143,12 +144,12 @@ def test_path_that_cannot_be_used(displacement, words):
         rf.Fixed("x0", "z"),
         rf.PrescribedMotion("x1", displacement=displacement),
     )
-    assert dofs.increments(0.0, 0.5).size == 6 + 18
+    assert dofs.increments(0.0, 0.5, NOWHERE).size == 6 + 18
     with (
         np.errstate(invalid="ignore"),
         pytest.raises(SceneError, match=f"PrescribedMotion on 'x1'.*{words}"),
     ):
-        dofs.increments(0.5, 2.0)
+        dofs.increments(0.5, 2.0, NOWHERE)
 
 
 # Reactions -------------------------------------------------------------------------------------
