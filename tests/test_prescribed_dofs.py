@@ -87,7 +87,8 @@ def test_components_of_the_nodes_of_a_set_are_held(components):
 def test_without_supports_nothing_is_held():
     dofs, _, _ = prescribed_by()
     assert not dofs.mask.any()
-    assert dofs.increments(0.0, 1.0, NOWHERE).shape == dofs.velocities(0.0, 0.1, NOWHERE).shape == (0,)
+    assert dofs.increments(0.0, 1.0, NOWHERE).shape == (0,)
+    assert dofs.velocities(0.0, 0.1, NOWHERE).shape == (0,)
     assert dofs.reactions(np.empty(0), np.empty((0, 3))) == ({}, {})
 
 

@@ -15,10 +15,7 @@ from rigidfx.effects.damping.kelvin_voigt import KelvinVoigt
 from rigidfx.effects.damping.mass_damping import MassDamping
 from rigidfx.effects.damping.numerical_damping import NumericalDamping
 from rigidfx.effects.damping.stiffness_damping import StiffnessDamping
-from rigidfx.effects.initial.initial_displacement import (
-    InitialDisplacement,
-    displacement_at_start,
-)
+from rigidfx.effects.initial.initial_displacement import InitialDisplacement, places_at_start
 from rigidfx.effects.initial.initial_velocity import InitialVelocity
 from rigidfx.effects.loads.body_force import BodyForce
 from rigidfx.effects.loads.dead_load import DeadLoad
@@ -71,5 +68,5 @@ __all__ = [
     "Traction",
     "Windowed",
     "bends_of",
-    "displacement_at_start",
+    "places_at_start",
 ]

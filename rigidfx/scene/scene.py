@@ -72,8 +72,7 @@ class Scene:
         scheme: Time integration scheme.
         space, cell_space: Functions of displacement and velocity; piecewise constant ones.
         nodal_mass: ∫ ρ0 Nᵢ dV and point masses per local node with ghosts, shape (nodes,) [kg].
-        averaging_mass: |∫ ρ0 Nᵢ dV| and point masses, [kg]: weights for best fits over a few
-            nodes, as nodal masses are negative at vertices of second-order tetrahedra.
+        averaging_mass: |∫ ρ0 Nᵢ dV| and point masses, positive for fits over a few nodes [kg].
         start_places: Places of the local nodes at the start, before a preload [m].
         point_masses: The point masses in it [kg].
         element: How its cells strain.
@@ -129,7 +128,7 @@ class Scene:
         self._check_effects()
 
     def _assign(self, material: Any, element: Any) -> None:
-        """Give cells their materials and their element, and Rigid pieces their names. Collective."""
+        """Give cells their materials and element, and pieces of Rigid parts names. Collective."""
         self.domain, self.effects, self.pieces = divide(self.domain, self.effects)
         self.materials = assign(self.domain, material)
         self.element: Element = element_of(self, element)
@@ -140,8 +139,7 @@ class Scene:
     def _weigh(self) -> None:
         """Set nodes up, and their masses. Collective."""
         self.space = fem.functionspace(self.mesh, ("Lagrange", self.order, (3,)))
-        X = self.space.tabulate_dof_coordinates()
-        self.start_places = read_only(X + fx.displacement_at_start(self))
+        self.start_places = read_only(fx.places_at_start(self))
         self.cell_space = fem.functionspace(self.mesh, ("DG", 0))
         self.point_masses = read_only(point_masses(self))
         own = self.cell_weights(self.density(), self.owned_cells(None, "Scene"))
@@ -242,9 +240,9 @@ class Scene:
 
     def members(self, name: str, wanted_by: str) -> Array:
         """1 at local nodes of a named set, 0 elsewhere, shape (nodes, 1). Collective."""
-        members = np.zeros((len(self.space.tabulate_dof_coordinates()), 1))
+        members = np.zeros(len(self.space.tabulate_dof_coordinates()))
         members[self.nodes(name, wanted_by)] = 1.0
-        return members
+        return members[:, None]
 
     def boundary(self, name: str, wanted_by: str) -> Nodes:
         """Owned cell and local number of each facet of a named set, shape (n, 2). Collective.
@@ -254,8 +252,7 @@ class Scene:
         """
         found = self.domain.find(name, (2,), wanted_by)
         pairs = compat.integration_facets(self.mesh, found.entities).reshape(-1, 2)
-        inner = self.domain.count(found) - self.sum(len(pairs))
-        if inner > 0:
+        if (inner := self.domain.count(found) - self.sum(len(pairs))) > 0:
             raise SceneError(
                 f"{wanted_by} on '{name}': {int(inner)} of its facets lie inside the mesh; it "
                 "needs boundary facets."

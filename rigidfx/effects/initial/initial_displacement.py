@@ -17,7 +17,7 @@ from rigidfx.base.errors import SceneError
 from rigidfx.effects.base import Effect
 from rigidfx.effects.fields import values_of
 
-__all__ = ["InitialDisplacement", "displacement_at_start"]
+__all__ = ["InitialDisplacement", "places_at_start"]
 
 Array = npt.NDArray[np.float64]
 
@@ -56,8 +56,8 @@ class InitialDisplacement(Effect):
         return values if self.where is None else values * scene.members(self.where, self.kind)
 
 
-def displacement_at_start(scene: Any) -> Array:
-    """Displacement that a scene's effects give, shape (nodes, 3) [m]; zero without. Collective.
+def places_at_start(scene: Any) -> Array:
+    """Places of the local nodes where displacements put them, shape (nodes, 3) [m]. Collective.
 
     Args:
         scene: The scene, whose space is known already.
@@ -66,4 +66,4 @@ def displacement_at_start(scene: Any) -> Array:
         SceneError: On every rank, if a function gives anything but finite vectors.
     """
     given = [effect.values(scene) for effect in scene.named(InitialDisplacement)]
-    return np.asarray(sum(given, np.zeros_like(scene.space.tabulate_dof_coordinates())))
+    return np.asarray(sum(given, scene.space.tabulate_dof_coordinates()))
