@@ -26,10 +26,13 @@ from rigidfx.base.same_input import check_same
 from rigidfx.decide.criteria.accuracy import Accuracy, controlled
 from rigidfx.decide.criteria.judging import Criterion
 from rigidfx.report.account import Account, beginning
+from rigidfx.report.brief_contacts import BriefContacts
 from rigidfx.report.energy_balance import EnergyBalance
+from rigidfx.report.jolts import Jolts
 from rigidfx.report.lumping import LumpedInertia
 from rigidfx.report.of_step import amended, report_of
 from rigidfx.report.report import Report
+from rigidfx.report.turned_springs import TurnedSprings
 from rigidfx.run import Run, prepare
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.step_control import StepControl
@@ -136,7 +139,9 @@ def _reports(
 ) -> Iterator[Report]:
     """Advance → report → decide → switch, step by step."""
     timeline, stepper, switch, state = run.timeline, run.stepper, run.switch, run.stepper.state
-    balance, lumping = EnergyBalance(stepper.scene), LumpedInertia(stepper.scene)
+    scene, balance = stepper.scene, EnergyBalance(stepper.scene)
+    brief = BriefContacts(scene, stepper.control is None)
+    looks = balance, LumpedInertia(scene), Jolts(scene), brief, TurnedSprings(scene)
     account = Account(stepper.scene.comm)
     with (
         run,
@@ -147,9 +152,8 @@ def _reports(
         report = report_of(0, stepper, run.probes, None, impact, run.shadows)
         report = replace(report, reactions=switch.held[0], reaction_moments=switch.held[1])
         report = run.accounted(report)
-        balance.follow(report)
-        lumping.follow(report)
-        account.follow(report)
+        for look in (*looks, account):
+            look.follow(report)
         yield report
         for step in count(1):
             if timeline.over(state.t):
@@ -170,8 +174,8 @@ def _reports(
                 report = run.accounted(report)
             if report.iterations > 0:
                 solver.warn_of_unasked(stepper.scene.comm)
-            balance.follow(report)
-            lumping.follow(report)
+            for look in looks:
+                look.follow(report)
             bar.update(result.dt)
             report = replace(report, wall=perf_counter() - start)
             account.follow(report)

@@ -61,6 +61,7 @@ def bar(*effects, cells=(4, 1, 1), E=2e3, cell="hexahedron", **options):
 # Balances --------------------------------------------------------------------------------------
 
 
+@pytest.mark.filterwarnings("ignore:Spring on .* have turned by")
 @pytest.mark.parametrize("rigid", [False, True])
 @pytest.mark.parametrize("mass", ["lumped", "consistent"])
 @pytest.mark.parametrize("name", EFFECTS)

@@ -15,6 +15,7 @@ from rigidfx.effects.action import Action, Structure
 from rigidfx.effects.base import Windowed, check_vector
 from rigidfx.effects.contacts.against_obstacle import ObstacleForces
 from rigidfx.effects.contacts.asked import checked_approach, checked_gap, checked_outward
+from rigidfx.effects.contacts.facets import warn_of_facets
 from rigidfx.effects.contacts.obstacles import Obstacle
 from rigidfx.effects.contacts.overlap import refuse_overlap
 from rigidfx.effects.contacts.pair_surface import pair_of
@@ -124,6 +125,8 @@ class Contact(Windowed):
             together(
                 scene.comm, f"{self.owner}: its obstacle", lambda: self._check_gaps(against, y)
             )
+            if self.friction > 0 and not getattr(against, "inside", False):
+                warn_of_facets(scene, self.where, self.owner)
         if start > 0.0:
             return  # nobody knows where it will be
         worst, place = self.depth(scene, scene.start_places, start)
