@@ -17,7 +17,6 @@ from rigidfx.base.errors import (
 )
 from rigidfx.base.shared_cells import share_cells
 from rigidfx.base.uncaught import end_together
-from rigidfx.coupling.periods import periods
 from rigidfx.decide.criteria.accuracy import Accuracy
 from rigidfx.decide.criteria.criterion import StrainRate
 from rigidfx.decide.criteria.relative import Relative
@@ -72,6 +71,8 @@ from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.step_control import StepControl
 from rigidfx.simulation import simulate
+from rigidfx.vibration.modes import Modes, modes, periods
+from rigidfx.vibration.rayleigh import rayleigh
 
 __version__ = "0.2.0"
 
@@ -97,6 +98,7 @@ __all__ = [
     "MassDamping",
     "Material",
     "Midpoint",
+    "Modes",
     "MooneyRivlin",
     "NeoHooke",
     "NodalForce",
@@ -133,7 +135,9 @@ __all__ = [
     "from_arrays",
     "from_gmsh",
     "list_cad",
+    "modes",
     "periods",
+    "rayleigh",
     "read_bodies",
     "read_cad",
     "read_geo",

@@ -29,6 +29,7 @@ FLOW = [
     "simulation",
     "output",
     "plot",
+    "vibration",
     "command",
 ]
 MOVED = ["files", "shapes", "stress"]  # of one release: they warn, and point to where they are

@@ -81,6 +81,7 @@ class InternalForces:
         self._xi = fem.Constant(scene.mesh, 0.0)
         self._dx = scene.cell_measure
         self._variants: dict[Terms, Variant] = {}
+        self._acting: Terms = ("", ())
         for together_ in acting:
             self.select(together_)
         self._energy = Kernel(
@@ -309,8 +310,16 @@ class InternalForces:
         """Stored energy at `u0` over the given cells."""
         return self._energy.bind(cells)
 
-    def bind_static(self, cells: Cells) -> BoundForces:
-        """Static internal forces at `u1` over the given cells; compiled when first asked for."""
+    def bind_static(
+        self, cells: Cells, interior: Cells | None = None, interface: Cells | None = None
+    ) -> BoundForces:
+        """Static internal forces at `u1`; compiled when first asked for.
+
+        Args:
+            cells: Flexible cells.
+            interior: Those that touch no rigid body; all if None.
+            interface: Those that do; none if None.
+        """
         V, mesh = self._scene.space, self._scene.mesh
         test, trial = ufl.TestFunction(V), ufl.TrialFunction(V)
         work = self.integrate(lambda i, c: static_virtual_work(self._element, c.law, self.u1, test))
@@ -320,7 +329,9 @@ class InternalForces:
         )
         tangent = Kernel(ufl.derivative(work, at, trial) + less, [V, V], mesh)
         none = {i: own[:0] for i, own in cells.items()}
-        return self._bound(Kernel(work, [V], mesh).bind(cells), tangent, [(cells, {}), (none, {})])
+        facets: Facets = {}
+        parts = [(cells if interior is None else interior, facets), (interface or none, facets)]
+        return self._bound(Kernel(work, [V], mesh).bind(cells), tangent, parts)
 
     def bind_taken(self, cells: Cells, driven: Cells | None = None) -> Taken:
         """Energy that terms take out of the motion of cells in a step.

@@ -28,12 +28,12 @@ from rigidfx.base.c_library import c_library
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rotation import IDENTITY, orthonormalized, skew
 
-__all__ = ["Increments", "Step", "prepare"]
+__all__ = ["Increments", "StaticStep", "Step", "prepare"]
 
 Array = npt.NDArray[np.float64]
 
-# ½ f̂ v̂ = ½ v fᵀ - ½ (f·v) I from v fᵀ, both row by row.
-HALF_COUPLES = 0.5 * np.eye(9) - 0.5 * np.outer(IDENTITY, IDENTITY)
+# f̂ v̂ = v fᵀ - (f·v) I from v fᵀ, both row by row.
+COUPLES = np.eye(9) - np.outer(IDENTITY, IDENTITY)
 SOURCE = Path(__file__).with_suffix(".c")
 DECLARED = """
 void trial(int, double, const double *, const double *, const double *, const double *,
@@ -84,7 +84,10 @@ class Step:
     Attributes:
         start: The bodies at its start.
         dt: Δt [s].
+        share: Derivative of the arms that moments are taken with, by those at the end.
     """
+
+    share = 0.5
 
     def __init__(self, start: Bodies, dt: float) -> None:
         """Prepare what every trial needs.
@@ -133,6 +136,11 @@ class Step:
             getattr(code, what)(n, self._given[LENGTH], *given, at(out))
         return out
 
+    @property
+    def rate(self) -> float:
+        """Velocity at the end per increment, from rest [1/s]."""
+        return 2 / self.dt
+
     @cached_property
     def inertia(self) -> Array:
         """2 J R0ᵀ/Δt², shape (bodies, 3, 3) [N m]."""
@@ -144,6 +152,43 @@ class Step:
         out = np.zeros((len(self.start), 6, 6))
         out[:, :3, :3] = (2 / self.dt**2 * self.start.of.mass)[:, None, None] * IDENTITY
         return out
+
+
+class StaticStep(Step):
+    """A step of statics: arms of moments are those at its end, and there is no inertia."""
+
+    share = 1.0
+
+    def __init__(self, start: Bodies) -> None:
+        """Prepare what every trial needs."""
+        super().__init__(start, 1.0)
+
+    def trial(self, six: Array) -> Array:
+        """See `Step`."""
+        told, n = super().trial(six), len(six)
+
+        def part(name: str) -> Array:
+            first, end = PLACES[name]
+            return told[n * first : n * end]
+
+        part("R_av")[:] = part("R1")
+        part("pi1")[:] = part("force")[:] = 0.0
+        return told
+
+    @property
+    def rate(self) -> float:
+        """Nothing moves in time."""
+        return 0.0
+
+    @cached_property
+    def inertia(self) -> Array:
+        """There is none."""
+        return np.zeros((len(self.start), 3, 3))
+
+    @cached_property
+    def block(self) -> Array:
+        """There is none."""
+        return np.zeros((len(self.start), 6, 6))
 
 
 class Increments:
@@ -205,7 +250,7 @@ class Increments:
         pose = np.empty((len(self), 4, 3))
         pose[:, 0] = self.start.r + self.dr
         pose[:, 1:] = orthonormalized(self.R1).swapaxes(1, 2)
-        rate = 2 / self.step.dt
+        rate = self.step.rate
         return Bodies(
             self.start.of,
             pose,
@@ -221,8 +266,8 @@ class Increments:
         """Derivative of the bodies' residual rows that P does not carry, shape (bodies, 6, 6).
 
         Args:
-            couples: Σ ½ f̂ᵢ v̂₁,ᵢ over forces on a body's nodes, shape (bodies, 3, 3) [N m]: how the
-                moments Σ v_av × f change with R1.
+            couples: See `couples`, shape (bodies, 3, 3) [N m]: how the moments Σ v_av × f change
+                with R1.
 
         Returns:
             In N/m.
@@ -280,9 +325,12 @@ class Increments:
         return self.step.balance(self._told, moments, torques)
 
     def couples(self, moments: Array) -> Array:
-        """Σ ½ f̂ᵢ v̂₁,ᵢ of forces with these moments, shape (bodies, 3, 3) [N m]: see `tangent`."""
+        """Σ ½ f̂ᵢ v̂₁,ᵢ of forces with these moments, shape (bodies, 3, 3) [N m]: see `tangent`.
+
+        In statics it is the whole Σ f̂ᵢ v̂₁,ᵢ.
+        """
         B = self.R1 @ moments[:, 1:]  # Σ v₁ fᵀ
-        return np.dot(B.reshape(-1, 9), HALF_COUPLES).reshape(-1, 3, 3)
+        return np.dot(B.reshape(-1, 9), self.step.share * COUPLES).reshape(-1, 3, 3)
 
     def work(self, forces: Array) -> float:
         """Work of forces and moments over ℓ, as `resultant` gives them, in the step [J]."""

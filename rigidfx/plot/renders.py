@@ -43,6 +43,7 @@ LIGHT, DARK = "#e8e4da", "#33475b"  # flexible and rigid parts, as in the paper'
 FIELDS = {
     "rigid": ("", ""),
     "displacement": ("displacement $|u|$", "m"),
+    "shape": ("mode shape, over its largest displacement", "1"),
     "velocity": ("velocity $|v|$", "m/s"),
     "von_mises": ("von Mises stress at nodes", "Pa"),
     "cell_von_mises": ("von Mises stress, mean of each cell", "Pa"),
@@ -60,10 +61,12 @@ class Photograph:
     Attributes:
         t: Time [s].
         surface: Deformed surface, from `surface_of`.
+        caption: What stands above it; the time if None.
     """
 
     t: float
     surface: Any
+    caption: str | None = None
 
 
 def check_camera(owner: str, view: Sequence[float], up: Sequence[float]) -> None:
@@ -158,9 +161,11 @@ def sheet(
         ax.axis("off")
         ax.set_box_aspect(1)
     for ax, photograph in zip(axes.flat, photographs, strict=False):
-        ax.set_title(f"$t$ = {photograph.t:.4g} s", loc="center", fontsize=12)
+        caption = photograph.caption or f"$t$ = {photograph.t:.4g} s"
+        ax.set_title(caption, loc="center", fontsize=12)
     key(figure, axes, field, photographs)
-    tell_scale(figure, scale)
+    if field != "shape":
+        tell_scale(figure, scale)
     # Each is drawn in the pixels that there is room for: to draw more and to make them fewer took
     # most of the time of a sheet.
     figure.set_dpi(DPI)

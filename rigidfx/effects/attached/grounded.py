@@ -33,6 +33,7 @@ class GroundedBodies:
         potential: Σ ½ w u·K u there, over all bodies [J].
         K: Shape (3, 3).
         C: Shape (3, 3).
+        share: Which part of an increment K sees: half of it, or all in statics.
     """
 
     spread: Array
@@ -41,17 +42,18 @@ class GroundedBodies:
     potential: float
     K: Array
     C: Array
+    share: float = 0.5
 
     def moments(self, increments: Increments) -> Array:
         """Σ f and Σ V fᵀ of a step, shape (bodies, 4, 3)."""
         D = increments.displacement
-        moved = increments.start.pose - self.pose + 0.5 * D
+        moved = increments.start.pose - self.pose + self.share * D
         stiff = (self.spread @ moved + self.displaced) @ self.K
         return np.asarray(stiff + self.spread @ D @ self.C / increments.step.dt)
 
     def tangent(self, increments: Increments) -> Array:
         """Derivative of their resultant as far as forces change, shape (bodies, 6, 6) [N/m]."""
-        K = 0.5 * self.K + self.C / increments.step.dt
+        K = self.share * self.K + self.C / increments.step.dt
         on_numbers = self.spread[:, :, None, :, None] * K.T[:, None]
         return np.asarray(
             increments.L.swapaxes(1, 2) @ on_numbers.reshape(-1, 12, 12) @ increments.P

@@ -127,6 +127,7 @@ class SpringForces(Grounded):
             float(total[:, 28].sum()),
             self._K,
             self._C,
+            self._share,
         )
         x = np.abs(X + rest + u).max(initial=0.0)
         self.rounding = float(np.linalg.norm(self._K)) * scene.comm.allreduce(float(x))

@@ -25,7 +25,7 @@ from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.flexible.bound_forces import BoundForces
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
-from rigidfx.mechanics.body_step import Step
+from rigidfx.mechanics.body_step import StaticStep, Step
 from rigidfx.scene.scene import Scene
 from rigidfx.step.equations.actions import Actions
 from rigidfx.step.equations.lost import Lost
@@ -103,7 +103,7 @@ class Equilibrium:
             imposed: Increments of the held dofs [m].
             start: The bodies at the start of the step.
         """
-        self._step = Step(start, dt)
+        self._step = Step(start, dt) if self.inertial else StaticStep(start)
         self.dt, self._v0, self._imposed = dt, v0, imposed
         self.start = self._u0[self._rows.dofs]
         self._cells.begin(self.start)

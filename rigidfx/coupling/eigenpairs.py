@@ -1,0 +1,288 @@
+"""Lowest eigenpairs of K φ = λ M φ, by SLEPc on all ranks.
+
+Krylov-Schur iterations (G. W. Stewart, SIAM J. Matrix Anal. Appl. 23 (2002) 601,
+doi:10.1137/S0895479800371529) take the inverse of K + σM, which MUMPS factors by LDLᵀ. The shift
+σ is small against the lowest λ that is not zero, and K may be singular or indefinite. A second
+iteration, orthogonal to all that has been found, looks for eigenvalues that the first one has
+missed: an iteration from one vector may miss some of a multiple eigenvalue. A Ritz step ends it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+from petsc4py import PETSc
+from scipy.linalg import eigh
+
+from rigidfx.base.errors import SceneError
+
+__all__ = ["EigenControl", "Eigenpairs", "clusters", "lowest"]
+
+Array = npt.NDArray[np.float64]
+
+MOST = 1000  # restarts of the iteration
+
+
+@dataclass(frozen=True)
+class EigenControl:
+    """Limits of the search for eigenpairs.
+
+    Attributes:
+        tolerance: Relative residual at which an eigenpair has converged.
+        dense: Unknowns up to which LAPACK finds all pairs at once, on each rank.
+        shift: First σ, over the largest ratio of the diagonals of K and M.
+        high: Largest σ over the lowest nonzero |λ|; above, the shift is set anew. Eigenvalues far
+            below the shift lie too close together for the iteration.
+        gap: Relative distance of two λ up to which they are one cluster, which is never cut.
+        rounding: An eigenvalue is zero below this factor × φ·diag(K)φ/φ·Mφ. Rounding in the
+            assembly of K leaves about 10 machine precisions of that sum.
+        extra: Further pairs that are asked for, which tell whether the last one belongs to a
+            cluster.
+        doubtful: Relative residual at which a value that may have been missed has converged.
+    """
+
+    tolerance: float = 1e-9
+    dense: int = 300
+    shift: float = 1e-8
+    high: float = 100.0
+    gap: float = 1e-3
+    rounding: float = 1e3 * float(np.finfo(np.float64).eps)
+    extra: int = 2
+    doubtful: float = 1e-3
+
+
+@dataclass(frozen=True)
+class Eigenpairs:
+    """Eigenpairs in order, and how many motions take no energy.
+
+    Attributes:
+        values: λ, shape (n,) [1/s²].
+        vectors: φ of each, φᵀMφ = 1; `destroy` frees them.
+        rigid: Number of zero eigenvalues, which are not among the pairs.
+    """
+
+    values: Array
+    vectors: list[PETSc.Vec]
+    rigid: int
+
+    def destroy(self) -> None:
+        """Free the vectors. Collective."""
+        for vector in self.vectors:
+            vector.destroy()
+
+
+def lowest(
+    K: PETSc.Mat,
+    M: PETSc.Mat,
+    count: int,
+    zeros: int = 0,
+    control: EigenControl | None = None,
+) -> Eigenpairs:
+    """The lowest eigenpairs, zero ones left out; the last cluster is whole. Collective.
+
+    Args:
+        K: Symmetric stiffness; zero eigenvalues are those of motions without energy.
+        M: Symmetric positive definite mass.
+        count: How many, at least; fewer where there are no more.
+        zeros: How many zero eigenvalues are likely.
+        control: Limits of the search.
+
+    Raises:
+        SceneError: If SLEPc is not installed, or finds no eigenpairs.
+    """
+    control = EigenControl() if control is None else control
+    slepc = _slepc()
+    if K.getSize()[0] == 0:
+        return Eigenpairs(np.empty(0), [], 0)
+    K = K.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
+    for A in (K, M):
+        A.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+    search = _Search(slepc, K, M, control)
+    try:
+        return search.lowest(count, zeros)
+    except PETSc.Error as error:
+        raise SceneError(
+            f"modes: no eigenpairs were found ({error}). Check that every part has mass and "
+            "stiffness."
+        ) from error
+    finally:
+        search.destroy()
+        K.destroy()
+
+
+def clusters(values: Array, gap: float) -> npt.NDArray[np.int64]:
+    """Number of the cluster that each of some sorted values belongs to.
+
+    Args:
+        values: Sorted values.
+        gap: Relative distance of neighbours up to which they are one cluster.
+    """
+    size = np.maximum(np.abs(values[1:]), np.abs(values[:-1]))
+    return np.asarray(np.r_[0, np.cumsum(np.diff(values) > gap * size)][: values.size])
+
+
+def _slepc() -> Any:
+    try:
+        from slepc4py import SLEPc
+    except ImportError as error:
+        raise SceneError(
+            "modes: SLEPc's Python package slepc4py is not installed. Debian has it as "
+            "python3-slepc4py-real, conda-forge as slepc4py."
+        ) from error
+    return SLEPc
+
+
+class _Search:
+    """One search: K, M, and the factors for the present shift."""
+
+    def __init__(self, slepc: Any, K: PETSc.Mat, M: PETSc.Mat, control: EigenControl) -> None:
+        self._slepc, self._K, self._M, self._control = slepc, K, M, control
+        self._size = int(K.getSize()[0])
+        self._diagonal = K.getDiagonal()
+        self._work = K.createVecRight()
+        m = M.getDiagonal()
+        ratio = np.divide(
+            np.abs(self._diagonal.array_r), m.array_r, out=np.zeros(m.local_size), where=m.array > 0
+        )
+        m.destroy()
+        self._scale = float(K.comm.tompi4py().allreduce(ratio.max(initial=0.0), op=MPI.MAX))
+        self._shift = control.shift * self._scale
+
+    def lowest(self, count: int, zeros: int) -> Eigenpairs:
+        """See the function of this name."""
+        values, vectors = self._found(count, zeros)
+        if self._too_far(values[~self._zeros(values, vectors)]):
+            lowest = np.abs(values[~self._zeros(values, vectors)]).min()
+            self._shift = 0.1 * float(lowest)
+            _free(vectors)
+            values, vectors = self._found(count, zeros)
+        zero = self._zeros(values, vectors)
+        elastic = np.flatnonzero(~zero)
+        kept = elastic[: self._cut(values[elastic], count)]
+        _free([vectors[k] for k in np.setdiff1d(np.arange(values.size), kept)])
+        return Eigenpairs(values[kept], [vectors[k] for k in kept], int(zero.sum()))
+
+    def destroy(self) -> None:
+        """Free the vectors. Collective."""
+        self._diagonal.destroy()
+        self._work.destroy()
+
+    def _found(self, count: int, zeros: int) -> tuple[Array, list[PETSc.Vec]]:
+        """Enough of the lowest pairs, with what a first iteration may have missed."""
+        eps = self._solver()
+        whole = self._size <= self._control.dense
+        asked = self._size if whole else min(count + zeros + self._control.extra, self._size)
+        values, vectors = self._ritz(self._next(eps, asked, []))
+        while len(vectors) < self._size:
+            elastic = values[~self._zeros(values, vectors)]
+            if self._cut(elastic, count) is None:
+                eps.setTolerances(self._control.tolerance, MOST)
+                lacking = max(count - elastic.size, 0) + self._control.extra
+                values, vectors = self._ritz([*vectors, *self._next(eps, lacking, vectors)])
+                continue
+            eps.setTolerances(self._control.doubtful, MOST)
+            more = self._next(eps, 1, vectors)
+            if self._quotient(more[0]) > values[-1] * (1 + 1e-6 * np.sign(values[-1])):
+                _free(more)
+                break
+            _free(more)
+            eps.setTolerances(self._control.tolerance, MOST)
+            more = self._next(eps, 1, vectors)
+            values, vectors = self._ritz([*vectors, *more])
+        eps.destroy()
+        return values, vectors
+
+    def _cut(self, values: Array, count: int) -> int | None:
+        """How many of the values to keep, so that no cluster is cut; None to ask for more."""
+        if values.size <= count:
+            return None
+        of = clusters(values, self._control.gap)
+        end = int(np.searchsorted(of, of[count - 1], side="right"))
+        return end if end < values.size else None
+
+    def _too_far(self, values: Array) -> bool:
+        lowest = float(np.abs(values).min(initial=np.inf))
+        return self._size > self._control.dense and self._shift > self._control.high * lowest
+
+    def _zeros(self, values: Array, vectors: list[PETSc.Vec]) -> npt.NDArray[np.bool_]:
+        """Whether each value is none but for rounding."""
+        sizes = []
+        for vector in vectors:
+            self._work.pointwiseMult(self._diagonal, vector)
+            sizes.append(abs(self._work.dot(vector)))
+        return np.asarray(np.abs(values) <= self._control.rounding * np.array(sizes))
+
+    def _solver(self) -> Any:
+        """SLEPc's solver with the factors of K + σM, or LAPACK's for a small problem."""
+        slepc, control = self._slepc, self._control
+        eps = slepc.EPS().create(self._K.comm)
+        eps.setOperators(self._K, self._M)
+        eps.setProblemType(slepc.EPS.ProblemType.GHEP)
+        if self._size <= control.dense:
+            eps.setType(slepc.EPS.Type.LAPACK)
+            eps.setWhichEigenpairs(slepc.EPS.Which.SMALLEST_REAL)
+            return eps
+        eps.setType(slepc.EPS.Type.KRYLOVSCHUR)
+        eps.setTarget(-self._shift)
+        eps.setWhichEigenpairs(slepc.EPS.Which.TARGET_MAGNITUDE)
+        eps.setTolerances(control.tolerance, MOST)
+        eps.setPurify(False)  # the Ritz step does more
+        st = eps.getST()
+        st.setType(slepc.ST.Type.SINVERT)
+        ksp = st.getKSP()
+        ksp.setType(PETSc.KSP.Type.PREONLY)
+        ksp.getPC().setType(PETSc.PC.Type.CHOLESKY)
+        ksp.getPC().setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
+        return eps
+
+    def _next(self, eps: Any, count: int, found: list[PETSc.Vec]) -> list[PETSc.Vec]:
+        """Vectors of the lowest eigenvalues in the complement of those that have been found.
+
+        Raises:
+            SceneError: If the iteration finds none.
+        """
+        count = min(count, self._size - len(found))
+        eps.setDimensions(count)
+        if found:
+            eps.setDeflationSpace(found)
+        eps.solve()
+        out = []
+        for k in range(min(eps.getConverged(), count)):
+            vector = self._K.createVecRight()
+            eps.getEigenvector(k, vector)
+            out.append(vector)
+        if not out:
+            raise SceneError("modes: SLEPc's iteration has found no further eigenpair.")
+        return out
+
+    def _quotient(self, vector: PETSc.Vec) -> float:
+        self._K.mult(vector, self._work)
+        up = float(self._work.dot(vector))
+        self._M.mult(vector, self._work)
+        return up / float(self._work.dot(vector))
+
+    def _ritz(self, vectors: list[PETSc.Vec]) -> tuple[Array, list[PETSc.Vec]]:
+        """Eigenpairs of K and M in the span of vectors, which are freed."""
+        grams = []
+        for A in (self._K, self._M):
+            gram = np.empty((len(vectors), len(vectors)))
+            for k, vector in enumerate(vectors):
+                A.mult(vector, self._work)
+                gram[:, k] = self._work.mDot(vectors)
+            grams.append(0.5 * (gram + gram.T))
+        comm = self._K.comm.tompi4py()
+        values, turn = comm.bcast(eigh(*grams) if comm.rank == 0 else None)
+        own = np.stack([vector.array_r for vector in vectors])
+        turned = turn.T @ own
+        for vector, row in zip(vectors, turned, strict=True):
+            vector.array[:] = row
+        return np.asarray(values), vectors
+
+
+def _free(vectors: list[PETSc.Vec]) -> None:
+    for vector in vectors:
+        vector.destroy()

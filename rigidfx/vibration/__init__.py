@@ -1,0 +1,1 @@
+"""Small vibrations about a state: modes, and damping given by two of them."""

@@ -1,0 +1,272 @@
+"""Modes of small free vibrations: frequencies, shapes, participation, effective masses.
+
+    K φ = ω² M φ,    φᵀMφ = 1,    Γ = φᵀM r,    effective mass Γ²
+
+with r a unit motion of the whole. The sum of the effective masses of all modes, those of zero
+frequency among them, is the mass that no support holds (R. W. Clough and J. Penzien, Dynamics of
+Structures, 3rd ed., Section 26-4).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import pi
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.base.errors import SceneError
+from rigidfx.base.inputs import path_of, whole
+from rigidfx.base.same_input import check_same
+from rigidfx.base.taken import seal
+from rigidfx.base.warning import warn
+from rigidfx.coupling.eigenpairs import clusters, lowest
+from rigidfx.report.current import check_about, check_scene
+from rigidfx.report.report import Report
+from rigidfx.scene.scene import Scene
+from rigidfx.scene.summary import FURTHER
+from rigidfx.vibration.problem import Problem
+from rigidfx.vibration.series import draw_modes, write_modes
+
+__all__ = ["Modes", "modes", "periods", "periods_in_words"]
+
+Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+CHEAP = 12_000  # unknowns up to which a description has periods unasked
+SAME = 1e-6  # relative distance of two ω² below which any combination of both shapes is a mode
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Modes in the order of their frequencies; numbers are equal on all ranks.
+
+    Attributes:
+        scene: The problem.
+        squares: ω² of each, shape (n,) [1/s²]; below zero where the state is unstable.
+        shapes: φ at all local nodes, ghosts included, shape (n, nodes, 3) [1/√kg]; those of equal
+            frequencies are aligned with the axes as far as they can be.
+        participation: Γ = φᵀM r with the unit translations x, y, z [√kg] and rotations about the
+            centre of mass [√kg m], shape (n, 6).
+        rigid: Number of motions without energy, which are not among the modes.
+        mass: Mass of the whole [kg].
+    """
+
+    scene: Scene
+    squares: Array
+    shapes: Array
+    participation: Array
+    rigid: int
+    mass: float
+
+    def __post_init__(self) -> None:
+        """Let nobody change the arrays."""
+        seal(self)
+
+    def __len__(self) -> int:
+        """Number of modes."""
+        return self.squares.size
+
+    @property
+    def angular_frequencies(self) -> Array:
+        """ω, shape (n,) [rad/s]; zero for an unstable mode."""
+        return np.asarray(np.sqrt(np.maximum(self.squares, 0.0)))
+
+    @property
+    def frequencies(self) -> Array:
+        """f = ω/2π, shape (n,) [Hz]."""
+        return np.asarray(self.angular_frequencies / (2 * pi))
+
+    @property
+    def periods(self) -> Array:
+        """T = 1/f, shape (n,) [s]; infinite for an unstable mode."""
+        with np.errstate(divide="ignore"):
+            return np.asarray(1 / self.frequencies)
+
+    @property
+    def effective_mass(self) -> Array:
+        """Mass that takes part in each mode as the whole moves along x, y, z, shape (n, 3) [kg]."""
+        return np.asarray(self.participation[:, :3] ** 2)
+
+    def write(self, folder: str | Path) -> Path:
+        """Write the shapes for ParaView, one "time" each, its frequency in Hz. Collective.
+
+        The field `displacement` has the shape with its largest displacement as a tenth of the size
+        of the whole. ParaView's filter "Warp By Vector" shows it.
+
+        Args:
+            folder: Folder for modes.pvd and its files; made if it does not exist.
+
+        Returns:
+            Path of modes.pvd.
+
+        Raises:
+            OutputError: If it cannot be written.
+        """
+        return write_modes(self, path_of("Modes.write", "folder", folder))
+
+    def draw(
+        self,
+        path: str | Path,
+        *,
+        columns: int = 3,
+        view: tuple[float, float, float] = (1.0, -0.6, 0.5),
+        up: tuple[float, float, float] = (0.0, 0.0, 1.0),
+    ) -> None:
+        """Draw the shapes side by side, with their frequencies. Collective.
+
+        Args:
+            path: Picture to write.
+            columns: Shapes in a row.
+            view: Direction from the body to the camera.
+            up: Direction that points upwards in the picture.
+
+        Raises:
+            OutputError: If the picture cannot be drawn or written.
+            SceneError: If there is no mode, or an argument cannot be used.
+        """
+        draw_modes(self, path, columns, view, up)
+
+
+def modes(scene: Scene, count: int = 6, *, about: Report | None = None) -> Modes:
+    """The lowest modes of small free vibrations of a scene. Collective.
+
+    Supports and springs act as at t = 0, or at the time of the report; parts named `Rigid` are
+    rigid. Contacts, damping and the stiffness of follower pressure are left out. A second-order
+    error of the mesh stiffens them: see docs/modes.md.
+
+    Args:
+        scene: The problem.
+        count: How many at least, 1 or more. A last one that belongs to a cluster brings the whole
+            cluster along.
+        about: A report of the state about which the scene vibrates, with its stresses: the last one
+            of `static`, say. The reference without stresses if None.
+
+    Returns:
+        The modes; fewer than asked for where there are no more. Rigid motions that supports and
+        springs leave free are left out.
+
+    Raises:
+        SceneError: If an argument cannot be used, or no modes are found.
+    """
+    check_scene("modes", scene)
+    count = whole("modes", "count", count, least=1)
+    check_same(scene.comm, "modes", {"count": count, "about": about is not None})
+    if about is not None:
+        check_about("modes", scene, about)
+    problem = Problem(scene, about)
+    try:
+        found = _modes(scene, problem, count)
+    finally:
+        problem.destroy()
+    if about is not None and (found.squares < 0).any():
+        warn(
+            scene.comm,
+            f"modes: the state at t = {about.t:g} s is unstable: "
+            f"{int((found.squares < 0).sum())} of the modes grow. Take a state before the limit "
+            "load.",
+        )
+    return found
+
+
+def _modes(scene: Scene, problem: Problem, count: int) -> Modes:
+    pairs = lowest(problem.K, problem.M, count, problem.zeros)
+    impulses = problem.impulses(scene.centre_of_mass)
+    gamma = np.array([y.mDot(impulses) for y in pairs.vectors]).reshape(-1, 6)
+    shapes = np.array([problem.at_nodes(y) for y in pairs.vectors])
+    shapes = shapes.reshape(-1, scene.nodal_mass.size, 3)
+    for item in (pairs, *impulses):
+        item.destroy()
+    turn = _aligned(scene, pairs.values, shapes)
+    shapes = np.einsum("ij,jnk->ink", turn, shapes)
+    mass = scene.sum(scene.nodal_mass[: scene.owned_nodes].sum())
+    return Modes(scene, pairs.values, shapes, turn @ gamma, pairs.rigid, float(mass))
+
+
+def _aligned(scene: Scene, values: Array, shapes: Array) -> Array:
+    """Rotation of equal modes, and signs, that do not depend on the ranks, shape (n, n).
+
+    Equal modes are made orthogonal in a second product, whose weights differ by axes, and those
+    that this leaves equal in a third one, whose weights differ by places. A weighted sum of each
+    mode is positive.
+    """
+    n = scene.owned_nodes
+    X = scene.space.tabulate_dof_coordinates()[:n] - scene.centre_of_mass
+    size = float(np.sqrt(scene.sum((X * X).sum()) / max(scene.sum(n), 1.0)))
+    weights = scene.averaging_mass[:n, None] * np.array([3.0, 2.0, 1.0])
+    uneven = weights * (1 + 0.3 * np.tanh(X @ np.array([0.5, 0.7, 1.1]) / size))[:, None]
+    own = shapes[:, :n]
+    turn = np.eye(values.size)
+    equal: list[tuple[Ints, Array]] = [(np.arange(values.size), values)]
+    for product in (weights, uneven):
+        equal = [pair for at, of in equal for pair in _equal(at, of)]
+        for k, (at, _) in enumerate(equal):
+            some = np.einsum("ij,jna->ina", turn[at], own)
+            gram = np.asarray(scene.sum(np.einsum("ina,jna,na->ij", some, some, product)))
+            found, vectors = np.linalg.eigh(0.5 * (gram + gram.T))
+            turn[at] = vectors.T @ turn[at]
+            equal[k] = at, found
+    slopes = 1 + np.tanh(X @ np.array([1.1, 0.7, 0.5]) / size)
+    sums = np.asarray(scene.sum(np.einsum("ina,na->i", own, weights * slopes[:, None])))
+    turned = turn @ sums
+    return np.asarray(np.where(turned < 0, -1.0, 1.0)[:, None] * turn)
+
+
+def _equal(at: Ints, values: Array) -> list[tuple[Ints, Array]]:
+    """Those of some sorted values that have equal ones beside them, as clusters."""
+    of = clusters(values, SAME)
+    every = (np.flatnonzero(of == k) for k in range(int(of.max(initial=-1)) + 1))
+    return [(at[own], values[own]) for own in every if own.size > 1]
+
+
+def periods(scene: Scene, count: int = 3) -> Array:
+    """The longest periods of small free vibrations of a scene as it begins. Collective.
+
+    See `modes`, whose periods these are.
+
+    Args:
+        scene: The problem.
+        count: How many, 1 or more.
+
+    Returns:
+        T [s], the longest first; fewer than asked for where a scene has fewer.
+
+    Raises:
+        SceneError: If there is no scene, or the count is none.
+    """
+    check_scene("periods", scene)
+    count = whole("periods", "count", count, least=1)
+    problem = Problem(scene)
+    pairs = lowest(problem.K, problem.M, count, problem.zeros)
+    pairs.destroy()
+    problem.destroy()
+    return np.asarray(2 * pi / np.sqrt(pairs.values[:count]))
+
+
+def periods_in_words(scene: Scene, dt: float | None, count: int | None) -> list[str]:
+    """The line of a description: the periods asked for, or three where they are cheap. Collective.
+
+    Args:
+        scene: The problem.
+        dt: Time step that is thought of [s], if any.
+        count: How many; three up to `CHEAP` unknowns if None.
+    """
+    if count == 0:
+        return []
+    if count is None and 3 * scene.space.dofmap.index_map.size_global > CHEAP:
+        return ["Periods of small vibrations: describe(periods=3) finds them, in some seconds"]
+    try:
+        found = periods(scene, 3 if count is None else count)
+    except SceneError:
+        if count is not None:
+            raise
+        return []  # nobody has asked
+    if not found.size:
+        return ["Periods: none, as nothing can vibrate"]
+    text = ", ".join(f"{T:.4g}" for T in found)
+    steps = "" if dt is None else f"; the first is {found[0] / dt:.3g} steps of Δt = {dt:g} s"
+    return [f"Periods of small vibrations as it begins, without loads: {text} s{steps}"]
+
+
+FURTHER.append(periods_in_words)

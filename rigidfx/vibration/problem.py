@@ -1,0 +1,175 @@
+"""The linear equations of small vibrations about a state: M ÿ + K y = 0 in a run's own unknowns.
+
+y are the free dofs and six numbers of each part named rigid, so that K = PᵀK P and M = PᵀM P have
+neither supports nor rigid parts in them. K is the tangent of statics there, with the stresses of
+the state and with springs.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from petsc4py import PETSc
+
+from rigidfx.base.failures import Failures
+from rigidfx.coupling.dof_layout import dof_layout
+from rigidfx.coupling.mass import mass_operator
+from rigidfx.coupling.prolongation import Prolongation
+from rigidfx.effects import Rigid, Windowed
+from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.mechanics.bodies import Bodies
+from rigidfx.report.report import Report
+from rigidfx.scene.scene import Scene
+from rigidfx.state import State
+from rigidfx.step.equations.actions import Actions
+from rigidfx.step.equations.equations import Equilibrium
+from rigidfx.step.equations.structure import BoundStructure
+from rigidfx.step.system.rigid_motion import free_to_move
+from rigidfx.step.system.supports import PrescribedDofs, supports_of
+from rigidfx.switch.inventory import divide
+
+__all__ = ["Problem"]
+
+Array = npt.NDArray[np.float64]
+
+
+class Problem:
+    """Stiffness and mass about a state; `destroy` frees them.
+
+    Attributes:
+        K: Stiffness [N/m].
+        M: Mass [kg].
+        zeros: Likely number of motions without energy.
+    """
+
+    def __init__(self, scene: Scene, about: Report | None = None) -> None:
+        """Assemble both matrices. Collective.
+
+        Args:
+            scene: The problem.
+            about: A report of the state; the reference at t = 0 if None.
+
+        Raises:
+            SceneError: If a support holds a part named rigid other than by clamping it.
+        """
+        state = self._state = _state(scene, about)
+        t = state.t
+        acting = scene.acting(t)
+        forces = InternalForces(scene, state.u, ())
+        division = divide(scene, forces, state, supports_of(acting))
+        state.group(division.bodies)
+        held = PrescribedDofs(scene, supports_of(acting), division.driven_nodes)
+        cells, driven = division.flexible, division.driven_cells
+        layout = dof_layout(scene, cells, state.bodies.of, held.mask, driven)
+        own = layout.massive[layout.rows.nodes]
+        structure = BoundStructure(
+            scene=scene,
+            rows=layout.rows,
+            own=own,
+            bodies=state.bodies,
+            mass=None,
+            u=state.u.x.array,
+            surface=forces.surface,
+            failures=Failures(scene.comm),
+            static=True,
+        )
+        # Dead loads on a rigid part have moments that change as it turns.
+        dead = [e for e in acting if e.is_dead] if about is not None else []
+        lasting = [e for e in scene.effects if e.is_lasting and not isinstance(e, Windowed)]
+        self._actions = Actions(structure, [*lasting, *dead], dead)
+        self._actions.set_time(t, 1.0)
+        self._prolongation = Prolongation(layout, scene.comm)
+        bound = forces.bind_static(cells, layout.interior, layout.interface)
+        self._statics = Equilibrium(scene, forces, bound, None, self._prolongation, self._actions)
+        self._mass = mass_operator(scene, layout.rows, cells, own, driven)
+        self._scene, self._layout = scene, layout
+        self.K, self.M = self._stiffness(), self._masses()
+        self.zeros = 6 * scene.parts.count if free_to_move(scene, held) else 0
+
+    def _stiffness(self) -> PETSc.Mat:
+        """The tangent of statics at the state. Collective."""
+        p, statics = self._prolongation, self._statics
+        statics.begin(1.0, None, np.zeros(p.prescribed.size), self._state.bodies)
+        y, r = p.unknowns(), p.unknowns()
+        statics.residual(y, r)
+        statics.tangent()
+        y.destroy()
+        r.destroy()
+        return statics.tangent_matrix
+
+    def _masses(self) -> PETSc.Mat:
+        """PᵀMP with the bodies' own. Collective."""
+        M = self._mass.matrix()
+        out = self._prolongation.condense(M)
+        self._prolongation.add_blocks(out, self._state.bodies.mass_blocks)
+        M.destroy()
+        return out
+
+    def impulses(self, centre: Array) -> list[PETSc.Vec]:
+        """PᵀM r of the six rigid motions r of the whole, held nodes among it. Collective.
+
+        Args:
+            centre: Point that the rotations are about, shape (3,) [m].
+
+        Returns:
+            Three of translations [kg] and three of rotations [kg m]; the caller destroys them.
+        """
+        rows, bodies, p = self._layout.rows, self._state.bodies, self._prolongation
+        x = rows.X + self._state.u.x.array[rows.dofs].reshape(-1, 3) - centre
+        arms = bodies.r - centre
+        d, f, out = rows.vector(), rows.vector(), []
+        blocks = bodies.mass_blocks
+        for axis in range(6):
+            e = np.eye(3)[axis % 3]
+            turns = axis >= 3
+            d.array[:] = (np.cross(e, x) if turns else np.tile(e, (len(x), 1))).reshape(-1)
+            six = np.zeros((len(bodies), 6))
+            six[:, :3] = np.cross(e, arms) if turns else e
+            if turns:
+                six[:, 3:] = bodies.of.length[:, None] * e
+            self._mass.mult(d, f)
+            r = p.unknowns()
+            p.restrict(f, (blocks @ six[:, :, None])[:, :, 0], r)
+            out.append(r)
+        d.destroy()
+        f.destroy()
+        return out
+
+    def at_nodes(self, y: PETSc.Vec) -> Array:
+        """Displacements of all local nodes by unknowns, shape (nodes, 3) [m]. Collective."""
+        p, rows, bodies = self._prolongation, self._layout.rows, self._state.bodies
+        out, d = self._state.u.copy(), rows.vector()
+        out.x.array[:] = 0.0
+        six = p.bodies_part(y)
+        p.apply(y, six, np.zeros(p.prescribed.size), d)
+        out.x.array[rows.dofs] = d.array_r
+        d.destroy()
+        u = out.x.array.reshape(-1, 3)
+        for k, body in enumerate(bodies):
+            own = six[k]
+            arms = body.data.offsets @ body.motion.R.T
+            turn = np.asarray(own[3:] / body.data.length)
+            u[body.data.nodes] = np.asarray(own[:3]) + np.cross(turn, arms)
+        out.x.scatter_forward()
+        return np.array(u)
+
+    def destroy(self) -> None:
+        """Free all PETSc objects. Collective."""
+        for item in (self.M, self._statics, self._mass, self._actions):
+            item.destroy()
+
+
+def _state(scene: Scene, about: Report | None) -> State:
+    """The state of a report at rest, or the reference. Collective."""
+    state = State(scene)
+    if about is None:
+        return state
+    given = about.state
+    given.rebuild()
+    state.t = given.t
+    state.place(given.u.x.array)
+    named = {effect.name for effect in scene.effects if isinstance(effect, Rigid)}
+    bodies = Bodies.of_each(body for body in given.bodies if body.data.name in named)
+    rest = np.zeros((len(bodies), 3))
+    state.group(bodies.moving(rest, rest))
+    return state

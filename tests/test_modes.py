@@ -1,0 +1,230 @@
+"""Modes and periods of small vibrations: beams, bodies on springs, stresses, several ranks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from parallel import report as tell
+from parallel import run as mpirun
+
+import rigidfx as rf
+from rigidfx.coupling.eigenpairs import EigenControl, lowest
+from rigidfx.vibration import modes as module
+from rigidfx.vibration.problem import Problem
+
+STEEL = rf.StVenantKirchhoff(E=2e11, nu=0.0, rho=8000.0)
+LONG, WIDE, HIGH = 1.0, 0.1, 0.05
+
+
+def beam(*effects, n=(20, 2, 2), **how):
+    domain = rf.box((0, 0, 0), (LONG, WIDE, HIGH), n)
+    domain = domain.with_cells("end", lambda x: x[0] > 0.8 * LONG - 1e-9)
+    return rf.Scene(domain, STEEL, effects, **how)
+
+
+def bending(number, thickness, long=LONG):
+    """T of Bernoulli's beam of rectangular section [s]."""
+    omega = (number / long) ** 2 * thickness * np.sqrt(2e11 / 8000.0 / 12)
+    return 2 * np.pi / omega
+
+
+@pytest.mark.parametrize(
+    "how",
+    [
+        {"order": 2},
+        {"order": 2, "mass": "consistent"},
+        {"element": "enhanced", "n": (20, 4, 2)},
+    ],
+)
+def test_cantilever(how):
+    """Shear makes it slower than Bernoulli's, by 0.2 to 0.8 %."""
+    found = rf.periods(beam(rf.Fixed("x0"), **how), 2)
+    exact = [bending(1.875104, HIGH), bending(1.875104, WIDE)]
+    assert np.all(found > exact)
+    np.testing.assert_allclose(found, exact, rtol=0.008)
+
+
+def test_free_beam_has_no_period_of_rigid_motions():
+    found = rf.periods(beam(order=2), 1)
+    np.testing.assert_allclose(found, bending(4.730041, HIGH), rtol=0.01)
+
+
+def block(*effects, E=1e6, n=2):
+    return rf.Scene(
+        rf.box((0, 0, 0), (1, 1, 1), (n,) * 3),
+        rf.StVenantKirchhoff(E=E, nu=0.3, rho=1000.0),
+        effects,
+    )
+
+
+def test_rigid_block_on_springs():
+    """Vertically √(m/k); nothing is left of a block without springs."""
+    springs = rf.Spring("z0", (1e4, 2e4, 4e4))
+    found = rf.periods(block(springs, rf.Rigid()), 9)
+    assert found.size == 6
+    assert np.abs(found - 2 * np.pi * np.sqrt(1000.0 / 4e4)).min() < 1e-7
+    np.testing.assert_allclose(rf.periods(block(springs, E=1e12), 6), found, rtol=1e-6)
+    assert rf.periods(block(rf.Rigid())).size == 0
+
+
+def test_rigid_part_is_as_a_stiff_one():
+    """At the end of a cantilever; clamped, it shortens it.
+
+    What a stiff part still gives is inversely proportional to its stiffness, so two of them tell
+    its limit; to come nearer by one takes a stiffness whose rounding is as large as what it gives.
+    """
+    rigid = rf.periods(beam(rf.Fixed("x0"), rf.Rigid("end"), order=2), 2)
+    domain = beam().domain.with_cells("rest", lambda x: x[0] < 0.8 * LONG + 1e-9)
+
+    def twin(E):
+        stiff = {"end": rf.StVenantKirchhoff(E=E, nu=0.0, rho=8000.0), "rest": STEEL}
+        return rf.periods(rf.Scene(domain, stiff, [rf.Fixed("x0")], order=2), 2)
+
+    np.testing.assert_allclose(rigid, (10 * twin(2e13) - twin(2e12)) / 9, rtol=2e-7)
+    short = rf.periods(beam(rf.Fixed("end"), rf.Rigid("end"), order=2), 1)
+    np.testing.assert_allclose(short, bending(1.875104, HIGH, 0.8 * LONG), rtol=0.01)
+
+
+def cube():
+    """A free cube, all of whose first periods but one in five are as those of a twin mode."""
+    return rf.periods(block(n=6), 10)
+
+
+def test_equal_periods_come_as_often_as_they_are():
+    found, problem = cube(), Problem(block(n=6))
+    every = lowest(problem.K, problem.M, 10, control=EigenControl(dense=10**6))
+    assert every.rigid == 6
+    np.testing.assert_allclose(found, 2 * np.pi / np.sqrt(every.values[:10]), rtol=1e-8)
+    problem.destroy()
+    np.testing.assert_allclose(found[[0, 2, 3, 5, 6]], found[[1, 3, 4, 6, 7]], rtol=1e-7)
+
+
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_ranks_find_the_same(ranks):
+    np.testing.assert_allclose(mpirun(__file__, ranks, 300), on_ranks(), rtol=1e-8)
+
+
+def on_ranks():
+    """Periods, and displacements of some nodes in the shapes of a square bar and a cube."""
+    cantilever = beam(rf.Fixed("x0"), rf.Rigid("end"), order=2)
+    springs = rf.Spring("z0", (1e4, 2e4, 4e4))
+    found = [*rf.periods(cantilever), *rf.periods(block(springs, rf.Rigid()))]
+    shaped = rf.modes(block(n=6), 10)
+    scene, n = shaped.scene, shaped.scene.owned_nodes
+    X = scene.space.tabulate_dof_coordinates()[:n]
+    sums = scene.sum(np.einsum("kna,na->k", shaped.shapes[:, :n], X**3))
+    return [*found, *shaped.periods, *(1 + np.abs(sums)), *(1 + np.abs(shaped.participation[:, 3]))]
+
+
+def test_effective_masses_add_up():
+    """Those of all modes are the mass that no support holds; of a bar's first, 0.613 of it."""
+    scene = block(rf.Spring("z0", (1e4, 2e4, 4e4)), rf.Rigid())
+    found = rf.modes(scene, 6)
+    np.testing.assert_allclose(found.effective_mass.sum(axis=0), 1000.0, rtol=1e-10)
+    bent = rf.modes(beam(rf.Fixed("x0"), order=2), 1)
+    assert abs(bent.effective_mass[0, 2] / bent.mass - 0.6131) < 0.003
+
+
+def test_shapes_are_those_of_an_orthonormal_basis():
+    """With a rigid end, whose nodes move as one body; equal modes are aligned with the axes."""
+    domain = rf.box((0, 0, 0), (1.0, 0.1, 0.1), (20, 2, 2))
+    domain = domain.with_cells("end", lambda x: x[0] > 0.8 - 1e-9)
+    scene = rf.Scene(domain, STEEL, [rf.Fixed("x0"), rf.Rigid("end")])
+    found = rf.modes(scene, 2)
+    assert np.ptp(found.squares) < 1e-8 * found.squares[0]
+    m = scene.nodal_mass[:, None]
+    gram = np.einsum("ina,jna->ij", found.shapes * m, found.shapes)
+    np.testing.assert_allclose(gram, np.eye(2), atol=2e-9)
+    sizes = np.abs(found.participation[:, 1:3])
+    assert sizes.min() < 1e-5 * sizes.max()
+    nodes = scene.nodes("end", "test")
+    X, u = scene.space.tabulate_dof_coordinates()[nodes], found.shapes[0][nodes]
+    W, left, *_ = np.linalg.lstsq(X - X.mean(axis=0), u - u.mean(axis=0))
+    assert np.abs(W + W.T).max() < 1e-10 * np.abs(W).max()
+    assert left.max() < 1e-20
+
+
+LOOSE = rf.StVenantKirchhoff(E=1e9, nu=0.0, rho=1000.0)
+
+
+def test_stresses_stiffen():
+    """A pulled bar with hinged ends: ω² = (π/L)⁴ EI/μ + (π/L)² N/μ."""
+    long, thick, pull = 1.0, 0.01, 50.0
+    domain = rf.box((0, 0, 0), (long, thick, thick), (40, 1, 1))
+    holds = [rf.Fixed("x0", "yz"), rf.Fixed("x1", "yz")]
+    held = [*holds, rf.Spring("x0", (1e2, 0.0, 0.0))]
+    ends = (("x0", -pull), ("x1", pull))
+    preload = rf.Preload([rf.Traction(end, (N / thick**2, 0.0, 0.0)) for end, N in ends])
+    scene = rf.Scene(domain, LOOSE, [*held, preload], order=2)
+    report = next(iter(rf.simulate(scene, 1e-3, 1e-2)))
+    k = np.pi / long
+    bend, tension = 1e9 * thick**2 / 12 / 1000.0, pull / thick**2 / 1000.0
+    both = [rf.modes(scene, 3, about=about) for about in (None, report)]
+    free, pulled = (m.squares[m.effective_mass[:, 0] < 1e-6][:2] for m in both)
+    np.testing.assert_allclose(pulled - free, k**2 * tension, rtol=2e-3)
+    np.testing.assert_allclose(free, k**4 * bend, rtol=2e-3)
+
+
+def test_a_rigid_bob_on_a_pulled_string_swings():
+    """A pendulum: nothing but the pull of its weight holds it sideways."""
+    long, thick, heavy, g = 1.0, 0.01, 20.0, 10.0
+    domain = rf.box((0, 0, -long), (thick, thick, 0), (1, 1, 40))
+    domain = domain.with_cells("bob", lambda x: x[2] < -0.975 + 1e-9)
+    weight = rf.Traction("z0", (0.0, 0.0, -heavy * g / thick**2))
+    mass = rf.PointMass("z0", heavy)
+    soft = rf.StVenantKirchhoff(E=1e8, nu=0.0, rho=1.0)
+    hangs = rf.Scene(domain, soft, [rf.Fixed("z1"), mass, rf.Preload([weight])])
+    report = next(iter(rf.simulate(hangs, 1e-3, 1e-2)))
+    swings = rf.Scene(domain, soft, [rf.Fixed("z1"), mass, weight, rf.Rigid("bob")])
+    both = [rf.modes(s, 2, about=report).squares[0] for s in (hangs, swings)]
+    stretch = 1 + heavy * g / (thick**2 * 1e8)
+    bend = 3 * 1e8 * thick**4 / 12 / heavy
+    np.testing.assert_allclose(both, g / (long * stretch) + bend, rtol=0.05)
+    np.testing.assert_allclose(both[0], both[1], rtol=5e-3)
+
+
+def test_rayleigh_damping_has_both_ratios():
+    drag, viscous = rf.rayleigh(2.0, 30.0, 0.02, 0.05)
+    for f, ratio in ((2.0, 0.02), (30.0, 0.05)):
+        w = 2 * np.pi * f
+        assert abs(drag.alpha / (2 * w) + viscous.beta * w / 2 - ratio) < 1e-15
+    with pytest.raises(rf.SceneError, match="first must be below second"):
+        rf.rayleigh(3.0, 2.0, 0.1)
+    with pytest.raises(rf.SceneError, match="the second must lie between"):
+        rf.rayleigh(1.0, 2.0, 0.1, 0.3)
+
+
+def test_shapes_are_written_and_drawn(tmp_path):
+    found = rf.modes(beam(rf.Fixed("x0")), 3)
+    series = found.write(tmp_path / "out").read_text()
+    assert [f'timestep="{f!r}"' in series for f in map(float, found.frequencies)] == [True] * 3
+    found.draw(tmp_path / "modes.png")
+    assert (tmp_path / "modes.png").stat().st_size > 10_000
+
+
+def test_description_has_them_where_they_are_cheap(monkeypatch, capsys):
+    scene = beam(rf.Fixed("x0"), order=2)
+    first, *_ = rf.periods(scene)
+    line = f"without loads: {first:.4g}, "
+    assert line in scene.describe(dt=1e-3)
+    assert f"the first is {first / 1e-3:.3g} steps of Δt = 0.001 s" in scene.describe(1e-3, 1)
+    assert "Periods" not in scene.describe(periods=0)
+    monkeypatch.setattr(module, "CHEAP", 100)
+    assert "describe(periods=3) finds them" in scene.describe()
+    assert line in scene.describe(periods=2)
+    for count in (0, -1, 1.5, True, "3"):
+        with pytest.raises(rf.SceneError, match="periods: count must be a whole number ≥ 1"):
+            rf.periods(scene, count)
+    with pytest.raises(rf.SceneError, match="periods: scene must be a Scene, got NoneType"):
+        rf.periods(None)
+    with pytest.raises(rf.SceneError, match="modes: a Report is expected, got float"):
+        rf.modes(scene, 2, about=0.5)
+    with pytest.raises(rf.SceneError, match="describe: periods must be a whole number ≥ 0"):
+        scene.describe(periods=-1)
+
+
+if __name__ == "__main__":
+    found = on_ranks()
+    if MPI.COMM_WORLD.rank == 0:
+        tell(found)
