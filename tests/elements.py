@@ -12,6 +12,7 @@ from mpi4py import MPI
 
 import rigidfx as rf
 from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.flexible.static_forces import static_forces
 
 MATERIAL = rf.StVenantKirchhoff(E=1e4, nu=0.3, rho=10.0)
 EXACT = 1e-12
@@ -76,7 +77,7 @@ class Forces:
         self.u0 = fem.Function(scene.space)
         self.of = InternalForces(scene, self.u0)
         self.cells = self.of.cells()
-        self.static = self.of.bind_static(self.cells)
+        self.static = static_forces(self.scene, self.of, self.cells)
 
     def at(self, u):
         self.of.u1.x.array[:] = u.reshape(-1)

@@ -24,11 +24,7 @@ from rigidfx.flexible.dealt_cells import DealtCells
 from rigidfx.flexible.kernels import Kernel
 from rigidfx.flexible.material_classes import MaterialClass, material_classes
 from rigidfx.flexible.surface import Surface
-from rigidfx.mechanics.schemes import (
-    initial_stiffness_times,
-    static_virtual_work,
-    stored_energy,
-)
+from rigidfx.mechanics.schemes import initial_stiffness_times, stored_energy
 from rigidfx.scene.scene import Scene
 
 __all__ = ["Cells", "Facets", "InternalForces"]
@@ -100,14 +96,29 @@ class InternalForces:
         Args:
             acting: The effects that act.
         """
-        here = {id(effect) for effect in acting}
         damping = {e.kind: e.numerical_damping for e in acting if e.numerical_damping is not None}
         damped = next(iter(damping), "")
         self._xi.value = sum(damping.values())
-        terms = tuple(k for k, (effect, _) in enumerate(self._terms) if id(effect) in here)
-        self._acting = (damped, terms)
+        self._acting = (damped, self._numbers(acting))
         if self._acting not in self._variants:
-            self._variants[self._acting] = self._compile(damped, terms)
+            self._variants[self._acting] = self._compile(*self._acting)
+
+    def select_static(self, acting: Sequence[Effect]) -> list[tuple[int, FormTerm]]:
+        """Have the loads on facets be those of these effects; damping has no part in statics.
+
+        Args:
+            acting: The effects that act.
+
+        Returns:
+            Number and term of each of these loads.
+        """
+        loads = [k for k in self._numbers(acting) if self._terms[k][1].boundary]
+        self._acting = ("", tuple(loads))
+        return [(k, self._terms[k][1]) for k in loads]
+
+    def _numbers(self, acting: Sequence[Effect]) -> tuple[int, ...]:
+        here = {id(effect) for effect in acting}
+        return tuple(k for k, (effect, _) in enumerate(self._terms) if id(effect) in here)
 
     def set_time(self, t: float, dt: float) -> None:
         """Set what in the forms depends on the step. Collective.
@@ -209,7 +220,7 @@ class InternalForces:
             for i, c in enumerate(self._classes, start=1)
         }
 
-    def _facets_of(self, *groups: Cells) -> Facets:
+    def facets_of(self, *groups: Cells) -> Facets:
         """Facets of cells that loads act on now, by subdomain id."""
         every = np.concatenate(
             [np.empty(0, np.int32), *(own for g in groups for own in g.values())]
@@ -240,12 +251,12 @@ class InternalForces:
         variant = self._variants[self._acting]
         interior = cells if interior is None else interior
         interface = {i: own[:0] for i, own in cells.items()} if interface is None else interface
-        parts = [(own, self._facets_of(own)) for own in (interior, interface)]
-        facets = self._facets_of(cells, driven or {})
+        parts = [(own, self.facets_of(own)) for own in (interior, interface)]
+        facets = self.facets_of(cells, driven or {})
         residual = variant.residual.bind(cells, facets, dealt=dealt)
-        return self._bound(residual, variant.tangent, parts, dealt)
+        return self.bound(residual, variant.tangent, parts, dealt)
 
-    def _bound(
+    def bound(
         self,
         residual: fem.Form,
         tangent: Kernel,
@@ -263,7 +274,7 @@ class InternalForces:
 
     def loaded(self, *groups: Cells) -> npt.NDArray[np.int32]:
         """Those of some cells at whose facets loads act now, sorted."""
-        found = [pairs[:, 0] for pairs in self._facets_of(*groups).values()]
+        found = [pairs[:, 0] for pairs in self.facets_of(*groups).values()]
         return np.unique(np.concatenate([np.empty(0, np.int32), *found]))
 
     def bind_loads(self, cells: Cells, u0: fem.Function, u1: fem.Function) -> fem.Form | None:
@@ -274,7 +285,7 @@ class InternalForces:
             u0: Displacement at the start of a step, in place of `u0`.
             u1: Displacement at its end.
         """
-        facets = self._facets_of(cells)
+        facets = self.facets_of(cells)
         if not facets:
             return None
         none = {i: own[:0] for i, own in cells.items()}
@@ -310,29 +321,6 @@ class InternalForces:
         """Stored energy at `u0` over the given cells."""
         return self._energy.bind(cells)
 
-    def bind_static(
-        self, cells: Cells, interior: Cells | None = None, interface: Cells | None = None
-    ) -> BoundForces:
-        """Static internal forces at `u1`; compiled when first asked for.
-
-        Args:
-            cells: Flexible cells.
-            interior: Those that touch no rigid body; all if None.
-            interface: Those that do; none if None.
-        """
-        V, mesh = self._scene.space, self._scene.mesh
-        test, trial = ufl.TestFunction(V), ufl.TrialFunction(V)
-        work = self.integrate(lambda i, c: static_virtual_work(self._element, c.law, self.u1, test))
-        at = self.u1
-        less = self.integrate(
-            lambda i, c: self._element.eliminated((at,), at, 1.0, None, test, trial)
-        )
-        tangent = Kernel(ufl.derivative(work, at, trial) + less, [V, V], mesh)
-        none = {i: own[:0] for i, own in cells.items()}
-        facets: Facets = {}
-        parts = [(cells if interior is None else interior, facets), (interface or none, facets)]
-        return self._bound(Kernel(work, [V], mesh).bind(cells), tangent, parts)
-
     def bind_taken(self, cells: Cells, driven: Cells | None = None) -> Taken:
         """Energy that terms take out of the motion of cells in a step.
 
@@ -341,7 +329,7 @@ class InternalForces:
             driven: Cells that a support moves; loads on their facets count.
         """
         variant = self._variants[self._acting]
-        facets = self._facets_of(cells, driven or {})
+        facets = self.facets_of(cells, driven or {})
         against = variant.against_loads
         return Taken(
             {

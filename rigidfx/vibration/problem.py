@@ -17,6 +17,7 @@ from rigidfx.coupling.mass import mass_operator
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects import Rigid, Windowed
 from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.flexible.static_forces import static_forces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
@@ -53,7 +54,7 @@ class Problem:
             SceneError: If a support holds a part named rigid other than by clamping it.
         """
         state = self._state = _state(scene, about)
-        t = state.t
+        t = 0.0 if about is None else about.t
         acting = scene.acting(t)
         forces = InternalForces(scene, state.u, ())
         division = divide(scene, forces, state, supports_of(acting))
@@ -79,7 +80,7 @@ class Problem:
         self._actions = Actions(structure, [*lasting, *dead], dead)
         self._actions.set_time(t, 1.0)
         self._prolongation = Prolongation(layout, scene.comm)
-        bound = forces.bind_static(cells, layout.interior, layout.interface)
+        bound = static_forces(scene, forces, cells, layout.interior, layout.interface)
         self._statics = Equilibrium(scene, forces, bound, None, self._prolongation, self._actions)
         self._mass = mass_operator(scene, layout.rows, cells, own, driven)
         self._scene, self._layout = scene, layout
@@ -166,7 +167,6 @@ def _state(scene: Scene, about: Report | None) -> State:
         return state
     given = about.state
     given.rebuild()
-    state.t = given.t
     state.place(given.u.x.array)
     named = {effect.name for effect in scene.effects if isinstance(effect, Rigid)}
     bodies = Bodies.of_each(body for body in given.bodies if body.data.name in named)

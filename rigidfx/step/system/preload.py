@@ -14,6 +14,7 @@ from rigidfx.coupling.mass import mass_operator
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects import Contact, Preload
 from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.flexible.static_forces import static_forces
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.equations.actions import Actions
@@ -59,7 +60,7 @@ def apply_preload(
         statics = Equilibrium(
             scene,
             forces,
-            forces.bind_static(forces.cells()),
+            static_forces(scene, forces, forces.cells()),
             None,
             Prolongation(layout, scene.comm),
             actions,
