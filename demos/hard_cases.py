@@ -9,6 +9,7 @@
 #
 #     python3 demos/hard_cases.py
 #     mpirun -n 3 python3 demos/hard_cases.py --short --only parallel
+#     python3 demos/hard_cases.py --only none --all 500
 #
 # It prints a table and leaves in out/hard_cases: `summary.json`, a list with an entry per run, and
 # a picture of all drifts.
@@ -26,6 +27,8 @@ from rigidfx.plot import figure_of, on_first_rank, save
 
 parser = Parser(__file__, "Hard cases: what stays stable, and how well.", "coarse and short")
 parser.add_only("cases or groups")
+parser.add_argument("--all", type=int, nargs="?", const=500, default=0, metavar="N",
+                    help="also N random scenes (500), which takes hours")  # fmt: skip
 options = parser.read()
 # Before hours are spent for a folder that cannot be written:
 write_json(options.out / "summary.json", [])
@@ -98,6 +101,19 @@ def draw() -> None:
 
 
 on_first_rank(comm, draw, f"hard_cases: '{options.out / 'hard_cases.png'}'")
+# -
+
+# ## Random scenes
+#
+# With `--all`: each ends with an error before its first step, or keeps its balances. hypothesis
+# draws them, and shows a scene that does neither as small as it can make it.
+
+# +
+if options.all:
+    from hardcases.random_scenes import try_scenes
+
+    seen = try_scenes(options.all)
+    say(f"\n{options.all} random scenes: {seen}")
 # -
 
 # ## What has to hold

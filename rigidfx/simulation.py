@@ -68,8 +68,8 @@ def simulate(
         progress: Whether rank 0 shows a progress bar on standard error; where that is a terminal
             if None.
         verbose: Whether rank 0 says on standard error what is compiled, what becomes rigid and
-            flexible, and how the run ended; where that is a terminal if None. The logger "rigidfx"
-            is told in any case, at the level INFO.
+            flexible, and how the run ended; if None, where that is a terminal, and elsewhere only
+            what a first run compiles. The logger "rigidfx" is told in any case, at the level INFO.
         petsc_options: Options of PETSc's solvers for this run, by name without a prefix:
             {"ksp_type": "bcgs", "pc_type": "hypre"}. Those of the command line and of the
             environment win; see `rigidfx.step.linear.petsc_options`.

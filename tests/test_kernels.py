@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import time
@@ -62,6 +63,28 @@ def test_flags_are_the_users(monkeypatch):
     for flags in ("", "-O2 -mcpu=native"):
         monkeypatch.setenv(FLAGS, flags)
         assert "-DRIGIDFX_PROCESSOR_" in jit_options()["cffi_extra_compile_args"][-1]
+
+
+@pytest.mark.parametrize(
+    ("cell", "material", "element"),
+    [
+        ("hexahedron", rf.StVenantKirchhoff, "standard"),
+        ("hexahedron", rf.NeoHooke, "enhanced"),
+        ("tetrahedron", rf.NeoHooke, "standard"),
+    ],
+)
+def test_default_flags_give_the_numbers_of_those_of_tests(monkeypatch, cell, material, element):
+    """Users have the default's: sums in another order, and nothing else."""
+    domain = rf.box((0, 0, 0), (2, 1, 1), (2, 2, 1), cell)
+    effects = [rf.NumericalDamping(0.1), rf.Pressure("x1", 0.2)]
+    found = []
+    for flags in (os.environ[FLAGS], ""):
+        monkeypatch.setenv(FLAGS, flags)
+        form_cache.FOUND.clear()
+        scene = rf.Scene(domain, material(rho=1.0, E=10.0, nu=0.3), effects, element=element)
+        reports = list(rf.simulate(scene, 0.1, 0.3, progress=False))
+        found.append([*reports[-1].linear_momentum, reports[-1].kinetic, reports[-1].strain])
+    np.testing.assert_allclose(*found, rtol=1e-9, atol=1e-12)
 
 
 def test_what_an_interrupted_compilation_left_is_removed(monkeypatch):

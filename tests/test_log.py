@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import logging
+import re
 
 import pytest
 
 import rigidfx as rf
+from rigidfx.base import cache_log, form_cache
+from rigidfx.flexible import kernels
 
 MATERIAL = rf.StVenantKirchhoff(E=1e4, nu=0.3, rho=10.0)
 
@@ -21,8 +24,8 @@ def run(folder, verbose=None):
 
 
 def test_log_file_and_last_line(tmp_path, capsys):
-    """Nothing on standard error unless asked for; the file has a line for each switch."""
-    run(tmp_path / "run")
+    """Nothing on standard error where that is ruled out; the file has a line for each switch."""
+    run(tmp_path / "run", verbose=False)
     assert "rigidfx" not in capsys.readouterr().err
     lines = (tmp_path / "run" / "log.txt").read_text(encoding="utf-8").splitlines()
     assert any("<Scene: 4 hexahedra of order 1, 60 dofs" in line for line in lines)
@@ -33,6 +36,24 @@ def test_log_file_and_last_line(tmp_path, capsys):
     assert "1 switches, rigid: 'part 1' of 4 cells, 6 unknowns" in last
     assert last.endswith("run")
     assert not logging.getLogger("rigidfx").handlers
+
+
+def test_a_first_run_says_what_it_compiles(tmp_path, monkeypatch, capsys):
+    """In one line, also where nobody sees a terminal; a second run has nothing to compile."""
+    options = kernels.jit_options() | {
+        "cache_dir": str(tmp_path),
+        "cffi_extra_compile_args": ["-O0"],
+    }
+    monkeypatch.setattr(kernels, "jit_options", lambda: options)
+    monkeypatch.setattr(cache_log, "ANNOUNCED", set())
+    monkeypatch.setattr(form_cache, "FOUND", {})
+    scene = rf.Scene(rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1)), MATERIAL)
+    for expected in (1, 0):
+        list(rf.simulate(scene, 0.1, 0.1))
+        told = [s for s in capsys.readouterr().err.splitlines() if s.startswith("rigidfx: ")]
+        assert len(told) == expected
+        assert not told or "the forms of hexahedra of order 1, once for all" in told[0]
+        assert not told or re.search(r"about \d+ to \d+ s$", told[0])
 
 
 def test_verbose_says_it_on_standard_error(tmp_path, capsys):

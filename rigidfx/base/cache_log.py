@@ -9,9 +9,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from rigidfx.base.log import FIRST, LOGGER
+
 __all__ = ["CacheLog", "listening"]
 
 TOLD_AFTER = 3  # seconds of waiting
+
+ANNOUNCED: set[str] = set()  # what this process has said that it compiles
 
 
 class CacheLog(logging.Filter):
@@ -21,15 +25,16 @@ class CacheLog(logging.Filter):
         source: The source file that was found in the cache, if one was.
     """
 
-    def __init__(self, shown: int) -> None:
+    def __init__(self, shown: int, what: str) -> None:
         """Begin with nothing heard.
 
         Args:
             shown: Level from which on records go where they would go otherwise.
+            what: What is compiled, and how long that takes; said once by each process.
         """
         super().__init__()
         self.source: Path | None = None
-        self._shown, self._waits = shown, 0
+        self._shown, self._what, self._waits = shown, what, 0
         self._began: float | None = None  # when a compilation began
 
     def filter(self, record: logging.LogRecord) -> bool:
@@ -39,14 +44,16 @@ class CacheLog(logging.Filter):
             self.source = Path(found[1])
         if text.startswith("Compiler stage 1:"):
             self._began = time.perf_counter()
-            logging.getLogger("rigidfx").info("compiling a form, once for all scenes of this kind")
+            if self._what and self._what not in ANNOUNCED:
+                ANNOUNCED.add(self._what)
+                LOGGER.log(FIRST, "compiling %s", self._what)
         if text.startswith("JIT C compiler finished") and self._began is not None:
             took = time.perf_counter() - self._began
-            logging.getLogger("rigidfx").info("compiled in %.1f s", took)
+            LOGGER.info("compiled in %.1f s", took)
         if text.startswith("Waiting for") and self.source is not None:
             self._waits += 1
             if self._waits == TOLD_AFTER + 1:
-                logging.getLogger("rigidfx").warning(
+                LOGGER.warning(
                     "rigidfx waits for another process to compile a form. Where none does so any "
                     "more (one may have been stopped), remove '%s'.",
                     self.source,
@@ -55,11 +62,15 @@ class CacheLog(logging.Filter):
 
 
 @contextmanager
-def listening() -> Iterator[CacheLog]:
-    """Around a compilation, whose option verbosity must be logging.INFO."""
+def listening(what: str = "") -> Iterator[CacheLog]:
+    """Around a compilation, whose option verbosity must be logging.INFO.
+
+    Args:
+        what: What is compiled, and how long that takes.
+    """
     logger, root = logging.getLogger("ffcx"), logging.getLogger()
     handlers = root.handlers.copy()  # FFCx takes them away, for good where the compiler fails
-    log, level = CacheLog(logger.getEffectiveLevel()), logger.level
+    log, level = CacheLog(logger.getEffectiveLevel(), what), logger.level
     logger.addFilter(log)
     try:
         yield log

@@ -37,6 +37,11 @@ LOCK = "rigidfx.lock"  # beside the compiled forms
 # Options for small forms, in a folder of their own; who holds the lock is waited for longer.
 SMALL = {"timeout": 10, "cache_dir": str(Path(jit.get_options()["cache_dir"], "small"))}
 
+# Processor time of compilers for the forms of a scene of St.Venant–Kirchhoff with a pressure and
+# numerical damping [s], on an EPYC of 2024, by kind of cell and order.
+SECONDS = {("hexahedron", 1): 2, ("hexahedron", 2): 4, ("tetrahedron", 1): 2, ("tetrahedron", 2): 3}
+SLOWER = 5  # times as long as that: a slow or busy processor, another material, enhanced strains
+
 # Forms this process has compiled, by signature and options; a UFL form in them would keep its mesh.
 FOUND: dict[tuple[str, str], fem.forms.CompiledForm] = {}
 
@@ -56,7 +61,9 @@ def compile_form(comm: MPI.Intracomm, form: ufl.Form, options: dict[str, Any]) -
     """
     key = form.signature(), repr(sorted(jit.get_options(options).items()))
     if not comm.allreduce(key in FOUND, op=MPI.LAND):
-        compiled = _past_the_cache(comm, options, lambda **how: fem.compile_form(comm, form, **how))
+        compiled = _past_the_cache(
+            comm, options, lambda **how: fem.compile_form(comm, form, **how), _announced(form)
+        )
         FOUND[key] = replace(compiled, ufl_form=None)
     return replace(FOUND[key], ufl_form=form)
 
@@ -118,13 +125,28 @@ def compile_values(
     )
 
 
+def _announced(form: ufl.Form) -> str:
+    """What is compiled with a form of a scene, and about how long that takes."""
+    elements = [w.ufl_element() for w in (*form.arguments(), *form.coefficients())]
+    order = max((e.degree for e in elements), default=1)
+    cell = form.ufl_domains()[0].ufl_coordinate_element().cell_type.name
+    least = SECONDS.get((cell, order))
+    if least is None:
+        return ""
+    kind = cell.replace("hedron", "hedra")
+    return (
+        f"the forms of {kind} of order {order}, once for all scenes of this kind: about {least} to "
+        f"{SLOWER * least} s"
+    )
+
+
 def _past_the_cache(
-    comm: MPI.Intracomm, options: dict[str, Any], compiled: Callable[..., Any]
+    comm: MPI.Intracomm, options: dict[str, Any], compiled: Callable[..., Any], what: str = ""
 ) -> Any:
     """What a compilation gives, repeated until nothing is in its way. Collective."""
     while True:
         heard = {"verbosity": logging.INFO}  # what `listening` is to hear
-        with _may_compile(comm, options), listening() as log:
+        with _may_compile(comm, options), listening(what) as log:
             try:
                 return compiled(form_compiler_options=heard, jit_options=options)
             except (RuntimeError, OSError, ImportError, VerificationError) as error:

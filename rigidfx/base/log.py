@@ -17,9 +17,10 @@ from typing import Any
 
 from mpi4py import MPI
 
-__all__ = ["folders", "heard", "hearing", "tell"]
+__all__ = ["FIRST", "folders", "heard", "hearing", "tell"]
 
 LOGGER = logging.getLogger("rigidfx")
+FIRST = 25  # level, above INFO, of what a first run says outside a terminal, too: why it waits
 
 
 def tell(comm: MPI.Intracomm, text: str) -> None:
@@ -39,10 +40,11 @@ def heard(comm: MPI.Intracomm, verbose: bool | None) -> Iterator[None]:
 
     Args:
         comm: Ranks of the run.
-        verbose: Whether it is shown; where standard error is a terminal if None.
+        verbose: Whether it is shown; if None, all of it where standard error is a terminal, and
+            what is compiled elsewhere.
     """
-    shown = sys.stderr.isatty() if verbose is None else verbose
-    if not shown or comm.rank > 0:
+    level = logging.INFO if verbose or sys.stderr.isatty() else FIRST
+    if verbose is False or comm.rank > 0:
         yield
         return
     from tqdm import tqdm
@@ -53,7 +55,7 @@ def heard(comm: MPI.Intracomm, verbose: bool | None) -> Iterator[None]:
         def emit(self, record: logging.LogRecord) -> None:
             tqdm.write(f"rigidfx: {record.getMessage()}", file=sys.stderr)
 
-    with hearing(Beside()):
+    with hearing(Beside(level), level):
         yield
 
 
@@ -64,15 +66,16 @@ def folders() -> list[Path]:
 
 
 @contextmanager
-def hearing(handler: Any) -> Iterator[None]:
+def hearing(handler: Any, least: int = logging.INFO) -> Iterator[None]:
     """Have a handler hear what is said meanwhile; it is closed at the end.
 
     Args:
         handler: A `logging.Handler`.
+        least: Level from which on it hears.
     """
     level = LOGGER.level
     LOGGER.addHandler(handler)
-    LOGGER.setLevel(min(level, logging.INFO) if level else logging.INFO)
+    LOGGER.setLevel(min(level, least) if level else least)
     try:
         yield
     finally:
