@@ -203,13 +203,6 @@ def test_demo(tmp_path, demo, ranks):
     assert all(picture.read_bytes().startswith(b"\x89PNG") for picture in pictures)
 
 
-@pytest.mark.parametrize("demo", DEMOS, ids=lambda demo: demo.stem)
-def test_a_scene_comes_first(demo):
-    """Within the first 60 lines; those of the hard cases and of the command are in packages."""
-    scenes = [k for k, line in enumerate(demo.read_text().splitlines(), 1) if "rf.Scene(" in line]
-    assert demo.stem in ("hard_cases", "custom_geometry") or scenes[0] <= 60
-
-
 CUSTOM = ROOT / "demos" / "custom_geometry.py"
 BRACKET = ROOT / "meshes" / "bracket.geo"
 

@@ -169,11 +169,3 @@ def test_one_point_does_for_tetrahedra_of_first_order(monkeypatch, material):
         found.append((residual, tangent, np.array([energy, *lost])))
     for one, four in zip(*found, strict=True):
         assert np.abs(one - four).max() <= 1e-14 * np.abs(four).max()
-
-
-def test_elements_share_the_cell_of_their_kind():
-    """UFL asks an element for its cell at every turn, and Basix makes it anew each time."""
-    for kind in ("hexahedron", "tetrahedron"):
-        elements = [basix.ufl.element("Lagrange", kind, k, shape=(3,)) for k in (1, 2)]
-        assert elements[0].cell is elements[1].cell
-        assert elements[0].cell == ufl.Cell(kind)
