@@ -751,7 +751,7 @@ CASES = {
     ),
     "preload none": (
         lambda: rf.Preload([]),
-        "Preload: loads must be one or more dead loads, got ().",
+        "Preload: loads must be one or more dead loads, got ()",
     ),
     "preload of a support": (
         lambda: rf.Preload([rf.Fixed("x0")]),
