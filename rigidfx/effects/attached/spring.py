@@ -33,9 +33,9 @@ class Spring(Effect):
         stiffness: *Total* K [N/m]: a number for all directions, three for x, y and z, or a
             symmetric 3×3 matrix without negative eigenvalue.
         damping: *Total* C [N s/m], likewise; none by default.
-        relaxed: Place at which it has no force: "start", where an `InitialDisplacement` puts its
-            nodes (u₀ is that displacement), or "mesh", their reference positions (u₀ = 0), so that
-            an `InitialDisplacement` strains it. The same without an `InitialDisplacement`.
+        relaxed: Place at which it has no force: "mesh", the reference positions of its nodes
+            (u₀ = 0), so that an `InitialDisplacement` strains it as it strains cells, or "start",
+            where an `InitialDisplacement` puts them (u₀ is that displacement).
     """
 
     is_lasting: ClassVar[bool] = True
@@ -44,7 +44,7 @@ class Spring(Effect):
     where: str
     stiffness: Stiffness
     damping: Stiffness = 0.0
-    relaxed: Literal["start", "mesh"] = field(default="start", kw_only=True)
+    relaxed: Literal["start", "mesh"] = field(default="mesh", kw_only=True)
 
     def __post_init__(self) -> None:
         """Check both tensors.
