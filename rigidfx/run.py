@@ -16,6 +16,7 @@ from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.decision import Decision
 from rigidfx.decide.policy import Policy
 from rigidfx.decide.reasons import CHECKED, FORESEEN
+from rigidfx.error.error_motion import ErrorMotion, can_be_followed
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.eased import Eased
 from rigidfx.report.events import Event
@@ -26,7 +27,6 @@ from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.step_control import StepControl
 from rigidfx.scene.timeline import Timeline
-from rigidfx.shadow.deviation import Deviation, can_be_followed
 from rigidfx.shadow.letting_down import let_down
 from rigidfx.shadow.motion import Strained
 from rigidfx.shadow.recovery import Recovery
@@ -57,7 +57,8 @@ class Run:
         shadows: What rigid parts withhold; None if forces wake none.
         touch: What foresees the first touch of a contact.
         ledgers: What has been spent of accuracy; None if nothing estimates it.
-        deviation: How far the run is off its flexible twin; None if nobody asks.
+        error: The motion by which the run is off its flexible twin; None if it is not followed.
+        corrected: Whether the error motion is added to displacements that are shown.
         idle: What rigidity does to the motion where nothing may become rigid, if that is told.
     """
 
@@ -69,8 +70,14 @@ class Run:
     shadows: Shadows | None
     touch: FirstTouch
     ledgers: Ledgers | None
-    deviation: Deviation | None
+    error: ErrorMotion | None
     idle: Rigidity | None = None
+    corrected: bool = True
+
+    @property
+    def added(self) -> ErrorMotion | None:
+        """The error motion, where it is added to what is shown."""
+        return self.error if self.corrected else None
 
     @property
     def shadow(self) -> Shadow | None:
@@ -151,7 +158,7 @@ class Run:
                 whole = kind in (None, GeneratorExit)
                 (self.shadows.remember if whole else self.shadows.forget)()
             self.stepper.close()
-            for item in (self.shadows, self.deviation):
+            for item in (self.shadows, self.error):
                 if item is not None:
                     item.destroy()
 
@@ -172,7 +179,7 @@ class Run:
         energies = None if self.ledgers is None else self.ledgers.energies
         withheld = 0.0 if self.shadow is None else self.shadow.withheld
         share = None if self.shadows is None else self.shadows.share
-        off = None if self.deviation is None else self.deviation.largest
+        off = None if self.error is None else self.error.largest
         seen = Observation(self.stepper, report.dt, stiffening, energies, withheld, share, off)
         policy.observe(seen)
         decision = policy.after(seen, report)
@@ -198,11 +205,11 @@ class Run:
     ) -> list[Event]:
         if decision is None:
             return []
-        before = None if self.deviation is None else self.deviation.velocities()
+        before = None if self.error is None else self.error.before_switch()
         event = self.switch.apply(decision, self._let_down(decision))
         policy.applied(decision, seen, event is not None)
-        if self.deviation is not None and event is not None:
-            self.deviation.switched(before)
+        if self.error is not None and event is not None:
+            self.error.switched(before)
         return [] if event is None else [event]
 
     def _let_down(self, decision: Decision) -> Eased | None:
@@ -256,7 +263,7 @@ def prepare(
         if rigidify is not None:
             measure = heeded_indicator(rigidify, scene, forces, failures)
             policy = Policy(scene, rigidify, timeline, failures, measure)
-        shadows = deviation = None
+        shadows = error = None
         if rigidify is not None and policy is not None and rigidify.wake == "local":
             in_pieces = policy.named.in_pieces
 
@@ -271,10 +278,10 @@ def prepare(
             shadows = Shadows(free, held, Recovery(stepper))
             if rigidify.lacking is None and can_be_followed(scene):
                 strokes = policy.memory.strokes
-                deviation = Deviation(stepper, free, lambda: strokes.time)
-                stepper.watches.append(deviation)
+                error = ErrorMotion(stepper, free, lambda: strokes.time)
+                stepper.watches.append(error)
         ledgers = None if shadows is None and control is None else Ledgers(stepper)
         stack.pop_all()
     touch = FirstTouch(stepper)
-    run = Run(timeline, stepper, switch, policy, probes, shadows, touch, ledgers, deviation)
+    run = Run(timeline, stepper, switch, policy, probes, shadows, touch, ledgers, error)
     return run, impact

@@ -50,6 +50,7 @@ def simulate(
     *,
     rigidify: Criterion | None = None,
     accuracy: Accuracy | None = None,
+    corrected: bool = True,
     progress: bool | None = None,
     verbose: bool | None = None,
     petsc_options: Mapping[str, Any] | None = None,
@@ -65,6 +66,9 @@ def simulate(
         rigidify: When parts become rigid and flexible again; no part does if None.
         accuracy: How far off the motion may be: chooses Δt, of which dt is the largest, and what
             becomes rigid; in place of rigidify.
+        corrected: Whether the error motion, where it is known, is added to the displacements and
+            velocities that are shown: of probes and in files. That is with wake="local" and with an
+            `Accuracy`; `report.state`, energies, momenta and reactions are those of the run itself.
         progress: Whether rank 0 shows a progress bar on standard error; where that is a terminal
             if None.
         verbose: Whether rank 0 says on standard error what is compiled, what becomes rigid and
@@ -91,7 +95,7 @@ def simulate(
         raise SceneError(f"simulate: scene must be a Scene, got {type(scene).__name__}.")
     given = {"dt": dt, "t_end": t_end, "rigidify": rigidify, "accuracy": accuracy}
     check_same(scene.comm, "simulate", {**given, "petsc_options": petsc_options})
-    for name, value in (("progress", progress), ("verbose", verbose)):
+    for name, value in (("progress", progress), ("verbose", verbose), ("corrected", corrected)):
         if value is not None and not isinstance(value, (bool, np.bool_)):
             raise SceneError(f"simulate: {name} must be True, False or None, got {shown(value)}.")
     if accuracy is not None:
@@ -117,7 +121,8 @@ def simulate(
     with solver.at_work(), heard(scene.comm, verbose):
         began = perf_counter()
         run, impact = prepare(scene, timeline, criterion, control)
-        run = replace(run, idle=None if accuracy is None else accuracy.idle)
+        idle = None if accuracy is None else accuracy.idle
+        run = replace(run, idle=idle, corrected=bool(corrected))
         tell(scene.comm, beginning(scene, run.stepper.unknowns, t_end, perf_counter() - began))
     reports = _reports(run, impact, (progress, verbose), solver)
     if accuracy is None or control is None:
@@ -149,7 +154,7 @@ def _reports(
         account,
         progress_bar(stepper.scene.comm, timeline.t_end, shown[0]) as bar,
     ):
-        report = report_of(0, stepper, run.probes, None, impact, run.shadows)
+        report = report_of(0, stepper, run.probes, None, impact, run.shadows, run.added)
         report = replace(report, reactions=switch.held[0], reaction_moments=switch.held[1])
         report = run.accounted(report)
         for look in (*looks, account):
@@ -168,7 +173,9 @@ def _reports(
                     result, woken = run.advance(target, step)
                 except StepError as error:
                     raise balance.explained(error) from None
-                report = report_of(step, stepper, run.probes, result, impact, run.shadows)
+                report = report_of(
+                    step, stepper, run.probes, result, impact, run.shadows, run.added
+                )
                 now, closeness = run.after(report)
                 report = amended(report, stepper, [*events, *woken, *now], closeness)
                 report = run.accounted(report)

@@ -22,6 +22,7 @@ FLOW = [
     "coupling",
     "step",
     "shadow",
+    "error",
     "report",
     "decide",
     "switch",

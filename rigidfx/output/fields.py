@@ -1,16 +1,16 @@
 """The fields of a run for ParaView.
 
-They are displacement [m] and velocity [m/s] on the nodes, and there Cauchy stress `stress` (nine
-components), `von_mises` of it [Pa] and Green-Lagrange strain `strain`, extrapolated and averaged
-among the cells of a material (`rigidfx.flexible.nodal_stress`): where materials meet, the series
-has a node for each. In scenes with contacts their pressure [Pa] and gap [m] are there too (NaN off
-their surfaces). On the cells there are the means `cell_stress` and `cell_von_mises` [Pa]
-(`rigidfx.flexible.stress`), the number of the material,
-and, where there are rigid bodies or may be, the number of the body (0 outside bodies), a flag
-(1 rigid, 0 flexible) and, where parts are found, the strain rate of the step [1/s], zero in bodies.
-With `wake="local"` stress and strain of a rigid cell, in its mean and in its share of the values at
-its nodes, are those of its freeze and what the forces on it add, were it flexible: `recovered` is 1
-there, see `rigidfx.report.recovered`.
+They are displacement [m] and velocity [m/s] on the nodes; where a run follows its error motion both
+contain it, and it is there by itself as `error_motion` [m]. On the nodes are also Cauchy stress
+`stress` (nine components), `von_mises` of it [Pa] and Green-Lagrange strain `strain`, extrapolated
+and averaged among the cells of a material (`rigidfx.flexible.nodal_stress`): where materials meet,
+the series has a node for each. In scenes with contacts their pressure [Pa] and gap [m] are there
+too (NaN off their surfaces). On the cells there are the means `cell_stress` and `cell_von_mises`
+[Pa] (`rigidfx.flexible.stress`), the number of the material, and, where there are rigid bodies or
+may be, the number of the body (0 outside bodies), a flag (1 rigid, 0 flexible) and, where parts are
+found, the strain rate of the step [1/s], zero in bodies. With `wake="local"` stress and strain of a
+rigid cell, in its mean and in its share of the values at its nodes, are those of its freeze and
+what the forces on it add, were it flexible: `recovered` is 1 there, see `rigidfx.report.recovered`.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class Fields:
         """Fields on the nodes, whole on rank 0. Collective."""
         state = report.state
         state.rebuild()
-        fields = {f.name: self.body.on_nodes(f) for f in (state.u, state.v)}
+        fields = self._motion(report)
         if self._nodal is not None:
             recovered = report.recovered() if report.recovers else None
             values = self.body.on_nodes_of_parts(self._nodal.measure(state.u, recovered))
@@ -73,6 +73,26 @@ class Fields:
         if self._contacts:
             fields |= self._of_contacts(state)
         return fields
+
+    def _motion(self, report: Report) -> Values:
+        """Displacement and velocity with the error motion, and that alone. Collective."""
+        state = report.state
+        if not report.is_corrected:
+            return {f.name: self.body.on_nodes(f) for f in (state.u, state.v)}
+        u, v, e = state.u.copy(), state.v.copy(), state.u.copy()
+        u.name, v.name, e.name = state.u.name, state.v.name, "error_motion"
+        e.x.array[:] = 0.0
+        shown = report.error_at_nodes()
+        if shown is not None:
+            n = shown.displacement.size
+            for f, change in (
+                (u, shown.displacement),
+                (v, shown.velocity),
+                (e, shown.displacement),
+            ):
+                f.x.array[:n] += change.reshape(-1)
+                f.x.scatter_forward()
+        return {f.name: self.body.on_nodes(f) for f in (u, v, e)}
 
     def _of_contacts(self, state: State) -> Values:
         """Pressure of contacts [Pa] and the least gap [m], NaN off their surfaces. Collective."""

@@ -14,7 +14,8 @@ Columns, in SI units; a vector has one column for each of x, y, z:
     angular_impulse_x …                      its moment about the origin [N m s]
     bodies, J_rigid_x …                      number of rigid bodies, and their part of J
     reaction_NAME_x …                        of each support [N], zero while it does not act
-    u_NAME_x …                               displacement of each probe [m]
+    u_NAME_x …                               displacement of each probe, with the error motion [m]
+    u_NAME_e_x …                             the error motion in it [m]; zero where none is followed
     von_mises_NAME, stress_NAME_xx …         stress at each probe [Pa], and
     strain_NAME_xx …                         strain there: xx, yy, zz, xy, yz, xz; extrapolated and
                                              averaged, see `rigidfx.flexible.nodal_stress`
@@ -94,7 +95,10 @@ def history_columns(
         stress: Whether stress and strain at the probes are among them.
     """
     stresses = [name for probe in probes if stress for name in _stress_names(probe)]
-    named = [*(f"reaction_{s}" for s in supports), *(f"u_{p}" for p in probes)]
+    named = [
+        *(f"reaction_{s}" for s in supports),
+        *(f"u_{p}{e}" for p in probes for e in ("", "_e")),
+    ]
     vectors = ["L", "J", "impulse", "angular_impulse", "J_rigid", *named]
     names = [f"{vector}_{axis}" for vector in vectors for axis in "xyz"]
     first = [*SCALARS, "dissipated", "impact_energy", "momentum_scale", "bodies"]

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from rigidfx.effects import Rigid
+from rigidfx.error.error_motion import ErrorMotion
 from rigidfx.report.events import Event
 from rigidfx.report.ledger import Ledgers, Rigidity
 from rigidfx.report.probes import Probes
@@ -28,6 +29,7 @@ def report_of(
     result: StepResult | None,
     impact: Impact | None,
     shadows: Shadows | None = None,
+    error: ErrorMotion | None = None,
 ) -> Report:
     """The report of a step, or of the initial state. Collective.
 
@@ -38,8 +40,12 @@ def report_of(
         result: What the step did; None for the initial state.
         impact: What the start of a support did at the start of the step.
         shadows: What rigid parts withhold, if that is known.
+        error: The error motion, which is added to displacements of probes; None if it is not.
     """
     state, solution = stepper.state, result.solution if result else None
+    shown = None if error is None else error.shown()
+    off = {} if shown is None else probes.of_field(shown.displacement)
+    moved = probes.displacements(state)
     return Report(
         step=step,
         t=state.t,
@@ -63,7 +69,8 @@ def report_of(
         clamped=_clamped(stepper),
         events=(),
         closeness=np.nan,
-        probes=probes.displacements(state),
+        probes={name: u + off[name] for name, u in moved.items()} if off else moved,
+        error_motion=off or {name: np.zeros(3) for name in moved},
         ledger=None,
         wall=0.0,
         _state=state,
@@ -71,6 +78,7 @@ def report_of(
         _indicator=stepper.indicator,
         _probes=probes,
         _shadows=shadows,
+        _error=error,
     )
 
 

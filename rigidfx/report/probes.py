@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cached_property
 
 import numpy as np
@@ -38,10 +38,21 @@ class Probes:
 
     def displacements(self, state: State) -> Mapping[str, Array]:
         """Displacement of each point, shape (3,) [m]. Collective."""
+        return self._summed(lambda nodes: state.positions(nodes) - state.X[nodes])
+
+    def of_field(self, values: Array) -> Mapping[str, Array]:
+        """Vector of a nodal field at each point, shape (3,). Collective.
+
+        Args:
+            values: At the owned nodes, shape (nodes, 3).
+        """
+        return self._summed(lambda nodes: values[nodes])
+
+    def _summed(self, at: Callable[[npt.NDArray[np.int64]], Array]) -> Mapping[str, Array]:
+        """Weighted sums of vectors at the nodes round each point. Collective."""
         if not self._probes:
             return {}
-        points = self._probes.values()
-        local = [p.weights @ (state.positions(p.nodes) - state.X[p.nodes]) for p in points]
+        local = [p.weights @ at(p.nodes) for p in self._probes.values()]
         return dict(zip(self._probes, np.asarray(self._scene.sum(np.stack(local))), strict=True))
 
     def stresses(self, state: State, strained: Strained | None = None) -> Mapping[str, StressAt]:

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from rigidfx.base.errors import SceneError
 from rigidfx.base.taken import read_only
 from rigidfx.effects import Touch
+from rigidfx.error.error_motion import ErrorMotion, Shown
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.stress import Recovered
 from rigidfx.mechanics.bodies import Bodies
@@ -76,7 +77,9 @@ class Report:
             its end. Energies, momenta and bodies of the report are those after them.
         closeness: How close any cell's strain rate came to its tolerance at the end of a window,
             the least |e/tol - 1|; NaN if the step ended none.
-        probes: Displacement of each probe, shape (3,) [m].
+        probes: Displacement of each probe, shape (3,) [m]: that of `state` and the error motion.
+        error_motion: The error motion e at each probe, shape (3,) [m]: the estimated difference
+            to a run without rigid parts; zero where it is not followed.
         ledger: What has been spent of accuracy; None in a run in which nothing estimates it: with
             given Δt, and nothing that wakes by forces.
         wall: Wall time of the step [s].
@@ -112,6 +115,7 @@ class Report:
     events: tuple[Event, ...]
     closeness: float
     probes: Mapping[str, Array]
+    error_motion: Mapping[str, Array]
     ledger: Ledger | None
     wall: float
     _state: State
@@ -119,6 +123,7 @@ class Report:
     _indicator: Indicator | None
     _probes: Probes
     _shadows: Shadows | None = None
+    _error: ErrorMotion | None = None
 
     @property
     def energy(self) -> float:
@@ -237,6 +242,20 @@ class Report:
         u.x.array[: carried.u.size] += carried.u.reshape(-1)
         u.x.scatter_forward()
         return Recovered(u, *carried.among(count))
+
+    @property
+    def is_corrected(self) -> bool:
+        """Whether displacements that are shown contain the error motion, where it is known."""
+        return self._error is not None
+
+    def error_at_nodes(self) -> Shown | None:
+        """The error motion at the owned nodes; None while it is zero, or not known. Collective.
+
+        Raises:
+            SceneError: If the run has gone on.
+        """
+        self._check("error_at_nodes")
+        return None if self._error is None else self._error.shown()
 
     @property
     def finds_bodies(self) -> bool:

@@ -1,0 +1,274 @@
+"""The error motion e: how far a run with rigid parts is off its flexible twin.
+
+In a run with rigid parts the equations of all nodes hold but those of bodies' nodes, which are out
+of balance by ρ, and a freeze takes velocities ΔV out. To first order the twin is u + e with
+
+    M ë + C ė + K e = r ,     r = ρ and the forces that releases let down,     ė += ΔV      (1)
+
+over all cells, flexible and rigid, about the shape at the first freeze. r is given in each body's
+own frame, r⁰ = Q_bᵀ r with Q_b the best rotation of the body's nodes against the shape (2): a large
+pair of inner forces, turned by a small angle, would be a net load. One K serves the whole run.
+
+A shown place is x + Q_p e with one rotation Q_p of each connected part (3), so that it is smooth in
+time through freezes and releases.
+
+e is not known from the first contact on, where no support holds, and beyond `LARGEST` unknowns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from rigidfx.coupling.rows import Rows
+from rigidfx.effects import Rigid, Spring
+from rigidfx.error.frames import Frames, to_shape, to_space
+from rigidfx.flexible.linear_forms import LinearForms
+from rigidfx.scene.scene import Scene
+from rigidfx.shadow.ground import ground_of
+from rigidfx.shadow.linear_motion import LinearMotion
+from rigidfx.shadow.parts import mass_of
+from rigidfx.shadow.shadow import Shadow
+from rigidfx.step.stepper import Stepper
+from rigidfx.step.watches.judge import Attempt
+from rigidfx.step.watches.watch import Watch
+
+__all__ = ["ErrorMotion", "Shown", "can_be_followed"]
+
+Array = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
+Nodes = npt.NDArray[np.integer]
+
+# What PETSc's log calls this part of a run.
+_FOLLOWING = PETSc.Log.Event("rigidfxErrorMotion")
+
+LARGEST = 12_000  # unknowns: beyond, factors of all cells take more time than bodies save
+# Length of a step of e over 1/ω of the motion and of e, at most: a vibration of e is out of phase
+# by (ω Δt)²/12 a radian.
+RESOLVED = 0.2
+LONGEST = 4  # steps of the run in a step of e, at most
+
+
+def can_be_followed(scene: Scene) -> bool:
+    """Whether e may be known in a scene."""
+    unknowns = 3 * scene.space.dofmap.index_map.size_global
+    return bool(scene.supports) and not scene.named(Rigid) and unknowns <= LARGEST
+
+
+@dataclass(frozen=True)
+class Shown:
+    """The error motion in space at an instant.
+
+    Attributes:
+        displacement: Q_p e of the owned nodes, shape (nodes, 3) [m].
+        velocity: Q_p ė, likewise [m/s].
+    """
+
+    displacement: Array
+    velocity: Array
+
+
+class ErrorMotion(Watch):
+    """Follows e from the first freeze on; `destroy` frees the PETSc objects.
+
+    Attributes:
+        known: Whether it is followed: false from the first contact on.
+    """
+
+    def __init__(self, stepper: Stepper, shadow: Shadow, turning: Callable[[], float]) -> None:
+        """Nothing is off.
+
+        Args:
+            stepper: Solves the steps.
+            shadow: Knows ρ.
+            turning: Returns 1/ω of the motion [s].
+        """
+        self._stepper, self._shadow, self._turning = stepper, shadow, turning
+        self._scene = scene = stepper.scene
+        self.known = True
+        self._forms = LinearForms(scene, stepper.forces)
+        n = scene.owned_nodes
+        self._nodes = np.arange(n)
+        self._e: Array = np.zeros((n, 3))
+        self._rate: Array = np.zeros((n, 3))
+        self._impulse: Array = np.zeros((n, 3))  # since the last step of e [N s] ...
+        self._span = 0.0  # ... and the time since then [s]
+        self._largest = 0.0
+        self._motion: LinearMotion | None = None
+        self._frames: Frames | None = None  # against the shape at the first freeze
+        self._of_bodies: dict[int, tuple[object, Array]] = {}  # Q_b at their freeze, by number
+        self._dt = self._of_run = 0.0  # length of the steps of e, and of the run's [s]
+        self._mask: Bools = np.zeros(3 * n, dtype=bool)
+        self._viscous: list[int] = []  # terms of viscosity in these equations
+
+    @property
+    def largest(self) -> float | None:
+        """Largest |e| of any node [m]; None if it is not known."""
+        return self._largest if self.known else None
+
+    def shown(self) -> Shown | None:
+        """e in space at the present time; None while it is zero, or not known. Collective."""
+        if not self.known or self._frames is None:
+            return None
+        Q = self._frames.of_parts(self._stepper.state.positions(self._nodes))
+        now = self._e + self._span * self._rate
+        return Shown(to_space(now, Q), to_space(self._rate, Q))
+
+    # Switches -----------------------------------------------------------------------------------
+
+    def before_switch(self) -> tuple[Array, list[Nodes]] | None:
+        """Velocities [m/s] and bodies' nodes before a switch; None if e is not followed."""
+        if not self.known:
+            return None
+        return self._velocities(), [body.nodes for body in self._stepper.state.bodies.of.records]
+
+    def switched(self, before: tuple[Array, list[Nodes]] | None) -> None:
+        """Add the velocities that a switch has taken out. Collective.
+
+        Args:
+            before: Of `before_switch`.
+        """
+        if before is None or not self.known:
+            return
+        state = self._stepper.state
+        x = state.positions(self._nodes)
+        if self._frames is None:
+            self._frames = Frames(self._scene, x)
+        velocities, nodes = before
+        taken = velocities - self._velocities()
+        Q = self._frames.of_parts(x)
+        sets = [*nodes, *(body.nodes for body in state.bodies.of.records)]
+        for own, R in zip(sets, self._frames.of_sets(sets, x), strict=True):
+            Q[own] = R
+        self._rate += to_shape(taken, Q)
+
+    def _velocities(self) -> Array:
+        state = self._stepper.state
+        state.rebuild()
+        return state.v.x.array[: self._e.size].reshape(-1, 3).copy()
+
+    # Steps --------------------------------------------------------------------------------------
+
+    def accept(self, attempt: Attempt) -> None:
+        """See `Watch`."""
+        if self.known and self._frames is not None:
+            with _FOLLOWING:
+                self._take(attempt, self._frames)
+
+    def _take(self, attempt: Attempt, frames: Frames) -> None:
+        """Take a step of the run. Collective."""
+        actions = self._stepper.system.actions
+        if actions.elastic - {Spring.__name__}:
+            self.known = False
+            self.destroy()
+            return
+        self._bear(attempt.dt, frames)
+        self._span += attempt.dt
+        self._have_equations(attempt.dt)
+        self._adapt(attempt.dt)
+        while self._span >= self._dt * (1 - 1e-9):
+            self._step()
+
+    def _bear(self, dt: float, frames: Frames) -> None:
+        """Add r of a step of length dt [s] to the impulse, in the shape's frame. Collective."""
+        if self._shadow.borne is not None:
+            parts, force = self._shadow.borne
+            for body, at in zip(parts.bodies, parts.at, strict=True):
+                self._impulse[body.nodes] += dt * to_shape(force[at], self._frame_of(body, frames))
+        easing = self._stepper.system.actions.easing
+        if easing:
+            let_down = np.zeros_like(self._e)
+            for eased in easing:
+                eased.add_impulse(dt, let_down.reshape(-1))
+            x = self._stepper.state.positions(self._nodes)
+            loaded = np.flatnonzero(np.abs(let_down).max(axis=1))
+            Q = frames.of_sets([loaded], x)[0]
+            self._impulse += to_shape(let_down, Q)
+
+    def _frame_of(self, body: Any, frames: Frames) -> Array:
+        """Q of a body's own frame against the shape, (2): it is constant. Collective."""
+        known = self._of_bodies.get(body.number)
+        if known is None or known[0] is not body:
+            x = np.zeros_like(frames.shape)
+            x[body.nodes] = body.offsets
+            known = body, frames.of_sets([body.nodes], x)[0]
+            self._of_bodies[body.number] = known
+        return known[1]
+
+    def _have_equations(self, dt: float) -> None:
+        """Have the equations of the supports and viscosities that act. Collective.
+
+        Args:
+            dt: Length of the step of the run [s].
+        """
+        mask = self._stepper.prescribed.mask[: self._e.size]
+        viscous = [k for k, _ in self._stepper.forces.viscous_terms]
+        new = self._motion is None or viscous != self._viscous or bool((mask != self._mask).any())
+        if not self._scene.comm.allreduce(new, op=MPI.LOR):
+            return
+        self.destroy()
+        self._mask, self._viscous = mask.copy(), viscous
+        self._e[mask.reshape(-1, 3)] = 0.0
+        self._rate[mask.reshape(-1, 3)] = 0.0
+        self._motion = self._equations(dt)
+
+    def _equations(self, dt: float) -> LinearMotion:
+        """Those of all cells about the shape. Collective."""
+        scene, forces, frames = self._scene, self._stepper.forces, self._frames
+        assert frames is not None
+        rows = Rows(scene.space, self._nodes.astype(np.int32))
+        owned = scene.mesh.topology.index_map(scene.mesh.topology.dim).size_local
+        cells = forces.cells(np.arange(owned, dtype=np.int32))
+        shape = self._forms.shape.x
+        X = self._stepper.state.X[: len(frames.shape)]
+        shape.array[: self._e.size] = (frames.shape - X).reshape(-1)
+        shape.scatter_forward()
+        forces.set_rate(1.0)
+        supported = np.flatnonzero(self._mask)
+        mass, ground = mass_of(scene, rows, cells), ground_of(scene, rows)
+        out = LinearMotion(rows, cells, self._forms, mass, supported, ground=ground)
+        forces.set_rate(1 / dt)
+        return out
+
+    def _adapt(self, dt: float) -> None:
+        """Choose the length of steps: as long as the motion and e allow. Collective.
+
+        Args:
+            dt: Length of the step of the run [s].
+        """
+        sizes = np.array([np.abs(self._e).max(initial=0.0), np.abs(self._rate).max(initial=0.0)])
+        self._scene.comm.Allreduce(MPI.IN_PLACE, sizes, op=MPI.MAX)
+        own = sizes[0] / sizes[1] if sizes.all() else np.inf
+        longest = min(LONGEST * dt, RESOLVED * min(self._turning(), own))
+        longest = max(longest, dt)
+        if not 0.5 * longest <= self._dt <= longest:
+            self._dt, self._of_run = max(int(longest / dt), 1) * dt, dt
+
+    def _step(self) -> None:
+        """Take a step of e under the mean force since the last one; none at rest. Collective."""
+        assert self._motion is not None
+        dt, mean = self._dt, np.asarray(self._impulse / self._span)
+        self._span -= dt
+        self._impulse = self._span * mean
+        moving = bool(mean.any() or self._e.any() or self._rate.any())
+        if not self._scene.comm.allreduce(moving, op=MPI.LOR):
+            return
+        drag, xi = self._scene.damping(self._stepper.state.t)
+        # ξ is a viscosity by the steps of the run.
+        xi *= self._of_run / dt
+        d = self._motion.increment(mean, self._e, self._rate, dt, drag, xi)
+        self._e, self._rate = self._e + d, 2 / dt * d - self._rate
+        here = float(np.linalg.norm(self._e, axis=1).max(initial=0.0))
+        self._largest = self._scene.comm.allreduce(here, op=MPI.MAX)
+
+    def destroy(self) -> None:
+        """Free the PETSc objects. Collective."""
+        if self._motion is not None:
+            self._motion.destroy()
+            self._motion = None

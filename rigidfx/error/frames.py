@@ -1,0 +1,79 @@
+"""Frames of sets of nodes: the rotations that take a shape best to where the nodes lie."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.scene.scene import Scene
+
+__all__ = ["Frames", "to_shape", "to_space"]
+
+Array = npt.NDArray[np.float64]
+Nodes = npt.NDArray[np.integer]
+
+
+class Frames:
+    """Best rotations against one shape (W. Kabsch, Acta Cryst. A 32 (1976) 922-923).
+
+    Attributes:
+        shape: Places of the owned nodes in the shape, shape (nodes, 3) [m].
+    """
+
+    def __init__(self, scene: Scene, shape: Array) -> None:
+        """Take the shape over.
+
+        Args:
+            scene: The problem.
+            shape: Places of the owned nodes, shape (nodes, 3) [m].
+        """
+        self._scene, self.shape = scene, shape.copy()
+        n = scene.owned_nodes
+        of_node = np.zeros(len(scene.start_places), dtype=np.int64)
+        of_node[scene.space.dofmap.list] = scene.parts.of_cell[:, None]
+        self._part = of_node[:n]
+        self._parts = [np.flatnonzero(self._part == k) for k in range(scene.parts.count)]
+
+    def of_sets(self, sets: Sequence[Nodes], x: Array) -> Array:
+        """Rotation of each set of owned nodes from the shape to where they lie. Collective.
+
+        Args:
+            sets: Owned nodes of each set; the same number of sets on all ranks.
+            x: Places of the owned nodes, shape (nodes, 3) [m].
+
+        Returns:
+            Rotations, shape (sets, 3, 3).
+        """
+        local = np.zeros((len(sets), 16))
+        for sums, nodes in zip(local, sets, strict=True):
+            a, b = self.shape[nodes], x[nodes]
+            sums[:] = [len(a), *a.sum(axis=0), *b.sum(axis=0), *(b.T @ a).reshape(-1)]
+        if not len(sets):
+            return np.zeros((0, 3, 3))
+        sums = np.asarray(self._scene.sum(local))
+        common = sums[:, 4:7, None] * sums[:, None, 1:4] / np.maximum(sums[:, :1, None], 1.0)
+        W, _, Vt = np.linalg.svd(sums[:, 7:].reshape(-1, 3, 3) - common)
+        W[:, :, 2] *= np.linalg.det(W @ Vt)[:, None]
+        return np.asarray(W @ Vt)
+
+    def of_parts(self, x: Array) -> Array:
+        """Rotation at each owned node, that of its connected part, shape (nodes, 3, 3). Collective.
+
+        A part has one rotation, so that vectors which it turns are smooth across its bodies.
+
+        Args:
+            x: Places of the owned nodes, shape (nodes, 3) [m].
+        """
+        return self.of_sets(self._parts, x)[self._part]
+
+
+def to_shape(vectors: Array, Q: Array) -> Array:
+    """Vectors in space as they are in the shape's frame, Qᵀ v; shapes (nodes, 3), (…, 3, 3)."""
+    return np.asarray(np.einsum("...i,...ij->...j", vectors, Q))
+
+
+def to_space(vectors: Array, Q: Array) -> Array:
+    """Vectors in the shape's frame as they are in space, Q v; shapes (nodes, 3), (…, 3, 3)."""
+    return np.asarray(np.einsum("...j,...ij->...i", vectors, Q))

@@ -1,0 +1,225 @@
+"""How far a run is off its flexible twin: told by a linear equation, measured by the twin."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+
+import rigidfx as rf
+from rigidfx.decide.criteria import rate_rule
+from rigidfx.decide.reasons import ASTRAY
+from rigidfx.error import error_motion
+from rigidfx.error.error_motion import ErrorMotion
+from rigidfx.shadow.linear_motion import LinearMotion
+
+DT = 0.02  # s
+SOFT, STIFF = (rf.StVenantKirchhoff(E=E, nu=0.3, rho=1000.0) for E in (1e6, 1e8))
+BOX = rf.box((0, 0, 0), (8, 1, 1), (16, 1, 1))
+BOX = BOX.with_cells("stalk", lambda x: x[0] <= 2 + 1e-9)
+BOX = BOX.with_cells("block", lambda x: x[0] >= 2 - 1e-9)
+
+
+def shaken(t):
+    return 0.0, 0.0, 0.02 * np.sin(2 * np.pi * t) * min(1.0, t / 2) ** 3
+
+
+def swinging(t):
+    return np.sin(2 * np.pi * t / 3.0) * min(1.0, t / 3)
+
+
+BASE = rf.PrescribedMotion("x0", displacement=shaken)
+HELD, PUSHED = rf.Fixed("x0"), rf.Traction("x1", (0, 0, 100.0), time=swinging)
+
+
+def scene(*effects, **options):
+    materials = {"stalk": SOFT, "block": STIFF}
+    return rf.Scene(BOX, materials, effects, probes={"tip": (8, 0.5, 0.5)}, **options)
+
+
+@pytest.fixture
+def followed(monkeypatch):
+    """All that follow a run."""
+    every, begin = [], ErrorMotion.__init__
+
+    def made(self, *arguments):
+        begin(self, *arguments)
+        every.append(self)
+
+    monkeypatch.setattr(ErrorMotion, "__init__", made)
+    return every
+
+
+class Compared:
+    """A run beside its flexible twin, by the displacements of the tip.
+
+    Attributes:
+        off: Distance of u from the twin, over the twin's largest displacement, of each step.
+        left: The same of u + e.
+        told: The same of e.
+        largest: Largest |e| of any node, likewise.
+        events: All switches.
+    """
+
+    def __init__(self, make, followed, t_end, part=0.01, **options):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            tips, rates = [], []
+            rest = rf.StrainRate(0.0, 1e9, wake="none")
+            for report in rf.simulate(make(), DT, t_end, rigidify=rest, progress=False):
+                tips.append(report.probes["tip"])
+                rates.append(float(report.strain_rate.max()))
+            rule = rf.StrainRate(part * max(rates), 20 * DT, **options)
+            off, left, told, largest, self.events = [], [], [], [], []
+            run = rf.simulate(make(), DT, t_end, rigidify=rule, progress=False)
+            for tip, report in zip(tips, run, strict=True):
+                shown, e = report.probes["tip"], report.error_motion["tip"]
+                left.append(np.linalg.norm(tip - shown))
+                off.append(np.linalg.norm(tip - (shown - e)))
+                told.append(np.linalg.norm(e))
+                largest.append(followed[-1].largest)
+                self.events += report.events
+        size = max(np.linalg.norm(tip - tips[0]) for tip in tips)
+        self.off, self.left, self.told = (np.array(of) / size for of in (off, left, told))
+        self.largest = np.array(largest, dtype=float) / size
+        self.freezes = any(event.kind == "freeze" for event in self.events)
+
+
+@pytest.mark.parametrize("longest", [1, 4])
+@pytest.mark.parametrize(
+    ("effects", "options"),
+    [
+        ((BASE, rf.MassDamping(1.0)), {}),
+        ((BASE, rf.MassDamping(1.0)), {"mass": "consistent"}),
+        ((HELD, PUSHED, rf.KelvinVoigt(3e4)), {}),
+        ((HELD, PUSHED, rf.Spring("x1", (3e2, 3e2, 4e3), damping=50.0), rf.MassDamping(0.5)), {}),
+        ((HELD, PUSHED, rf.NumericalDamping(0.1), rf.MassDamping(0.3)), {}),
+    ],
+    ids=["drag", "consistent", "viscosity", "springs", "numerical damping"],
+)
+def test_a_run_knows_how_far_it_is_off(effects, options, longest, followed, monkeypatch):
+    """Bodies that grow, wake, are let down and freeze anew included; u + e is nearer by far."""
+    monkeypatch.setattr(error_motion, "LONGEST", longest)
+    run = Compared(lambda: scene(*effects, **options), followed, 8.0)
+    assert run.freezes
+    assert run.off.max() > 0.002
+    assert run.told.max() == pytest.approx(run.off.max(), rel=0.1)
+    assert run.left.max() <= 0.34 * run.off.max()
+
+
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+def test_a_base_that_shakes_between_two_modes_keeps_the_bound(mass, followed):
+    """It was 2.4 times that off, as resonance amplified what bodies bend by."""
+    run = Compared(lambda: scene(BASE, rf.MassDamping(1.0), mass=mass), followed, 10.0)
+    assert run.freezes
+    assert run.off.max() <= 0.8 * 3 * 0.01
+    assert run.left.max() <= 0.34 * run.off.max()
+
+
+def test_bodies_are_released_before_a_run_is_too_far_off(followed, monkeypatch):
+    monkeypatch.setattr(rate_rule, "OFF", 0.15)
+    run = Compared(lambda: scene(BASE, rf.MassDamping(1.0)), followed, 10.0)
+    assert ASTRAY in {event.reason for event in run.events}
+    assert run.off.max() <= 0.8 * 3 * 0.01
+
+
+@pytest.mark.parametrize(
+    "more",
+    [(rf.Contact("z0", against=rf.Plane((0, 0, -9.0), (0, 0, 1.0))),), (rf.Rigid("block"),), ()],
+    ids=str,
+)
+def test_what_is_not_followed(more, followed):
+    """Contacts, parts named rigid, and what nothing holds: what bodies bend by tells there."""
+    effects = [*([HELD] if more else []), PUSHED, rf.MassDamping(1.0), *more]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        *_, last = rf.simulate(
+            scene(*effects), DT, 2.0, rigidify=rf.StrainRate(1e-5, 20 * DT), progress=False
+        )
+    assert last.t == pytest.approx(2.0)
+    assert all(one.largest is None for one in followed)
+
+
+@pytest.fixture
+def made(monkeypatch):
+    """All equations that were formed: whether they have a viscosity."""
+    every = []
+
+    class Seen(LinearMotion):
+        def __init__(self, *arguments, **options):
+            super().__init__(*arguments, **options)
+            every.append(self._viscosity is not None)
+
+    monkeypatch.setattr(error_motion, "LinearMotion", Seen)
+    return every
+
+
+@pytest.mark.parametrize(("speed", "t_end"), [(0.15, 8.0), (0.2, 17.0)])
+def test_one_stiffness_serves_an_arm_that_turns(speed, t_end, followed, made):
+    """Through 69° at 0.22 ω₁ and 195° at 0.3 ω₁, beside a motion of its tip that is withheld."""
+    turn = rf.PrescribedRotation(
+        "x0", axis=(0, 0, 1), through=(0, 0.5, 0.5), angle=lambda t: speed * t * min(1.0, t / 4)
+    )
+    push = rf.Traction("x1", (0, 0, 50.0), time=swinging)
+    run = Compared(lambda: scene(turn, push, rf.MassDamping(0.5)), followed, t_end)
+    assert run.freezes
+    assert len(made) == 1
+    assert run.told.max() == pytest.approx(run.off.max(), rel=0.2)
+    assert run.left.max() <= 0.34 * run.off.max()
+
+
+def test_what_hangs_bent_under_a_preload_keeps_the_bound(followed):
+    """Its sag, twenty times what moves, is no motion that bodies may take a part of."""
+
+    def still(t):
+        return 0.0, 0.0, 0.002 * np.sin(2 * np.pi * t) * min(1.0, t / 2) ** 3
+
+    weight = rf.Gravity((0, 0, -0.05))
+    hung = rf.PrescribedMotion("x0", displacement=still), weight, rf.Preload([weight])
+    run = Compared(lambda: scene(*hung, rf.MassDamping(0.5)), followed, 12.0)
+    sag = next(iter(rf.simulate(scene(*hung), DT, DT, progress=False))).probes["tip"]
+    assert np.linalg.norm(sag) > 5 * (2 * 0.002)
+    assert run.freezes
+    assert run.off.max() <= 0.8 * 3 * 0.01
+
+
+def test_an_error_turns_with_the_structure(followed):
+    """In an arm that turns on and on what bends it would stretch it, and grew without bound."""
+    turn = rf.PrescribedRotation(
+        "x0", axis=(0, 0, 1), through=(0, 0.5, 0.5), angle=lambda t: 0.5 * t * min(1.0, t / 4)
+    )
+    push = rf.Traction("x1", (0, 0, 50.0), time=lambda t: np.sin(2 * np.pi * t / 1.1) * min(1, t))
+    run = Compared(lambda: scene(turn, push, rf.MassDamping(0.3)), followed, 16.0)
+    assert run.off.max() <= 0.8 * 3 * 0.01
+    assert run.largest[-200:].max() <= 0.1
+
+
+def test_viscosity_that_ends_is_one_no_more(followed, made):
+    viscous = rf.KelvinVoigt(1e5, until=4.0), rf.MassDamping(0.2)
+    run = Compared(lambda: scene(BASE, *viscous), followed, 12.0)
+    assert made == [True, False]
+    assert run.told.max() == pytest.approx(run.off.max(), rel=0.1)
+    assert run.left.max() <= 0.34 * run.off.max()
+
+
+def test_what_is_shown_is_smooth_through_switches(followed):
+    """Displacements of u + e do not jump at a freeze or a release, and u is as without e."""
+    make = lambda: scene(BASE, rf.MassDamping(1.0))  # noqa: E731
+    runs = []
+    for corrected in (True, False):
+        rule = rf.StrainRate(2e-3, 20 * DT)
+        steps = rf.simulate(make(), DT, 6.0, rigidify=rule, corrected=corrected, progress=False)
+        runs.append(
+            [(r.t, r.probes["tip"], r.error_motion["tip"], r.energy, r.events) for r in steps]
+        )
+    with_e, without = runs
+    assert any(events for *_, events in with_e)
+    for (t, shown, e, energy, _), (_, u, none, same, _) in zip(with_e, without, strict=True):
+        assert energy == same, t
+        np.testing.assert_array_equal(none, 0.0)
+        np.testing.assert_allclose(shown - e, u, rtol=0, atol=1e-15)
+    shown = np.array([shown for _, shown, *_ in with_e])
+    bends = np.abs(np.diff(shown, n=2, axis=0)).max(axis=1)
+    switched = [k for k, (*_, events) in enumerate(with_e) if events and 1 < k < len(bends)]
+    assert bends[np.array(switched) - 1].max() <= 2 * bends.max()
