@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from dolfinx import fem
 
 from rigidfx.effects import Contact
 from rigidfx.flexible.nodal_stress import NodalStress, material_groups
@@ -79,20 +80,18 @@ class Fields:
         state = report.state
         if not report.is_corrected:
             return {f.name: self.body.on_nodes(f) for f in (state.u, state.v)}
-        u, v, e = state.u.copy(), state.v.copy(), state.u.copy()
-        u.name, v.name, e.name = state.u.name, state.v.name, "error_motion"
-        e.x.array[:] = 0.0
-        shown = report.error_at_nodes()
+        shown, n = report.error_at_nodes(), 3 * self._scene.owned_nodes
+        e, rate = np.zeros((2, n))
         if shown is not None:
-            n = shown.displacement.size
-            for f, change in (
-                (u, shown.displacement),
-                (v, shown.velocity),
-                (e, shown.displacement),
-            ):
-                f.x.array[:n] += change.reshape(-1)
-                f.x.scatter_forward()
-        return {f.name: self.body.on_nodes(f) for f in (u, v, e)}
+            e, rate = shown.displacement.reshape(-1), shown.velocity.reshape(-1)
+        u, v, error = (fem.Function(self._scene.space) for _ in range(3))
+        u.x.array[:n] = state.u.x.array[:n] + e
+        v.x.array[:n] = state.v.x.array[:n] + rate
+        error.x.array[:n] = e
+        fields = {"displacement": u, "velocity": v, "error_motion": error}
+        for f in fields.values():
+            f.x.scatter_forward()
+        return {name: self.body.on_nodes(f) for name, f in fields.items()}
 
     def _of_contacts(self, state: State) -> Values:
         """Pressure of contacts [Pa] and the least gap [m], NaN off their surfaces. Collective."""

@@ -134,6 +134,7 @@ def history_row(
         row |= components(f"reaction_{name}", report.reactions.get(name, np.zeros(3)))
     for name, displacement in report.probes.items():
         row |= components(f"u_{name}", displacement)
+        row |= components(f"u_{name}_e", report.error_motion[name])
     for name, at in (stresses or {}).items():
         own = [at.stress[ij] for ij in PAIRS.values()], [at.strain[ij] for ij in PAIRS.values()]
         values = [at.von_mises, *own[0], *own[1], at.recovered]

@@ -56,8 +56,8 @@ class Preload(Effect):
         empty = listed and not loads and turns
         if not (loads or empty) or not all(isinstance(load, DeadLoad) for load in loads):
             raise SceneError(
-                f"Preload: loads must be one or more dead loads, got {shown(given)}; without loads "
-                "it needs a spin."
+                f"Preload: loads must be one or more dead loads, got {shown(given)}. Without "
+                "loads it needs a spin."
             )
         object.__setattr__(self, "loads", loads)
         increments = whole("Preload", "increments", self.increments, least=1)
