@@ -221,7 +221,10 @@ CASES = {
     "complex modulus": (lambda: _material(np.complex128(2e7 + 5j)), "E must be a finite number"),
     "true modulus": (lambda: _material(np.True_), "E must be a finite number, got np.True_"),
     "modulus of bytes": (lambda: _material(b"2e7"), "E must be a finite number, got b'2e7'"),
-    "modulus that is a span of time": (lambda: _material(np.timedelta64(5, "s")), "E must be a finite"),
+    "modulus that is a span of time": (
+        lambda: _material(np.timedelta64(5, "s")),
+        "E must be a finite",
+    ),
     "modulus beyond all numbers": (lambda: _material(10**400), "E must be a finite number"),
     "parameter of bytes": (lambda: _own({"mu": b"3"}), "parameter mu must be a finite number"),
     "parameters in a list": (lambda: _own([("mu", 3)]), "values must be a dict of names"),
