@@ -89,9 +89,9 @@ class Fields:
         v.x.array[:n] = state.v.x.array[:n] + rate
         error.x.array[:n] = e
         fields = {"displacement": u, "velocity": v, "error_motion": error}
-        for f in fields.values():
-            f.x.scatter_forward()
-        return {name: self.body.on_nodes(f) for name, f in fields.items()}
+        for field in fields.values():
+            field.x.scatter_forward()
+        return {name: self.body.on_nodes(field) for name, field in fields.items()}
 
     def _of_contacts(self, state: State) -> Values:
         """Pressure of contacts [Pa] and the least gap [m], NaN off their surfaces. Collective."""
