@@ -117,6 +117,28 @@ def test_a_base_that_shakes_between_two_modes_keeps_the_bound(mass, followed):
     assert run.left.max() <= 0.34 * run.off.max()
 
 
+@pytest.mark.parametrize("named", ["head", "foot"])
+def test_a_part_named_rigid_is_rigid_in_the_twin(named, followed):
+    """Beside a part that freezes; the foot is clamped by the support."""
+
+    def make():
+        x = {"head": (6.0, 8.0), "foot": (0.0, 1.0)}[named]
+        box = BOX.with_cells(named, lambda p: (p[0] >= x[0] - 1e-9) & (p[0] <= x[1] + 1e-9))
+        held = rf.Fixed("x0") if named == "head" else rf.Fixed(named)
+        return rf.Scene(
+            box,
+            {"stalk": SOFT, "block": STIFF},
+            [held, PUSHED, rf.MassDamping(0.5), rf.Rigid(named)],
+            probes={"tip": (8, 0.5, 0.5)},
+        )
+
+    run = Compared(make, followed, 6.0)
+    assert run.freezes
+    assert run.off.max() > 1e-4
+    assert run.told.max() == pytest.approx(run.off.max(), rel=0.1)
+    assert run.left.max() <= 0.34 * run.off.max()
+
+
 def test_bodies_are_released_before_a_run_is_too_far_off(followed, monkeypatch):
     monkeypatch.setattr(rate_rule, "OFF", 0.15)
     run = Compared(lambda: scene(BASE, rf.MassDamping(1.0)), followed, 10.0)
@@ -126,7 +148,11 @@ def test_bodies_are_released_before_a_run_is_too_far_off(followed, monkeypatch):
 
 @pytest.mark.parametrize(
     "more",
-    [(rf.Contact("z0", against=rf.Plane((0, 0, -9.0), (0, 0, 1.0))),), (rf.Rigid("block"),), ()],
+    [
+        (rf.Contact("z0", against=rf.Plane((0, 0, -9.0), (0, 0, 1.0))),),
+        (rf.Rigid("block", mass=1e4),),
+        (),
+    ],
     ids=str,
 )
 def test_what_is_not_followed(more, followed):

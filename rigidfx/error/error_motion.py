@@ -12,7 +12,9 @@ pair of inner forces, turned by a small angle, would be a net load. One K serves
 A shown place is x + Q_p e with one rotation Q_p of each connected part (3), so that it is smooth in
 time through freezes and releases.
 
-e is not known from the first contact on, where no support holds, and beyond `LARGEST` unknowns.
+Parts named `Rigid` are rigid in the twin, too: they have many times their stiffness in K. e is not
+known from the first contact on, where no support holds, beside a part of given mass or inertia, and
+beyond `LARGEST` unknowns.
 """
 
 from __future__ import annotations
@@ -49,6 +51,7 @@ Nodes = npt.NDArray[np.integer]
 _FOLLOWING = PETSc.Log.Event("rigidfxErrorMotion")
 
 LARGEST = 12_000  # unknowns: beyond, factors of all cells take more time than bodies save
+BOUNDED = 5000  # unknowns up to which |e| releases bodies: beyond, few scenes were tried
 # Length of a step of e over 1/ω of the motion and of e, at most: a vibration of e is out of phase
 # by (ω Δt)²/12 a radian.
 RESOLVED = 0.2
@@ -58,7 +61,8 @@ LONGEST = 4  # steps of the run in a step of e, at most
 def can_be_followed(scene: Scene) -> bool:
     """Whether e may be known in a scene."""
     unknowns = 3 * scene.space.dofmap.index_map.size_global
-    return bool(scene.supports) and not scene.named(Rigid) and unknowns <= LARGEST
+    given = any(rigid.given for rigid in scene.named(Rigid))
+    return bool(scene.supports) and not given and unknowns <= LARGEST
 
 
 @dataclass(frozen=True)
@@ -92,6 +96,7 @@ class ErrorMotion(Watch):
         self._stepper, self._shadow, self._turning = stepper, shadow, turning
         self._scene = scene = stepper.scene
         self.known = True
+        self._bounded = 3 * scene.space.dofmap.index_map.size_global <= BOUNDED
         self._forms = LinearForms(scene, stepper.forces)
         n = scene.owned_nodes
         self._nodes = np.arange(n)
@@ -109,8 +114,8 @@ class ErrorMotion(Watch):
 
     @property
     def largest(self) -> float | None:
-        """Largest |e| of any node [m]; None if it is not known."""
-        return self._largest if self.known else None
+        """Largest |e| of any node [m], by which bodies are released; None if none is by that."""
+        return self._largest if self.known and self._bounded else None
 
     def shown(self) -> Shown | None:
         """e in space at the present time; None while it is zero, or not known. Collective."""
@@ -232,7 +237,9 @@ class ErrorMotion(Watch):
         forces.set_rate(1.0)
         supported = np.flatnonzero(self._mask)
         mass, ground = mass_of(scene, rows, cells), ground_of(scene, rows)
-        out = LinearMotion(rows, cells, self._forms, mass, supported, ground=ground)
+        named = [scene.owned_cells(part.where, part.kind) for part in scene.named(Rigid)]
+        rigid = forces.cells(np.unique(np.concatenate(named)).astype(np.int32)) if named else None
+        out = LinearMotion(rows, cells, self._forms, mass, supported, ground=ground, rigid=rigid)
         forces.set_rate(1 / dt)
         return out
 

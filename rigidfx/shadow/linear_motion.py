@@ -25,6 +25,9 @@ PREFIX = "rigidfx_shadow_"
 # Unknowns up to which METIS takes more time than its order saves: at 4536 to 7203 factors by AMD's
 # are there in .55 to .74 of the time, solves take 1.0 to 1.2; 1.9 in a plate of 14 406.
 BRIEF = 10_000
+# Times its own stiffness that a part named rigid has besides: it strains by 1e-4 of what it would,
+# and direct factors lose four digits of sixteen.
+NAMED = 1e4
 KINDS = 3  # of steps whose factors are kept: short, long and very long ones
 
 
@@ -40,6 +43,7 @@ class LinearMotion:
         supported: Ints,
         dashpots: Array | None = None,
         ground: Ground | None = None,
+        rigid: Cells | None = None,
     ) -> None:
         """Assemble the matrices. Collective.
 
@@ -51,9 +55,14 @@ class LinearMotion:
             supported: Rows of this rank that supports hold.
             dashpots: Constants of dashpots at the nodes [N s/m].
             ground: What springs do at the nodes, if there are any.
+            rigid: Those of the cells that belong to parts named rigid.
         """
         self._mass, self._first, self._supported = mass, rows.first, supported
         self._K = assembled(rows, linear.stiffness(cells))
+        if rigid is not None:
+            more = assembled(rows, linear.stiffness(rigid))
+            self._K.axpy(NAMED, more, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+            more.destroy()
         self._M = mass.matrix()
         viscosity = linear.viscosity(cells)
         self._viscosity = None if viscosity is None else assembled(rows, viscosity)
