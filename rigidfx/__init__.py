@@ -71,6 +71,7 @@ from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.step_control import StepControl
 from rigidfx.simulation import simulate
+from rigidfx.statics import static
 from rigidfx.vibration.modes import Modes, modes, periods
 from rigidfx.vibration.rayleigh import rayleigh
 
@@ -146,6 +147,7 @@ __all__ = [
     "recovered_stress",
     "redistribute",
     "simulate",
+    "static",
     "write_bodies",
 ]
 

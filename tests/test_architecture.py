@@ -28,6 +28,7 @@ FLOW = [
     "switch",
     "run",
     "simulation",
+    "statics",
     "output",
     "plot",
     "vibration",

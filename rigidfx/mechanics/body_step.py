@@ -244,6 +244,11 @@ class Increments:
         """π1, angular momenta at the end about the centres, shape (bodies, 3) [kg m²/s]."""
         return self._part("pi1")
 
+    @property
+    def turned(self) -> Array:
+        """Rotations that follower loads have: T R0 in a step, R1 in statics."""
+        return self.R1 if self.step.share == 1.0 else self.T @ self.start.R
+
     @cached_property
     def end(self) -> Bodies:
         """The bodies at the end of the step."""

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from rigidfx.effects import Rigid
 from rigidfx.error.error_motion import ErrorMotion
+from rigidfx.flexible.indicator import Indicator
 from rigidfx.report.events import Event
 from rigidfx.report.ledger import Ledgers, Rigidity
 from rigidfx.report.probes import Probes
 from rigidfx.report.report import Report
+from rigidfx.scene.scene import Scene
 from rigidfx.shadow.shadows import Shadows
+from rigidfx.state import State
 from rigidfx.step.equations.energies import Measures
 from rigidfx.step.stepper import Stepper, StepResult
 from rigidfx.step.system.supports import Impact
@@ -22,9 +25,32 @@ from rigidfx.step.system.supports import Impact
 __all__ = ["amended", "report_of", "with_ledger"]
 
 
+class Reported(Protocol):
+    """What has made a step, or a load step."""
+
+    @property
+    def scene(self) -> Scene:
+        """The problem."""
+
+    @property
+    def state(self) -> State:
+        """The state."""
+
+    @property
+    def indicator(self) -> Indicator | None:
+        """What measures flexible cells, if anything."""
+
+    @property
+    def unknowns(self) -> int:
+        """Number of unknowns."""
+
+    def measure(self) -> Measures:
+        """Energies and momenta. Collective."""
+
+
 def report_of(
     step: int,
-    stepper: Stepper,
+    stepper: Reported,
     probes: Probes,
     result: StepResult | None,
     impact: Impact | None,
@@ -100,7 +126,7 @@ def amended(report: Report, stepper: Stepper, events: Sequence[Event], closeness
     return replace(report, **_measured(stepper.measure()), rigid=stepper.state.bodies)
 
 
-def _clamped(stepper: Stepper) -> tuple[str, ...]:
+def _clamped(stepper: Reported) -> tuple[str, ...]:
     """Names of the parts that supports hold; they are numbered as the scene names them."""
     if not stepper.state.clamped:
         return ()

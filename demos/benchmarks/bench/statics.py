@@ -13,6 +13,7 @@ from scipy.sparse.linalg import splu
 
 import rigidfx as rf
 from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.flexible.static_forces import static_forces
 
 Array = npt.NDArray[np.float64]
 Follower = Callable[[Array, float], tuple[Array, csr_array | None]]
@@ -38,7 +39,7 @@ class Statics:
         self.X = scene.space.tabulate_dof_coordinates()
         self._free = np.flatnonzero(~held(self.X).reshape(-1))
         self._forces = InternalForces(scene, fem.Function(scene.space))
-        self._bound = self._forces.bind_static(self._forces.cells())
+        self._bound = static_forces(scene, self._forces, self._forces.cells())
 
     def _residual(self, u: Array) -> Array:
         self._forces.u1.x.array[:] = u

@@ -54,7 +54,9 @@ class ObstacleForces(Action):
         k = surface.stiffness[: scene.owned_nodes]
         self._at = np.flatnonzero(structure.own & (k[rows.nodes] > 0))
         self._nodes = rows.nodes[self._at]
-        self._X, self._points = rows.X[self._at], Points(self._asked, k[self._nodes])
+        self._static = structure.static
+        self._X = rows.X[self._at]
+        self._points = Points(self._asked, k[self._nodes], self._static)
         self._dofs, self._u0 = rows.dofs.reshape(-1, 3)[self._at], structure.u
         records = structure.bodies.of.records
         touching = [np.flatnonzero(k[body.nodes] > 0) for body in records]
@@ -63,7 +65,9 @@ class ObstacleForces(Action):
         every = [np.c_[np.ones(own.size), body.offsets[own]] for body, own in pairs]
         self._a = np.concatenate([np.empty((0, 4)), *every])
         of_bodies = [k[body.nodes[own]] for body, own in pairs]
-        self._loaded = Points(self._asked, np.concatenate([np.empty(0), *of_bodies]))
+        self._loaded = Points(
+            self._asked, np.concatenate([np.empty(0), *of_bodies]), self._static
+        )
         self._of_step: Step | None = None
         self._ends: Array = np.zeros((2, 3))  # displacements of the obstacle
         self._dt, self._friction = 0.0, effect.friction_in(0.0)
@@ -82,10 +86,13 @@ class ObstacleForces(Action):
     def set_time(self, t: float, dt: float) -> None:
         """Place the obstacle at both ends of a step, and see where its nodes begin.
 
+        In statics t is the end of the step.
+
         Raises:
             SceneError: On this rank, if the path fails.
         """
-        self._ends = np.stack([self._displacement(t - dt / 2), self._displacement(t + dt / 2)])
+        before, after = (dt, 0.0) if self._static else (dt / 2, dt / 2)
+        self._ends = np.stack([self._displacement(t - before), self._displacement(t + after)])
         self._dt, self._of_step, self._began = dt, None, None
         self._friction = self._effect.friction_in(dt)
         y0 = self._X + self._u0[self._dofs] - self._ends[0]
@@ -192,7 +199,9 @@ class ObstacleForces(Action):
             p = points.pressed
             if p is None or not p.at.size:
                 continue
-            middle = points.y0[p.at] + 0.5 * p.moved + self._ends.mean(axis=0)
+            share = 1.0 if self._static else 0.5
+            at = self._ends[1] if self._static else self._ends.mean(axis=0)
+            middle = points.y0[p.at] + share * p.moved + at
             g = self._asked.gap(points.y0[p.at] + p.moved)
             force = -p.force.sum(axis=0)
             out = out + Touch(

@@ -67,7 +67,7 @@ class PairForces(Action):
         self.kind, self.title = effect.kind, effect.title
         scene = structure.scene
         self._comm: MPI.Intracomm = scene.comm
-        self._surface = surface
+        self._surface, self._static = surface, structure.static
         fresh = PairMemory(np.full(surface.slaves.size, np.inf), np.full(surface.slaves.size, -1))
         assert structure.notes is not None  # else it is not bound
         self._memory: PairMemory = structure.notes.setdefault(id(effect), fresh)
@@ -103,25 +103,35 @@ class PairForces(Action):
         moved = self._nodes.moved(d, increments)
         if self._x0 is None:
             self._x0 = self._nodes.positions(increments.start)
-            self._meet(self._x0, moved)
+            if not self._static:
+                self._meet(self._x0, self._x0 + 0.5 * moved)
+        if self._static:
+            self._meet(self._x0 + moved, self._x0 + moved)
         slaves = self._surface.slaves[self._active]
-        half = self._half = self._x0 + 0.5 * moved
-        _, n, N = projected(half[slaves], half[self._corners])
+        half = self._half = self._x0 + (1.0 if self._static else 0.5) * moved
+        distance, n, N = projected(half[slaves], half[self._corners])
         apart = moved[slaves] - np.einsum("na,nai->ni", N, moved[self._corners])
-        g0 = self._gaps[0]
-        g1 = g0 + (n * apart).sum(axis=1)
+        g0 = distance if self._static else self._gaps[0]
+        g1 = distance if self._static else g0 + (n * apart).sum(axis=1)
         value, self._slope = secant(self._surface.stiffness[self._active], g0, g1)
+        if self._static:  # the derivative by both ends, which are alike
+            self._slope = 2 * self._slope
         self._gaps, self._normals, self._weights = (g0, g1), n, N
         pressure = value[:, None] * n
         self._force = np.zeros_like(self._x0)
         np.add.at(self._force, slaves, pressure)
         np.add.at(self._force, self._corners, -N[:, :, None] * pressure[:, None])
 
-    def _meet(self, x0: Array, moved: Array) -> None:
-        """Find which triangle each node may meet in this step."""
+    def _meet(self, x0: Array, x: Array) -> None:
+        """Find which triangle each node may meet in this step.
+
+        Args:
+            x0: Positions that gaps are taken at, shape (size, 3) [m].
+            x: Positions at which triangles are looked for, likewise.
+        """
         surface, memory = self._surface, self._memory
         with _SEARCH:
-            mate = surface.mates(x0 + 0.5 * moved, self._nodes.bodies)
+            mate = surface.mates(x, self._nodes.bodies)
         closed = memory.gap < 0
         mate = np.where(closed & (mate < 0), memory.mate, mate)
         self._active = np.flatnonzero(mate >= 0)

@@ -15,7 +15,7 @@ G. H. Golub and P. Mulet, SIAM J. Sci. Comput. 20 (1999) 1964), which is the tru
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -29,6 +29,9 @@ __all__ = ["Friction", "Points", "Pressed", "Sliding"]
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 IDENTITY = np.eye(3)
+TINY = float(np.finfo(np.float64).tiny)
+
+CLOSED = 1e-12  # of a point's coordinates: a gap that statics take for closed, as it rounds to zero
 
 
 @dataclass(frozen=True)
@@ -148,9 +151,15 @@ class Points:
         pressed: Those that are pressed, at the last iterate.
     """
 
-    def __init__(self, obstacle: AskedObstacle, k: Array) -> None:
-        """Take the stiffnesses over."""
-        self._obstacle, self.k = obstacle, k
+    def __init__(self, obstacle: AskedObstacle, k: Array, static: bool = False) -> None:
+        """Take the stiffnesses over.
+
+        Args:
+            obstacle: What presses.
+            k: Stiffnesses, shape (n,) [N/m].
+            static: Whether forces are those at the end of a step, -U'(g₁) m(y₁).
+        """
+        self._obstacle, self.k, self._static = obstacle, k, static
         self._in_tangent: tuple[Array, Array] = np.zeros(k.size), np.zeros(k.size)
         self.begin(np.empty((0, 3)), None)
 
@@ -178,13 +187,20 @@ class Points:
             self.pressed = NOTHING
             return NOTHING
         y1 = self.y0 + moved
-        at = np.flatnonzero((self.g0 < 0) | (self._obstacle.gap(y1) < 0))
+        y0, g0, g1 = self.y0, self.g0, self._obstacle.gap(y1)
+        if self._static:  # both ends are the last one; what rounds to closed is stiff at once
+            y0 = y1
+            g0 = g1 = np.where(g1 <= CLOSED * np.abs(y1).max(axis=1), np.minimum(g1, -TINY), g1)
+        at = np.flatnonzero((g0 < 0) | (g1 < 0))
         if not at.size:
             self.pressed = NOTHING
             return NOTHING
-        y1, moved, k, g0 = y1[at], moved[at], self.k[at], self.g0[at]
-        approach = self._obstacle.approach(self.y0[at], y1)
-        value, slope = secant(k, g0, self._obstacle.gap(y1))
+        moved, k = moved[at], self.k[at]
+        approach = self._obstacle.approach(y0[at], y1[at])
+        value, slope = secant(k, g0[at], g1[at])
+        if self._static:  # derivatives by both ends, which are alike
+            slope = 2 * slope
+            approach = replace(approach, dm=None if approach.dm is None else 2 * approach.dm)
         force, sliding = value[:, None] * approach.m, None
         if self._friction is not None:
             sliding = self._sliding(self._friction, at, approach, moved)

@@ -146,14 +146,16 @@ class RotatedPressure(Action):
 
     def resist_bodies(self, increments: Increments) -> Array:
         """See `Action`."""
-        turn = increments.T @ increments.start.R
-        return self._p * np.asarray(self._moments @ turn.swapaxes(1, 2))
+        return self._p * np.asarray(self._moments @ increments.turned.swapaxes(1, 2))
 
     def stiffen_bodies(self, increments: Increments) -> Array:
         """See `Action`.
 
-        d(T a) = (½ w × a - ½ (θ·w) T a)/(1 + ¼ |θ|²) in the direction w.
+        d(T a) = (½ w × a - ½ (θ·w) T a)/(1 + ¼ |θ|²) in the direction w; in statics that of R₁ a is
+        T w × R₁ a.
         """
+        if increments.step.share == 1.0:
+            return self._stiffen_statics(increments)
         theta, length = increments.theta, increments.start.of.length
         scale = 0.5 * self._p / (1 + 0.25 * (theta * theta).sum(axis=1)) / length
         a = self._moments @ increments.start.R.swapaxes(1, 2)
@@ -162,6 +164,15 @@ class RotatedPressure(Action):
         for j, w in enumerate(IDENTITY):
             change = np.cross(w, a) - theta[:, j, None, None] * rotated
             G[:, :, 3 + j] = increments.resultant(scale[:, None, None] * change)
+        return G
+
+    def _stiffen_statics(self, increments: Increments) -> Array:
+        turned = self._moments @ increments.turned.swapaxes(1, 2)
+        scale = (self._p / increments.start.of.length)[:, None, None]
+        G = np.zeros((len(increments), 6, 6))
+        for j in range(3):
+            change = np.cross(increments.T[:, None, :, j], turned)
+            G[:, :, 3 + j] = increments.resultant(scale * change)
         return G
 
     def work_on_bodies(self, increments: Increments) -> float:

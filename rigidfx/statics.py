@@ -1,0 +1,189 @@
+"""Statics: a path of equilibria under growing loads, as a generator of reports."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from copy import copy
+from dataclasses import replace
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from rigidfx.base.errors import SceneError
+from rigidfx.base.inputs import is_function, numbers, positive, shown, whole
+from rigidfx.base.log import heard, tell
+from rigidfx.base.same_input import check_same
+from rigidfx.effects import (
+    Contact,
+    DeadLoad,
+    Effect,
+    InitialDisplacement,
+    InitialVelocity,
+    Preload,
+    Pressure,
+    Resultant,
+    Table,
+    Windowed,
+)
+from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.report.current import check_scene
+from rigidfx.report.of_step import report_of
+from rigidfx.report.probes import Probes
+from rigidfx.report.report import Report
+from rigidfx.scene.scene import Scene
+from rigidfx.scene.timeline import Timeline
+from rigidfx.state import State
+from rigidfx.step.linear.petsc_options import SolverOptions
+from rigidfx.step.system.load_path import LoadPath
+from rigidfx.step.system.rigid_motion import free_to_move
+from rigidfx.step.system.supports import PrescribedDofs, supports_of
+from rigidfx.switch.inventory import check_clamps, divide
+
+__all__ = ["static"]
+
+
+def static(
+    scene: Scene,
+    steps: int | Sequence[float] = 10,
+    *,
+    t_end: float = 1.0,
+    verbose: bool | None = None,
+    petsc_options: Mapping[str, Any] | None = None,
+) -> Iterator[Report]:
+    """Find static equilibria of a scene under growing loads.
+
+    The time t counts load steps, from 0 to t_end. A load or pressure that is constant grows in
+    proportion to t while its window is open, from nothing to its value. A load that is a function
+    of time, and the path of a support or an obstacle, is taken as it is at t. Springs act always;
+    damping and masses have no part but for weights. A load step that fails is cut, and the reports
+    go on at smaller steps.
+
+    Example:
+        >>> with Recorder(scene, "out/bracket", every=1) as recorder:   # doctest: +SKIP
+        ...     for report in static(scene, steps=10):
+        ...         recorder.write(report)
+        >>> run = simulate(scene, dt=1e-3, t_end=0.1, start=report)
+
+    Args:
+        scene: The problem. An `InitialDisplacement` is where the path begins.
+        steps: Number of equal load steps, or the times at which they end, increasing; the last one
+            is the end of the path then.
+        t_end: Time at which loads are whole [s].
+        verbose: Whether rank 0 says on standard error what is solved; see `simulate`.
+        petsc_options: Options of PETSc's solvers, as of `simulate`.
+
+    Returns:
+        A generator of reports, the first of them of the state without loads. `report.t` is the time
+        of the loads. Forces and reactions are those at the end of a load step.
+
+    Raises:
+        SceneError: Before the first report, if an argument cannot be used, or a rigid motion is
+            left free; later, if a load takes a value that is not finite.
+        StepError: At a limit load: where no equilibrium follows the last one, even after cuts.
+        InversionError: If cells turn inside out, even after cuts.
+    """
+    check_scene("static", scene)
+    check_same(scene.comm, "static", {"steps": steps, "t_end": t_end, "options": petsc_options})
+    ends = _ends(steps, positive("static", "t_end", t_end))
+    last = ends[-1]
+    for kind, instead in ((InitialVelocity, "simulate"), (Preload, "its loads in the scene")):
+        if scene.named(kind):
+            raise SceneError(
+                f"static: {kind.__name__} has no meaning in statics. Take {instead}, or leave it "
+                "out."
+            )
+    ends = sorted({*ends, *(t for t in scene.breakpoints if 0 < t < last)})
+    ramped = copy(scene)
+    ramped.effects = tuple(_ramped(effect, last) for effect in scene.effects)
+    _check_held(ramped, ends)
+    solver = SolverOptions({} if petsc_options is None else petsc_options, None)
+    return _reports(scene, ramped, ends, verbose, solver)
+
+
+def _reports(
+    scene: Scene, ramped: Scene, ends: Sequence[float], verbose: bool | None, solver: SolverOptions
+) -> Iterator[Report]:
+    """Load step by load step."""
+    state = State(scene)
+    if scene.named(InitialDisplacement):
+        state.place((scene.start_places - state.X).reshape(-1))
+    forces = InternalForces(ramped, state.u, ())
+    path = LoadPath(
+        ramped,
+        state,
+        forces,
+        ramped.effects,
+        lambda acting: divide(ramped, forces, state, supports_of(acting)),
+        "static",
+    )
+    probes, number = Probes(scene), 0
+    try:
+        with heard(scene.comm, verbose), solver.at_work():
+            check_clamps(scene, Timeline(ends[-1], ends[-1]))
+            path.follow(0.5 * ends[0])
+            tell(scene.comm, f"Statics of {path.unknowns} unknowns, {len(ends)} load steps.")
+            report = report_of(0, path, probes, None, None)
+        yield report
+        for end in ends:
+            path.follow(0.5 * (state.t + end))
+            while state.t < end:
+                began = perf_counter()
+                with heard(scene.comm, verbose), solver.at_work():
+                    result = path.advance(end)
+                    number += 1
+                    report = report_of(number, path, probes, result, None)
+                    tell(
+                        scene.comm,
+                        f"t = {state.t:.6g} s: {report.iterations} iterations, {result.cuts} cuts",
+                    )
+                yield replace(report, wall=perf_counter() - began)
+    finally:
+        path.close()
+
+
+def _ends(steps: int | Sequence[float], t_end: float) -> list[float]:
+    """Times at which load steps end.
+
+    Raises:
+        SceneError: If they are no number ≥ 1 and do not increase from above 0.
+    """
+    if np.ndim(steps) == 0:  # type: ignore[arg-type]
+        count = whole("static", "steps", steps, least=1)
+        return [k / count * t_end for k in range(1, count + 1)]
+    times = numbers(steps)
+    good = times.ndim == 1 and times.size > 0 and np.isfinite(times).all()
+    if not good or times[0] <= 0 or (np.diff(times) <= 0).any():
+        raise SceneError(
+            f"static: steps must be a whole number ≥ 1, or times > 0 that increase, got "
+            f"{shown(steps)}."
+        )
+    return [float(t) for t in times]
+
+
+def _ramped(effect: Effect, t_end: float) -> Effect:
+    """A constant load as one that grows; any other effect as it is."""
+    if not isinstance(effect, (DeadLoad, Pressure, Resultant)) or effect.time is not None:
+        return effect
+    if is_function(getattr(effect, "value", None)):
+        return effect
+    start, end = effect.start, min(t_end, effect.until)
+    return replace(effect, time=Table((start, end), (0.0, 1.0))) if start < end else effect
+
+
+def _check_held(scene: Scene, ends: Sequence[float]) -> None:
+    """Refuse statics that leave a rigid motion free; contacts may hold what touches. Collective.
+
+    Raises:
+        SceneError: On every rank.
+    """
+    if scene.named(Contact):
+        return
+    for begin, end in zip([0.0, *ends], ends, strict=False):
+        acting = [e for e in scene.named(Windowed) if e.acts(0.5 * (begin + end))]
+        free = free_to_move(scene, PrescribedDofs(scene, supports_of(acting)))
+        if free:
+            raise SceneError(
+                f"static: from t = {begin:g} s on supports and springs leave a rigid motion free, of "
+                f"{free}, so there is no static equilibrium. Add supports, or a weak Spring."
+            )

@@ -1,0 +1,213 @@
+"""A path of load steps: each is solved, looked at, cut where it fails, and accepted.
+
+A load step is cut where Newton's method fails, where it turns cells inside out, and where it jumps:
+where its increment is several times that of the step before and does not shrink as the step does.
+Such a jump, or a failure that no cut mends, is a limit load.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rigidfx.base.errors import InversionError, StepError
+from rigidfx.base.failures import Failures
+from rigidfx.base.instants import longer
+from rigidfx.effects import Effect, Windowed
+from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.flexible.inversion import Inversion
+from rigidfx.scene.scene import Scene
+from rigidfx.state import State
+from rigidfx.step.equations.energies import Measures
+from rigidfx.step.newton.solution import Solution
+from rigidfx.step.stepper import StepResult
+from rigidfx.step.system.division import Division
+from rigidfx.step.system.statics import StaticSystem
+from rigidfx.step.watches.judge import INVERTED, remedy
+
+__all__ = ["LoadPath", "PathControl"]
+
+
+@dataclass(frozen=True)
+class PathControl:
+    """When a load step is cut.
+
+    Attributes:
+        cuts: How often a load step is halved before the path ends.
+        jump: Growth of the largest increment per load, from step to step, that is looked at more
+            closely. Before a limit point, where u_c - u grows with √(t_c - t), it is at most 2.5.
+        shrinks: A continuous path has at most this part of an increment in half the load step.
+        soft: Ratio of the load per displacement to that of the first step below which an end of
+            the path is told as a limit load.
+    """
+
+    cuts: int = 8
+    jump: float = 4.0
+    shrinks: float = 0.8
+    soft: float = 0.5
+
+
+class LoadPath:
+    """Statics of a scene, load step by load step; `close` frees it.
+
+    Attributes:
+        scene: The problem.
+        state: Its state, whose time is that of the loads.
+        indicator: None: nothing is measured to become rigid.
+        system: The equations; those of the division and of the effects that act.
+    """
+
+    indicator = None
+
+    def __init__(
+        self,
+        scene: Scene,
+        state: State,
+        forces: InternalForces,
+        effects: Sequence[Effect],
+        divide: Callable[[Sequence[Windowed]], Division],
+        owner: str,
+        control: PathControl | None = None,
+    ) -> None:
+        """Begin at the state as it is. Collective.
+
+        Args:
+            scene: The problem.
+            state: Where the path begins.
+            forces: Internal forces, whose u₀ is the state's displacement.
+            effects: All effects that take part.
+            divide: Divides the cells under the effects that act.
+            owner: Who asks, for messages.
+            control: When a load step is cut.
+        """
+        self.scene, self.state, self._forces = scene, state, forces
+        self._effects, self._divide, self._owner = tuple(effects), divide, owner
+        self._control = PathControl() if control is None else control
+        self._failures = Failures(scene.comm)
+        self._inversion = Inversion(scene, forces)
+        self._trial = self._whole = np.inf
+        self._rate = self._first = 0.0  # increment per load of the last step, and of the first
+        self._bound = False
+        self.system: StaticSystem
+
+    @property
+    def unknowns(self) -> int:
+        """Number of unknowns."""
+        return self.system.unknowns
+
+    def measure(self) -> Measures:
+        """Energies of the current state. Collective."""
+        return self.system.energies.measure(self.state)
+
+    def follow(self, t: float) -> None:
+        """Bind to the effects that act at t [s], where these are others than before. Collective."""
+        windowed = (e for e in self._effects if isinstance(e, Windowed) and not e.mass_damping)
+        acting = [effect for effect in windowed if effect.acts(t)]
+        if self._bound and [*map(id, acting)] == [*map(id, self.system.acting)]:
+            return
+        division = self._divide(acting)
+        self.close()
+        self._inversion.bind(division.flexible)
+        args = self._scene_and_effects
+        self.system = StaticSystem(*args, acting, division, self._failures)
+        self._bound, self._rate = True, 0.0
+
+    @property
+    def _scene_and_effects(self) -> tuple[Scene, InternalForces, State, Sequence[Effect]]:
+        return self.scene, self._forces, self.state, self._effects
+
+    def advance(self, end: float) -> StepResult:
+        """Go to a load, or as far towards it as a cut step gets. Collective.
+
+        Args:
+            end: Time of the load [s].
+
+        Raises:
+            SceneError: On every rank, if a user's function fails on any.
+            StepError: If there is no equilibrium close to the last one.
+            InversionError: If cells turn inside out, however short the step.
+        """
+        t0 = self.state.t
+        left = end - t0
+        if self._trial == np.inf:
+            self._whole = left
+        before, cuts, jumped = self.measure(), 0, np.inf
+        while True:
+            dt = self._trial if longer(left, self._trial) else left
+            t1 = end if dt == left else t0 + dt
+            self._failures.t = t0
+            solution = self.system.solve(t0, t1)
+            error, size = self._objection(solution, t0, dt, jumped)
+            if error is None:
+                self._trial = np.inf if dt == left and cuts == 0 else 2 * dt
+                return self._accept(solution, t0, t1, cuts, before, size)
+            if not longer(dt, self._whole / 2**self._control.cuts):
+                raise error
+            jumped = size
+            cuts += 1
+            self._trial = dt / 2
+
+    def _objection(
+        self, solution: Solution, t0: float, dt: float, jumped: float
+    ) -> tuple[StepError | None, float]:
+        """Why a load step is not taken, if it is not, and its largest increment [m]. Collective."""
+        if not solution.converged:
+            return self._ended(t0, f"Newton's method fails there ({solution.reason})"), np.inf
+        if (turned := self._inversion.find()) is not None:
+            found = f"{self._owner}: the load step from t = {t0:g} s turns cells inside out: "
+            return InversionError(f"{found}{turned}{INVERTED}", remedy(self.scene)), np.inf
+        size = self.system.size
+        grown = self._rate > 0 and size > self._control.jump * self._rate * dt
+        if grown and (jumped == np.inf or size > self._control.shrinks * jumped):
+            return self._ended(t0, f"the next equilibrium is {size:.3g} m away"), size
+        return None, size
+
+    def _ended(self, t: float, why: str) -> StepError:
+        """The path ends: how far it went, and whether at a limit load."""
+        stiffness = self._first / self._rate if self._rate > 0 else 1.0
+        limit = stiffness < self._control.soft
+        what = (
+            f"this is a limit load, where the structure snaps through or buckles: the load per "
+            f"displacement has fallen to {stiffness:.2g} of that of the first step"
+            if limit
+            else "there may be a limit load"
+        )
+        return StepError(
+            f"{self._owner}: no equilibrium follows the one at t = {t:.6g} s: {why}; {what}.",
+            "Prescribe displacements (PrescribedMotion) in place of loads to go beyond, or simulate "
+            "the motion with damping. Otherwise take more load steps, or supports that hold.",
+        )
+
+    def _accept(
+        self, solution: Solution, t0: float, t1: float, cuts: int, before: Measures, size: float
+    ) -> StepResult:
+        """Take the last solution over. Collective."""
+        system = self.system
+        reactions, moments, work = system.reactions()
+        touches, dissipated = system.actions.touches(), system.dissipated()
+        moving = sum(touch.work for touch in touches.values())
+        system.accept(t0, t1)
+        gained = self.measure().energy - before.energy
+        self._rate = size / (t1 - t0)
+        self._first = self._first or self._rate
+        return StepResult(
+            dt=t1 - t0,
+            solution=solution,
+            cuts=cuts,
+            work_of_loads=gained + sum(dissipated.values()) - work - moving,
+            work_of_supports=work + moving,
+            dissipated=dissipated,
+            reactions=reactions,
+            reaction_moments=moments,
+            touches=touches,
+        )
+
+    def close(self) -> None:
+        """Free all PETSc objects. Collective."""
+        if self._bound:
+            self.system.destroy()
+            self._bound = False
+
+

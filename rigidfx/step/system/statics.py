@@ -1,0 +1,199 @@
+"""Static equilibrium of one division: what is bound to it, and the solve of one load step.
+
+    R(u₁) = f_int(u₁) + f_contact(u₁) - f_ext(t₁) = 0
+
+The equations are those of a step without inertia, with forces at its end; SNES solves them. Newton
+steps are taken whole first. Where that fails, they are shortened by a line search with backtracking
+(J. E. Dennis and R. B. Schnabel, Numerical Methods for Unconstrained Optimization and Nonlinear
+Equations, 1996, Section 6.3).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import nextafter
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from rigidfx.base.failures import Failures
+from rigidfx.coupling.dof_layout import dof_layout
+from rigidfx.coupling.mass import mass_operator
+from rigidfx.coupling.prolongation import Prolongation
+from rigidfx.effects import Effect, Windowed
+from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.flexible.static_forces import static_forces
+from rigidfx.scene.scene import Scene
+from rigidfx.state import State
+from rigidfx.step.equations.actions import Actions
+from rigidfx.step.equations.energies import Energies
+from rigidfx.step.equations.equations import Equilibrium
+from rigidfx.step.equations.structure import BoundStructure
+from rigidfx.step.linear.linear_solver import PREFIX, default_options
+from rigidfx.step.newton.first_guess import Guess
+from rigidfx.step.newton.newton import Newton
+from rigidfx.step.newton.solution import Solution
+from rigidfx.step.system.division import Division
+from rigidfx.step.system.supports import PrescribedDofs, supports_of
+
+__all__ = ["StaticSystem"]
+
+Array = npt.NDArray[np.float64]
+
+
+class StaticSystem:
+    """The equations of statics of one division; `destroy` frees them.
+
+    Attributes:
+        acting: The effects with a time window that act.
+        energies: Measures states.
+        actions: What effects do to nodes and bodies.
+        prescribed: Dofs that supports hold.
+        unknowns: Number of unknowns.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        forces: InternalForces,
+        state: State,
+        effects: Sequence[Effect],
+        acting: Sequence[Windowed],
+        division: Division,
+        failures: Failures,
+    ) -> None:
+        """Bind everything to a division and to the effects that act. Collective.
+
+        Args:
+            scene: The problem.
+            forces: Internal forces.
+            state: The state; its bodies become those of the division.
+            effects: All effects that take part.
+            acting: Those with a time window that act.
+            division: Division of the cells.
+            failures: Keeps what a user's functions raise until all ranks are told.
+        """
+        self._scene, self._forces, self._state = scene, forces, state
+        self.acting = tuple(acting)
+        state.group(division.bodies)
+        state.clamp(division.clamped)
+        self.prescribed = PrescribedDofs(scene, supports_of(acting), division.driven_nodes)
+        cells, driven = division.flexible, division.driven_cells
+        layout = dof_layout(scene, cells, state.bodies.of, self.prescribed.mask, driven)
+        self._layout = layout
+        state.follow(layout.following)
+        state.rebuild()
+        own = layout.massive[layout.rows.nodes]
+        structure = BoundStructure(
+            scene=scene,
+            rows=layout.rows,
+            own=own,
+            bodies=state.bodies,
+            mass=None,
+            u=state.u.x.array,
+            surface=forces.surface,
+            failures=failures,
+            notes=state.notes,
+            static=True,
+        )
+        # A drag has no force where nothing moves.
+        self.actions = Actions(structure, [e for e in effects if not e.mass_damping], acting)
+        self._mass = mass_operator(scene, layout.rows, cells, own, driven)
+        self.energies = Energies(scene, forces, self._mass, layout, self.actions)
+        self._prolongation = p = Prolongation(layout, scene.comm)
+        self.unknowns = p.size
+        interior, interface = layout.interior, layout.interface
+        bound = static_forces(scene, forces, cells, interior, interface, driven, acting)
+        self._equations = Equilibrium(scene, forces, bound, None, p, self.actions)
+        self._newton = Newton(self._equations, scene)
+        self._searching: Newton | None = None
+        self._last: tuple[Array, Array, float] | None = None  # increments and length of a step
+
+    def solve(self, t0: float, t1: float) -> Solution:
+        """Find the equilibrium at t₁ from that at t₀; the state is not changed. Collective.
+
+        Args:
+            t0: Start of the load step [s].
+            t1: Its end [s]; loads whose window ends then act still.
+
+        Raises:
+            SceneError: On every rank, if a user's function fails on any, or gives no numbers.
+        """
+        dt, t = t1 - t0, nextafter(t1, t0)
+        self._forces.set_time(t, dt)
+        self.actions.set_time(t, dt)
+        imposed = self.prescribed.increments(t0, t1, self._state.u.x.array)
+        self._equations.begin(dt, None, imposed, self._state.bodies)
+        rest = Guess(np.zeros(self._layout.rows.dofs.size), np.zeros((len(self._state.bodies), 6)))
+        guesses = (rest,)
+        if self._last is not None:
+            d, six, before = self._last
+            guesses = (rest, Guess(dt / before * d, dt / before * six))
+        solution = self._newton.solve(guesses)
+        if not solution.converged:
+            self.actions.failures.settle()
+            solution = self._search().solve((rest,)).after(solution)
+        self.actions.failures.settle()
+        return solution
+
+    def _search(self) -> Newton:
+        """Newton's method with a line search, made when it is first needed. Collective."""
+        if self._searching is None:
+            with default_options(PREFIX, snes_linesearch_type="bt"):
+                self._searching = Newton(self._equations, self._scene)
+        return self._searching
+
+    @property
+    def size(self) -> float:
+        """Largest increment of a node in the last solution [m]. Collective."""
+        own = np.linalg.norm(self._equations.d.array_r.reshape(-1, 3), axis=1).max(initial=0.0)
+        six = self._prolongation.increments.six
+        own = max(float(own), float(np.abs(six).max(initial=0.0)))
+        return float(self._scene.comm.allreduce(own, op=MPI.MAX))
+
+    def accept(self, t0: float, t1: float) -> None:
+        """Take the last solution over into the state, which then is at t₁. Collective."""
+        equations, p = self._equations, self._prolongation
+        d, dofs = equations.d.array_r, self._layout.rows.dofs
+        self._last = d.copy(), p.increments.six, t1 - t0
+        bodies = p.increments.end
+        moved = p.displacement(bodies)
+        self._state.advance(t1, dofs, d, np.zeros(d.size), bodies, dofs[p.attached], moved)
+        self.actions.accept()
+
+    def reactions(self) -> tuple[Mapping[str, Array], Mapping[str, Array], float]:
+        """What supports exert in the last solution. Collective.
+
+        Returns:
+            Force of each on the structure [N] and its moment about the origin [N m], by the names
+            of their sets, and their force times the increment that they prescribe [J].
+        """
+        if not self.prescribed.active:
+            return {}, {}, 0.0
+        held, rows = self._prolongation.prescribed, self._layout.rows
+        at, f = held // 3, self._equations.forces_out_of_balance.array_r[held]
+        d = self._equations.d.array_r
+        u = self._equations.start + d
+        x = rows.X[at] + u.reshape(-1, 3)[at]
+        work = float(self._scene.sum(f @ d[held]))
+        return *self.prescribed.reactions(f, x), work
+
+    def dissipated(self) -> dict[str, float]:
+        """Energy that friction takes in the last solution, by its kind [J]. Collective."""
+        equations = self._equations
+        of_nodes = self.actions.dissipated(equations.d, equations.dt)
+        of_bodies = self.actions.dissipated_by_bodies(self._prolongation.increments)
+        lost = self._scene.sum([0.0, *(energy for _, energy in of_nodes)])[1:]
+        out: dict[str, float] = {}
+        pairs = zip((kind for kind, _ in of_nodes), map(float, lost), strict=True)
+        for kind, energy in (*pairs, *of_bodies):
+            out[kind] = out.get(kind, 0.0) + energy
+        return {kind: energy for kind, energy in out.items() if energy != 0.0}
+
+    def destroy(self) -> None:
+        """Free all PETSc objects. Collective."""
+        newtons = (self._newton, self._searching)
+        for item in (*newtons, self._equations, self._mass, self.energies, self.actions):
+            if item is not None:
+                item.destroy()
