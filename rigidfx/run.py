@@ -24,6 +24,7 @@ from rigidfx.report.ledger import Ledgers, Rigidity
 from rigidfx.report.of_step import report_of, with_ledger
 from rigidfx.report.probes import Probes
 from rigidfx.report.report import Report
+from rigidfx.report.start import Start
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.step_control import StepControl
 from rigidfx.scene.timeline import Timeline
@@ -229,6 +230,7 @@ def prepare(
     timeline: Timeline,
     rigidify: Criterion | None = None,
     control: StepControl | None = None,
+    start: Start | None = None,
 ) -> tuple[Run, Impact | None]:
     """Prepare a run up to its first step; its stepper is to be closed. Collective.
 
@@ -237,6 +239,7 @@ def prepare(
         timeline: Where steps end.
         rigidify: When parts become rigid and flexible again; no part does if None.
         control: How Δt is chosen; the timeline says it if None.
+        start: Where the run begins; as the scene says if None.
 
     Returns:
         The run, and the velocity that supports have imposed at the start, if they have.
@@ -257,7 +260,7 @@ def prepare(
     stepper = Stepper(scene, state, forces, indicator, chooses, failures)
     with ExitStack() as stack:
         stack.callback(stepper.close)
-        switch = Switch(stepper, timeline)
+        switch = Switch(stepper, timeline, start)
         impact = switch.begin()
         policy = None
         if rigidify is not None:

@@ -32,6 +32,7 @@ from rigidfx.report.jolts import Jolts
 from rigidfx.report.lumping import LumpedInertia
 from rigidfx.report.of_step import amended, report_of
 from rigidfx.report.report import Report
+from rigidfx.report.start import Start, start_of
 from rigidfx.report.turned_springs import TurnedSprings
 from rigidfx.run import Run, prepare
 from rigidfx.scene.scene import Scene
@@ -51,6 +52,7 @@ def simulate(
     rigidify: Criterion | None = None,
     accuracy: Accuracy | None = None,
     corrected: bool = True,
+    start: Report | Start | None = None,
     progress: bool | None = None,
     verbose: bool | None = None,
     petsc_options: Mapping[str, Any] | None = None,
@@ -69,6 +71,8 @@ def simulate(
         corrected: Whether the error motion, where it is known, is added to the displacements and
             velocities that are shown: of probes and in files. That is with wake="local" and with an
             `Accuracy`; `report.state`, energies, momenta and reactions are those of the run itself.
+        start: Where the run begins, at rest or with the scene's `InitialVelocity`: the last report
+            of `static`, say, of this scene or of another one on the same domain.
         progress: Whether rank 0 shows a progress bar on standard error; where that is a terminal
             if None.
         verbose: Whether rank 0 says on standard error what is compiled, what becomes rigid and
@@ -98,6 +102,7 @@ def simulate(
     for name, value in (("progress", progress), ("verbose", verbose), ("corrected", corrected)):
         if value is not None and not isinstance(value, (bool, np.bool_)):
             raise SceneError(f"simulate: {name} must be True, False or None, got {shown(value)}.")
+    start = start_of(scene, start)
     if accuracy is not None:
         dt = controlled(accuracy, scene, dt, rigidify)
     control = dt if isinstance(dt, StepControl) else None
@@ -120,7 +125,7 @@ def simulate(
     solver = SolverOptions({} if petsc_options is None else petsc_options, monitor)
     with solver.at_work(), heard(scene.comm, verbose):
         began = perf_counter()
-        run, impact = prepare(scene, timeline, criterion, control)
+        run, impact = prepare(scene, timeline, criterion, control, start)
         idle = None if accuracy is None else accuracy.idle
         run = replace(run, idle=idle, corrected=bool(corrected))
         tell(scene.comm, beginning(scene, run.stepper.unknowns, t_end, perf_counter() - began))
@@ -128,7 +133,8 @@ def simulate(
     if accuracy is None or control is None:
         return reports
     rule = None if run.policy is None else run.policy.rule
-    twin = partial(simulate, scene, accuracy.finer(control), t_end, petsc_options=petsc_options)
+    finer = accuracy.finer(control)
+    twin = partial(simulate, scene, finer, t_end, start=start, petsc_options=petsc_options)
     return accuracy.followed(reports, scene, rule, twin)
 
 

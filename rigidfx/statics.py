@@ -35,7 +35,7 @@ from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
 from rigidfx.state import State
 from rigidfx.step.linear.petsc_options import SolverOptions
-from rigidfx.step.system.load_path import LoadPath
+from rigidfx.step.load_path import LoadPath
 from rigidfx.step.system.rigid_motion import free_to_move
 from rigidfx.step.system.supports import PrescribedDofs, supports_of
 from rigidfx.switch.inventory import check_clamps, divide
@@ -148,7 +148,7 @@ def _ends(steps: int | Sequence[float], t_end: float) -> list[float]:
     Raises:
         SceneError: If they are no number ≥ 1 and do not increase from above 0.
     """
-    if np.ndim(steps) == 0:  # type: ignore[arg-type]
+    if np.ndim(steps) == 0:
         count = whole("static", "steps", steps, least=1)
         return [k / count * t_end for k in range(1, count + 1)]
     times = numbers(steps)
@@ -184,6 +184,6 @@ def _check_held(scene: Scene, ends: Sequence[float]) -> None:
         free = free_to_move(scene, PrescribedDofs(scene, supports_of(acting)))
         if free:
             raise SceneError(
-                f"static: from t = {begin:g} s on supports and springs leave a rigid motion free, of "
-                f"{free}, so there is no static equilibrium. Add supports, or a weak Spring."
+                f"static: from t = {begin:g} s on supports and springs leave a rigid motion free, "
+                f"of {free}, so there is no static equilibrium. Add supports, or a weak Spring."
             )

@@ -789,10 +789,10 @@ CASES = {
         lambda: _run(
             rf.Fixed("x0"),
             rf.Rigid("a"),
-            rf.Preload([rf.Gravity()]),
+            rf.Preload([rf.Gravity()], spin=(0, 0, 1)),
             domain=_box().with_cells("a", lambda x: x[0] > 1 - 1e-9),
         ),
-        "Preload: statics with parts that are Rigid is not supported.",
+        "Preload: a spin with parts that are Rigid is not supported.",
     ),
     "velocity two": (
         lambda: rf.InitialVelocity(linear=(1, 0)),

@@ -145,27 +145,24 @@ def snap_through(short: bool) -> tuple[float, float]:
     n = 16 if short else 40
 
     def place(x: np.ndarray) -> np.ndarray:
-        return np.stack(
-            [x[0], 0.01 * x[1], 4 * rise * x[0] * (1 - x[0]) + thick * (x[2] - 0.5)]
-        )
+        return np.stack([x[0], 0.01 * x[1], 4 * rise * x[0] * (1 - x[0]) + thick * (x[2] - 0.5)])
 
     arch = block_of((n, 1, 1), place)
     arch = arch.with_vertices("crown", lambda x: _at_crown(x, rise + thick / 2))
     material = rf.StVenantKirchhoff(E=1e6, nu=0.0, rho=1.0)
     clamped = [rf.Fixed("x0"), rf.Fixed("x1")]
-    push = rf.PrescribedMotion(
-        "crown", "z", displacement=lambda t: (0.0, 0.0, -rise * t)
-    )
+    push = rf.PrescribedMotion("crown", "z", displacement=lambda t: (0.0, 0.0, -rise * t))
     led = rf.Scene(arch, material, [*clamped, push], order=2)
     greatest = max(-float(r.reactions["crown"][2]) for r in rf.static(led, 40) if r.step)
     load = rf.NodalForce("crown", (0.0, 0.0, -FACTOR * greatest))
     loaded = rf.Scene(arch, material, [*clamped, load], order=2)
-    reached = 0.0
+    reached, ended = 0.0, "the path goes on"
     try:
         for report in rf.static(loaded, 20):
             reached = FACTOR * greatest * report.t
     except rf.StepError as error:
-        assert "limit load" in str(error), error
+        ended = str(error)
+    assert "limit load, where" in ended, ended
     return reached, greatest
 
 
@@ -177,7 +174,7 @@ CASES: dict[str, tuple[Case, float]] = {  # and the relative error that is allow
     "Cook's membrane": (cook, 0.01),
     "elastica": (elastica, 0.005),
     "pressure vessel": (vessel, 0.003),
-    "Hertz": (hertz, 0.08),
+    "Hertz": (hertz, 0.03),
     "friction": (friction, 0.005),
     "snap-through": (snap_through, 0.005),
 }
@@ -195,7 +192,8 @@ def main() -> None:
         value, reference = case(options.short)
         seconds = perf_counter() - began
         error = abs(value - reference) / abs(reference)
-        rows.append(dict(case=name, value=value, reference=reference, error=error, seconds=seconds))
+        row: dict[str, Any] = {"case": name, "value": value, "reference": reference}
+        rows.append(row | {"error": error, "seconds": seconds})
     conclude(options.out, rows)
     for row in rows:
         assert row["error"] < CASES[row["case"]][1], row

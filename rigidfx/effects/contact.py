@@ -152,24 +152,6 @@ class Contact(Windowed):
         checked_approach(self.owner, obstacle, y, y)
         checked_outward(self.owner, obstacle, y)
 
-    def check_preloaded(self, scene: Any, x: Array, start: float) -> None:
-        """Refuse a static equilibrium that presses: statics know nothing of contacts. Collective.
-
-        Args:
-            scene: The problem.
-            x: Positions of the local nodes in it, shape (nodes, 3) [m].
-            start: Time just after t = 0 [s].
-        """
-        surface = surface_of(scene, self.where, self.stiffness, self.owner)
-        worst, place = self.depth(scene, x, start)
-        if worst > NEGLIGIBLE * surface.size:
-            at = ", ".join(f"{value:.6g}" for value in place)
-            raise SceneError(
-                f"{self.owner}: the static preload pushes it {worst:.3g} m into {self._other} at "
-                f"({at}) m, as statics know no contact. Leave the preload out and let a damping "
-                "bring it to rest, or let the contact begin later (since)."
-            )
-
     def depth(self, scene: Any, x: Array, t: float) -> tuple[float, tuple[float, ...]]:
         """How deep it is in the other at most, and where; -inf if it meets nothing. Collective.
 

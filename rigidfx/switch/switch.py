@@ -16,15 +16,18 @@ from rigidfx.effects import Contact, InitialDisplacement, Preload, Windowed
 from rigidfx.mechanics.eased import Eased
 from rigidfx.mechanics.rigid_body import Body, RigidBody
 from rigidfx.report.events import BodyChange, Event
+from rigidfx.report.start import Start
 from rigidfx.scene.timeline import Timeline
 from rigidfx.state import initial_velocity
+from rigidfx.step.preload import apply_preload
 from rigidfx.step.stepper import Stepper
-from rigidfx.step.system.preload import apply_preload
+from rigidfx.step.system.division import Division
 from rigidfx.step.system.supports import Impact, PrescribedDofs, supports_of
 from rigidfx.step.watches.judge import INVERTED, remedy
 from rigidfx.switch.consistent_exchange import ConsistentExchange
 from rigidfx.switch.exchange import Exchange, LumpedExchange
 from rigidfx.switch.inventory import check_clamps, divide
+from rigidfx.switch.mass_properties import mass_properties
 
 __all__ = ["Switch"]
 
@@ -38,14 +41,15 @@ class Switch:
         clamps: Whether a support clamps a part named rigid at any time: likewise.
     """
 
-    def __init__(self, stepper: Stepper, timeline: Timeline) -> None:
+    def __init__(self, stepper: Stepper, timeline: Timeline, start: Start | None = None) -> None:
         """Take a stepper over.
 
         Args:
             stepper: It is not bound to any division yet.
             timeline: Tells which times are the same.
+            start: Where the run begins; as the scene says if None.
         """
-        self._stepper, self._timeline = stepper, timeline
+        self._stepper, self._timeline, self._start = stepper, timeline, start
         scene = stepper.scene
         kind = LumpedExchange if scene.mass == "lumped" else ConsistentExchange
         self._exchange: Exchange = kind(scene, stepper.forces)
@@ -82,12 +86,18 @@ class Switch:
         start = self._timeline.after(0.0)
         self.clamps = check_clamps(scene, self._timeline)
         supports = supports_of(self.acting)
-        held = PrescribedDofs(scene, supports)
-        self.held = apply_preload(scene, stepper.forces, state, held, start)
+
+        def divided(acting: Sequence[Windowed]) -> Division:
+            return divide(scene, stepper.forces, state, supports_of(acting))
+
+        self.held = apply_preload(scene, stepper.forces, state, start, divided)
+        if self._start is not None:
+            self._start.apply(state)
         if scene.named(InitialDisplacement):
             state.place((scene.start_places - state.X).reshape(-1))
         x = state.X + state.u.x.array.reshape(-1, 3)
         state.move(initial_velocity(scene, x, dt, start).reshape(-1))
+        self._set_moving()
         self._bind([])
         impact = stepper.meet(supports, dt, stepper.measure())
         placed = {Preload: "The static preload", InitialDisplacement: "The InitialDisplacement"}
@@ -96,6 +106,18 @@ class Switch:
             found = f"{by} turns cells inside out: {turned}{INVERTED}"
             raise InversionError(found, remedy(scene))
         return impact
+
+    def _set_moving(self) -> None:
+        """Give bodies that statics have placed the momenta of their nodes. Collective."""
+        scene, state, forces = self._stepper.scene, self._stepper.state, self._stepper.forces
+        n, motions = scene.owned_nodes, []
+        x = state.X[:n] + state.u.x.array[: 3 * n].reshape(-1, 3)
+        v = state.v.x.array[: 3 * n].reshape(-1, 3)
+        for body in state.bodies:
+            p = mass_properties(scene, forces.cells(body.data.cells), body.data.nodes, x, v)
+            motions.append((p.velocity, body.motion.R.T @ p.angular_velocity))
+        if motions:
+            state.group(state.bodies.moving(*map(np.array, zip(*motions, strict=True))))
 
     def follow_effects(self, dt: float) -> Impact | None:
         """Bind anew where an effect begins or ends; meet jumps of prescribed motion. Collective.

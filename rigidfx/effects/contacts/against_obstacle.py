@@ -65,9 +65,7 @@ class ObstacleForces(Action):
         every = [np.c_[np.ones(own.size), body.offsets[own]] for body, own in pairs]
         self._a = np.concatenate([np.empty((0, 4)), *every])
         of_bodies = [k[body.nodes[own]] for body, own in pairs]
-        self._loaded = Points(
-            self._asked, np.concatenate([np.empty(0), *of_bodies]), self._static
-        )
+        self._loaded = Points(self._asked, np.concatenate([np.empty(0), *of_bodies]), self._static)
         self._of_step: Step | None = None
         self._ends: Array = np.zeros((2, 3))  # displacements of the obstacle
         self._dt, self._friction = 0.0, effect.friction_in(0.0)
@@ -92,7 +90,8 @@ class ObstacleForces(Action):
             SceneError: On this rank, if the path fails.
         """
         before, after = (dt, 0.0) if self._static else (dt / 2, dt / 2)
-        self._ends = np.stack([self._displacement(t - before), self._displacement(t + after)])
+        began = max(t - before, 0.0)
+        self._ends = np.stack([self._displacement(began), self._displacement(t + after)])
         self._dt, self._of_step, self._began = dt, None, None
         self._friction = self._effect.friction_in(dt)
         y0 = self._X + self._u0[self._dofs] - self._ends[0]

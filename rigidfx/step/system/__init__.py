@@ -1,1 +1,1 @@
-"""What is bound to one division of the cells: supports, equations, a static preload."""
+"""What is bound to one division of the cells: supports, equations, those of statics."""

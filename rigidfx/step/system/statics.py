@@ -51,6 +51,7 @@ class StaticSystem:
         actions: What effects do to nodes and bodies.
         prescribed: Dofs that supports hold.
         unknowns: Number of unknowns.
+        share: Part of the loads that acts in the present load step.
     """
 
     def __init__(
@@ -62,6 +63,7 @@ class StaticSystem:
         acting: Sequence[Windowed],
         division: Division,
         failures: Failures,
+        fixed: float | None = None,
     ) -> None:
         """Bind everything to a division and to the effects that act. Collective.
 
@@ -73,7 +75,10 @@ class StaticSystem:
             acting: Those with a time window that act.
             division: Division of the cells.
             failures: Keeps what a user's functions raise until all ranks are told.
+            fixed: Time at which functions of time are taken [s]: then loads grow in proportion to
+                the path, supports and obstacles rest. The time of the path if None.
         """
+        self._fixed, self.share = fixed, 1.0
         self._scene, self._forces, self._state = scene, forces, state
         self.acting = tuple(acting)
         state.group(division.bodies)
@@ -85,12 +90,13 @@ class StaticSystem:
         state.follow(layout.following)
         state.rebuild()
         own = layout.massive[layout.rows.nodes]
+        self._mass = mass_operator(scene, layout.rows, cells, own, driven)
         structure = BoundStructure(
             scene=scene,
             rows=layout.rows,
             own=own,
             bodies=state.bodies,
-            mass=None,
+            mass=self._mass,
             u=state.u.x.array,
             surface=forces.surface,
             failures=failures,
@@ -99,7 +105,6 @@ class StaticSystem:
         )
         # A drag has no force where nothing moves.
         self.actions = Actions(structure, [e for e in effects if not e.mass_damping], acting)
-        self._mass = mass_operator(scene, layout.rows, cells, own, driven)
         self.energies = Energies(scene, forces, self._mass, layout, self.actions)
         self._prolongation = p = Prolongation(layout, scene.comm)
         self.unknowns = p.size
@@ -109,6 +114,7 @@ class StaticSystem:
         self._newton = Newton(self._equations, scene)
         self._searching: Newton | None = None
         self._last: tuple[Array, Array, float] | None = None  # increments and length of a step
+        self._before: Array | None = None  # forces of supports there [N]
 
     def solve(self, t0: float, t1: float) -> Solution:
         """Find the equilibrium at t₁ from that at t₀; the state is not changed. Collective.
@@ -120,13 +126,15 @@ class StaticSystem:
         Raises:
             SceneError: On every rank, if a user's function fails on any, or gives no numbers.
         """
-        dt, t = t1 - t0, nextafter(t1, t0)
-        self._forces.set_time(t, dt)
-        self.actions.set_time(t, dt)
-        imposed = self.prescribed.increments(t0, t1, self._state.u.x.array)
+        dt = t1 - t0
+        self._set_loads(t1, dt)
+        if self._fixed is None:
+            imposed = self.prescribed.increments(t0, t1, self._state.u.x.array)
+        else:
+            imposed = np.zeros(self._prolongation.prescribed.size)
         self._equations.begin(dt, None, imposed, self._state.bodies)
         rest = Guess(np.zeros(self._layout.rows.dofs.size), np.zeros((len(self._state.bodies), 6)))
-        guesses = (rest,)
+        guesses: tuple[Guess, ...] = (rest,)
         if self._last is not None:
             d, six, before = self._last
             guesses = (rest, Guess(dt / before * d, dt / before * six))
@@ -136,6 +144,24 @@ class StaticSystem:
             solution = self._search().solve((rest,)).after(solution)
         self.actions.failures.settle()
         return solution
+
+    def _set_loads(self, t: float, dt: float) -> None:
+        """Evaluate what acts at the end t of a load step of length dt [s]. Collective."""
+        at = nextafter(t, -1.0) if self._fixed is None else self._fixed
+        self._forces.set_time(at, dt)
+        self.actions.set_time(at, dt)
+        if self._fixed is None:
+            return
+        self.share = t
+        self.actions.external.scale(t)
+        self.actions.moments *= t
+        self.actions.torques *= t
+
+    def load(self) -> float:
+        """Size of all dead loads at the end of a path whose time is fixed [N]. Collective."""
+        self._set_loads(1.0, 1.0)
+        of_bodies = np.abs(self.actions.moments).sum() + np.abs(self.actions.torques).sum()
+        return float(self.actions.external.norm() + of_bodies)
 
     def _search(self) -> Newton:
         """Newton's method with a line search, made when it is first needed. Collective."""
@@ -153,13 +179,18 @@ class StaticSystem:
         return float(self._scene.comm.allreduce(own, op=MPI.MAX))
 
     def accept(self, t0: float, t1: float) -> None:
-        """Take the last solution over into the state, which then is at t₁. Collective."""
+        """Take the last solution over into the state, which then is at t₁. Collective.
+
+        Where the time is fixed, that of the state stays.
+        """
         equations, p = self._equations, self._prolongation
         d, dofs = equations.d.array_r, self._layout.rows.dofs
         self._last = d.copy(), p.increments.six, t1 - t0
+        self._before = equations.forces_out_of_balance.array_r[p.prescribed]
         bodies = p.increments.end
         moved = p.displacement(bodies)
-        self._state.advance(t1, dofs, d, np.zeros(d.size), bodies, dofs[p.attached], moved)
+        t = t1 if self._fixed is None else self._state.t
+        self._state.advance(t, dofs, d, np.zeros(d.size), bodies, dofs[p.attached], moved)
         self.actions.accept()
 
     def reactions(self) -> tuple[Mapping[str, Array], Mapping[str, Array], float]:
@@ -167,7 +198,7 @@ class StaticSystem:
 
         Returns:
             Force of each on the structure [N] and its moment about the origin [N m], by the names
-            of their sets, and their force times the increment that they prescribe [J].
+            of their sets, and their work by the trapezoidal rule [J].
         """
         if not self.prescribed.active:
             return {}, {}, 0.0
@@ -176,7 +207,8 @@ class StaticSystem:
         d = self._equations.d.array_r
         u = self._equations.start + d
         x = rows.X[at] + u.reshape(-1, 3)[at]
-        work = float(self._scene.sum(f @ d[held]))
+        before = np.zeros(held.size) if self._before is None else self._before
+        work = float(self._scene.sum(0.5 * (before + f) @ d[held]))
         return *self.prescribed.reactions(f, x), work
 
     def dissipated(self) -> dict[str, float]:

@@ -57,6 +57,7 @@ class LoadPath:
         state: Its state, whose time is that of the loads.
         indicator: None: nothing is measured to become rigid.
         system: The equations; those of the division and of the effects that act.
+        t: Where the path is [s].
     """
 
     indicator = None
@@ -69,6 +70,7 @@ class LoadPath:
         effects: Sequence[Effect],
         divide: Callable[[Sequence[Windowed]], Division],
         owner: str,
+        fixed: float | None = None,
         control: PathControl | None = None,
     ) -> None:
         """Begin at the state as it is. Collective.
@@ -80,8 +82,11 @@ class LoadPath:
             effects: All effects that take part.
             divide: Divides the cells under the effects that act.
             owner: Who asks, for messages.
+            fixed: Time at which functions of time are taken [s]; that of the path if None. See
+                `StaticSystem`.
             control: When a load step is cut.
         """
+        self._fixed, self.t = fixed, state.t
         self.scene, self.state, self._forces = scene, state, forces
         self._effects, self._divide, self._owner = tuple(effects), divide, owner
         self._control = PathControl() if control is None else control
@@ -104,19 +109,25 @@ class LoadPath:
     def follow(self, t: float) -> None:
         """Bind to the effects that act at t [s], where these are others than before. Collective."""
         windowed = (e for e in self._effects if isinstance(e, Windowed) and not e.mass_damping)
-        acting = [effect for effect in windowed if effect.acts(t)]
+        acting = [
+            effect for effect in windowed if effect.acts(t if self._fixed is None else self._fixed)
+        ]
         if self._bound and [*map(id, acting)] == [*map(id, self.system.acting)]:
             return
         division = self._divide(acting)
         self.close()
         self._inversion.bind(division.flexible)
-        args = self._scene_and_effects
-        self.system = StaticSystem(*args, acting, division, self._failures)
+        self.system = StaticSystem(
+            self.scene,
+            self._forces,
+            self.state,
+            self._effects,
+            acting,
+            division,
+            self._failures,
+            self._fixed,
+        )
         self._bound, self._rate = True, 0.0
-
-    @property
-    def _scene_and_effects(self) -> tuple[Scene, InternalForces, State, Sequence[Effect]]:
-        return self.scene, self._forces, self.state, self._effects
 
     def advance(self, end: float) -> StepResult:
         """Go to a load, or as far towards it as a cut step gets. Collective.
@@ -129,7 +140,7 @@ class LoadPath:
             StepError: If there is no equilibrium close to the last one.
             InversionError: If cells turn inside out, however short the step.
         """
-        t0 = self.state.t
+        t0 = self.t
         left = end - t0
         if self._trial == np.inf:
             self._whole = left
@@ -176,8 +187,9 @@ class LoadPath:
         )
         return StepError(
             f"{self._owner}: no equilibrium follows the one at t = {t:.6g} s: {why}; {what}.",
-            "Prescribe displacements (PrescribedMotion) in place of loads to go beyond, or simulate "
-            "the motion with damping. Otherwise take more load steps, or supports that hold.",
+            "Prescribe displacements (PrescribedMotion) in place of loads to go beyond, or "
+            "simulate the motion with damping. Otherwise take more load steps, or supports that "
+            "hold.",
         )
 
     def _accept(
@@ -189,6 +201,7 @@ class LoadPath:
         touches, dissipated = system.actions.touches(), system.dissipated()
         moving = sum(touch.work for touch in touches.values())
         system.accept(t0, t1)
+        self.t = t1
         gained = self.measure().energy - before.energy
         self._rate = size / (t1 - t0)
         self._first = self._first or self._rate
@@ -209,5 +222,3 @@ class LoadPath:
         if self._bound:
             self.system.destroy()
             self._bound = False
-
-

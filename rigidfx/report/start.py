@@ -1,0 +1,69 @@
+"""The state of a report as the start of a run."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.base.errors import SceneError
+from rigidfx.effects import InitialDisplacement, Preload, Rigid
+from rigidfx.mechanics.bodies import Bodies
+from rigidfx.mechanics.rigid_body import Body
+from rigidfx.report.current import check_about
+from rigidfx.scene.scene import Scene
+from rigidfx.state import State
+
+__all__ = ["Start", "start_of"]
+
+
+@dataclass(frozen=True)
+class Start:
+    """A copy of displacements, of the poses of parts named rigid, and of what effects remember.
+
+    Attributes:
+        u: Displacement at all local dofs [m].
+        bodies: Parts named rigid.
+        notes: What effects remember, by their identity.
+    """
+
+    u: npt.NDArray[np.float64]
+    bodies: tuple[Body, ...]
+    notes: dict[int, Any]
+
+    def apply(self, state: State) -> None:
+        """Bring a state there, at rest."""
+        state.place(self.u)
+        bodies = Bodies.of_each(self.bodies)
+        rest = np.zeros((len(bodies), 3))
+        state.group(bodies.moving(rest, rest))
+        state.notes.update(deepcopy(self.notes))
+
+
+def start_of(scene: Scene, given: Any) -> Start | None:
+    """The start that a report is; None if there is none. Collective.
+
+    Args:
+        scene: The problem of the run.
+        given: A report of a scene on the same mesh, a start, or None.
+
+    Raises:
+        SceneError: If it is none, or the scene names where it begins itself.
+    """
+    if given is None or isinstance(given, Start):
+        return given
+    check_about("simulate", scene, given)
+    for kind in (Preload, InitialDisplacement):
+        if scene.named(kind):
+            raise SceneError(
+                f"simulate: start goes not with {kind.__name__}, as both say where nodes begin. "
+                "Leave one of them out."
+            )
+    state = given.state
+    state.rebuild()
+    named = {effect.name for effect in scene.named(Rigid)}
+    bodies = tuple(body for body in state.bodies if body.data.name in named)
+    return Start(state.u.x.array.copy(), bodies, deepcopy(state.notes))

@@ -1,0 +1,204 @@
+"""Statics: load paths, what takes part, where runs start, and where paths end."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from parallel import report as tell
+from parallel import run as mpirun
+
+import rigidfx as rf
+from rigidfx.output.history import read_history
+
+SOFT = rf.StVenantKirchhoff(E=1e6, nu=0.3, rho=1000.0)
+RUBBER = rf.NeoHooke(E=1e6, nu=0.3, rho=1000.0)
+TIP = (1.0, 0.05, 0.05)
+
+
+def bar(*effects, material=SOFT, n=(10, 1, 1), **how):
+    domain = rf.box((0, 0, 0), (1, 0.1, 0.1), n)
+    domain = domain.with_cells("end", lambda x: x[0] > 0.8 - 1e-9)
+    domain = domain.with_cells("rest", lambda x: x[0] < 0.8 + 1e-9)
+    return rf.Scene(domain, material, effects, probes={"tip": TIP}, **how)
+
+
+def last(scene, steps=4, **how):
+    *_, report = rf.static(scene, steps, **how)
+    return report
+
+
+def energy_is_that_of_the_load(reports, force):
+    """The work of a dead load along a path, by the trapezoidal rule, is what the path stores."""
+    moved = np.array([r.probes["tip"] for r in reports])
+    loads = np.array([r.t for r in reports])[:, None] * np.asarray(force)
+    work = np.sum(0.5 * (loads[1:] + loads[:-1]) * np.diff(moved, axis=0))
+    return work, reports[-1].energy
+
+
+@pytest.mark.parametrize(
+    "how",
+    [
+        {"order": 2},
+        {"element": "enhanced", "n": (20, 2, 2)},
+        {"element": "assumed", "n": (20, 2, 1)},
+        {"order": 2, "material": RUBBER},
+    ],
+)
+def test_work_of_a_load_is_stored(how):
+    """For each element and kind of material; reactions balance the load, and moments do."""
+    if how.get("element") == "assumed":
+        how = how | {"element": rf.AssumedStrains(thickness="z0")}
+    load = rf.Traction("x1", (0.0, 0.0, 2e4))
+    reports = [*rf.static(bar(rf.Fixed("x0"), load, **how), 20)]
+    work, energy = energy_is_that_of_the_load(reports, (0, 0, 200.0))
+    np.testing.assert_allclose(work, energy, rtol=0.02)
+    end = reports[-1]
+    np.testing.assert_allclose(end.reactions["x0"], (0, 0, -200.0), atol=1e-6)
+    assert end.probes["tip"][2] > 0.3
+    moment = np.cross(np.array(TIP) + end.probes["tip"], (0, 0, 200.0))
+    assert abs(end.reaction_moments["x0"][1] + moment[1]) < 0.01 * abs(moment[1])
+
+
+def test_a_rigid_part_is_as_a_stiff_one():
+    """Under a force off its centre and a torque, with a spring on it and a pressure around it."""
+    effects = [
+        rf.Fixed("x0"),
+        rf.Traction("z1", (300.0, 0.0, 4e3)),
+        rf.Pressure("y1", 2e3),
+        rf.Spring("x1", (50.0, 100.0, 20.0)),
+    ]
+    rigid = last(bar(*effects, rf.Rigid("end"), order=2))
+    assert rigid.rigid.R[0, 0, 0] < 0.9  # it has turned by more than 25°
+    tips = []
+    for E in (1e8, 1e9):
+        stiff = {"end": rf.StVenantKirchhoff(E=E, nu=0.3, rho=1000.0), "rest": SOFT}
+        tips.append(last(bar(*effects, material=stiff, order=2)).probes["tip"])
+    limit = (10 * tips[1] - tips[0]) / 9
+    np.testing.assert_allclose(rigid.probes["tip"], limit, rtol=1e-4, atol=1e-6)
+    assert 3 < rigid.iterations < 12
+
+
+def test_prescribed_displacement_and_rotation():
+    """Half a turn of one end, then a pull by a tenth; the torque is that of Saint-Venant."""
+    turn = rf.PrescribedRotation(
+        "x1", axis=(1, 0, 0), through=(0, 0.05, 0.05), angle=lambda t: 0.2 * t
+    )
+    twisted = last(bar(rf.Fixed("x0"), turn, n=(20, 2, 2), order=2), 2)
+    constant = 0.1406 * 0.1**4 * 1e6 / 2.6
+    np.testing.assert_allclose(twisted.reaction_moments["x1"][0], constant * 0.2, rtol=0.05)
+    pull = rf.PrescribedMotion("x1", displacement=lambda t: (0.1 * t, 0, 0))
+    pulled = last(bar(rf.Fixed("x0"), pull, material=RUBBER), 1)
+    np.testing.assert_allclose(pulled.probes["tip"], (0.1, 0, 0), atol=1e-12)
+    np.testing.assert_allclose(pulled.work_of_supports, pulled.strain, rtol=0.1)
+
+
+def test_windows_and_given_factors():
+    """A load that ends leaves; one with a factor of its own follows it; breakpoints end steps."""
+    ends = rf.Traction("x1", (0.0, 0.0, 500.0), until=0.5)
+    steady = rf.Traction("x1", (0.0, 500.0, 0.0), time=rf.Table((0, 0.25), (0, 1)))
+    reports = {r.t: r for r in rf.static(bar(rf.Fixed("x0"), ends, steady), [0.4, 1.0])}
+    assert sorted(reports) == [0.0, 0.25, 0.4, 0.5, 1.0]
+    y, z = (np.array([reports[t].probes["tip"][k] for t in sorted(reports)]) for k in (1, 2))
+    assert abs(z[-1]) < 1e-9 < 1e-3 < z[-2]
+    np.testing.assert_allclose(y[2], y[1], rtol=0.05)
+    np.testing.assert_allclose(z[2] / z[3], 0.8, rtol=0.01)
+
+
+def test_a_run_starts_in_balance_and_stays_there(tmp_path):
+    """With a rigid end and a spring; of a scene of its own, on the same domain."""
+    domain = bar().domain
+    effects = [rf.Fixed("x0"), rf.Traction("x1", (0, 0, 1e3)), rf.Rigid("end")]
+    effects.append(rf.Spring("end", 30.0))
+    statics, moves = (rf.Scene(domain, SOFT, effects, probes={"tip": TIP}) for _ in range(2))
+    with rf.Recorder(statics, tmp_path / "out", every=1) as recorder:
+        for report in rf.static(statics, 3):
+            recorder.write(report)
+    assert read_history(tmp_path / "out")["t"].size == 4
+    tip, ended = report.probes["tip"], report.energy
+    first, *_, end = rf.simulate(moves, 1e-3, 5e-3, start=report)
+    np.testing.assert_allclose(first.energy, ended, rtol=1e-12)
+    np.testing.assert_allclose(end.probes["tip"], tip, atol=1e-10)
+    assert end.kinetic < 1e-14 * ended
+    with pytest.raises(rf.SceneError, match="with another mesh or order"):
+        rf.simulate(bar(order=2), 1e-3, 1e-3, start=report)
+    both = bar(rf.Fixed("x0"), rf.Preload([rf.Gravity()]))
+    with pytest.raises(rf.SceneError, match="Make both scenes from one domain"):
+        rf.simulate(both, 1e-3, 1e-3, start=report)
+
+
+def test_a_preload_is_the_shortest_use():
+    """With a rigid part, which turns; and its initial velocity is that of the scene."""
+    load = rf.Traction("x1", (0, 0, 1e4))
+    others = [rf.Fixed("x0"), rf.Rigid("end")]
+    end = last(bar(*others, load), 3)
+    loaded = bar(*others, load, rf.Preload([load], increments=3))
+    first, *_, then = rf.simulate(loaded, 1e-3, 5e-3)
+    np.testing.assert_allclose(first.probes["tip"], end.probes["tip"], atol=1e-9)
+    np.testing.assert_allclose(first.reactions["x0"], end.reactions["x0"], rtol=1e-8, atol=1e-8)
+    np.testing.assert_allclose(then.probes["tip"], end.probes["tip"], atol=1e-9)
+
+
+def test_a_path_ends_at_its_limit():
+    """A column of one cell that is pushed through: Green strains soften as it is compressed."""
+    column = rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1))
+    material = rf.StVenantKirchhoff(E=1e6, nu=0.0, rho=1.0)
+    guides = [rf.Fixed("z0"), rf.Fixed("z1", "xy")]
+    load = rf.Traction("z1", (0.0, 0.0, -4e5))
+    exact = 1e6 / (3 * np.sqrt(3))  # S λ = E/2 (λ² - 1) λ is least at λ = 1/√3
+    reached = 0.0
+    path = rf.static(rf.Scene(column, material, [*guides, load]), 10)
+    while True:
+        try:
+            reached = 4e5 * next(path).t
+        except rf.StepError as error:
+            found = str(error)
+            break
+    assert re.search("static: no equilibrium .* limit load, where", found)
+    assert exact * 0.998 < reached < exact * (1 + 1e-9)
+
+
+def test_refused():
+    loads = rf.Fixed("x0"), rf.Gravity()
+    for steps in (0, 1.5, "2", [], [0.0, 1.0], [2.0, 1.0], [np.nan], True):
+        with pytest.raises(rf.SceneError, match="static: steps must be a whole number"):
+            rf.static(bar(*loads), steps)
+    with pytest.raises(rf.SceneError, match="static: scene must be a Scene"):
+        rf.static(None)
+    with pytest.raises(rf.SceneError, match="t_end must be"):
+        rf.static(bar(*loads), t_end=0.0)
+    with pytest.raises(rf.SceneError, match="leave a rigid motion free, of the whole"):
+        rf.static(bar(rf.Fixed("x0", "xy"), rf.Gravity()))
+    with pytest.raises(rf.SceneError, match="static: InitialVelocity has no meaning"):
+        rf.static(bar(*loads, rf.InitialVelocity()))
+    with pytest.raises(rf.SceneError, match="simulate: a Report is expected"):
+        rf.simulate(bar(*loads), 0.1, 0.1, start=3)
+
+
+def on_ranks():
+    """Tips and reactions with a rigid end, a pressure, a floor and friction."""
+    floor = rf.Plane((0, 0, -0.05), (0, 0, 1))
+    scene = bar(
+        rf.Fixed("x0"),
+        rf.Rigid("end"),
+        rf.Pressure("z1", 3e2),
+        rf.Contact("z0", against=floor, friction=0.3, creep=1e-4, title="floor"),
+    )
+    found = last(scene, 3)
+    force = found.touches["floor"].force
+    return [*found.probes["tip"], *found.reactions["x0"], *force, found.energy, found.contact]
+
+
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_ranks_find_the_same(ranks):
+    mine = np.array(on_ranks())
+    assert mine[8] > 1.0  # the floor bears some
+    np.testing.assert_allclose(mpirun(__file__, ranks, 300), mine, rtol=1e-7, atol=1e-9)
+
+
+if __name__ == "__main__":
+    found = on_ranks()
+    if MPI.COMM_WORLD.rank == 0:
+        tell(found)
