@@ -28,7 +28,6 @@ def _soft(monkeypatch):
 def _many_entries(monkeypatch):
     """Have all full factors count as large."""
     monkeypatch.setattr(chord, "few_entries", lambda A: False)
-    monkeypatch.setattr(chord, "likely_fill", lambda A: np.inf)
 
 
 @pytest.mark.usefixtures("_soft", "_many_entries")

@@ -186,6 +186,11 @@ class Equilibrium:
         return self._tangent.matrix
 
     @property
+    def displacement(self) -> Array:
+        """Displacement of all local nodes at the start of the step, ghosts included [m]."""
+        return self._u0
+
+    @property
     def positions(self) -> Array:
         """Where the active nodes are at the iterate of the last residual, shape (nodes, 3) [m]."""
         u = self._u1[self._rows.dofs]

@@ -13,16 +13,13 @@ from petsc4py import PETSc
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-__all__ = ["few_entries", "fill", "likely_fill"]
+__all__ = ["few_entries", "fill"]
 
 # A solve with factors of few entries takes less than the handful of iterations by GMRES and leaves
 # less. By kept factors instead of incomplete ones steps of soft parts took .36 to .79 of the time
 # at a fill of 1.3 to 6.5, in bars, plates and blocks of 670 to 10 000 unknowns; 1.05 at 6.8 (an L
 # of 3969 unknowns), .73 at 9.5 (a plate of 5625), .88 at 9.8 (a block of 2187).
 FEW = 6.5
-# Entries for each unknown of a compact part by nested dissection, over the cube root of its nodes:
-# MUMPS's factors had 42 to 57 at 4·10³ to 2.7·10⁴ unknowns.
-DISSECTED = 50.0
 UP_TO = 30_000  # unknowns; .25 and .51 from 17 000 on, with PETSc's factors, not tried with MUMPS's
 
 
@@ -33,18 +30,6 @@ def few_entries(A: PETSc.Mat) -> bool:
         A: A matrix whose pattern of entries is symmetric, and complete.
     """
     return A.comm.size == 1 and A.size[0] <= UP_TO and fill(A) <= FEW
-
-
-def likely_fill(A: PETSc.Mat) -> float:
-    """Entries of the factors of a matrix of three unknowns a node, relative to its own, about.
-
-    Args:
-        A: A matrix of one rank whose pattern of entries is symmetric.
-    """
-    unknowns = A.size[0]
-    own = A.getInfo()["nz_used"] / max(unknowns, 1)
-    dissected = DISSECTED * (unknowns / 3) ** (1 / 3) / max(own, 1.0)
-    return max(1.0, min(fill(A), dissected))
 
 
 def fill(A: PETSc.Mat) -> float:

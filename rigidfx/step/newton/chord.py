@@ -13,19 +13,15 @@ from functools import cached_property
 
 from petsc4py import PETSc
 
-from rigidfx.domain.connected import ConnectedParts
 from rigidfx.step.equations.equations import Equilibrium
-from rigidfx.step.linear import cholmod
 from rigidfx.step.linear.linear_solver import PREFIX
-from rigidfx.step.newton.band import few_entries, fill, likely_fill
+from rigidfx.step.newton.band import few_entries, fill
 from rigidfx.step.newton.chord_test import ChordTest
+from rigidfx.step.newton.control import Control
 from rigidfx.step.newton.factors import Factors
 from rigidfx.step.newton.frames import Frames
 from rigidfx.step.newton.incomplete import IncompleteFactors
 from rigidfx.step.newton.kept_tangent import KeptTangent
-from rigidfx.step.newton.long_kept import LongKept
-from rigidfx.step.newton.pause import Pause
-from rigidfx.step.newton.refresh import Refresh
 from rigidfx.step.newton.two_levels import TwoLevels
 
 __all__ = ["Chord", "pays"]
@@ -75,24 +71,22 @@ class Chord:
         tangents: How many have been made in the last solve.
     """
 
-    def __init__(self, equilibrium: Equilibrium, parts: ConnectedParts, stop: ChordTest) -> None:
+    def __init__(self, equilibrium: Equilibrium, stop: ChordTest) -> None:
         """Create the solver. Collective.
 
         Args:
             equilibrium: The equations.
-            parts: Connected parts of the mesh.
             stop: Stopping test.
         """
         self.stop = stop
         self.tangents = 0
         self._equilibrium, p = equilibrium, equilibrium.prolongation
-        self._pause = Pause()
+        self._control = Control()
         self._once_stiff = self._once_far = False  # whether waves have got so far in a step
-        self._long_kept = LongKept(lambda: likely_fill(equilibrium.tangent_matrix))
         like = p.unknowns()
-        self._kept = KeptTangent(self._suited(0.0)(equilibrium), Frames(p, parts), like)
+        self._kept = KeptTangent(self._suited(0.0)(equilibrium), Frames(p), like)
         like.destroy()
-        self._refresh = Refresh(self._kept.inverse.renewal)
+        self._control.price = self._kept.inverse.renewal
         self.ksp = PETSc.KSP().create(p.comm)
         self.ksp.setType(PETSc.KSP.Type.PREONLY)
         self.ksp.getPC().setType(PETSc.PC.Type.PYTHON)
@@ -114,8 +108,7 @@ class Chord:
         if self._stiff(dt):
             full = size <= FACTORS_UP_TO or (size <= SLENDER_UP_TO and self._slender)
             return Factors if full else TwoLevels
-        few = size < FULL_UP_TO or (self._equilibrium.calm and self._few_entries)
-        if few or self._long_kept.full:
+        if size < FULL_UP_TO or (self._equilibrium.calm and self._few_entries):
             return Factors
         far = size > SOFT_FACTORS_UP_TO and self._far(dt)
         return TwoLevels if far else IncompleteFactors
@@ -135,17 +128,9 @@ class Chord:
         self._once_far |= waves >= COARSE_FROM
         return self._once_far and waves >= COARSE_DOWN_TO
 
-    @property
-    def _counts(self) -> bool:
-        """Whether it is counted how long tangents of soft parts serve."""
-        p = self._equilibrium.prolongation
-        return p.comm.size == 1 and p.size <= SOFT_FACTORS_UP_TO and cholmod.exists()
-
     def go_on(self, before: Chord) -> None:
         """Take over what has been found of the division before, which may have been freed."""
         self._once_stiff, self._once_far = before._once_stiff, before._once_far
-        if self._counts:
-            self._long_kept.go_on(before._long_kept)
 
     @cached_property
     def _slender(self) -> bool:
@@ -167,11 +152,11 @@ class Chord:
         suited = self._suited(dt)
         if type(self._kept.inverse) is not suited:
             self._kept.replace(suited(self._equilibrium))
-            self._refresh = Refresh(self._kept.inverse.renewal)
+            self._control.price = self._kept.inverse.renewal
         if not self._kept.fits(dt):
-            self._refresh.due = True
-        self._kept.begin(self._equilibrium.start, dt)
-        self._refresh.begin()
+            self._control.lose()
+        self._kept.begin(self._equilibrium.displacement, dt)
+        self._control.begin()
         self.tangents = 0
 
     def look(self) -> None:
@@ -180,28 +165,29 @@ class Chord:
 
     def renew(self) -> None:
         """Assemble the tangent at the last iterate, if that is worth it. Collective."""
-        slow = self._refresh.wanted(self.stop.history, self.stop.target)
-        if slow or self.stop.stuck or self._equilibrium.outdated():
+        history, stop = self.stop.history, self.stop
+        if self._control.wanted(history, stop.target, stop.max_it) or self._equilibrium.outdated():
             self.make()
 
     def make(self) -> None:
         """Assemble the tangent at the last iterate. Collective."""
         self._equilibrium.tangent()
+        if self._control.ended and isinstance(self._kept.inverse, Factors):
+            self._kept.inverse.take_all()
         self._kept.renewed()
-        self._refresh.cost = self._kept.inverse.renewal
+        self._control.price = self._kept.inverse.renewal
         self.stop.renewed()
-        self._refresh.renewed(self.stop.history)
+        self._control.renewed(self.stop.history)
         self.tangents += 1
 
     @property
-    def due(self) -> bool:
-        """Whether the next step begins with a new tangent."""
-        return self._refresh.due
+    def serving(self) -> bool:
+        """Whether the last step made no tangent and the next one is to make none."""
+        return not self.tangents and not self._control.due
 
     def fail(self) -> None:
         """Take note that Newton's method takes over, and makes tangents of its own."""
-        self._pause.failure()
-        self._refresh.due = True
+        self._control.failed()
 
     def accept(self, asked: int) -> None:
         """Take note that the last solve has become a step.
@@ -211,26 +197,15 @@ class Chord:
                 well the tangent fits: counted as if they did, two of them had a plate's tangents
                 renewed early, and 20 more iterations were taken in 120 steps.
         """
-        iterations = len(self.stop.history) - 1
-        self._refresh.accepted(iterations - asked)
-        cost = iterations + self._refresh.cost * self.tangents
-        self._pause.kept(cost / self._kept.inverse.worth)
-        inverse = self._kept.inverse
-        soft = self._long_kept.full or isinstance(inverse, IncompleteFactors)
-        if soft and self._counts:
-            dear = isinstance(inverse, Factors) and inverse.dear
-            self._long_kept.served(iterations, self.linear_iterations, self.tangents > 0, dear)
+        self._control.accepted(len(self.stop.history) - 1, asked, self.tangents)
 
-    def accept_newton(self) -> None:
-        """Take note that a solve by Newton's method has become a step."""
-        self._pause.passed()
-        self._refresh.due = True
+    def accept_newton(self, iterations: int) -> None:
+        """Take note that a solve by Newton's method has become a step of so many iterations."""
+        self._control.passed(iterations)
 
     def serves(self, dt: float) -> bool:
         """Whether tangents are worth keeping in steps of Δt [s]."""
-        if self._pause.failed or self._equilibrium.waves(dt) > STIFF_UP_TO:
-            return False
-        return self._stiff(dt) or self._pause.over
+        return not self._control.pausing and self._equilibrium.waves(dt) <= STIFF_UP_TO
 
     def destroy(self) -> None:
         """Free the solvers. Collective."""

@@ -14,14 +14,14 @@ from rigidfx.step.linear import cholmod
 from rigidfx.step.linear.linear_solver import QUICK_UP_TO, configure
 from rigidfx.step.newton.band import few_entries
 from rigidfx.step.newton.cholesky import Cholesky
-from rigidfx.step.newton.price import Held, held_by_cholmod, held_by_mumps, held_by_petsc, prices
+from rigidfx.step.newton.price import Held, held_by_cholmod, held_by_mumps, held_by_petsc, price
 
 __all__ = ["Factors"]
 
 # Unknowns up to which factors of few entries are PETSc's own; those of second-order hexahedra took
 # .2 s longer to make than MUMPS's at 7776, and 4 s at 24 000.
 FEW_UP_TO = 5_000
-UNKNOWN = 10.0, 15.0  # iterations, before there are factors
+UNKNOWN = 10.0  # iterations, before there are factors
 
 
 class Factors:
@@ -30,7 +30,6 @@ class Factors:
     Attributes:
         renewal: What a new tangent costs, its factors included, in iterations with these; by what
             these hold, once there are some.
-        worth: What a step by Newton's method and GMRES costs in such iterations, likewise.
         iterations: How many the last solve counts as.
     """
 
@@ -42,7 +41,7 @@ class Factors:
         Args:
             equilibrium: The equations whose tangent it is.
         """
-        self.renewal, self.worth = UNKNOWN
+        self.renewal = UNKNOWN
         self._equilibrium, comm = equilibrium, equilibrium.prolongation.comm
         self._quick = False
         self._ksp = PETSc.KSP().create(comm)
@@ -70,24 +69,24 @@ class Factors:
         """Its name in reports."""
         return f"{self._present.getType()}+{self._present.getPC().getType()}"
 
-    @property
-    def dear(self) -> bool:
-        """Whether they are LU by MUMPS."""
-        return self._present is self._ksp and not self._quick
-
     def renew(self) -> None:
         """Factor a new tangent, and choose by what. Collective."""
         if self._pivots == self._equilibrium.well_conditioned:
             self._take_pivots(not self._pivots)
-        self.renewal, self.worth = prices(self._equilibrium.tangent_matrix, self._made())
+        self.renewal = price(self._equilibrium.tangent_matrix, self._made())
+
+    def take_all(self) -> None:
+        """Factor all of a tangent from now on, not its symmetric part."""
+        if self._cholesky is not None:
+            self._cholesky.destroy()
+            self._cholesky = None
 
     def _made(self) -> Held:
         """Make the factors. Collective."""
         if not self._quick and self._cholesky is not None:
             if self._cholesky.renew():
                 return held_by_cholmod(self._cholesky.ksp.getPC().getFactorMatrix())
-            self._cholesky.destroy()
-            self._cholesky = None
+            self.take_all()
         self._ksp.setUp()
         pc = self._ksp.getPC()
         own = pc.getFactorSolverType() == PETSc.Mat.SolverType.PETSC

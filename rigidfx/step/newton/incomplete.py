@@ -43,11 +43,9 @@ class IncompleteFactors:
 
     Attributes:
         renewal: What a new tangent costs, its factors included, in iterations with these.
-        worth: What a step by Newton's method costs in such iterations.
     """
 
     renewal = 5.0  # 3 at 700 unknowns, 7 at 4000, 4 at 27 000
-    worth = 20.0  # 17, 36, 22
 
     def __init__(self, equilibrium: Equilibrium) -> None:
         """Create the solver. Collective.

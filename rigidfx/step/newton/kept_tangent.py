@@ -6,8 +6,8 @@ own frame: corrections are
 
     z = Q A₀⁻¹ Qᵀ r,    Q = R R₀ᵀ,
 
-with the rotation R of each connected part at the start of the step, see `frames`, and R₀ that of
-the step in which A₀ was assembled. Newton's method then converges linearly, and as fast as the
+with the rotations R of nodes and bodies at the start of the step, see `frames`, and R₀ those of the
+step in which A₀ was assembled. Newton's method then converges linearly, and as fast as the
 tangent still fits. For a steadily turning body the fit is exact.
 """
 
@@ -30,13 +30,7 @@ NEAR = 0.1  # change of Δt that a tangent survives
 
 
 class Inverse(Protocol):
-    """What solves with a tangent that has been assembled once, exactly or nearly so.
-
-    Attributes:
-        worth: What a step by Newton's method costs in iterations with a kept tangent.
-    """
-
-    worth: float
+    """What solves with a tangent that has been assembled once, exactly or nearly so."""
 
     @property
     def renewal(self) -> float:
@@ -80,13 +74,14 @@ class KeptTangent:
 
         Args:
             inverse: Solves with it.
-            frames: Parts of the structure.
+            frames: Nodes and bodies of the structure.
             y: Of the kind of the unknowns; not kept.
         """
         self.inverse, self._frames = inverse, frames
         self._right = y.duplicate()
         self._secants = Secants(y.comm.tompi4py(), y.getLocalSize())
-        self._now = self._then = np.eye(3)[None]
+        self._now: Array = np.empty((0, 3, 3))
+        self._then = self._now
         self._Q: Array | None = None
         self._factor = 1.0
         self._dt = self._assembled_for = 0.0
@@ -109,12 +104,13 @@ class KeptTangent:
         """Begin a step: find how the structure stands. Collective.
 
         Args:
-            u: Displacements of the active nodes at its start [m].
+            u: Displacement of all local nodes at its start, ghosts included [m].
             dt: Δt [s].
         """
         self.iterations = 0
         self._now = self._frames.rotations(u)
-        self._Q = self._now @ self._then.swapaxes(1, 2)
+        known = self._then.shape == self._now.shape
+        self._Q = self._now @ self._then.swapaxes(1, 2) if known else None
         if dt != self._dt:
             self._secants.forget()
         self._secants.begin()
@@ -133,7 +129,7 @@ class KeptTangent:
         """PETSc's call: z = Q A₀⁻¹ Qᵀ r. Collective."""
         r.copy(self._right)
         if self._Q is not None:
-            self._frames.turn(self._right.array, self._Q.swapaxes(1, 2))
+            self._frames.turn(self._right.array, self._Q, back=True)
         self.inverse.solve(self._right, z)
         if self._factor != 1.0:
             z.scale(self._factor)

@@ -95,7 +95,7 @@ class Newton:
         self.conserving = Conserving(CONSERVED * rtol)
         self._chord: Chord | None = None
         if pays(equilibrium):
-            self._chord = Chord(equilibrium, scene.parts, ChordTest(rtol, max_it))
+            self._chord = Chord(equilibrium, ChordTest(rtol, max_it))
         # What keeps tangents, here or in the last division that was large enough for it.
         self._experience = self._chord
         self._keeping = False  # whether the present solve is by the chord method ...
@@ -105,6 +105,7 @@ class Newton:
         self._tangents = 0
         self._ending, self._saved_norm = 0, 0.0  # reason to stop at a solution, and its ‖R‖ [N]
         self._left = 0.0  # ‖R‖ of the last solution [N]
+        self._began = 0.0  # ‖R‖ at the first guess, where Newton's method goes on from another [N]
 
     def go_on(self, before: Newton) -> None:
         """Take over what has been found of the division before, which may have been freed."""
@@ -147,15 +148,17 @@ class Newton:
         self._kept = False
         if self._chord is not None and self._chord.serves(self.equilibrium.dt):
             found = self._solve_by_chord(self._chord, guesses)
-            return found if found.converged else self._solve_by_newton(guesses).after(found)
+            if found.converged:
+                return found
+            return self._solve_by_newton(guesses, found).after(found)
         return self._solve_by_newton(guesses)
 
     def _solve_by_chord(self, chord: Chord, guesses: Sequence[Guess]) -> Solution:
         """Solve with a tangent that is kept."""
         own, loose = (self._snes.getKSP(), self.stop), self._snes.getUseEW()
-        chord.begin(self.equilibrium.dt)
-        if len(guesses) == self._offered and not chord.due:  # the better one costs two residuals
+        if len(guesses) == self._offered and chord.serving:  # the better one costs two residuals
             guesses = [guesses[self._best]]
+        chord.begin(self.equilibrium.dt)
         self._snes.setKSP(chord.ksp)
         self._snes.setUseEW(False)
         self.stop, self._keeping = chord.stop, True
@@ -169,12 +172,25 @@ class Newton:
         self.stop, self._keeping = own[1], False
         return found
 
-    def _solve_by_newton(self, guesses: Sequence[Guess]) -> Solution:
-        """Solve with a new tangent in each iteration."""
+    def _solve_by_newton(
+        self, guesses: Sequence[Guess], failed: Solution | None = None
+    ) -> Solution:
+        """Solve with a new tangent in each iteration.
+
+        Args:
+            guesses: First guesses.
+            failed: Another solve that has failed; if its last iterate is better than its first
+                one, the iteration goes on from there.
+        """
         krylov = self._krylov and self._fallbacks < MAX_FALLBACKS
         self._take_pivots(not self.equilibrium.well_conditioned)
         self._tangents = 0
-        reason, remark = self._iterate(guesses), ""
+        reason, remark = 0, ""
+        if failed is not None and failed.residuals[-1] < failed.residuals[0]:
+            self._began = failed.residuals[0]
+            reason = self._iterate(())
+        if reason <= 0:
+            reason = self._iterate(guesses)
         if reason == PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE and krylov:
             # The Krylov solver gave up: repeat the step with a factorisation.
             self._fallbacks += 1
@@ -230,7 +246,7 @@ class Newton:
             self._tangents += 1
 
     def _iterate(self, guesses: Sequence[Guess]) -> int:
-        self.stop.restart()
+        self.stop.restart(0.0 if guesses else self._began)
         self.conserving.restart()
         self.known = False
         if len(guesses) > 1:
@@ -241,7 +257,7 @@ class Newton:
             self._offered, self._best = len(norms), order[last]
             self.known = last == len(norms) - 1
             guesses = [guesses[self._best]]
-        if not self.known:
+        if guesses and not self.known:
             self._start_at(guesses[0])
         self.stop.expect_rounding(self.equilibrium.noise())
         with errors_of_callbacks():
@@ -299,7 +315,7 @@ class Newton:
         if self._kept:
             self._chord.accept(self.conserving.asked)
         else:
-            self._chord.accept_newton()
+            self._chord.accept_newton(len(self.stop.history) - 1)
 
     @property
     def unknowns(self) -> PETSc.Vec:

@@ -12,13 +12,9 @@ from dataclasses import dataclass
 
 from petsc4py import PETSc
 
-__all__ = ["Held", "entries_of", "held_by_cholmod", "held_by_mumps", "held_by_petsc", "prices"]
+__all__ = ["Held", "entries_of", "held_by_cholmod", "held_by_mumps", "held_by_petsc", "price"]
 
 ASSEMBLED, CALLS = 13.0, 65e3  # to assemble an entry of a tangent, and all calls of an iteration
-# Of an iteration of Newton's method by GMRES with incomplete factors, in soft systems of 160 to
-# 4300 unknowns, a new tangent included; and how many a step takes that is not easy.
-KRYLOV, KRYLOV_CALLS = 19.0, 1e5
-NEWTON = 4
 
 
 @dataclass(frozen=True)
@@ -57,8 +53,8 @@ def held_by_cholmod(factors: PETSc.Mat) -> Held:
     return Held(13.0 * entries, 0.75 * entries)
 
 
-def prices(A: PETSc.Mat, held: Held) -> tuple[float, float]:
-    """What a new tangent, and a step by GMRES, cost in iterations with a kept one. Collective.
+def price(A: PETSc.Mat, held: Held) -> float:
+    """What a new tangent costs in iterations with a kept one. Collective.
 
     Args:
         A: The tangent.
@@ -66,8 +62,7 @@ def prices(A: PETSc.Mat, held: Held) -> tuple[float, float]:
     """
     entries = entries_of(A)
     iteration = entries + CALLS + held.solving
-    by_krylov = NEWTON * (KRYLOV * entries + KRYLOV_CALLS)
-    return (ASSEMBLED * entries + held.making) / iteration, by_krylov / iteration
+    return (ASSEMBLED * entries + held.making) / iteration
 
 
 def entries_of(A: PETSc.Mat) -> float:

@@ -48,16 +48,25 @@ class StoppingTest:
     def __init__(self, rtol: float = RELATIVE_TOLERANCE, max_it: int = MAX_ITERATIONS) -> None:
         """Begin with no iterate and no rounding."""
         self.history: list[float] = []
+        self._before = 0.0
         self.rounding = self._noise = 0.0
         self.rtol, self.max_it = rtol, max_it
         self._too_loose = False  # whether linear solves have moved what rounding does not
 
-    def restart(self) -> None:
+    def restart(self, first: float = 0.0) -> None:
         """Forget the iterates, not how far linear systems have to be solved.
 
         The rounding level stays until it is estimated anew.
+
+        Args:
+            first: ‖R‖ [N] that another solve of the same step has begun with, if it goes on.
         """
-        self.history = []
+        self.history, self._before = [], first
+
+    @property
+    def first(self) -> float:
+        """‖R‖ that the step began with [N]."""
+        return max(self.history[0], self._before)
 
     def expect_rounding(self, noise: float) -> None:
         """Take over the size of what R is the small difference of [N]."""
@@ -74,7 +83,7 @@ class StoppingTest:
         Reason = PETSc.SNES.ConvergedReason
         self.history.append(norm)
         self._too_loose |= self._thrown_far()
-        first = self.history[0]
+        first = self.first
         if not np.isfinite(norm) or norm > max(DIVERGENCE * first, self._noise):
             return int(Reason.DIVERGED_DTOL)
         if norm == 0.0:
@@ -100,7 +109,7 @@ class StoppingTest:
         """
         if not self._too_loose or self.rounding == 0.0:
             return loosest
-        return min(loosest, max(self.rtol * self.history[0] / self.rounding, TIGHTEST))
+        return min(loosest, max(self.rtol * self.first / self.rounding, TIGHTEST))
 
     def _at_rounding(self) -> bool:
         """Whether all that is left of the residual is rounding.
@@ -115,7 +124,7 @@ class StoppingTest:
         if norm > self.rounding:
             return stalled and norm <= last and norm <= MARGIN * self.rounding
         truncation = last * (last / earlier[-1]) ** 2 if earlier else last
-        return stalled or self._thrown_back() or truncation <= self.rtol * self.history[0]
+        return stalled or self._thrown_back() or truncation <= self.rtol * self.first
 
     def _thrown_back(self) -> bool:
         """Whether Newton has been at rounding before, and its next iterate was no better."""

@@ -108,11 +108,9 @@ class TwoLevels(IncompleteFactors):
 
     Attributes:
         renewal: What a new tangent costs, factors and grid included, in iterations with these.
-        worth: What a step by Newton's method costs in such iterations.
     """
 
     renewal = 10.0  # 12 in an L of 196 875 unknowns, 8 in a bar of steel of 353 220
-    worth = 30.0  # of the L, some 40; what is stiff is not asked
 
     def __init__(self, equilibrium: Equilibrium) -> None:
         """Create the solver. Collective.
