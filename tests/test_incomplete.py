@@ -32,6 +32,7 @@ def _many_entries(monkeypatch):
 
 @pytest.mark.usefixtures("_soft", "_many_entries")
 @pytest.mark.parametrize("name", ["turning", "held in part", "springs", "rigid middle"])
+@pytest.mark.filterwarnings("ignore:Spring on:rigidfx.RigidfxWarning")
 def test_the_motion_is_that_of_newtons_method(name):
     mine, newton = follow(name, {}), follow(name, NEWTON)
     assert all(r.solver == KEPT for r in mine[1:])

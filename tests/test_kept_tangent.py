@@ -366,6 +366,7 @@ def _keeping(monkeypatch):
 
 @pytest.mark.usefixtures("_keeping")
 @pytest.mark.parametrize("name", MOTIONS)
+@pytest.mark.filterwarnings("ignore:Spring on:rigidfx.RigidfxWarning")
 def test_the_motion_is_that_of_newtons_method(name):
     kept, newton = follow(name, {}), follow(name, NEWTON)
     assert newton[-1].tangents == newton[-1].iterations

@@ -36,8 +36,9 @@ class ControlNumbers:
 
     Attributes:
         own: Iterations that a new tangent needs as well (docs/notes/solver_ablation.md).
-        growths: Growths of the residual in a step that end the chord method for it.
-        failures: Steps in a row that kept tangents fail, after which Newton's method has its turn.
+        growths: Growths of the residual by tangents of the same step that end the method for it.
+        failures: Steps in a row that kept tangents fail, or are given up in, after which Newton's
+            method has its turn.
         turn: Steps that such a turn lasts.
         trial: Steps that the first turn lasts, in which iterations of Newton's method are counted.
         newton: Iterations that a step by Newton's method takes, before any has been counted.
@@ -93,7 +94,7 @@ class Control:
         if since < 1 or history[-1] <= target:
             return self.due and since > 0
         last, norm = history[-2:]
-        if norm > last:
+        if norm >= last:
             self._growths += self._since > 0  # by a tangent of this step
             return True
         if since < 2:
@@ -119,13 +120,14 @@ class Control:
             asked: How many of them energy and momenta asked for, which tell nothing of the tangent.
             tangents: How many new ones it made.
         """
-        self._failures = 0
+        self._failures = self._failures + 1 if self.ended else 0
         self._spent += iterations - asked
         self._steps += 1
         self.due = iterations - asked - self._since > self._spent / self._steps
         cost = (iterations + self.price * tangents) / (self._newton * (1 + self.price))
         self._mean += (cost - self._mean) / self._numbers.memory
-        if self._mean > 1.0:
+        if self._mean > 1.0 or self._failures >= self._numbers.failures:
+            self._failures = 0
             self._mean, self._left = 0.0, self._turn
 
     def failed(self) -> None:
