@@ -388,3 +388,95 @@ def test_only_one_module_names_a_version():
             text = path.read_text(encoding="utf-8")
             assert "__version__" not in text, path
             assert "compat.VERSION" not in text, path
+
+
+# Chosen numbers --------------------------------------------------------------------------------
+
+PLAIN = {0, 1, 2, 0.5}  # in bodies, as are integers up to 12: dimensions and indices
+# Numbers that somebody chose in each room: ceilings that only ever go down.
+CEILINGS = {
+    ".": 1,
+    "base": 24,
+    "command": 24,
+    "coupling": 14,
+    "decide": 11,
+    "decide/criteria": 48,
+    "decide/memory": 30,
+    "domain": 118,
+    "effects": 15,
+    "effects/attached": 13,
+    "effects/contacts": 34,
+    "effects/damping": 1,
+    "effects/initial": 7,
+    "effects/loads": 20,
+    "effects/supports": 22,
+    "error": 6,
+    "flexible": 12,
+    "mechanics": 80,
+    "output": 51,
+    "plot": 49,
+    "report": 28,
+    "scene": 18,
+    "shadow": 33,
+    "step": 7,
+    "step/equations": 4,
+    "step/length": 102,
+    "step/linear": 8,
+    "step/newton": 74,
+    "step/system": 3,
+    "step/watches": 26,
+    "switch": 5,
+    "vibration": 15,
+}
+
+
+def numbers_in(node):
+    """Numeric literals below a node of the syntax."""
+    found = (n.value for n in ast.walk(node) if isinstance(n, ast.Constant))
+    return [v for v in found if isinstance(v, (int, float)) and not isinstance(v, bool)]
+
+
+def chosen(body):
+    """How many numbers are at the level of modules and classes, in defaults, and odd in bodies."""
+    count = 0
+    for node in body:
+        if isinstance(node, (ast.Assign, ast.AnnAssign)) and node.value is not None:
+            count += len(numbers_in(node.value))
+        elif isinstance(node, ast.ClassDef):
+            count += chosen(node.body)
+        elif isinstance(node, ast.FunctionDef):
+            given = [*node.args.defaults, *filter(None, node.args.kw_defaults)]
+            count += sum(v not in PLAIN for d in given for v in numbers_in(d))
+            inner = [v for statement in node.body for v in numbers_in(statement)]
+            count += sum(v not in PLAIN and (isinstance(v, float) or abs(v) > 12) for v in inner)
+    return count
+
+
+def rooms():
+    """Chosen numbers and lines of each folder's own modules."""
+    found = {}
+    for path in sorted(TREES):
+        room = path.relative_to(PACKAGE).parent.as_posix()
+        numbers, lines = found.get(room, (0, 0))
+        lines += path.read_text(encoding="utf-8").count("\n")
+        found[room] = numbers + chosen(TREES[path].body), lines
+    return found
+
+
+def test_chosen_numbers_only_ever_go_down():
+    """Who needs another number finds one that buys nothing, and lowers the ceiling with it."""
+    for room, (numbers, _) in rooms().items():
+        assert numbers <= CEILINGS.get(room, 0), f"{room}: {numbers} numbers"
+
+
+@pytest.mark.parametrize(
+    ("source", "numbers"),
+    [
+        ("A = 3.0, [1, 2]\n", 3),
+        ("class A:\n    a: float = 0.5\n    b = 2", 2),
+        ("def f(a, b=3, c=1):\n    return 0.3 * a + 2.0 * b[12] + 13", 3),
+        ("def f(flag=True):\n    return -1", 0),
+    ],
+)
+def test_a_chosen_number_is_seen(source, numbers):
+    assert chosen(ast.parse(source).body) == numbers

@@ -181,6 +181,16 @@ def test_less_rounding_is_remembered_as_well():
     assert stop.target < 2e-6
 
 
+def test_what_is_met_is_not_raised_without_a_new_tangent():
+    """Residuals that double from step to step are none of rounding."""
+    stop = level()
+    end([1e2, 1e-4, 1e-7, 9e-8], stop, renewed=[2])
+    target = stop.target
+    for norm in (1.7e-7, 3.4e-7, 6.8e-7):
+        end([1e2, norm], stop)
+    assert stop.target <= target
+
+
 def test_a_level_far_from_the_estimate_is_no_rounding():
     assert end([1e2, 1e-1, 9e-2], level(), renewed=[1]) == -1
 

@@ -50,7 +50,8 @@ class ChordTest(StoppingTest):
         """Whether all that is left of the residual is rounding."""
         last, norm = self.history[-2:]
         if norm <= ROUNDING * self._floor * self._noise:
-            self._floor = max(norm / self._noise, self._floor / ROUNDING)
+            # Less is learned, more is not: else it would double from step to step.
+            self._floor = max(min(norm / self._noise, self._floor), self._floor / ROUNDING)
             return True
         if self._renewed_at < 0 or not STALL * last < norm <= max(ROUNDING * last, self.rounding):
             return False
