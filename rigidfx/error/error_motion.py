@@ -13,13 +13,12 @@ A shown place is x + Q_p e with one rotation Q_p of each connected part (3), so 
 time through freezes and releases.
 
 Parts named `Rigid` are rigid in the twin, too: they have many times their stiffness in K. e is not
-known from the first contact on, where no support holds, beside a part of given mass or inertia, and
-beyond `LARGEST` unknowns.
+known from the first contact on, where no support holds, and beside a part of given mass or inertia.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,7 +30,10 @@ from petsc4py import PETSc
 from rigidfx.coupling.rows import Rows
 from rigidfx.effects import Rigid, Spring
 from rigidfx.error.frames import Frames, to_shape, to_space
+from rigidfx.error.modal import Modal
+from rigidfx.error.response import AllUnknowns, Response
 from rigidfx.flexible.linear_forms import LinearForms
+from rigidfx.scene.points import Point
 from rigidfx.scene.scene import Scene
 from rigidfx.shadow.ground import ground_of
 from rigidfx.shadow.linear_motion import LinearMotion
@@ -50,7 +52,7 @@ Nodes = npt.NDArray[np.integer]
 # What PETSc's log calls this part of a run.
 _FOLLOWING = PETSc.Log.Event("rigidfxErrorMotion")
 
-LARGEST = 12_000  # unknowns: beyond, factors of all cells take more time than bodies save
+LARGEST = 12_000  # unknowns up to which e is solved for all of them; beyond, by modes
 BOUNDED = 5000  # unknowns up to which |e| releases bodies: beyond, few scenes were tried
 # Length of a step of e over 1/ω of the motion and of e, at most: a vibration of e is out of phase
 # by (ω Δt)²/12 a radian.
@@ -60,9 +62,7 @@ LONGEST = 4  # steps of the run in a step of e, at most
 
 def can_be_followed(scene: Scene) -> bool:
     """Whether e may be known in a scene."""
-    unknowns = 3 * scene.space.dofmap.index_map.size_global
-    given = any(rigid.given for rigid in scene.named(Rigid))
-    return bool(scene.supports) and not given and unknowns <= LARGEST
+    return bool(scene.supports) and not any(rigid.given for rigid in scene.named(Rigid))
 
 
 @dataclass(frozen=True)
@@ -85,27 +85,35 @@ class ErrorMotion(Watch):
         known: Whether it is followed: false from the first contact on.
     """
 
-    def __init__(self, stepper: Stepper, shadow: Shadow, turning: Callable[[], float]) -> None:
+    def __init__(
+        self,
+        stepper: Stepper,
+        shadow: Shadow,
+        turning: Callable[[], float],
+        points: Mapping[str, Point],
+    ) -> None:
         """Nothing is off.
 
         Args:
             stepper: Solves the steps.
             shadow: Knows ρ.
             turning: Returns 1/ω of the motion [s].
+            points: Points at which e is asked for, by name.
         """
         self._stepper, self._shadow, self._turning = stepper, shadow, turning
+        self._points = points
         self._scene = scene = stepper.scene
         self.known = True
-        self._bounded = 3 * scene.space.dofmap.index_map.size_global <= BOUNDED
+        unknowns = 3 * scene.space.dofmap.index_map.size_global
+        self._bounded, self._few = unknowns <= BOUNDED, unknowns <= LARGEST
         self._forms = LinearForms(scene, stepper.forces)
         n = scene.owned_nodes
         self._nodes = np.arange(n)
-        self._e: Array = np.zeros((n, 3))
-        self._rate: Array = np.zeros((n, 3))
+        self._kick: Array = np.zeros((n, 3))  # velocities taken out since the last step [m/s]
         self._impulse: Array = np.zeros((n, 3))  # since the last step of e [N s] ...
         self._span = 0.0  # ... and the time since then [s]
-        self._largest = 0.0
-        self._motion: LinearMotion | None = None
+        self._size: float | None = 0.0
+        self._response: Response | None = None
         self._frames: Frames | None = None  # against the shape at the first freeze
         self._of_bodies: dict[int, tuple[object, Array]] = {}  # Q_b at their freeze, by number
         self._dt = self._of_run = 0.0  # length of the steps of e, and of the run's [s]
@@ -115,15 +123,33 @@ class ErrorMotion(Watch):
     @property
     def largest(self) -> float | None:
         """Largest |e| of any node [m], by which bodies are released; None if none is by that."""
-        return self._largest if self.known and self._bounded else None
+        return self._size if self.known and self._bounded else None
 
     def shown(self) -> Shown | None:
         """e in space at the present time; None while it is zero, or not known. Collective."""
-        if not self.known or self._frames is None:
+        if self._frames is None or (response := self._valid()) is None:
             return None
+        Q = self._frames.of_parts(self._stepper.state.positions(self._nodes))[self._frames.part]
+        e, rate = response.fields()
+        return Shown(to_space(e + self._span * rate, Q), to_space(rate, Q))
+
+    def at(self, points: Mapping[str, Point]) -> Mapping[str, Array]:
+        """e in space at points that were given at the start, by name [m]. Collective.
+
+        Returns:
+            Shape (3,) each; nothing while e is zero, or not known.
+        """
+        if self._frames is None or not points or (response := self._valid()) is None:
+            return {}
         Q = self._frames.of_parts(self._stepper.state.positions(self._nodes))
-        now = self._e + self._span * self._rate
-        return Shown(to_space(now, Q), to_space(self._rate, Q))
+        part = self._frames.parts_at([point.nodes for point in points.values()])
+        e, rate = self._scene.sum(np.stack(response.at([*points.values()])))
+        return dict(zip(points, to_space(e + self._span * rate, Q[part]), strict=True))
+
+    def _valid(self) -> Response | None:
+        """The response, where it may be shown."""
+        response = self._response if self.known else None
+        return response if response is not None and response.valid else None
 
     # Switches -----------------------------------------------------------------------------------
 
@@ -147,16 +173,16 @@ class ErrorMotion(Watch):
             self._frames = Frames(self._scene, x)
         velocities, nodes = before
         taken = velocities - self._velocities()
-        Q = self._frames.of_parts(x)
+        Q = self._frames.of_parts(x)[self._frames.part]
         sets = [*nodes, *(body.nodes for body in state.bodies.of.records)]
         for own, R in zip(sets, self._frames.of_sets(sets, x), strict=True):
             Q[own] = R
-        self._rate += to_shape(taken, Q)
+        self._kick += to_shape(taken, Q)
 
     def _velocities(self) -> Array:
         state = self._stepper.state
         state.rebuild()
-        return state.v.x.array[: self._e.size].reshape(-1, 3).copy()
+        return state.v.x.array[: self._kick.size].reshape(-1, 3).copy()
 
     # Steps --------------------------------------------------------------------------------------
 
@@ -188,7 +214,7 @@ class ErrorMotion(Watch):
                 self._impulse[body.nodes] += dt * to_shape(force[at], self._frame_of(body, frames))
         easing = self._stepper.system.actions.easing
         if easing:
-            let_down = np.zeros_like(self._e)
+            let_down = np.zeros_like(self._impulse)
             for eased in easing:
                 eased.add_impulse(dt, let_down.reshape(-1))
             x = self._stepper.state.positions(self._nodes)
@@ -212,16 +238,22 @@ class ErrorMotion(Watch):
         Args:
             dt: Length of the step of the run [s].
         """
-        mask = self._stepper.prescribed.mask[: self._e.size]
+        mask = self._stepper.prescribed.mask[: self._mask.size]
         viscous = [k for k, _ in self._stepper.forces.viscous_terms]
-        new = self._motion is None or viscous != self._viscous or bool((mask != self._mask).any())
+        new = self._response is None or viscous != self._viscous or bool((mask != self._mask).any())
         if not self._scene.comm.allreduce(new, op=MPI.LOR):
             return
+        e, rate = np.zeros((2, *self._kick.shape))
+        if self._response is not None:
+            e, rate = (np.where(mask.reshape(-1, 3), 0.0, a) for a in self._response.fields())
         self.destroy()
         self._mask, self._viscous = mask.copy(), viscous
-        self._e[mask.reshape(-1, 3)] = 0.0
-        self._rate[mask.reshape(-1, 3)] = 0.0
-        self._motion = self._equations(dt)
+        motion, held = self._equations(dt), np.flatnonzero(mask)
+        if self._few:
+            self._response = AllUnknowns(self._scene, motion, e, rate)
+        else:
+            points = [*self._points.values()]
+            self._response = Modal(self._scene, motion, held, points, e, rate)
 
     def _equations(self, dt: float) -> LinearMotion:
         """Those of all cells about the shape. Collective."""
@@ -232,7 +264,7 @@ class ErrorMotion(Watch):
         cells = forces.cells(np.arange(owned, dtype=np.int32))
         shape = self._forms.shape.x
         X = self._stepper.state.X[: len(frames.shape)]
-        shape.array[: self._e.size] = (frames.shape - X).reshape(-1)
+        shape.array[: self._kick.size] = (frames.shape - X).reshape(-1)
         shape.scatter_forward()
         forces.set_rate(1.0)
         supported = np.flatnonzero(self._mask)
@@ -249,33 +281,30 @@ class ErrorMotion(Watch):
         Args:
             dt: Length of the step of the run [s].
         """
-        sizes = np.array([np.abs(self._e).max(initial=0.0), np.abs(self._rate).max(initial=0.0)])
-        self._scene.comm.Allreduce(MPI.IN_PLACE, sizes, op=MPI.MAX)
-        own = sizes[0] / sizes[1] if sizes.all() else np.inf
-        longest = min(LONGEST * dt, RESOLVED * min(self._turning(), own))
+        assert self._response is not None
+        longest = min(LONGEST * dt, RESOLVED * min(self._turning(), self._response.slowness))
         longest = max(longest, dt)
         if not 0.5 * longest <= self._dt <= longest:
             self._dt, self._of_run = max(int(longest / dt), 1) * dt, dt
 
     def _step(self) -> None:
         """Take a step of e under the mean force since the last one; none at rest. Collective."""
-        assert self._motion is not None
+        assert self._response is not None
         dt, mean = self._dt, np.asarray(self._impulse / self._span)
         self._span -= dt
         self._impulse = self._span * mean
-        moving = bool(mean.any() or self._e.any() or self._rate.any())
+        moving = bool(mean.any() or self._kick.any() or self._response.moving)
         if not self._scene.comm.allreduce(moving, op=MPI.LOR):
             return
+        self._response.kick(self._kick)
+        self._kick = np.zeros_like(self._kick)
         drag, xi = self._scene.damping(self._stepper.state.t)
         # ξ is a viscosity by the steps of the run.
-        xi *= self._of_run / dt
-        d = self._motion.increment(mean, self._e, self._rate, dt, drag, xi)
-        self._e, self._rate = self._e + d, 2 / dt * d - self._rate
-        here = float(np.linalg.norm(self._e, axis=1).max(initial=0.0))
-        self._largest = self._scene.comm.allreduce(here, op=MPI.MAX)
+        self._response.step(mean, dt, drag, xi * self._of_run / dt)
+        self._size = self._response.size
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
-        if self._motion is not None:
-            self._motion.destroy()
-            self._motion = None
+        if self._response is not None:
+            self._response.destroy()
+            self._response = None

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 
 from rigidfx.scene.scene import Scene
 
@@ -20,6 +21,7 @@ class Frames:
 
     Attributes:
         shape: Places of the owned nodes in the shape, shape (nodes, 3) [m].
+        part: Connected part of each owned node.
     """
 
     def __init__(self, scene: Scene, shape: Array) -> None:
@@ -33,8 +35,8 @@ class Frames:
         n = scene.owned_nodes
         of_node = np.zeros(len(scene.start_places), dtype=np.int64)
         of_node[scene.space.dofmap.list] = scene.parts.of_cell[:, None]
-        self._part = of_node[:n]
-        self._parts = [np.flatnonzero(self._part == k) for k in range(scene.parts.count)]
+        self.part = of_node[:n]
+        self._parts = [np.flatnonzero(self.part == k) for k in range(scene.parts.count)]
 
     def of_sets(self, sets: Sequence[Nodes], x: Array) -> Array:
         """Rotation of each set of owned nodes from the shape to where they lie. Collective.
@@ -59,14 +61,24 @@ class Frames:
         return np.asarray(W @ Vt)
 
     def of_parts(self, x: Array) -> Array:
-        """Rotation at each owned node, that of its connected part, shape (nodes, 3, 3). Collective.
+        """Rotation of each connected part, shape (parts, 3, 3). Collective.
 
         A part has one rotation, so that vectors which it turns are smooth across its bodies.
 
         Args:
             x: Places of the owned nodes, shape (nodes, 3) [m].
         """
-        return self.of_sets(self._parts, x)[self._part]
+        return self.of_sets(self._parts, x)
+
+    def parts_at(self, nodes: Sequence[Nodes]) -> npt.NDArray[np.int64]:
+        """Connected part of each set of owned nodes, which may be empty on some ranks. Collective.
+
+        Args:
+            nodes: Owned nodes of each set.
+        """
+        local = np.array([self.part[own].max(initial=-1) for own in nodes], dtype=np.int64)
+        self._scene.comm.Allreduce(MPI.IN_PLACE, local, op=MPI.MAX)
+        return local
 
 
 def to_shape(vectors: Array, Q: Array) -> Array:

@@ -69,8 +69,7 @@ def report_of(
         error: The error motion, which is added to displacements of probes; None if it is not.
     """
     state, solution = stepper.state, result.solution if result else None
-    shown = None if error is None else error.shown()
-    off = {} if shown is None else probes.of_field(shown.displacement)
+    off = {} if error is None else error.at(probes.points)
     moved = probes.displacements(state)
     return Report(
         step=step,

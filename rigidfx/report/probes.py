@@ -40,13 +40,10 @@ class Probes:
         """Displacement of each point, shape (3,) [m]. Collective."""
         return self._summed(lambda nodes: state.positions(nodes) - state.X[nodes])
 
-    def of_field(self, values: Array) -> Mapping[str, Array]:
-        """Vector of a nodal field at each point, shape (3,). Collective.
-
-        Args:
-            values: At the owned nodes, shape (nodes, 3).
-        """
-        return self._summed(lambda nodes: values[nodes])
+    @property
+    def points(self) -> Mapping[str, Point]:
+        """Nodes of this rank and their weights, of each probe."""
+        return self._probes
 
     def _summed(self, at: Callable[[npt.NDArray[np.int64]], Array]) -> Mapping[str, Array]:
         """Weighted sums of vectors at the nodes round each point. Collective."""

@@ -76,6 +76,11 @@ class LinearMotion:
         if dashpots is not None:
             self._dashpots.array[:] = np.repeat(dashpots, 3)
 
+    @property
+    def matrices(self) -> tuple[PETSc.Mat, PETSc.Mat, PETSc.Mat | None]:
+        """K, M and what is viscous of C; freed with the rest."""
+        return self._K, self._M, self._viscosity
+
     def _tie(self, rows: Rows, ground: Ground) -> None:
         rows.add_blocks(self._K, ground.K)
         if self._viscosity is None:

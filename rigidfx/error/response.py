@@ -1,0 +1,134 @@
+"""Solutions of the error's equation M ë + C ė + K e = r: by all unknowns, or by modes.
+
+Both know e and ė at the owned nodes, in the frame of the shape, and step under a mean force.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.scene.points import Point
+from rigidfx.scene.scene import Scene
+from rigidfx.shadow.linear_motion import LinearMotion
+
+__all__ = ["AllUnknowns", "Response"]
+
+Array = npt.NDArray[np.float64]
+
+
+class Response(Protocol):
+    """A solution of the error's equation; `destroy` frees its PETSc objects."""
+
+    @property
+    def slowness(self) -> float:
+        """|e|/|ė| [s], by which steps are chosen; infinite where any step will do. Collective."""
+        ...
+
+    @property
+    def size(self) -> float | None:
+        """Largest |e| of any node [m]; None if it is not known. Collective."""
+        ...
+
+    @property
+    def moving(self) -> bool:
+        """Whether e or ė is not zero on this rank."""
+        ...
+
+    @property
+    def valid(self) -> bool:
+        """Whether e is known as well as it is to be shown; equal on all ranks."""
+        ...
+
+    def kick(self, change: Array) -> None:
+        """Add to ė, shape (nodes, 3) [m/s]. Collective."""
+        ...
+
+    def step(self, force: Array, dt: float, drag: float, xi: float) -> None:
+        """Step under a mean force. Collective.
+
+        Args:
+            force: Shape (nodes, 3) [N].
+            dt: Length of the step [s].
+            drag: α of a force -α M ė [1/s].
+            xi: ξ of the numerical damping.
+        """
+        ...
+
+    def fields(self) -> tuple[Array, Array]:
+        """e [m] and ė [m/s] at the owned nodes, shape (nodes, 3) each. Collective."""
+        ...
+
+    def at(self, points: Sequence[Point]) -> tuple[Array, Array]:
+        """This rank's part of e [m] and of ė [m/s] at some points, shape (points, 3) each."""
+        ...
+
+    def destroy(self) -> None:
+        """Free the PETSc objects. Collective."""
+        ...
+
+
+class AllUnknowns:
+    """e by the midpoint rule at all nodes, with kept factors."""
+
+    valid = True
+
+    def __init__(self, scene: Scene, motion: LinearMotion, e: Array, rate: Array) -> None:
+        """Take the equations over.
+
+        Args:
+            scene: The problem.
+            motion: The equations of all rows; owned from now on.
+            e: At their start, shape (nodes, 3) [m].
+            rate: Its rate, likewise [m/s].
+        """
+        self._scene, self._motion, self._e, self._rate = scene, motion, e, rate
+
+    @property
+    def slowness(self) -> float:
+        """See `Response`."""
+        e, rate = self._largest()
+        return e / rate if e * rate > 0 else np.inf
+
+    @property
+    def size(self) -> float | None:
+        """See `Response`."""
+        return self._largest()[0]
+
+    def _largest(self) -> tuple[float, float]:
+        both = [float(np.linalg.norm(a, axis=1).max(initial=0.0)) for a in (self._e, self._rate)]
+        e, rate = np.max(self._scene.comm.allgather(both), axis=0)
+        return float(e), float(rate)
+
+    @property
+    def moving(self) -> bool:
+        """See `Response`."""
+        return bool(self._e.any() or self._rate.any())
+
+    def kick(self, change: Array) -> None:
+        """See `Response`."""
+        self._rate = self._rate + change
+
+    def step(self, force: Array, dt: float, drag: float, xi: float) -> None:
+        """See `Response`."""
+        d = self._motion.increment(force, self._e, self._rate, dt, drag, xi)
+        self._e, self._rate = self._e + d, 2 / dt * d - self._rate
+
+    def fields(self) -> tuple[Array, Array]:
+        """See `Response`."""
+        return self._e, self._rate
+
+    def at(self, points: Sequence[Point]) -> tuple[Array, Array]:
+        """See `Response`."""
+        e, rate = (
+            np.reshape([p.weights @ a[p.nodes] for p in points], (-1, 3))
+            for a in (self._e, self._rate)
+        )
+        return e, rate
+
+    def destroy(self) -> None:
+        """See `Response`."""
+        self._motion.destroy()
