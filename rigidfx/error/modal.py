@@ -168,6 +168,8 @@ class Modal:
         """Average how fast r changes. Collective."""
         change = (r - self._force) / dt
         now = np.asarray(self._scene.sum([float(change @ change), float(r @ r)]))
+        if now[1] == 0.0:  # nothing pushes: there is no static response that could be wrong
+            now[0] = self._change = self._level = 0.0
         keep = np.exp(-1 / self._modes.memory)
         self._change = keep * self._change + (1 - keep) * now[0]
         self._level = keep * self._level + (1 - keep) * now[1]

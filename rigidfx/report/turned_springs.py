@@ -40,10 +40,12 @@ class TurnedSprings:
         self._springs = []
         for spring in scene.named(Spring):
             weights = scene.shares(spring.where, spring.kind)[:n]
-            middle = scene.sum(weights @ self._X)
-            square = scene.sum(weights @ ((self._X - middle) ** 2).sum(axis=1))
+            on = np.flatnonzero(weights)
+            rest = scene.start_places[on] if spring.relaxed == "start" else self._X[on]
+            arms = rest - scene.sum(weights[on] @ rest)
+            square = scene.sum(weights[on] @ (arms**2).sum(axis=1))
             if square > 0 and spring.K.any():
-                self._springs.append((spring, weights, middle))
+                self._springs.append((spring, on, weights[on], arms))
 
     def follow(self, report: Report) -> None:
         """Look at a report. Collective.
@@ -56,9 +58,8 @@ class TurnedSprings:
         self._most = max(self._most, report.energy)
         if report.step % EVERY:
             return
-        for spring, weights, middle in self._springs:
-            on = np.flatnonzero(weights)
-            w, X, x = weights[on], self._X[on] - middle, self._positions(report, on)
+        for spring, on, w, X in self._springs:
+            x = self._positions(report, on)
             x = x - self._scene.sum(w @ x)
             moved = x - X
             found = self._scene.sum(
