@@ -30,6 +30,7 @@ from rigidfx.scene.scene import Scene
 from rigidfx.step.equations.actions import Actions
 from rigidfx.step.equations.lost import Lost
 from rigidfx.step.equations.round_off import Rounding
+from rigidfx.step.equations.trial import Trial
 
 __all__ = ["Equilibrium"]
 
@@ -44,11 +45,10 @@ class Equilibrium:
     Attributes:
         prolongation: Map between unknowns and dofs.
         inertial: Whether masses resist; not in statics.
-        dt: Δt of the present step [s].
+        trial: The step that is being solved, frozen.
         d: Increments of the active nodes at the iterate of the last residual [m].
         forces_out_of_balance: Residual at the active nodes there [N]; at held dofs it is what the
             supports exert.
-        start: Displacements of the active nodes at the start of the step [m].
     """
 
     def __init__(
@@ -84,18 +84,15 @@ class Equilibrium:
         )
         self._moments: Array = np.empty((0, 4, 3))
         self._last: Array = np.empty(0)  # unknowns that d and u₁ belong to
-        self.dt = 0.0
-        self._v0: PETSc.Vec = None
-        self._step = prolongation.increments.step
-        self._imposed: Array = np.empty(0)
-        self.start: Array = np.empty(0)
+        none = np.empty(0)
+        self.trial = Trial(0.0, None, none, none, prolongation.increments.step)
         self._lost = Lost(scene, prolongation)
         self._rounding = Rounding(
             scene, forces, bound.undeformed, self._tangent, prolongation, actions
         )
 
-    def begin(self, dt: float, v0: PETSc.Vec | None, imposed: Array, start: Bodies) -> None:
-        """Begin a step, under the loads that the actions have now. Collective.
+    def begin(self, dt: float, v0: PETSc.Vec | None, imposed: Array, start: Bodies) -> Trial:
+        """Begin a step, under the loads that the actions have now; its data. Collective.
 
         Args:
             dt: Δt [s]; of no meaning in statics.
@@ -103,17 +100,28 @@ class Equilibrium:
             imposed: Increments of the held dofs [m].
             start: The bodies at the start of the step.
         """
-        self._step = Step(start, dt) if self.inertial else StaticStep(start)
-        self.dt, self._v0, self._imposed = dt, v0, imposed
-        self.start = self._u0[self._rows.dofs]
-        self._cells.begin(self.start)
+        bodies = Step(start, dt) if self.inertial else StaticStep(start)
+        self.trial = Trial(dt, v0, imposed, self._u0[self._rows.dofs], bodies)
+        self._cells.begin(self.trial.start)
         if self._mass is not None:
             self._mass.mult(v0, self._before)
+        return self.trial
+
+    @property
+    def dt(self) -> float:
+        """Δt of the present step [s]."""
+        return self.trial.dt
+
+    @property
+    def start(self) -> Array:
+        """Displacements of the active nodes at the start of the step [m]."""
+        return self.trial.start
 
     def _expand(self, y: PETSc.Vec) -> None:
         """Set d and the forms' u₁ from the unknowns."""
         self._last = y.array_r.copy()
-        self.prolongation.expand(self._last, self._step, self._imposed, self.d)
+        trial = self.trial
+        self.prolongation.expand(self._last, trial.bodies, trial.imposed, self.d)
         self._cells.displace(self.start + self.d.array_r)
 
     def return_to(self, y: PETSc.Vec, r: PETSc.Vec) -> None:
@@ -144,7 +152,7 @@ class Equilibrium:
         f.axpy(-1.0, self._actions.external)
         if self._mass is not None:
             # M (v₁ - v₀)/Δt with v₁ = 2 d/Δt - v₀, rounded as the update of the velocity is.
-            self._v0.copy(self._work)
+            self.trial.v0.copy(self._work)
             self._work.axpby(2 / self.dt, -2.0, self.d)
             self._mass.mult(self._work, self._inertia)
             f.axpy(1 / self.dt, self._inertia)
@@ -214,7 +222,7 @@ class Equilibrium:
         """Size of what the last residual is the small difference of [N]. Collective."""
         external = self._actions.external
         momentum = None if self._mass is None else self._before
-        return self._rounding.in_residual(self.dt, momentum, external, self._step.start)
+        return self._rounding.in_residual(self.dt, momentum, external, self.trial.bodies.start)
 
     def lost(self, y: PETSc.Vec, r: PETSc.Vec) -> Array:
         """Energy and momenta that a step with the last residual is off by. Collective.
@@ -228,7 +236,7 @@ class Equilibrium:
         """
         if self._mass is None:
             return np.empty(0)
-        known = self.d, self._v0, self._before, self._inertia
+        known = self.d, self.trial.v0, self._before, self._inertia
         d, v0, before, gained = (v.array_r for v in known)
         energy = 0.5 * (v0 @ before) + abs(gained @ d) / self.dt
         energy += abs(self._actions.external.array_r @ d)
@@ -244,7 +252,7 @@ class Equilibrium:
 
     def strain_error(self, residual: float) -> float:
         """Strain that rounding, and a residual ‖R‖ [N], may leave in a cell. Collective."""
-        return self._rounding.in_strain(residual, self._step.start)
+        return self._rounding.in_strain(residual, self.trial.bodies.start)
 
     def worst_place(self) -> Array:
         """Reference position of the node with the largest residual [m], shape (3,). Collective."""

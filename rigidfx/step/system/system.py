@@ -160,9 +160,9 @@ class System:
         self.actions.set_time(middle, dt)
         self._v0.array[:] = state.v.x.array[self.layout.rows.dofs]
         imposed = self._prescribed.increments(state.t, state.t + dt, state.u.x.array)
-        self.equilibrium.begin(dt, self._v0, imposed, state.bodies)
-        u, v, bodies = self.equilibrium.start, self._v0.array_r, state.bodies
-        return self.newton.solve(predict(self._scene, self.layout, u, v, bodies, dt))
+        trial = self.equilibrium.begin(dt, self._v0, imposed, state.bodies)
+        v, bodies = trial.v0.array_r, state.bodies
+        return self.newton.solve(predict(self._scene, self.layout, trial.start, v, bodies, dt))
 
     def explain(self, solution: Solution) -> None:
         """Raise what a user's functions have done to a step that is objected to. Collective.
