@@ -189,9 +189,11 @@ class _Search:
             if self._quotient(more[0]) > values[-1] * (1 + 1e-6 * np.sign(values[-1])):
                 _free(more)
                 break
-            _free(more)
             eps.setTolerances(self._control.tolerance, MOST)
-            more = self._next(eps, 1, vectors)
+            eps.setInitialSpace(more)
+            missed = self._next(eps, 1, vectors)
+            _free(more)
+            more = missed
             values, vectors = self._ritz([*vectors, *more])
         eps.destroy()
         return values, vectors
