@@ -410,7 +410,7 @@ CEILINGS = {
     "effects/initial": 7,
     "effects/loads": 20,
     "effects/supports": 22,
-    "error": 6,
+    "error": 9,
     "flexible": 12,
     "mechanics": 80,
     "output": 51,
