@@ -152,6 +152,7 @@ def test_history_has_full_precision_and_a_column_for_everything(tmp_path):
                    "impulse": r.impulse, "angular_impulse": r.angular_impulse}  # fmt: skip
         for where in ("z0", "x0"):
             vectors[f"reaction_{where}"] = r.reactions.get(where, np.zeros(3))
+            vectors[f"moment_{where}"] = r.reaction_moments.get(where, np.zeros(3))
         for name, vector in vectors.items():
             assert [float(row[f"{name}_{axis}"]) for axis in "xyz"] == list(vector)
     h = rf.read_history(recorder.history)

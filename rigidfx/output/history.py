@@ -14,6 +14,7 @@ Columns, in SI units; a vector has one column for each of x, y, z:
     angular_impulse_x …                      its moment about the origin [N m s]
     bodies, J_rigid_x …                      number of rigid bodies, and their part of J
     reaction_NAME_x …                        of each support [N], zero while it does not act
+    moment_NAME_x …                          its moment about the origin [N m], likewise
     u_NAME_x …                               displacement of each probe, with the error motion [m]
     u_NAME_e_x …                             the error motion in it [m]; zero where none is followed
     von_mises_NAME, stress_NAME_xx …         stress at each probe [Pa], and
@@ -96,7 +97,7 @@ def history_columns(
     """
     stresses = [name for probe in probes if stress for name in _stress_names(probe)]
     named = [
-        *(f"reaction_{s}" for s in supports),
+        *(f"{of}_{s}" for s in supports for of in ("reaction", "moment")),
         *(f"u_{p}{e}" for p in probes for e in ("", "_e")),
     ]
     vectors = ["L", "J", "impulse", "angular_impulse", "J_rigid", *named]
@@ -132,6 +133,7 @@ def history_row(
     row |= components("J_rigid", sum((b.angular_momentum for b in report.bodies), np.zeros(3)))
     for name in supports:
         row |= components(f"reaction_{name}", report.reactions.get(name, np.zeros(3)))
+        row |= components(f"moment_{name}", report.reaction_moments.get(name, np.zeros(3)))
     for name, displacement in report.probes.items():
         row |= components(f"u_{name}", displacement)
         row |= components(f"u_{name}_e", report.error_motion[name])

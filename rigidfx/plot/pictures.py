@@ -170,6 +170,8 @@ def _of_shapes(series: Path, shapes: int, frames: int, look: _Look) -> list[Path
 def _panels(h: Mapping[str, Array]) -> dict[str, tuple[list[Curve], str]]:
     """Panels of a history's probes and supports: heading → curves, and title of the ordinate."""
     t = h["t"]
+    # Of a run that follows no error motion its columns are zero.
+    h = {k: v for k, v in h.items() if v.any() or not re.match(r"u_.+_e_[xyz]$", k)}
     out: dict[str, tuple[list[Curve], str]] = {}
     kinds = {
         "Displacements of probes": (r"u_(.+)_([xyz])$", "displacement", "m"),
