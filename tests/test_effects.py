@@ -19,6 +19,12 @@ from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.body_step import Increments, Step
 from rigidfx.mechanics.rotation import cayley
 
+# Supports that begin on moving bodies, and a body that rocks on its springs.
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:.* acts with a jolt"),
+    pytest.mark.filterwarnings("ignore:Spring on .* have turned by"),
+]
+
 BALANCE = 1e-11  # relative; Newton stops at 1e-12
 SPIN = rf.InitialVelocity(linear=(0.3, 0.0, 0.1), angular=(0.4, 0.9, -0.3))
 
@@ -61,7 +67,6 @@ def bar(*effects, cells=(4, 1, 1), E=2e3, cell="hexahedron", **options):
 # Balances --------------------------------------------------------------------------------------
 
 
-@pytest.mark.filterwarnings("ignore:Spring on .* have turned by")
 @pytest.mark.parametrize("rigid", [False, True])
 @pytest.mark.parametrize("mass", ["lumped", "consistent"])
 @pytest.mark.parametrize("name", EFFECTS)

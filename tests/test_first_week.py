@@ -37,7 +37,8 @@ def test_a_rotation_at_full_speed_under_a_body_at_rest():
     assert "100% of the energy" in message
     spun = rf.InitialVelocity(angular=(0, 0, 5), centre=(0, 0, 0))
     assert not said([sudden, spun], 1e-3, 4e-3)
-    assert not said([turning(lambda t: 50 * t * t)], 1e-3, 4e-3)
+    for smooth in (lambda t: 50 * t**2, lambda t: 5e4 * t**3, lambda t: 1 - np.cos(9 * t)):
+        assert not said([turning(smooth)], 1e-3, 4e-3)
 
 
 def test_a_support_that_stops_a_body():

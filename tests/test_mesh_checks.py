@@ -160,14 +160,28 @@ def test_three_parts_of_which_none_is_held():
 
 
 def test_parts_that_do_not_fall_apart_are_no_news():
-    """Free bodies apart, parts that are held each, that a spring holds, that a body joins."""
+    """Free bodies apart, parts that a body joins, that a contact keeps apart, and one part."""
     apart, close = cubes((0, 0, 0), (2, 0, 0)), cubes((0, 0, 0), (1, 0, 0))
     assert not said(apart)
-    both = end(end(close, 0, "a"), 2, "b")
-    assert not said(both, rf.Fixed("a"), rf.Fixed("b"))
-    assert not said(both, rf.Fixed("a"), rf.Spring("b", 1.0))
     assert not said(close, rf.Rigid(each=False))
+    shifted = cubes((0, 0, 0), (1, 0.5, 0))
+    sides = shifted.with_facets("left", lambda x: (np.abs(x[0] - 1) < 1e-9) & (x[1] < 1.2))
+    sides = sides.with_facets("right", lambda x: (np.abs(x[0] - 1) < 1e-9) & (x[1] > 0.3))
+    assert said(sides)
+    assert not said(sides, rf.Contact("left", against="right"))
     assert not said(rf.box((0, 0, 0), (2, 1, 1), (2, 1, 1)))
+
+
+HELD = {"a support": rf.Fixed("b"), "a spring": rf.Spring("b", 1.0)}
+
+
+@pytest.mark.parametrize("name", HELD)
+def test_parts_that_touch_while_both_are_held(name):
+    """The weld that is missing, or a contact: a load on one does not reach the other."""
+    both = end(end(cubes((0, 0, 0), (1, 0, 0)), 0, "a"), 2, "b")
+    (message,) = said(both, rf.Fixed("a"), HELD[name])
+    assert "around (0.5, 0.5, 0.5) m touches, or overlaps, the part of 1 × 1 × 1 m" in message
+    assert "no Contact is between them: they slide, part and overlap without" in message
 
 
 @pytest.mark.parametrize(("away", "warns"), [(1e5, False), (1e8, True), (1e13, True)])

@@ -11,6 +11,8 @@ from rigidfx.mechanics.rotation import cayley
 # Bars of one cell across are stiff in bending; two that touch are meant to be apart.
 pytestmark = [
     pytest.mark.filterwarnings("ignore:Scene. the part of:rigidfx.RigidfxWarning"),
+    # One that a rotation from rest takes along at once.
+    pytest.mark.filterwarnings("ignore:.* acts with a jolt:rigidfx.RigidfxWarning"),
 ]
 
 MATERIAL = rf.StVenantKirchhoff(E=1e5, nu=0.3, rho=10.0)
@@ -208,6 +210,31 @@ def test_gravity_on_a_set_acts_on_all_mass_of_its_nodes(effects, weight, mass):
     last = run([g, *effects], steps=5, dt=0.02, mass=mass)[-1]
     # Of a consistent mass, cells beside a body weigh at the nodes that they share with it.
     assert last.linear_momentum[2] == pytest.approx(-9.81 * 0.1 * weight, rel=1e-3)
+
+
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+@pytest.mark.parametrize("where", [None, "tip"])
+@pytest.mark.parametrize(
+    "effects",
+    [
+        [rf.PointMass("x1", 1000.0)],
+        [rf.Rigid("tip", mass=7.0)],
+        [rf.Rigid("tip", mass=7.0), rf.PointMass("y0", 9.0)],
+    ],
+)
+def test_the_centre_of_a_spin_is_that_of_all_mass(effects, where, mass):
+    """Point masses and the given mass of a body count: no momentum."""
+    spin = rf.InitialVelocity(angular=(0.2, -0.3, 1.0), where=where)
+    first = run([spin, *effects], 1, mass=mass)[0]
+    np.testing.assert_allclose(first.linear_momentum, 0.0, atol=1e-12 * first.momentum_scale)
+
+
+def test_a_mass_at_the_tip_weighs_on_what_holds_it():
+    """9.81 kN and the 12.3 N of the cells of the tip, of which 1.2 N used to be left."""
+    held = [rf.Fixed("x0"), rf.PointMass("x1", 1000.0)]
+    weight = rf.Gravity((9.81, 0.0, 0.0), where="tip")
+    *_, last = run([*held, rf.Preload([weight]), weight], steps=3)
+    assert last.reactions["x0"][0] == pytest.approx(-9.81 * 1001.25, rel=1e-9)
 
 
 def test_what_would_weigh_twice_or_not_at_all_is_said():

@@ -5,6 +5,7 @@ from . import (
     cad_parts,
     contact,
     failure,
+    first_week,
     levers,
     material,
     ranks,
@@ -17,5 +18,6 @@ from .case import CASES, Case, Result, Run, carry_out, follow, judge
 
 __all__ = [
     "CASES", "Case", "Result", "Run", "bodies", "cad_parts", "carry_out", "contact", "failure",
-    "follow", "judge", "levers", "material", "ranks", "shape", "speeds", "stepping", "units",
+    "first_week", "follow", "judge", "levers", "material", "ranks", "shape", "speeds", "stepping",
+    "units",
 ]  # fmt: skip

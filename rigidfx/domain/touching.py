@@ -27,16 +27,13 @@ Array = npt.NDArray[np.float64]
 Labels = npt.NDArray[np.int64]
 
 
-def touching(
-    mesh: dmesh.Mesh, parts: ConnectedParts, group: Labels, loose: npt.NDArray[np.bool_]
-) -> Labels:
+def touching(mesh: dmesh.Mesh, parts: ConnectedParts, group: Labels) -> Labels:
     """Pairs of parts that touch, sorted, shape (2, pairs). Collective.
 
     Args:
         mesh: The mesh.
         parts: Its connected parts.
         group: A number for each part; between parts with the same one, nothing is looked for.
-        loose: Whether a part is one that matters; one of each pair is.
     """
     found = mesh.comm.allgather(_edges(mesh, parts))
     ends = np.concatenate([points for points, _ in found])
@@ -47,7 +44,7 @@ def touching(
         corners = mesh.geometry.x[cell_geometry_dofs(mesh)[:owned]]
         for edges, cells in _near(ends, corners):
             a, b = part[edges], parts.of_cell[cells]
-            wanted = (group[a] != group[b]) & (loose[a] | loose[b])
+            wanted = group[a] != group[b]
             edges, cells = edges[wanted], cells[wanted]
             meets = _meets(mesh, corners[cells], ends[edges])
             pairs.append(np.unique(np.stack([a, b], axis=1)[wanted][meets], axis=0))

@@ -173,6 +173,11 @@ class Effect:
         """Sets that it keeps together, so that parts cannot drift away; None means all cells."""
         return ()
 
+    @property
+    def keeps_apart(self) -> tuple[str, ...]:
+        """Two sets of facets that press on each other where they meet; () if there are none."""
+        return ()
+
     def nodal_mass(self, scene: Any) -> Array | None:
         """Mass that it adds to each local node, ghosts included [kg]; None if none. Collective.
 

@@ -92,6 +92,11 @@ class Contact(Windowed):
         if not self.title:
             object.__setattr__(self, "title", f"{self.where}_{other}")
 
+    @property
+    def keeps_apart(self) -> tuple[str, ...]:
+        """Its surface and the other one; () if it meets an obstacle."""
+        return (self.where, self.against) if isinstance(self.against, str) else ()
+
     def _kinks_of(self, name: str) -> tuple[float, ...]:
         """Those of the obstacle's path too."""
         if name != "against" or not isinstance(self.against, Obstacle):

@@ -19,7 +19,7 @@ __all__ = ["BriefContacts"]
 
 FEW = 5.0  # steps: half a sine sampled by fewer loses more than a tenth of its peak
 RESOLVED = 20  # steps of an impact whose peak is known to a few per cent
-WORTH_A_WARNING = 0.01  # of Σ m|v|: impulse of an impact that matters
+WORTH_A_WARNING = 0.01  # of the largest Σ m|v| so far: impulse of an impact that matters
 
 
 @dataclass
@@ -58,6 +58,7 @@ class BriefContacts:
         """
         self._comm, self._waits = scene.comm, given
         self._closed: dict[str, _Closed] = {}
+        self._most = 0.0  # largest Σ m|v| so far [N s]
 
     def follow(self, report: Report) -> None:
         """Look at a report.
@@ -67,6 +68,7 @@ class BriefContacts:
         """
         if not self._waits:
             return
+        self._most = max(self._most, report.momentum_scale)
         for title, touch in report.touches.items():
             if touch.pressing > 0:
                 now = self._closed.setdefault(title, _Closed(report.t - report.dt))
@@ -78,7 +80,7 @@ class BriefContacts:
             past = self._closed.pop(title, None)
             if past is None or past.duration > FEW * past.longest:
                 continue
-            if past.impulse > WORTH_A_WARNING * report.momentum_scale:
+            if past.impulse > WORTH_A_WARNING * self._most:
                 self._say(title, past)
                 return
 

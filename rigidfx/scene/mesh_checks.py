@@ -61,10 +61,11 @@ def warn_of_mesh(domain: Domain, effects: Sequence[fx.Effect]) -> None:
 
 
 def _warn_of_gaps(domain: Domain, effects: Sequence[fx.Effect]) -> None:
-    """Warn of parts that nothing holds, and that touch others without sharing nodes. Collective.
+    """Warn of parts that touch others without sharing nodes, and with nothing between them.
 
-    Parts that fly freely on their own are none of these, however near they are.
-    A support or a spring holds parts; a rigid body that has cells of several joins them.
+    Parts that fly freely on their own are none of these, however near they are. A rigid body that
+    has cells of several parts joins them, and a contact between two surfaces keeps them apart.
+    Collective.
 
     Args:
         domain: Mesh and names.
@@ -74,21 +75,27 @@ def _warn_of_gaps(domain: Domain, effects: Sequence[fx.Effect]) -> None:
     if parts.count == 1:
         return
     group = _joined(domain, parts, effects)
-    loose = ~np.isin(group, group[_held(domain, parts, effects)])
-    if not loose.any():
-        return
-    pairs = touching(domain.mesh, parts, group, loose)
+    pairs = touching(domain.mesh, parts, group)
+    pairs = pairs[:, ~_kept_apart(domain, parts, effects, pairs)]
     if pairs.size == 0:
         return
-    a, b = pairs[:, 0] if loose[pairs[0, 0]] else pairs[::-1, 0]
-    many = len(np.unique(pairs[:, loose[pairs[0]] | loose[pairs[1]]]))
+    loose = ~np.isin(group, group[_held(domain, parts, effects)])
+    fall = loose[pairs].any(axis=0)
+    first = pairs[:, np.argmax(fall)]
+    a, b = first if loose[first[0]] or not loose[first[1]] else first[::-1]
+    many = len(np.unique(pairs))
     more = f" In all, {many} parts touch like this." if many > 2 else ""
+    follows = (
+        "no support or spring holds it: they will part without resistance"
+        if fall.any()
+        else "no Contact is between them: they slide, part and overlap without resistance"
+    )
     warn(
         domain.comm,
         f"Scene: {parts.place(int(a))} touches, or overlaps, {parts.place(int(b))}, but they share "
-        "no nodes, and no support or spring holds it: they will part without resistance."
-        f"{more} Mesh them as one (glue=True of read_cad, Coherence or BooleanFragments in gmsh), "
-        "or keep the gap open.",
+        f"no nodes, and {follows}.{more} Mesh them as one (glue=True of read_cad, Coherence or "
+        "BooleanFragments in gmsh), let a Contact stand between their surfaces, or keep the gap "
+        "open.",
     )
 
 
@@ -194,6 +201,19 @@ def _held(domain: Domain, parts: ConnectedParts, effects: Sequence[fx.Effect]) -
     holding: list[Any] = [e for e in effects if e.holds]
     found = [_parts_of(domain, parts, e.where, e.kind) for e in holding]
     return np.unique(np.concatenate([np.empty(0, np.int64), *found]))
+
+
+def _kept_apart(
+    domain: Domain, parts: ConnectedParts, effects: Sequence[fx.Effect], pairs: Any
+) -> npt.NDArray[np.bool_]:
+    """Whether a contact is between the two parts of each pair, shape (pairs,). Collective."""
+    out = np.zeros(pairs.shape[1], dtype=bool)
+    for effect in effects:
+        sides = [_parts_of(domain, parts, name, effect.kind) for name in effect.keeps_apart]
+        if sides:
+            on = [[np.isin(part, side) for part in pairs] for side in sides]
+            out |= (on[0][0] & on[1][1]) | (on[0][1] & on[1][0])
+    return out
 
 
 def _joined(domain: Domain, parts: ConnectedParts, effects: Sequence[fx.Effect]) -> Any:

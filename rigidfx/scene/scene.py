@@ -49,7 +49,7 @@ from rigidfx.scene.pieces import divide, warn_of_pieces
 from rigidfx.scene.places import cells_of
 from rigidfx.scene.stiffness import stiff_parts
 from rigidfx.scene.summary import description, in_a_line
-from rigidfx.scene.weights import nodal_weights, point_masses
+from rigidfx.scene.weights import inertial_masses, nodal_weights, point_masses
 
 __all__ = ["Scene"]
 
@@ -281,7 +281,7 @@ class Scene:
     def centre_of(self, members: Array | float, x: Array) -> Array:
         """Centre of mass of nodes at places x, members being 1 at these, else 0 [m]. Collective."""
         n = self.owned_nodes
-        m = (self.nodal_mass[:, None] * members)[:n]
+        m = inertial_masses(self)[:, None] * np.broadcast_to(members, (len(x), 1))[:n]
         return np.asarray(self.sum((m * x[:n]).sum(axis=0))) / self.sum(m.sum())
 
     @cached_property

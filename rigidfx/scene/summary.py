@@ -14,6 +14,7 @@ from rigidfx.effects import Effect, Table, Windowed
 from rigidfx.mechanics.element import StandardElement
 from rigidfx.scene.mesh_checks import parts_in_words
 from rigidfx.scene.pieces import pieces_in_words
+from rigidfx.scene.weights import inertial_masses
 
 __all__ = ["FURTHER", "description", "effects_table", "in_a_line", "in_words", "phases"]
 
@@ -75,7 +76,7 @@ def _extent(scene: Any) -> str:
         scene: The scene.
     """
     n, X = scene.owned_nodes, scene.start_places
-    mass = scene.sum(scene.nodal_mass[:n].sum())
+    mass = scene.sum(inertial_masses(scene).sum())
     low = np.min(scene.comm.allgather(X[:n].min(axis=0, initial=np.inf)), axis=0)
     high = np.max(scene.comm.allgather(X[:n].max(axis=0, initial=-np.inf)), axis=0)
     low, high = (np.where(np.abs(x) < 1e-12 * (high - low).max(), 0.0, x) for x in (low, high))

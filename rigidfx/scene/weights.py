@@ -11,7 +11,7 @@ from dolfinx import fem, la
 
 from rigidfx.base.form_cache import form_on
 
-__all__ = ["nodal_weights", "point_masses"]
+__all__ = ["inertial_masses", "nodal_weights", "point_masses"]
 
 
 def nodal_weights(
@@ -49,3 +49,28 @@ def point_masses(scene: Any) -> npt.NDArray[np.float64]:
         own = effect.nodal_mass(scene)
         total += 0.0 if own is None else own
     return total
+
+
+def inertial_masses(scene: Any) -> npt.NDArray[np.float64]:
+    """Nodal masses, those of bodies of given mass scaled to it, per owned node [kg]. Collective.
+
+    A given mass stands for all lumped mass on the nodes of a body, and has its centre. Of a
+    consistent mass, cells beside the body keep their shares of nodes that they have in common.
+
+    Args:
+        scene: The scene, whose masses are known already.
+    """
+    n = scene.owned_nodes
+    total = scene.nodal_mass[:n].copy()
+    for effect in scene.effects:
+        if not effect.is_rigid or effect.mass is None:
+            continue
+        inside = slice(None) if effect.where is None else scene.nodes(effect.where, "Rigid", (3,))
+        own: npt.NDArray[np.float64] = np.zeros(len(scene.nodal_mass))
+        own[inside] = scene.nodal_mass[inside]
+        if scene.mass == "consistent":
+            cells = scene.owned_cells(effect.where, "Rigid")
+            points = np.where(own != 0.0, scene.point_masses, 0.0)
+            own = scene.cell_weights(scene.density(), cells) + points
+        total += own[:n] * (float(effect.mass) / scene.sum(own[:n].sum()) - 1.0)
+    return np.asarray(total)

@@ -90,7 +90,7 @@ def given_velocity(scene: Any, x: Array) -> Array:
         members = 1.0 if where is None else scene.members(where, effect.kind)
         centre = effect.centre
         if centre is None:
-            centre = scene.centre_of(np.broadcast_to(members, (len(x), 1)), x)
+            centre = scene.centre_of(members, x)
         own = np.asarray(effect.linear) + np.cross(effect.angular, x - np.asarray(centre))
         if effect.function is not None:
             own = own + values_of(effect.kind, effect.function, scene)
