@@ -415,7 +415,7 @@ CEILINGS = {
     "mechanics": 80,
     "output": 51,
     "plot": 49,
-    "report": 28,
+    "report": 25,
     "scene": 18,
     "shadow": 33,
     "step": 7,

@@ -156,6 +156,7 @@ def test_strain_rates_and_stresses_are_those_of_the_enhanced_strain():
     assert rates.measure(1.0)[0] == pytest.approx(expected, rel=0.05)
 
 
+@pytest.mark.filterwarnings("ignore:.* acts with a jolt")
 def test_strong_compression_is_warned_of():
     """A bar pushed together to 0.6 of its length, named cell and all; to 0.85, nothing is said."""
     for stretch in (0.85, 0.6):

@@ -13,6 +13,9 @@ from scipy.optimize import curve_fit
 
 import rigidfx as rf
 
+# Paths that begin at full speed.
+pytestmark = pytest.mark.filterwarnings("ignore:.* acts with a jolt")
+
 MATERIAL = rf.StVenantKirchhoff(E=1e5, nu=0.3, rho=10.0)
 
 

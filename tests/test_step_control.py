@@ -31,6 +31,9 @@ from rigidfx.step.length.step_length import Moves, StepLength
 from rigidfx.step.length.time_error import TimeError
 from rigidfx.step.length.tracked import Tracked
 
+# Paths whose velocity jumps.
+pytestmark = pytest.mark.filterwarnings("ignore:.* acts with a jolt")
+
 SOFT = rf.StVenantKirchhoff(E=1e6, nu=0.3, rho=1000.0)
 T = 8.0
 

@@ -419,6 +419,7 @@ def test_release_of_all_by_a_condition():
     assert times(reports, "freeze") == [0.2]
 
 
+@pytest.mark.filterwarnings("ignore:.* acts with a jolt")
 @short_windows
 @pytest.mark.parametrize(
     "effect",

@@ -35,10 +35,10 @@ class _Closed:
     """
 
     since: float
-    steps: int = 0
-    longest: float = 0.0
-    impulse: float = 0.0
-    peak: float = 0.0
+    steps: int
+    longest: float
+    impulse: float
+    peak: float
 
     @property
     def duration(self) -> float:
@@ -71,7 +71,8 @@ class BriefContacts:
         self._most = max(self._most, report.momentum_scale)
         for title, touch in report.touches.items():
             if touch.pressing > 0:
-                now = self._closed.setdefault(title, _Closed(report.t - report.dt))
+                begins = _Closed(report.t - report.dt, 0, 0.0, 0.0, 0.0)
+                now = self._closed.setdefault(title, begins)
                 now.steps += 1
                 now.longest = max(now.longest, report.dt)
                 now.impulse += touch.pressing * report.dt

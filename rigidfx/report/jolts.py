@@ -14,8 +14,9 @@ from rigidfx.step.system.supports import Impact
 __all__ = ["Jolts"]
 
 GOOD_PART = 0.1  # of the energy before or after an impact, whichever is larger
-# Of the largest energy up to the end of the next step: a path that starts smoothly has a velocity
-# by a difference quotient whose error is 1e-6 of that after a step; its square is 1e-12.
+# Of the largest energy up to the end of the next step, and of a cell in a step. A path that starts
+# smoothly has a velocity by a difference quotient, whose error is 1e-6 of that after a step; its
+# square is 1e-12. Where the path rests, rounding leaves 1e-12 of its place in a step.
 NEGLIGIBLE = 1e-9
 
 
@@ -23,12 +24,14 @@ class Jolts:
     """Looks at the impacts of reports; warns once."""
 
     def __init__(self, scene: Scene) -> None:
-        """Begin before the first report.
+        """Begin before the first report. Collective.
 
         Args:
             scene: The problem.
         """
         self._comm, self._waits = scene.comm, True
+        mass = scene.sum(scene.nodal_mass[: scene.owned_nodes].sum())
+        self._floor = 0.5 * mass * (NEGLIGIBLE * scene.mean_cell_size) ** 2  # [J s²]
         self._energy: float | None = None  # at the end of the last step [J]
         self._most = 0.0  # the largest so far [J]
         self._found: tuple[Impact, float] | None = None  # in the last report, and its part
@@ -43,10 +46,12 @@ class Jolts:
             return
         impact, before = report.impact, self._energy
         self._energy, self._most = report.energy, max(self._most, report.energy)
-        if self._found is not None and abs(self._found[0].energy) > NEGLIGIBLE * self._most:
-            self._say(*self._found)
-            return
-        self._found = None
+        if self._found is not None:
+            least = max(NEGLIGIBLE * self._most, self._floor / report.dt**2)
+            if abs(self._found[0].energy) > least:
+                self._say(*self._found)
+                return
+            self._found = None
         if impact is None:
             return
         if before is None:
