@@ -153,6 +153,7 @@ def test_nothing_is_changed_where_nothing_has_to_be(mass, start):
 # How it goes on --------------------------------------------------------------------------------
 
 
+@pytest.mark.filterwarnings("ignore:.* acts with a jolt")
 @pytest.mark.parametrize("effect", [None, rf.Fixed("x0", since=0.2, until=0.4)])
 def test_nothing_rings_where_nothing_turns(effect):
     """What steps leave needs a body that turns: this one does not, clamped for a while or not."""
