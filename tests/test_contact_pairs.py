@@ -239,7 +239,8 @@ def test_two_sides_of_one_body_are_not_looked_at(monkeypatch):
 @NO_WARNINGS
 def test_what_is_pressed_within_one_body_keeps_its_energy():
     """A fork freezes as a whole while its prongs press on each other."""
-    freezes = rf.StrainRate(1e9, 0.023, wake="none", release=rf.Release(at=0.04))
+    # Within some steps of the first touch: what rattles on depends on the last digits.
+    freezes = rf.StrainRate(1e9, 0.0145, wake="none", release=rf.Release(at=0.05))
     reports, H, L, J = drifts(fork(*BOTH), 1e-3, 60, rigidify=freezes)
     frozen = [r for r in reports if r.unknowns == 6]
     assert H <= 1e-11

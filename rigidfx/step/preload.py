@@ -55,7 +55,7 @@ def apply_preload(
         paths: list[LoadPath] = []
         spun = preload.centrifugal(scene, lambda paths=paths: paths[0].system.share)
         effects: list[Effect] = [*preload.loads, *lasting, *spun, *holds]
-        path = LoadPath(scene, state, forces, effects, divide, "Preload", fixed=start)
+        path = LoadPath(scene, state, forces, effects, divide, "Preload", fixed=0.0)
         paths.append(path)
         path.follow(0.0)
         if not preload.turns and path.system.load() == 0.0:
