@@ -88,7 +88,11 @@ SUMMARY = {
     },
 }
 BENCHMARK_SUMMARY = {
-    "waking": {"scene", "needed", "missed", "woken", "false", "rigid_share", "quiet_share"},
+    "waking": {
+        *("scene", "seed", "unknowns", "missed", "woken", "in_vain", "rigid_share", "quiet_share"),
+        *("rigid_of_quiet", "promise", "error", "error_corrected", "told_over_true", "time_ratio"),
+        *("e_share", "setup_in_steps", "switch_in_steps", "factorisations"),
+    },
     "step_control": {"scene", "budget", "measured", "estimate", "reference", "steps", "rejected"},
     "how_fast": {"runs"},
     "budgets": {

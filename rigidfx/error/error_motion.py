@@ -31,7 +31,7 @@ from rigidfx.coupling.rows import Rows
 from rigidfx.effects import Rigid, Spring
 from rigidfx.error.frames import Frames, to_shape, to_space
 from rigidfx.error.modal import Modal
-from rigidfx.error.response import AllUnknowns, Response
+from rigidfx.error.response import PREPARING, AllUnknowns, Response
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.scene.points import Point
 from rigidfx.scene.scene import Scene
@@ -248,7 +248,9 @@ class ErrorMotion(Watch):
             e, rate = (np.where(mask.reshape(-1, 3), 0.0, a) for a in self._response.fields())
         self.destroy()
         self._mask, self._viscous = mask.copy(), viscous
-        motion, held = self._equations(dt), np.flatnonzero(mask)
+        with PREPARING:
+            motion = self._equations(dt)
+        held = np.flatnonzero(mask)
         if self._few:
             self._response = AllUnknowns(self._scene, motion, e, rate)
         else:
@@ -276,16 +278,19 @@ class ErrorMotion(Watch):
         return out
 
     def _adapt(self, dt: float) -> None:
-        """Choose the length of steps: as long as the motion and e allow. Collective.
+        """Choose the length of steps: long ones where motion and e allow them. Collective.
+
+        Steps have two lengths, so that factors are few. A force on an e at rest may be a wave that
+        arrives: its first steps are short.
 
         Args:
             dt: Length of the step of the run [s].
         """
         assert self._response is not None
-        longest = min(LONGEST * dt, RESOLVED * min(self._turning(), self._response.slowness))
-        longest = max(longest, dt)
+        resolved = RESOLVED * min(self._turning(), self._response.slowness)
+        longest = max(min(LONGEST * dt, resolved), dt)
         if not 0.5 * longest <= self._dt <= longest:
-            self._dt, self._of_run = max(int(longest / dt), 1) * dt, dt
+            self._dt, self._of_run = LONGEST * dt if resolved >= LONGEST * dt else dt, dt
 
     def _step(self) -> None:
         """Take a step of e under the mean force since the last one; none at rest. Collective."""

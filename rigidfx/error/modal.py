@@ -20,6 +20,7 @@ import numpy.typing as npt
 from petsc4py import PETSc
 
 from rigidfx.coupling.eigenpairs import lowest
+from rigidfx.error.response import FACTORING, PREPARING
 from rigidfx.scene.points import Point
 from rigidfx.scene.scene import Scene
 from rigidfx.shadow.linear_motion import LinearMotion, solver_of
@@ -76,7 +77,8 @@ class Modal:
         self._free = np.setdiff1d(np.arange(size), supported)
         rows = PETSc.IS().createGeneral((first + self._free).astype(PETSc.IntType), comm=K.comm)
         Kf, Mf = (A.createSubMatrix(rows, rows) for A in (K, M))
-        pairs = lowest(Kf, Mf, self._modes.count)
+        with PREPARING:
+            pairs = lowest(Kf, Mf, self._modes.count)
         self._bound = pairs.rigid == 0  # K has an inverse
         self._squares = pairs.values
         vectors = pairs.vectors
@@ -95,7 +97,8 @@ class Modal:
             if item is not None:
                 item.destroy()
         self._right, self._found = Kf.createVecs()
-        self._solver = solver_of(Kf)
+        with FACTORING:
+            self._solver = solver_of(Kf)
         self._n = size // 3
         both = np.stack([e.reshape(-1)[self._free], rate.reshape(-1)[self._free]])
         self._eta, self._rate = self._summed(both @ self._m_phi.T)

@@ -10,14 +10,19 @@ from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
+from petsc4py import PETSc
 
 from rigidfx.scene.points import Point
 from rigidfx.scene.scene import Scene
 from rigidfx.shadow.linear_motion import LinearMotion
 
-__all__ = ["AllUnknowns", "Response"]
+__all__ = ["FACTORING", "PREPARING", "AllUnknowns", "Response"]
 
 Array = npt.NDArray[np.float64]
+
+# Parts of the set-up in PETSc's log: matrices and modes; factors, of which it has the number.
+PREPARING = PETSc.Log.Event("rigidfxErrorSetup")
+FACTORING = PETSc.Log.Event("rigidfxErrorFactor")
 
 
 class Response(Protocol):
@@ -25,7 +30,10 @@ class Response(Protocol):
 
     @property
     def slowness(self) -> float:
-        """|e|/|ė| [s], by which steps are chosen; infinite where any step will do. Collective."""
+        """|e|/|ė| [s], by which steps are chosen; zero at rest. Collective.
+
+        A force on an e at rest may be a wave that arrives: its first steps are short.
+        """
         ...
 
     @property
@@ -91,7 +99,7 @@ class AllUnknowns:
     def slowness(self) -> float:
         """See `Response`."""
         e, rate = self._largest()
-        return e / rate if e * rate > 0 else np.inf
+        return e / rate if e * rate > 0 else 0.0
 
     @property
     def size(self) -> float | None:
@@ -114,6 +122,9 @@ class AllUnknowns:
 
     def step(self, force: Array, dt: float, drag: float, xi: float) -> None:
         """See `Response`."""
+        if not self._motion.has_factors(dt, drag, xi):
+            with FACTORING:
+                self._motion.factored(dt, drag, xi)
         d = self._motion.increment(force, self._e, self._rate, dt, drag, xi)
         self._e, self._rate = self._e + d, 2 / dt * d - self._rate
 

@@ -123,12 +123,16 @@ class LinearMotion:
         solver.solve(right, found)
         return found.array_r.reshape(-1, 3).copy()
 
+    def has_factors(self, dt: float, drag: float, xi: float) -> bool:
+        """Whether the factors of a step are kept. Arguments as of `increment`."""
+        return _kind(dt, drag, xi) in self._dynamic
+
     def factored(self, dt: float, drag: float, xi: float) -> PETSc.KSP:
         """The factors of a step; those of few kinds of steps are kept. Arguments as of `increment`.
 
         Collective.
         """
-        kind = float(f"{dt:.9g}"), drag, xi  # times at the ends of steps are rounded
+        kind = _kind(dt, drag, xi)
         if kind not in self._dynamic:
             if len(self._dynamic) == KINDS:
                 self._dynamic.pop(next(iter(self._dynamic))).destroy()
@@ -150,6 +154,11 @@ class LinearMotion:
         for item in (*own, self._mass, self._right, self._found, self._work, self._dashpots):
             if item is not None:
                 item.destroy()
+
+
+def _kind(dt: float, drag: float, xi: float) -> tuple[float, float, float]:
+    """Key of a step's factors: times at the ends of steps are rounded."""
+    return float(f"{dt:.9g}"), drag, xi
 
 
 def assembled(rows: Rows, form: fem.Form) -> PETSc.Mat:
