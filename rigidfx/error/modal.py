@@ -103,7 +103,7 @@ class Modal:
         both = np.stack([e.reshape(-1)[self._free], rate.reshape(-1)[self._free]])
         self._eta, self._rate = self._summed(both @ self._m_phi.T)
         self._force: Array = np.zeros(self._free.size)  # in the last step
-        self._loads = np.zeros(self._squares.size)  # Φᵀ of it
+        self._loads: Array = np.zeros(self._squares.size)  # Φᵀ of it
         self._change = self._level = 0.0  # means of |ṙ|² and |r|²
         self._points = {id(p): self._adjoint(p) for p in points}
 
