@@ -377,6 +377,7 @@ def _keeping(monkeypatch):
 @pytest.mark.usefixtures("_keeping")
 @pytest.mark.parametrize("name", MOTIONS)
 @pytest.mark.filterwarnings("ignore:Spring on:rigidfx.RigidfxWarning")
+@pytest.mark.filterwarnings("ignore:.* acts with a jolt")
 def test_the_motion_is_that_of_newtons_method(name):
     kept, newton = follow(name, {}), follow(name, NEWTON)
     assert newton[-1].tangents == newton[-1].iterations

@@ -20,6 +20,12 @@ from rigidfx.effects.supports.support import Support
 from rigidfx.plot import Curve
 from rigidfx.report.report import Report
 
+# Supports that move from t = 0 on, and a spring that turns with its end.
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:.* acts with a jolt"),
+    pytest.mark.filterwarnings("ignore:Spring on .* have turned by"),
+]
+
 SOFT = rf.StVenantKirchhoff(rho=2.0, E=50.0, nu=0.3)
 
 
