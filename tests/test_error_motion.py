@@ -269,7 +269,9 @@ def test_what_is_shown_is_smooth_through_switches(followed):
     shown = np.array([shown for _, shown, *_ in with_e])
     bends = np.abs(np.diff(shown, n=2, axis=0)).max(axis=1)
     switched = [k for k, (*_, events) in enumerate(with_e) if events and 1 < k < len(bends)]
-    assert bends[np.array(switched) - 1].max() <= 2 * bends.max()
+    at = np.array(switched) - 1
+    # Beside switches the largest second difference is that of the motion itself.
+    assert bends[at].max() <= 1.5 * np.delete(bends, at).max()
 
 
 @pytest.mark.parallel
