@@ -281,7 +281,8 @@ def prepare(
             shadows = Shadows(free, held, Recovery(stepper))
             if rigidify.lacking is None and can_be_followed(scene):
                 strokes = policy.memory.strokes
-                error = ErrorMotion(stepper, free, lambda: strokes.time, probes.points)
+                measure = heeded_indicator(rigidify, scene, forces, failures)
+                error = ErrorMotion(stepper, free, lambda: strokes.time, probes.points, measure)
                 stepper.watches.append(error)
         ledgers = None if shadows is None and control is None else Ledgers(stepper)
         stack.pop_all()

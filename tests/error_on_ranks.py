@@ -20,10 +20,18 @@ box = box.with_cells("stalk", lambda x: x[0] <= 2 + 1e-9)
 box = box.with_cells("block", lambda x: x[0] >= 2 - 1e-9)
 effects = [rf.PrescribedMotion("x0", displacement=shaken), rf.MassDamping(1.0)]
 scene = rf.Scene(box, {"stalk": soft, "block": stiff}, effects, probes={"tip": (8, 0.5, 0.5)})
-u, e, switches = [], [], []
-for r in rf.simulate(scene, DT, 6.0, rigidify=rf.StrainRate(2e-3, 20 * DT), progress=False):
-    e.append(r.error_motion["tip"])
-    u.append(r.probes["tip"] - e[-1])
-    switches.append([event.kind for event in r.events])
-if scene.comm.rank == 0:
-    report({"u": np.array(u).tolist(), "e": np.array(e).tolist(), "switches": switches})
+
+
+def histories():
+    u, e, switches = [], [], []
+    for r in rf.simulate(scene, DT, 6.0, rigidify=rf.StrainRate(2e-3, 20 * DT), progress=False):
+        e.append(r.error_motion["tip"])
+        u.append(r.probes["tip"] - e[-1])
+        switches.append([event.kind for event in r.events])
+    return {"u": np.array(u).tolist(), "e": np.array(e).tolist(), "switches": switches}
+
+
+if __name__ == "__main__":
+    found = histories()
+    if scene.comm.rank == 0:
+        report(found)

@@ -13,7 +13,7 @@ from mpi4py import MPI
 import rigidfx as rf
 from rigidfx.decide.criteria import rate_rule
 from rigidfx.decide.reasons import ASTRAY
-from rigidfx.error import error_motion
+from rigidfx.error import equations, error_motion
 from rigidfx.error.error_motion import ErrorMotion
 from rigidfx.shadow.linear_motion import LinearMotion
 
@@ -198,7 +198,7 @@ def made(monkeypatch):
             super().__init__(*arguments, **options)
             every.append(self._viscosity is not None)
 
-    monkeypatch.setattr(error_motion, "LinearMotion", Seen)
+    monkeypatch.setattr(equations, "LinearMotion", Seen)
     return every
 
 
@@ -285,3 +285,17 @@ def test_histories_are_those_on_one_rank(ranks):
     for motion in ("u", "e"):
         here, there = np.array(one[motion]), np.array(several[motion])
         np.testing.assert_allclose(there, here, rtol=0, atol=1e-9 * np.abs(here).max())
+
+
+@pytest.mark.parallel
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its ranks itself")
+@pytest.mark.parametrize("unknowns", ["12000", "0"], ids=["all unknowns", "modes"])
+def test_strains_of_rigid_cells_are_those_of_the_field(unknowns):
+    """By finite differences of its nodal values, on one rank and on two."""
+    script = Path(__file__).parent / "error_strains_on_ranks.py"
+    one, two = (parallel.run(script, n, 300, unknowns) for n in (1, 2))
+    for found in (one, two):
+        assert found["seen"] > 100
+        assert found["worst"] <= 1e-4
+    here, there = np.array(one["rows"]), np.array(two["rows"])
+    assert (np.abs(there - here).max(axis=0) <= 1e-9 * here.max(axis=0)).all()

@@ -20,24 +20,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from rigidfx.coupling.rows import Rows
 from rigidfx.effects import Rigid, Spring
-from rigidfx.error.frames import Frames, to_shape, to_space
+from rigidfx.error.cell_strains import CellStrains
+from rigidfx.error.equations import about
+from rigidfx.error.frames import Frames, to_space
+from rigidfx.error.impulse import Impulse
 from rigidfx.error.modal import Modal
 from rigidfx.error.response import PREPARING, AllUnknowns, Response
+from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.scene.points import Point
 from rigidfx.scene.scene import Scene
-from rigidfx.shadow.ground import ground_of
-from rigidfx.shadow.linear_motion import LinearMotion
-from rigidfx.shadow.parts import mass_of
 from rigidfx.shadow.shadow import Shadow
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import Attempt
@@ -47,6 +46,7 @@ __all__ = ["ErrorMotion", "Shown", "can_be_followed"]
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
+Cells = npt.NDArray[np.int32]
 Nodes = npt.NDArray[np.integer]
 
 # What PETSc's log calls this part of a run.
@@ -63,6 +63,10 @@ LONGEST = 4  # steps of the run in a step of e, at most
 def can_be_followed(scene: Scene) -> bool:
     """Whether e may be known in a scene."""
     return bool(scene.supports) and not any(rigid.given for rigid in scene.named(Rigid))
+
+
+# An attempt; impulse, response, and the own numbers, as they were before it.
+_Before = tuple[Attempt, object, object, tuple[int, float | None, float, float]]
 
 
 @dataclass(frozen=True)
@@ -83,6 +87,8 @@ class ErrorMotion(Watch):
 
     Attributes:
         known: Whether it is followed: false from the first contact on.
+        steps: How many steps e has taken, looks included. It takes none at rest, and one for
+            several of the run where that is enough.
     """
 
     def __init__(
@@ -91,6 +97,7 @@ class ErrorMotion(Watch):
         shadow: Shadow,
         turning: Callable[[], float],
         points: Mapping[str, Point],
+        indicator: Indicator,
     ) -> None:
         """Nothing is off.
 
@@ -99,26 +106,27 @@ class ErrorMotion(Watch):
             shadow: Knows ρ.
             turning: Returns 1/ω of the motion [s].
             points: Points at which e is asked for, by name.
+            indicator: A measure of its own for strains of e.
         """
-        self._stepper, self._shadow, self._turning = stepper, shadow, turning
+        self._stepper, self._turning = stepper, turning
         self._points = points
         self._scene = scene = stepper.scene
         self.known = True
         unknowns = 3 * scene.space.dofmap.index_map.size_global
         self._bounded, self._few = unknowns <= BOUNDED, unknowns <= LARGEST
         self._forms = LinearForms(scene, stepper.forces)
+        self._strains = CellStrains(scene, stepper.forces, indicator)
         n = scene.owned_nodes
         self._nodes = np.arange(n)
-        self._kick: Array = np.zeros((n, 3))  # velocities taken out since the last step [m/s]
-        self._impulse: Array = np.zeros((n, 3))  # since the last step of e [N s] ...
-        self._span = 0.0  # ... and the time since then [s]
+        self._impulse = Impulse(stepper, shadow)
         self._size: float | None = 0.0
         self._response: Response | None = None
         self._frames: Frames | None = None  # against the shape at the first freeze
-        self._of_bodies: dict[int, tuple[object, Array]] = {}  # Q_b at their freeze, by number
         self._dt = self._of_run = 0.0  # length of the steps of e, and of the run's [s]
         self._mask: Bools = np.zeros(3 * n, dtype=bool)
         self._viscous: list[int] = []  # terms of viscosity in these equations
+        self._before: _Before | None = None  # a look at an attempt, if it is no step yet
+        self.steps = 0
 
     @property
     def largest(self) -> float | None:
@@ -131,7 +139,7 @@ class ErrorMotion(Watch):
             return None
         Q = self._frames.of_parts(self._stepper.state.positions(self._nodes))[self._frames.part]
         e, rate = response.fields()
-        return Shown(to_space(e + self._span * rate, Q), to_space(rate, Q))
+        return Shown(to_space(e + self._impulse.span * rate, Q), to_space(rate, Q))
 
     def at(self, points: Mapping[str, Point]) -> Mapping[str, Array]:
         """e in space at points that were given at the start, by name [m]. Collective.
@@ -144,7 +152,26 @@ class ErrorMotion(Watch):
         Q = self._frames.of_parts(self._stepper.state.positions(self._nodes))
         part = self._frames.parts_at([point.nodes for point in points.values()])
         e, rate = self._scene.sum(np.stack(response.at([*points.values()])))
-        return dict(zip(points, to_space(e + self._span * rate, Q[part]), strict=True))
+        return dict(zip(points, to_space(e + self._impulse.span * rate, Q[part]), strict=True))
+
+    def rates(self, cells: Cells) -> Array:
+        """Strain rates of e over its last step, in the criterion's measure. Collective.
+
+        Args:
+            cells: Owned cells.
+
+        Returns:
+            Of each of the cells [1/s]; zero while e is, or is not known.
+        """
+        if self._response is None:
+            return np.zeros(len(cells))
+        return self._strains.of(*self._response.change(), self._forms.shape, cells)
+
+    def strains(self, cells: Cells) -> Array:
+        """Strains of e at the end of its last step, in the same measure [-]. See `rates`."""
+        if self._response is None:
+            return np.zeros(len(cells))
+        return self._strains.of(self._response.fields()[0], 1.0, self._forms.shape, cells)
 
     def _valid(self) -> Response | None:
         """The response, where it may be shown."""
@@ -157,6 +184,7 @@ class ErrorMotion(Watch):
         """Velocities [m/s] and bodies' nodes before a switch; None if e is not followed."""
         if not self.known:
             return None
+        self._take_back()
         return self._velocities(), [body.nodes for body in self._stepper.state.bodies.of.records]
 
     def switched(self, before: tuple[Array, list[Nodes]] | None) -> None:
@@ -168,69 +196,75 @@ class ErrorMotion(Watch):
         if before is None or not self.known:
             return
         state = self._stepper.state
-        x = state.positions(self._nodes)
         if self._frames is None:
-            self._frames = Frames(self._scene, x)
+            self._frames = Frames(self._scene, state.positions(self._nodes))
         velocities, nodes = before
-        taken = velocities - self._velocities()
-        Q = self._frames.of_parts(x)[self._frames.part]
         sets = [*nodes, *(body.nodes for body in state.bodies.of.records)]
-        for own, R in zip(sets, self._frames.of_sets(sets, x), strict=True):
-            Q[own] = R
-        self._kick += to_shape(taken, Q)
+        self._impulse.switched(velocities - self._velocities(), sets, self._frames)
 
     def _velocities(self) -> Array:
         state = self._stepper.state
         state.rebuild()
-        return state.v.x.array[: self._kick.size].reshape(-1, 3).copy()
+        return state.v.x.array[: self._mask.size].reshape(-1, 3).copy()
 
     # Steps --------------------------------------------------------------------------------------
 
+    def look(self, attempt: Attempt) -> bool:
+        """Follow an attempt at a step, which may become one. Collective.
+
+        Steps of e that it makes are taken back by a look at another attempt, or by a switch.
+        `rates` and `strains` are those at its end.
+
+        Args:
+            attempt: The attempt.
+
+        Returns:
+            Whether e has taken a step.
+        """
+        self._take_back()
+        if not self.known or self._frames is None or self._is_touched:
+            return False
+        with _FOLLOWING:
+            self._have_equations(attempt.dt)
+            assert self._response is not None
+            own = self.steps, self._size, self._dt, self._of_run
+            self._before = attempt, self._impulse.kept(), self._response.kept(), own
+            self._take(attempt.dt, self._frames)
+        return self.steps > own[0]
+
+    def _take_back(self) -> None:
+        """Be as before the last look, if that has not become a step."""
+        if self._before is not None:
+            assert self._response is not None
+            _, impulse, motion, own = self._before
+            self._impulse.restore(impulse)
+            self._response.restore(motion)
+            self.steps, self._size, self._dt, self._of_run = own
+        self._before = None
+
+    @property
+    def _is_touched(self) -> bool:
+        """Whether a contact acts."""
+        return bool(self._stepper.system.actions.elastic - {Spring.__name__})
+
     def accept(self, attempt: Attempt) -> None:
         """See `Watch`."""
-        if self.known and self._frames is not None:
-            with _FOLLOWING:
-                self._take(attempt, self._frames)
-
-    def _take(self, attempt: Attempt, frames: Frames) -> None:
-        """Take a step of the run. Collective."""
-        actions = self._stepper.system.actions
-        if actions.elastic - {Spring.__name__}:
+        if not self.known or self._frames is None:
+            return
+        if self._is_touched:
             self.known = False
             self.destroy()
             return
-        self._bear(attempt.dt, frames)
-        self._span += attempt.dt
-        self._have_equations(attempt.dt)
-        self._adapt(attempt.dt)
-        while self._span >= self._dt * (1 - 1e-9):
+        if self._before is None or self._before[0] is not attempt:
+            self.look(attempt)
+        self._before = None
+
+    def _take(self, dt: float, frames: Frames) -> None:
+        """Take a step of the run of length dt [s]. Collective."""
+        self._impulse.bear(dt, frames)
+        self._adapt(dt)
+        while self._impulse.span >= self._dt * (1 - 1e-9):
             self._step()
-
-    def _bear(self, dt: float, frames: Frames) -> None:
-        """Add r of a step of length dt [s] to the impulse, in the shape's frame. Collective."""
-        if self._shadow.borne is not None:
-            parts, force = self._shadow.borne
-            for body, at in zip(parts.bodies, parts.at, strict=True):
-                self._impulse[body.nodes] += dt * to_shape(force[at], self._frame_of(body, frames))
-        easing = self._stepper.system.actions.easing
-        if easing:
-            let_down = np.zeros_like(self._impulse)
-            for eased in easing:
-                eased.add_impulse(dt, let_down.reshape(-1))
-            x = self._stepper.state.positions(self._nodes)
-            loaded = np.flatnonzero(np.abs(let_down).max(axis=1))
-            Q = frames.of_sets([loaded], x)[0]
-            self._impulse += to_shape(let_down, Q)
-
-    def _frame_of(self, body: Any, frames: Frames) -> Array:
-        """Q of a body's own frame against the shape, (2): it is constant. Collective."""
-        known = self._of_bodies.get(body.number)
-        if known is None or known[0] is not body:
-            x = np.zeros_like(frames.shape)
-            x[body.nodes] = body.offsets
-            known = body, frames.of_sets([body.nodes], x)[0]
-            self._of_bodies[body.number] = known
-        return known[1]
 
     def _have_equations(self, dt: float) -> None:
         """Have the equations of the supports and viscosities that act. Collective.
@@ -243,39 +277,23 @@ class ErrorMotion(Watch):
         new = self._response is None or viscous != self._viscous or bool((mask != self._mask).any())
         if not self._scene.comm.allreduce(new, op=MPI.LOR):
             return
-        e, rate = np.zeros((2, *self._kick.shape))
+        e, rate = np.zeros((2, len(self._nodes), 3))
         if self._response is not None:
             e, rate = (np.where(mask.reshape(-1, 3), 0.0, a) for a in self._response.fields())
         self.destroy()
         self._mask, self._viscous = mask.copy(), viscous
+        forces, frames = self._stepper.forces, self._frames
+        assert frames is not None
         with PREPARING:
-            motion = self._equations(dt)
+            forces.set_rate(1.0)
+            motion = about(self._stepper, self._forms, frames.shape, mask)
+            forces.set_rate(1 / dt)
         held = np.flatnonzero(mask)
         if self._few:
             self._response = AllUnknowns(self._scene, motion, e, rate)
         else:
             points = [*self._points.values()]
             self._response = Modal(self._scene, motion, held, points, e, rate)
-
-    def _equations(self, dt: float) -> LinearMotion:
-        """Those of all cells about the shape. Collective."""
-        scene, forces, frames = self._scene, self._stepper.forces, self._frames
-        assert frames is not None
-        rows = Rows(scene.space, self._nodes.astype(np.int32))
-        owned = scene.mesh.topology.index_map(scene.mesh.topology.dim).size_local
-        cells = forces.cells(np.arange(owned, dtype=np.int32))
-        shape = self._forms.shape.x
-        X = self._stepper.state.X[: len(frames.shape)]
-        shape.array[: self._kick.size] = (frames.shape - X).reshape(-1)
-        shape.scatter_forward()
-        forces.set_rate(1.0)
-        supported = np.flatnonzero(self._mask)
-        mass, ground = mass_of(scene, rows, cells), ground_of(scene, rows)
-        named = [scene.owned_cells(part.where, part.kind) for part in scene.named(Rigid)]
-        rigid = forces.cells(np.unique(np.concatenate(named)).astype(np.int32)) if named else None
-        out = LinearMotion(rows, cells, self._forms, mass, supported, ground=ground, rigid=rigid)
-        forces.set_rate(1 / dt)
-        return out
 
     def _adapt(self, dt: float) -> None:
         """Choose the length of steps: long ones where motion and e allow them. Collective.
@@ -295,21 +313,22 @@ class ErrorMotion(Watch):
     def _step(self) -> None:
         """Take a step of e under the mean force since the last one; none at rest. Collective."""
         assert self._response is not None
-        dt, mean = self._dt, np.asarray(self._impulse / self._span)
-        self._span -= dt
-        self._impulse = self._span * mean
-        moving = bool(mean.any() or self._kick.any() or self._response.moving)
+        dt, impulse = self._dt, self._impulse
+        mean = impulse.taken(dt)
+        moving = bool(mean.any() or impulse.kick.any() or self._response.moving)
         if not self._scene.comm.allreduce(moving, op=MPI.LOR):
             return
-        self._response.kick(self._kick)
-        self._kick = np.zeros_like(self._kick)
+        self._response.kick(impulse.kick)
+        impulse.kick = np.zeros_like(impulse.kick)
         drag, xi = self._scene.damping(self._stepper.state.t)
         # ξ is a viscosity by the steps of the run.
         self._response.step(mean, dt, drag, xi * self._of_run / dt)
         self._size = self._response.size
+        self.steps += 1
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
+        self._before = None
         if self._response is not None:
             self._response.destroy()
             self._response = None

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -105,6 +106,9 @@ class Modal:
         self._force: Array = np.zeros(self._free.size)  # in the last step
         self._loads: Array = np.zeros(self._squares.size)  # Φᵀ of it
         self._change = self._level = 0.0  # means of |ṙ|² and |r|²
+        # What the last step added to η and r, and its length.
+        self._added: tuple[Array, Array, float]
+        self._added = np.zeros_like(self._eta), np.zeros_like(self._force), 1.0
         self._points = {id(p): self._adjoint(p) for p in points}
 
     # What is told -------------------------------------------------------------------------------
@@ -131,10 +135,14 @@ class Modal:
 
     def fields(self) -> tuple[Array, Array]:
         """See `Response`; by one solve."""
-        e, rate = np.zeros((2, 3 * self._n))
-        e[self._free] = self._solved(self._force) + self._amplitudes() @ self._phi
-        rate[self._free] = self._rate @ self._phi
-        return e.reshape(-1, 3), rate.reshape(-1, 3)
+        e = self._solved(self._force) + self._amplitudes() @ self._phi
+        return self._field(e), self._field(self._rate @ self._phi)
+
+    def _field(self, free: Array) -> Array:
+        """Vectors at the nodes, shape (nodes, 3), by their free components."""
+        out = np.zeros(3 * self._n)
+        out[self._free] = free
+        return out.reshape(-1, 3)
 
     def at(self, points: Sequence[Point]) -> tuple[Array, Array]:
         """See `Response`; the points are among those given at the start."""
@@ -160,12 +168,30 @@ class Modal:
         """See `Response`."""
         r = force.reshape(-1)[self._free]
         self._note(r, dt)
+        more = r - self._force
         self._force, self._loads = r, self._summed(self._phi @ r)
         squares = self._squares
         damping = drag + self._viscous + xi * dt * squares
         stiff = 2 / dt**2 + damping / dt + 0.5 * squares
         d = (self._loads + 2 / dt * self._rate - squares * self._eta) / stiff
         self._eta, self._rate = self._eta + d, 2 / dt * d - self._rate
+        self._added = d, more, dt
+
+    def change(self) -> tuple[Array, float]:
+        """See `Response`; by one solve."""
+        eta, r, dt = self._added
+        amplitudes = eta - self._summed(self._phi @ r) / self._squares
+        return self._field(self._solved(r) + amplitudes @ self._phi), dt
+
+    def kept(self) -> object:
+        """See `Response`."""
+        averages = self._change, self._level
+        return self._eta, self._rate, self._force, self._loads, averages, self._added
+
+    def restore(self, kept: Any) -> None:
+        """See `Response`."""
+        self._eta, self._rate, self._force, self._loads, averages, self._added = kept
+        self._change, self._level = averages
 
     def _note(self, r: Array, dt: float) -> None:
         """Average how fast r changes. Collective."""

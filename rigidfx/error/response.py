@@ -6,7 +6,7 @@ Both know e and ė at the owned nodes, in the frame of the shape, and step under
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -70,6 +70,18 @@ class Response(Protocol):
         """e [m] and ė [m/s] at the owned nodes, shape (nodes, 3) each. Collective."""
         ...
 
+    def change(self) -> tuple[Array, float]:
+        """Change of e in the last step, shape (nodes, 3) [m], and its length [s]. Collective."""
+        ...
+
+    def kept(self) -> object:
+        """What `restore` needs to take steps and kicks from now on back."""
+        ...
+
+    def restore(self, kept: Any) -> None:
+        """Be as at `kept`, which is for one response only."""
+        ...
+
     def at(self, points: Sequence[Point]) -> tuple[Array, Array]:
         """This rank's part of e [m] and of ė [m/s] at some points, shape (points, 3) each."""
         ...
@@ -94,6 +106,7 @@ class AllUnknowns:
             rate: Its rate, likewise [m/s].
         """
         self._scene, self._motion, self._e, self._rate = scene, motion, e, rate
+        self._change: tuple[Array, float] = np.zeros_like(e), 1.0
 
     @property
     def slowness(self) -> float:
@@ -127,6 +140,19 @@ class AllUnknowns:
                 self._motion.factored(dt, drag, xi)
         d = self._motion.increment(force, self._e, self._rate, dt, drag, xi)
         self._e, self._rate = self._e + d, 2 / dt * d - self._rate
+        self._change = d, dt
+
+    def change(self) -> tuple[Array, float]:
+        """See `Response`."""
+        return self._change
+
+    def kept(self) -> object:
+        """See `Response`."""
+        return self._e, self._rate, self._change
+
+    def restore(self, kept: Any) -> None:
+        """See `Response`."""
+        self._e, self._rate, self._change = kept
 
     def fields(self) -> tuple[Array, Array]:
         """See `Response`."""

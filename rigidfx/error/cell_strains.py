@@ -1,0 +1,58 @@
+"""Strains of cells by a small motion of the shape, in the measure of a run's criterion."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+from rigidfx.flexible.indicator import Indicator
+from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.scene.scene import Scene
+
+__all__ = ["CellStrains"]
+
+Array = npt.NDArray[np.float64]
+Cells = npt.NDArray[np.int32]
+
+# Part of a motion that is measured: strains of e are linear in e, and those of a large displacement
+# have a part of second order.
+LITTLE = 2.0**-8
+
+
+class CellStrains:
+    """Measures the strain that a motion adds to a shape, in cells that are asked for."""
+
+    def __init__(self, scene: Scene, forces: InternalForces, indicator: Indicator) -> None:
+        """Measure nothing yet. Collective.
+
+        Args:
+            scene: The problem.
+            forces: Internal forces, which know the cells of each material.
+            indicator: A measure of its own.
+        """
+        self._forces, self._indicator = forces, indicator
+        self._ends = fem.Function(scene.space), fem.Function(scene.space)
+        self._cells: Cells | None = None
+
+    def of(self, motion: Array, span: float, shape: fem.Function, cells: Cells) -> Array:
+        """Strain by a motion, over a time. Collective.
+
+        Args:
+            motion: Of the owned nodes, in the frame of the shape, shape (nodes, 3) [m].
+            span: The time [s]; 1 for a strain.
+            shape: Displacement that makes the shape [m].
+            cells: Owned cells.
+
+        Returns:
+            Linear strain of each of the cells [1/s], in their order.
+        """
+        if self._cells is None or not np.array_equal(cells, self._cells):
+            self._cells = np.array(cells, dtype=np.int32)
+            self._indicator.bind(self._forces.cells(np.unique(self._cells)), self._ends)
+        start, end = (f.x for f in self._ends)
+        start.array[:] = end.array[:] = shape.x.array
+        end.array[: motion.size] += LITTLE * motion.reshape(-1)
+        end.scatter_forward()
+        self._indicator.measure(LITTLE * span)
+        return np.asarray(self._indicator.values[self._cells])

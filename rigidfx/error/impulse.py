@@ -1,0 +1,103 @@
+"""What drives the error motion: forces at bodies' nodes, and velocities that switches take out.
+
+Both are in the frame of one shape: forces of a body by the body's own frame, r⁰ = Q_bᵀ r.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.error.frames import Frames, to_shape
+from rigidfx.mechanics.rigid_body import RigidBody
+from rigidfx.shadow.shadow import Shadow
+from rigidfx.step.stepper import Stepper
+
+__all__ = ["Impulse"]
+
+Array = npt.NDArray[np.float64]
+Nodes = npt.NDArray[np.integer]
+
+
+class Impulse:
+    """What e has not taken yet.
+
+    Attributes:
+        span: Time since the last step of e [s].
+        kick: Velocities that were taken out since then, shape (nodes, 3) [m/s].
+    """
+
+    def __init__(self, stepper: Stepper, shadow: Shadow) -> None:
+        """Nothing has acted.
+
+        Args:
+            stepper: Solves the steps.
+            shadow: Knows ρ.
+        """
+        self._stepper, self._shadow = stepper, shadow
+        shape = stepper.scene.owned_nodes, 3
+        self._nodes = np.arange(shape[0])
+        self._total: Array = np.zeros(shape)  # of the forces since the last step of e [N s]
+        self.kick: Array = np.zeros(shape)
+        self.span = 0.0
+        self._of_bodies: dict[int, tuple[object, Array]] = {}  # Q_b at their freeze, by number
+
+    def kept(self) -> object:
+        """What `restore` needs."""
+        return self._total, self.kick, self.span
+
+    def restore(self, kept: Any) -> None:
+        """Be as at `kept`."""
+        self._total, self.kick, self.span = kept
+
+    def bear(self, dt: float, frames: Frames) -> None:
+        """Add r of a step of length dt [s]. Collective."""
+        total = self._total.copy()
+        if self._shadow.borne is not None:
+            parts, force = self._shadow.borne
+            for body, at in zip(parts.bodies, parts.at, strict=True):
+                total[body.nodes] += dt * to_shape(force[at], self._frame_of(body, frames))
+        easing = self._stepper.system.actions.easing
+        if easing:
+            let_down = np.zeros_like(total)
+            for eased in easing:
+                eased.add_impulse(dt, let_down.reshape(-1))
+            x = self._stepper.state.positions(self._nodes)
+            loaded = np.flatnonzero(np.abs(let_down).max(axis=1))
+            total += to_shape(let_down, frames.of_sets([loaded], x)[0])
+        self._total = total
+        self.span += dt
+
+    def _frame_of(self, body: RigidBody, frames: Frames) -> Array:
+        """Q of a body's own frame against the shape: it is constant. Collective."""
+        known = self._of_bodies.get(body.number)
+        if known is None or known[0] is not body:
+            x = np.zeros_like(frames.shape)
+            x[body.nodes] = body.offsets
+            known = body, frames.of_sets([body.nodes], x)[0]
+            self._of_bodies[body.number] = known
+        return known[1]
+
+    def taken(self, dt: float) -> Array:
+        """Mean force over a step of e [N], which takes its part. Its length is dt [s]."""
+        mean = np.asarray(self._total / self.span)
+        self.span -= dt
+        self._total = self.span * mean
+        return mean
+
+    def switched(self, lost: Array, sets: Sequence[Nodes], frames: Frames) -> None:
+        """Add velocities that a switch has taken out. Collective.
+
+        Args:
+            lost: Of the owned nodes, in space, shape (nodes, 3) [m/s].
+            sets: Owned nodes of each body before and after it.
+            frames: Those of the shape.
+        """
+        x = self._stepper.state.positions(self._nodes)
+        Q = frames.of_parts(x)[frames.part]
+        for own, R in zip(sets, frames.of_sets(sets, x), strict=True):
+            Q[own] = R
+        self.kick = self.kick + to_shape(lost, Q)
