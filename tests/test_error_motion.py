@@ -295,7 +295,7 @@ def test_strains_of_rigid_cells_are_those_of_the_field(unknowns):
     script = Path(__file__).parent / "error_strains_on_ranks.py"
     one, two = (parallel.run(script, n, 300, unknowns) for n in (1, 2))
     for found in (one, two):
-        assert found["seen"] > 100
+        assert found["seen"] > 30
         assert found["worst"] <= 1e-4
     here, there = np.array(one["rows"]), np.array(two["rows"])
     assert (np.abs(there - here).max(axis=0) <= 1e-9 * here.max(axis=0)).all()

@@ -15,10 +15,6 @@ __all__ = ["CellStrains"]
 Array = npt.NDArray[np.float64]
 Cells = npt.NDArray[np.int32]
 
-# Part of a motion that is measured: strains of e are linear in e, and those of a large displacement
-# have a part of second order.
-LITTLE = 2.0**-8
-
 
 class CellStrains:
     """Measures the strain that a motion adds to a shape, in cells that are asked for."""
@@ -51,8 +47,10 @@ class CellStrains:
             self._cells = np.array(cells, dtype=np.int32)
             self._indicator.bind(self._forces.cells(np.unique(self._cells)), self._ends)
         start, end = (f.x for f in self._ends)
-        start.array[:] = end.array[:] = shape.x.array
-        end.array[: motion.size] += LITTLE * motion.reshape(-1)
-        end.scatter_forward()
-        self._indicator.measure(LITTLE * span)
+        # Between half of the motion on either side the part of second order is zero.
+        for side, half in ((start, -0.5), (end, 0.5)):
+            side.array[:] = shape.x.array
+            side.array[: motion.size] += half * motion.reshape(-1)
+            side.scatter_forward()
+        self._indicator.measure(span)
         return np.asarray(self._indicator.values[self._cells])
