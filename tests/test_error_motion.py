@@ -9,12 +9,17 @@ import numpy as np
 import parallel
 import pytest
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import rigidfx as rf
+from rigidfx.coupling.rows import Rows
 from rigidfx.decide.criteria import rate_rule
 from rigidfx.decide.reasons import ASTRAY
 from rigidfx.error import equations, error_motion
 from rigidfx.error.error_motion import ErrorMotion
+from rigidfx.error.frames import Frames
+from rigidfx.error.loose import loose_parts
+from rigidfx.shadow.ground import ground_of
 from rigidfx.shadow.linear_motion import LinearMotion
 
 DT = 0.02  # s
@@ -98,8 +103,9 @@ class Compared:
         ((HELD, PUSHED, rf.KelvinVoigt(3e4)), {}),
         ((HELD, PUSHED, rf.Spring("x1", (3e2, 3e2, 4e3), damping=50.0), rf.MassDamping(0.5)), {}),
         ((HELD, PUSHED, rf.NumericalDamping(0.1), rf.MassDamping(0.3)), {}),
+        ((rf.Spring("x0", 3e5, damping=300.0), PUSHED, rf.MassDamping(0.5)), {}),
     ],
-    ids=["drag", "consistent", "viscosity", "springs", "numerical damping"],
+    ids=["drag", "consistent", "viscosity", "springs", "numerical damping", "held by springs"],
 )
 def test_a_run_knows_how_far_it_is_off(effects, options, longest, followed, monkeypatch):
     """Bodies that grow, wake, are let down and freeze anew included; u + e is nearer by far."""
@@ -140,6 +146,65 @@ def test_a_part_named_rigid_is_rigid_in_the_twin(named, followed):
     assert run.off.max() > 1e-4
     assert run.told.max() == pytest.approx(run.off.max(), rel=0.1)
     assert run.left.max() <= 0.34 * run.off.max()
+
+
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+def test_strain_rates_of_what_flies_are_the_twins(mass, followed):
+    """And its displacements are those of u, as nothing holds the phase of its rigid motion."""
+    effects = PUSHED, rf.MassDamping(0.2), rf.KelvinVoigt(3e3)
+    quiet = rf.StrainRate(0.0, 1e9, wake="none")
+    rule = rf.StrainRate(2e-3, 20 * DT)
+    runs = (
+        rf.simulate(scene(*effects, mass=mass), DT, 6.0, rigidify=one, progress=False)
+        for one in (quiet, rule)
+    )
+    off, size = 0.0, 0.0
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for twin, report in zip(*runs, strict=True):
+            rigid = np.flatnonzero(report.state.body_numbers() > 0).astype(np.int32)
+            np.testing.assert_array_equal(report.error_motion["tip"], 0.0)
+            if rigid.size and report.t > 3:
+                true = twin.strain_rate[rigid]
+                off += float(((followed[-1].rates(rigid) - true) ** 2).sum())
+                size += float((true**2).sum())
+    assert size > 0
+    assert off <= 0.1**2 * size
+
+
+@pytest.mark.parametrize(
+    ("effects", "motions"),
+    [
+        ((), 6),
+        ((rf.Spring("x0", 1e3),), 0),
+        ((rf.Spring("x0", (0.0, 0.0, 1e3)),), 4),
+        ((HELD,), 0),
+    ],
+    ids=["free", "springs", "springs of one direction", "clamped"],
+)
+def test_what_nothing_holds_keeps_its_momenta(effects, motions):
+    made = scene(*effects, PUSHED)
+    n = made.owned_nodes
+    x = made.space.tabulate_dof_coordinates()[:n]
+    held = np.repeat((x[:, 0] < 1e-9) & (HELD in effects), 3)
+    rows = Rows(made.space, np.arange(n, dtype=np.int32))
+    ground = ground_of(made, rows)
+    M = PETSc.Mat().createDiagonal(PETSc.Vec().createWithArray(np.repeat(np.linspace(1, 2, n), 3)))
+    springs = None if ground is None else ground.K
+    loose = loose_parts(made, Frames(made, x), held, springs, M)
+    assert loose.count == motions
+    assert loose.nodes.all() == (motions > 0)
+    assert loose.pins().size == motions
+    force = np.random.default_rng(1).normal(size=(n, 3))
+    left, size = loose.balanced(force), np.abs(force).sum()
+    if motions == 6:
+        assert np.abs(left.sum(axis=0)).max() <= 1e-12 * size
+        assert np.abs(np.cross(x, left).sum(axis=0)).max() <= 1e-12 * 8 * size
+        v, m = loose.still(force), np.linspace(1, 2, n)[:, None]
+        assert np.abs((m * v).sum(axis=0)).max() <= 1e-12 * size
+        assert np.abs(np.cross(x, m * v).sum(axis=0)).max() <= 1e-12 * 8 * size
+    elif motions == 0:
+        np.testing.assert_array_equal(left, force)
 
 
 def test_bodies_are_released_before_a_run_is_too_far_off(followed, monkeypatch):

@@ -7,6 +7,8 @@ import numpy.typing as npt
 
 from rigidfx.coupling.rows import Rows
 from rigidfx.effects import Rigid
+from rigidfx.error.frames import Frames
+from rigidfx.error.loose import Loose, loose_parts
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.shadow.ground import ground_of
 from rigidfx.shadow.linear_motion import LinearMotion
@@ -15,19 +17,24 @@ from rigidfx.step.stepper import Stepper
 
 __all__ = ["about"]
 
-Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
 
-def about(stepper: Stepper, forms: LinearForms, places: Array, held: Bools) -> LinearMotion:
+def about(
+    stepper: Stepper, forms: LinearForms, frames: Frames, held: Bools
+) -> tuple[LinearMotion, Loose]:
     """M, C and K of all cells about a shape, with springs; parts named rigid are stiff. Collective.
 
     Args:
         stepper: Knows the forces of the run.
         forms: Linear forms, which get the shape.
-        places: Of the owned nodes in the shape, shape (nodes, 3) [m].
+        frames: The shape.
         held: Which owned dofs supports hold.
+
+    Returns:
+        The equations, and the rigid motions that nothing holds.
     """
+    places = frames.shape
     scene, forces, shape = stepper.scene, stepper.forces, forms.shape.x
     rows = Rows(scene.space, np.arange(len(places), dtype=np.int32))
     owned = scene.mesh.topology.index_map(scene.mesh.topology.dim).size_local
@@ -38,4 +45,6 @@ def about(stepper: Stepper, forms: LinearForms, places: Array, held: Bools) -> L
     named = [scene.owned_cells(part.where, part.kind) for part in scene.named(Rigid)]
     rigid = forces.cells(np.unique(np.concatenate(named)).astype(np.int32)) if named else None
     supported = np.flatnonzero(held)
-    return LinearMotion(rows, cells, forms, mass, supported, ground=ground, rigid=rigid)
+    motion = LinearMotion(rows, cells, forms, mass, supported, ground=ground, rigid=rigid)
+    springs = None if ground is None else ground.K
+    return motion, loose_parts(scene, frames, held, springs, motion.matrices[1])

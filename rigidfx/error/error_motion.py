@@ -13,7 +13,8 @@ A shown place is x + Q_p e with one rotation Q_p of each connected part (3), so 
 time through freezes and releases.
 
 Parts named `Rigid` are rigid in the twin, too: they have many times their stiffness in K. e is not
-known from the first contact on, where no support holds, and beside a part of given mass or inertia.
+known from the first contact on, and beside a part of given mass or inertia. Parts that neither
+supports nor springs hold have an e without rigid motions, which is not added to what is shown.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from rigidfx.error.cell_strains import CellStrains
 from rigidfx.error.equations import about
 from rigidfx.error.frames import Frames, to_space
 from rigidfx.error.impulse import Impulse
+from rigidfx.error.loose import Loose
 from rigidfx.error.modal import Modal
 from rigidfx.error.response import PREPARING, AllUnknowns, Response
 from rigidfx.flexible.indicator import Indicator
@@ -62,11 +64,11 @@ LONGEST = 4  # steps of the run in a step of e, at most
 
 def can_be_followed(scene: Scene) -> bool:
     """Whether e may be known in a scene."""
-    return bool(scene.supports) and not any(rigid.given for rigid in scene.named(Rigid))
+    return not any(rigid.given for rigid in scene.named(Rigid))
 
 
 # An attempt; impulse, response, and the own numbers, as they were before it.
-_Before = tuple[Attempt, object, object, tuple[int, float | None, float, float]]
+_Before = tuple[Attempt, object, object, tuple[int, float, float]]
 
 
 @dataclass(frozen=True)
@@ -119,7 +121,7 @@ class ErrorMotion(Watch):
         n = scene.owned_nodes
         self._nodes = np.arange(n)
         self._impulse = Impulse(stepper, shadow)
-        self._size: float | None = 0.0
+        self._loose: Loose | None = None
         self._response: Response | None = None
         self._frames: Frames | None = None  # against the shape at the first freeze
         self._dt = self._of_run = 0.0  # length of the steps of e, and of the run's [s]
@@ -130,15 +132,29 @@ class ErrorMotion(Watch):
 
     @property
     def largest(self) -> float | None:
-        """Largest |e| of any node [m], by which bodies are released; None if none is by that."""
-        return self._size if self.known and self._bounded else None
+        """Largest |e| of any node [m], by which bodies are released. Collective.
+
+        None where e is unknown, without a support, and in large structures: there it releases none.
+        """
+        if not (self.known and self._bounded and self._scene.supports):
+            return None
+        e = 0.0
+        if self._response is not None and self._loose is not None:
+            held = self._response.fields()[0][~self._loose.nodes]
+            e = float(np.linalg.norm(held, axis=1).max(initial=0.0))
+        return float(self._scene.comm.allreduce(e, op=MPI.MAX))
 
     def shown(self) -> Shown | None:
-        """e in space at the present time; None while it is zero, or not known. Collective."""
+        """e in space at the present time; None while it is zero, or not known. Collective.
+
+        It is zero in parts that nothing holds.
+        """
         if self._frames is None or (response := self._valid()) is None:
             return None
         Q = self._frames.of_parts(self._stepper.state.positions(self._nodes))[self._frames.part]
         e, rate = response.fields()
+        if self._loose is not None:
+            e, rate = (np.where(self._loose.nodes[:, None], 0.0, a) for a in (e, rate))
         return Shown(to_space(e + self._impulse.span * rate, Q), to_space(rate, Q))
 
     def at(self, points: Mapping[str, Point]) -> Mapping[str, Array]:
@@ -151,7 +167,10 @@ class ErrorMotion(Watch):
             return {}
         Q = self._frames.of_parts(self._stepper.state.positions(self._nodes))
         part = self._frames.parts_at([point.nodes for point in points.values()])
-        e, rate = self._scene.sum(np.stack(response.at([*points.values()])))
+        own = np.stack(response.at([*points.values()]))
+        if self._loose is not None:
+            own[:, [self._loose.nodes[point.nodes].any() for point in points.values()]] = 0.0
+        e, rate = self._scene.sum(own)
         return dict(zip(points, to_space(e + self._impulse.span * rate, Q[part]), strict=True))
 
     def rates(self, cells: Cells) -> Array:
@@ -227,7 +246,7 @@ class ErrorMotion(Watch):
         with _FOLLOWING:
             self._have_equations(attempt.dt)
             assert self._response is not None
-            own = self.steps, self._size, self._dt, self._of_run
+            own = self.steps, self._dt, self._of_run
             self._before = attempt, self._impulse.kept(), self._response.kept(), own
             self._take(attempt.dt, self._frames)
         return self.steps > own[0]
@@ -239,7 +258,7 @@ class ErrorMotion(Watch):
             _, impulse, motion, own = self._before
             self._impulse.restore(impulse)
             self._response.restore(motion)
-            self.steps, self._size, self._dt, self._of_run = own
+            self.steps, self._dt, self._of_run = own
         self._before = None
 
     @property
@@ -286,14 +305,14 @@ class ErrorMotion(Watch):
         assert frames is not None
         with PREPARING:
             forces.set_rate(1.0)
-            motion = about(self._stepper, self._forms, frames.shape, mask)
+            motion, self._loose = about(self._stepper, self._forms, frames, mask)
             forces.set_rate(1 / dt)
-        held = np.flatnonzero(mask)
+        e, rate = self._loose.still(e), self._loose.still(rate)
         if self._few:
             self._response = AllUnknowns(self._scene, motion, e, rate)
         else:
-            points = [*self._points.values()]
-            self._response = Modal(self._scene, motion, held, points, e, rate)
+            held, points = np.flatnonzero(mask), [*self._points.values()]
+            self._response = Modal(self._scene, motion, held, self._loose, points, e, rate)
 
     def _adapt(self, dt: float) -> None:
         """Choose the length of steps: long ones where motion and e allow them. Collective.
@@ -313,17 +332,18 @@ class ErrorMotion(Watch):
     def _step(self) -> None:
         """Take a step of e under the mean force since the last one; none at rest. Collective."""
         assert self._response is not None
+        assert self._loose is not None
         dt, impulse = self._dt, self._impulse
         mean = impulse.taken(dt)
         moving = bool(mean.any() or impulse.kick.any() or self._response.moving)
         if not self._scene.comm.allreduce(moving, op=MPI.LOR):
             return
-        self._response.kick(impulse.kick)
+        self._response.kick(self._loose.still(impulse.kick))
         impulse.kick = np.zeros_like(impulse.kick)
         drag, xi = self._scene.damping(self._stepper.state.t)
         # ξ is a viscosity by the steps of the run.
-        self._response.step(mean, dt, drag, xi * self._of_run / dt)
-        self._size = self._response.size
+        force = self._loose.balanced(mean)
+        self._response.step(force, dt, drag, xi * self._of_run / dt)
         self.steps += 1
 
     def destroy(self) -> None:

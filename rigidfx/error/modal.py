@@ -21,6 +21,7 @@ import numpy.typing as npt
 from petsc4py import PETSc
 
 from rigidfx.coupling.eigenpairs import lowest
+from rigidfx.error.loose import Loose
 from rigidfx.error.response import FACTORING, PREPARING
 from rigidfx.scene.points import Point
 from rigidfx.scene.scene import Scene
@@ -56,6 +57,7 @@ class Modal:
         scene: Scene,
         motion: LinearMotion,
         supported: npt.NDArray[np.int64],
+        loose: Loose,
         points: Sequence[Point],
         e: Array,
         rate: Array,
@@ -67,20 +69,22 @@ class Modal:
             scene: The problem.
             motion: The equations of all rows, which are freed.
             supported: Rows of this rank that supports hold.
+            loose: Rigid motions that nothing holds.
             points: Points at which e will be asked for.
             e: At the start, shape (nodes, 3) [m].
             rate: Its rate, likewise [m/s].
             modes: What is chosen.
         """
         self._scene, self._modes = scene, Modes() if modes is None else modes
-        K, M, C = motion.matrices
+        (K, M, C), scale = motion.matrices, motion.scale
         first, size = K.getOwnershipRange()[0], K.getLocalSize()[0]
         self._free = np.setdiff1d(np.arange(size), supported)
         rows = PETSc.IS().createGeneral((first + self._free).astype(PETSc.IntType), comm=K.comm)
         Kf, Mf = (A.createSubMatrix(rows, rows) for A in (K, M))
         with PREPARING:
-            pairs = lowest(Kf, Mf, self._modes.count)
-        self._bound = pairs.rigid == 0  # K has an inverse
+            pairs = lowest(Kf, Mf, self._modes.count, loose.count)
+        self._loose = loose
+        self._bound = pairs.rigid == loose.count  # K has an inverse but for these
         self._squares = pairs.values
         vectors = pairs.vectors
         self._phi = np.array([v.array_r for v in vectors]).reshape(-1, self._free.size)
@@ -98,6 +102,10 @@ class Modal:
             if item is not None:
                 item.destroy()
         self._right, self._found = Kf.createVecs()
+        self._pins = np.searchsorted(self._free, loose.pins())
+        Kf.zeroRowsColumns(
+            (Kf.getOwnershipRange()[0] + self._pins).astype(PETSc.IntType), diag=scale
+        )
         with FACTORING:
             self._solver = solver_of(Kf)
         self._n = size // 3
@@ -117,8 +125,6 @@ class Modal:
     def slowness(self) -> float:
         """See `Response`: the steps of the run, as they cost next to nothing."""
         return 0.0
-
-    size: float | None = None
 
     @property
     def moving(self) -> bool:
@@ -209,10 +215,16 @@ class Modal:
         return np.asarray(self._scene.sum(values))
 
     def _solved(self, force: Array) -> Array:
-        """K⁻¹ of a force at the free rows. Collective."""
+        """K⁻¹ of a force at the free rows, without loose motions. Collective."""
+        if self._loose.count:
+            force = self._loose.balanced(self._field(force)).reshape(-1)[self._free]
+            force[self._pins] = 0.0
         self._right.array[:] = force
         self._solver.solve(self._right, self._found)
-        return self._found.array_r.copy()
+        found = self._found.array_r.copy()
+        if self._loose.count:
+            found = self._loose.still(self._field(found)).reshape(-1)[self._free]
+        return found
 
     def _adjoint(self, point: Point) -> tuple[Array, Array]:
         """Φ at a point, shape (modes, 3), of this rank; K⁻¹p, shape (3, free rows). Collective."""

@@ -37,11 +37,6 @@ class Response(Protocol):
         ...
 
     @property
-    def size(self) -> float | None:
-        """Largest |e| of any node [m]; None if it is not known. Collective."""
-        ...
-
-    @property
     def moving(self) -> bool:
         """Whether e or ė is not zero on this rank."""
         ...
@@ -111,18 +106,9 @@ class AllUnknowns:
     @property
     def slowness(self) -> float:
         """See `Response`."""
-        e, rate = self._largest()
-        return e / rate if e * rate > 0 else 0.0
-
-    @property
-    def size(self) -> float | None:
-        """See `Response`."""
-        return self._largest()[0]
-
-    def _largest(self) -> tuple[float, float]:
         both = [float(np.linalg.norm(a, axis=1).max(initial=0.0)) for a in (self._e, self._rate)]
         e, rate = np.max(self._scene.comm.allgather(both), axis=0)
-        return float(e), float(rate)
+        return float(e / rate) if e * rate > 0 else 0.0
 
     @property
     def moving(self) -> bool:

@@ -77,6 +77,11 @@ class LinearMotion:
             self._dashpots.array[:] = np.repeat(dashpots, 3)
 
     @property
+    def scale(self) -> float:
+        """Size of the diagonal of K, which rows get that are held [N/m]."""
+        return self._scale
+
+    @property
     def matrices(self) -> tuple[PETSc.Mat, PETSc.Mat, PETSc.Mat | None]:
         """K, M and what is viscous of C; freed with the rest."""
         return self._K, self._M, self._viscosity

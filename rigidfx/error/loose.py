@@ -1,0 +1,125 @@
+"""Rigid motions that nothing holds: e has none of them.
+
+A part that neither a support nor springs hold would drift off in e, as a phase that is lost. So
+forces on e and velocities that it gets are taken without their rigid motions, by masses: with the
+motions Φ of a part, r - MΦ(ΦᵀMΦ)⁻¹Φᵀr and v - Φ(ΦᵀMΦ)⁻¹ΦᵀM v. What is left strains.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from petsc4py import PETSc
+
+from rigidfx.error.frames import Frames
+from rigidfx.scene.scene import Scene
+from rigidfx.shadow.rigid_motions import independent, rigid_motions
+
+__all__ = ["Loose", "loose_parts"]
+
+Array = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
+Ints = npt.NDArray[np.int64]
+
+FREE = 1e-10  # of the stiffest rigid motion in springs: one that they do not hold
+
+
+@dataclass(frozen=True)
+class Loose:
+    """The rigid motions of the parts that nothing holds.
+
+    Attributes:
+        nodes: Which owned nodes belong to such parts.
+        motions: Φ at the owned nodes, shape (3 nodes, motions), ΦᵀMΦ = 1.
+        momenta: MΦ, likewise.
+    """
+
+    scene: Scene
+    nodes: Bools
+    motions: Array
+    momenta: Array
+
+    @property
+    def count(self) -> int:
+        """Number of motions."""
+        return int(self.motions.shape[1])
+
+    def balanced(self, force: Array) -> Array:
+        """Forces without what moves parts as a whole, shape (nodes, 3) [N]. Collective."""
+        return self._without(force, self.motions, self.momenta)
+
+    def still(self, motion: Array) -> Array:
+        """Displacements or velocities without rigid motions, shape (nodes, 3). Collective."""
+        return self._without(motion, self.momenta, self.motions)
+
+    def _without(self, vectors: Array, by: Array, along: Array) -> Array:
+        if not self.count:
+            return vectors
+        parts = np.asarray(self.scene.sum(by.T @ vectors.reshape(-1)))
+        return vectors - (along @ parts).reshape(-1, 3)
+
+    def pins(self) -> Ints:
+        """Owned dofs that keep these motions from happening; as many on all ranks. Collective."""
+        if not self.count:
+            return np.empty(0, np.int64)
+        best = independent(self.motions)
+        offers = self.scene.comm.allgather(self.motions[best])
+        rank = np.repeat(np.arange(len(offers)), [len(rows) for rows in offers])
+        chosen = independent(np.concatenate(offers))
+        first = sum(len(rows) for rows in offers[: self.scene.comm.rank])
+        return np.asarray(best[chosen[rank[chosen] == self.scene.comm.rank] - first])
+
+
+def loose_parts(
+    scene: Scene, frames: Frames, held: Bools, springs: Array | None, M: PETSc.Mat
+) -> Loose:
+    """The rigid motions that neither supports nor springs resist. Collective.
+
+    Args:
+        scene: The problem.
+        frames: Shape and connected parts.
+        held: Which owned dofs supports hold.
+        springs: Stiffness to the ground at the owned nodes, shape (nodes, 3, 3) [N/m], if any.
+        M: Mass matrix of the owned nodes.
+    """
+    free = _unsupported(scene, frames, held)
+    n, columns = len(frames.shape), []
+    nodes = np.zeros(n, dtype=bool)
+    for k in np.flatnonzero(free):
+        own = frames.part == k
+        length = float(np.linalg.norm(scene.parts.upper[k] - scene.parts.lower[k]))
+        V = rigid_motions(
+            frames.shape[own] - (scene.parts.lower + scene.parts.upper)[k] / 2, length
+        )
+        K = np.zeros((6, 6))
+        if springs is not None:
+            K = np.einsum("nik,nij,njl->kl", V, springs[own], V)
+        values, vectors = np.linalg.eigh(np.asarray(scene.sum(K)))
+        unresisted = vectors[:, values <= FREE * values[-1]]
+        if unresisted.shape[1]:
+            nodes |= own
+            modes = np.zeros((n, 3, unresisted.shape[1]))
+            modes[own] = V @ unresisted
+            columns.append(modes.reshape(3 * n, -1))
+    motions = np.concatenate([np.empty((3 * n, 0)), *columns], axis=1)
+    momenta = np.empty_like(motions)
+    x, y = M.createVecs()
+    for column, product in zip(motions.T, momenta.T, strict=True):
+        x.array[:] = column
+        M.mult(x, y)
+        product[:] = y.array_r
+    x.destroy()
+    y.destroy()
+    if motions.shape[1]:
+        inverse = np.linalg.inv(np.linalg.cholesky(scene.sum(motions.T @ momenta)))
+        motions, momenta = motions @ inverse.T, momenta @ inverse.T
+    return Loose(scene, nodes, motions, momenta)
+
+
+def _unsupported(scene: Scene, frames: Frames, held: Bools) -> Bools:
+    """Which connected parts no support holds at any node. Collective."""
+    at = held.reshape(-1, 3).any(axis=1)
+    counts = np.bincount(frames.part[at], minlength=scene.parts.count)
+    return np.asarray(scene.sum(counts.astype(np.float64)) == 0)
