@@ -14,11 +14,11 @@ from error_on_ranks import DT, scene
 from parallel import report
 
 import rigidfx as rf
-from rigidfx.error import error_motion
+from rigidfx.error import equations
 from rigidfx.error.error_motion import ErrorMotion
 from rigidfx.error.frames import Frames, to_shape
 
-every, largest, begin = [], error_motion.LARGEST, ErrorMotion.__init__
+every, largest, begin = [], equations.LARGEST, ErrorMotion.__init__
 
 
 def made(self, *arguments):
@@ -52,7 +52,7 @@ def measured(motion):
 
 
 frames, before, last, seen, worst, rows = None, None, (0, 0.0), 0, 0.0, []
-ErrorMotion.__init__, error_motion.LARGEST = made, int(sys.argv[1])
+ErrorMotion.__init__, equations.LARGEST = made, int(sys.argv[1])
 run = rf.simulate(scene, DT, 4.0, rigidify=rf.StrainRate(2e-3, 20 * DT), progress=False)
 for r in run:
     x, error = r.state.positions(np.arange(scene.owned_nodes)), every[-1]
@@ -74,7 +74,7 @@ for r in run:
         rows.append(scene.sum([float(of @ of) for of in told]).tolist())
         seen += cells.size
     before, last = now, (error.steps, r.t)
-ErrorMotion.__init__, error_motion.LARGEST = begin, largest  # ranks run other scripts, too
+ErrorMotion.__init__, equations.LARGEST = begin, largest  # ranks run other scripts, too
 seen = sum(scene.comm.allgather(seen))
 if scene.comm.rank == 0:
     report({"worst": float(worst), "seen": int(seen), "rows": rows})

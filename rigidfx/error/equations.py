@@ -1,23 +1,97 @@
-"""The matrices of the error's equation about a shape, over all cells."""
+"""The error's equation about a shape, over all cells, and its solution while supports last."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 
 from rigidfx.coupling.rows import Rows
 from rigidfx.effects import Rigid
 from rigidfx.error.frames import Frames
 from rigidfx.error.loose import Loose, loose_parts
+from rigidfx.error.modal import Modal
+from rigidfx.error.response import PREPARING, AllUnknowns, Response
 from rigidfx.flexible.linear_forms import LinearForms
+from rigidfx.scene.points import Point
 from rigidfx.shadow.ground import ground_of
 from rigidfx.shadow.linear_motion import LinearMotion
 from rigidfx.shadow.parts import mass_of
 from rigidfx.step.stepper import Stepper
 
-__all__ = ["about"]
+__all__ = ["LARGEST", "Equations"]
 
+Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
+
+LARGEST = 12_000  # unknowns up to which e is solved for all of them; beyond, by modes
+
+
+class Equations:
+    """One set of matrices and its solution; others follow where supports or viscosities change.
+
+    Attributes:
+        response: The solution; None before the first step of e.
+        loose: Rigid motions that nothing holds; None likewise.
+        shape: Displacement that makes the shape [m].
+    """
+
+    def __init__(self, stepper: Stepper, points: Sequence[Point]) -> None:
+        """Compile the forms. Collective.
+
+        Args:
+            stepper: Knows the forces and the supports of the run.
+            points: Points at which e will be asked for.
+        """
+        scene = stepper.scene
+        self._stepper, self._points = stepper, points
+        self._forms = LinearForms(scene, stepper.forces)
+        self._few = 3 * scene.space.dofmap.index_map.size_global <= LARGEST
+        self._held: Bools = np.zeros(3 * scene.owned_nodes, dtype=bool)
+        self._viscous: list[int] = []  # terms of viscosity in these equations
+        self.response: Response | None = None
+        self.loose: Loose | None = None
+        self.shape = self._forms.shape
+
+    def have(self, dt: float, frames: Frames) -> tuple[Response, Loose]:
+        """The solution for the supports and viscosities that act. Collective.
+
+        Args:
+            dt: Length of the step of the run [s].
+            frames: The shape.
+        """
+        scene, forces = self._stepper.scene, self._stepper.forces
+        held = self._stepper.prescribed.mask[: self._held.size]
+        viscous = [k for k, _ in forces.viscous_terms]
+        new = self.response is None or viscous != self._viscous or bool((held != self._held).any())
+        if scene.comm.allreduce(new, op=MPI.LOR):
+            e, rate = np.zeros((2, *frames.shape.shape))
+            if self.response is not None:
+                e, rate = (np.where(held.reshape(-1, 3), 0.0, a) for a in self.response.fields())
+            self.destroy()
+            self._held, self._viscous = held.copy(), viscous
+            with PREPARING:
+                forces.set_rate(1.0)
+                motion, loose = about(self._stepper, self._forms, frames, held)
+                forces.set_rate(1 / dt)
+            e, rate = loose.still(e), loose.still(rate)
+            if self._few:
+                self.response = AllUnknowns(scene, motion, e, rate)
+            else:
+                supported = np.flatnonzero(held)
+                self.response = Modal(scene, motion, supported, loose, self._points, e, rate)
+            self.loose = loose
+        assert self.response is not None
+        assert self.loose is not None
+        return self.response, self.loose
+
+    def destroy(self) -> None:
+        """Free the PETSc objects. Collective."""
+        if self.response is not None:
+            self.response.destroy()
+            self.response = None
 
 
 def about(

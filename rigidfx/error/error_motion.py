@@ -29,14 +29,12 @@ from petsc4py import PETSc
 
 from rigidfx.effects import Rigid, Spring
 from rigidfx.error.cell_strains import CellStrains
-from rigidfx.error.equations import about
+from rigidfx.error.equations import Equations
 from rigidfx.error.frames import Frames, to_space
 from rigidfx.error.impulse import Impulse
 from rigidfx.error.loose import Loose
-from rigidfx.error.modal import Modal
-from rigidfx.error.response import PREPARING, AllUnknowns, Response
+from rigidfx.error.response import Response
 from rigidfx.flexible.indicator import Indicator
-from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.scene.points import Point
 from rigidfx.scene.scene import Scene
 from rigidfx.shadow.shadow import Shadow
@@ -47,14 +45,12 @@ from rigidfx.step.watches.watch import Watch
 __all__ = ["ErrorMotion", "Shown", "can_be_followed"]
 
 Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 Cells = npt.NDArray[np.int32]
 Nodes = npt.NDArray[np.integer]
 
 # What PETSc's log calls this part of a run.
 _FOLLOWING = PETSc.Log.Event("rigidfxErrorMotion")
 
-LARGEST = 12_000  # unknowns up to which e is solved for all of them; beyond, by modes
 BOUNDED = 5000  # unknowns up to which |e| releases bodies: beyond, few scenes were tried
 # Length of a step of e over 1/ω of the motion and of e, at most: a vibration of e is out of phase
 # by (ω Δt)²/12 a radian.
@@ -111,22 +107,17 @@ class ErrorMotion(Watch):
             indicator: A measure of its own for strains of e.
         """
         self._stepper, self._turning = stepper, turning
-        self._points = points
         self._scene = scene = stepper.scene
         self.known = True
         unknowns = 3 * scene.space.dofmap.index_map.size_global
-        self._bounded, self._few = unknowns <= BOUNDED, unknowns <= LARGEST
-        self._forms = LinearForms(scene, stepper.forces)
+        self._bounded = unknowns <= BOUNDED
+        self._equations = Equations(stepper, [*points.values()])
         self._strains = CellStrains(scene, stepper.forces, indicator)
         n = scene.owned_nodes
         self._nodes = np.arange(n)
         self._impulse = Impulse(stepper, shadow)
-        self._loose: Loose | None = None
-        self._response: Response | None = None
         self._frames: Frames | None = None  # against the shape at the first freeze
         self._dt = self._of_run = 0.0  # length of the steps of e, and of the run's [s]
-        self._mask: Bools = np.zeros(3 * n, dtype=bool)
-        self._viscous: list[int] = []  # terms of viscosity in these equations
         self._before: _Before | None = None  # a look at an attempt, if it is no step yet
         self.steps = 0
 
@@ -184,13 +175,21 @@ class ErrorMotion(Watch):
         """
         if self._response is None:
             return np.zeros(len(cells))
-        return self._strains.of(*self._response.change(), self._forms.shape, cells)
+        return self._strains.of(*self._response.change(), self._equations.shape, cells)
 
     def strains(self, cells: Cells) -> Array:
         """Strains of e at the end of its last step, in the same measure [-]. See `rates`."""
         if self._response is None:
             return np.zeros(len(cells))
-        return self._strains.of(self._response.fields()[0], 1.0, self._forms.shape, cells)
+        return self._strains.of(self._response.fields()[0], 1.0, self._equations.shape, cells)
+
+    @property
+    def _response(self) -> Response | None:
+        return self._equations.response
+
+    @property
+    def _loose(self) -> Loose | None:
+        return self._equations.loose
 
     def _valid(self) -> Response | None:
         """The response, where it may be shown."""
@@ -224,7 +223,7 @@ class ErrorMotion(Watch):
     def _velocities(self) -> Array:
         state = self._stepper.state
         state.rebuild()
-        return state.v.x.array[: self._mask.size].reshape(-1, 3).copy()
+        return state.v.x.array[: 3 * len(self._nodes)].reshape(-1, 3).copy()
 
     # Steps --------------------------------------------------------------------------------------
 
@@ -244,7 +243,7 @@ class ErrorMotion(Watch):
         if not self.known or self._frames is None or self._is_touched:
             return False
         with _FOLLOWING:
-            self._have_equations(attempt.dt)
+            self._equations.have(attempt.dt, self._frames)
             assert self._response is not None
             own = self.steps, self._dt, self._of_run
             self._before = attempt, self._impulse.kept(), self._response.kept(), own
@@ -285,35 +284,6 @@ class ErrorMotion(Watch):
         while self._impulse.span >= self._dt * (1 - 1e-9):
             self._step()
 
-    def _have_equations(self, dt: float) -> None:
-        """Have the equations of the supports and viscosities that act. Collective.
-
-        Args:
-            dt: Length of the step of the run [s].
-        """
-        mask = self._stepper.prescribed.mask[: self._mask.size]
-        viscous = [k for k, _ in self._stepper.forces.viscous_terms]
-        new = self._response is None or viscous != self._viscous or bool((mask != self._mask).any())
-        if not self._scene.comm.allreduce(new, op=MPI.LOR):
-            return
-        e, rate = np.zeros((2, len(self._nodes), 3))
-        if self._response is not None:
-            e, rate = (np.where(mask.reshape(-1, 3), 0.0, a) for a in self._response.fields())
-        self.destroy()
-        self._mask, self._viscous = mask.copy(), viscous
-        forces, frames = self._stepper.forces, self._frames
-        assert frames is not None
-        with PREPARING:
-            forces.set_rate(1.0)
-            motion, self._loose = about(self._stepper, self._forms, frames, mask)
-            forces.set_rate(1 / dt)
-        e, rate = self._loose.still(e), self._loose.still(rate)
-        if self._few:
-            self._response = AllUnknowns(self._scene, motion, e, rate)
-        else:
-            held, points = np.flatnonzero(mask), [*self._points.values()]
-            self._response = Modal(self._scene, motion, held, self._loose, points, e, rate)
-
     def _adapt(self, dt: float) -> None:
         """Choose the length of steps: long ones where motion and e allow them. Collective.
 
@@ -349,6 +319,4 @@ class ErrorMotion(Watch):
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
         self._before = None
-        if self._response is not None:
-            self._response.destroy()
-            self._response = None
+        self._equations.destroy()

@@ -23,8 +23,6 @@ Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 Ints = npt.NDArray[np.int64]
 
-FREE = 1e-10  # of the stiffest rigid motion in springs: one that they do not hold
-
 
 @dataclass(frozen=True)
 class Loose:
@@ -97,7 +95,8 @@ def loose_parts(
         if springs is not None:
             K = np.einsum("nik,nij,njl->kl", V, springs[own], V)
         values, vectors = np.linalg.eigh(np.asarray(scene.sum(K)))
-        unresisted = vectors[:, values <= FREE * values[-1]]
+        rounding = np.sqrt(np.finfo(np.float64).eps)
+        unresisted = vectors[:, values <= rounding * values[-1]]
         if unresisted.shape[1]:
             nodes |= own
             modes = np.zeros((n, 3, unresisted.shape[1]))
