@@ -31,6 +31,7 @@ from rigidfx.report.current import check_scene
 from rigidfx.report.of_step import report_of
 from rigidfx.report.probes import Probes
 from rigidfx.report.report import Report
+from rigidfx.scene.conflicts import refuse_joints
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
 from rigidfx.state import State
@@ -93,6 +94,7 @@ def static(
                 f"static: {kind.__name__} has no meaning in statics. Take {instead}, or leave it "
                 "out."
             )
+    refuse_joints("static", scene)
     ends = sorted({*ends, *(t for t in scene.breakpoints if 0 < t < last)})
     ramped = copy(scene)
     ramped.effects = tuple(_ramped(effect, last) for effect in scene.effects)

@@ -17,6 +17,10 @@ from rigidfx.effects.damping.numerical_damping import NumericalDamping
 from rigidfx.effects.damping.stiffness_damping import StiffnessDamping
 from rigidfx.effects.initial.initial_displacement import InitialDisplacement, places_at_start
 from rigidfx.effects.initial.initial_velocity import InitialVelocity
+from rigidfx.effects.joints.joint import Joint
+from rigidfx.effects.joints.revolute import Revolute
+from rigidfx.effects.joints.sides import MeanFace
+from rigidfx.effects.joints.spherical import Spherical
 from rigidfx.effects.loads.body_force import BodyForce
 from rigidfx.effects.loads.dead_load import DeadLoad
 from rigidfx.effects.loads.gravity import Gravity
@@ -44,8 +48,10 @@ __all__ = [
     "Gravity",
     "InitialDisplacement",
     "InitialVelocity",
+    "Joint",
     "KelvinVoigt",
     "MassDamping",
+    "MeanFace",
     "NodalForce",
     "NumericalDamping",
     "Obstacle",
@@ -56,8 +62,10 @@ __all__ = [
     "PrescribedRotation",
     "Pressure",
     "Resultant",
+    "Revolute",
     "Rigid",
     "Sphere",
+    "Spherical",
     "Spring",
     "StiffnessDamping",
     "Structure",

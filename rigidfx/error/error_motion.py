@@ -27,7 +27,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from rigidfx.effects import Rigid, Spring
+from rigidfx.effects import Joint, Rigid, Spring
 from rigidfx.error.cell_strains import CellStrains
 from rigidfx.error.equations import Equations
 from rigidfx.error.frames import Frames, to_space
@@ -60,7 +60,8 @@ LONGEST = 4  # steps of the run in a step of e, at most
 
 def can_be_followed(scene: Scene) -> bool:
     """Whether e may be known in a scene."""
-    return not any(rigid.given for rigid in scene.named(Rigid))
+    given = any(rigid.given for rigid in scene.named(Rigid))
+    return not given and not scene.named(Joint)
 
 
 # An attempt; impulse, response, and the own numbers, as they were before it.

@@ -159,7 +159,7 @@ class Withheld:
         system = self._stepper.system
         increments = system.equilibrium.prolongation.increments
         start, end = increments.start, increments.end
-        if self._loads is not None or not system.actions.dead:
+        if self._loads is not None or not system.dead:
             self._place(self._u0, start)
         if self._loads is not None:
             self._place(self._u1, end)
@@ -169,7 +169,7 @@ class Withheld:
         gained /= dt
         W, shorter, Vt = np.linalg.svd(increments.R_av[self._of])
         turning = _Turning(gained, W @ Vt, Vt.mT * shorter[:, None] @ Vt)
-        free, moved = self._untouched and system.actions.dead, increments.displacement[self._of]
+        free, moved = self._untouched and system.dead, increments.displacement[self._of]
         if free and self._known is not None and self._same(self._known, turning, little):
             self._left = turning, moved, dt, given
             return self._known.force
@@ -197,7 +197,7 @@ class Withheld:
         f.array[:] -= given
         self._actions.resist_nodes(self._d, dt, f)
         residual = f.array.reshape(-1, 3)
-        system.actions.resist_at(parts.rows.nodes, residual)
+        system.resist_at(parts.rows.nodes, residual)
         if not self._untouched:
             of_flexible = system.equilibrium.forces_out_of_balance.array_r.reshape(-1, 3)
             for own, active in self._attached:

@@ -24,6 +24,7 @@ from rigidfx.base.warning import warn
 from rigidfx.coupling.eigenpairs import clusters, lowest
 from rigidfx.report.current import check_about, check_scene
 from rigidfx.report.report import Report
+from rigidfx.scene.conflicts import refuse_joints
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.summary import FURTHER
 from rigidfx.vibration.problem import Problem
@@ -155,6 +156,7 @@ def modes(scene: Scene, count: int = 6, *, about: Report | None = None) -> Modes
     check_same(scene.comm, "modes", {"count": count, "about": about is not None})
     if about is not None:
         check_about("modes", scene, about)
+    refuse_joints("modes", scene)
     problem = Problem(scene, about)
     try:
         found = _modes(scene, problem, count)

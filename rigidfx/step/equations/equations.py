@@ -25,7 +25,7 @@ from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.flexible.bound_forces import BoundForces
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
-from rigidfx.mechanics.body_step import StaticStep, Step
+from rigidfx.mechanics.body_step import Increments, StaticStep, Step
 from rigidfx.scene.scene import Scene
 from rigidfx.step.equations.actions import Actions
 from rigidfx.step.equations.lost import Lost
@@ -107,6 +107,27 @@ class Equilibrium:
             self._mass.mult(v0, self._before)
         return self.trial
 
+    def unknowns(self) -> PETSc.Vec:
+        """A new vector of unknowns; the caller destroys it."""
+        return self.prolongation.unknowns()
+
+    def guess(self, increment: Array, six: Array, y: PETSc.Vec) -> None:
+        """Set unknowns to a first guess. Collective.
+
+        Args:
+            increment: Increments of the active nodes, one number per row [m].
+            six: Those of the bodies, shape (bodies, 6) [m].
+            y: Unknowns, overwritten.
+        """
+        self.prolongation.collapse(increment, six, y)
+
+    def largest(self, y: PETSc.Vec) -> float:
+        """Largest increment among unknowns [m]. Collective."""
+        return float(y.norm(PETSc.NormType.INFINITY))
+
+    def accept(self) -> None:
+        """Take note that the last iterate has become a step."""
+
     @property
     def dt(self) -> float:
         """Δt of the present step [s]."""
@@ -156,8 +177,16 @@ class Equilibrium:
             self._work.axpby(2 / self.dt, -2.0, self.d)
             self._mass.mult(self._work, self._inertia)
             f.axpy(1 / self.dt, self._inertia)
-        self._actions.resist_nodes(self.d, self.dt, f)
+        self._resist_nodes(f)
         self.prolongation.collapse(f.array_r, self._body_forces(), r)
+
+    def _resist_nodes(self, f: PETSc.Vec) -> None:
+        """Add the resistance of nodes that are no body's to f. Collective."""
+        self._actions.resist_nodes(self.d, self.dt, f)
+
+    def _resist_bodies(self, increments: Increments) -> None:
+        """Add that of bodies to the moments of nodal forces."""
+        self._actions.resist_bodies(increments, self._moments)
 
     def _body_forces(self) -> Array:
         """Residual of the bodies, shape (bodies, 6) [N]. Collective."""
@@ -165,7 +194,7 @@ class Equilibrium:
         if not len(increments.six):  # without bodies nothing of them is computed
             return increments.six
         self._moments = self.prolongation.moments(self.forces_out_of_balance)
-        self._actions.resist_bodies(increments, self._moments)
+        self._resist_bodies(increments)
         return increments.balance(self._moments, self._actions.torques)
 
     def tangent(self) -> None:

@@ -14,8 +14,10 @@ from functools import cached_property
 from petsc4py import PETSc
 
 from rigidfx.step.equations.equations import Equilibrium
+from rigidfx.step.equations.joined import JoinedEquilibrium
 from rigidfx.step.linear.linear_solver import PREFIX
 from rigidfx.step.newton.band import few_entries, fill
+from rigidfx.step.newton.border import Border
 from rigidfx.step.newton.chord_test import ChordTest
 from rigidfx.step.newton.control import Control
 from rigidfx.step.newton.factors import Factors
@@ -83,10 +85,11 @@ class Chord:
         self._equilibrium, p = equilibrium, equilibrium.prolongation
         self._control = Control()
         self._once_stiff = self._once_far = False  # whether waves have got so far in a step
-        like = p.unknowns()
-        self._kept = KeptTangent(self._suited(0.0)(equilibrium), Frames(p), like)
+        like = equilibrium.unknowns()
+        border = Border(equilibrium) if isinstance(equilibrium, JoinedEquilibrium) else None
+        self._kept = KeptTangent(self._suited(0.0)(equilibrium), Frames(p), like, border)
         like.destroy()
-        self._control.price = self._kept.inverse.renewal
+        self._control.price = self._kept.renewal
         self.ksp = PETSc.KSP().create(p.comm)
         self.ksp.setType(PETSc.KSP.Type.PREONLY)
         self.ksp.getPC().setType(PETSc.PC.Type.PYTHON)
@@ -152,7 +155,7 @@ class Chord:
         suited = self._suited(dt)
         if type(self._kept.inverse) is not suited:
             self._kept.replace(suited(self._equilibrium))
-            self._control.price = self._kept.inverse.renewal
+            self._control.price = self._kept.renewal
         if not self._kept.fits(dt):
             self._control.lose()
         self._kept.begin(self._equilibrium.displacement, dt)
@@ -175,7 +178,7 @@ class Chord:
         if self._control.ended and isinstance(self._kept.inverse, Factors):
             self._kept.inverse.take_all()
         self._kept.renewed()
-        self._control.price = self._kept.inverse.renewal
+        self._control.price = self._kept.renewal
         self.stop.renewed()
         self._control.renewed(self.stop.history)
         self.tangents += 1

@@ -23,7 +23,11 @@ Array = npt.NDArray[np.float64]
 
 
 class Frames:
-    """The frames of the nodes and bodies that the unknowns of a layout belong to."""
+    """The frames of the nodes and bodies that the unknowns of a layout belong to.
+
+    Attributes:
+        starts: Where vectors of three among this rank's unknowns begin.
+    """
 
     def __init__(self, prolongation: Prolongation) -> None:
         """Find where vectors of unknowns begin. Collective.
@@ -43,7 +47,7 @@ class Frames:
         self._whole = free.all(axis=1)
         first = (np.cumsum(free.reshape(-1)).reshape(-1, 3) - 1)[self._whole, 0]
         bodies = prolongation.own_free + 3 * np.arange(2 * prolongation.owned_bodies.size)
-        self._starts = np.concatenate([first, bodies]).astype(np.int32)
+        self.starts = np.concatenate([first, bodies]).astype(np.int32)
 
     def rotations(self, u: Array) -> Array:
         """Rotation of each vector of unknowns of this rank, shape (vectors, 3, 3). Collective.
@@ -68,4 +72,4 @@ class Frames:
             Q: Rotation of each vector, shape (vectors, 3, 3).
             back: Whether by Qᵀ.
         """
-        turn_vectors(y, self._starts, Q, back)
+        turn_vectors(y, self.starts, Q, back)

@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
+from rigidfx.step.newton.border import Border
 from rigidfx.step.newton.frames import Frames
 from rigidfx.step.newton.secants import Secants
 
@@ -69,15 +70,18 @@ class KeptTangent:
         learning: Whether the next correction tells something of the tangent.
     """
 
-    def __init__(self, inverse: Inverse, frames: Frames, y: PETSc.Vec) -> None:
+    def __init__(
+        self, inverse: Inverse, frames: Frames, y: PETSc.Vec, border: Border | None = None
+    ) -> None:
         """Take over what solves with a matrix that others fill.
 
         Args:
             inverse: Solves with it.
             frames: Nodes and bodies of the structure.
             y: Of the kind of the unknowns; not kept.
+            border: Joints; None if there are none.
         """
-        self.inverse, self._frames = inverse, frames
+        self.inverse, self._frames, self._border = inverse, frames, border
         self._right = y.duplicate()
         self._secants = Secants(y.comm.tompi4py(), y.getLocalSize())
         self._now: Array = np.empty((0, 3, 3))
@@ -96,6 +100,11 @@ class KeptTangent:
         self.inverse.destroy()
         self.inverse, self._assembled_for = inverse, 0.0
 
+    @property
+    def renewal(self) -> float:
+        """What a new tangent costs, in iterations with a kept one."""
+        return self.inverse.renewal + (0 if self._border is None else self._border.ports)
+
     def fits(self, dt: float) -> bool:
         """Whether a step of Δt [s] is near enough to the one that the tangent was assembled for."""
         return abs(dt - self._assembled_for) <= NEAR * dt
@@ -111,6 +120,8 @@ class KeptTangent:
         self._now = self._frames.rotations(u)
         known = self._then.shape == self._now.shape
         self._Q = self._now @ self._then.swapaxes(1, 2) if known else None
+        if self._border is not None:
+            self._border.turn(self._frames.starts, self._Q)
         if dt != self._dt:
             self._secants.forget()
         self._secants.begin()
@@ -121,6 +132,8 @@ class KeptTangent:
     def renewed(self) -> None:
         """Take note that the tangent has just been assembled, in this step. Collective."""
         self.inverse.renew()
+        if self._border is not None:
+            self._border.renew(self.inverse.solve)
         self._secants.forget()
         self._then, self._Q = self._now, None
         self._assembled_for, self._factor = self._dt, 1.0
@@ -130,7 +143,10 @@ class KeptTangent:
         r.copy(self._right)
         if self._Q is not None:
             self._frames.turn(self._right.array, self._Q, back=True)
-        self.inverse.solve(self._right, z)
+        if self._border is None:
+            self.inverse.solve(self._right, z)
+        else:
+            self._border.solve(self.inverse.solve, self._right, z)
         if self._factor != 1.0:
             z.scale(self._factor)
         self._secants.mend(z.array, self.learning)
@@ -142,3 +158,5 @@ class KeptTangent:
         """PETSc's call: free the inverse and the work vector. Collective."""
         self.inverse.destroy()
         self._right.destroy()
+        if self._border is not None:
+            self._border.destroy()

@@ -13,6 +13,7 @@ from petsc4py import PETSc
 
 from rigidfx.scene.scene import Scene
 from rigidfx.step.equations.equations import Equilibrium
+from rigidfx.step.equations.joined import JoinedEquilibrium
 from rigidfx.step.linear.linear_solver import (
     PREFIX,
     QUICK_UP_TO,
@@ -21,6 +22,7 @@ from rigidfx.step.linear.linear_solver import (
     prefers_direct,
 )
 from rigidfx.step.linear.petsc_options import loose_solves_allowed, monitor_solves
+from rigidfx.step.newton.border import BorderedFactors
 from rigidfx.step.newton.callbacks import errors_of_callbacks
 from rigidfx.step.newton.chord import Chord, pays
 from rigidfx.step.newton.chord_test import ChordTest
@@ -82,9 +84,13 @@ class Newton:
             scene: The problem.
         """
         self.equilibrium = equilibrium
-        self._y = equilibrium.prolongation.unknowns()
+        self._y = equilibrium.unknowns()
         self._r, self._saved = self._y.duplicate(), self._y.duplicate()
-        self._krylov = equilibrium.inertial and not prefers_direct(equilibrium.prolongation.size)
+        self._bordered: BorderedFactors | None = None
+        if isinstance(equilibrium, JoinedEquilibrium):
+            self._bordered = BorderedFactors(equilibrium)
+        direct = prefers_direct(equilibrium.prolongation.size) or self._bordered is not None
+        self._krylov = equilibrium.inertial and not direct
         self._fallbacks = 0
         self._pivots = True  # whether factors need them
         self._snes = self._create_snes()
@@ -116,11 +122,13 @@ class Newton:
             self._chord.go_on(before._experience)
 
     def _create_snes(self) -> PETSc.SNES:
+        joined = self._bordered
         snes = PETSc.SNES().create(self.equilibrium.prolongation.comm)
         snes.setOptionsPrefix(PREFIX)
         snes.setType(PETSc.SNES.Type.NEWTONLS)
         snes.setFunction(residual, self._r, args=(self,))
-        snes.setJacobian(tangent, self.equilibrium.tangent_matrix, args=(self,))
+        A = self.equilibrium.tangent_matrix
+        snes.setJacobian(tangent, A if joined is None else joined.operator, args=(self,))
         snes.setConvergenceTest(convergence, args=(self,))
         snes.setTolerances(rtol=RELATIVE_TOLERANCE, max_it=MAX_ITERATIONS)
         if self._krylov and loose_solves_allowed():
@@ -136,6 +144,8 @@ class Newton:
 
     def _configure(self, ksp: PETSc.KSP, direct: bool) -> None:
         p = self.equilibrium.prolongation
+        if self._bordered is not None:
+            ksp = self._bordered.within(ksp)
         quick = not self._pivots and p.size <= QUICK_UP_TO
         configure(ksp, direct, p.size, len(p.layout.bodies) > 0, quick)
 
@@ -229,7 +239,7 @@ class Newton:
             linear,
             solver,
             None if reason > 0 else self.equilibrium.worst_place(),
-            float(self._y.norm(PETSc.NormType.INFINITY)),
+            self.equilibrium.largest(self._y),
             self.equilibrium.left(self._r) if self.stop.at_rounding(reason) else 0.0,
         )
 
@@ -243,6 +253,8 @@ class Newton:
                 self._chord.make()
         else:
             self.equilibrium.tangent()
+            if self._bordered is not None:
+                self._bordered.renew()
             self._tangents += 1
 
     def _iterate(self, guesses: Sequence[Guess]) -> int:
@@ -271,7 +283,7 @@ class Newton:
         return reason
 
     def _start_at(self, guess: Guess) -> None:
-        self.equilibrium.prolongation.collapse(guess.increment, guess.bodies, self._y)
+        self.equilibrium.guess(guess.increment, guess.bodies, self._y)
 
     def _norm_at(self, guess: Guess) -> float:
         self._start_at(guess)
@@ -310,6 +322,7 @@ class Newton:
 
     def accept(self) -> None:
         """Take note that the last solution has become a step."""
+        self.equilibrium.accept()
         if self._chord is None:
             return
         if self._kept:

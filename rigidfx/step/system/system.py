@@ -17,7 +17,8 @@ from rigidfx.coupling.dealt_rows import Dealing
 from rigidfx.coupling.dof_layout import dof_layout
 from rigidfx.coupling.mass import mass_operator
 from rigidfx.coupling.prolongation import Prolongation
-from rigidfx.effects import Touch, Windowed
+from rigidfx.effects import Joint, Touch, Windowed
+from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.flexible.eased_stress import EasedStress
 from rigidfx.flexible.internal_forces import Cells, InternalForces
 from rigidfx.flexible.kernels import integral
@@ -28,6 +29,7 @@ from rigidfx.step.equations.actions import Actions
 from rigidfx.step.equations.eased_forces import EasedForces
 from rigidfx.step.equations.energies import Energies
 from rigidfx.step.equations.equations import Equilibrium
+from rigidfx.step.equations.joined import JoinedEquilibrium
 from rigidfx.step.equations.structure import BoundStructure
 from rigidfx.step.newton.first_guess import predict
 from rigidfx.step.newton.newton import Newton
@@ -72,6 +74,7 @@ class System:
         energies: Measures states.
         equilibrium: The equations of a step.
         newton: Solves them.
+        linkage: The joints; None if there are none.
     """
 
     def __init__(
@@ -130,13 +133,18 @@ class System:
         self._taken = forces.bind_taken(flexible, driven)
         dealt = self._dealt = dealing.rows(layout, forces.loaded(flexible, driven or {}))
         copies = None if dealt is None else dealt.cells
-        self.equilibrium = Equilibrium(
+        given = (
             scene,
             forces,
             forces.bind(flexible, layout.interior, layout.interface, driven, copies),
             self.mass,
             Prolongation(layout, scene.comm, dealt),
             self.actions,
+        )
+        joints = scene.named(Joint)
+        self.linkage = Linkage(self.structure, joints) if joints else None
+        self.equilibrium = (
+            Equilibrium(*given) if self.linkage is None else JoinedEquilibrium(self.linkage, *given)
         )
         self.newton = Newton(self.equilibrium, scene)
         self._v0 = rows.vector()
@@ -175,6 +183,22 @@ class System:
         if not (solution.residuals and np.isfinite(solution.residuals).all()):
             self.actions.explain(self.equilibrium.d, self.equilibrium.dt, self.increments)
             self.actions.failures.settle()
+
+    @property
+    def dead(self) -> bool:
+        """Whether no force but those of cells and bodies depends on the motion."""
+        return self.actions.dead and self.linkage is None
+
+    def resist_at(self, nodes: npt.NDArray[np.int32], forces: Array) -> None:
+        """Add what resists at owned nodes, in bodies or not, and is not bound to bodies' nodes.
+
+        Args:
+            nodes: The nodes, sorted.
+            forces: Shape (nodes, 3) [N], added to.
+        """
+        self.actions.resist_at(nodes, forces)
+        if self.linkage is not None:
+            self.linkage.resistance_at(nodes, forces)
 
     @property
     def increments(self) -> Increments:

@@ -1,0 +1,1 @@
+"""Joints between parts: sides, pairs, and all joints of a division bound together."""

@@ -1,0 +1,136 @@
+"""The base of all joints: two sides, a place, and the rows that hold them together."""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.base.errors import SceneError
+from rigidfx.base.inputs import shown, vector
+from rigidfx.effects.base import WHOLE, Effect, Vector
+from rigidfx.effects.joints.averages import Averages, Grounded
+from rigidfx.effects.joints.pieces import Pieces
+from rigidfx.effects.joints.sides import GROUND, MeanFace, Side, check_side, side_name, side_of
+
+__all__ = ["Joint", "axis_of"]
+
+Array = npt.NDArray[np.float64]
+Sided = Averages | Grounded
+
+
+@dataclass(frozen=True)
+class Joint(Effect):
+    """Holds two sides together, in the whole run.
+
+    Attributes:
+        a: First side: "ground", the name of a `Rigid` part, or a `MeanFace`.
+        b: Second side, likewise.
+        at: Its place at the start [m].
+        name: Its name in reports; kind and sides if None.
+    """
+
+    a: Side
+    b: Side
+    at: Vector
+    name: str | None = field(default=None, kw_only=True)
+
+    def __post_init__(self) -> None:
+        """Check sides, place and name.
+
+        Raises:
+            SceneError: If one of them cannot be used.
+        """
+        super().__post_init__()
+        if self.name is not None and (not isinstance(self.name, str) or not self.name):
+            raise SceneError(f"{self.kind}: name must be a text, got {shown(self.name)}.")
+        for name in ("a", "b"):
+            check_side(self.kind, name, getattr(self, name))
+        vector(self, "at", self.at)
+        if self.a == self.b:
+            raise SceneError(
+                f"{self.owner}: both sides are the same. A joint joins two parts, or one to the "
+                f"'{GROUND}'."
+            )
+
+    @property
+    def title(self) -> str:
+        """Its name in reports."""
+        return self.name or f"{self.kind} {side_name(self.a)} - {side_name(self.b)}"
+
+    @property
+    def owner(self) -> str:
+        """Its name in messages."""
+        return self.title if self.name is None else f"{self.kind} '{self.name}'"
+
+    @property
+    def holds(self) -> bool:  # type: ignore[override]
+        """Whether one side is the ground."""
+        return GROUND in (self.a, self.b)
+
+    @property
+    def where(self) -> str | None:
+        """Set of the first side that is not the ground; None means all cells."""
+        return self.joins[0]
+
+    @property
+    def joins(self) -> tuple[str | None, ...]:
+        """The sets of its sides."""
+        sides = (s.where if isinstance(s, MeanFace) else s for s in (self.a, self.b))
+        return tuple(None if where == WHOLE else where for where in sides if where != GROUND)
+
+    @property
+    def pieces(self) -> Pieces:
+        """Its averages and rows, once a scene has placed it."""
+        return self._pieces  # type: ignore[attr-defined]
+
+    def placed(self, scene: Any) -> Joint:
+        """The joint with its averages over the nodes of a mesh. Collective.
+
+        Args:
+            scene: The problem.
+
+        Raises:
+            SceneError: On every rank, if it cannot be there.
+        """
+        a, b = (side_of(scene, self.owner, side) for side in (self.a, self.b))
+        size, mass = min(a.size, b.size), min(a.mass, b.mass)
+        pieces = Pieces(float(size), float(mass))
+        self.build(pieces, a, b)
+        out = copy(self)
+        object.__setattr__(out, "_pieces", pieces)
+        return out
+
+    def build(self, pieces: Pieces, a: Sided, b: Sided) -> None:
+        """Add its averages and rows.
+
+        Args:
+            pieces: What they are added to.
+            a: First side.
+            b: Second side.
+
+        Raises:
+            SceneError: If a side does not know what a row needs of it.
+        """
+        raise NotImplementedError
+
+    def meet(self, pieces: Pieces, a: Sided, b: Sided) -> None:
+        """Add that both sides have the joint's place in common."""
+        point = np.asarray(self.at, dtype=np.float64)
+        pieces.point_on_point(pieces.add(a.place(point)), pieces.add(b.place(point)))
+
+
+def axis_of(joint: Joint, axis: Any) -> Array:
+    """A unit vector along a joint's axis, shape (3,).
+
+    Raises:
+        SceneError: If the axis has no length.
+    """
+    given = vector(joint, "axis", axis)
+    length = float(np.linalg.norm(given))
+    if not length > 0:
+        raise SceneError(f"{joint.owner}: its axis has no length, got {shown(axis)}.")
+    return np.asarray(given / length)

@@ -1,0 +1,19 @@
+"""Ball joints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rigidfx.effects.joints.joint import Joint, Sided
+from rigidfx.effects.joints.pieces import Pieces
+
+__all__ = ["Spherical"]
+
+
+@dataclass(frozen=True)
+class Spherical(Joint):
+    """A ball joint: both sides have one point in common, and turn about it as they like."""
+
+    def build(self, pieces: Pieces, a: Sided, b: Sided) -> None:
+        """Point on point."""
+        self.meet(pieces, a, b)

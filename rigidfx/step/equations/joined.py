@@ -1,0 +1,226 @@
+"""The equations of a step with joints: multipliers are unknowns beside those of nodes and bodies.
+
+    R(y) + Gᵀ(y½) λ = 0,    g(y) = 0
+
+In the vectors of unknowns and residuals the multipliers come last, on rank 0, as μ = λ/k [m], and
+rows as k g [N], with k = 2 m/Δt² of the mass that a joint moves: all unknowns are lengths and all
+residuals forces. The tangent of R stays the one that is condensed without joints; these meet it at
+*ports*, at most three numbers for each average of nodes and six for each body, see
+`rigidfx.step.newton.border`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+from petsc4py import PETSc
+from scipy.sparse import csr_array, hstack
+
+from rigidfx.effects.joints.linkage import Linkage
+from rigidfx.mechanics.bodies import Bodies
+from rigidfx.mechanics.body_step import Increments
+from rigidfx.step.equations.equations import Equilibrium
+from rigidfx.step.equations.trial import Trial
+
+__all__ = ["JoinedEquilibrium", "Ports"]
+
+Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+
+class Ports:
+    """Where joints take hold of the unknowns; arrays are equal on all ranks but for `entries`.
+
+    Attributes:
+        averages: Averages that have free nodes; three ports each.
+        bodies: Bodies that joints take hold of; six ports each, their unknowns.
+        entries: Derivatives of the ports by this rank's unknowns, transposed, shape
+            (unknowns, ports).
+    """
+
+    def __init__(self, equilibrium: Equilibrium, linkage: Linkage) -> None:
+        """Find them. Collective.
+
+        Args:
+            equilibrium: The equations.
+            linkage: The joints.
+        """
+        p, rows = equilibrium.prolongation, equilibrium.d
+        columns, alive = [], []
+        f, r = rows.duplicate(), p.unknowns()
+        none = np.zeros((len(p.layout.bodies), 6))
+        for k in range(linkage.averages):
+            weights, own = linkage.own[[k]].toarray()[0], []
+            for axis in range(3):
+                f.set(0.0)
+                f.array.reshape(-1, 3)[linkage.at, axis] = weights
+                p.collapse(f.array_r, none, r)
+                own.append(csr_array(r.array_r.copy()[:, None]))
+            columns.append(own)
+            alive.append(any(column.nnz for column in own))
+        f.destroy()
+        r.destroy()
+        known = np.array(alive, dtype=np.int32)
+        p.comm.Allreduce(MPI.IN_PLACE, known, op=MPI.MAX)
+        self.averages: Ints = np.flatnonzero(known)
+        held = np.asarray(abs(linkage.held).sum(axis=0)).ravel().reshape(-1, 4)
+        self.bodies: Ints = np.flatnonzero(held.sum(axis=1))
+        mine = np.searchsorted(p.owned_bodies, self.bodies)
+        blocks = [csr_array((p.owned, 0)), *(c for k in self.averages for c in columns[k])]
+        for body, place in zip(self.bodies, mine, strict=True):
+            here = place < p.owned_bodies.size and p.owned_bodies[place] == body
+            first = p.own_free + 6 * int(place)
+            at = (first + np.arange(6), np.arange(6)) if here else (np.empty(0, int),) * 2
+            blocks.append(csr_array((np.ones(at[0].size), at), shape=(p.owned, 6)))
+        self.entries = csr_array(hstack(blocks, format="csr"))
+        self._at = 3 * len(self.averages) + 6 * np.arange(len(self.bodies))
+        self._linkage = linkage
+
+    @property
+    def count(self) -> int:
+        """Number of ports."""
+        return 3 * len(self.averages) + 6 * len(self.bodies)
+
+    def lead(self, L: Array) -> csr_array:
+        """How averages follow ports, shape (3 · averages, ports).
+
+        Args:
+            L: How the twelve numbers of bodies follow their six, shape (bodies, 12, 6).
+        """
+        size = 3 * self._linkage.averages
+        rows = (3 * self.averages[:, None] + np.arange(3)).ravel()
+        out = csr_array((np.ones(rows.size), (rows, np.arange(rows.size))), (size, self.count))
+        if not self.bodies.size:
+            return out
+        held = self._linkage.held.tocoo()
+        of, arm = np.divmod(held.coords[1], 4)
+        place = np.searchsorted(self.bodies, of)
+        values = held.data[:, None, None] * L.reshape(-1, 4, 3, 6)[of, arm]
+        row = np.broadcast_to(
+            3 * held.coords[0][:, None, None] + np.arange(3)[:, None], values.shape
+        )
+        column = np.broadcast_to(self._at[place][:, None, None] + np.arange(6), values.shape)
+        return out + csr_array((values.ravel(), (row.ravel(), column.ravel())), out.shape)
+
+
+class JoinedEquilibrium(Equilibrium):
+    """The balance of forces in the steps of one division, with joints.
+
+    Attributes:
+        linkage: The joints.
+        ports: Where they take hold of the unknowns.
+    """
+
+    def __init__(self, linkage: Linkage, *given: Any) -> None:
+        """Create matrices and vectors. Collective.
+
+        Args:
+            linkage: The joints.
+            given: See `Equilibrium`.
+        """
+        super().__init__(*given)
+        self.linkage = linkage
+        self.ports = Ports(self, linkage)
+        self._own = linkage.count if self.prolongation.comm.rank == 0 else 0
+        self._inner, self._rest = self.prolongation.unknowns(), self.prolongation.unknowns()
+        self._scale: Array = np.ones(linkage.count)
+
+    def unknowns(self) -> PETSc.Vec:
+        """See `Equilibrium`."""
+        y = PETSc.Vec().create(self.prolongation.comm)
+        y.setSizes((self.prolongation.owned + self._own, None))
+        y.setType(PETSc.Vec.Type.STANDARD)
+        return y
+
+    def begin(self, dt: float, v0: PETSc.Vec | None, imposed: Array, start: Bodies) -> Trial:
+        """See `Equilibrium`."""
+        trial = super().begin(dt, v0, imposed, start)
+        self._scale = 2.0 / dt**2 * self.linkage.masses
+        self.linkage.begin(start)
+        return trial
+
+    def guess(self, increment: Array, six: Array, y: PETSc.Vec) -> None:
+        """See `Equilibrium`; multipliers are those of the last step."""
+        super().guess(increment, six, self._inner)
+        y.array[:] = np.r_[
+            self._inner.array_r, (self.linkage.multipliers / self._scale)[: self._own]
+        ]
+
+    def largest(self, y: PETSc.Vec) -> float:
+        """See `Equilibrium`."""
+        return super().largest(self._part(y, self._inner))
+
+    def _part(self, y: PETSc.Vec, out: PETSc.Vec) -> PETSc.Vec:
+        """Unknowns, or residuals, without those of joints."""
+        out.array[:] = y.array_r[: self.prolongation.owned]
+        return out
+
+    def of_joints(self, y: Array) -> Array:
+        """What a vector of this rank has of joints, on all ranks. Collective."""
+        values = y[self.prolongation.owned :].copy() if self._own else np.empty(self.linkage.count)
+        if self.prolongation.comm.size > 1:
+            self.prolongation.comm.Bcast(values)
+        return values
+
+    def return_to(self, y: PETSc.Vec, r: PETSc.Vec) -> None:
+        """See `Equilibrium`."""
+        multipliers = self._scale * self.of_joints(y.array_r)
+        same = np.array_equal(self._last, y.array_r[: self.prolongation.owned])
+        same = same and np.array_equal(multipliers, self.linkage.multipliers)
+        if not self.prolongation.comm.allreduce(same, op=MPI.LAND):
+            self.residual(y, r)
+        self._cells.settle()
+
+    def residual(self, y: PETSc.Vec, r: PETSc.Vec) -> None:
+        """See `Equilibrium`."""
+        self._multipliers = self._scale * self.of_joints(y.array_r)
+        super().residual(self._part(y, self._inner), self._rest)
+        held = (self._scale * self.linkage.violation)[: self._own]
+        r.array[:] = np.r_[self._rest.array_r, held]
+
+    def _resist_nodes(self, f: PETSc.Vec) -> None:
+        super()._resist_nodes(f)
+        self.linkage.look(self.d, self.prolongation.increments, self._multipliers)
+        self.linkage.resist_nodes(f)
+
+    def _resist_bodies(self, increments: Increments) -> None:
+        super()._resist_bodies(increments)
+        self._moments = self._moments + self.linkage.moments(len(increments))
+
+    def border(self) -> tuple[csr_array, csr_array, csr_array]:
+        """What joints add to the tangent at the last iterate.
+
+        Returns:
+            Derivative of forces at the ports by these, and of rows by ports on the test and on the
+            trial side, scaled, shapes (ports, ports) and (rows, ports).
+        """
+        increments, linkage = self.prolongation.increments, self.linkage
+        test, trial = self.ports.lead(increments.L), self.ports.lead(increments.P)
+        scale = csr_array((self._scale, (np.arange(linkage.count),) * 2))
+        H = test.T @ linkage.curvature() @ trial
+        return H, scale @ linkage.gradient(0.5) @ test, scale @ linkage.gradient(1.0) @ trial
+
+    def noise(self) -> float:
+        """See `Equilibrium`."""
+        return super().noise() + float(np.abs(self.linkage.multipliers).sum())
+
+    def lost(self, y: PETSc.Vec, r: PETSc.Vec) -> Array:
+        """See `Equilibrium`."""
+        return super().lost(self._part(y, self._inner), self._part(r, self._rest))
+
+    def left(self, residual: PETSc.Vec) -> float:
+        """See `Equilibrium`."""
+        return super().left(self._part(residual, self._rest))
+
+    def accept(self) -> None:
+        """See `Equilibrium`."""
+        self.linkage.accept()
+
+    def destroy(self) -> None:
+        """See `Equilibrium`."""
+        super().destroy()
+        self._inner.destroy()
+        self._rest.destroy()

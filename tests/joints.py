@@ -1,0 +1,67 @@
+"""Scenes with joints, and how far they are from keeping them."""
+
+from __future__ import annotations
+
+import numpy as np
+from test_contact_pairs import boxes
+
+import rigidfx as rf
+from rigidfx.effects import Joint
+
+SOFT = rf.StVenantKirchhoff(rho=1000.0, E=1e6, nu=0.3)
+PIN = 1.01, 0.1, 0.1  # m, halfway between two bars
+
+
+def bars(*effects, sides=None, ball=False, n=5, **options):
+    """Two bars along x, joined in the middle, that tumble and turn against each other."""
+    domain = boxes(
+        ((0, 0, 0), (1, 0.2, 0.2), (n, 2, 2)), ((1.02, 0, 0), (2.02, 0.2, 0.2), (n, 2, 2))
+    )
+    h, pin = 1 / n, np.array(PIN)
+    domain = domain.with_cells("A", lambda x: x[0] < PIN[0])
+    domain = domain.with_cells("B", lambda x: x[0] > PIN[0])
+    domain = domain.with_facets("a", lambda x: (x[0] > 1 - h - 1e-6) & (x[0] < PIN[0]))
+    domain = domain.with_facets("b", lambda x: (x[0] < 1.02 + h + 1e-6) & (x[0] > PIN[0]))
+    of_b = np.array([0.4, 0.3, 2.0]) if ball else np.array([0.0, 0.0, 2.0])
+
+    def thrown(x):
+        arms = x.T - pin
+        turning = np.where(x[:1] > PIN[0], of_b[:, None], 0.0).T + np.array([0.3, -0.2, 1.5])
+        return np.cross(turning, arms).T
+
+    a, b = sides or (rf.MeanFace("a"), rf.MeanFace("b"))
+    joint = rf.Spherical(a, b, PIN) if ball else rf.Revolute(a, b, PIN, (0, 0, 1))
+    effects = [joint, rf.InitialVelocity(function=thrown), *effects]
+    return rf.Scene(domain, SOFT, effects, **options)
+
+
+def apart(scene, state):
+    """How far sides of joints are apart, and directions that are to be perpendicular, on one rank.
+
+    Returns:
+        The largest g of all rows [m].
+    """
+    state.rebuild()
+    x = state.X + state.u.x.array.reshape(-1, 3)
+    largest = 0.0
+    for joint in scene.named(Joint):
+        p = [a.weights @ x[a.nodes] + a.constant for a in joint.pieces.averages]
+        for row in joint.pieces.rows:
+            g = sum(c * p[k][axis] for k, axis, c in row.linear)
+            g += sum(c * p[k] @ p[j] for k, j, c in row.products)
+            largest = max(largest, abs(float(g)))
+    return largest
+
+
+def follow(scene, dt, steps, **options):
+    """Reports, and the largest changes of H, L and J, relative, and g [m]."""
+    reports, held = [], 0.0
+    for report in rf.simulate(scene, dt, steps * dt, **options):
+        reports.append(report)
+        held = max(held, apart(scene, report.state))
+    first, size = reports[0], reports[0].momentum_scale
+    taken = np.cumsum([r.dissipated.get("Easing", 0.0) for r in reports])
+    H = np.abs([r.energy for r in reports] + taken - first.energy).max() / first.energy
+    L = max(np.abs(r.linear_momentum - first.linear_momentum).max() for r in reports) / size
+    J = max(np.abs(r.angular_momentum - first.angular_momentum).max() for r in reports) / size
+    return reports, float(H), float(L), float(J), held
