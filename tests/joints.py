@@ -12,7 +12,7 @@ SOFT = rf.StVenantKirchhoff(rho=1000.0, E=1e6, nu=0.3)
 PIN = 1.01, 0.1, 0.1  # m, halfway between two bars
 
 
-def bars(*effects, sides=None, ball=False, n=5, **options):
+def bars(*effects, sides=None, ball=False, n=5, thrown=None, joined=True, **options):
     """Two bars along x, joined in the middle, that tumble and turn against each other."""
     domain = boxes(
         ((0, 0, 0), (1, 0.2, 0.2), (n, 2, 2)), ((1.02, 0, 0), (2.02, 0.2, 0.2), (n, 2, 2))
@@ -24,14 +24,15 @@ def bars(*effects, sides=None, ball=False, n=5, **options):
     domain = domain.with_facets("b", lambda x: (x[0] < 1.02 + h + 1e-6) & (x[0] > PIN[0]))
     of_b = np.array([0.4, 0.3, 2.0]) if ball else np.array([0.0, 0.0, 2.0])
 
-    def thrown(x):
+    def turning(x):
         arms = x.T - pin
-        turning = np.where(x[:1] > PIN[0], of_b[:, None], 0.0).T + np.array([0.3, -0.2, 1.5])
-        return np.cross(turning, arms).T
+        omega = np.where(x[:1] > PIN[0], of_b[:, None], 0.0).T + np.array([0.3, -0.2, 1.5])
+        return np.cross(omega, arms).T
 
     a, b = sides or (rf.MeanFace("a"), rf.MeanFace("b"))
     joint = rf.Spherical(a, b, PIN) if ball else rf.Revolute(a, b, PIN, (0, 0, 1))
-    effects = [joint, rf.InitialVelocity(function=thrown), *effects]
+    start = rf.InitialVelocity(function=thrown or turning)
+    effects = [*([joint] if joined else []), start, *effects]
     return rf.Scene(domain, SOFT, effects, **options)
 
 
@@ -39,26 +40,30 @@ def apart(scene, state):
     """How far sides of joints are apart, and directions that are to be perpendicular, on one rank.
 
     Returns:
-        The largest g of all rows [m].
+        The largest g of all rows [m], and the largest ġ [m/s].
     """
     state.rebuild()
-    x = state.X + state.u.x.array.reshape(-1, 3)
-    largest = 0.0
+    x, v = state.X + state.u.x.array.reshape(-1, 3), state.v.x.array.reshape(-1, 3)
+    largest = [0.0, 0.0]
     for joint in scene.named(Joint):
-        p = [a.weights @ x[a.nodes] + a.constant for a in joint.pieces.averages]
+        averages = joint.pieces.averages
+        p = [a.weights @ x[a.nodes] + a.constant for a in averages]
+        q = [a.weights @ v[a.nodes] for a in averages]
         for row in joint.pieces.rows:
             g = sum(c * p[k][axis] for k, axis, c in row.linear)
             g += sum(c * p[k] @ p[j] for k, j, c in row.products)
-            largest = max(largest, abs(float(g)))
+            rate = sum(c * q[k][axis] for k, axis, c in row.linear)
+            rate += sum(c * (p[k] @ q[j] + q[k] @ p[j]) for k, j, c in row.products)
+            largest = np.maximum(largest, np.abs([float(g), float(rate)]))
     return largest
 
 
 def follow(scene, dt, steps, **options):
-    """Reports, and the largest changes of H, L and J, relative, and g [m]."""
-    reports, held = [], 0.0
+    """Reports, the largest changes of H, L and J, relative, the largest g [m] and ġ [m/s]."""
+    reports, held = [], np.zeros(2)
     for report in rf.simulate(scene, dt, steps * dt, **options):
         reports.append(report)
-        held = max(held, apart(scene, report.state))
+        held = np.maximum(held, apart(scene, report.state))
     first, size = reports[0], reports[0].momentum_scale
     taken = np.cumsum([r.dissipated.get("Easing", 0.0) for r in reports])
     H = np.abs([r.energy for r in reports] + taken - first.energy).max() / first.energy

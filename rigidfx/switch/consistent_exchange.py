@@ -14,6 +14,9 @@ otherwise the difference would ring, with the other sign after each step. At a r
 field rotates with the body, brought into the range of the P that is valid then, made orthogonal to
 the range valid before, so that it adds no momenta, and scaled by the one number that restores the
 energy.
+
+Where there are joints, all of this holds with a lumped mass too, P y being the fields that keep the
+joints closed as well: a freeze would else leave their two sides different velocities.
 """
 
 from __future__ import annotations
@@ -48,7 +51,7 @@ ROUNDING = 1e-13  # of the energy: what is too little to find the scale of a fie
 
 
 class ConsistentExchange:
-    """The exchange with a consistent mass."""
+    """The exchange with a consistent mass, or with joints."""
 
     def __init__(self, scene: Scene, forces: InternalForces) -> None:
         """Take the problem over.
@@ -64,13 +67,13 @@ class ConsistentExchange:
         if not numbers:
             return 0.0
         present = self._present(state)
-        before = RigidFields(self._scene, state.bodies, prescribed, present.mass)
+        before = RigidFields(self._scene, state, prescribed, present.mass)
         of_given = before.given_momenta(present.bodies)
         staying = [
             k for k, body in enumerate(state.bodies.of.records) if body.number not in numbers
         ]
         gone = state.take_out(numbers)
-        after = RigidFields(self._scene, state.bodies, prescribed, present.mass)
+        after = RigidFields(self._scene, state, prescribed, present.mass)
         merged = after.project(present.momenta, of_given[staying], present.nodal[prescribed])
         # The kept field, rotated with its bodies, and the difference of the two velocities that the
         # interface has had, as a field that is possible now and adds no momenta.
@@ -107,6 +110,9 @@ class ConsistentExchange:
 
     def settle(self, state: State, division: Division, prescribed: Bools) -> None:
         """See `rigidfx.switch.exchange.Exchange`."""
+        if self._scene.mass == "lumped":
+            state.group(division.bodies)
+            return
         there = {body.data.number for body in state.bodies}
         new = [body for body in division.bodies if body.data.number not in there]
         if not new or self._continuous(state, division, new):
@@ -119,7 +125,7 @@ class ConsistentExchange:
         state.group(Bodies.of_each(first))
         if given:
             present = self._present(state)
-            fields = RigidFields(self._scene, state.bodies, prescribed, present.mass)
+            fields = RigidFields(self._scene, state, prescribed, present.mass)
             of_given = fields.given_momenta(present.bodies)
             _take(state, fields.project(present.momenta, of_given, present.nodal[prescribed]))
             fields.destroy()
@@ -154,7 +160,7 @@ class ConsistentExchange:
         of_given = np.einsum("kij,kj->ki", state.bodies.given_mass_blocks, state.bodies.six)
         others = list(state.bodies)
         state.group(Bodies.of_each([*others, body]))
-        fields = RigidFields(self._scene, state.bodies, prescribed, present.mass)
+        fields = RigidFields(self._scene, state, prescribed, present.mass)
         new = fields.project(
             present.momenta, np.vstack([of_given, np.zeros(6)]), present.nodal[prescribed]
         )
@@ -173,6 +179,27 @@ class ConsistentExchange:
         fields.destroy()
         present.destroy()
         return work
+
+    def close(self, state: State, prescribed: Bools) -> float:
+        """Have velocities keep the joints closed, by impulses of these. Collective.
+
+        Args:
+            state: Its velocities are changed.
+            prescribed: For each owned dof, whether a support prescribes it.
+
+        Returns:
+            Kinetic energy that is gained, less than nothing where it is lost; zero if that is
+            rounding [J].
+        """
+        present = self._present(state)
+        fields = RigidFields(self._scene, state, prescribed, present.mass)
+        own = fields.given_momenta(present.bodies)
+        new = fields.project(present.momenta, own, present.nodal[prescribed])
+        gained = 0.5 * fields.product(new, new) - present.energy
+        _take(state, new)
+        fields.destroy()
+        present.destroy()
+        return gained if abs(gained) > ROUNDING * present.energy else 0.0
 
     def _work(self, present: Present, prescribed: Bools, gained: Array) -> float:
         """Work of supports by which all owned dofs gain momenta, at their velocity [J]."""

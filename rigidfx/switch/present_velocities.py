@@ -1,4 +1,4 @@
-"""The velocities before a switch with a consistent mass, with their momenta and energy."""
+"""The velocities before a switch by projection, with their momenta and energy."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.coupling.dof_layout import nodes_of
-from rigidfx.coupling.mass import ConsistentMass
+from rigidfx.coupling.mass import ConsistentMass, LumpedMass
 from rigidfx.coupling.rows import Rows
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.scene.scene import Scene
@@ -45,16 +45,28 @@ class Present:
             outside_bodies[body.nodes] = 0.0
             if body.given:
                 counting[body.nodes] = 0.0
-        self._all = ConsistentMass(scene, rows, forces.cells(counted), points=counting)
-        flexible = ConsistentMass(
-            scene, rows, forces.cells(np.setdiff1d(every, inside)), points=outside_bodies
-        )
+        lumped = scene.mass == "lumped"
+        flexible: LumpedMass | ConsistentMass
+        self._all: LumpedMass | ConsistentMass
+        if lumped:
+            masses = scene.nodal_mass[: scene.owned_nodes]
+            held = np.zeros((2, masses.size), dtype=bool)
+            for body in records:
+                held[:, body.nodes] = [[body.given], [True]]
+            self._all, flexible = (LumpedMass(rows, np.where(of, 0.0, masses)) for of in held)
+        else:
+            self._all = ConsistentMass(scene, rows, forces.cells(counted), points=counting)
+            flexible = ConsistentMass(
+                scene, rows, forces.cells(np.setdiff1d(every, inside)), points=outside_bodies
+            )
         self.mass = self._all.matrix()
         n = 3 * scene.owned_nodes
         outside = state.v.x.array[:n].copy()
         self.nodal = outside.copy()
         for moving in state.bodies:
             self.nodal.reshape(-1, 3)[moving.data.nodes] = moving.velocities
+        if lumped:  # nodes have one velocity each, those of bodies that of their body
+            outside = self.nodal.copy()
         touched = nodes_of(scene, {0: np.setdiff1d(every, inside)})[: scene.owned_nodes]
         self.difference = np.where(touched[:, None], (outside - self.nodal).reshape(-1, 3), 0.0)
         self.bodies = state.bodies.six

@@ -1,18 +1,25 @@
-"""Velocity fields that are rigid in bodies, and the projection on them by the mass."""
+"""Velocity fields that are rigid in bodies, and the projection on them by the mass.
+
+Where there are joints, fields keep these closed as well: ∇g · v = 0 at the present places.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
-from rigidfx.coupling.dof_layout import rigid_fields
+from rigidfx.coupling.dof_layout import DofLayout, rigid_fields
 from rigidfx.coupling.prolongation import Prolongation
-from rigidfx.mechanics.bodies import Bodies
+from rigidfx.effects import Joint
+from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.scene.scene import Scene
+from rigidfx.state import State
 from rigidfx.step.linear.linear_solver import conjugate_gradients
+from rigidfx.switch.closing import Closing
 
 __all__ = ["Field", "RigidFields"]
 
@@ -38,22 +45,23 @@ class Field:
 
 
 class RigidFields:
-    """The velocity fields that are rigid in some bodies, and the projection on them.
+    """The velocity fields that are rigid in some bodies and keep joints; projects on them.
 
     Bodies whose mass is given, and is not that of their cells, count by their own 6×6 matrix.
     """
 
-    def __init__(self, scene: Scene, bodies: Bodies, prescribed: Bools, mass: PETSc.Mat) -> None:
+    def __init__(self, scene: Scene, state: State, prescribed: Bools, mass: PETSc.Mat) -> None:
         """Make P and the reduced mass matrix. Collective.
 
         Args:
             scene: The problem.
-            bodies: The rigid bodies, in their present pose.
+            state: Its rigid bodies are in their present pose, displacements outside of them known.
             prescribed: For each owned dof, whether a support prescribes it.
             mass: M of all cells but those in bodies whose mass is given.
         """
-        self._mass = mass
-        self._prolongation = Prolongation(rigid_fields(scene, bodies.of, prescribed), scene.comm)
+        self._mass, bodies = mass, state.bodies
+        layout = rigid_fields(scene, bodies.of, prescribed)
+        self._prolongation = Prolongation(layout, scene.comm)
         self._prescribed = np.flatnonzero(prescribed)
         self._y, self._r = self._prolongation.unknowns(), self._prolongation.unknowns()
         self._prolongation.pose(bodies)
@@ -62,6 +70,25 @@ class RigidFields:
         self._prolongation.add_blocks(self._reduced, self._blocks)
         self._full = mass.createVecRight()
         self._image = mass.createVecLeft()
+        joints = scene.named(Joint)
+        self._closing = self._closing_of(scene, state, layout, joints) if joints else None
+
+    def _closing_of(
+        self, scene: Scene, state: State, layout: DofLayout, joints: Sequence[Joint]
+    ) -> Closing:
+        """What closes joints at the present places. Collective."""
+        bodies, u = state.bodies, state.u.x.array
+        linkage = Linkage(joints, scene, layout.rows, layout.massive, bodies, u)
+        linkage.begin(bodies)
+
+        def solve(r: Array) -> Array:
+            self._r.array[:] = r
+            self._y.set(0.0)
+            if self._r.norm() > 0.0:
+                conjugate_gradients(self._reduced, self._r, self._y)
+            return self._y.array_r.copy()
+
+        return Closing(linkage, self._prolongation, solve)
 
     def momenta(self, v: Array) -> Array:
         """M v at the owned dofs [kg m/s]. Collective."""
@@ -88,6 +115,8 @@ class RigidFields:
         self._y.set(0.0)
         if self._r.norm() > 0.0:
             conjugate_gradients(self._reduced, self._r, self._y)
+        if self._closing is not None:
+            self._y.array[:] += self._closing.correction(self._y.array_r, fixed)
         six = self._prolongation.bodies_part(self._y)
         self._prolongation.apply(self._y, six, v_prescribed, self._full)
         return Field(self._full.array_r.copy(), six)

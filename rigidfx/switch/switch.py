@@ -11,8 +11,9 @@ from dataclasses import replace
 import numpy as np
 
 from rigidfx.base.errors import InversionError
+from rigidfx.base.warning import warn
 from rigidfx.decide.decision import Decision
-from rigidfx.effects import Contact, InitialDisplacement, Preload, Windowed
+from rigidfx.effects import Contact, InitialDisplacement, Joint, Preload, Windowed
 from rigidfx.mechanics.eased import Eased
 from rigidfx.mechanics.rigid_body import Body, RigidBody
 from rigidfx.report.events import BodyChange, Event
@@ -51,8 +52,11 @@ class Switch:
         """
         self._stepper, self._timeline, self._start = stepper, timeline, start
         scene = stepper.scene
+        joints = scene.named(Joint)
+        self._joints = ConsistentExchange(scene, stepper.forces) if joints else None
+        self._grounded = any(joint.holds for joint in joints)
         kind = LumpedExchange if scene.mass == "lumped" else ConsistentExchange
-        self._exchange: Exchange = kind(scene, stepper.forces)
+        self._exchange: Exchange = self._joints or kind(scene, stepper.forces)
         self.acting = scene.acting(timeline.after(0.0))
         self._pending = self._breakpoints_after(0.0)
 
@@ -99,7 +103,7 @@ class Switch:
         state.move(initial_velocity(scene, x, dt, start).reshape(-1))
         self._set_moving()
         self._bind([])
-        impact = stepper.meet(supports, dt, stepper.measure())
+        impact = self._closed(stepper.meet(supports, dt, stepper.measure()))
         placed = {Preload: "The static preload", InitialDisplacement: "The InitialDisplacement"}
         by = "".join(words for kind, words in placed.items() if scene.named(kind))
         if by and (turned := stepper.inverted()) is not None:
@@ -160,7 +164,35 @@ class Switch:
             return None
         begun = stepper.press(contacts, measures)
         impact = stepper.meet(jumping, dt, measures)
+        if impact is not None:
+            impact = self._closed(impact)
         return impact + begun if impact and begun else impact or begun
+
+    def _closed(self, impact: Impact | None) -> Impact | None:
+        """What joints do after an impact, by impulses that keep them closed, and it. Collective."""
+        if self._joints is None:
+            return impact
+        stepper = self._stepper
+        state, scene, before = stepper.state, stepper.scene, stepper.measure()
+        state.rebuild()
+        gained = self._joints.close(state, stepper.prescribed.mask)
+        if gained == 0.0:
+            return impact
+        after, titles = stepper.measure(), tuple(j.title for j in scene.named(Joint))
+        own = Impact(
+            state.t,
+            titles,
+            gained,
+            after.linear_momentum - before.linear_momentum,
+            after.angular_momentum - before.angular_momentum,
+        )
+        warn(
+            scene.comm,
+            f"At t = {state.t:g} s velocities do not fit the joints ({', '.join(titles)}): "
+            f"impulses of these change the kinetic energy from {before.kinetic:.6g} to "
+            f"{before.kinetic + gained:.6g} J. Give velocities that leave joints closed.",
+        )
+        return own if impact is None else impact + own
 
     def apply(self, decision: Decision, eased: Eased | None = None) -> Event | None:
         """Release and freeze, so that the bodies are those of a decision. Collective.
@@ -197,6 +229,9 @@ class Switch:
         angular_impulse = held.angular - held_before.angular
         linear = after.linear_momentum - before.linear_momentum - impulse
         angular = after.angular_momentum - before.angular_momentum - angular_impulse
+        if self._grounded:  # the ground gives what is left, by impulses of joints
+            impulse, angular_impulse = impulse + linear, angular_impulse + angular
+            linear, angular = np.zeros(3), np.zeros(3)
         return Event(
             t=state.t,
             kind=decision.kind,

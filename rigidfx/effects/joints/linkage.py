@@ -21,7 +21,6 @@ import numpy.typing as npt
 from mpi4py import MPI
 from scipy.sparse import csr_array
 
-from rigidfx.effects.action import Structure
 from rigidfx.effects.joints.joint import Joint
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments
@@ -45,16 +44,29 @@ class Linkage:
         at: Places of the nodes of `own` among the rows of the division.
     """
 
-    def __init__(self, structure: Structure, joints: Sequence[Joint]) -> None:
+    def __init__(
+        self,
+        joints: Sequence[Joint],
+        scene: Any,
+        rows: Any,
+        own: npt.NDArray[np.bool_],
+        bodies: Bodies,
+        u: Array,
+        notes: dict[int, Any] | None = None,
+    ) -> None:
         """Bind joints to nodes and bodies. Collective.
 
         Args:
-            structure: What they are bound to.
             joints: The joints, as the scene has placed them.
+            scene: The problem.
+            rows: Rows of the nodes that take part.
+            own: For each of these nodes, whether it belongs to no body.
+            bodies: The rigid bodies.
+            u: Displacements of all local dofs at the start of a step [m], changed by each step.
+            notes: What joints remember from division to division, by their identity.
         """
-        scene, rows = structure.scene, structure.rows
         self._comm: MPI.Intracomm = scene.comm
-        self._joints, self._notes = tuple(joints), structure.notes
+        self._joints, self._notes = tuple(joints), notes
         pieces = [joint.pieces for joint in joints]
         firsts = [0, *accumulate(len(own.averages) for own in pieces)]
         averages = [average for own in pieces for average in own.averages]
@@ -65,17 +77,16 @@ class Linkage:
         nodes = np.concatenate([np.empty(0, np.int64), *(a.nodes for a in averages)])
         weights = np.concatenate([np.empty(0), *(a.weights for a in averages)])
         W = csr_array((weights, (number, nodes)), shape=(self.averages, scene.owned_nodes))
-        own = structure.own & (np.diff(W.tocsc().indptr)[rows.nodes] > 0)
-        self.at = np.flatnonzero(own)
+        self.at = np.flatnonzero(own & (np.diff(W.tocsc().indptr)[rows.nodes] > 0))
         self.own = W[:, rows.nodes[self.at]].tocsr()
         held = [
             W[:, body.nodes] @ np.c_[np.ones(body.nodes.size), body.offsets]
-            for body in structure.bodies.of.records
+            for body in bodies.of.records
         ]
         every = np.reshape(held, (-1, self.averages, 4)).swapaxes(0, 1)
         self.held = csr_array(np.asarray(scene.sum(every)).reshape(self.averages, -1))
         self._X, self._dofs = rows.X[self.at], rows.dofs.reshape(-1, 3)[self.at]
-        self._u0 = structure.u
+        self._u0 = u
         self._set_rows(firsts)
         self._known = [slice(*pair) for pair in self._ends()]
         self.multipliers: Array = np.zeros(self.count)
@@ -124,6 +135,16 @@ class Linkage:
         if self._comm.size > 1:
             self._comm.Allreduce(MPI.IN_PLACE, out)
         return out + self.held @ of_bodies.reshape(-1, 3)
+
+    def rates(self, v: Array) -> Array:
+        """ġ of nodes that are no body's, at the start of a step, shape (rows,) [m/s]. Collective.
+
+        Args:
+            v: Velocities of the division's rows, one number each [m/s].
+        """
+        at_nodes = v.reshape(-1, 3)[self.at]
+        none: Array = np.zeros((self.held.shape[1], 3))
+        return np.asarray(self.gradient(0.0) @ self._average(at_nodes, none).ravel())
 
     def begin(self, bodies: Bodies) -> None:
         """Begin a step: find where averages are. Collective.

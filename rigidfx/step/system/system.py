@@ -142,7 +142,8 @@ class System:
             self.actions,
         )
         joints = scene.named(Joint)
-        self.linkage = Linkage(self.structure, joints) if joints else None
+        bound = scene, rows, own, state.bodies, state.u.x.array, state.notes
+        self.linkage = Linkage(joints, *bound) if joints else None
         self.equilibrium = (
             Equilibrium(*given) if self.linkage is None else JoinedEquilibrium(self.linkage, *given)
         )

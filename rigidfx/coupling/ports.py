@@ -1,0 +1,94 @@
+"""Ports: where joints take hold of the unknowns of a step.
+
+Averages over free nodes are three ports each, a body that joints take hold of is six, its unknowns.
+All that joints do goes through them: they are few where nodes are many.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+from scipy.sparse import csr_array, hstack
+
+from rigidfx.coupling.prolongation import Prolongation
+from rigidfx.effects.joints.linkage import Linkage
+
+__all__ = ["Ports"]
+
+Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+
+class Ports:
+    """Where joints take hold of the unknowns; arrays are equal on all ranks but for `entries`.
+
+    Attributes:
+        averages: Averages that have free nodes; three ports each.
+        bodies: Bodies that joints take hold of; six ports each, their unknowns.
+        entries: Derivatives of the ports by this rank's unknowns, transposed, shape
+            (unknowns, ports).
+    """
+
+    def __init__(self, p: Prolongation, linkage: Linkage) -> None:
+        """Find them. Collective.
+
+        Args:
+            p: Map between unknowns and dofs.
+            linkage: The joints, bound to the same division.
+        """
+        columns, alive = [], []
+        f, r = p.layout.rows.vector(), p.unknowns()
+        none = np.zeros((len(p.layout.bodies), 6))
+        for k in range(linkage.averages):
+            weights, own = linkage.own[[k]].toarray()[0], []
+            for axis in range(3):
+                f.set(0.0)
+                f.array.reshape(-1, 3)[linkage.at, axis] = weights
+                p.collapse(f.array_r, none, r)
+                own.append(csr_array(r.array_r.copy()[:, None]))
+            columns.append(own)
+            alive.append(any(column.nnz for column in own))
+        f.destroy()
+        r.destroy()
+        known = np.array(alive, dtype=np.int32)
+        p.comm.Allreduce(MPI.IN_PLACE, known, op=MPI.MAX)
+        self.averages: Ints = np.flatnonzero(known)
+        held = np.asarray(abs(linkage.held).sum(axis=0)).ravel().reshape(-1, 4)
+        self.bodies: Ints = np.flatnonzero(held.sum(axis=1))
+        mine = np.searchsorted(p.owned_bodies, self.bodies)
+        blocks = [csr_array((p.owned, 0)), *(c for k in self.averages for c in columns[k])]
+        for body, place in zip(self.bodies, mine, strict=True):
+            here = place < p.owned_bodies.size and p.owned_bodies[place] == body
+            first = p.own_free + 6 * int(place)
+            at = (first + np.arange(6), np.arange(6)) if here else (np.empty(0, int),) * 2
+            blocks.append(csr_array((np.ones(at[0].size), at), shape=(p.owned, 6)))
+        self.entries = csr_array(hstack(blocks, format="csr"))
+        self._at = 3 * len(self.averages) + 6 * np.arange(len(self.bodies))
+        self._linkage = linkage
+
+    @property
+    def count(self) -> int:
+        """Number of ports."""
+        return 3 * len(self.averages) + 6 * len(self.bodies)
+
+    def lead(self, L: Array) -> csr_array:
+        """How averages follow ports, shape (3 · averages, ports).
+
+        Args:
+            L: How the twelve numbers of bodies follow their six, shape (bodies, 12, 6).
+        """
+        size = 3 * self._linkage.averages
+        rows = (3 * self.averages[:, None] + np.arange(3)).ravel()
+        out = csr_array((np.ones(rows.size), (rows, np.arange(rows.size))), (size, self.count))
+        if not self.bodies.size:
+            return out
+        held = self._linkage.held.tocoo()
+        of, arm = np.divmod(held.coords[1], 4)
+        place = np.searchsorted(self.bodies, of)
+        values = held.data[:, None, None] * L.reshape(-1, 4, 3, 6)[of, arm]
+        row = np.broadcast_to(
+            3 * held.coords[0][:, None, None] + np.arange(3)[:, None], values.shape
+        )
+        column = np.broadcast_to(self._at[place][:, None, None] + np.arange(6), values.shape)
+        return out + csr_array((values.ravel(), (row.ravel(), column.ravel())), out.shape)
