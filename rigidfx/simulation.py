@@ -80,7 +80,7 @@ def simulate(
             flexible, and how the run ended; if None, where that is a terminal, and elsewhere only
             what a first run compiles. The logger "rigidfx" is told in any case, at the level INFO.
         petsc_options: Options of PETSc's solvers for this run, by name without a prefix:
-            {"ksp_type": "bcgs", "pc_type": "hypre"}. Those of the command line and of the
+            {"ksp_type": "bcgs", "pc_type": "asm"}. Those of the command line and of the
             environment win; see `rigidfx.step.linear.petsc_options`.
         monitor: Called with the number of each Newton iterate and ‖R‖ [N] there, on every rank
             that gives one; what it raises ends the run on all ranks.

@@ -25,6 +25,8 @@ LONG = "parallel", "demo", "slow", "convergence"  # markers of tests that come f
 # Ranks that wait for each other let others work meanwhile. Beside a busy process two ranks that did
 # not took five times the processor time and six times as long.
 os.environ.setdefault("OMPI_MCA_mpi_yield_when_idle", "1")
+os.environ.setdefault("MPIR_CVAR_CH4_PROGRESS_THROTTLE", "1")  # MPICH's, and how many looks before
+os.environ.setdefault("MPIR_CVAR_CH4_PROGRESS_THROTTLE_NO_PROGRESS_COUNT", "16")
 
 # Tests compile hundreds of forms, and run each on few cells: these flags take two thirds of the
 # compiler's time that the default takes, and up to 1.5 times the kernels'. Unoptimised sums would
