@@ -382,7 +382,8 @@ def test_overlapping_groups(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("recombine", "found"), [(True, "Prism.*recombine them to quad"), (None, "generated in 3D")]
+    ("recombine", "found"),
+    [(True, "Prism.*recombine them to quad"), (None, "generate the mesh in 3D before")],
 )
 def test_files_without_usable_cells(tmp_path, recombine, found):
     """Prisms are named, and a group that has no cells."""
@@ -396,22 +397,6 @@ def test_files_without_usable_cells(tmp_path, recombine, found):
 
     with pytest.raises(SceneError, match=found):
         rf.read_msh(_save(tmp_path / "file.msh", build))
-
-
-def test_tetrahedra_of_ten_nodes(tmp_path):
-    """Numbered as VTK does; curved edges stay where they are."""
-    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
-    edges = [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)]
-    middles = np.array([(corners[a] + corners[b]) / 2 for a, b in edges])
-    cells = np.arange(10)[None]
-    volumes = []
-    for bulge in (0.0, 0.1):
-        middles[0, 1] = -bulge  # of the edge from 0 to 1, outwards
-        domain = rf.from_arrays(np.vstack([corners, middles]), cells, "tetrahedron")
-        scene = rf.Scene(domain, rf.NeoHooke(E=1.0, nu=0.2, rho=1.0), order=2, mass="consistent")
-        volumes.append(scene.sum(scene.nodal_mass[: scene.owned_nodes].sum()))
-    assert volumes[0] == pytest.approx(1 / 6, rel=1e-13)
-    assert 0.01 < volumes[1] - volumes[0] < 0.1
 
 
 def test_facets_inside_are_told():

@@ -350,7 +350,10 @@ BAD_SCRIPTS = {
         'Physical Surface("face") = {1};\n',
         r"no physical group of volume cells.*'face' \(facets\)",
     ),
-    "no names": ('SetFactory("OpenCASCADE");\nBox(1) = {0, 0, 0, 1, 1, 1};\n', "there: none"),
+    "no volume and no names": (
+        'SetFactory("OpenCASCADE");\nDisk(1) = {0, 0, 0, 1};\n',
+        "there: none",
+    ),
     "a name twice": (
         'SetFactory("OpenCASCADE");\nBox(1) = {0, 0, 0, 1, 1, 1};\nPhysical Volume("v") = {1};\n'
         'Physical Surface("s") = {1};\nPhysical Surface("s") = {2};\n',
@@ -544,8 +547,10 @@ def test_labels_of_cad_are_names(cad):
     """What a CAD program called a part it is called here."""
     labels = [v.label for v in rf.list_cad(cad / "labelled.step").volumes]
     assert all(label.startswith("part") for label in labels)
-    domain = rf.read_cad(cad / "labelled.step", volumes={"first": labels[0], "second": 2})
-    assert {"first", "second", *labels} <= set(counts(domain))
+    both = rf.read_cad(cad / "labelled.step", volumes={"first": labels[0], "second": 2})
+    assert {"first", "second", *labels} <= set(counts(both))
+    one = rf.read_cad(cad / "labelled.step", volumes={"first": labels[0]})
+    assert set(counts(one)) == {"first", *labels}
 
 
 @alone
@@ -553,7 +558,6 @@ def test_names_of_cad_that_are_refused(cad):
     """What picks nothing is answered with what there is; so is a volume without a name."""
     step = cad / "two.step"
     for options, match in (
-        ({"volumes": {"plate": 1}}, r"no name stands for volume 2(.|\n)*Volumes:\n +1  Volume"),
         ({"surfaces": {"a": 77}}, r"'a': there are no surfaces 77(.|\n)*Surfaces:\n(.|\n)*Plane"),
         ({"surfaces": {"a": lambda s: s.radius > 1}}, "'a': there are no surfaces with its cond"),
         ({"surfaces": {"a": "seat"}}, "there are no surfaces 'seat'"),
@@ -565,6 +569,8 @@ def test_names_of_cad_that_are_refused(cad):
         with pytest.raises(SceneError, match=match):
             rf.read_cad(step, **options)
         assert not gmsh.isInitialized()
+    with pytest.raises(SceneError, match=r"no label stands for volume 2(.|\n)*\n +1  Volume"):
+        rf.read_cad(cad / "two.brep", volumes={"plate": 1}, scale=1e-3)
     ends = {"ends": lambda s: abs(s.normal[0]) > 0.99}  # of both
     part = rf.read_cad(step, volumes={"plate": 1}, surfaces=ends, leave_out=2, size=0.02)
     assert volume(part) == pytest.approx(PLATE, rel=0.03)

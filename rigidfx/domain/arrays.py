@@ -6,7 +6,6 @@ import hashlib
 import operator
 from collections.abc import Sequence
 from math import prod
-from typing import Any
 
 import basix.ufl
 import dolfinx.mesh as dmesh
@@ -20,12 +19,10 @@ from rigidfx.base.errors import SceneError, agree
 from rigidfx.base.inputs import communicator, numbers, shown
 from rigidfx.base.same_input import check_same
 from rigidfx.domain.domain import CELLS, Domain, Marker
+from rigidfx.domain.node_orders import CORNERS, advice_on, degree_of, in_dolfinx_order, widths
 
 __all__ = ["box", "from_arrays"]
 
-# Of a tetrahedron of ten nodes, in VTK's order; DOLFINx has edges 23, 13, 12, 03, 02, 01.
-FROM_VTK = (0, 1, 2, 3, 9, 8, 5, 7, 6, 4)
-EDGES = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))  # in VTK's order
 MOST = 2**31 - 1  # cells of a box
 
 
@@ -98,31 +95,32 @@ def from_arrays(
 
     Args:
         points: Corner positions, shape (points, 3) [m]; empty on all ranks but one.
-        cells: Corner numbers in DOLFINx's order (of a hexahedron: x fastest, then y, then z),
-            shape (cells, 8) or (cells, 4); of tetrahedra also (cells, 10): four corners, then the
-            nodes on their edges 01, 12, 20, 03, 13, 23, as VTK, Abaqus and meshio number them.
-            Empty on all ranks but one.
+        cells: Point numbers, shape (cells, 8) or (cells, 27) of hexahedra, (cells, 4) or
+            (cells, 10) of tetrahedra: corners first, those of a hexahedron in DOLFINx's order (x
+            fastest, then y, then z) or round its bottom and then round its top, as Abaqus, VTK,
+            gmsh and meshio have them; then, in any order, the nodes in the middles of its edges,
+            and of a hexahedron's faces and itself. Empty on all ranks but one.
         cell: "hexahedron" or "tetrahedron".
         comm: Communicator of the mesh.
 
     Raises:
         SceneError: If shapes, kinds or numbers do not fit, a cell is there twice, two ranks give
-            the same cells, nodes on edges are in another order, or cells are inverted or flat.
+            the same cells, other nodes than corners are not where they should be, or cells are
+            inverted or flat.
     """
-    known = {"hexahedron": (8,), "tetrahedron": (4, 10)}
-    if not isinstance(cell, str) or cell not in known:
-        raise SceneError(f"from_arrays: cell must be one of {sorted(known)}, got {shown(cell)}.")
+    if not isinstance(cell, str) or cell not in CORNERS:
+        raise SceneError(f"from_arrays: cell must be one of {sorted(CORNERS)}, got {shown(cell)}.")
     communicator("from_arrays", comm)
-    agree(comm, _misfit(points, cells, known[cell]))
+    agree(comm, _misfit(points, cells, cell))
     x = np.asarray(points, dtype=np.float64).reshape(-1, 3)
     table = np.asarray(cells)
-    width = comm.allreduce(table.shape[1] if table.size else 0, op=MPI.MAX) or known[cell][0]
-    order = FROM_VTK if width == len(FROM_VTK) else tuple(range(width))
-    rows = table.astype(np.int64).reshape(-1, width)[:, order]
+    width = comm.allreduce(table.shape[1] if table.size else 0, op=MPI.MAX) or CORNERS[cell]
+    rows: npt.NDArray[np.int64] = table.astype(np.int64).reshape(-1, width)
     given = comm.allgather(hashlib.sha1(rows.tobytes()).digest() if rows.size else b"")
     agree(comm, _repeated(given))
-    degree = 2 if width == len(FROM_VTK) else 1
-    element = basix.ufl.element("Lagrange", cell, degree, shape=(3,))
+    rows, problem = in_dolfinx_order(x, rows, cell) if rows.size else (rows, None)
+    agree(comm, problem)
+    element = basix.ufl.element("Lagrange", cell, degree_of(cell, width), shape=(3,))
     return Domain(compat.create_mesh(comm, rows, x, ufl.Mesh(element)))
 
 
@@ -140,20 +138,22 @@ def _repeated(given: Sequence[bytes]) -> str | None:
     return None
 
 
-def _misfit(points: npt.ArrayLike, cells: npt.ArrayLike, corners: tuple[int, ...]) -> str | None:
+def _misfit(points: npt.ArrayLike, cells: npt.ArrayLike, cell: str) -> str | None:
     """What is wrong with the arrays of this rank, None if nothing."""
     try:
         x, rows = np.asarray(points), np.asarray(cells)
     except ValueError:
         return "from_arrays: points and cells must be arrays; some of their rows differ in length."
-    for name, given, kinds, widths in (("points", x, "iuf", (3,)), ("cells", rows, "iu", corners)):
+    sought = ("points", x, "iuf", (3,)), ("cells", rows, "iu", widths(cell))
+    for name, given, kinds, columns in sought:
         kind = "whole numbers" if kinds == "iu" else "real numbers"
-        fits = given.ndim == 2 and given.shape[1] in widths
+        fits = given.ndim == 2 and given.shape[1] in columns
         if given.size and (given.dtype.kind not in kinds or not fits):
-            shapes = " or ".join(f"(n, {width})" for width in widths)
+            shapes = " or ".join(f"(n, {width})" for width in columns)
+            advice = advice_on(cell, given.shape[1]) if name == "cells" and given.ndim == 2 else ""
             return (
                 f"from_arrays: {name} must be {kind} of shape {shapes}, got {given.dtype} of "
-                f"shape {given.shape}."
+                f"shape {given.shape}.{advice}"
             )
     for name, array in (("points", points), ("cells", cells)):
         if np.ma.is_masked(array):
@@ -169,30 +169,7 @@ def _misfit(points: npt.ArrayLike, cells: npt.ArrayLike, corners: tuple[int, ...
     )
     if times.max() > 1:
         return f"from_arrays: cell {first[np.argmax(times)]} is there {times.max()} times."
-    return _disorder(x, rows) if rows.shape[1] == len(FROM_VTK) else None
-
-
-def _disorder(x: npt.NDArray[Any], rows: npt.NDArray[Any]) -> str | None:
-    """What is wrong with the order of nodes on edges, if most cells have it wrong; else None.
-
-    A node belongs to the edge whose middle is nearest. Of a few cells that may be due to their
-    curvature, and whether they are sound is for det J to say.
-    """
-    middles = x[rows[:, EDGES]].mean(axis=2)
-    distances = np.linalg.norm(x[rows[:, 4:], None] - middles[:, None], axis=-1)
-    nearest = distances.argmin(axis=2)
-    wrong = np.flatnonzero((nearest != np.arange(len(EDGES))).any(axis=1))
-    if 2 * wrong.size <= len(rows):
-        return None
-    expected, found = (
-        ", ".join(f"{EDGES[k][0]}{EDGES[k][1]}" for k in order)
-        for order in (range(len(EDGES)), nearest[wrong[0]])
-    )
-    return (
-        "from_arrays: after four corners a tetrahedron's nodes must be those on its edges "
-        f"{expected}, in this order (gmsh has the last two the other way round), but cell "
-        f"{wrong[0]} has them on {found}. Reorder the columns of cells."
-    )
+    return None
 
 
 def _on_plane(axis: int, value: float, tol: float) -> Marker:

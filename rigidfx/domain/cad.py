@@ -89,7 +89,7 @@ def read_cad(
         ...         "bolts": lambda s: s.kind == "Cylinder" and s.radius < 0.004,
         ...         "end": lambda s: s.normal[0] > 0.99,
         ...         "seat": [3, 4],
-    ...         "motor": lambda s: s.volumes == (2,),
+        ...         "motor": lambda s: s.volumes == (2,),
         ...         "grip": lambda s: s.within((0.2, -1, -1), (0.3, 1, 1)),
         ...     },
         ...     size=0.008,
@@ -97,8 +97,8 @@ def read_cad(
 
     Args:
         path: A STEP, IGES or BREP file; it is read on rank 0 only.
-        volumes: Names of cells and which volumes they stand for; every volume has to be in one.
-            All volumes are named "body" if None.
+        volumes: Names of cells and which volumes they stand for, besides the labels of the file;
+            every volume has to be in one. All volumes are named "body" if None.
         surfaces: Names of facets and which surfaces they stand for.
         leave_out: Volumes that are not meshed.
         size: Largest edge of a cell [m]; a twentieth of the diagonal of the geometry if None.

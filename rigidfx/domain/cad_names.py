@@ -23,20 +23,21 @@ def named_volumes(
 
     Args:
         cad: What is in the file.
-        wanted: What each name picks; all volumes are named "body" if None.
+        wanted: What each name picks, besides the labels of the file; all volumes are named "body"
+            if None.
         out: Numbers of volumes that are left out.
 
     Raises:
-        SceneError: If a name picks nothing, or no name stands for a volume.
+        SceneError: If a name picks nothing, or neither a name nor a label stands for a volume.
     """
     inside = [v.number for v in cad.volumes if v.number not in out]
     picked = _groups(cad, 3, {"body": inside} if wanted is None else wanted)
-    named = {n for name in wanted or ["body"] for n in picked[name]}
+    named = {n for own in picked.values() for n in own}
     missed = sorted(set(inside) - named)
     if missed:
         raise SceneError(
-            f"read_cad: no name stands for volume {', '.join(map(str, missed))}. Name it, or leave "
-            f"it out (leave_out).\n{cad.table((3,), ROWS)}"
+            f"read_cad: no name and no label stands for volume {', '.join(map(str, missed))}. "
+            f"Name it, or leave it out (leave_out).\n{cad.table((3,), ROWS)}"
         )
     kept = {name: [n for n in own if n not in out] for name, own in picked.items()}
     return {name: own for name, own in kept.items() if own}

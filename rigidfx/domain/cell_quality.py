@@ -11,6 +11,7 @@ import basix
 import dolfinx.mesh as dmesh
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 
 from rigidfx.base.compat import cell_geometry_dofs, coordinate_map
 from rigidfx.base.errors import agree
@@ -100,6 +101,7 @@ def check_cells(mesh: dmesh.Mesh) -> None:
         # Hexahedra keep their order of vertices: those that differ from the rest are inverted.
         usual = mesh.comm.allreduce(sign.sum())
         bad = np.flatnonzero(broken | (sign * usual < 0))
+    all_bad = mesh.comm.allreduce(local == len(bad), op=MPI.LAND)
     problem = None
     if bad.size:
         x, y, z = mesh.geometry.x[cell_geometry_dofs(mesh)[bad[0]]].mean(axis=0)
@@ -109,4 +111,9 @@ def check_cells(mesh: dmesh.Mesh) -> None:
             f"number {number} of the input: det J changes its sign or vanishes there. Repair the "
             "mesh."
         )
+        if all_bad:
+            problem += (
+                " As all cells are, their nodes may be in another order than DOLFINx's: that of a "
+                "hexahedron's corners is x fastest, then y, then z. from_arrays knows others, too."
+            )
     agree(mesh.comm, problem)

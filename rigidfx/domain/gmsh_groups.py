@@ -26,6 +26,7 @@ CORNERS = {4: 3, 5: 4, 11: 3, 12: 4}  # of a facet
 
 WEDGES = {6, 13, 18}  # of 6, 18 and 15 nodes
 
+SHOWN = 10  # numbers of volumes in a message
 UNLISTED = 1000  # numbers, from 1 and from the last group's on, at which empty ones are looked for
 
 Names = dict[tuple[int, str], Any]
@@ -70,21 +71,28 @@ def _groups(model: Any, header: Header) -> list[tuple[int, str, int]]:
     return groups
 
 
-def take_groups(model: Any, source: str, header: Header) -> Names:
+def take_groups(gmsh: Any, source: str, header: Header) -> tuple[Names, int]:
     """Give gmsh's model one group per entity; find the entities of each name.
 
+    Without any group, all volumes are named "body".
+
     Args:
-        model: gmsh's model, meshed.
+        gmsh: The module; its model is meshed.
         source: Where it comes from, for messages.
         header: Names of groups by dimension and number, for those that gmsh does not tell.
 
     Returns:
-        By dimension and name: numbers of entities, or positions of points for dimensions 0, 1.
+        By dimension and name, numbers of entities, or positions of points for dimensions 0, 1; and
+        the number of volume cells that are in no group.
 
     Raises:
         SceneError: If a name is there twice, or cells or facets are of no kind that will do.
     """
+    model = gmsh.model
     groups = _groups(model, header)
+    if not groups and model.getEntities(3):
+        model.addPhysicalGroup(3, [e for _, e in model.getEntities(3)], name="body")
+        groups = _groups(model, header)
     listed = ", ".join(f"'{name}' ({KINDS[dim]})" for dim, name, _ in groups) or "none"
     _check_names(source, groups, listed)
     filled = set(model.getPhysicalGroups())
@@ -110,8 +118,37 @@ def take_groups(model: Any, source: str, header: Header) -> Names:
     for dim, tag in sorted(used):
         if len(model.mesh.getElements(dim, tag)[0]):
             model.addPhysicalGroup(dim, [tag], tag=tag)
-    model.mesh.renumberNodes()  # DOLFINx takes numbers without gaps only
-    return {**entities, **positions}
+    cells = {(3, e): _cells(model, e) for _, e in model.getEntities(3)}
+    outside = {volume: n for volume, n in cells.items() if n and volume not in used}
+    if outside:
+        model.mesh.clear([*outside])
+    # DOLFINx takes numbers without gaps only, of the nodes of groups; a script may ask for others.
+    gmsh.option.setNumber("Mesh.SaveAll", 0)
+    model.mesh.renumberNodes()
+    return {**entities, **positions}, sum(outside.values())
+
+
+def _cells(model: Any, volume: int) -> int:
+    """Number of cells of a volume."""
+    return sum(len(numbers) for numbers in model.mesh.getElements(3, volume)[1])
+
+
+def _why_none(model: Any, entities: Mapping[tuple[int, str], list[int]]) -> str:
+    """Why no group holds cells, and what to do."""
+    volumes = [e for _, e in model.getEntities(3)]
+    if not volumes:
+        return f"There is no volume at all, only {len(model.getEntities(2))} surfaces."
+    meshed = [e for e in volumes if _cells(model, e)]
+    if not meshed:
+        return (
+            "Its volumes are not meshed: generate the mesh in 3D before (gmsh -3, "
+            "gmsh.model.mesh.generate(3))."
+        )
+    empty = [f"'{name}'" for dim, name in entities if dim == 3]
+    why = f"That of {', '.join(empty)} holds none; " if empty else ""
+    some = ", ".join(map(str, meshed[:SHOWN])) + (", …" if len(meshed) > SHOWN else "")
+    group = f'Physical Volume("body") = {{{some}}};'
+    return f"{why}{'t' if why else 'T'}o name the cells that there are: {group}"
 
 
 def _advice(kinds: set[int]) -> str:
@@ -149,8 +186,8 @@ def _kind_of_cells(
     if not kinds:
         raise SceneError(
             f"{source} has no physical group of volume cells (dimension 3) with cells in it, "
-            f"which are what a domain is made of. Physical groups there: {listed}. Was the mesh "
-            "generated in 3D before it was saved?"
+            f"which are what a domain is made of. {_why_none(model, entities)} Physical groups "
+            f"there: {listed}."
         )
     if len(kinds) > 1 or not kinds <= set(KNOWN):
         raise SceneError(

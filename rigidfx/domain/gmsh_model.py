@@ -15,8 +15,10 @@ from scipy.spatial import cKDTree
 from rigidfx.base import compat
 from rigidfx.base.errors import SceneError, together
 from rigidfx.base.inputs import communicator, positive
+from rigidfx.base.warning import warn
 from rigidfx.domain.domain import Domain, EntitySet
 from rigidfx.domain.gmsh_groups import Header, Names, names_in_header, take_groups
+from rigidfx.domain.gmsh_tags import separate_groups
 
 __all__ = ["domain_of", "find_file", "from_gmsh", "gmsh_session", "read_msh"]
 
@@ -30,6 +32,8 @@ OPTIONS = (
     "General.Terminal",
     "Mesh.MeshSizeMax",
     "Mesh.MeshSizeFromCurvature",
+    "Mesh.SaveAll",
+    "Mesh.SwitchElementTags",
 )
 
 SAME_PLACE = 1e-6  # of the smallest cell's diameter: points no farther apart are one
@@ -73,8 +77,7 @@ def read_msh(
                 )
         gmsh.open(str(path))
         header = names_in_header(path)
-        if not header and not gmsh.model.getPhysicalGroups():
-            gmsh.model.addPhysicalGroup(3, [e for _, e in gmsh.model.getEntities(3)], name="body")
+        separate_groups(gmsh, path, header)
         return header
 
     return domain_of(comm, f"gmsh: reading '{path}'", f"'{path}'", fill, factor)
@@ -84,6 +87,8 @@ def from_gmsh(
     build: Callable[[Any], None], comm: MPI.Intracomm = MPI.COMM_WORLD, *, scale: float = 1.0
 ) -> Domain:
     """A domain of a model that is built with gmsh's Python interface. Collective.
+
+    Its physical groups become the names of the domain, as `read_msh` says.
 
     Example:
         >>> def ball(gmsh):                                   # doctest: +SKIP
@@ -100,7 +105,7 @@ def from_gmsh(
         scale: Metres per unit of length of the model.
 
     Raises:
-        SceneError: If the function fails, or the model holds no named group of volume cells,
+        SceneError: If the function fails, or the model holds groups but none of volume cells,
             cells of several or unknown kinds, facets that bound none of them, or a name twice.
     """
     factor = positive("from_gmsh", "scale", scale)
@@ -181,9 +186,9 @@ def domain_of(
     communicator(owner, comm)
     with ExitStack() as session:
 
-        def read() -> tuple[Any, Names]:
+        def read() -> tuple[Any, Names, int]:
             if comm.rank > 0:
-                return None, {}
+                return None, {}, 0
             gmsh = session.enter_context(gmsh_session())
             header = fill(gmsh) or {}
             if not gmsh.isInitialized():
@@ -192,10 +197,11 @@ def domain_of(
                 )
             if scale != 1.0:
                 gmsh.model.mesh.affineTransform(np.diag([scale, scale, scale, 1.0]).ravel())
-            return gmsh.model, take_groups(gmsh.model, source, header)
+            return gmsh.model, *take_groups(gmsh, source, header)
 
-        model, local = together(comm, owner, read)
-        names: Names = comm.bcast(local)
+        model, *local = together(comm, owner, read)
+        names: Names
+        names, outside = comm.bcast(local)
         mesh, cells, facets = compat.model_to_mesh(model, comm)
     mesh.topology.create_connectivity(2, 3)
     tags = {3: cells, 2: facets}
@@ -208,6 +214,12 @@ def domain_of(
         elif not len(value):
             sets.append(EntitySet(name, 0, np.empty(0, np.int32)))
     domain = Domain(mesh, sets)
+    if outside:
+        warn(
+            comm,
+            f"{source}: {outside} volume cells are in no physical group and are left out. Put "
+            "their volumes into one, if they belong to the part.",
+        )
     owned = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
     least = comm.allreduce(float(mesh.h(3, owned).min(initial=np.inf)), op=MPI.MIN)
     for (dim, name), value in names.items():

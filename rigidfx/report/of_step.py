@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from rigidfx.effects import Rigid
+from rigidfx.effects import Contact, Rigid, Touch
 from rigidfx.error.error_motion import ErrorMotion
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.report.events import Event
@@ -88,7 +88,7 @@ def report_of(
         dissipated=result.dissipated if result else {},
         reactions=result.reactions if result else {},
         reaction_moments=result.reaction_moments if result else {},
-        touches=result.touches if result else {},
+        touches=_untouched(stepper.scene) | (dict(result.touches) if result else {}),
         impact=impact,
         rigid=state.bodies,
         clamped=_clamped(stepper),
@@ -123,6 +123,11 @@ def amended(report: Report, stepper: Stepper, events: Sequence[Event], closeness
     if not any(event.t == report.t for event in events):
         return report
     return replace(report, **_measured(stepper.measure()), rigid=stepper.state.bodies)
+
+
+def _untouched(scene: Scene) -> dict[str, Touch]:
+    """Every contact of a scene, as in a step in which it does nothing."""
+    return {contact.title: Touch(contact.title) for contact in scene.named(Contact)}
 
 
 def _clamped(stepper: Reported) -> tuple[str, ...]:

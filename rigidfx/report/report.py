@@ -66,8 +66,8 @@ class Report:
         reactions: Force of each support on the structure at the step's midpoint, by the name of
             its set, shape (3,) [N]; in the initial state those of a static preload.
         reaction_moments: Its moment about the origin, likewise [N m].
-        touches: What each contact did in this step, by its title: see
-            `rigidfx.effects.action.Touch`.
+        touches: What each contact of the scene did in this step, by its title: see
+            `rigidfx.effects.action.Touch`; nothing in the initial state, and while it does not act.
         impact: What the start of a support, or a jump of its velocity, did at the step's start; at
             t = 0 in the report of the initial state.
         rigid: The rigid bodies at its end, as arrays.
