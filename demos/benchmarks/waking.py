@@ -17,7 +17,7 @@ flexible twin judge the other run, in windows of 20 steps. An entry of summary.j
   without its set-up; setup_in_steps: matrices, modes and factors of e; switch_in_steps: time of a
   switch besides that of a step. Both are in kept steps, the twin's median step on a kept
   tangent;
-- factorisations: of the matrices of e.
+- factorisations: of the matrices of e; memory: the most that the process has taken so far [MB].
 
 With --oracle that of Mercier-Aubin et al. 2022 is asked in each step, too (`bench/oracle.py`).
 
@@ -32,6 +32,7 @@ import warnings
 from argparse import ArgumentTypeError
 from collections.abc import Callable
 from contextlib import ExitStack
+from resource import RUSAGE_SELF, getrusage
 
 import numpy as np
 from bench import Parser, chosen, conclude, timed
@@ -124,6 +125,7 @@ def measure(
         "setup_in_steps": float(setup / twin.kept_step),
         "switch_in_steps": cost["switch_in_steps"],
         "factorisations": int((logged("count") - numbers)[-1]),
+        "memory": getrusage(RUSAGE_SELF).ru_maxrss // 1024,
         **(judged_oracle(twin.rates, ours.rigid, np.array(guesses[:-1]), *asked) if ask else {}),
     }
 
