@@ -69,9 +69,9 @@ def simulate(
         accuracy: How far off the motion may be: chooses Δt, of which dt is the largest, and what
             becomes rigid; in place of rigidify.
         corrected: Whether the error motion, where it is known, is added to the displacements and
-            velocities that are shown: of probes and in files. That is with a `StrainRate` of
-            wake="local"; `report.state`, energies, momenta, stresses and reactions are those of the
-            run itself.
+            velocities that are shown, and to stresses and strains: of probes, in files and in
+            pictures. That is with a `StrainRate` of wake="local"; `report.state`, energies, momenta
+            and reactions are those of the run itself.
         start: Where the run begins, at rest or with the scene's `InitialVelocity`: the last report
             of `static`, say, of this scene or of another one on the same domain.
         progress: Whether rank 0 shows a progress bar on standard error; where that is a terminal

@@ -307,6 +307,33 @@ def test_an_error_turns_with_the_structure(followed):
     assert run.largest[-200:].max() <= 0.1
 
 
+@pytest.mark.parametrize(
+    "effects",
+    [(BASE, rf.MassDamping(1.0)), (PUSHED, rf.MassDamping(0.2), rf.KelvinVoigt(3e3))],
+    ids=["held", "free"],
+)
+def test_stresses_of_what_is_rigid_and_of_what_is_not_are_the_twins(effects):
+    """Of u + e: in a stalk beside bodies, and in a block of which bodies are made."""
+    probes = {"stalk": (1.1, 0.5, 0.9), "block": (3.1, 0.5, 0.9), "end": (6.1, 0.5, 0.9)}
+    materials, found = {"stalk": SOFT, "block": STIFF}, []
+    rest = rf.StrainRate(0.0, 1e9, wake="none")
+    peak = 0.0
+    for flexible, corrected in ((True, True), (False, True), (False, False)):
+        made, rows = rf.Scene(BOX, materials, effects, probes=probes), []
+        rule = rest if flexible else rf.StrainRate(0.01 * peak, 20 * DT)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            for r in rf.simulate(made, DT, 4.0, rigidify=rule, corrected=corrected, progress=False):
+                peak = max(peak, float(r.strain_rate.max())) if flexible else peak
+                rows.append([[at.stress, at.strain] for at in r.stresses.values()])
+        found.append(np.array(rows))
+    twin, with_e, without = found
+    size = np.square(twin).sum(axis=(0, 3, 4))
+    left, off = (np.square(one - twin).sum(axis=(0, 3, 4)) / size for one in (with_e, without))
+    assert np.sqrt(left.max()) <= 0.01
+    assert np.all(np.sqrt(left) <= 0.34 * np.sqrt(off))
+
+
 def test_viscosity_that_ends_is_one_no_more(followed, made):
     viscous = rf.KelvinVoigt(1e5, until=4.0), rf.MassDamping(0.2)
     run = Compared(lambda: scene(BASE, *viscous), followed, 12.0)

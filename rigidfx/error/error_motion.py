@@ -24,6 +24,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -165,6 +166,20 @@ class ErrorMotion(Watch):
         e, rate = self._scene.sum(own)
         return dict(zip(points, to_space(e + self._impulse.span * rate, Q[part]), strict=True))
 
+    def motion(self) -> tuple[fem.Function, fem.Function] | None:
+        """The shape, and e in its frame [m] at the present time, ghosts included. Collective.
+
+        None before the first step of e, and where it is not known. Parts that nothing holds have e
+        as well: it strains them.
+        """
+        if (response := self._valid()) is None:
+            return None
+        e, rate = response.fields()
+        out = fem.Function(self._scene.space)
+        out.x.array[: e.size] = (e + self._impulse.span * rate).reshape(-1)
+        out.x.scatter_forward()
+        return self._equations.shape, out
+
     def rates(self, cells: Cells) -> Array:
         """Strain rates of e over its last step, in the criterion's measure. Collective.
 
@@ -288,17 +303,18 @@ class ErrorMotion(Watch):
     def _adapt(self, dt: float) -> None:
         """Choose the length of steps: long ones where motion and e allow them. Collective.
 
-        Steps have two lengths, so that factors are few. A force on an e at rest may be a wave that
-        arrives: its first steps are short.
+        Steps have two lengths, so that factors are few. While bodies push they are those of the
+        run: in longer ones what is stiff rings in its strains.
 
         Args:
             dt: Length of the step of the run [s].
         """
         assert self._response is not None
         resolved = RESOLVED * min(self._turning(), self._response.slowness)
-        longest = max(min(LONGEST * dt, resolved), dt)
+        pushed = self._scene.comm.allreduce(self._impulse.pushes, op=MPI.LOR)
+        longest = dt if pushed else max(min(LONGEST * dt, resolved), dt)
         if not 0.5 * longest <= self._dt <= longest:
-            self._dt, self._of_run = LONGEST * dt if resolved >= LONGEST * dt else dt, dt
+            self._dt, self._of_run = LONGEST * dt if longest >= LONGEST * dt else dt, dt
 
     def _step(self) -> None:
         """Take a step of e under the mean force since the last one; none at rest. Collective."""

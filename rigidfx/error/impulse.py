@@ -45,6 +45,11 @@ class Impulse:
         self.span = 0.0
         self._of_bodies: dict[int, tuple[object, Array]] = {}  # Q_b at their freeze, by number
 
+    @property
+    def pushes(self) -> bool:
+        """Whether a force or a kick waits on this rank."""
+        return bool(self._total.any() or self.kick.any())
+
     def kept(self) -> object:
         """What `restore` needs."""
         return self._total, self.kick, self.span

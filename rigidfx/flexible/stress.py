@@ -50,19 +50,35 @@ PLACES = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])  # where each of all nine i
 AT_ONCE = 1 << 14  # cells, so that what is in between does not take more memory than the result
 
 
+class Added(NamedTuple):
+    """A small motion of a shape, whose strains and stresses some cells have besides their own.
+
+    Attributes:
+        shape: Displacement that makes the shape [m].
+        motion: The motion in the frame of the shape, ghosts included [m].
+        cells: Which owned cells have it.
+    """
+
+    shape: fem.Function
+    motion: fem.Function
+    cells: npt.NDArray[np.bool_]
+
+
 class Recovered(NamedTuple):
-    """What some cells have in place of a displacement.
+    """What some cells have in place of a displacement, or besides it.
 
     Attributes:
         u: Displacement in them [m].
         cells: Which owned cells these are, shape (cells,).
         linear: In which of them it is the first derivative of a motion, and strains are to follow
             it as such: a bend turns nodes, and by its second order would stretch a slender part.
+        added: What cells have besides; those have nothing else in place of a displacement.
     """
 
     u: fem.Function
     cells: npt.NDArray[np.bool_]
     linear: npt.NDArray[np.bool_]
+    added: Added | None = None
 
 
 class PointStress:
@@ -86,7 +102,7 @@ class PointStress:
         self.points, self.weights = basix.make_quadrature(cell, scene.quadrature_degree)
         self.u = fem.Function(scene.space)
         self.recovered: Recovered | None = None
-        self._nodes = scene.space.dofmap.list
+        self._nodes, self._X = scene.space.dofmap.list, scene.space.tabulate_dof_coordinates()
         F = scene.element.deformation_gradient(self.u)
         C = scene.element.right_cauchy_green(self.u)
         E = (C - ufl.Identity(3)) / 2
@@ -119,15 +135,40 @@ class PointStress:
         """
         if self.recovered is None:
             return self._evaluated(cells)
-        linear = self.recovered.linear[cells]
-        moved = self.recovered.cells[cells] & ~linear
+        added = self.recovered.added
+        besides = np.zeros(cells.size, dtype=bool) if added is None else added.cells[cells]
+        linear = self.recovered.linear[cells] & ~besides
+        moved = self.recovered.cells[cells] & ~linear & ~besides
         out = np.empty((cells.size, self.weights.size, 14))
         out[~moved] = self._evaluated(cells[~moved])
         out[moved] = self._displaced(cells[moved], 1.0)
         if linear.any():
             ends = (self._displaced(cells[linear], side)[:, :, :12] for side in (1.0, -1.0))
             out[linear, :, :12] += np.subtract(*ends) / 2
+        if added is not None and besides.any():
+            out[besides, :, :12] += self._besides(cells[besides], added)
         return out
+
+    def _besides(self, cells: Cells, added: Added) -> Array:
+        """What a motion of a shape adds to stress and strain: it is linear, and turned with cells.
+
+        Strains are those in the axes of the undeformed body, the same in any frame.
+        """
+        nodes = np.unique(self._nodes[cells])
+        u, shape, motion = (f.x.array.reshape(-1, 3) for f in (self.u, added.shape, added.motion))
+        kept = u[nodes]
+        ends = []
+        for side in (1.0, -1.0):
+            u[nodes] = shape[nodes] + side * motion[nodes]
+            ends.append(self._evaluated(cells)[:, :, :12])
+        u[nodes] = kept
+        out = np.subtract(*ends) / 2
+        own = self._nodes[cells]
+        R = _rotations((self._X + shape)[own], (self._X + u)[own])
+        stress = np.einsum("cik,cqkl,cjl->cqij", R, tensors(out[:, :, :6]), R)
+        i, j = np.transpose(SYMMETRIC)
+        out[:, :, :6] = stress[:, :, i, j]
+        return np.asarray(out)
 
     def _displaced(self, cells: Cells, side: float) -> Array:
         """See `evaluate`; all cells have u and so many times what is recovered."""
@@ -190,6 +231,14 @@ class CauchyStress:
             parts = values[:, :, 12] * self._points.weights
             out[cells] = np.einsum("cq,cqi->ci", parts, values[:, :, :6]) / parts.sum(1)[:, None]
         return tensors(out)
+
+
+def _rotations(a: Array, b: Array) -> Array:
+    """Best rotation of each cell from places a of its nodes to places b, shape (cells, 3, 3)."""
+    a, b = (x - x.mean(axis=1, keepdims=True) for x in (a, b))
+    W, _, Vt = np.linalg.svd(np.einsum("cni,cnj->cij", b, a))
+    W[:, :, 2] *= np.linalg.det(W @ Vt)[:, None]
+    return np.asarray(W @ Vt)
 
 
 def chunks(cells: int) -> Iterator[Cells]:

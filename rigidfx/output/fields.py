@@ -11,6 +11,7 @@ may be, the number of the body (0 outside bodies), a flag (1 rigid, 0 flexible) 
 found, the strain rate of the step [1/s], zero in bodies. With `wake="local"` stress and strain of a
 rigid cell, in its mean and in its share of the values at its nodes, are those of its freeze and
 what the forces on it add, were it flexible: `recovered` is 1 there, see `rigidfx.report.recovered`.
+Where a run follows its error motion stress and strain of all cells contain its part.
 """
 
 from __future__ import annotations
@@ -19,7 +20,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem
 
 from rigidfx.effects import Contact
 from rigidfx.flexible.nodal_stress import NodalStress, material_groups
@@ -77,20 +77,8 @@ class Fields:
 
     def _motion(self, report: Report) -> Values:
         """Displacement and velocity with the error motion, and that alone. Collective."""
-        state = report.state
-        if not report.is_corrected:
-            return {f.name: self.body.on_nodes(f) for f in (state.u, state.v)}
-        shown, n = report.error_at_nodes(), 3 * self._scene.owned_nodes
-        e, rate = np.zeros((2, n))
-        if shown is not None:
-            e, rate = shown.displacement.reshape(-1), shown.velocity.reshape(-1)
-        u, v, error = (fem.Function(self._scene.space) for _ in range(3))
-        u.x.array[:n] = state.u.x.array[:n] + e
-        v.x.array[:n] = state.v.x.array[:n] + rate
-        error.x.array[:n] = e
-        fields = {"displacement": u, "velocity": v, "error_motion": error}
-        for field in fields.values():
-            field.x.scatter_forward()
+        u, v, e = report.shown()
+        fields = {"displacement": u, "velocity": v} | ({} if e is None else {"error_motion": e})
         return {name: self.body.on_nodes(field) for name, field in fields.items()}
 
     def _of_contacts(self, state: State) -> Values:

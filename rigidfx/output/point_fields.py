@@ -52,7 +52,7 @@ class PointFields:
         state = report.state
         state.rebuild()
         self._points.take(state.u, report.recovered() if report.recovers else None)
-        u = state.u.x.array
+        u = report.shown()[0].x.array
         out = np.empty((self._owned, self._points.weights.size, 12))
         for cells in chunks(self._owned):
             out[cells] = self._points.evaluate(cells)[:, :, :12]

@@ -104,7 +104,8 @@ class Shapes:
         del self._times[:due]
         state = report.state
         state.rebuild()
-        u = self._body.on_nodes(state.u)
+        moved, moving, _ = report.shown()
+        u = self._body.on_nodes(moved)
         if self._colour == "rigid":
             values = (self._body.on_cells(state.body_numbers()) > 0).astype(np.float64)
         elif self._stress is not None:
@@ -112,7 +113,7 @@ class Shapes:
             nodal = self._body.on_nodes_of_parts(self._stress.measure(state.u, recovered))
             values = von_mises(tensors(nodal[:, :6]))
         else:
-            field = u if self._colour == "displacement" else self._body.on_nodes(state.v)
+            field = u if self._colour == "displacement" else self._body.on_nodes(moving)
             values = np.linalg.norm(field, axis=1)
         self._shapes.append(_Shape(report.t, u, values))
 

@@ -17,7 +17,7 @@ from dolfinx import fem, la
 
 from rigidfx.base.taken import seal
 from rigidfx.flexible.nodal_stress import extrapolation, material_groups
-from rigidfx.flexible.stress import PointStress, Recovered, tensors, von_mises
+from rigidfx.flexible.stress import Added, PointStress, Recovered, tensors, von_mises
 from rigidfx.scene.scene import Scene
 from rigidfx.shadow.recovery import Carried
 from rigidfx.state import State
@@ -114,19 +114,22 @@ class ProbeStress:
         marks.scatter_reverse(la.InsertMode.add)
         return np.flatnonzero(marks.array[: scene.owned_nodes] > 0)
 
-    def measure(self, state: State, strained: Strained | None = None) -> dict[str, StressAt]:
+    def measure(
+        self, state: State, strained: Strained | None = None, added: Added | None = None
+    ) -> dict[str, StressAt]:
         """Stress and strain at each probe, by its name. Collective.
 
         Args:
             state: Where the structure is; nodes inside bodies need not be up to date.
             strained: What rigid cells would strain, see `Shadows.recovered`; asked only where a
                 probe is at one. Collective.
+            added: What cells have besides.
         """
         u: fem.Function = self._points.u
         now = state.positions(self._nodes) - state.X[self._nodes]
         u.x.array.reshape(-1, 3)[self._nodes] = now
         u.x.scatter_forward()
-        recovered = None if strained is None else self._recovered(state, now, strained)
+        recovered = None if strained is None else self._recovered(state, now, strained, added)
         self._points.recovered = recovered
         values = self._points.evaluate(self._cells)[:, :, :12]
         local = np.zeros((len(self._names), 13))
@@ -139,12 +142,16 @@ class ProbeStress:
             for name, row in zip(self._names, rows, strict=True)
         }
 
-    def _recovered(self, state: State, now: Array, strained: Strained) -> Recovered | None:
-        """What rigid cells have instead of displacements; None if there are none. Collective."""
+    def _recovered(
+        self, state: State, now: Array, strained: Strained, added: Added | None
+    ) -> Recovered | None:
+        """What cells have instead of displacements, and besides; None if nothing. Collective."""
         rigid = state.body_numbers() > 0
-        if not self._scene.sum(float(rigid[self._cells].sum())):
-            return None
+        instead = rigid if added is None else rigid & ~added.cells
+        if not self._scene.sum(float(instead[self._cells].sum())):
+            return None if added is None else Recovered(self._more, rigid, instead, added)
         carried = strained()
         self._more.x.array.reshape(-1, 3)[self._nodes] = now + carried.u[self._nodes]
         self._more.x.scatter_forward()
-        return Recovered(self._more, *carried.among(rigid.size))
+        cells, linear = carried.among(rigid.size)
+        return Recovered(self._more, cells if added is None else rigid, linear, added)

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.flexible.nodal_stress import material_groups
+from rigidfx.flexible.stress import Added
 from rigidfx.report.probe_stress import Holder, ProbeStress, Strained, StressAt
 from rigidfx.scene.points import Point, owned_part, weights_at
 from rigidfx.scene.scene import Scene
@@ -52,14 +53,17 @@ class Probes:
         local = [p.weights @ at(p.nodes) for p in self._probes.values()]
         return dict(zip(self._probes, np.asarray(self._scene.sum(np.stack(local))), strict=True))
 
-    def stresses(self, state: State, strained: Strained | None = None) -> Mapping[str, StressAt]:
+    def stresses(
+        self, state: State, strained: Strained | None = None, added: Added | None = None
+    ) -> Mapping[str, StressAt]:
         """Stress and strain at each point; compiled when first asked for. Collective.
 
         Args:
             state: Where the structure is.
             strained: What rigid cells would strain, if that is known.
+            added: What cells have besides.
         """
-        return self._stress.measure(state, strained) if self._probes else {}
+        return self._stress.measure(state, strained, added) if self._probes else {}
 
     @cached_property
     def _stress(self) -> ProbeStress:

@@ -2,6 +2,8 @@
 
 A rigid part keeps the stress that it was frozen with. What the forces on it would add, were it
 flexible, is that of E⁰ + ε(K⁺ρ) (docs/theory/waking.md): right for loads slower than the part.
+Where a run shows its error motion, all cells but those of parts named rigid have its strain and
+stress besides their own, whatever moves the part: it is right at resonance, too.
 That is what all stresses are which are shown, of cells, at nodes, at probes and at integration
 points; each is evaluated from one displacement in rigid cells and another in flexible ones, for
 they share nodes, and a node takes the mean of what both say.

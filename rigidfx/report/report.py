@@ -8,13 +8,14 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
+from dolfinx import fem
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.taken import read_only
 from rigidfx.effects import Touch
-from rigidfx.error.error_motion import ErrorMotion, Shown
+from rigidfx.error.error_motion import ErrorMotion
 from rigidfx.flexible.indicator import Indicator
-from rigidfx.flexible.stress import Recovered
+from rigidfx.flexible.stress import Added, Recovered
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.report.body_report import BodyReport, body_reports
 from rigidfx.report.events import Event
@@ -190,15 +191,15 @@ class Report:
 
         They are those at nodes, extrapolated and averaged within the material of the probe's cell
         (`rigidfx.flexible.nodal_stress`). Computed when asked for, from the cells around the probes
-        only; the first time compiles what it needs. Those of rigid parts are recovered, if that is
-        known: see `rigidfx.report.recovered`.
+        only; the first time compiles what it needs. Those of the error motion are added, and those
+        of rigid parts are recovered, if that is known: see `rigidfx.report.recovered`.
 
         Raises:
             SceneError: If they have not been asked for yet and the run has gone on.
         """
         self._check("stresses")
         strained = None if self._shadows is None else self._shadows.recovered
-        return self._probes.stresses(self._state, strained)
+        return self._probes.stresses(self._state, strained, self._added())
 
     @property
     def interface_mismatch(self) -> float:
@@ -238,24 +239,52 @@ class Report:
         count = u.function_space.mesh.topology.index_map(3).size_local
         if self._shadows is None:
             return Recovered(u, *np.zeros((2, count), dtype=bool))
+        added = self._added()
         carried = self._shadows.recovered()
         u.x.array[: carried.u.size] += carried.u.reshape(-1)
         u.x.scatter_forward()
-        return Recovered(u, *carried.among(count))
+        return Recovered(u, *carried.among(count), added)
+
+    def _added(self) -> Added | None:
+        """What the error motion strains, but for parts named rigid; None if unknown. Collective."""
+        found, state = None if self._error is None else self._error.motion(), self._state
+        if found is None:
+            return None
+        cells = np.ones(state.u.function_space.mesh.topology.index_map(3).size_local, dtype=bool)
+        named = [body.cells for body in state.bodies.of.records if body.named]
+        for own in (*named, *state.clamped.values()):
+            cells[own] = False
+        return Added(*found, cells)
+
+    def shown(self) -> tuple[fem.Function, fem.Function, fem.Function | None]:
+        """Displacement and velocity with the error motion, and that alone. Collective.
+
+        Returns:
+            u + e [m] and its rate [m/s], up to date inside bodies, and e [m]; None for e where a
+            run shows none.
+
+        Raises:
+            SceneError: If the run has gone on.
+        """
+        self._check("shown")
+        self._state.rebuild()
+        state, found = self._state, None if self._error is None else self._error.shown()
+        if found is None:
+            none = None if self._error is None else fem.Function(state.u.function_space)
+            return state.u, state.v, none
+        e, moved, moving = (fem.Function(state.u.function_space) for _ in range(3))
+        n = found.displacement.size
+        e.x.array[:n] = found.displacement.reshape(-1)
+        moved.x.array[:n] = state.u.x.array[:n] + e.x.array[:n]
+        moving.x.array[:n] = state.v.x.array[:n] + found.velocity.reshape(-1)
+        for field in (e, moved, moving):
+            field.x.scatter_forward()
+        return moved, moving, e
 
     @property
     def is_corrected(self) -> bool:
         """Whether displacements that are shown contain the error motion, where it is known."""
         return self._error is not None
-
-    def error_at_nodes(self) -> Shown | None:
-        """The error motion at the owned nodes; None while it is zero, or not known. Collective.
-
-        Raises:
-            SceneError: If the run has gone on.
-        """
-        self._check("error_at_nodes")
-        return None if self._error is None else self._error.shown()
 
     @property
     def finds_bodies(self) -> bool:
