@@ -13,8 +13,9 @@ A shown place is x + Q_p e with one rotation Q_p of each connected part (3), so 
 time through freezes and releases.
 
 Parts named `Rigid` are rigid in the twin, too: they have many times their stiffness in K. e is not
-known from the first contact on, and beside a part of given mass or inertia. Parts that neither
-supports nor springs hold have an e without rigid motions, which is not added to what is shown.
+known from the first contact on, beside a part of given mass or inertia, and with joints, which K
+has not. Parts that neither supports nor springs hold have an e without rigid motions, which is not
+added to what is shown.
 """
 
 from __future__ import annotations
