@@ -9,7 +9,7 @@ from parallel import report as tell
 from parallel import run as mpirun
 
 import rigidfx as rf
-from rigidfx.coupling.eigenpairs import EigenControl, lowest
+from rigidfx.step.linear.eigenpairs import EigenControl, lowest
 from rigidfx.vibration import modes as module
 from rigidfx.vibration.problem import Problem
 
@@ -102,19 +102,39 @@ def test_equal_periods_come_as_often_as_they_are():
 
 @pytest.mark.parametrize("ranks", [2, 3])
 def test_ranks_find_the_same(ranks):
-    np.testing.assert_allclose(mpirun(__file__, ranks, 300), on_ranks(), rtol=1e-8)
+    """To 1e-8; the shapes of a cube's equal modes, whose alignment is found by small differences,
+    to ten times that.
+    """
+    for found, mine, limit in zip(
+        mpirun(__file__, ranks, 300), on_ranks(), (1e-8, 1e-7), strict=True
+    ):
+        np.testing.assert_allclose(found, mine, rtol=limit, atol=limit)
 
 
 def on_ranks():
-    """Periods, and displacements of some nodes in the shapes of a square bar and a cube."""
+    """Periods, and the shapes of a square bar and a cube, at all nodes in order of their places."""
     cantilever = beam(rf.Fixed("x0"), rf.Rigid("end"), order=2)
     springs = rf.Spring("z0", (1e4, 2e4, 4e4))
     found = [*rf.periods(cantilever), *rf.periods(block(springs, rf.Rigid()))]
     shaped = rf.modes(block(n=6), 10)
-    scene, n = shaped.scene, shaped.scene.owned_nodes
-    X = scene.space.tabulate_dof_coordinates()[:n]
-    sums = scene.sum(np.einsum("kna,na->k", shaped.shapes[:, :n], X**3))
-    return [*found, *shaped.periods, *(1 + np.abs(sums)), *(1 + np.abs(shaped.participation[:, 3]))]
+    bent = rf.modes(cantilever, 3)
+    shares = [np.abs(m.participation[:, :3]).reshape(-1) / np.sqrt(m.mass) for m in (shaped, bent)]
+    return [*found, *shaped.periods, *np.concatenate([*shares, _in_order(bent)])], [
+        *_in_order(shaped)
+    ]
+
+
+def _in_order(modes):
+    """Shapes over their largest displacement, sorted by places, on rank 0."""
+    scene, n = modes.scene, modes.scene.owned_nodes
+    X = scene.space.tabulate_dof_coordinates()[:n].round(6)
+    rows = np.concatenate([X, modes.shapes[:, :n].transpose(1, 0, 2).reshape(n, -1)], axis=1)
+    every = scene.comm.gather(rows)
+    if every is None:
+        return np.empty(0)
+    rows = np.concatenate(every)
+    rows = rows[np.lexsort(rows[:, :3].T)][:, 3:].reshape(len(rows), len(modes), 3)
+    return (rows / np.abs(rows).max(axis=(0, 2))[:, None]).reshape(-1)
 
 
 def test_effective_masses_add_up():

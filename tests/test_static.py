@@ -9,6 +9,7 @@ import pytest
 from mpi4py import MPI
 from parallel import report as tell
 from parallel import run as mpirun
+from test_contact_pairs import arrays
 
 import rigidfx as rf
 from rigidfx.output.history import read_history
@@ -122,6 +123,12 @@ def test_a_run_starts_in_balance_and_stays_there(tmp_path):
     np.testing.assert_allclose(first.energy, ended, rtol=1e-12)
     np.testing.assert_allclose(end.probes["tip"], tip, atol=1e-10)
     assert end.kinetic < 1e-14 * ended
+    with rf.Recorder(moves, tmp_path / "run", every=1) as recorder:
+        for moving in rf.simulate(moves, 1e-3, 5e-3, start=report):
+            recorder.write(moving)
+    led, run = (read_history(tmp_path / name) for name in ("out", "run"))
+    for column in ("u_tip_x", "u_tip_z", "strain", "springs"):
+        np.testing.assert_allclose(run[column][0], led[column][-1], rtol=1e-9, atol=1e-12)
     with pytest.raises(rf.SceneError, match="with another mesh or order"):
         rf.simulate(bar(order=2), 1e-3, 1e-3, start=report)
     both = bar(rf.Fixed("x0"), rf.Preload([rf.Gravity()]))
@@ -139,6 +146,51 @@ def test_a_preload_is_the_shortest_use():
     np.testing.assert_allclose(first.probes["tip"], end.probes["tip"], atol=1e-9)
     np.testing.assert_allclose(first.reactions["x0"], end.reactions["x0"], rtol=1e-8, atol=1e-8)
     np.testing.assert_allclose(then.probes["tip"], end.probes["tip"], atol=1e-9)
+
+
+GAP, BEARING, WEAK = 1e-4, 1e6, 1e4  # m, N/m³, N/m
+
+
+def blocks_pressed(load, n=4):
+    """A block above another one, of two materials without Poisson's effect, pressed at its top."""
+    z = 0.5 + GAP
+    lower, upper = ((0, 0, 0), (1, 1, 0.5), (2, 2, 1)), ((0, 0, z), (1, 1, z + 0.3), (n, n, 1))
+    points, cells = arrays([lower, upper])
+    first = MPI.COMM_WORLD.rank == 0
+    domain = rf.from_arrays(points if first else points[:0], cells if first else cells[:0])
+    between = 0.5 + 0.5 * GAP
+    domain = domain.with_cells("low", lambda x: x[2] < between)
+    domain = domain.with_cells("high", lambda x: x[2] > between)
+    for name, level in (("bottom", 0.0), ("lower", 0.5), ("upper", z), ("top", z + 0.3)):
+        at = lambda x, level=level: np.abs(x[2] - level) < 0.1 * GAP  # noqa: E731
+        domain = domain.with_facets(name, at)
+    low, high = (rf.StVenantKirchhoff(E=E, nu=0.0, rho=1000.0) for E in (1e6, 5e5))
+    effects = [
+        rf.Fixed("bottom"),
+        rf.Fixed("top", "xy"),
+        rf.Spring("top", (0.0, 0.0, WEAK)),
+        rf.Traction("top", (0.0, 0.0, -load)),
+        rf.Contact("upper", against="lower", stiffness=BEARING, title="pair"),
+    ]
+    probes = {"top": (0.5, 0.5, z + 0.3)}
+    return rf.Scene(domain, {"low": low, "high": high}, effects, probes=probes)
+
+
+@pytest.mark.parametrize("n", [2, 4])
+def test_surfaces_press_each_other(n):
+    """Force, mean shortening and energy of two blocks; the spring bears its part.
+
+    Forces of nodes act at points, so that the pressure is even but for some per cent.
+    """
+    load = 100.0
+    found = last(blocks_pressed(load, n), 2)
+    force = found.touches["pair"].force
+    np.testing.assert_allclose(found.reactions["bottom"], force, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(force[:2], 0.0, atol=1e-5 * load)
+    shorter = (load - force[2]) / WEAK - GAP
+    np.testing.assert_allclose(shorter, force[2] * (1 / BEARING + 0.5 / 1e6 + 0.3 / 5e5), rtol=0.01)
+    np.testing.assert_allclose(found.contact, 0.5 * force[2] ** 2 / BEARING, rtol=0.01)
+    np.testing.assert_allclose(-found.probes["top"][2], GAP + shorter, rtol=0.02)
 
 
 def test_a_path_ends_at_its_limit():
@@ -178,7 +230,7 @@ def test_refused():
 
 
 def on_ranks():
-    """Tips and reactions with a rigid end, a pressure, a floor and friction."""
+    """Tips and reactions with a rigid end, pressure, a floor and friction; a pair of blocks."""
     floor = rf.Plane((0, 0, -0.05), (0, 0, 1))
     scene = bar(
         rf.Fixed("x0"),
@@ -188,7 +240,9 @@ def on_ranks():
     )
     found = last(scene, 3)
     force = found.touches["floor"].force
-    return [*found.probes["tip"], *found.reactions["x0"], *force, found.energy, found.contact]
+    pair = last(blocks_pressed(100.0), 1)
+    both = pair.probes["top"][2], pair.touches["pair"].pressing
+    return [*found.probes["tip"], *found.reactions["x0"], *force, found.energy, *both]
 
 
 @pytest.mark.parametrize("ranks", [2, 3])

@@ -20,12 +20,12 @@ import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
-from rigidfx.coupling.eigenpairs import lowest
 from rigidfx.error.loose import Loose
 from rigidfx.error.response import FACTORING, PREPARING
 from rigidfx.scene.points import Point
 from rigidfx.scene.scene import Scene
 from rigidfx.shadow.linear_motion import LinearMotion, solver_of
+from rigidfx.step.linear.eigenpairs import lowest
 
 __all__ = ["Modal", "Modes"]
 

@@ -21,12 +21,12 @@ from rigidfx.base.inputs import path_of, whole
 from rigidfx.base.same_input import check_same
 from rigidfx.base.taken import seal
 from rigidfx.base.warning import warn
-from rigidfx.coupling.eigenpairs import clusters, lowest
 from rigidfx.report.current import check_about, check_scene
 from rigidfx.report.report import Report
 from rigidfx.scene.conflicts import refuse_joints
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.summary import FURTHER
+from rigidfx.step.linear.eigenpairs import clusters, lowest
 from rigidfx.vibration.problem import Problem
 from rigidfx.vibration.series import draw_modes, write_modes
 
@@ -197,7 +197,8 @@ def _aligned(scene: Scene, values: Array, shapes: Array) -> Array:
     X = scene.space.tabulate_dof_coordinates()[:n] - scene.centre_of_mass
     size = float(np.sqrt(scene.sum((X * X).sum()) / max(scene.sum(n), 1.0)))
     weights = scene.averaging_mass[:n, None] * np.array([3.0, 2.0, 1.0])
-    uneven = weights * (1 + 0.3 * np.tanh(X @ np.array([0.5, 0.7, 1.1]) / size))[:, None]
+    # Even and odd in each direction, so that no symmetry of a mode makes its sums vanish.
+    uneven = weights * np.exp(0.3 * np.tanh(X @ np.array([0.5, 0.7, 1.1]) / size))[:, None]
     own = shapes[:, :n]
     turn = np.eye(values.size)
     equal: list[tuple[Ints, Array]] = [(np.arange(values.size), values)]
@@ -209,7 +210,7 @@ def _aligned(scene: Scene, values: Array, shapes: Array) -> Array:
             found, vectors = np.linalg.eigh(0.5 * (gram + gram.T))
             turn[at] = vectors.T @ turn[at]
             equal[k] = at, found
-    slopes = 1 + np.tanh(X @ np.array([1.1, 0.7, 0.5]) / size)
+    slopes = np.exp(np.tanh(X @ np.array([1.1, 0.7, 0.5]) / size))
     sums = np.asarray(scene.sum(np.einsum("ina,na->i", own, weights * slopes[:, None])))
     turned = turn @ sums
     return np.asarray(np.where(turned < 0, -1.0, 1.0)[:, None] * turn)

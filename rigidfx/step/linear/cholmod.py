@@ -10,7 +10,7 @@ from petsc4py import PETSc
 
 from rigidfx.step.linear.linear_solver import default_options
 
-__all__ = ["exists", "factor", "solver"]
+__all__ = ["DEFAULTS", "exists", "factor", "solver"]
 
 DEFAULTS = {
     "mat_cholmod_print": "0",  # that a matrix is not definite is an answer here

@@ -1,10 +1,11 @@
 """Lowest eigenpairs of K φ = λ M φ, by SLEPc on all ranks.
 
 Krylov-Schur iterations (G. W. Stewart, SIAM J. Matrix Anal. Appl. 23 (2002) 601,
-doi:10.1137/S0895479800371529) take the inverse of K + σM, which MUMPS factors by LDLᵀ. The shift
-σ is small against the lowest λ that is not zero, and K may be singular or indefinite. A second
-iteration, orthogonal to all that has been found, looks for eigenvalues that the first one has
-missed: an iteration from one vector may miss some of a multiple eigenvalue. A Ritz step ends it.
+doi:10.1137/S0895479800371529) take the inverse of K + σM. The shift σ is small against the lowest λ
+that is not zero, and K may be singular or indefinite. On one rank CHOLMOD factors a definite
+K + σM, where there is one, and MUMPS any other by LDLᵀ. A second iteration, orthogonal to all that
+has been found, looks for eigenvalues that the first one has missed: an iteration from one vector
+may miss some of a multiple eigenvalue. A Ritz step ends it.
 """
 
 from __future__ import annotations
@@ -19,12 +20,15 @@ from petsc4py import PETSc
 from scipy.linalg import eigh
 
 from rigidfx.base.errors import SceneError
+from rigidfx.step.linear import cholmod
+from rigidfx.step.linear.linear_solver import PREFIX, default_options
 
 __all__ = ["EigenControl", "Eigenpairs", "clusters", "lowest"]
 
 Array = npt.NDArray[np.float64]
 
 MOST = 1000  # restarts of the iteration
+OWN = PREFIX + "modes_"  # prefix of the options of the solver with K + σM
 
 
 @dataclass(frozen=True)
@@ -45,7 +49,7 @@ class EigenControl:
         doubtful: Relative residual at which a value that may have been missed has converged.
     """
 
-    tolerance: float = 1e-9
+    tolerance: float = 1e-10
     dense: int = 300
     shift: float = 1e-8
     high: float = 100.0
@@ -173,9 +177,9 @@ class _Search:
 
     def _found(self, count: int, zeros: int) -> tuple[Array, list[PETSc.Vec]]:
         """Enough of the lowest pairs, with what a first iteration may have missed."""
-        eps = self._solver()
         whole = self._size <= self._control.dense
         asked = self._size if whole else min(count + zeros + self._control.extra, self._size)
+        eps = self._solver(asked)
         values, vectors = self._ritz(self._next(eps, asked, []))
         while len(vectors) < self._size:
             elastic = values[~self._zeros(values, vectors)]
@@ -218,16 +222,39 @@ class _Search:
             sizes.append(abs(self._work.dot(vector)))
         return np.asarray(np.abs(values) <= self._control.rounding * np.array(sizes))
 
-    def _solver(self) -> Any:
-        """SLEPc's solver with the factors of K + σM, or LAPACK's for a small problem."""
-        slepc, control = self._slepc, self._control
-        eps = slepc.EPS().create(self._K.comm)
-        eps.setOperators(self._K, self._M)
-        eps.setProblemType(slepc.EPS.ProblemType.GHEP)
-        if self._size <= control.dense:
+    def _solver(self, count: int) -> Any:
+        """SLEPc's solver with the factors of K + σM, or LAPACK's for a small problem. Collective.
+
+        Args:
+            count: Pairs that are asked for at first, which size the space of the iteration.
+        """
+        slepc = self._slepc
+        if self._size <= self._control.dense:
+            eps = self._plain()
             eps.setType(slepc.EPS.Type.LAPACK)
             eps.setWhichEigenpairs(slepc.EPS.Which.SMALLEST_REAL)
             return eps
+        if self._K.comm.size == 1 and cholmod.exists():
+            eps = self._inverting(PETSc.Mat.SolverType.CHOLMOD)
+            eps.setDimensions(count)
+            try:
+                with default_options(OWN, **cholmod.DEFAULTS):
+                    eps.setUp()
+                return eps
+            except PETSc.Error:  # K + σM is not definite
+                eps.destroy()
+        return self._inverting(PETSc.Mat.SolverType.MUMPS)
+
+    def _plain(self) -> Any:
+        """SLEPc's solver with its operators."""
+        eps = self._slepc.EPS().create(self._K.comm)
+        eps.setOperators(self._K, self._M)
+        eps.setProblemType(self._slepc.EPS.ProblemType.GHEP)
+        return eps
+
+    def _inverting(self, package: str) -> Any:
+        """SLEPc's solver by shift and invert, with factors by some package."""
+        slepc, control, eps = self._slepc, self._control, self._plain()
         eps.setType(slepc.EPS.Type.KRYLOVSCHUR)
         eps.setTarget(-self._shift)
         eps.setWhichEigenpairs(slepc.EPS.Which.TARGET_MAGNITUDE)
@@ -236,9 +263,10 @@ class _Search:
         st = eps.getST()
         st.setType(slepc.ST.Type.SINVERT)
         ksp = st.getKSP()
+        ksp.setOptionsPrefix(OWN)
         ksp.setType(PETSc.KSP.Type.PREONLY)
         ksp.getPC().setType(PETSc.PC.Type.CHOLESKY)
-        ksp.getPC().setFactorSolverType(PETSc.Mat.SolverType.MUMPS)
+        ksp.getPC().setFactorSolverType(package)
         return eps
 
     def _next(self, eps: Any, count: int, found: list[PETSc.Vec]) -> list[PETSc.Vec]:
