@@ -115,6 +115,165 @@ def test_the_period_of_a_pendulum_converges_with_second_order():
     assert off[0] / off[1] == pytest.approx(4, rel=0.15)
 
 
+# Pairs, motors and springs on a rigid bar -------------------------------------------------------
+
+AT = 0.0, 0.05, 0.05  # m, the middle of the bar's end
+
+
+def bar(*effects):
+    """A rigid bar of 10 kg along x, with moments of inertia of its own."""
+    domain = rf.box((0, 0, 0), (1, 0.1, 0.1), (2, 1, 1)).with_cells("bar", lambda x: x[0] > -1)
+    inertia = np.diag([0.3, 0.8, 1.0])
+    return rf.Scene(domain, SOFT, [rf.Rigid("bar", mass=10.0, inertia=inertia), *effects])
+
+
+ABOUT_END = 1.0 + 10.0 * 0.5**2  # kg m², about an axis across the bar through its end
+HINGE = rf.Revolute("ground", "bar", AT, (0, 0, 1), name="joint")
+SLIDER = rf.Prismatic("ground", "bar", AT, (1, 0, 0), name="joint")
+
+
+def driven(*effects, dt=0.01, steps=60):
+    """Last report, and the largest error of the balance of energy [J]."""
+    reports = list(rf.simulate(bar(*effects), dt, steps * dt))
+    out = np.cumsum([r.work_of_loads - sum(r.dissipated.values()) for r in reports])
+    energies = np.array([r.energy for r in reports])
+    off = np.abs(energies - energies[0] - out).max()
+    return reports[-1], off / max(np.abs(out).max(), np.abs(energies).max())
+
+
+def test_a_torque_turns_a_hinge():
+    """The angle of constant acceleration, torque and bearing force as they must be."""
+    last, off = driven(HINGE, rf.Motor("joint", torque=5.0))
+    joint, angle = last.joints["joint"], 0.5 * 5.0 / ABOUT_END * 0.6**2
+    assert joint.angle == pytest.approx(angle, rel=1e-4)
+    assert joint.angle_rate == pytest.approx(5.0 / ABOUT_END * 0.595, rel=1e-4)
+    assert joint.moment[2] == pytest.approx(5.0, rel=1e-3)
+    spin = 5.0 / ABOUT_END * 0.595
+    pull = 10.0 * 0.5 * np.hypot(spin**2, 5.0 / ABOUT_END)
+    assert np.linalg.norm(joint.force) == pytest.approx(pull, rel=1e-3)
+    assert off <= 1e-12
+    assert joint.gap <= 1e-13
+
+
+def test_a_given_speed_turns_a_hinge_many_times():
+    """Turns are counted; the work is what the bar gets."""
+    last, off = driven(HINGE, rf.Motor("joint", speed=lambda t: 5 * t * t), steps=200)
+    assert last.joints["joint"].angle == pytest.approx(40 / 3, abs=1e-9)
+    assert last.kinetic == pytest.approx(0.5 * ABOUT_END * 20**2, rel=1e-2)
+    assert off <= 1e-11
+
+
+def test_a_given_angle_is_followed_under_gravity():
+    motor = rf.Motor("joint", angle=lambda t: 1 - np.cos(2 * t))
+    last, off = driven(HINGE, motor, rf.Gravity((0, -9.81, 0)))
+    assert last.joints["joint"].angle == pytest.approx(1 - np.cos(1.2), abs=1e-12)
+    assert off <= 1e-12
+
+
+def test_a_lock_ends_with_its_window():
+    """A hinge that is locked at rest does not fall; afterwards it does."""
+    lock = rf.Motor("joint", speed=0.0, until=0.3)
+    reports = list(rf.simulate(bar(HINGE, lock, rf.Gravity((0, -9.81, 0))), 0.01, 0.5))
+    angles = np.array([r.joints["joint"].angle for r in reports[1:]])
+    assert np.abs(angles[:30]).max() <= 1e-12
+    assert reports[20].joints["joint"].efforts["Motor of 'joint'"] == pytest.approx(49.05)
+    assert angles[-1] == pytest.approx(-0.5 * 49.05 / ABOUT_END * 0.2**2, rel=0.02)
+
+
+def test_a_spring_about_a_hinge_swings_and_its_damper_takes():
+    """The frequency of a torsion spring, converging with second order."""
+    off = []
+    for dt in (0.02, 0.01):
+        spring = rf.JointSpring("joint", 1000.0, rest=0.5)
+        last, lost = driven(HINGE, spring, dt=dt, steps=round(0.6 / dt))
+        exact = 0.5 - 0.5 * np.cos(0.6 * np.sqrt(1000 / ABOUT_END))
+        off.append(last.joints["joint"].angle - exact)
+        assert lost <= 1e-11
+    assert off[0] / off[1] == pytest.approx(4, rel=0.2)
+    damped = rf.JointSpring("joint", 1000.0, damping=30.0, rest=0.5)
+    last, lost = driven(HINGE, damped)
+    assert lost <= 1e-11
+    assert last.energy < 40 < 0.5 * 1000 * 0.5**2
+
+
+def test_a_slider_and_a_cylinder_let_the_bar_slide():
+    for joint in (SLIDER, rf.Cylindrical("ground", "bar", AT, (1, 0, 0), name="joint")):
+        last, off = driven(joint, rf.Motor("joint", force=5.0))
+        assert last.joints["joint"].travel == pytest.approx(0.5 * 0.5 * 0.6**2, rel=1e-9)
+        assert last.joints["joint"].force[0] == pytest.approx(5.0)
+        assert off <= 1e-12
+    last, _ = driven(SLIDER, rf.Motor("joint", rate=lambda t: 2 * t))
+    assert last.joints["joint"].travel == pytest.approx(0.36, abs=1e-12)
+
+
+def test_a_tie_carries_force_and_moment():
+    last, _ = driven(rf.Tied("ground", "bar", AT, name="joint"), rf.Gravity((0, -9.81, 0)))
+    assert last.joints["joint"].force == pytest.approx([0, 98.1, 0], abs=1e-9)
+    assert last.joints["joint"].moment == pytest.approx([0, 0, 49.05], abs=1e-9)
+    assert last.kinetic <= 1e-24
+
+
+def test_a_universal_joint_does_not_let_the_bar_turn_about_it():
+    """It swings about both axes of the cross; a torque about the bar's own axis finds no way."""
+    cross = rf.Universal("ground", "bar", AT, (0, 1, 0), (0, 0, 1), name="joint")
+    start = rf.InitialVelocity(angular=(0.0, 0.5, 1.0), centre=AT)
+    twist = rf.Resultant("bar", torque=(0.5, 0.0, 0.0))
+    reports = list(rf.simulate(bar(cross, start), 0.01, 0.5))
+    assert np.ptp([r.energy for r in reports]) <= 1e-12 * reports[0].energy
+    assert reports[-1].joints["joint"].gap <= 1e-13
+    still = list(rf.simulate(bar(cross, twist), 0.01, 0.1))[-1]
+    assert still.kinetic <= 1e-20
+    assert still.joints["joint"].moment == pytest.approx([-0.5, 0, 0], abs=1e-9)
+
+
+@NO_WARNINGS
+def test_two_hinges_of_one_door_hold_five_directions_once():
+    """The others are named, and the door swings as on one of them."""
+    upper = rf.Revolute("ground", "bar", (0, 0.05, 1.0), (0, 0, 1), name="upper")
+    motor = rf.Motor("joint", torque=5.0)
+    with pytest.warns(rf.RigidfxWarning, match=r"5 of the rows of joints follow from others"):
+        last, off = driven(HINGE, upper, motor)
+    alone, _ = driven(HINGE, motor)
+    assert last.joints["joint"].angle == pytest.approx(alone.joints["joint"].angle, rel=1e-12)
+    assert max(off, last.joints["upper"].gap) <= 1e-12
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: rf.Motor("joint"), "give exactly one of torque, angle"),
+        (lambda: rf.Motor("joint", torque=1.0, angle=0.0), "got torque, angle"),
+        (lambda: rf.JointSpring("joint", -1.0), "stiffness must be ≥ 0"),
+        (lambda: bar(HINGE, rf.Motor("door", torque=1.0)), "no joint 'door'; there are .'joint'"),
+        (lambda: bar(HINGE, rf.Motor("joint", force=1.0)), "leaves angle free, and travel"),
+        (lambda: rf.Universal("ground", "bar", AT, (1, 0, 0), (1, 1, 0)), "are at 45°"),
+    ],
+)
+def test_a_motor_that_cannot_be_is_refused(make, message):
+    with pytest.raises(rf.SceneError, match=message):
+        make()
+
+
+def test_a_motor_that_fails_says_when():
+    def broken(t):
+        return 1.0 if t < 0.05 else float("nan")
+
+    with pytest.raises(rf.SceneError, match=r"Motor of 'joint' at t = 0\.0\d+ s: torque"):
+        driven(HINGE, rf.Motor("joint", torque=broken))
+
+
+def test_history_and_description_have_the_joints(tmp_path):
+    scene = bar(HINGE, rf.Motor("joint", torque=5.0))
+    assert "1 joints hold 5 directions" in str(scene.describe())
+    assert "'ground' - 'bar'" in str(scene.describe())
+    with rf.Recorder(scene, tmp_path / "bar") as recorder:
+        for report in rf.simulate(scene, 0.01, 0.05):
+            recorder.write(report)
+    columns = rf.read_history(recorder.history)
+    assert columns["joint_joint_angle"][-1] == pytest.approx(report.joints["joint"].angle)
+    assert columns["joint_joint_force_x"][-1] == pytest.approx(report.joints["joint"].force[0])
+
+
 def test_a_scene_without_joints_has_the_equations_that_it_had():
     """No row more, and not even another class."""
     with prepared(rf.Scene(rf.box((0, 0, 0), (1, 1, 1), (2, 2, 2)), SOFT), 0.1) as run:

@@ -9,10 +9,11 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
-from scipy.sparse import csr_array, hstack
+from scipy.sparse import coo_array, csr_array, hstack
 
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects.joints.linkage import Linkage
+from rigidfx.mechanics.bodies import Bodies
 
 __all__ = ["Ports"]
 
@@ -37,10 +38,15 @@ class Ports:
             p: Map between unknowns and dofs.
             linkage: The joints, bound to the same division.
         """
-        columns, alive = [], []
+        columns: list[list[csr_array]] = []
+        alive: list[bool] = []
         f, r = p.layout.rows.vector(), p.unknowns()
         none = np.zeros((len(p.layout.bodies), 6))
         for k in range(linkage.averages):
+            if not linkage.used[k]:
+                columns.append([])
+                alive.append(False)
+                continue
             weights, own = linkage.own[[k]].toarray()[0], []
             for axis in range(3):
                 f.set(0.0)
@@ -54,7 +60,7 @@ class Ports:
         known = np.array(alive, dtype=np.int32)
         p.comm.Allreduce(MPI.IN_PLACE, known, op=MPI.MAX)
         self.averages: Ints = np.flatnonzero(known)
-        held = np.asarray(abs(linkage.held).sum(axis=0)).ravel().reshape(-1, 4)
+        held = np.asarray(abs(linkage.held[linkage.used]).sum(axis=0)).ravel().reshape(-1, 4)
         self.bodies: Ints = np.flatnonzero(held.sum(axis=1))
         mine = np.searchsorted(p.owned_bodies, self.bodies)
         blocks = [csr_array((p.owned, 0)), *(c for k in self.averages for c in columns[k])]
@@ -65,7 +71,37 @@ class Ports:
             blocks.append(csr_array((np.ones(at[0].size), at), shape=(p.owned, 6)))
         self.entries = csr_array(hstack(blocks, format="csr"))
         self._at = 3 * len(self.averages) + 6 * np.arange(len(self.bodies))
-        self._linkage = linkage
+        self._linkage, self._p = linkage, p
+        taken = linkage.held.tocoo()
+        at = linkage.used[taken.coords[0]]
+        kept = coo_array((taken.data[at], (taken.coords[0][at], taken.coords[1][at])), taken.shape)
+        of, arm = np.divmod(kept.coords[1], 4)
+        self._held = kept, of, arm, np.searchsorted(self.bodies, of)
+
+    def resisted(self, linkage: Linkage, bodies: Bodies) -> tuple[Array, Array]:
+        """What tells which rows are independent, at the start of a step. Collective.
+
+        Args:
+            linkage: The joints.
+            bodies: The rigid bodies.
+
+        Returns:
+            Derivatives of rows by ports, shape (rows, ports), and velocities of ports per impulse
+            at them, as far as the masses of nodes and bodies are concerned.
+        """
+        p = self._p
+        p.pose(bodies)
+        mass, none = p.unknowns(), np.zeros((len(bodies), 6))
+        p.collapse(np.repeat(np.abs(p.layout.masses), 3), none, mass)
+        own = mass.array_r.copy()
+        mass.destroy()
+        inverse = np.divide(1.0, own, out=np.zeros_like(own), where=own > 0)
+        compliance = (self.entries.T * inverse[None]) @ self.entries
+        every = np.ascontiguousarray(compliance.toarray())
+        p.comm.Allreduce(MPI.IN_PLACE, every)
+        for body, at in zip(self.bodies, self._at, strict=True):
+            every[at : at + 6, at : at + 6] = np.linalg.inv(bodies.mass_blocks[body])
+        return np.asarray((linkage.gradient(0.0) @ self.lead(p.increments.L)).toarray()), every
 
     @property
     def count(self) -> int:
@@ -83,9 +119,7 @@ class Ports:
         out = csr_array((np.ones(rows.size), (rows, np.arange(rows.size))), (size, self.count))
         if not self.bodies.size:
             return out
-        held = self._linkage.held.tocoo()
-        of, arm = np.divmod(held.coords[1], 4)
-        place = np.searchsorted(self.bodies, of)
+        held, of, arm, place = self._held
         values = held.data[:, None, None] * L.reshape(-1, 4, 3, 6)[of, arm]
         row = np.broadcast_to(
             3 * held.coords[0][:, None, None] + np.arange(3)[:, None], values.shape

@@ -17,10 +17,17 @@ from rigidfx.effects.damping.numerical_damping import NumericalDamping
 from rigidfx.effects.damping.stiffness_damping import StiffnessDamping
 from rigidfx.effects.initial.initial_displacement import InitialDisplacement, places_at_start
 from rigidfx.effects.initial.initial_velocity import InitialVelocity
+from rigidfx.effects.joints.cylindrical import Cylindrical
+from rigidfx.effects.joints.elements import JointSpring, Motor
 from rigidfx.effects.joints.joint import Joint
+from rigidfx.effects.joints.joint_report import JointReport
+from rigidfx.effects.joints.prismatic import Prismatic
 from rigidfx.effects.joints.revolute import Revolute
 from rigidfx.effects.joints.sides import MeanFace
 from rigidfx.effects.joints.spherical import Spherical
+from rigidfx.effects.joints.telling import JointReports
+from rigidfx.effects.joints.tied import Tied
+from rigidfx.effects.joints.universal import Universal
 from rigidfx.effects.loads.body_force import BodyForce
 from rigidfx.effects.loads.dead_load import DeadLoad
 from rigidfx.effects.loads.gravity import Gravity
@@ -41,6 +48,7 @@ __all__ = [
     "BodyForce",
     "Contact",
     "Cylinder",
+    "Cylindrical",
     "DeadLoad",
     "Effect",
     "Fixed",
@@ -49,9 +57,13 @@ __all__ = [
     "InitialDisplacement",
     "InitialVelocity",
     "Joint",
+    "JointReport",
+    "JointReports",
+    "JointSpring",
     "KelvinVoigt",
     "MassDamping",
     "MeanFace",
+    "Motor",
     "NodalForce",
     "NumericalDamping",
     "Obstacle",
@@ -61,6 +73,7 @@ __all__ = [
     "PrescribedMotion",
     "PrescribedRotation",
     "Pressure",
+    "Prismatic",
     "Resultant",
     "Revolute",
     "Rigid",
@@ -72,8 +85,10 @@ __all__ = [
     "Support",
     "Symmetry",
     "Table",
+    "Tied",
     "Touch",
     "Traction",
+    "Universal",
     "Windowed",
     "bends_of",
     "places_at_start",

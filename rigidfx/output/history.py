@@ -23,6 +23,10 @@ Columns, in SI units; a vector has one column for each of x, y, z:
     recovered_NAME                           1 where a rigid part says what it would strain there,
                                              see `rigidfx.report.recovered`; else 0
     contact                                  stored in contacts at t [J]; in scenes with contacts
+    joint_NAME_place_x, _force_x, _moment_x … place of the joint NAME at t [m]; force on its second
+                                             side and moment about the place [N, N m]
+    joint_NAME_angle, _angle_rate            of a joint that turns [rad, rad/s]; else NaN
+    joint_NAME_travel, _travel_rate, _gap    of one that slides [m, m/s]; violation at t [m]
     contact_NAME_force_x …, _moment_x …      of each contact [N, N m], zero while it does not act
     contact_NAME_pressing                    sum of the sizes of its nodal forces [N]
     contact_NAME_energy, _dissipated         stored at t, taken by friction in the step [J]
@@ -56,7 +60,7 @@ import numpy.typing as npt
 
 from rigidfx.base.errors import OutputError
 from rigidfx.base.inputs import path_of
-from rigidfx.effects import Touch
+from rigidfx.effects import JointReport, Touch
 from rigidfx.report.probe_stress import StressAt
 from rigidfx.report.report import Report
 
@@ -86,6 +90,7 @@ def history_columns(
     probes: Sequence[str],
     contacts: Sequence[str] = (),
     stress: bool = False,
+    joints: Sequence[str] = (),
 ) -> list[str]:
     """Names of the columns.
 
@@ -94,6 +99,7 @@ def history_columns(
         probes: Names of the probes.
         contacts: Titles of the contacts.
         stress: Whether stress and strain at the probes are among them.
+        joints: Titles of the joints.
     """
     stresses = [name for probe in probes if stress for name in _stress_names(probe)]
     named = [
@@ -104,7 +110,8 @@ def history_columns(
     names = [f"{vector}_{axis}" for vector in vectors for axis in "xyz"]
     first = [*SCALARS, "dissipated", "impact_energy", "momentum_scale", "bodies"]
     of_contacts = [*(["contact"] if contacts else []), *_of_contacts(contacts, {})]
-    return [*first, *names, *stresses, *of_contacts, *LEDGER, "wall"]
+    of_joints = _of_joints(joints, {})
+    return [*first, *names, *stresses, *of_contacts, *of_joints, *LEDGER, "wall"]
 
 
 def history_row(
@@ -112,6 +119,7 @@ def history_row(
     supports: Sequence[str],
     contacts: Sequence[str] = (),
     stresses: Mapping[str, StressAt] | None = None,
+    joints: Sequence[str] = (),
 ) -> dict[str, float]:
     """The row of a step, by the names of the columns.
 
@@ -120,6 +128,7 @@ def history_row(
         supports: Names of the sets that supports hold, now or at another time.
         contacts: Titles of the contacts, likewise.
         stresses: Stress and strain at the probes, if they are among the columns.
+        joints: Titles of the joints.
     """
     row = {name: getattr(report, name) for name in SCALARS}
     row["dissipated"] = sum(report.dissipated.values())
@@ -143,7 +152,21 @@ def history_row(
         row |= dict(zip(_stress_names(name), map(float, values), strict=True))
     if contacts:
         row |= {"contact": report.contact, **_of_contacts(contacts, report.touches)}
+    row |= _of_joints(joints, report.joints)
     return row | _spent(report) | {"wall": report.wall}
+
+
+def _of_joints(joints: Sequence[str], told: Mapping[str, JointReport]) -> dict[str, float]:
+    """The columns of joints and their values, by their titles."""
+    out: dict[str, float] = {}
+    unknown = np.full(3, nan)
+    for title in joints:
+        joint = told.get(title, JointReport(unknown, unknown, unknown, gap=nan))
+        for name in ("place", "force", "moment"):
+            out |= components(f"joint_{title}_{name}", getattr(joint, name))
+        for name in ("angle", "travel", "angle_rate", "travel_rate", "gap"):
+            out[f"joint_{title}_{name}"] = getattr(joint, name)
+    return out
 
 
 def _spent(report: Report) -> dict[str, float]:

@@ -34,7 +34,7 @@ from rigidfx.base.inputs import path_of, positive, shown, whole
 from rigidfx.base.instants import at_latest
 from rigidfx.base.log import hearing
 from rigidfx.base.same_input import check_same
-from rigidfx.effects import Contact
+from rigidfx.effects import Contact, Joint
 from rigidfx.output.body_tables import BODY_COLUMNS, EVENT_COLUMNS, body_rows, event_rows
 from rigidfx.output.csv_file import CsvFile
 from rigidfx.output.fields import Fields
@@ -110,6 +110,7 @@ class Recorder:
         self._scene, self._comm = scene, scene.comm
         self._supports = tuple(dict.fromkeys(support.where for support, _ in scene.supports))
         self._contacts = tuple(contact.title for contact in scene.named(Contact))
+        self._joints = tuple(joint.title for joint in scene.named(Joint))
         self._stress = bool(stress)
         self._fields = Fields(scene, self._stress)
         self._cloud = PointFields(scene) if integration_points else None
@@ -122,7 +123,8 @@ class Recorder:
     def _start(self, probes: list[str]) -> None:
         self.folder.mkdir(parents=True, exist_ok=True)
         self._history = self._csv_file(
-            self.history, history_columns(self._supports, probes, self._contacts, self._stress)
+            self.history,
+            history_columns(self._supports, probes, self._contacts, self._stress, self._joints),
         )
         self._files.enter_context(hearing(_log_file(self.folder / "log.txt")))
         self.events.unlink(missing_ok=True)
@@ -239,7 +241,8 @@ class Recorder:
         return True
 
     def _write_rows(self, report: Report, stresses: Mapping[str, StressAt] | None) -> None:
-        self._history.add([history_row(report, self._supports, self._contacts, stresses)])
+        named = self._supports, self._contacts, stresses, self._joints
+        self._history.add([history_row(report, *named)])
         if report.finds_bodies:
             self._events.add(event_rows(report))
 

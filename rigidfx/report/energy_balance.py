@@ -42,6 +42,7 @@ class EnergyBalance:
         """
         self._expected = self._scale = self._known = 0.0
         self._rounding = _rounding(scene)
+        self._held, self._size = 0.0, scene.mean_cell_size
         self._comm = scene.comm
         self._follows = scene.scheme.conserving
         self._warned = False
@@ -64,9 +65,12 @@ class EnergyBalance:
             self._expected, self._given = report.energy, report.kinetic
         else:
             self._expected += work - taken + (report.impact.energy if report.impact else 0.0)
+        # What joints hold at rest moves by rounding, and their forces with it.
+        self._held += ROUNDING * report.joints.total * self._size
         self._known = max(self._known, abs(self._expected), abs(work), taken)
         self._scale = max(self._scale, report.energy, abs(work), taken)
-        off, rounding = abs(report.energy - self._expected), self._rounding
+        off = max(0.0, abs(report.energy - self._expected) - self._held)
+        rounding = self._rounding
         self._most = max(self._most, off)
         beyond_rounding = off > WORTH_A_WARNING * self._scale + rounding.all
         if (beyond_rounding or off > LARGE * self._scale + rounding.softest) and not self._warned:

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from rigidfx.effects import Contact, Rigid, Touch
+from rigidfx.effects import Contact, JointReports, Rigid, Touch
 from rigidfx.error.error_motion import ErrorMotion
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.report.events import Event
@@ -89,6 +89,7 @@ def report_of(
         reactions=result.reactions if result else {},
         reaction_moments=result.reaction_moments if result else {},
         touches=_untouched(stepper.scene) | (dict(result.touches) if result else {}),
+        joints=result.joints if result else JointReports(),
         impact=impact,
         rigid=state.bodies,
         clamped=_clamped(stepper),

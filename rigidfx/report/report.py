@@ -12,7 +12,7 @@ from dolfinx import fem
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.taken import read_only
-from rigidfx.effects import Touch
+from rigidfx.effects import JointReports, Touch
 from rigidfx.error.error_motion import ErrorMotion
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.stress import Added, Recovered
@@ -69,6 +69,8 @@ class Report:
         reaction_moments: Its moment about the origin, likewise [N m].
         touches: What each contact of the scene did in this step, by its title: see
             `rigidfx.effects.action.Touch`; nothing in the initial state, and while it does not act.
+        joints: What each joint did in this step, by its title: see
+            `rigidfx.effects.joints.joint_report.JointReport`; nothing in the initial state.
         impact: What the start of a support, or a jump of its velocity, did at the step's start; at
             t = 0 in the report of the initial state.
         rigid: The rigid bodies at its end, as arrays.
@@ -110,6 +112,7 @@ class Report:
     reactions: Mapping[str, Array]
     reaction_moments: Mapping[str, Array]
     touches: Mapping[str, Touch]
+    joints: JointReports
     impact: Impact | None
     rigid: Bodies
     clamped: tuple[str, ...]

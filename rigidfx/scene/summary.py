@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import ufl
 
-from rigidfx.effects import Effect, Table, Windowed
+from rigidfx.effects import Effect, Joint, Rigid, Table, Windowed
 from rigidfx.mechanics.element import StandardElement
 from rigidfx.scene.mesh_checks import parts_in_words
 from rigidfx.scene.pieces import pieces_in_words
@@ -18,7 +18,7 @@ from rigidfx.scene.weights import inertial_masses
 
 __all__ = ["FURTHER", "description", "effects_table", "in_a_line", "in_words", "phases"]
 
-ELSEWHERE = ("where", "components", "since", "until")  # not among the values
+ELSEWHERE = ("where", "components", "since", "until", "a", "b")  # not among the values
 
 # What modules that come later in the flow of data add to a description, from the scene, the time
 # step thought of and the number of periods: lines.
@@ -58,9 +58,22 @@ def description(scene: Any, step: float | None, periods: int | None = None) -> l
         *(line for more in FURTHER for line in more(scene, step, periods)),
         "Effects" if scene.effects else "Effects: none",
         *(f"  {line}" for line in effects_table(scene.effects)),
+        *_freedom(scene),
     ]
     acting = phases(scene.effects)
     return lines + (["Acting", *(f"  {line}" for line in acting)] if acting else [])
+
+
+def _freedom(scene: Any) -> list[str]:
+    """A line on how many directions joints hold, and what rigid parts have. Collective."""
+    joints = scene.named(Joint)
+    if not joints:
+        return []
+    held, parts = sum(len(joint.pieces.rows) for joint in joints), len(scene.named(Rigid))
+    return [
+        f"  {len(joints)} joints hold {held} directions; the {parts} parts named rigid have "
+        f"{6 * parts} degrees of freedom without them. A run tells which directions are held twice."
+    ]
 
 
 def _element(scene: Any) -> str:
@@ -178,7 +191,9 @@ def _short(effect: Effect) -> str:
     return _kind(effect) + (f" '{where}'" if where else "")
 
 
-def _where(effect: Effect) -> str:
+def _where(effect: Any) -> str:
+    if isinstance(effect, Joint):
+        return effect.between
     if not hasattr(effect, "where"):
         return "everywhere"
     components = getattr(effect, "components", "xyz")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +12,7 @@ import numpy.typing as npt
 from rigidfx.base.failures import Failures
 from rigidfx.base.instants import longer
 from rigidfx.coupling.dealt_rows import Dealing
-from rigidfx.effects import Contact, Support, Touch, Windowed
+from rigidfx.effects import Contact, JointReports, Support, Touch, Windowed
 from rigidfx.flexible.eased_stress import EasedStress
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import InternalForces
@@ -51,6 +51,7 @@ class StepResult:
         reactions: Force each support exerts on the structure at the midpoint, shape (3,) [N].
         reaction_moments: Its moment about the origin, shape (3,) [N m].
         touches: What each contact did, by its title.
+        joints: What each joint did, by its title.
     """
 
     dt: float
@@ -62,6 +63,7 @@ class StepResult:
     reactions: Mapping[str, npt.NDArray[np.float64]]
     reaction_moments: Mapping[str, npt.NDArray[np.float64]]
     touches: Mapping[str, Touch]
+    joints: JointReports = field(default_factory=JointReports)
 
 
 class Stepper:
@@ -340,4 +342,5 @@ def _result(attempt: Attempt, work: Work) -> StepResult:
         reactions=work.reactions,
         reaction_moments=work.reaction_moments,
         touches=work.touches,
+        joints=work.joints,
     )

@@ -78,7 +78,7 @@ class RigidFields:
     ) -> Closing:
         """What closes joints at the present places. Collective."""
         bodies, u = state.bodies, state.u.x.array
-        linkage = Linkage(joints, scene, layout.rows, layout.massive, bodies, u)
+        linkage = Linkage(joints, (), scene, layout.rows, layout.massive, bodies, u)
         linkage.begin(bodies)
 
         def solve(r: Array) -> Array:

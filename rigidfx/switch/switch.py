@@ -30,7 +30,7 @@ from rigidfx.switch.exchange import Exchange, LumpedExchange
 from rigidfx.switch.inventory import check_clamps, divide
 from rigidfx.switch.mass_properties import mass_properties
 
-__all__ = ["Switch"]
+__all__ = ["Switch", "implied_rows"]
 
 
 class Switch:
@@ -54,6 +54,7 @@ class Switch:
         scene = stepper.scene
         joints = scene.named(Joint)
         self._joints = ConsistentExchange(scene, stepper.forces) if joints else None
+        self._told: set[str] = set()  # rows of joints that others imply
         self._grounded = any(joint.holds for joint in joints)
         kind = LumpedExchange if scene.mass == "lumped" else ConsistentExchange
         self._exchange: Exchange = self._joints or kind(scene, stepper.forces)
@@ -73,6 +74,10 @@ class Switch:
         prescribed = PrescribedDofs(scene, supports, division.driven_nodes).mask
         self._exchange.settle(state, division, prescribed)
         stepper.bind(replace(division, bodies=state.bodies), self.acting)
+        linkage = stepper.system.linkage
+        if linkage is not None and (new := set(linkage.redundant) - self._told):
+            self._told |= new
+            warn(scene.comm, implied_rows(linkage.redundant))
 
     def begin(self) -> Impact | None:
         """Bring the state into its initial one, and bind the stepper. Collective.
@@ -249,6 +254,15 @@ class Switch:
             angular_momentum_error=float(np.linalg.norm(angular)),
             woken=np.empty(0, np.int32) if decision.woken is None else decision.woken,
         )
+
+
+def implied_rows(titles: Sequence[str]) -> str:
+    """A warning of rows of joints that others imply, by joint and direction."""
+    return (
+        f"{len(titles)} of the rows of joints follow from others and are left out: "
+        f"{'; '.join(titles)}. The motion is the same; how forces are shared among the joints that "
+        "hold the same is not determined."
+    )
 
 
 def _in_one_only(before: Sequence[Windowed], after: Sequence[Windowed]) -> list[Contact]:

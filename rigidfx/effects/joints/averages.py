@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
 
-__all__ = ["Average", "Averages", "Grounded"]
+__all__ = ["Average", "Averages", "Face", "Grounded", "Sided"]
 
 Array = npt.NDArray[np.float64]
 NONE = np.empty(0)
@@ -37,11 +37,13 @@ class Average:
         nodes: Owned nodes of this rank.
         weights: c of each [1, or 1/m].
         constant: Shape (3,).
+        is_place: Whether it is a place, not a direction.
     """
 
     nodes: npt.NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
     weights: Array = field(default_factory=lambda: NONE)
     constant: Array = field(default_factory=lambda: np.zeros(3))
+    is_place: bool = False
 
 
 class Grounded:
@@ -60,7 +62,7 @@ class Grounded:
 
     def place(self, point: Array) -> Average:
         """The point itself."""
-        return Average(constant=point)
+        return Average(constant=point, is_place=True)
 
     def direction(self, a: Array) -> Average:
         """The direction itself."""
@@ -109,6 +111,15 @@ class Averages:
         """Whether the nodes span a direction."""
         return bool(np.linalg.norm(direction @ self._across) <= OFF * np.linalg.norm(direction))
 
+    def holds(self, point: Array) -> bool:
+        """Whether the nodes span the place of a point."""
+        return bool(np.linalg.norm((point - self._centre) @ self._across) <= OFF * self.size)
+
+    @property
+    def flat(self) -> bool:
+        """Whether the nodes lie in a plane or on a line."""
+        return self._across.size > 0
+
     def place(self, point: Array) -> Average:
         """Where a point of the side is.
 
@@ -116,13 +127,14 @@ class Averages:
             SceneError: If the nodes lie in a plane or on a line, and the point beside it.
         """
         arm = point - self._centre
-        if np.linalg.norm(arm @ self._across) > OFF * self.size:
+        if not self.holds(point):
             raise SceneError(
                 f"{self._title}: its nodes lie in a plane or on a line, and the joint at "
                 f"{point} m beside it, {np.linalg.norm(arm @ self._across):.3g} m away. Place the "
                 "joint there, or name a set that is not flat."
             )
-        return Average(self._nodes, self._w * (1.0 + self._arms @ (self._inverse @ arm)))
+        weights = self._w * (1.0 + self._arms @ (self._inverse @ arm))
+        return Average(self._nodes, weights, is_place=True)
 
     def direction(self, a: Array) -> Average:
         """Where a direction of the side points.
@@ -136,3 +148,37 @@ class Averages:
                 f"{a}. Name a set that is not flat."
             )
         return Average(self._nodes, self._w * (self._arms @ (self._inverse @ a)))
+
+
+class Face:
+    """A flat surface as a side: what its nodes do not span, those of the cells behind it do.
+
+    Attributes:
+        size: That of the surface [m].
+        mass: Mass of the nodes of the cells behind it [kg].
+    """
+
+    def __init__(self, surface: Averages, behind: Averages) -> None:
+        """Take both.
+
+        Args:
+            surface: Nodes of the surface.
+            behind: Nodes of the cells that have it.
+        """
+        self._surface, self._behind = surface, behind
+        self.size, self.mass = surface.size, behind.mass
+
+    def knows(self, direction: Array) -> bool:
+        """Whether the nodes span a direction."""
+        return self._behind.knows(direction)
+
+    def place(self, point: Array) -> Average:
+        """Where a point of the side is."""
+        return (self._surface if self._surface.holds(point) else self._behind).place(point)
+
+    def direction(self, a: Array) -> Average:
+        """Where a direction of the side points."""
+        return (self._surface if self._surface.knows(a) else self._behind).direction(a)
+
+
+Sided = Averages | Face | Grounded

@@ -12,14 +12,14 @@ import numpy.typing as npt
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import shown, vector
 from rigidfx.effects.base import WHOLE, Effect, Vector
-from rigidfx.effects.joints.averages import Averages, Grounded
-from rigidfx.effects.joints.pieces import Pieces
+from rigidfx.effects.joints.averages import Sided
+from rigidfx.effects.joints.coordinates import Angle, Travel
+from rigidfx.effects.joints.pieces import Pieces, perpendiculars
 from rigidfx.effects.joints.sides import GROUND, MeanFace, Side, check_side, side_name, side_of
 
-__all__ = ["Joint", "axis_of"]
+__all__ = ["Aligned", "Joint", "axis_of"]
 
 Array = npt.NDArray[np.float64]
-Sided = Averages | Grounded
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,12 @@ class Joint(Effect):
     @property
     def title(self) -> str:
         """Its name in reports."""
-        return self.name or f"{self.kind} {side_name(self.a)} - {side_name(self.b)}"
+        return self.name or f"{self.kind} {self.between}"
+
+    @property
+    def between(self) -> str:
+        """Its sides in words."""
+        return f"{side_name(self.a)} - {side_name(self.b)}"
 
     @property
     def owner(self) -> str:
@@ -119,8 +124,82 @@ class Joint(Effect):
 
     def meet(self, pieces: Pieces, a: Sided, b: Sided) -> None:
         """Add that both sides have the joint's place in common."""
+        pieces.point_on_point(*self.points(pieces, a, b))
+
+    def points(self, pieces: Pieces, a: Sided, b: Sided) -> tuple[int, int]:
+        """Numbers of the joint's place on both sides."""
         point = np.asarray(self.at, dtype=np.float64)
-        pieces.point_on_point(pieces.add(a.place(point)), pieces.add(b.place(point)))
+        return pieces.add(a.place(point), 0), pieces.add(b.place(point), 1)
+
+    def align(self, pieces: Pieces, a: Sided, b: Sided, axis: Array) -> Aligned:
+        """Add that an axis of one side is perpendicular to two directions of the other.
+
+        Args:
+            pieces: What that is added to.
+            a: First side.
+            b: Second side.
+            axis: The axis at the start, of unit length.
+
+        Raises:
+            SceneError: If neither side knows its axis with the other one's directions across.
+        """
+        across = perpendiculars(axis)
+        for first in (0, 1):
+            one, other = (b, a) if first else (a, b)
+            if one.knows(axis) and all(map(other.knows, across)):
+                along = pieces.add(one.direction(axis), first)
+                numbers = [pieces.add(other.direction(e), 1 - first) for e in across]
+                for k, number in enumerate(numbers):
+                    pieces.perpendicular(along, number, f"tilt {k + 1}")
+                return Aligned(first, one, across, along, (numbers[0], numbers[1]))
+        raise SceneError(
+            f"{self.owner}: the nodes of its sides lie on lines, and do not tell how both stand to "
+            "the axis. Name larger surfaces, a Rigid part or the ground."
+        )
+
+
+@dataclass(frozen=True)
+class Aligned:
+    """How two sides have an axis in common.
+
+    Attributes:
+        first: Side whose axis it is, 0 or 1.
+        one: That side.
+        across: Two directions across at the start.
+        along: Number of the axis.
+        numbers: Numbers of these directions on the other side.
+    """
+
+    first: int
+    one: Sided
+    across: tuple[Array, Array]
+    along: int
+    numbers: tuple[int, int]
+
+    def hold_angle(self, pieces: Pieces) -> None:
+        """Add that the sides do not turn about the axis.
+
+        Raises:
+            SceneError: If the nodes do not span a direction across.
+        """
+        own = pieces.add(self.one.direction(self.across[0]), self.first)
+        pieces.perpendicular(own, self.numbers[1], "turn")
+
+    def leave_angle(self, pieces: Pieces) -> None:
+        """Measure the angle about the axis, where the nodes span a direction across."""
+        if self.one.knows(self.across[0]):
+            own = pieces.add(self.one.direction(self.across[0]), self.first)
+            sign = -1.0 if self.first == 0 else 1.0
+            pieces.coordinates["angle"] = Angle((own, *self.numbers), sign)
+
+    def leave_travel(self, pieces: Pieces, points: tuple[int, int]) -> None:
+        """Measure the travel along the axis."""
+        pieces.coordinates["travel"] = Travel((*points, self.along))
+
+    def hold_place(self, pieces: Pieces, points: tuple[int, int]) -> None:
+        """Add that the joint's places stay on the axis of the side that has the directions."""
+        for k, number in enumerate(self.numbers):
+            pieces.in_plane(*points, number, f"across {k + 1}")
 
 
 def axis_of(joint: Joint, axis: Any) -> Array:

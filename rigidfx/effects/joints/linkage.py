@@ -12,16 +12,22 @@ is the same in all iterates of a step.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import accumulate
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, vstack
 
+from rigidfx.effects.joints.coordinates import Coordinates
+from rigidfx.effects.joints.drives import Drives
+from rigidfx.effects.joints.elements import JointSpring, Motor
 from rigidfx.effects.joints.joint import Joint
+from rigidfx.effects.joints.joint_report import JointReport
+from rigidfx.effects.joints.telling import JointReports, told_of
+from rigidfx.effects.joints.terms import Terms
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments
 
@@ -35,10 +41,10 @@ class Linkage:
     """The joints of a scene, bound to a division; arrays are equal on all ranks.
 
     Attributes:
-        count: Number of rows.
+        active: Numbers of the rows that have forces: those that the others follow from.
         averages: Number of averages.
-        masses: Mass that each row moves, in order of magnitude [kg].
-        multipliers: λ of each row in the last step, shape (rows,) [N].
+        used: Which of them have forces; others are measured only.
+        drives: Motors and springs.
         own: Weights of nodes that are no body's, shape (averages, places among these nodes).
         held: Weights of the bodies' [1, V], shape (averages, 4 · bodies).
         at: Places of the nodes of `own` among the rows of the division.
@@ -47,6 +53,7 @@ class Linkage:
     def __init__(
         self,
         joints: Sequence[Joint],
+        elements: Sequence[Motor | JointSpring],
         scene: Any,
         rows: Any,
         own: npt.NDArray[np.bool_],
@@ -58,6 +65,7 @@ class Linkage:
 
         Args:
             joints: The joints, as the scene has placed them.
+            elements: Motors that act, and springs.
             scene: The problem.
             rows: Rows of the nodes that take part.
             own: For each of these nodes, whether it belongs to no body.
@@ -70,8 +78,9 @@ class Linkage:
         pieces = [joint.pieces for joint in joints]
         firsts = [0, *accumulate(len(own.averages) for own in pieces)]
         averages = [average for own in pieces for average in own.averages]
-        self.averages, self.count = len(averages), sum(len(own.rows) for own in pieces)
-        self.masses = np.repeat([own.mass for own in pieces], [len(own.rows) for own in pieces])
+        self.averages, self._every = len(averages), sum(len(own.rows) for own in pieces)
+        self._masses = np.repeat([own.mass for own in pieces], [len(own.rows) for own in pieces])
+        self.active: Ints = np.arange(self._every)
         self._constant = np.reshape([average.constant for average in averages], (-1, 3))
         number = np.repeat(np.arange(self.averages), [a.nodes.size for a in averages])
         nodes = np.concatenate([np.empty(0, np.int64), *(a.nodes for a in averages)])
@@ -87,35 +96,57 @@ class Linkage:
         self.held = csr_array(np.asarray(scene.sum(every)).reshape(self.averages, -1))
         self._X, self._dofs = rows.X[self.at], rows.dofs.reshape(-1, 3)[self.at]
         self._u0 = u
-        self._set_rows(firsts)
+        self._terms = Terms([own.rows for own in pieces], firsts, self.averages)
+        self._firsts = firsts
+        self.drives = Drives(scene, elements, firsts)
+        self.used = np.zeros(self.averages, dtype=bool)
+        self.used[[*self._terms.averages, *self.drives.averages]] = True
         self._known = [slice(*pair) for pair in self._ends()]
-        self.multipliers: Array = np.zeros(self.count)
-        for joint, place in zip(self._joints, self._known, strict=True):
+        self._multipliers: Array = np.zeros(self._every)
+        free = {
+            (k, name): own
+            for k, joint in enumerate(self._joints)
+            for name, own in joint.pieces.coordinates.items()
+        }
+        self._free = Coordinates(free, firsts)
+        self._q: dict[tuple[int, str], float] = dict.fromkeys(free, 0.0)
+        for k, (joint, place) in enumerate(zip(self._joints, self._known, strict=True)):
             before = (self._notes or {}).get(id(joint))
             if before is not None:
-                self.multipliers[place] = before
+                self._multipliers[place] = before[0]
+                self._q |= {(k, name): q for name, q in before[1].items()}
+        self.drives.remember(self._notes or {})
+        self._dt = 1.0
         none: Array = np.zeros((self.averages, 3))
         self._start, self._moved, self.forces = none, none, none
-        self._g0: Array = np.zeros(self.count)
+        self._g0: Array = np.zeros(self._every)
 
-    def _set_rows(self, firsts: Sequence[int]) -> None:
-        """Collect the terms of all rows."""
-        linear: list[tuple[int, int, float]] = []
-        products: list[tuple[int, int, int, float]] = []
-        row = 0
-        for joint, first in zip(self._joints, firsts, strict=False):
-            for item in joint.pieces.rows:
-                linear += [(row, 3 * (first + k) + axis, c) for k, axis, c in item.linear]
-                products += [(row, first + k, first + j, c) for k, j, c in item.products]
-                row += 1
-        shape = self.count, 3 * self.averages
-        at = np.array([(r, c) for r, c, _ in linear], dtype=np.int64).reshape(-1, 2).T
-        self._linear = csr_array((np.array([v for *_, v in linear]), at), shape=shape)
-        pairs = np.array([(r, k, j) for r, k, j, _ in products], dtype=np.int64).reshape(-1, 3)
-        self._row, self._first, self._second = pairs.T
-        self._factor = np.array([c for *_, c in products])
-        columns = 3 * pairs[:, 1:, None] + np.arange(3)
-        self._at = np.broadcast_to(self._row[:, None, None], columns.shape).ravel(), columns.ravel()
+    def keep(self, rows: Ints) -> None:
+        """Let only these rows have forces: numbers among all of them, sorted."""
+        self.active = rows
+        dropped = np.setdiff1d(np.arange(self._every), rows)
+        self._multipliers[dropped] = 0.0
+
+    @property
+    def count(self) -> int:
+        """Number of rows that have forces, those of motors and springs among them."""
+        return self.active.size + len(self.drives)
+
+    @property
+    def redundant(self) -> tuple[str, ...]:
+        """Joint and direction of each row that has none, as others imply it."""
+        titles = [f"{j.title}: {row.title}" for j in self._joints for row in j.pieces.rows]
+        return tuple(titles[k] for k in np.setdiff1d(np.arange(self._every), self.active))
+
+    @property
+    def masses(self) -> Array:
+        """Mass that each active row moves, in order of magnitude [kg]."""
+        return np.concatenate([self._masses[self.active], self.drives.masses])
+
+    @property
+    def multipliers(self) -> Array:
+        """λ of each active row in the last step [N]."""
+        return np.concatenate([self._multipliers[self.active], self.drives.multipliers])
 
     def _ends(self) -> list[tuple[int, int]]:
         """First and last row of each joint."""
@@ -146,21 +177,44 @@ class Linkage:
         none: Array = np.zeros((self.held.shape[1], 3))
         return np.asarray(self.gradient(0.0) @ self._average(at_nodes, none).ravel())
 
+    def places(self, bodies: Bodies) -> Array:
+        """Where averages are now, shape (averages, 3). Collective.
+
+        Args:
+            bodies: The bodies now.
+        """
+        x = self._X + self._u0[self._dofs]
+        return self._average(x, bodies.pose) + self._constant
+
+    def coordinates(self, p: Array) -> dict[tuple[int, str], float]:
+        """Angles [rad] and travels [m] where averages are there, by joint and name."""
+        before = np.array(list(self._q.values()), dtype=np.float64)
+        return dict(zip(self._free.keys, map(float, self._free.values(p, before)), strict=True))
+
+    def set_time(self, t: float, dt: float) -> None:
+        """Evaluate functions of time for a step from t on; coordinates are of its start.
+
+        Args:
+            t: Its start [s].
+            dt: Its length [s].
+
+        Raises:
+            SceneError: On this rank, if a function cannot be used.
+        """
+        self._dt = dt
+        self.drives.begin(t, dt, self._q)
+
     def begin(self, bodies: Bodies) -> None:
         """Begin a step: find where averages are. Collective.
 
         Args:
             bodies: The bodies at its start.
         """
-        x = self._X + self._u0[self._dofs]
-        self._start = self._average(x, bodies.pose) + self._constant
-        p = self._start
-        self._g0 = self._linear @ p.ravel() + self._products(p, p)
-
-    def _products(self, p: Array, q: Array) -> Array:
-        """Σ s p_k · q_l of each row."""
-        values = self._factor * (p[self._first] * q[self._second]).sum(axis=1)
-        return np.asarray(np.bincount(self._row, values, minlength=self.count), dtype=np.float64)
+        self._start = p = self.places(bodies)
+        self._moved = np.zeros_like(p)
+        self._q = self.coordinates(p)
+        self.drives.begin_at(self._q)
+        self._g0 = self._terms.value(p)
 
     def look(self, d: Any, increments: Increments, multipliers: Array) -> None:
         """See an iterate. Collective.
@@ -170,39 +224,51 @@ class Linkage:
             increments: Those of the bodies.
             multipliers: λ there [N].
         """
-        self.multipliers = multipliers
+        n = self.active.size
+        self._multipliers[self.active] = multipliers[:n]
         moved = d.array_r.reshape(-1, 3)[self.at]
         self._moved = self._average(moved, increments.displacement)
-        self.forces = (self.gradient(0.5).T @ multipliers).reshape(-1, 3)
+        self.drives.look(self._start, self._moved, multipliers[n:])
+        self.forces = (self.test().T @ multipliers).reshape(-1, 3)
+
+    def test(self) -> csr_array:
+        """Forces on averages per multiplier, transposed, shape (rows, 3 · averages)."""
+        return self._with(self.gradient(0.5), self.drives.test)
+
+    def trial(self) -> csr_array:
+        """Derivatives of the equations of rows by averages, likewise."""
+        return self._with(self.gradient(1.0), self.drives.trial)
+
+    def _with(self, rows: csr_array, of_drives: Callable[[int], csr_array]) -> csr_array:
+        if not len(self.drives):
+            return rows
+        return csr_array(vstack([rows, of_drives(rows.shape[1])], format="csr"))
+
+    def residual(self) -> Array:
+        """What is to vanish at the end of the step, of each active row [m]."""
+        return np.concatenate([self.violation[self.active], self.drives.residual()])
+
+    def compliance(self) -> Array:
+        """Derivatives of that by the row's own multiplier [m/N]."""
+        return np.concatenate([np.zeros(self.active.size), self.drives.compliance()])
 
     @property
     def violation(self) -> Array:
-        """g at the end of the step, shape (rows,) [m]."""
-        p, d = self._start + 0.5 * self._moved, self._moved
-        gained = self._linear @ d.ravel() + self._products(p, d) + self._products(d, p)
-        return np.asarray(self._g0 + gained)
+        """g at the end of the step, of all rows, shape (rows,) [m]."""
+        middle = self._start + 0.5 * self._moved
+        return np.asarray(self._g0 + self._terms.gained(middle, self._moved))
 
     def gradient(self, share: float) -> csr_array:
-        """∂g/∂p after a part of the step, shape (rows, 3 · averages).
+        """Derivative of the active rows after a part of the step, shape (rows, 3 · averages).
 
         Args:
             share: 0.5 for the middle of the step, 1 for its end.
         """
-        if not self._row.size:
-            return self._linear
-        p = self._start + share * self._moved
-        both = self._factor[:, None, None] * np.stack([p[self._second], p[self._first]], axis=1)
-        return self._linear + csr_array((both.ravel(), self._at), shape=self._linear.shape)
+        return self._terms.gradient(self._start + share * self._moved)[self.active]
 
     def curvature(self) -> csr_array:
-        """Derivative of the forces on averages by these, shape (3 · averages,) * 2 [N/m]."""
-        value = 0.5 * self.multipliers[self._row] * self._factor
-        axes = np.arange(3)
-        k, j = (3 * of[:, None] + axes for of in (self._first, self._second))
-        row, column = np.r_[k.ravel(), j.ravel()], np.r_[j.ravel(), k.ravel()]
-        size = 3 * self.averages
-        values = np.tile(np.repeat(value, 3), 2)
-        return csr_array((values, (row, column)), shape=(size, size))
+        """Derivative of the rows' forces on averages by these, shape (3 · averages,) * 2 [N/m]."""
+        return self._terms.curvature(self._multipliers)
 
     # Forces ---------------------------------------------------------------------------------------
 
@@ -229,7 +295,35 @@ class Linkage:
             forces[place[here]] += average.weights[here, None] * force
 
     def accept(self) -> None:
-        """Remember the multipliers for later divisions."""
+        """Remember multipliers and coordinates for later steps and divisions."""
+        self._q = self.coordinates(self._start + self._moved)
         if self._notes is not None:
-            for joint, place in zip(self._joints, self._known, strict=True):
-                self._notes[id(joint)] = self.multipliers[place]
+            for k, (joint, place) in enumerate(zip(self._joints, self._known, strict=True)):
+                own = {name: q for (j, name), q in self._q.items() if j == k}
+                self._notes[id(joint)] = self._multipliers[place].copy(), own
+            self.drives.note(self._notes)
+
+    def stored(self, bodies: Bodies) -> float:
+        """Energy of the springs of joints now [J]. Collective."""
+        return (
+            self.drives.stored(self.coordinates(self.places(bodies))) if len(self.drives) else 0.0
+        )
+
+    def told(self) -> JointReports:
+        """What each joint did in the step that has been solved, by its title."""
+        q = self.coordinates(self._start + self._moved)
+        rates = {key: (value - self._q[key]) / self._dt for key, value in q.items()}
+        vectors = self._start, self._moved, -self.forces
+        gaps = np.abs(self.violation)
+
+        def of(k: int) -> JointReport:
+            own = slice(self._firsts[k], self._firsts[k + 1])
+            joint = self._joints[k]
+            free = {name: (q[k, name], rates[k, name]) for name in joint.pieces.coordinates}
+            start, moved, forces = (values[own] for values in vectors)
+            gap = float(gaps[self._known[k]].max())
+            return told_of(joint, (start, moved, forces), free, efforts.get(k, {}), gap)
+
+        efforts = self.drives.efforts()
+        titles = [joint.title for joint in self._joints]
+        return JointReports(titles, of, float(np.abs(self.multipliers).sum()))

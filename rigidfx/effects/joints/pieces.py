@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.effects.joints.averages import Average
+from rigidfx.effects.joints.coordinates import Coordinate
 
 __all__ = ["Pieces", "Row", "perpendiculars"]
 
@@ -46,17 +47,25 @@ class Pieces:
         size: Length that products of directions are multiplied by [m].
         mass: Mass that the joint moves, in order of magnitude [kg].
         averages: Vectors that rows are made of.
+        sides: Side that each of them is of, 0 or 1.
+        places: Whether each of them is a place, not a direction.
         rows: The rows.
+        coordinates: What the joint leaves free, by its name: "angle", "travel".
     """
 
     size: float
     mass: float
     averages: list[Average] = field(default_factory=list)
+    sides: list[int] = field(default_factory=list)
+    places: list[bool] = field(default_factory=list)
     rows: list[Row] = field(default_factory=list)
+    coordinates: dict[str, Coordinate] = field(default_factory=dict)
 
-    def add(self, average: Average) -> int:
-        """Take an average; its number."""
+    def add(self, average: Average, side: int) -> int:
+        """Take an average of a side, 0 or 1; its number."""
         self.averages.append(average)
+        self.sides.append(side)
+        self.places.append(average.is_place)
         return len(self.averages) - 1
 
     def point_on_point(self, a: int, b: int) -> None:
@@ -66,6 +75,10 @@ class Pieces:
     def perpendicular(self, a: int, b: int, title: str) -> None:
         """Have two directions perpendicular."""
         self.rows.append(Row(title, products=((a, b, self.size),)))
+
+    def in_plane(self, a: int, b: int, normal: int, title: str) -> None:
+        """Have two points in one plane across a direction."""
+        self.rows.append(Row(title, products=((b, normal, 1.0), (a, normal, -1.0))))
 
 
 def perpendiculars(axis: Array) -> tuple[Array, Array]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import shown
-from rigidfx.effects.joints.averages import Averages, Grounded
+from rigidfx.effects.joints.averages import Averages, Face, Grounded, Sided
 
 __all__ = ["GROUND", "MeanFace", "Side", "check_side", "side_name", "side_of"]
 
@@ -21,6 +21,7 @@ class MeanFace:
     """A surface that a joint takes hold of by its mean place and affine mean, weighted by areas.
 
     The joint's force is spread over the surface, which may deform (distributing coupling, RBE3).
+    Directions that the nodes of a flat surface do not span are those of the cells behind it.
 
     Attributes:
         where: Name of a set of boundary facets, such as a hole.
@@ -66,7 +67,7 @@ def side_name(side: Side) -> str:
     return f"'{side}'" if isinstance(side, str) else f"{type(side).__name__} '{side.where}'"
 
 
-def side_of(scene: Any, owner: str, side: Side) -> Averages | Grounded:
+def side_of(scene: Any, owner: str, side: Side) -> Sided:
     """A side as averages over nodes. Collective.
 
     Args:
@@ -79,7 +80,11 @@ def side_of(scene: Any, owner: str, side: Side) -> Averages | Grounded:
     """
     title, n = f"{owner}, {side_name(side)}", scene.owned_nodes
     if isinstance(side, MeanFace):
-        return Averages(scene, scene.facet_weights(side.where, owner)[:n], title)
+        surface = Averages(scene, scene.facet_weights(side.where, owner)[:n], title)
+        if not surface.flat:
+            return surface
+        behind = np.unique(scene.boundary(side.where, owner)[:, 0]).astype(np.int32)
+        return Face(surface, Averages(scene, scene.cell_weights(1.0, behind)[:n], title))
     if side == GROUND:
         return Grounded()
     rigid = {e.name: e.where for e in scene.effects if e.is_rigid}

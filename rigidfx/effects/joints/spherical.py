@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rigidfx.effects.joints.joint import Joint, Sided
+from rigidfx.effects.joints.averages import Sided
+from rigidfx.effects.joints.joint import Joint
 from rigidfx.effects.joints.pieces import Pieces
 
 __all__ = ["Spherical"]

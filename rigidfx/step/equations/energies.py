@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from rigidfx.coupling.dof_layout import DofLayout
 from rigidfx.coupling.mass import Mass
+from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.kernels import integral
 from rigidfx.mechanics.rotation import axial
@@ -66,7 +67,11 @@ class Momenta:
 
 
 class Energies:
-    """Measures states of a scene."""
+    """Measures states of a scene.
+
+    Attributes:
+        linkage: The joints, whose springs store energy; None if there are none.
+    """
 
     def __init__(
         self,
@@ -78,6 +83,7 @@ class Energies:
     ) -> None:
         """Bind the stored energy to the flexible cells. Collective."""
         self._actions = actions
+        self.linkage: Linkage | None = None
         self._scene, self._mass, self._rows = scene, mass, layout.rows
         self._energy = forces.bind_energy(layout.flexible)
         self._v, self._p = self._rows.vector(), self._rows.vector()
@@ -111,6 +117,8 @@ class Energies:
             total[5:8] += axial(bodies.r.T @ bodies.momentum) + bodies.angular_momentum.sum(axis=0)
             total[8] += bodies.momentum_scale
             total[9] += of_bodies
+        if self.linkage is not None:
+            total[9] += self.linkage.stored(bodies)
         return Measures(
             kinetic=float(total[0]),
             strain=float(total[1]),

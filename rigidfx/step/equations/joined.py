@@ -17,10 +17,11 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, dia_array
 
 from rigidfx.coupling.ports import Ports
 from rigidfx.effects.joints.linkage import Linkage
+from rigidfx.effects.joints.redundancy import independent
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments
 from rigidfx.step.equations.equations import Equilibrium
@@ -39,16 +40,19 @@ class JoinedEquilibrium(Equilibrium):
         ports: Where they take hold of the unknowns.
     """
 
-    def __init__(self, linkage: Linkage, *given: Any) -> None:
-        """Create matrices and vectors. Collective.
+    def __init__(self, linkage: Linkage, bodies: Bodies, *given: Any) -> None:
+        """Create matrices and vectors, and find rows that others imply. Collective.
 
         Args:
             linkage: The joints.
+            bodies: The rigid bodies as they are now.
             given: See `Equilibrium`.
         """
         super().__init__(*given)
         self.linkage = linkage
         self.ports = Ports(self.prolongation, linkage)
+        linkage.begin(bodies)
+        linkage.keep(independent(*self.ports.resisted(linkage, bodies)))
         self._own = linkage.count if self.prolongation.comm.rank == 0 else 0
         self._inner, self._rest = self.prolongation.unknowns(), self.prolongation.unknowns()
         self._scale: Array = np.ones(linkage.count)
@@ -103,7 +107,7 @@ class JoinedEquilibrium(Equilibrium):
         """See `Equilibrium`."""
         self._multipliers = self._scale * self.of_joints(y.array_r)
         super().residual(self._part(y, self._inner), self._rest)
-        held = (self._scale * self.linkage.violation)[: self._own]
+        held = (self._scale * self.linkage.residual())[: self._own]
         r.array[:] = np.r_[self._rest.array_r, held]
 
     def _resist_nodes(self, f: PETSc.Vec) -> None:
@@ -115,18 +119,21 @@ class JoinedEquilibrium(Equilibrium):
         super()._resist_bodies(increments)
         self._moments = self._moments + self.linkage.moments(len(increments))
 
-    def border(self) -> tuple[csr_array, csr_array, csr_array]:
+    def border(self) -> tuple[csr_array, csr_array, csr_array, csr_array]:
         """What joints add to the tangent at the last iterate.
 
         Returns:
-            Derivative of forces at the ports by these, and of rows by ports on the test and on the
-            trial side, scaled, shapes (ports, ports) and (rows, ports).
+            Derivative of forces at the ports by these, of rows by ports on the test and on the
+            trial side, and of rows by multipliers, scaled; shapes (ports, ports), (rows, ports)
+            twice, and (rows, rows).
         """
         increments, linkage = self.prolongation.increments, self.linkage
         test, trial = self.ports.lead(increments.L), self.ports.lead(increments.P)
-        scale = csr_array((self._scale, (np.arange(linkage.count),) * 2))
+        scale = dia_array((self._scale[None], [0]), shape=(linkage.count,) * 2)
+        own = self._scale**2 * linkage.compliance()
+        within = dia_array((own[None], [0]), shape=(linkage.count,) * 2)
         H = test.T @ linkage.curvature() @ trial
-        return H, scale @ linkage.gradient(0.5) @ test, scale @ linkage.gradient(1.0) @ trial
+        return H, scale @ linkage.test() @ test, scale @ linkage.trial() @ trial, within
 
     def noise(self) -> float:
         """See `Equilibrium`."""

@@ -1,17 +1,17 @@
 """Solve linear systems with joints by whatever solves without them.
 
-With Eᵀ from unknowns to ports, D and D₁ from ports to rows and H the curvature of the rows, the
-tangent of a step is
+With Eᵀ from unknowns to ports, D and D₁ from ports to rows H the curvature of the rows and
+R what springs of joints yield, the tangent of a step is
 
     [A + E H Eᵀ    E Dᵀ]
-    [D₁ Eᵀ         0   ].
+    [D₁ Eᵀ         R   ],
 
 A is solved for each port once with each new tangent, Y = A⁻¹ E; C = Eᵀ Y is the compliance at the
 ports. What is left of a solve is a small system in what the ports move by, q, and in the
 multipliers,
 
     [I + C H    C Dᵀ] [q]   [Eᵀ A⁻¹ r]
-    [D₁         0   ] [μ] = [s       ],    z = A⁻¹ r - Y (H q + Dᵀ μ).
+    [D₁         R   ] [μ] = [s       ],    z = A⁻¹ r - Y (H q + Dᵀ μ).
 
 No joint is ever inside incomplete factors. Of a tangent that is kept, ports turn along with the
 nodes and bodies that they belong to, as Y and C do; H, D and D₁ are always those of the last
@@ -57,8 +57,8 @@ class Border:
         self._owned = equilibrium.prolongation.owned
         self._r, self._z = (equilibrium.prolongation.unknowns() for _ in range(2))
         self._Y: Array = np.empty((self._owned, 0))
-        self._C: Array = np.empty((0, 0))
-        self._turned: Array | None = None
+        self._C = csc_array((0, 0))
+        self._turned: csc_array | None = None
 
     def _sum(self, values: Array) -> Array:
         comm = self._equilibrium.prolongation.comm
@@ -78,7 +78,7 @@ class Border:
             self._r.array[:] = columns[:, [k]].toarray()[:, 0]
             solve(self._r, self._z)
             self._Y[:, k] = self._z.array_r
-        self._C = self._sum(np.ascontiguousarray(self._E.T @ self._Y))
+        self._C = csc_array(self._sum(np.ascontiguousarray(self._E.T @ self._Y)))
         self._turned = None
 
     def turn(self, starts: npt.NDArray[np.int32], Q: Array | None) -> None:
@@ -95,7 +95,7 @@ class Border:
         sums = self._sum(np.asarray(weights.power(2).T @ Q.reshape(-1, 9))).reshape(-1, 3, 3)
         sums[np.abs(sums).max(axis=(1, 2)) == 0.0] = np.eye(3)  # nodes that are held in part
         W, _, Vt = np.linalg.svd(sums)
-        self._turned = block_diag(*(W @ Vt))
+        self._turned = csc_array(block_diag(*(W @ Vt)))
 
     def solve(self, solve: Solve, r: PETSc.Vec, z: PETSc.Vec) -> None:
         """Solve with joints. Collective.
@@ -109,14 +109,14 @@ class Border:
         self._r.array[:] = r.array_r[: self._owned]
         solve(self._r, self._z)
         q = self._sum(np.asarray(self._E.T @ self._z.array_r))
-        H, D, D1 = equilibrium.border()
+        H, D, D1, R = equilibrium.border()
         if self._turned is not None:
-            B = csc_array(self._turned)
+            B = self._turned
             H, D, D1 = B.T @ H @ B, D @ B, D1 @ B
         right = np.r_[q, equilibrium.of_joints(r.array_r)]
         n = self.ports
-        C = csc_array(self._C)
-        matrix = block_array([[eye_array(n) + C @ H, C @ D.T], [D1, None]], format="csc")
+        C = self._C
+        matrix = block_array([[eye_array(n) + C @ H, C @ D.T], [D1, R]], format="csc")
         found = splu(matrix).solve(right)
         out = z.array
         out[: self._owned] = self._z.array_r - self._Y @ (H @ found[:n] + D.T @ found[n:])

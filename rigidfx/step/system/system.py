@@ -8,16 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.base.errors import together
 from rigidfx.base.failures import Failures
 from rigidfx.coupling.dealt_rows import Dealing
 from rigidfx.coupling.dof_layout import dof_layout
 from rigidfx.coupling.mass import mass_operator
 from rigidfx.coupling.prolongation import Prolongation
-from rigidfx.effects import Joint, Touch, Windowed
+from rigidfx.effects import Joint, JointReports, JointSpring, Motor, Touch, Windowed
 from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.flexible.eased_stress import EasedStress
 from rigidfx.flexible.internal_forces import Cells, InternalForces
@@ -52,6 +54,7 @@ class Work:
         reactions: Force of each support on the structure, by the name of its set, shape (3,) [N].
         reaction_moments: Its moment about the origin, at the midpoint, shape (3,) [N m].
         touches: What each contact did, by its title.
+        joints: What each joint did, by its title.
     """
 
     loads: float
@@ -60,6 +63,7 @@ class Work:
     reactions: Mapping[str, Array]
     reaction_moments: Mapping[str, Array]
     touches: Mapping[str, Touch]
+    joints: JointReports
 
 
 class System:
@@ -141,14 +145,22 @@ class System:
             Prolongation(layout, scene.comm, dealt),
             self.actions,
         )
-        joints = scene.named(Joint)
-        bound = scene, rows, own, state.bodies, state.u.x.array, state.notes
-        self.linkage = Linkage(joints, *bound) if joints else None
+        self.linkage = self.energies.linkage = self._linked(state) if scene.named(Joint) else None
         self.equilibrium = (
-            Equilibrium(*given) if self.linkage is None else JoinedEquilibrium(self.linkage, *given)
+            Equilibrium(*given)
+            if self.linkage is None
+            else JoinedEquilibrium(self.linkage, state.bodies, *given)
         )
         self.newton = Newton(self.equilibrium, scene)
         self._v0 = rows.vector()
+
+    def _linked(self, state: State) -> Linkage:
+        """The joints, with the motors that act, bound to the division. Collective."""
+        scene, here = self._scene, {id(effect) for effect in self.acting}
+        motors = [motor for motor in scene.named(Motor) if id(motor) in here]
+        bound = scene, self.layout.rows, self.structure.own, state.bodies, state.u.x.array
+        elements = (*motors, *scene.named(JointSpring))
+        return Linkage(scene.named(Joint), elements, *bound, state.notes)
 
     def follow(self, acting: Sequence[Windowed]) -> bool:
         """Let dead loads begin and end; False if other effects do, which takes a new system.
@@ -167,6 +179,9 @@ class System:
         middle = state.t + dt / 2
         self._forces.set_time(middle, dt)
         self.actions.set_time(middle, dt)
+        if self.linkage is not None:
+            start = partial(self.linkage.set_time, state.t, dt)
+            together(self._scene.comm, "A motor", start)
         self._v0.array[:] = state.v.x.array[self.layout.rows.dofs]
         imposed = self._prescribed.increments(state.t, state.t + dt, state.u.x.array)
         trial = self.equilibrium.begin(dt, self._v0, imposed, state.bodies)
@@ -260,7 +275,14 @@ class System:
             dissipated[kind] = dissipated.get(kind, 0.0) + energy
         loads = dead + followed + on_bodies
         supports += sum(touch.work for touch in touches.values())
-        return Work(loads, supports, dissipated, reactions, moments, touches)
+        joints = JointReports()
+        if self.linkage is not None:
+            joints = self.linkage.told()
+            driven, damped = self.linkage.drives.work()
+            loads += driven
+            if damped:
+                dissipated[JointSpring.__name__] = damped
+        return Work(loads, supports, dissipated, reactions, moments, touches, joints)
 
     def _reactions(
         self, state: State, d: Array, forces: Array

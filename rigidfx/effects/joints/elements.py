@@ -1,0 +1,191 @@
+"""What acts along what a joint leaves free: motors, springs and dampers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+from rigidfx.base.errors import SceneError
+from rigidfx.base.inputs import is_function, number, scalar, shown
+from rigidfx.effects.base import Effect, TimeFunction, Windowed
+from rigidfx.effects.joints.joint import Joint
+
+__all__ = ["JointSpring", "Motor", "coordinate_of"]
+
+KINDS = {
+    "torque": ("angle", False),
+    "angle": ("angle", True),
+    "speed": ("angle", True),
+    "force": ("travel", False),
+    "travel": ("travel", True),
+    "rate": ("travel", True),
+}
+
+
+@dataclass(frozen=True)
+class Motor(Windowed):
+    """Drives a joint along what it leaves free, the second side against the first.
+
+    Give exactly one of the six, a number or a function of time. `speed=0.0`, or `rate=0.0`, locks
+    the joint for the time of the window.
+
+    Attributes:
+        joint: Name of the joint.
+        torque: About its axis [N m].
+        angle: About its axis, from the start on; turns count [rad].
+        speed: About its axis [rad/s]; the angle is its integral by Simpson's rule in each step.
+        force: Along its axis [N].
+        travel: Along its axis, from the start on [m].
+        rate: Along its axis [m/s], likewise.
+    """
+
+    is_load: ClassVar[bool] = True
+
+    joint: str
+    torque: float | TimeFunction | None = field(default=None, kw_only=True)
+    angle: float | TimeFunction | None = field(default=None, kw_only=True)
+    speed: float | TimeFunction | None = field(default=None, kw_only=True)
+    force: float | TimeFunction | None = field(default=None, kw_only=True)
+    travel: float | TimeFunction | None = field(default=None, kw_only=True)
+    rate: float | TimeFunction | None = field(default=None, kw_only=True)
+
+    def __post_init__(self) -> None:
+        """Check window, name and values.
+
+        Raises:
+            SceneError: If not exactly one value is given, or it is no number or function.
+        """
+        super().__post_init__()
+        _check_name(self.kind, self.joint)
+        given = [name for name in KINDS if getattr(self, name) is not None]
+        if len(given) != 1:
+            raise SceneError(
+                f"{self.owner}: give exactly one of {', '.join(KINDS)}; got "
+                f"{', '.join(given) or 'none'}."
+            )
+        if not is_function(getattr(self, given[0])):
+            number(self.owner, given[0], getattr(self, given[0]))
+
+    @property
+    def owner(self) -> str:
+        """Its name in messages."""
+        return f"Motor of '{self.joint}'"
+
+    @property
+    def by(self) -> str:
+        """Which of its values is given."""
+        return next(name for name in KINDS if getattr(self, name) is not None)
+
+    @property
+    def coordinate(self) -> str:
+        """What it drives: "angle" or "travel"."""
+        return KINDS[self.by][0]
+
+    @property
+    def prescribes(self) -> bool:
+        """Whether it prescribes that, and not its force."""
+        return KINDS[self.by][1]
+
+    def at(self, t: float) -> float:
+        """Its value at t [s].
+
+        Raises:
+            SceneError: If its function fails, or gives no finite number.
+        """
+        given: float | Callable[[float], float] = getattr(self, self.by)
+        if not callable(given):
+            return float(given)
+        try:
+            value = scalar(given(t))
+        except Exception as error:  # whatever a user's function may raise
+            raise SceneError(
+                f"{self.owner}: its {self.by} failed at t = {t:g} s with {type(error).__name__}: "
+                f"{error}"
+            ) from error
+        return number(f"{self.owner} at t = {t:g} s", self.by, value)
+
+    def check(self, scene: Any) -> None:
+        """Look its joint up."""
+        coordinate_of(scene, self.owner, self.joint, self.coordinate)
+        self.at(self.start)
+
+
+@dataclass(frozen=True)
+class JointSpring(Effect):
+    """A spring and a damper along what a joint leaves free: a torsion spring about a hinge's axis.
+
+    Attributes:
+        joint: Name of the joint.
+        stiffness: k [N m/rad, or N/m].
+        damping: c [N m s/rad, or N s/m].
+        rest: Angle [rad] or travel [m] at which the spring has no force.
+        along: "angle" or "travel"; needed of a joint that leaves both free.
+    """
+
+    is_lasting: ClassVar[bool] = True
+
+    joint: str
+    stiffness: float = 0.0
+    damping: float = field(default=0.0, kw_only=True)
+    rest: float = field(default=0.0, kw_only=True)
+    along: str | None = field(default=None, kw_only=True)
+
+    def __post_init__(self) -> None:
+        """Check name and values.
+
+        Raises:
+            SceneError: If a number is none, or negative where it must not be.
+        """
+        super().__post_init__()
+        _check_name(self.kind, self.joint)
+        number(self.owner, "rest", self.rest)
+        for name in ("stiffness", "damping"):
+            if number(self.owner, name, getattr(self, name)) < 0:
+                raise SceneError(
+                    f"{self.owner}: {name} must be ≥ 0, got {shown(getattr(self, name))}."
+                )
+        if self.along not in (None, "angle", "travel"):
+            raise SceneError(
+                f"{self.owner}: along must be 'angle' or 'travel', got {shown(self.along)}."
+            )
+
+    @property
+    def owner(self) -> str:
+        """Its name in messages."""
+        return f"JointSpring of '{self.joint}'"
+
+    def check(self, scene: Any) -> None:
+        """Look its joint up."""
+        coordinate_of(scene, self.owner, self.joint, self.along)
+
+
+def coordinate_of(scene: Any, owner: str, name: str, along: str | None) -> tuple[Joint, str]:
+    """A joint by its name, and what of it is meant.
+
+    Args:
+        scene: The problem.
+        owner: Who asks, for messages.
+        name: Name of the joint.
+        along: "angle" or "travel"; the only one that the joint leaves free if None.
+
+    Raises:
+        SceneError: If there is no such joint, or it leaves that not free.
+    """
+    joints = {joint.title: joint for joint in scene.named(Joint)}
+    if name not in joints:
+        raise SceneError(f"{owner}: there is no joint '{name}'; there are {sorted(joints)}.")
+    free = tuple(joints[name].pieces.coordinates)
+    if along is None and len(free) == 1:
+        along = free[0]
+    if along not in free:
+        raise SceneError(
+            f"{owner}: {joints[name].owner} leaves {' and '.join(free) or 'no single number'} "
+            f"free, and {along or 'one of them'} is asked for."
+        )
+    return joints[name], str(along)
+
+
+def _check_name(kind: str, joint: Any) -> None:
+    if not isinstance(joint, str) or not joint:
+        raise SceneError(f"{kind}: joint must be the name of a joint, got {shown(joint)}.")

@@ -1,0 +1,38 @@
+"""Which rows of joints are independent: by a QR with pivots, in the metric of the mass.
+
+Rows that others imply have no forces of their own: two hinges of one door, or all that holds a
+plane mechanism in its plane more than once. With D the derivatives of rows by ports and the mass's
+compliance C = B Bᵀ of the ports, rows are independent as the columns of (D B)ᵀ are.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import qr
+
+__all__ = ["independent"]
+
+Array = npt.NDArray[np.float64]
+
+RANK = 1e-9  # of the largest pivot: what is less is rounding in places that joints hold to 1e-13 m
+
+
+def independent(D: Array, compliance: Array) -> npt.NDArray[np.int64]:
+    """Numbers of rows that imply all others, sorted.
+
+    Args:
+        D: Derivatives of rows by ports, shape (rows, ports).
+        compliance: Velocities of ports per impulse at them, shape (ports, ports) [1/kg].
+    """
+    if not D.size:
+        return np.arange(0)
+    values, vectors = np.linalg.eigh(compliance)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    columns = (D @ root).T
+    sizes = np.linalg.norm(columns, axis=0)
+    columns /= np.where(sizes > RANK * sizes.max(), sizes, 1.0)
+    R, order = qr(columns, mode="r", pivoting=True)
+    pivots = np.abs(np.diagonal(R))
+    rank = int(np.count_nonzero(pivots > RANK * pivots.max(initial=0.0)))
+    return np.sort(order[:rank]).astype(np.int64)

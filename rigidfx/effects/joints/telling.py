@@ -1,0 +1,98 @@
+"""What a joint did in a step, from the averages of its sides and the forces on them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.effects.joints.joint import Joint
+from rigidfx.effects.joints.joint_report import JointReport
+from rigidfx.effects.joints.sides import GROUND
+
+__all__ = ["JointReports", "told_of"]
+
+Array = npt.NDArray[np.float64]
+
+
+class JointReports(Mapping[str, JointReport]):
+    """Reports of joints by title, each made when it is first asked for.
+
+    Attributes:
+        total: Sum of the sizes of all multipliers [N].
+    """
+
+    def __init__(
+        self,
+        titles: Sequence[str] = (),
+        of: Callable[[int], JointReport] | None = None,
+        total: float = 0.0,
+    ) -> None:
+        """Take what makes them.
+
+        Args:
+            titles: Titles of the joints.
+            of: Makes the report of a joint by its number.
+            total: Sum of the sizes of all multipliers [N].
+        """
+        self._numbers, self._of = {title: k for k, title in enumerate(titles)}, of
+        self._made: dict[str, JointReport] = {}
+        self.total = total
+
+    def __getitem__(self, title: str) -> JointReport:
+        """The report of a joint."""
+        if title not in self._made:
+            number = self._numbers[title]
+            assert self._of is not None
+            self._made[title] = self._of(number)
+        return self._made[title]
+
+    def __iter__(self) -> Iterator[str]:
+        """Titles in the order of the scene."""
+        return iter(self._numbers)
+
+    def __len__(self) -> int:
+        """Number of joints."""
+        return len(self._numbers)
+
+
+def told_of(
+    joint: Joint,
+    step: tuple[Array, Array, Array],
+    free: Mapping[str, tuple[float, float]],
+    efforts: Mapping[str, float],
+    gap: float,
+) -> JointReport:
+    """The report of a joint.
+
+    A force on a place acts there; one on a direction d is a couple, d × f.
+
+    Args:
+        joint: The joint.
+        step: Its averages at the start of the step, their increments, and forces on them, shape
+            (averages, 3) each.
+        free: What it leaves free: value at the end and mean rate, by name.
+        efforts: Torque or force of each motor and spring, by its owner.
+        gap: Largest violation of its rows [m].
+    """
+    start, moved, forces = step
+    pieces = joint.pieces
+    sides, places = np.array(pieces.sides), np.array(pieces.places)
+    side = 0 if joint.b == GROUND else 1  # the ground tells no forces of its own
+    sign = 1.0 if side else -1.0
+    first = pieces.places.index(True)
+    middle = start + 0.5 * moved
+    arms = middle - np.where(places[:, None], middle[first], 0.0)
+    on = sides == side
+    values = {name: value for name, (value, _) in free.items()}
+    rates = {f"{name}_rate": rate for name, (_, rate) in free.items()}
+    return JointReport(
+        place=start[first] + moved[first],
+        force=sign * forces[on & places].sum(axis=0),
+        moment=sign * np.cross(arms[on], forces[on]).sum(axis=0),
+        efforts=efforts,
+        gap=gap,
+        **values,
+        **rates,
+    )

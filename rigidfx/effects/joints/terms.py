@@ -1,0 +1,92 @@
+"""The terms of all rows of joints: values, gradients and curvature."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import csr_array
+
+from rigidfx.effects.joints.pieces import Row
+
+__all__ = ["Terms"]
+
+Array = npt.NDArray[np.float64]
+
+
+class Terms:
+    """g = Σ c p_i + Σ s p_k · p_l of many rows, at averages p of shape (averages, 3).
+
+    Attributes:
+        averages: Numbers of those that have a part in any row.
+    """
+
+    def __init__(self, rows: Sequence[Sequence[Row]], firsts: Sequence[int], averages: int) -> None:
+        """Collect them.
+
+        Args:
+            rows: Rows of each joint.
+            firsts: Number of each joint's first average.
+            averages: Number of all averages.
+        """
+        every = [(row, first) for own, first in zip(rows, firsts, strict=False) for row in own]
+        self._count = len(every)
+        linear = [
+            (r, 3 * (first + k) + axis, c)
+            for r, (row, first) in enumerate(every)
+            for k, axis, c in row.linear
+        ]
+        products = [
+            (r, first + k, first + j, c)
+            for r, (row, first) in enumerate(every)
+            for k, j, c in row.products
+        ]
+        at = np.array([(r, c) for r, c, _ in linear], dtype=np.int64).reshape(-1, 2).T
+        shape = self._count, 3 * averages
+        self._linear = csr_array((np.array([v for *_, v in linear]), at), shape=shape)
+        pairs = np.array([(r, k, j) for r, k, j, _ in products], dtype=np.int64).reshape(-1, 3)
+        self._row, self._first, self._second = pairs.T
+        self._factor = np.array([c for *_, c in products], dtype=np.float64)
+        columns = 3 * pairs[:, 1:, None] + np.arange(3)
+        self._at = np.broadcast_to(self._row[:, None, None], columns.shape).ravel(), columns.ravel()
+        self.averages = np.unique(np.r_[at[1] // 3, self._first, self._second])
+
+    def _products(self, p: Array, q: Array) -> Array:
+        """Σ s p_k · q_l of each row."""
+        values = self._factor * (p[self._first] * q[self._second]).sum(axis=1)
+        return np.asarray(np.bincount(self._row, values, minlength=self._count), dtype=np.float64)
+
+    def value(self, p: Array) -> Array:
+        """g, shape (rows,)."""
+        return np.asarray(self._linear @ p.ravel() + self._products(p, p))
+
+    def gained(self, middle: Array, d: Array) -> Array:
+        """What g gains exactly where averages move by d, shape (rows,).
+
+        Args:
+            middle: Averages half-way.
+            d: Their increments.
+        """
+        products = self._products(middle, d) + self._products(d, middle)
+        return np.asarray(self._linear @ d.ravel() + products)
+
+    def gradient(self, p: Array) -> csr_array:
+        """∂g/∂p, shape (rows, 3 · averages)."""
+        if not self._row.size:
+            return self._linear
+        both = self._factor[:, None, None] * np.stack([p[self._second], p[self._first]], axis=1)
+        return self._linear + csr_array((both.ravel(), self._at), shape=self._linear.shape)
+
+    def curvature(self, multipliers: Array) -> csr_array:
+        """Derivative of Σ λ ∂g/∂p at the middle by p at the end, shape (3 · averages,) * 2.
+
+        Args:
+            multipliers: λ of each row.
+        """
+        value = 0.5 * multipliers[self._row] * self._factor
+        k, j = (3 * of[:, None] + np.arange(3) for of in (self._first, self._second))
+        row, column = np.r_[k.ravel(), j.ravel()], np.r_[j.ravel(), k.ravel()]
+        values = np.tile(np.repeat(value, 3), 2)
+        size = self._linear.shape[1]
+        return csr_array((values, (row, column)), shape=(size, size))
