@@ -28,6 +28,7 @@ SOME = {
     "step_control": ("--only", "push"),
     "budgets": ("--only", "tumbling", "--no-hand", "--budgets", "0.05"),
     "impact": ("--only", "wall"),
+    "mechanisms": ("--only", "Bricard"),
     "how_fast": ("--materials", "steel", "--elements", "hexahedra"),
 }
 # Long ones, whose steps, switches, contacts and files others have on two ranks.

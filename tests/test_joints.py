@@ -5,6 +5,8 @@ Run as a script under mpirun, this file reports histories of two joined bars.
 
 from __future__ import annotations
 
+import runpy
+
 import numpy as np
 import parallel
 import pytest
@@ -12,6 +14,7 @@ from joints import PIN, SOFT, bars, follow
 from mpi4py import MPI
 from runs import prepared
 from scipy.special import ellipk
+from test_contact_pairs import boxes
 
 import rigidfx as rf
 from rigidfx.step.equations.equations import Equilibrium
@@ -247,6 +250,11 @@ def test_two_hinges_of_one_door_hold_five_directions_once():
         (lambda: bar(HINGE, rf.Motor("door", torque=1.0)), "no joint 'door'; there are .'joint'"),
         (lambda: bar(HINGE, rf.Motor("joint", force=1.0)), "leaves angle free, and travel"),
         (lambda: rf.Universal("ground", "bar", AT, (1, 0, 0), (1, 1, 0)), "are at 45°"),
+        (
+            lambda: bar(HINGE, rf.Motor("joint", speed=1.0), rf.Motor("joint", angle=abs)),
+            "two motors prescribe its angle at the same time, by speed and by angle",
+        ),
+        (lambda: bar(rf.Tied("bar", rf.MeanFace("x1"), AT)), "both sides are of one part, Rigid"),
     ],
 )
 def test_a_motor_that_cannot_be_is_refused(make, message):
@@ -272,6 +280,35 @@ def test_history_and_description_have_the_joints(tmp_path):
     columns = rf.read_history(recorder.history)
     assert columns["joint_joint_angle"][-1] == pytest.approx(report.joints["joint"].angle)
     assert columns["joint_joint_force_x"][-1] == pytest.approx(report.joints["joint"].force[0])
+
+
+@NO_WARNINGS
+def test_flat_faces_of_meshes_that_do_not_match_are_tied():
+    """Patch test: a block in two meshes under a uniform pull strains as one, in a moving frame."""
+    seam = 1 + 2e-7  # m: places tell the two meshes apart
+    domain = boxes(((0, 0, 0), (1, 1, 1), (2, 2, 2)), ((seam, 0, 0), (2, 1, 1), (3, 3, 3)))
+    domain = domain.with_facets("left", lambda x: np.isclose(x[0], 0))
+    domain = domain.with_facets("right", lambda x: np.isclose(x[0], 2))
+    domain = domain.with_facets("a", lambda x: np.abs(x[0] - 1) < 1e-8)
+    domain = domain.with_facets("b", lambda x: np.abs(x[0] - seam) < 1e-8)
+    pull = 1e4
+    loads = [rf.Traction("left", (-pull, 0, 0)), rf.Traction("right", (pull, 0, 0))]
+    tie = rf.Tied(rf.MeanFace("a"), rf.MeanFace("b"), (1 + 1e-7, 0.5, 0.5), name="tie")
+    damped = rf.MassDamping(20.0), rf.NumericalDamping(0.3)
+    scene = rf.Scene(domain, SOFT, [tie, *loads, *damped])
+    *_, last = rf.simulate(scene, 0.02, 3.0)
+    u = last.state.u.x.array.reshape(-1, 3)
+    X = last.state.X
+    slope = np.polyfit(X[:, 0], u[:, 0], 1)[0]
+    green = slope + 0.5 * slope**2
+    assert green * (1 + slope) == pytest.approx(pull / SOFT.E, rel=1e-4)
+    assert np.abs(u[:, 0] - np.polyval(np.polyfit(X[:, 0], u[:, 0], 1), X[:, 0])).max() < 1e-6
+    assert last.joints["tie"].force[0] == pytest.approx(-pull, rel=1e-3)
+
+
+def test_the_first_example_runs():
+    """It asserts the slider's place and the balance of energy by itself."""
+    runpy.run_path(str(parallel.ROOT / "demos" / "first" / "slider_crank.py"))
 
 
 def test_a_scene_without_joints_has_the_equations_that_it_had():
@@ -305,15 +342,18 @@ def test_a_joint_that_cannot_be_is_refused(make, message):
     [
         (("A", rf.MeanFace("b")), r"'A' is no Rigid part; there are none\..*MeanFace\('A'\)"),
         ((rf.MeanFace("ende"), rf.MeanFace("b")), "'ende'"),
-        ((rf.MeanFace("cap"), rf.MeanFace("b")), "its nodes lie in a plane.*beside it, 0.01 m"),
+        ((rf.MeanFace("held"), rf.MeanFace("b")), "Fixed on 'held' holds all of MeanFace 'held'"),
+        ((rf.MeanFace("far"), rf.MeanFace("b")), "its sides do not meet: it is at"),
     ],
 )
 def test_a_joint_that_does_not_fit_the_mesh_is_refused(sides, message):
     """By the joint's name and the side's, before anything runs."""
-    domain = bars().domain.with_facets("cap", lambda x: np.isclose(x[0], 1.0))
-    joint = rf.Revolute(*sides, PIN, (0, 0, 1), name="pin")
+    domain = bars().domain.with_facets("held", lambda x: np.isclose(x[0], 1.0))
+    domain = domain.with_facets("far", lambda x: np.isclose(x[0], 0.0) & (x[1] < 0.11))
+    pin = (10.01, 0.1, 0.1) if sides[0] == rf.MeanFace("far") else PIN
+    joint = rf.Revolute(*sides, pin, (0, 0, 1), name="pin")
     with pytest.raises(rf.SceneError, match=message) as error:
-        rf.Scene(domain, SOFT, [joint])
+        rf.Scene(domain, SOFT, [joint, rf.Fixed("held")])
     assert "pin" in str(error.value)
 
 

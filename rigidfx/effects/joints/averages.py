@@ -52,9 +52,11 @@ class Grounded:
     Attributes:
         size: Its extent [m]: none of its own.
         mass: Mass that moves with it [kg].
+        nodes: It has none.
     """
 
     size = mass = np.inf
+    nodes = np.empty(0, np.int64)
 
     def knows(self, direction: Array) -> bool:
         """Whether it has such a direction: any."""
@@ -75,6 +77,8 @@ class Averages:
     Attributes:
         size: Root of the mean square of the nodes' distances to their centre [m].
         mass: Mass of the nodes [kg].
+        nodes: Owned nodes of this rank.
+        centre: Their mean place at the start [m].
     """
 
     def __init__(self, scene: Any, weights: Array, title: str) -> None:
@@ -89,17 +93,17 @@ class Averages:
             SceneError: On every rank, if the nodes have no weight or lie in one point.
         """
         self._title = title
-        self._nodes = np.flatnonzero(weights)
-        w, X = weights[self._nodes], scene.start_places[self._nodes]
-        mass = scene.averaging_mass[self._nodes]
-        sums = scene.sum(np.r_[w.sum(), w @ X, mass.sum(), self._nodes.size])
+        self.nodes = np.flatnonzero(weights)
+        w, X = weights[self.nodes], scene.start_places[self.nodes]
+        mass = scene.averaging_mass[self.nodes]
+        sums = scene.sum(np.r_[w.sum(), w @ X, mass.sum(), self.nodes.size])
         if sums[5] < 2 or not sums[0] > 0:
             raise SceneError(
                 f"{title}: a side of a joint needs nodes that span a line at least, and has "
                 f"{int(sums[5])} with weight. Name a larger set."
             )
-        self._centre, self.mass = sums[1:4] / sums[0], float(sums[4])
-        self._w, self._arms = w / sums[0], X - self._centre
+        self.centre, self.mass = sums[1:4] / sums[0], float(sums[4])
+        self._w, self._arms = w / sums[0], X - self.centre
         second = scene.sum((self._w[:, None] * self._arms).T @ self._arms)
         self.size = float(np.sqrt(np.trace(second)))
         values, axes = np.linalg.eigh(second)
@@ -113,7 +117,7 @@ class Averages:
 
     def holds(self, point: Array) -> bool:
         """Whether the nodes span the place of a point."""
-        return bool(np.linalg.norm((point - self._centre) @ self._across) <= OFF * self.size)
+        return bool(np.linalg.norm((point - self.centre) @ self._across) <= OFF * self.size)
 
     @property
     def flat(self) -> bool:
@@ -126,7 +130,7 @@ class Averages:
         Raises:
             SceneError: If the nodes lie in a plane or on a line, and the point beside it.
         """
-        arm = point - self._centre
+        arm = point - self.centre
         if not self.holds(point):
             raise SceneError(
                 f"{self._title}: its nodes lie in a plane or on a line, and the joint at "
@@ -134,7 +138,7 @@ class Averages:
                 "joint there, or name a set that is not flat."
             )
         weights = self._w * (1.0 + self._arms @ (self._inverse @ arm))
-        return Average(self._nodes, weights, is_place=True)
+        return Average(self.nodes, weights, is_place=True)
 
     def direction(self, a: Array) -> Average:
         """Where a direction of the side points.
@@ -147,7 +151,7 @@ class Averages:
                 f"{self._title}: its nodes lie in a plane or on a line, and know no direction "
                 f"{a}. Name a set that is not flat."
             )
-        return Average(self._nodes, self._w * (self._arms @ (self._inverse @ a)))
+        return Average(self.nodes, self._w * (self._arms @ (self._inverse @ a)))
 
 
 class Face:
@@ -156,6 +160,8 @@ class Face:
     Attributes:
         size: That of the surface [m].
         mass: Mass of the nodes of the cells behind it [kg].
+        nodes: Owned nodes of the surface on this rank.
+        centre: Their mean place at the start [m].
     """
 
     def __init__(self, surface: Averages, behind: Averages) -> None:
@@ -167,6 +173,7 @@ class Face:
         """
         self._surface, self._behind = surface, behind
         self.size, self.mass = surface.size, behind.mass
+        self.nodes, self.centre = surface.nodes, surface.centre
 
     def knows(self, direction: Array) -> bool:
         """Whether the nodes span a direction."""

@@ -109,6 +109,16 @@ class Motor(Windowed):
         """Look its joint up."""
         coordinate_of(scene, self.owner, self.joint, self.coordinate)
         self.at(self.start)
+        if not self.prescribes:
+            return
+        for other in scene.named(Motor):
+            same = (other.joint, other.coordinate) == (self.joint, self.coordinate)
+            both = max(self.since, other.since) < min(self.until, other.until)
+            if other is not self and other.prescribes and same and both:
+                raise SceneError(
+                    f"{self.owner}: two motors prescribe its {self.coordinate} at the same time, "
+                    f"by {self.by} and by {other.by}. Give them windows that do not overlap."
+                )
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import shown, vector
 from rigidfx.effects.base import WHOLE, Effect, Vector
 from rigidfx.effects.joints.averages import Sided
+from rigidfx.effects.joints.checks import check_sides
 from rigidfx.effects.joints.coordinates import Angle, Travel
 from rigidfx.effects.joints.pieces import Pieces, perpendiculars
 from rigidfx.effects.joints.sides import GROUND, MeanFace, Side, check_side, side_name, side_of
@@ -102,6 +103,8 @@ class Joint(Effect):
             SceneError: On every rank, if it cannot be there.
         """
         a, b = (side_of(scene, self.owner, side) for side in (self.a, self.b))
+        point = np.asarray(self.at, dtype=np.float64)
+        check_sides(scene, self.owner, (self.a, self.b), (a, b), point)
         size, mass = min(a.size, b.size), min(a.mass, b.mass)
         pieces = Pieces(float(size), float(mass))
         self.build(pieces, a, b)

@@ -30,6 +30,7 @@ from scipy.linalg import block_diag
 from scipy.sparse import block_array, csc_array, eye_array
 from scipy.sparse.linalg import splu
 
+from rigidfx.base.errors import StepError
 from rigidfx.step.equations.joined import JoinedEquilibrium
 
 __all__ = ["Border", "BorderedFactors"]
@@ -117,7 +118,15 @@ class Border:
         n = self.ports
         C = self._C
         matrix = block_array([[eye_array(n) + C @ H, C @ D.T], [D1, R]], format="csc")
-        found = splu(matrix).solve(right)
+        try:
+            found = splu(matrix).solve(right)
+        except RuntimeError:  # SuperLU's word for a singular matrix
+            raise StepError(
+                "The joints and motors leave no motion, or hold what they hold already: their "
+                "equations are singular.",
+                "Look for motors that drive the same parts, or for a pose in which the mechanism "
+                "locks; smaller steps may pass that.",
+            ) from None
         out = z.array
         out[: self._owned] = self._z.array_r - self._Y @ (H @ found[:n] + D.T @ found[n:])
         out[self._owned :] = found[n:][: out.size - self._owned]

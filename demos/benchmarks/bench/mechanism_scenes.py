@@ -1,0 +1,171 @@
+"""Mechanisms of bars: rigid ones of given mass between pins, and flexible ones."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+import rigidfx as rf
+
+__all__ = ["Link", "bricard", "double_pendulum", "four_bars", "heavy_top", "linked", "slider_crank"]
+
+Array = npt.NDArray[np.float64]
+Z = 0.0, 0.0, 1.0
+DOWN = rf.Gravity((0.0, -9.81, 0.0))
+SLENDER = 1e-3  # kg m², of thin bars about their own axes; no number of a plane motion has it
+
+
+@dataclass(frozen=True)
+class Link:
+    """A bar along one axis.
+
+    Attributes:
+        name: Its name.
+        start: One end [m].
+        end: The other end [m].
+        cells: Number of cells along it.
+        wide: Half of its width [m].
+        gap: Part of its length that is left free at each end.
+    """
+
+    name: str
+    start: Sequence[float]
+    end: Sequence[float]
+    cells: int = 1
+    wide: float = 0.02
+    gap: float = 0.1
+
+    @property
+    def corners(self) -> tuple[Array, Array]:
+        """Lowest and highest corner [m]."""
+        a, b = np.asarray(self.start, float), np.asarray(self.end, float)
+        ends = np.stack([a + self.gap * (b - a), b - self.gap * (b - a)])
+        across = self.wide * (np.abs(b - a) < 1e-12)
+        return ends.min(axis=0) - across, ends.max(axis=0) + across
+
+    @property
+    def middle(self) -> Array:
+        """Its middle [m]."""
+        return 0.5 * (np.asarray(self.start, float) + np.asarray(self.end, float))
+
+    def thin(self, mass: float) -> rf.Rigid:
+        """The bar as a rigid one of uniform mass [kg]."""
+        d = np.asarray(self.end, float) - np.asarray(self.start, float)
+        n, inertia = np.abs(d) / np.linalg.norm(d), mass * float(d @ d) / 12
+        return rf.Rigid(self.name, mass=mass, inertia=np.diag(np.where(n > 0.5, SLENDER, inertia)))
+
+
+def linked(links: Sequence[Link]) -> rf.Domain:
+    """A mesh of bars that share no nodes; each has its name. Collective."""
+    points, cells, first = [], [], 0
+    for link in links:
+        low, high = link.corners
+        along = int(np.argmax(high - low))
+        count = [link.cells if axis == along else 1 for axis in range(3)]
+        lines = [np.linspace(a, b, n + 1) for a, b, n in zip(low, high, count, strict=True)]
+        points.append(np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3))
+        stride = (count[1] + 1) * (count[2] + 1), count[2] + 1, 1
+        origin = np.stack(np.indices(count), axis=-1).reshape(-1, 3) @ stride
+        corner = np.stack(np.meshgrid(*[[0, 1]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+        corner = corner[np.lexsort((corner[:, 2], corner[:, 1], corner[:, 0]))]
+        order = np.argsort(corner @ (4, 2, 1))
+        cells.append(first + origin[:, None] + (corner[order] @ stride)[None])
+        first += len(points[-1])
+    own = slice(None) if MPI.COMM_WORLD.rank == 0 else slice(0, 0)
+    domain = rf.from_arrays(np.concatenate(points)[own], np.concatenate(cells)[own])
+    for link in links:
+        low, high = (corner[:, None] for corner in link.corners)
+
+        def inside(x: Array, low: Array = low, high: Array = high) -> Array:
+            return np.asarray(((x >= low - 1e-6) & (x <= high + 1e-6)).all(axis=0))
+
+        domain = domain.with_cells(link.name, inside)
+    return domain
+
+
+SOFT = rf.StVenantKirchhoff(rho=1000.0, E=1e9, nu=0.3)
+
+
+def four_bars(n: int) -> rf.Scene:
+    """n four-bar linkages side by side, IFToMM's benchmark A02."""
+    up = [Link(f"up {i}", (i, 0, 0), (i, 1, 0)) for i in range(n + 1)]
+    across = [Link(f"across {i}", (i, 1, 0), (i + 1, 1, 0)) for i in range(n)]
+    pins = [rf.Revolute("ground", f"up {i}", (i, 0, 0), Z, name=f"A{i}") for i in range(n + 1)]
+    for i in range(n):
+        pins.append(rf.Revolute(f"up {i}", f"across {i}", (i, 1, 0), Z, name=f"B{i}"))
+        pins.append(rf.Revolute(f"across {i}", f"up {i + 1}", (i + 1, 1, 0), Z, name=f"C{i}"))
+
+    def turning(x: Array) -> Array:
+        aside = x[0] - np.round(x[0])
+        upright = np.abs(aside) < 0.06
+        return np.stack([np.where(upright, x[1], 1.0), np.where(upright, -aside, 0.0), 0 * x[0]])
+
+    links = [*up, *across]
+    rigid = [link.thin(1.0) for link in links]
+    start = rf.InitialVelocity(function=turning)
+    return rf.Scene(linked(links), SOFT, [*rigid, *pins, DOWN, start])
+
+
+def bricard() -> rf.Scene:
+    """Bricard's mechanism, five bars along the edges of a cube, IFToMM's benchmark A04."""
+    corners = [(0, 0, 0), (1, 0, 0), (1, -1, 0), (1, -1, 1), (0, -1, 1), (0, 0, 1)]
+    links = [Link(f"bar {i}", corners[i], corners[i + 1]) for i in range(5)]
+    axes = [(0, 1, 0), (0, 0, 1), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 0, 0)]
+    sides = ["ground", *(link.name for link in links), "ground"]
+    pins = [
+        rf.Revolute(sides[i], sides[i + 1], corners[i], axes[i], name=f"pin {i}") for i in range(6)
+    ]
+    return rf.Scene(linked(links), SOFT, [*(link.thin(1.0) for link in links), *pins, DOWN])
+
+
+def heavy_top() -> rf.Scene:
+    """A heavy top at 150 rad/s (O. Brüls, A. Cardona, M. Arnold, MMT 48 (2012) 121)."""
+    top = Link("top", (0, 0.5, 0), (0, 1.5, 0))
+    inertia = np.diag([0.234375, 0.46875, 0.234375])
+    effects = [
+        rf.Rigid("top", mass=15.0, inertia=inertia),
+        rf.Spherical("ground", "top", (0, 0, 0), name="foot"),
+        rf.Gravity((0.0, 0.0, -9.81)),
+        rf.InitialVelocity(angular=(0.0, 150.0, -4.61538), centre=(0, 0, 0)),
+    ]
+    return rf.Scene(linked([top]), SOFT, effects)
+
+
+def double_pendulum() -> rf.Scene:
+    """Two thin bars of 1 m and 1 kg, let go from the horizontal."""
+    links = [Link("upper", (0, 0, 0), (1, 0, 0)), Link("lower", (1, 0, 0), (2, 0, 0))]
+    pins = [
+        rf.Revolute("ground", "upper", (0, 0, 0), Z, name="top"),
+        rf.Revolute("upper", "lower", (1, 0, 0), Z, name="elbow"),
+    ]
+    return rf.Scene(linked(links), SOFT, [*(link.thin(1.0) for link in links), *pins, DOWN])
+
+
+def slider_crank(cells: int, rigid: bool = False) -> rf.Scene:
+    """A crank that a motor brings to 20 rad/s, a flexible rod between mean faces, a slider."""
+    rod = Link("rod", (0.1, 0, 0), (0.5, 0, 0), cells, 0.01, 0.05)
+    links = [Link("crank", (0, 0, 0), (0.1, 0, 0), 1, 0.01), rod]
+    links.append(Link("slider", (0.5, 0, 0), (0.6, 0, 0), 1, 0.02))
+    domain, (low, high) = linked(links), rod.corners
+    h = (high[0] - low[0]) / cells
+
+    def of_rod(x: Array) -> Array:
+        return (x[0] >= low[0] - 1e-9) & (x[0] <= high[0] + 1e-9) & (np.abs(x[1]) < 0.011)
+
+    domain = domain.with_facets("big end", lambda x: of_rod(x) & (x[0] <= low[0] + h + 1e-9))
+    domain = domain.with_facets("small end", lambda x: of_rod(x) & (x[0] >= high[0] - h - 1e-9))
+    effects = [
+        *(rf.Rigid(name) for name in ("crank", "slider", *(["rod"] if rigid else []))),
+        rf.Revolute("ground", "crank", (0, 0, 0), Z, name="main bearing"),
+        rf.Revolute("crank", rf.MeanFace("big end"), (0.1, 0, 0), Z, name="crank pin"),
+        rf.Spherical(rf.MeanFace("small end"), "slider", (0.5, 0, 0), name="wrist pin"),
+        rf.Prismatic("ground", "slider", (0.5, 0, 0), (1, 0, 0), name="guide"),
+        rf.Motor("main bearing", speed=lambda t: 20 * min(t / 0.1, 1.0) ** 2),
+    ]
+    metal = rf.StVenantKirchhoff(rho=2700.0, E=7e10, nu=0.3)
+    probes = {"middle": (0.3, 0, 0)} if cells % 2 else {"middle": (0.3, 0.01, 0.01)}
+    return rf.Scene(domain, metal, effects, element="enhanced", probes=probes)

@@ -1,0 +1,188 @@
+"""Mechanisms: joints, motors, redundancy, against published and independent solutions.
+
+* *four-bar 2*, *four-bar 40*: N four-bar linkages (IFToMM's benchmark A02); the end point of N = 2
+  after 10 s is (0.3284574, 0.9445188) m, and N = 40 has 120 redundant rows or more.
+* *Bricard*: five bars along the edges of a cube (A04): one redundant row.
+* *heavy top*: at 150 rad/s (O. Brüls, A. Cardona, M. Arnold, Mechanism and Machine Theory 48 (2012)
+  121): x(2 s) = (-0.15042, -0.72417, -0.67302) m.
+* *double pendulum*: against SciPy's DOP853 in angles.
+* *slider-crank*: a flexible rod between mean faces; the balance of energy with the motor's work.
+
+The error is that of the end point [m] at the smaller Δt; the order is measured from two Δt.
+
+    ./fenicsx python3 demos/benchmarks/mechanisms.py
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from bench import Parser, chosen, conclude
+from bench.mechanism_scenes import (
+    bricard,
+    double_pendulum,
+    four_bars,
+    heavy_top,
+    slider_crank,
+)
+from scipy.integrate import solve_ivp
+
+import rigidfx as rf
+
+Array = npt.NDArray[np.float64]
+Row = dict[str, Any]
+
+
+class Followed:
+    """A run: its drift of energy [J], constraints [m], end point and seconds a step."""
+
+    def __init__(self, scene: rf.Scene, dt: float, t_end: float, end: tuple[str, Array]) -> None:
+        """Run it.
+
+        Args:
+            scene: The mechanism.
+            dt: Δt [s].
+            t_end: Its end [s].
+            end: Name of a rigid part, and a point of it in its frame at the start [m].
+        """
+        name, arm = end
+        self.drift = self.gap = 0.0
+        told: list[warnings.WarningMessage]
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            began, expected, steps = perf_counter(), 0.0, 0
+            for report in rf.simulate(scene, dt, t_end):
+                steps += 1
+                if report.step == 0:
+                    expected, began = report.energy, perf_counter()
+                    continue
+                expected += report.work_of_loads - sum(report.dissipated.values())
+                self.drift = max(self.drift, abs(report.energy - expected))
+                self.gap = max(self.gap, *(joint.gap for joint in report.joints.values()))
+        self.unknowns = report.unknowns
+        self.seconds = (perf_counter() - began) / max(steps - 1, 1)
+        implied = [str(w.message) for w in told if "follow from others" in str(w.message)]
+        self.redundant = int(implied[0].split()[0]) if implied else 0
+        at = {body.data.name: body.motion for body in report.rigid}
+        self.end = at[name].r + at[name].R @ arm
+
+    def row(self, case: str, **more: Any) -> Row:
+        """Its line of the summary."""
+        out = {"case": case, "unknowns": self.unknowns, "energy_drift": self.drift}
+        out |= {"constraint": self.gap, "error": None, "order": None, "redundant": self.redundant}
+        out |= {"seconds_per_step": self.seconds, "peer": None, "peer_seconds_per_step": None}
+        return out | more
+
+
+def against(
+    case: str,
+    make: Callable[[], rf.Scene],
+    steps: tuple[float, float],
+    end: tuple[str, Array],
+    exact: Array,
+    t_end: float,
+) -> list[Row]:
+    """A mechanism at two Δt against a known end point."""
+    coarse, fine = (Followed(make(), dt, t_end, end) for dt in steps)
+    off = [float(np.linalg.norm((run.end - exact)[: exact.size])) for run in (coarse, fine)]
+    order = float(np.log(off[0] / off[1]) / np.log(steps[0] / steps[1]))
+    fine.drift, fine.gap = max(coarse.drift, fine.drift), max(coarse.gap, fine.gap)
+    return [fine.row(case, error=off[1], order=order)]
+
+
+def two(short: bool) -> list[Row]:
+    """N = 2, its end point after 10 s."""
+    steps = (0.02, 0.01) if short else (0.01, 0.005)
+    exact = np.array([0.3284574, 0.9445188, 0.0])
+    end = "up 0", np.array([0, 0.5, 0])
+    rows = against("four-bar 2", lambda: four_bars(2), steps, end, exact, 10.0)
+    assert rows[0]["energy_drift"] <= 1e-10
+    assert rows[0]["constraint"] <= 1e-11
+    assert rows[0]["error"] <= 1e-2
+    assert abs(rows[0]["order"] - 2) <= 0.3
+    assert rows[0]["redundant"] == 6
+    return rows
+
+
+def forty(short: bool) -> list[Row]:
+    """N = 40: rows that others imply."""
+    run = Followed(four_bars(40), 0.01, 0.2 if short else 10.0, ("up 0", np.array([0, 0.5, 0])))
+    assert run.drift <= 1e-9
+    assert run.redundant == 120
+    return [run.row("four-bar 40")]
+
+
+def cube(short: bool) -> list[Row]:
+    """Bricard's mechanism."""
+    run = Followed(bricard(), 0.01, 1.0 if short else 10.0, ("bar 2", np.array([0, 0, 0.5])))
+    assert run.drift <= 1e-10
+    assert run.redundant == 1
+    return [run.row("Bricard")]
+
+
+def top(short: bool) -> list[Row]:
+    """The heavy top: its centre after 2 s."""
+    steps = (0.002, 0.001) if short else (0.001, 0.0005)
+    exact = np.array([-0.15042, -0.72417, -0.67302])
+    rows = against("heavy top", heavy_top, steps, ("top", np.zeros(3)), exact, 2.0)
+    assert rows[0]["error"] <= 0.02
+    return rows
+
+
+def pendulum(short: bool) -> list[Row]:
+    """Two thin bars: the tip after 2 s."""
+
+    def motion(t: float, y: Array) -> Array:
+        a, b, da, db = y
+        c, s = np.cos(a - b), np.sin(a - b)
+        mass = np.array([[4 / 3, c / 2], [c / 2, 1 / 3]])
+        g = 9.81
+        force = [-s / 2 * db**2 - 1.5 * g * np.cos(a), s / 2 * da**2 - 0.5 * g * np.cos(b)]
+        return np.r_[da, db, np.linalg.solve(mass, force)]
+
+    found = solve_ivp(motion, (0, 2), np.zeros(4), "DOP853", rtol=1e-12, atol=1e-12)
+    a, b = found.y[:2, -1]
+    exact = np.array([np.cos(a) + np.cos(b), np.sin(a) + np.sin(b), 0.0])
+    steps = (0.004, 0.002) if short else (0.002, 0.001)
+    end = "lower", np.array([0.5, 0, 0])
+    rows = against("double pendulum", double_pendulum, steps, end, exact, 2.0)
+    assert abs(rows[0]["order"] - 2) <= 0.3
+    return rows
+
+
+def crank(short: bool) -> list[Row]:
+    """A motor, a flexible rod and a slider."""
+    scene = slider_crank(8 if short else 40)
+    run = Followed(scene, 1e-3, 0.1 if short else 0.5, ("slider", np.zeros(3)))
+    assert run.drift <= 1e-10
+    assert run.gap <= 1e-12
+    return [run.row("slider-crank")]
+
+
+CASES: dict[str, Callable[[bool], list[Row]]] = {
+    "four-bar 2": two,
+    "four-bar 40": forty,
+    "Bricard": cube,
+    "heavy top": top,
+    "double pendulum": pendulum,
+    "slider-crank": crank,
+}
+
+
+def main() -> None:
+    """Run the cases and leave summary.json."""
+    parser = Parser(__file__, "Mechanisms against published solutions.", "longer steps, shorter")
+    parser.add_only("cases")
+    options = parser.read()
+    conclude(
+        options.out, [row for name in chosen(options, CASES) for row in CASES[name](options.short)]
+    )
+
+
+if __name__ == "__main__":
+    main()

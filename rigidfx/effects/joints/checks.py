@@ -1,0 +1,67 @@
+"""What a joint may not join: one part with itself, what a support holds, surfaces far away."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.base.errors import SceneError
+from rigidfx.effects.joints.averages import Grounded, Sided
+from rigidfx.effects.joints.sides import MeanFace, Side, side_name
+from rigidfx.effects.supports.support import Support
+
+__all__ = ["check_sides"]
+
+Array = npt.NDArray[np.float64]
+
+FAR = 20.0  # times its own size, that a surface may be away from its joint
+
+
+def check_sides(
+    scene: Any, owner: str, names: tuple[Side, Side], sides: tuple[Sided, Sided], at: Array
+) -> None:
+    """Check what can be known of the sides of a joint. Collective.
+
+    Args:
+        scene: The problem.
+        owner: The joint, for messages.
+        names: What the sides were given as.
+        sides: The sides.
+        at: Place of the joint at the start [m].
+
+    Raises:
+        SceneError: On every rank, if both are in one rigid part, if a support holds all of one, or
+            if a surface is far away from the joint.
+    """
+    for name, side in zip(names, sides, strict=True):
+        if isinstance(side, Grounded):
+            continue
+        away = float(np.linalg.norm(at - side.centre))
+        if isinstance(name, MeanFace) and away > FAR * side.size:
+            raise SceneError(
+                f"{owner}: its sides do not meet: it is at {at} m, and {side_name(name)} is around "
+                f"{side.centre} m, {away:.3g} m away and {side.size:.3g} m large."
+            )
+        for support in scene.named(Support):
+            if len(support.axes) == 3 and _among(scene, side, support.where, support.kind):
+                raise SceneError(
+                    f"{owner}: {support.owner} holds all of {side_name(name)}. Join the 'ground' "
+                    "in its place, or hold less."
+                )
+    grounded = any(isinstance(side, Grounded) for side in sides)
+    for rigid in () if grounded else (e for e in scene.effects if e.is_rigid):
+        if all(_among(scene, side, rigid.where, rigid.kind) for side in sides):
+            raise SceneError(
+                f"{owner}: both sides are of one part, {rigid.owner}, and cannot move against each "
+                "other."
+            )
+
+
+def _among(scene: Any, side: Sided, where: str | None, kind: str) -> bool:
+    """Whether all nodes of a side are in a set. Collective."""
+    if where is None:
+        return True
+    outside = scene.members(where, kind)[side.nodes, 0] == 0.0
+    return bool(scene.sum(np.count_nonzero(outside)) == 0)
