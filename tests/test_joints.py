@@ -371,6 +371,15 @@ def history(mass):
         scene = bars(*effects, sides=sides, mass=mass, probes={"tip": (2.02, 0.2, 0.2)})
         for r in rf.simulate(scene, 0.01, 0.15):
             rows.append([r.energy, r.kinetic, *r.angular_momentum, *r.probes["tip"]])
+    title = "Revolute MeanFace 'a' - MeanFace 'b'"
+    driven = rf.JointSpring(title, 50.0, damping=1.0), rf.Motor(title, torque=lambda t: 20 * t)
+    scene = bars(*driven, mass=mass, probes={"tip": (2.02, 0.2, 0.2)})
+    release = rf.Release(at=(0.1,))
+    criterion = rf.StrainRate(1e9, 0.05, patience=1, wake="none", release=release)
+    for r in rf.simulate(scene, 0.01, 0.15, rigidify=criterion):
+        told = r.joints[title] if r.joints else None
+        angle, force = (told.angle, told.force[0]) if told else (0.0, 0.0)
+        rows.append([r.energy, angle, force, *r.angular_momentum[:2], *r.probes["tip"]])
     return rows
 
 
