@@ -306,6 +306,32 @@ def test_flat_faces_of_meshes_that_do_not_match_are_tied():
     assert last.joints["tie"].force[0] == pytest.approx(-pull, rel=1e-3)
 
 
+def washer():
+    """A ring of 16 cells round an axis along y through (0.3, ·, 0.1), with a hole of 0.05 m."""
+    angle, r, y = np.linspace(0, 2 * np.pi, 17)[:-1], (0.05, 0.1), (0.0, 0.04)
+    points = [(0.3 + s * np.cos(a), h, 0.1 + s * np.sin(a)) for a in angle for s in r for h in y]
+    corner = np.array([0, 1, 2, 3])
+    cells = [np.r_[4 * k + corner, 4 * ((k + 1) % 16) + corner] for k in range(16)]
+    domain = rf.from_arrays(np.array(points), np.array(cells))
+    domain = domain.with_facets("hole", lambda x: np.hypot(x[0] - 0.3, x[2] - 0.1) < 0.051)
+    return domain.with_facets("side", lambda x: np.isclose(x[1], 0.0))
+
+
+def test_a_hole_tells_place_and_axis():
+    """To rounding, and the description shows them."""
+    hinge = rf.Revolute("ground", rf.MeanFace("hole"), name="axle")
+    scene = rf.Scene(washer(), SOFT, [hinge])
+    placed = scene.named(rf.Revolute)[0]
+    assert placed.at == pytest.approx((0.3, 0.02, 0.1), abs=1e-12)
+    assert placed.axis == pytest.approx((0, 1, 0), abs=1e-12)
+    assert "at (0.3, 0.02, 0.1)" in str(scene.describe())
+    flat = rf.Revolute("ground", rf.MeanFace("side"), name="axle")
+    with pytest.raises(rf.SceneError, match=r"axle'?: the surface 'side' is no cylinder"):
+        rf.Scene(scene.domain, SOFT, [flat])
+    with pytest.raises(rf.SceneError, match="give its at and axis; only a MeanFace"):
+        bar(rf.Revolute("ground", "bar"))
+
+
 def test_the_first_example_runs():
     """It asserts the slider's place and the balance of energy by itself."""
     runpy.run_path(str(parallel.ROOT / "demos" / "first" / "slider_crank.py"))

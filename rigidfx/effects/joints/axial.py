@@ -15,10 +15,10 @@ class Axial(Joint):
     """A joint that has an axis.
 
     Attributes:
-        axis: Direction of the axis at the start, of any length.
+        axis: Direction of the axis at the start, of any length; that of the hole or shaft if None.
     """
 
-    axis: Vector
+    axis: Vector | None = None
 
     def __post_init__(self) -> None:
         """Check the axis.
@@ -27,4 +27,10 @@ class Axial(Joint):
             SceneError: If it has no length.
         """
         super().__post_init__()
-        axis_of(self, self.axis)
+        if self.axis is not None:
+            axis_of(self, self.axis)
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """See `Joint`."""
+        return (*super().missing, *(() if self.axis is not None else ("axis",)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from rigidfx.effects.base import WHOLE, Effect, Vector
 from rigidfx.effects.joints.averages import Sided
 from rigidfx.effects.joints.checks import check_sides
 from rigidfx.effects.joints.coordinates import Angle, Travel
+from rigidfx.effects.joints.cylinder import cylinder_of
 from rigidfx.effects.joints.pieces import Pieces, perpendiculars
 from rigidfx.effects.joints.sides import GROUND, MeanFace, Side, check_side, side_name, side_of
 
@@ -30,13 +31,14 @@ class Joint(Effect):
     Attributes:
         a: First side: "ground", the name of a `Rigid` part, or a `MeanFace`.
         b: Second side, likewise.
-        at: Its place at the start [m].
+        at: Its place at the start [m]; the middle of the hole or shaft that the first `MeanFace` of
+            its sides is, if None.
         name: Its name in reports; kind and sides if None.
     """
 
     a: Side
     b: Side
-    at: Vector
+    at: Vector | None = None
     name: str | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
@@ -50,7 +52,8 @@ class Joint(Effect):
             raise SceneError(f"{self.kind}: name must be a text, got {shown(self.name)}.")
         for name in ("a", "b"):
             check_side(self.kind, name, getattr(self, name))
-        vector(self, "at", self.at)
+        if self.at is not None:
+            vector(self, "at", self.at)
         if self.a == self.b:
             raise SceneError(
                 f"{self.owner}: both sides are the same. A joint joins two parts, or one to the "
@@ -102,6 +105,8 @@ class Joint(Effect):
         Raises:
             SceneError: On every rank, if it cannot be there.
         """
+        if (missing := self.missing) and (found := self._found(scene, missing)) is not self:
+            return found.placed(scene)
         a, b = (side_of(scene, self.owner, side) for side in (self.a, self.b))
         point = np.asarray(self.at, dtype=np.float64)
         check_sides(scene, self.owner, (self.a, self.b), (a, b), point)
@@ -111,6 +116,27 @@ class Joint(Effect):
         out = copy(self)
         object.__setattr__(out, "_pieces", pieces)
         return out
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Names of the fields that a surface is to tell."""
+        return () if self.at is not None else ("at",)
+
+    def _found(self, scene: Any, missing: tuple[str, ...]) -> Joint:
+        """The joint with what the surface of a side tells. Collective.
+
+        Raises:
+            SceneError: If no side is a surface, or it is no cylinder.
+        """
+        surfaces = [side.where for side in (self.a, self.b) if isinstance(side, MeanFace)]
+        if not surfaces:
+            raise SceneError(
+                f"{self.owner}: give its {' and '.join(missing)}; only a MeanFace that is a hole "
+                "or a shaft tells them."
+            )
+        centre, axis = cylinder_of(scene, self.owner, surfaces[0])
+        told: dict[str, Any] = {"at": tuple(map(float, centre)), "axis": tuple(map(float, axis))}
+        return replace(self, **{name: told[name] for name in missing})
 
     def build(self, pieces: Pieces, a: Sided, b: Sided) -> None:
         """Add its averages and rows.

@@ -26,8 +26,8 @@ class Universal(Joint):
         axis_b: Axis of the second side there, perpendicular to the first.
     """
 
-    axis_a: Vector
-    axis_b: Vector
+    axis_a: Vector | None = None
+    axis_b: Vector | None = None
 
     def __post_init__(self) -> None:
         """Check the axes.
