@@ -408,7 +408,7 @@ CEILINGS = {
     "effects/contacts": 34,
     "effects/damping": 1,
     "effects/initial": 7,
-    "effects/joints": 17,
+    "effects/joints": 18,
     "effects/loads": 20,
     "effects/supports": 22,
     "error": 9,
