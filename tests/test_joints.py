@@ -12,7 +12,7 @@ import parallel
 import pytest
 from joints import PIN, SOFT, bars, follow
 from mpi4py import MPI
-from runs import prepared
+from runs import prepared, step
 from scipy.special import ellipk
 from test_contact_pairs import boxes
 
@@ -41,6 +41,22 @@ def test_a_hinge_keeps_energy_and_both_momenta(parts, mass):
     assert np.mean([r.iterations for r in reports[1:]]) <= 8
     turned = reports[-1].state.positions(np.arange(len(reports[-1].state.X)))
     assert np.abs(turned - reports[-1].state.X).max() > 0.5
+
+
+@NO_WARNINGS
+def test_forces_on_nodes_of_bodies_add_up_to_what_the_joint_reports():
+    """What strains a rigid part is told node by node, inside the body too."""
+    scene = bars(rf.Rigid("A"), sides=("A", rf.MeanFace("b")))
+    with prepared(scene, 0.01) as run:
+        step(run, 0.01)
+        linkage, n = run.stepper.system.linkage, scene.owned_nodes
+        resisted = np.zeros((n, 3))
+        linkage.resistance_at(np.arange(n, dtype=np.int32), resisted)
+        (told,) = linkage.told().values()
+    of_first = scene.nodes("A", "test", (3,))
+    assert np.linalg.norm(told.force) > 10
+    assert resisted[of_first].sum(axis=0) == pytest.approx(told.force, rel=1e-9)
+    assert np.abs(resisted.sum(axis=0)).max() <= 1e-9
 
 
 def test_a_ball_joint_keeps_energy_and_both_momenta():
