@@ -1,48 +1,35 @@
-"""What takes part in a run: how it is prepared, and what its parts do before and after a step."""
+"""What takes part in a run, and what its parts do before and after a step."""
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from dataclasses import dataclass
 
 import numpy as np
-from petsc4py import PETSc
 
 from rigidfx.base.errors import RigidfxError
-from rigidfx.base.failures import Failures
-from rigidfx.decide.criteria.heeded import heeded_indicator
-from rigidfx.decide.criteria.judging import Criterion
 from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.decision import Decision
 from rigidfx.decide.policy import Policy
 from rigidfx.decide.reasons import CHECKED, FORESEEN
-from rigidfx.error.error_motion import ErrorMotion, can_be_followed
-from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.error.error_motion import ErrorMotion
+from rigidfx.error.looks import Looks
 from rigidfx.mechanics.eased import Eased
 from rigidfx.report.events import Event
 from rigidfx.report.ledger import Ledgers, Rigidity
 from rigidfx.report.of_step import report_of, with_ledger
 from rigidfx.report.probes import Probes
 from rigidfx.report.report import Report
-from rigidfx.report.start import Start
-from rigidfx.scene.scene import Scene
-from rigidfx.scene.step_control import StepControl
 from rigidfx.scene.timeline import Timeline
 from rigidfx.shadow.letting_down import let_down
 from rigidfx.shadow.motion import Strained
-from rigidfx.shadow.recovery import Recovery
 from rigidfx.shadow.shadow import Shadow
 from rigidfx.shadow.shadows import Shadows
-from rigidfx.shadow.subjects import FreeBodies, HeldParts, Subjects
-from rigidfx.state import State
 from rigidfx.step.first_touch import FirstTouch
-from rigidfx.step.length.time_control import TimeControl
 from rigidfx.step.stepper import Stepper, StepResult
-from rigidfx.step.system.supports import Impact
 from rigidfx.step.watches.judge import Attempt
 from rigidfx.switch.switch import Switch
 
-__all__ = ["Run", "prepare"]
+__all__ = ["Run"]
 
 
 @dataclass(frozen=True)
@@ -60,6 +47,7 @@ class Run:
         ledgers: What has been spent of accuracy; None if nothing estimates it.
         error: The motion by which the run is off its flexible twin; None if it is not followed.
         corrected: Whether the error motion is added to displacements that are shown.
+        looks: What tells, by e, which cells wake; None if shadows tell that, or nothing does.
         idle: What rigidity does to the motion where nothing may become rigid, if that is told.
     """
 
@@ -72,6 +60,7 @@ class Run:
     touch: FirstTouch
     ledgers: Ledgers | None
     error: ErrorMotion | None
+    looks: Looks | None = None
     idle: Rigidity | None = None
     corrected: bool = True
 
@@ -82,8 +71,9 @@ class Run:
 
     @property
     def shadow(self) -> Shadow | None:
-        """What bodies withhold that move freely; None if forces wake none."""
-        return None if self.shadows is None else self.shadows.free
+        """What tells by a linear twin of each body which cells wake; None if nothing does."""
+        free = None if self.shadows is None else self.shadows.free
+        return free if isinstance(free, Shadow) else None
 
     def target(self) -> float:
         """Time at which the next step is to end [s]."""
@@ -103,6 +93,8 @@ class Run:
         stepper, policy, shadow = self.stepper, self.policy, self.shadow
         if policy is None:
             return stepper.accept(stepper.attempt(target)), []
+        if self.looks is not None:
+            return self._advance(policy, self.looks, target, number)
         t, dt = stepper.state.t, target - stepper.state.t
         events: list[Event] = []
         if shadow is not None:
@@ -126,6 +118,21 @@ class Run:
             if found is not None:
                 policy.withholding.look(Observation(stepper, attempt.dt), found)
         return stepper.accept(attempt), [*events, *checked]
+
+    def _advance(
+        self, policy: Policy, looks: Looks, target: float, number: int
+    ) -> tuple[StepResult, list[Event]]:
+        """The same where the error motion tells which cells wake. Collective."""
+        stepper = self.stepper
+        attempt = stepper.attempt(target)
+        found = looks.look(attempt, policy.rule.limits)
+        events = self._woken(policy, found, CHECKED, attempt.dt)
+        if not events and policy.releases.repeat and len(stepper.state.bodies):
+            events = self._asked(policy, attempt, number)
+        if events:
+            attempt = stepper.attempt(attempt.end, again=True)
+            looks.look(attempt)
+        return stepper.accept(attempt), events
 
     def _woken(self, policy: Policy, strained: Strained | None, why: str, dt: float) -> list[Event]:
         """Let cells wake before a step, or before it is solved again. Collective."""
@@ -181,7 +188,10 @@ class Run:
         withheld = 0.0 if self.shadow is None else self.shadow.withheld
         share = None if self.shadows is None else self.shadows.share
         off = None if self.error is None else self.error.largest
-        seen = Observation(self.stepper, report.dt, stiffening, energies, withheld, share, off)
+        shared = None if self.looks is None else self.looks.shared(report.dt)
+        seen = Observation(
+            self.stepper, report.dt, stiffening, energies, withheld, share, off, shared
+        )
         policy.observe(seen)
         decision = policy.after(seen, report)
         if decision is not None and self.shadows is not None:
@@ -215,77 +225,12 @@ class Run:
 
     def _let_down(self, decision: Decision) -> Eased | None:
         """What cells that a decision releases are to bear on. Collective."""
-        if self.shadow is None or not decision.easing > 0:
+        withheld = self.shadow if self.looks is None else self.error
+        if withheld is None or not decision.easing > 0:
             return None
         stepper = self.stepper
         none = np.empty(0, np.int32)
         was = (b.cells for b in stepper.state.bodies.of.records if b.name not in decision.apart)
         stays = (body.cells for body in decision.bodies)
         leaving = np.setdiff1d(np.concatenate([none, *was]), np.concatenate([none, *stays]))
-        return let_down(self.shadow, stepper, leaving, decision.easing)
-
-
-def prepare(
-    scene: Scene,
-    timeline: Timeline,
-    rigidify: Criterion | None = None,
-    control: StepControl | None = None,
-    start: Start | None = None,
-) -> tuple[Run, Impact | None]:
-    """Prepare a run up to its first step; its stepper is to be closed. Collective.
-
-    Args:
-        scene: The problem.
-        timeline: Where steps end.
-        rigidify: When parts become rigid and flexible again; no part does if None.
-        control: How Δt is chosen; the timeline says it if None.
-        start: Where the run begins; as the scene says if None.
-
-    Returns:
-        The run, and the velocity that supports have imposed at the start, if they have.
-
-    Raises:
-        SceneError: If the initial state is in conflict.
-        StepError: If a static preload does not converge.
-    """
-    PETSc.garbage_cleanup(scene.comm)  # of runs that were given up
-    for support, _ in scene.supports:
-        support.check_run(scene, timeline.t_end)
-    probes, state = Probes(scene), State(scene)
-    starts = {0.0, *(t for t in scene.breakpoints if t > 0)}
-    acting = [scene.acting(timeline.after(t)) for t in sorted(starts, reverse=True)]
-    forces, failures = InternalForces(scene, state.u, acting), Failures(scene.comm)
-    indicator = None if rigidify is None else heeded_indicator(rigidify, scene, forces, failures)
-    chooses = None if control is None else TimeControl(scene, control, timeline)
-    stepper = Stepper(scene, state, forces, indicator, chooses, failures)
-    with ExitStack() as stack:
-        stack.callback(stepper.close)
-        switch = Switch(stepper, timeline, start)
-        impact = switch.begin()
-        policy = None
-        if rigidify is not None:
-            measure = heeded_indicator(rigidify, scene, forces, failures)
-            policy = Policy(scene, rigidify, timeline, failures, measure)
-        shadows = error = None
-        if rigidify is not None and policy is not None and rigidify.wake == "local":
-            in_pieces = policy.named.in_pieces
-
-            def shadow_of(subjects: Subjects) -> Shadow:
-                measure = heeded_indicator(rigidify, scene, forces, failures)
-                out = Shadow(stepper, subjects, measure, rigidify.settling)
-                stepper.watches.append(out)
-                return out
-
-            free = shadow_of(FreeBodies(stepper, in_pieces))
-            held = shadow_of(HeldParts(stepper, in_pieces)) if switch.clamps else None
-            shadows = Shadows(free, held, Recovery(stepper))
-            if rigidify.lacking is None and can_be_followed(scene):
-                strokes = policy.memory.strokes
-                measure = heeded_indicator(rigidify, scene, forces, failures)
-                error = ErrorMotion(stepper, free, lambda: strokes.time, probes.points, measure)
-                stepper.watches.append(error)
-        ledgers = None if shadows is None and control is None else Ledgers(stepper)
-        stack.pop_all()
-    touch = FirstTouch(stepper)
-    run = Run(timeline, stepper, switch, policy, probes, shadows, touch, ledgers, error)
-    return run, impact
+        return let_down(withheld, stepper, leaving, decision.easing)

@@ -25,6 +25,7 @@ from rigidfx.base.progress import progress_bar
 from rigidfx.base.same_input import check_same
 from rigidfx.decide.criteria.accuracy import Accuracy, controlled
 from rigidfx.decide.criteria.judging import Criterion
+from rigidfx.preparation import prepare
 from rigidfx.report.account import Account, beginning
 from rigidfx.report.brief_contacts import BriefContacts
 from rigidfx.report.energy_balance import EnergyBalance
@@ -34,7 +35,7 @@ from rigidfx.report.of_step import amended, report_of
 from rigidfx.report.report import Report
 from rigidfx.report.start import Start, start_of
 from rigidfx.report.turned_springs import TurnedSprings
-from rigidfx.run import Run, prepare
+from rigidfx.run import Run
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.step_control import StepControl
 from rigidfx.scene.timeline import Timeline

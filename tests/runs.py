@@ -9,7 +9,8 @@ import numpy as np
 
 from rigidfx.decide.clusters import NONE, CellGraph, find_clusters
 from rigidfx.decide.decision import Decision, plan_bodies
-from rigidfx.run import Run, prepare
+from rigidfx.preparation import prepare
+from rigidfx.run import Run
 from rigidfx.scene.timeline import Timeline
 
 

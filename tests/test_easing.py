@@ -23,10 +23,10 @@ from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.decision import Decision, PlannedBody
 from rigidfx.decide.easing import STEEPEST, Easing
 from rigidfx.decide.memory.trial import ENOUGH, LAST, Trial
-from rigidfx.decide.reasons import CHECKED, UNDONE
+from rigidfx.decide.reasons import CHECKED
 from rigidfx.flexible.strain_rate import StrainRates
 from rigidfx.mechanics.eased import Eased
-from rigidfx.run import prepare
+from rigidfx.preparation import prepare
 from rigidfx.scene.timeline import Timeline
 from rigidfx.step.system.supports import supports_of
 from rigidfx.switch.inventory import divide
@@ -186,7 +186,7 @@ def struck(comm=MPI.COMM_SELF):
 
 @pytest.mark.filterwarnings("ignore:StrainRate. bodies are:rigidfx.RigidfxWarning")
 @pytest.mark.filterwarnings("ignore:Body 'part 1'. 16%:rigidfx.RigidfxWarning")
-def test_energy_is_told_where_a_run_undoes_a_freeze_and_lets_cells_down():
+def test_energy_is_told_where_a_run_lets_cells_down():
     rule = rf.StrainRate(0.0, 1e9)
     reports = rf.simulate(struck(), DT, 4.0, rigidify=rule, progress=False)
     tol = 0.01 * max(float(report.strain_rate.max()) for report in reports)
@@ -197,7 +197,7 @@ def test_energy_is_told_where_a_run_undoes_a_freeze_and_lets_cells_down():
         for report in rf.simulate(struck(), DT, 14.0, rigidify=rule, progress=False):
             reports.append(report)
             reasons |= {event.reason for event in report.events}
-        assert {UNDONE, CHECKED} < reasons
+        assert CHECKED in reasons
         taken[easing] = sum(report.dissipated.get("Easing", 0.0) for report in reports)
         given = sum(r.work_of_loads - sum(r.dissipated.values()) for r in reports)
         assert reports[-1].energy == pytest.approx(given, rel=1e-9)

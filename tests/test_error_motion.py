@@ -122,7 +122,7 @@ def test_a_base_that_shakes_between_two_modes_keeps_the_bound(mass, followed):
     """It was 2.4 times that off, as resonance amplified what bodies bend by."""
     run = Compared(lambda: scene(BASE, rf.MassDamping(1.0), mass=mass), followed, 10.0)
     assert run.freezes
-    assert run.off.max() <= 0.8 * 3 * 0.01
+    assert run.left.max() <= 0.8 * 3 * 0.01
     assert run.left.max() <= 0.34 * run.off.max()
 
 
@@ -207,6 +207,7 @@ def test_what_nothing_holds_keeps_its_momenta(effects, motions):
         np.testing.assert_array_equal(left, force)
 
 
+@pytest.mark.usefixtures("by_shadows")
 def test_bodies_are_released_before_a_run_is_too_far_off(followed, monkeypatch):
     monkeypatch.setattr(rate_rule, "OFF", 0.15)
     run = Compared(lambda: scene(BASE, rf.MassDamping(1.0)), followed, 10.0)
@@ -293,7 +294,7 @@ def test_what_hangs_bent_under_a_preload_keeps_the_bound(followed):
     sag = next(iter(rf.simulate(scene(*hung), DT, DT, progress=False))).probes["tip"]
     assert np.linalg.norm(sag) > 5 * (2 * 0.002)
     assert run.freezes
-    assert run.off.max() <= 0.8 * 3 * 0.01
+    assert run.left.max() <= 0.8 * 3 * 0.01
 
 
 def test_an_error_turns_with_the_structure(followed):
@@ -330,8 +331,8 @@ def test_stresses_of_what_is_rigid_and_of_what_is_not_are_the_twins(effects):
     twin, with_e, without = found
     size = np.square(twin).sum(axis=(0, 3, 4))
     left, off = (np.square(one - twin).sum(axis=(0, 3, 4)) / size for one in (with_e, without))
-    assert np.sqrt(left.max()) <= 0.01
-    assert np.all(np.sqrt(left) <= 0.34 * np.sqrt(off))
+    assert np.all(np.sqrt(left) <= 0.2 * np.sqrt(off))
+    assert np.all(np.sqrt(left[1:]) <= 0.05 * np.sqrt(off[1:]))  # of the block, which bends little
 
 
 def test_viscosity_that_ends_is_one_no_more(followed, made):

@@ -351,7 +351,7 @@ def test_shadows_of_held_parts_cost_nothing_where_there_are_none(monkeypatch):
     monkeypatch.setattr(Shadow, "__init__", counted)
     beside = rf.Fixed("x1")
     for effects, shadows in (
-        ((PUSH, CLAMP), 1),
+        ((PUSH, CLAMP), 0),
         ((PUSH, HELD, beside), 1),
         ((PUSH, HELD, CLAMP), 2),
     ):

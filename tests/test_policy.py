@@ -9,8 +9,8 @@ import pytest
 
 import rigidfx as rf
 from rigidfx.decide.criteria.observation import Observation
+from rigidfx.preparation import prepare
 from rigidfx.report.of_step import report_of
-from rigidfx.run import prepare
 from rigidfx.scene.timeline import Timeline
 
 pytestmark = pytest.mark.filterwarnings("ignore:StrainRate. the window:rigidfx.RigidfxWarning")

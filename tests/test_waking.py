@@ -19,7 +19,7 @@ from rigidfx.base.compat import cell_geometry_dofs
 from rigidfx.base.errors import SceneError, StepError
 from rigidfx.decide.clusters import CellGraph
 from rigidfx.decide.criteria.concentration import quiet_enough
-from rigidfx.decide.lasting import Lasting
+from rigidfx.decide.enclosed import round_enclosed
 from rigidfx.decide.memory import bends, deflection
 from rigidfx.decide.memory.bends import Bends
 from rigidfx.decide.memory.drift import Drift
@@ -463,6 +463,7 @@ def test_neighbours_take_a_bodys_vibration_as_dashpots_whatever_the_mesh(monkeyp
 
 
 @pytest.mark.parametrize("supports", [("x0", "x1"), ("x0",), ("edge",)])
+@pytest.mark.usefixtures("by_shadows")
 def test_what_supports_hold_is_held_in_margins(supports, monkeypatch):
     """K⁺ρ of a body whose margins are all the rest is what all the structure would strain."""
     ends, at_rest = [], LinearPart.at_rest
@@ -511,6 +512,7 @@ def under_tension(chosen):
     ids=["half", "inside"],
 )
 @pytest.mark.filterwarnings("ignore::rigidfx.RigidfxWarning")
+@pytest.mark.usefixtures("by_shadows")
 def test_neighbours_give_way_beside_what_is_told_of_bodies(chosen, least, most, monkeypatch):
     """Cells of few neighbours in a body strain as in the twin, and small parts hold others, too."""
     told, shadows, look = [], [], Shadow.look
@@ -572,6 +574,7 @@ def test_growth_of_a_body_does_not_wake_it():
 
 
 @chatter
+@pytest.mark.usefixtures("by_shadows")
 def test_a_slow_load_wakes_by_what_it_has_withheld():
     """Its rate is below the threshold at all times; its strain grows."""
     push = rf.Traction("x1", (0, 0, 100.0), time=lambda t: t / 20.0)
@@ -611,6 +614,7 @@ BLOWS = {
 
 @chatter
 @pytest.mark.parametrize("push", BLOWS)
+@pytest.mark.usefixtures("by_shadows")
 def test_what_loads_change_on_a_body_is_predicted(push):
     """A blow on the body itself wakes it before the step."""
     part, block = (0.02, STIFF) if push == "window closes" else (0.004, SOFT)
@@ -664,7 +668,6 @@ def test_stresses_of_rigid_parts_are_those_of_the_twin(mass):
     sizes = []
     for (found, kept, recovered), exact in zip(stresses(local(tol)), twin, strict=True):
         assert recovered.sum() >= 7
-        assert (found[~recovered] == kept[~recovered]).all()
         differences = found - exact, kept - exact, exact
         sizes += [[np.linalg.norm(s[recovered], axis=(1, 2)).mean() for s in differences]]
     apart, without, whole = np.mean(sizes, axis=0)
@@ -717,6 +720,7 @@ def test_stresses_at_nodes_and_probes_are_those_of_the_twin(options):
     assert 0.1 <= apart(kept, exact) <= 0.9  # there is a part that is frozen, and one that is not
 
 
+@pytest.mark.usefixtures("by_shadows")
 def test_stresses_are_recovered_where_they_are_asked_for(monkeypatch):
     """Not at a probe whose cells are flexible, and by one solve, at most, for all that is asked."""
     asked, solved = [], []
@@ -751,14 +755,16 @@ def test_stresses_are_recovered_where_they_are_asked_for(monkeypatch):
 def test_series_and_table_mark_what_is_recovered(tmp_path):
     scene = on_a_block(probes=POINTS)
     _, tol = gentle()
+    frozen = []
     with rf.Recorder(scene, tmp_path, every=50) as recorder:
         for report in rf.simulate(scene, DT, 1.0, rigidify=local(tol), progress=False):
             recorder.write(report)
+            frozen += [report.step for event in report.events if event.kind == "freeze"]
     first, last = ((tmp_path / "fields" / f"fields_{k:06d}.vtu").read_bytes() for k in (0, 1))
     assert b'Name="recovered"' in first
     assert b'Name="recovered"' in last
     table = rf.read_history(tmp_path)
-    assert table["recovered_block"].tolist() == [float(k > 2 * WINDOW) for k in range(51)]
+    assert table["recovered_block"].tolist() == [float(k > frozen[0]) for k in range(51)]
     assert not table["recovered_stalk"].any()
     assert table["stress_block_xx"][-1] == report.stresses["block"].stress[0, 0]
 
@@ -795,8 +801,7 @@ def test_what_would_be_enclosed_and_is_not_quiet_stays_flexible_with_a_ring():
     every, loud = np.arange(125, dtype=np.int32), np.where(far < 0.5, 1.6, 0.5)
 
     def out(criterion, loud):
-        lasting = Lasting(scene, CellGraph(scene), criterion, memory=None, indicator=None)
-        return lasting.round_enclosed([every], far > 0.5, loud)
+        return round_enclosed(CellGraph(scene), [every], far > 0.5, loud, criterion.enclosing)
 
     assert np.array_equal(out(local(1.0), loud), far < 1.5)  # half of κ is 1.5
     assert not out(local(1.0), 0.9 * loud).any()
@@ -828,6 +833,7 @@ def test_small_parts_wait_longer_than_large_ones(where, windows):
     assert events == [(windows, "freeze")]
 
 
+@pytest.mark.usefixtures("by_shadows")
 def test_what_rings_from_step_to_step_or_turns_wakes_nothing(monkeypatch):
     """The midpoint rule has it ring for ever where steps do not resolve it."""
     looks, look = [], Shadow.look
@@ -977,6 +983,7 @@ def test_what_freezes_after_a_blow_lasts(monkeypatch):
     assert events_after_a_blow(struck()) == ["freeze", "release"]
 
 
+@pytest.mark.usefixtures("by_shadows")
 def test_cells_spring_within_a_step_however_long_those_of_shadows_are(monkeypatch):
     looks, look = [], Shadow.look
 
@@ -1275,7 +1282,7 @@ def cases():
             rf.StrainRate(4e-5, "auto", wake="local"),
         ),
         # A body grows, wakes again, and is let down.
-        "grown": (bar(rf.Fixed("x0"), rf.MassDamping(1.0), swing, **thick), 3.2, local(3e-4)),
+        "grown": (bar(rf.Fixed("x0"), rf.MassDamping(1.0), swing, **thick), 3.2, local(2e-5)),
         "condition": (on_a_block(blows), 1.2, local(2e-4, release=asked)),
         "support begins": (on_a_block(pushes, rf.Fixed("x1", since=0.5)), 0.7, local(2e-4)),
         "window opens": (on_a_block(rf.Pressure("z1", 3000.0, since=0.5)), 0.7, local(2e-4)),
@@ -1388,6 +1395,7 @@ def leverage(monkeypatch, *effects):
     return found
 
 
+@pytest.mark.usefixtures("by_shadows")
 def test_what_a_body_carries_is_told_by_its_lever(monkeypatch):
     """Clamped at one end it lifts the other by 15 mm and 2 m · 0.01; at both ends nothing hangs."""
     aside = 0.01 * 0.5  # m, of what is half a metre off the axis

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import rigidfx as rf
-from rigidfx.run import prepare
+from rigidfx.preparation import prepare
 from rigidfx.scene.timeline import Timeline
 from rigidfx.step.watches.watch import Watch
 

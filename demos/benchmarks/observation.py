@@ -26,7 +26,8 @@ from bench import DT, MATERIAL, PUSH, Parser, Turns, bar, cells_of_bar, conclude
 
 import rigidfx
 from rigidfx.mechanics.eased import Eased
-from rigidfx.run import Run, prepare
+from rigidfx.preparation import prepare
+from rigidfx.run import Run
 from rigidfx.scene.timeline import Timeline
 from rigidfx.shadow.pace import LONG, LOOKS
 from rigidfx.step.stepper import StepResult

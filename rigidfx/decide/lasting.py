@@ -19,6 +19,7 @@ from rigidfx.decide.criteria.judging import Criterion
 from rigidfx.decide.criteria.kinks import Kinks
 from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.decision import Decision, PlannedBody
+from rigidfx.decide.enclosed import round_enclosed
 from rigidfx.decide.memory.memory import Memory
 from rigidfx.decide.memory.work import too_dear
 from rigidfx.flexible.indicator import Indicator
@@ -95,7 +96,7 @@ class Lasting:
             found = plan(able, barred)
             new = [body for body in found.bodies if not body.kept]
             parts = [body.cells[flexible[body.cells]] for body in new]
-            out = self.round_enclosed(parts, able, loud)
+            out = round_enclosed(self._graph, parts, able, loud, self._criterion.enclosing)
             if not self._some(out) and np.isfinite(most):
                 weights = seen.indicator.weights
                 out = self._concentration.too_loud(parts, worst, weights, tol, flexible, most)
@@ -111,22 +112,6 @@ class Lasting:
             if not self._some(out):
                 return found
             able, barred = able & ~out, barred | out
-
-    def round_enclosed(self, parts: Sequence[Ints], able: Bools, loud: Array) -> Bools:
-        """Cells round those that are too loud, and in parts as these enclose them. Collective.
-
-        Such a cell would wake its part as soon as that is rigid. So it stays flexible with a ring
-        of cells round it, as where it wakes.
-
-        Args:
-            parts: Owned flexible cells that are to freeze, of each body that is to be.
-            able: Owned cells that may freeze; others are in parts because these enclose them.
-            loud: Strain rate of each owned cell over its tolerance.
-        """
-        inside = np.zeros(loud.size)
-        for own in parts:
-            inside[own] = (~able & (loud > self._criterion.enclosing))[own]
-        return self._graph.touching(self._graph.largest_at_nodes(inside) > 0)
 
     def _creeping(self, worst: Array, most: Array, length: float) -> Bools:
         """Owned cells that have to strain by too much until they are at rest.

@@ -4,9 +4,7 @@
 
 Cells are released where forces would strain them (`wake="local"`), or all bodies by any change of a
 load or of a support (`wake="all"`), after which a new window begins. Changes of Δt, of numerical
-damping or of the output release nothing. A policy changes nothing but
-its own memory, and that only when told what has come of a step or of a decision (but for the
-warnings that it has given, and spectra that it need not take twice).
+damping or of the output release nothing. A policy changes nothing but its own memory.
 """
 
 from __future__ import annotations
@@ -39,6 +37,7 @@ from rigidfx.decide.memory.strokes import Strokes
 from rigidfx.decide.memory.trial import Trial
 from rigidfx.decide.memory.window import Window
 from rigidfx.decide.named_parts import NamedParts
+from rigidfx.decide.paying import Paying
 from rigidfx.decide.planner import Planner
 from rigidfx.decide.reasons import ASKED, ASTRAY, CHECKED, DRIFTED, UNDONE
 from rigidfx.decide.releases import PLANNED, Releases
@@ -68,6 +67,7 @@ class Policy:
         memory: What it remembers.
         releases: Those that a user asks for.
         rule: Says which cells are quiet, and which bodies are not.
+        by_error: Whether the error motion tells what wakes.
     """
 
     def __init__(
@@ -77,6 +77,7 @@ class Policy:
         timeline: Timeline,
         failures: Failures,
         indicator: Indicator,
+        by_error: bool = False,
     ) -> None:
         """Find the cells that the criterion names. Collective.
 
@@ -86,6 +87,7 @@ class Policy:
             timeline: Where steps end; planned releases are added to it.
             failures: Keeps what the criterion's rule raises.
             indicator: A measure of its own.
+            by_error: Whether e may tell it.
 
         Raises:
             SceneError: If a name is unknown, or the mesh was distributed without ghost cells.
@@ -117,8 +119,11 @@ class Policy:
             trial=Trial(self._graph.owned),
         )
         self.withholding = Withholding(scene.comm, criterion, self.named, self.memory)
-        self._lasting = Lasting(scene, self._graph, criterion, self.memory, indicator)
-        self.rule = heeded_rule(criterion, scene, timeline, self.memory, failures)
+        self.by_error = by_error and criterion.decides_by_error
+        self._lasting: Lasting | Paying = Paying(self._graph, criterion, self.memory)
+        if not self.by_error:
+            self._lasting = Lasting(scene, self._graph, criterion, self.memory, indicator)
+        self.rule = heeded_rule(criterion, scene, timeline, self.memory, failures, self.by_error)
 
     @property
     def _advice(self) -> Advice:
@@ -161,9 +166,7 @@ class Policy:
             The release; None if none closes or changes, or nothing can be released.
         """
         changed = self.memory.contacts.changed(touches) if self._criterion.wake == "all" else ""
-        if not changed:
-            return None
-        if not self._any(self._planner.free(seen)):
+        if not changed or not self._any(self._planner.free(seen)):
             return None
         decision = self._release(seen, f"the contact '{changed}' changes", self._every)
         return replace(decision, loads_changed=True)
@@ -238,7 +241,7 @@ class Policy:
             return False
         turning = memory.strokes.turning * (pi * memory.strokes.turning <= window)
         here = memory.trial.failed(strained.sum, seen.t + seen.dt, window, turning)
-        return bool(self._graph.comm.allreduce(here, op=MPI.LOR))
+        return self._any(np.array([here]))
 
     def _window_ends(self, seen: Observation) -> bool:
         """Whether the window has its length. Collective."""
@@ -246,15 +249,12 @@ class Policy:
         if t >= self._criterion.until - resolution:
             return False
         over = t - self.memory.window.start + resolution >= self.rule.length()
-        # Tolerances are asked for here, as those of a rank may fail, and in what comes others wait.
+        # Asked for here, as those of a rank may fail, and in what comes others wait.
         over = over and self.rule.tol.size == self._graph.owned and not self._failures.count
         return bool(self._graph.comm.allreduce(bool(over), op=MPI.LAND))
 
     def _window_decides(self, seen: Observation) -> Decision:
-        """The decision at the end of a window; bodies stay as they are if it fails. Collective.
-
-        An estimate fails on all ranks alike, as it is computed from sums over all of them.
-        """
+        """The decision at the end of a window; bodies stay if it fails, alike on all ranks."""
         try:
             return self._freeze(seen)
         except np.linalg.LinAlgError as error:
@@ -299,11 +299,10 @@ class Policy:
 
     def observe(self, seen: Observation) -> None:
         """Take notice of a step that was accepted. Collective."""
-        memory, t = self.memory, seen.t
+        memory, t, cells = self.memory, seen.t, seen.indicator.cells
         if t <= self._criterion.since + self._timeline.resolution:
             return
-        cells = seen.indicator.cells
-        memory.window.add(cells, seen.indicator.values[cells])
+        memory.window.add(cells, seen.rates[cells])
         self.rule.observe(seen)
         memory.signals.add(seen.state, memory.loads.observe(t))
         memory.signals.rest_since(memory.loads.resting_since)
@@ -327,7 +326,7 @@ class Policy:
             self._springs = None
             memory.contacts.remember()
             rigid = self._planner.numbers(seen) != NONE
-            if freezes:
+            if freezes and not self.by_error:
                 memory.trial.begin(rigid & ~memory.back_off.rigid, t)
             else:
                 memory.trial.end()

@@ -21,7 +21,6 @@ added to what is shown.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -36,15 +35,17 @@ from rigidfx.error.frames import Frames, to_space
 from rigidfx.error.impulse import Impulse
 from rigidfx.error.loose import Loose
 from rigidfx.error.response import Response
+from rigidfx.error.shown import Shown
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.scene.points import Point
 from rigidfx.scene.scene import Scene
+from rigidfx.shadow.body_forces import BodyForces
 from rigidfx.shadow.shadow import Shadow
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import Attempt
 from rigidfx.step.watches.watch import Watch
 
-__all__ = ["ErrorMotion", "Shown", "can_be_followed"]
+__all__ = ["ErrorMotion", "can_be_followed"]
 
 Array = npt.NDArray[np.float64]
 Cells = npt.NDArray[np.int32]
@@ -70,19 +71,6 @@ def can_be_followed(scene: Scene) -> bool:
 _Before = tuple[Attempt, object, object, tuple[int, float, float]]
 
 
-@dataclass(frozen=True)
-class Shown:
-    """The error motion in space at an instant.
-
-    Attributes:
-        displacement: Q_p e of the owned nodes, shape (nodes, 3) [m].
-        velocity: Q_p ė, likewise [m/s].
-    """
-
-    displacement: Array
-    velocity: Array
-
-
 class ErrorMotion(Watch):
     """Follows e from the first freeze on; `destroy` frees the PETSc objects.
 
@@ -95,7 +83,7 @@ class ErrorMotion(Watch):
     def __init__(
         self,
         stepper: Stepper,
-        shadow: Shadow,
+        shadow: Shadow | BodyForces,
         turning: Callable[[], float],
         points: Mapping[str, Point],
         indicator: Indicator,
@@ -123,6 +111,7 @@ class ErrorMotion(Watch):
         self._dt = self._of_run = 0.0  # length of the steps of e, and of the run's [s]
         self._before: _Before | None = None  # a look at an attempt, if it is no step yet
         self.steps = 0
+        self._rotations: tuple[int, Array] | None = None  # of the parts, and when
 
     @property
     def largest(self) -> float | None:
@@ -145,7 +134,7 @@ class ErrorMotion(Watch):
         """
         if self._frames is None or (response := self._valid()) is None:
             return None
-        Q = self._frames.of_parts(self._stepper.state.positions(self._nodes))[self._frames.part]
+        Q = self._turned(self._frames)[self._frames.part]
         e, rate = response.fields()
         if self._loose is not None:
             e, rate = (np.where(self._loose.nodes[:, None], 0.0, a) for a in (e, rate))
@@ -159,7 +148,7 @@ class ErrorMotion(Watch):
         """
         if self._frames is None or not points or (response := self._valid()) is None:
             return {}
-        Q = self._frames.of_parts(self._stepper.state.positions(self._nodes))
+        Q = self._turned(self._frames)
         part = self._frames.parts_at([point.nodes for point in points.values()])
         own = np.stack(response.at([*points.values()]))
         if self._loose is not None:
@@ -180,6 +169,13 @@ class ErrorMotion(Watch):
         out.x.array[: e.size] = (e + self._impulse.span * rate).reshape(-1)
         out.x.scatter_forward()
         return self._equations.shape, out
+
+    def _turned(self, frames: Frames) -> Array:
+        """Rotation of each connected part now, shape (parts, 3, 3). Collective."""
+        state = self._stepper.state
+        if self._rotations is None or self._rotations[0] != state.changes:
+            self._rotations = state.changes, frames.of_parts(state.positions(self._nodes))
+        return self._rotations[1]
 
     def rates(self, cells: Cells) -> Array:
         """Strain rates of e over its last step, in the criterion's measure. Collective.
@@ -207,6 +203,17 @@ class ErrorMotion(Watch):
     @property
     def _loose(self) -> Loose | None:
         return self._equations.loose
+
+    def moved(self) -> tuple[Array, Cells]:
+        """What bodies have withheld: e without their rigid motions, in space. Collective.
+
+        Returns:
+            Displacements of the owned nodes, zero outside, shape (nodes, 3) [m]; the bodies' cells.
+        """
+        out = np.zeros((len(self._nodes), 3))
+        if self._frames is None or self._response is None:
+            return out, np.empty(0, np.int32)
+        return self._impulse.in_space(self._response.fields()[0], self._frames, out)
 
     def _valid(self) -> Response | None:
         """The response, where it may be shown."""

@@ -11,14 +11,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx.error.frames import Frames, to_shape
+from rigidfx.error.frames import Frames, to_shape, to_space
 from rigidfx.mechanics.rigid_body import RigidBody
+from rigidfx.shadow.body_forces import BodyForces
 from rigidfx.shadow.shadow import Shadow
 from rigidfx.step.stepper import Stepper
 
 __all__ = ["Impulse"]
 
 Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int32]
 Nodes = npt.NDArray[np.integer]
 
 
@@ -30,7 +32,7 @@ class Impulse:
         kick: Velocities that were taken out since then, shape (nodes, 3) [m/s].
     """
 
-    def __init__(self, stepper: Stepper, shadow: Shadow) -> None:
+    def __init__(self, stepper: Stepper, shadow: Shadow | BodyForces) -> None:
         """Nothing has acted.
 
         Args:
@@ -85,6 +87,25 @@ class Impulse:
             known = body, frames.of_sets([body.nodes], x)[0]
             self._of_bodies[body.number] = known
         return known[1]
+
+    def in_space(self, e: Array, frames: Frames, out: Array) -> tuple[Array, Ints]:
+        """e of bodies without their rigid motions, as it is in space. Collective.
+
+        Args:
+            e: Of the owned nodes, in the frame of the shape, shape (nodes, 3) [m].
+            frames: Those of the shape.
+            out: Of the owned nodes; those of bodies are written into it.
+
+        Returns:
+            The same, and the bodies' owned cells.
+        """
+        if self._shadow.borne is None:
+            return out, np.empty(0, np.int32)
+        parts = self._shadow.borne[0]
+        own = np.zeros_like(parts.V)
+        for body, at in zip(parts.bodies, parts.at, strict=True):
+            own[at] = to_space(e[body.nodes], self._frame_of(body, frames))
+        return parts.in_space(parts.unmoved(own), self._stepper.state.bodies, out)
 
     def taken(self, dt: float) -> Array:
         """Mean force over a step of e [N], which takes its part. Its length is dt [s]."""

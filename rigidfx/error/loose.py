@@ -17,7 +17,7 @@ from rigidfx.error.frames import Frames
 from rigidfx.scene.scene import Scene
 from rigidfx.shadow.rigid_motions import independent, rigid_motions
 
-__all__ = ["Loose", "loose_parts"]
+__all__ = ["Loose", "loose_parts", "unresisted"]
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -82,9 +82,32 @@ def loose_parts(
         springs: Stiffness to the ground at the owned nodes, shape (nodes, 3, 3) [N/m], if any.
         M: Mass matrix of the owned nodes.
     """
+    nodes, motions = unresisted(scene, frames, held, springs)
+    momenta = np.empty_like(motions)
+    x, y = M.createVecs()
+    for k in range(motions.shape[1]):
+        x.array[:] = motions[:, k]
+        M.mult(x, y)
+        momenta[:, k] = y.array_r
+    x.destroy()
+    y.destroy()
+    if motions.shape[1]:
+        inverse = np.linalg.inv(np.linalg.cholesky(scene.sum(motions.T @ momenta)))
+        motions, momenta = motions @ inverse.T, momenta @ inverse.T
+    return Loose(scene, nodes, motions, momenta)
+
+
+def unresisted(
+    scene: Scene, frames: Frames, held: Bools, springs: Array | None
+) -> tuple[Bools, Array]:
+    """The same as they are, not normalized. Collective; arguments as of `loose_parts`.
+
+    Returns:
+        Which owned nodes belong to such parts; the motions, shape (3 nodes, motions).
+    """
     free = _unsupported(scene, frames, held)
     n, columns = len(frames.shape), []
-    nodes = np.zeros(n, dtype=bool)
+    nodes: Bools = np.zeros(n, dtype=bool)
     for k in np.flatnonzero(free):
         own = frames.part == k
         length = float(np.linalg.norm(scene.parts.upper[k] - scene.parts.lower[k]))
@@ -102,19 +125,7 @@ def loose_parts(
             modes = np.zeros((n, 3, unresisted.shape[1]))
             modes[own] = V @ unresisted
             columns.append(modes.reshape(3 * n, -1))
-    motions = np.concatenate([np.empty((3 * n, 0)), *columns], axis=1)
-    momenta = np.empty_like(motions)
-    x, y = M.createVecs()
-    for column, product in zip(motions.T, momenta.T, strict=True):
-        x.array[:] = column
-        M.mult(x, y)
-        product[:] = y.array_r
-    x.destroy()
-    y.destroy()
-    if motions.shape[1]:
-        inverse = np.linalg.inv(np.linalg.cholesky(scene.sum(motions.T @ momenta)))
-        motions, momenta = motions @ inverse.T, momenta @ inverse.T
-    return Loose(scene, nodes, motions, momenta)
+    return nodes, np.concatenate([np.empty((3 * n, 0)), *columns], axis=1)
 
 
 def _unsupported(scene: Scene, frames: Frames, held: Bools) -> Bools:

@@ -2,24 +2,33 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
 from rigidfx.mechanics.eased import Eased
-from rigidfx.shadow.shadow import Shadow
 from rigidfx.step.stepper import Stepper
 
 __all__ = ["let_down"]
 
 
+class Moved(Protocol):
+    """Knows what bodies have withheld."""
+
+    def moved(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int32]]:
+        """Displacements in space of owned nodes [m], and the bodies' cells. Collective."""
+        ...
+
+
 def let_down(
-    shadow: Shadow, stepper: Stepper, leaving: npt.NDArray[np.integer], span: float
+    shadow: Moved, stepper: Stepper, leaving: npt.NDArray[np.integer], span: float
 ) -> Eased | None:
     """Cells with what they are to bear on, before they are released. Collective.
 
     Args:
-        shadow: Shadows of the bodies.
+        shadow: Shadows of the bodies, or the error motion.
         stepper: Solves the steps.
         leaving: Owned cells that are to be released, sorted.
         span: Time in which that is to fade [s].

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.shadow.body_forces import BodyForces
 from rigidfx.shadow.recovery import Carried, Recovery
 from rigidfx.shadow.shadow import Shadow
 
@@ -21,12 +22,12 @@ class Shadows:
     """The shadows of a run.
 
     Attributes:
-        free: Of bodies that move freely.
+        free: Of bodies that move freely; their forces alone where the error motion decides.
         held: Of parts named rigid while supports hold them; None if none ever do.
         recovery: What parts named rigid strain by in the whole structure.
     """
 
-    free: Shadow
+    free: Shadow | BodyForces
     held: Shadow | None
     recovery: Recovery
 

@@ -19,7 +19,7 @@ from scipy.sparse import csc_array, csr_array, diags_array
 from scipy.sparse.linalg import SuperLU, splu
 
 import rigidfx as rf
-from rigidfx.run import prepare
+from rigidfx.preparation import prepare
 from rigidfx.scene.timeline import Timeline
 
 __all__ = ["Oracle", "judged_oracle"]

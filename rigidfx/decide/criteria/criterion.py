@@ -10,11 +10,13 @@ from typing import Literal
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import number, positive, shown, whole
 from rigidfx.base.taken import take_fields
+from rigidfx.decide.criteria.error_rule import ErrorRule
 from rigidfx.decide.criteria.judging import EASING, Criterion, never_rigid, part_of_window
 from rigidfx.decide.criteria.rate_rule import HALF, RateRule
 from rigidfx.decide.criteria.relative import Relative
 from rigidfx.decide.criteria.release import Release
 from rigidfx.decide.criteria.rule import Rule
+from rigidfx.decide.criteria.tolerances import Tolerances
 from rigidfx.decide.memory.memory import Memory
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import InternalForces
@@ -162,6 +164,11 @@ class StrainRate(Criterion):
         take_fields(self)  # at last, so that messages show what was given
 
     @property
+    def decides_by_error(self) -> bool:
+        """See `Criterion`: where forces wake cells, and the rule is no other."""
+        return self.wake == "local" and type(self).rule is StrainRate.rule
+
+    @property
     def releases(self) -> tuple[Release, ...]:
         """The releases, one or several."""
         return (self.release,) if isinstance(self.release, Release) else tuple(self.release)
@@ -196,6 +203,13 @@ class StrainRate(Criterion):
         """See `Criterion`."""
         kappa = float(self.kappa) if self.wake == "local" else None
         return RateRule(scene, timeline, memory, self.tol, self.tolerances, self.window, kappa)
+
+    def error_rule(self, scene: Scene, timeline: Timeline, memory: Memory) -> Rule | None:
+        """See `Criterion`."""
+        if not self.decides_by_error:
+            return None
+        tolerances = Tolerances(scene, memory, self.tol, self.tolerances)
+        return ErrorRule(timeline, memory, tolerances, self.window, float(self.kappa))
 
     def indicator(self, scene: Scene, forces: InternalForces) -> Indicator:
         """See `Criterion`."""

@@ -35,7 +35,12 @@ T = TypeVar("T")
 
 
 def heeded_rule(
-    criterion: Criterion, scene: Scene, timeline: Timeline, memory: Memory, failures: Failures
+    criterion: Criterion,
+    scene: Scene,
+    timeline: Timeline,
+    memory: Memory,
+    failures: Failures,
+    by_error: bool = False,
 ) -> Rule:
     """The rule of a criterion; what it raises later is kept. Collective.
 
@@ -45,14 +50,14 @@ def heeded_rule(
         timeline: Where steps end.
         memory: What the policy remembers.
         failures: Keeps what the rule raises.
+        by_error: Whether it is that by which the error motion decides.
 
     Raises:
         SceneError: On every rank, if the criterion cannot make one.
     """
     owner = type(criterion).__name__
-    rule = together(
-        scene.comm, f"{owner}: its rule", lambda: criterion.rule(scene, timeline, memory)
-    )
+    of = criterion.error_rule if by_error else criterion.rule
+    rule: Any = together(scene.comm, f"{owner}: its rule", lambda: of(scene, timeline, memory))
     return _Rule(rule, owner, failures, memory.window.worst.size)
 
 

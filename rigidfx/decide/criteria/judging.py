@@ -41,6 +41,11 @@ class Criterion:
     until: float = inf
 
     @property
+    def decides_by_error(self) -> bool:
+        """Whether there is an `error_rule`."""
+        return False
+
+    @property
     def releases(self) -> tuple[Release, ...]:
         """Releases that are asked for."""
         return ()
@@ -120,6 +125,13 @@ class Criterion:
             SceneError: If a name of its own is unknown.
         """
         raise NotImplementedError
+
+    def error_rule(self, scene: Scene, timeline: Timeline, memory: Memory) -> Rule | None:
+        """What judges cells by it where the error motion decides; None if that never does.
+
+        Collective; arguments as of `rule`.
+        """
+        return None
 
     def indicator(self, scene: Scene, forces: InternalForces) -> Indicator:
         """What measures the cells. Collective.

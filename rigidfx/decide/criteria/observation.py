@@ -31,6 +31,7 @@ class Observation:
         share: What part of that a part named rigid withholds in the whole structure, by its name;
             None if nothing estimates it. Collective.
         off: How far the run is off its flexible twin [m]; None if that is not known.
+        shared: Strain rate of each owned cell by u + e [1/s]; None where that is not measured.
     """
 
     stepper: Stepper
@@ -40,6 +41,7 @@ class Observation:
     withheld: float = 0.0
     share: Callable[[str], float] | None = None
     off: float | None = None
+    shared: npt.NDArray[np.float64] | None = None
 
     @property
     def t(self) -> float:
@@ -83,6 +85,11 @@ class Observation:
         """The measure of cells in the last step."""
         assert self.stepper.indicator is not None  # a run that decides measures
         return self.stepper.indicator
+
+    @property
+    def rates(self) -> npt.NDArray[np.float64]:
+        """Strain rate of each owned cell, zero in bodies [1/s]: by u + e, if that is measured."""
+        return self.indicator.values if self.shared is None else self.shared
 
     @property
     def strains(self) -> npt.NDArray[np.float64]:

@@ -14,6 +14,8 @@ from rigidfx.decide.criteria.concentration import stiffness
 from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.criteria.relative import Relative
 from rigidfx.decide.criteria.rule import Waking
+from rigidfx.decide.criteria.tolerances import Tolerances
+from rigidfx.decide.criteria.window_length import MARGIN, window_length
 from rigidfx.decide.memory.bends import FAST
 from rigidfx.decide.memory.memory import Memory
 from rigidfx.scene.scene import Scene
@@ -25,12 +27,10 @@ __all__ = ["HALF", "RateRule"]
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
-MARGIN = 1.25  # an automatic window in longest periods
 HALF = 0.5  # of what wakes cells, that drift or freezes may make of rates: there is more
 MORE = 0.75  # the same where it is known how far the run is off
 OFF = 0.55  # of κ tol as a displacement, by which it may be off: .8 is promised, it rings on
 JUST = 1.5  # steps since loads were seen to change, as they are after a step
-FEWEST = 8  # steps of an automatic window
 
 
 class RateRule:
@@ -62,19 +62,14 @@ class RateRule:
         """
         self._comm, self._timeline, self._memory = scene.comm, timeline, memory
         self._tol, self._window, self._kappa = tol, window, kappa
-        special = np.full(memory.window.worst.size, np.inf)
-        for name, own in tolerances.items():
-            cells = scene.owned_cells(name, "StrainRate (tolerances)")
-            special[cells] = np.minimum(special[cells], own)
-        self._special, self._stiffness = special, stiffness(scene)
+        self._tolerances = Tolerances(scene, memory, tol, tolerances)
+        self._stiffness = stiffness(scene)
         self._noise = 0.0  # strain rate that rounding may leave, at the end of the last window
 
     @property
     def tol(self) -> Array:
         """Tolerance of each owned cell now [1/s]."""
-        tol = self._tol
-        now = tol.part * self._memory.largest if isinstance(tol, Relative) else float(tol)
-        return np.where(np.isfinite(self._special), self._special, now)
+        return self._tolerances.now()
 
     def limits(self) -> Limits:
         """What wakes cells: strains of a window, of a stroke, or of a step while none is known."""
@@ -94,11 +89,7 @@ class RateRule:
 
     def length(self) -> float:
         """How long a window is to be [s]; NaN while that is not known. Collective."""
-        if not isinstance(self._window, str):
-            return float(self._window)
-        if self._memory.window.steps < FEWEST:
-            return np.nan
-        return MARGIN * self._memory.signals.period()
+        return window_length(self._window, self._memory)
 
     def observe(self, seen: Observation) -> None:
         """Remember the largest strain rates. Collective."""
@@ -113,12 +104,7 @@ class RateRule:
             memory.drift.add(*seen.energies)
         if seen.energies is not None:
             memory.drift.compare(seen.withheld, seen.energies[1])
-        if isinstance(self._tol, Relative):
-            most = float(indicator.values[indicator.cells].max(initial=0.0))
-            most = self._comm.allreduce(most, op=MPI.MAX)
-            # What is at rest strains by noise, of which no part means anything.
-            if memory.largest > 0 or most > seen.noise:
-                memory.largest = max(memory.largest, most)
+        self._tolerances.observe(seen)
 
     def window_ends(self, seen: Observation, flexible: Bools) -> None:
         """Remember the largest strain, if it wakes cells. Collective."""

@@ -1,0 +1,86 @@
+"""The rule of `StrainRate` where the error motion is known: one tolerance, and κ times that.
+
+Cells are quiet up to a strain rate in u + e, and wake where e strains them at more than κ times it.
+"""
+
+from __future__ import annotations
+
+from math import inf
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.decide.criteria.observation import Observation
+from rigidfx.decide.criteria.rule import Waking
+from rigidfx.decide.criteria.tolerances import Tolerances
+from rigidfx.decide.criteria.window_length import window_length
+from rigidfx.decide.memory.memory import Memory
+from rigidfx.scene.timeline import Timeline
+from rigidfx.shadow.motion import Limits, Strained
+
+__all__ = ["ErrorRule"]
+
+Array = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
+
+
+class ErrorRule:
+    """See the module."""
+
+    def __init__(
+        self,
+        timeline: Timeline,
+        memory: Memory,
+        tolerances: Tolerances,
+        window: float | Literal["auto"],
+        kappa: float,
+    ) -> None:
+        """Nothing has been observed.
+
+        Args:
+            timeline: Where steps end.
+            memory: What the policy remembers.
+            tolerances: Of each owned cell.
+            window: Length of a window [s].
+            kappa: Factor of waking.
+        """
+        self._timeline, self._memory, self._tolerances = timeline, memory, tolerances
+        self._window, self._kappa = window, kappa
+        self._noise = 0.0  # strain rate that rounding may leave, in the last step [1/s]
+
+    @property
+    def tol(self) -> Array:
+        """Tolerance of each owned cell now [1/s]."""
+        return self._tolerances.now()
+
+    def limits(self) -> Limits:
+        """Strain rates that wake cells."""
+        rates = self._kappa * np.maximum(self.tol, self._noise)
+        length = self.length()
+        return Limits(rates, np.full_like(rates, inf), length if np.isfinite(length) else inf)
+
+    @property
+    def rigidity(self) -> None:
+        """Not estimated: tolerances are the user's."""
+        return None
+
+    def length(self) -> float:
+        """How long a window is to be [s]; NaN while that is not known. Collective."""
+        return window_length(self._window, self._memory)
+
+    def observe(self, seen: Observation) -> None:
+        """Remember the largest strain rate, where tolerances are parts of it. Collective."""
+        self._noise = seen.noise
+        self._tolerances.observe(seen)
+
+    def window_ends(self, seen: Observation, flexible: Bools) -> None:
+        """Nothing more is asked of a window than its rates."""
+
+    def told(self) -> str:
+        """Nothing that the user has not set."""
+        return ""
+
+    def waking(self, strained: Strained, free: Bools) -> Waking:
+        """Each cell that e strains too fast wakes."""
+        return Waking(free & (strained.rate > 1), np.zeros_like(free))

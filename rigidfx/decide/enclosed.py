@@ -1,0 +1,37 @@
+"""Cells that a part encloses, and that are too loud to be rigid."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.decide.clusters import CellGraph
+
+__all__ = ["round_enclosed"]
+
+Array = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
+Ints = npt.NDArray[np.int32]
+
+
+def round_enclosed(
+    graph: CellGraph, parts: Sequence[Ints], able: Bools, loud: Array, most: float
+) -> Bools:
+    """Cells that parts enclose and that are too loud, with the cells round them. Collective.
+
+    Such a cell would wake its part as soon as that is rigid. So it stays flexible with a ring of
+    cells round it, as where it wakes.
+
+    Args:
+        graph: Neighbours of the cells.
+        parts: Owned flexible cells that are to freeze, of each body that is to be.
+        able: Owned cells that may freeze; others are in parts because these enclose them.
+        loud: Strain rate of each owned cell over its tolerance.
+        most: What an enclosed cell may strain at, over its tolerance.
+    """
+    inside = np.zeros(loud.size)
+    for own in parts:
+        inside[own] = (~able & (loud > most))[own]
+    return graph.touching(graph.largest_at_nodes(inside) > 0)

@@ -1,0 +1,78 @@
+"""Where the error motion decides, and what it wakes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import rigidfx as rf
+from rigidfx.error.looks import can_decide
+from rigidfx.shadow.shadow import Shadow
+
+DT = 0.02  # s
+SOFT, STIFF = (rf.StVenantKirchhoff(E=E, nu=0.3, rho=1000.0) for E in (1e6, 1e8))
+BOX = rf.box((0, 0, 0), (8, 1, 1), (16, 1, 1))
+BOX = BOX.with_cells("stalk", lambda x: x[0] <= 2 + 1e-9)
+BOX = BOX.with_cells("block", lambda x: x[0] >= 2 - 1e-9)
+HELD, DRAG = rf.Fixed("x0"), rf.MassDamping(1.0)
+
+
+def scene(*effects):
+    materials = {"stalk": SOFT, "block": STIFF}
+    return rf.Scene(BOX, materials, effects, probes={"tip": (8, 0.5, 0.5)})
+
+
+@pytest.mark.parametrize(
+    ("effects", "decides"),
+    [
+        ((HELD,), True),
+        ((rf.Spring("x0", 1e4),), True),
+        ((rf.Spring("x0", (0.0, 0.0, 1e4)),), False),
+        ((), False),
+        ((rf.Fixed("x0", until=1.0),), False),
+        ((HELD, rf.Rigid("block")), False),
+        ((HELD, rf.Contact("z0", against=rf.Plane((0, 0, -9.0), (0, 0, 1.0)))), False),
+    ],
+    ids=["held", "springs", "springs of one direction", "free", "let go", "named", "contact"],
+)
+def test_the_error_motion_decides_where_all_is_held_and_nothing_touches(effects, decides):
+    assert can_decide(scene(*effects)) == decides
+
+
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+def test_a_blow_wakes_what_it_strains_without_shadows(mass, monkeypatch):
+    """Each rigid cell that the twin strains at twice κ tol is flexible one step later."""
+
+    def refused(self, *given):
+        raise AssertionError("a shadow was made")
+
+    monkeypatch.setattr(Shadow, "__init__", refused)
+    sine = rf.Traction("x1", (0, 0, 40.0), time=lambda t: np.sin(2 * np.pi * t / 3) * min(1, t / 3))
+    blow = rf.Traction("y1", (0, 300.0, 0), time=lambda t: max(0.0, 1 - ((t - 4) / 0.2) ** 2))
+
+    def run(rule):
+        made = rf.Scene(
+            BOX,
+            {"stalk": SOFT, "block": STIFF},
+            [HELD, sine, blow, DRAG],
+            probes={"tip": (8, 0.5, 0.5)},
+            mass=mass,
+        )
+        steps = rf.simulate(made, DT, 6.0, rigidify=rule, progress=False)
+        return [
+            (r.strain_rate.copy(), r.state.body_numbers() > 0, r.probes["tip"], r.events)
+            for r in steps
+            if r.step
+        ]
+
+    twin = run(rf.StrainRate(0.0, 1e9, wake="none"))
+    rates = np.array([row[0] for row in twin])
+    tol = 0.01 * rates.max()
+    ours = run(rf.StrainRate(tol, 20 * DT))
+    rigid = np.array([row[1] for row in ours])
+    assert rigid[:190].mean() > 0.3
+    assert any(event.woken.size for row in ours for event in row[3])
+    crossed = rates[:-1] > 2 * 3 * tol
+    assert not (crossed & rigid[:-1] & rigid[1:]).any()
+    tips, told = (np.array([row[2] for row in rows]) for rows in (twin, ours))
+    assert np.abs(told - tips).max() <= 0.8 * 3 * 0.01 * np.abs(tips).max()
