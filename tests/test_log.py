@@ -6,9 +6,10 @@ import logging
 import re
 
 import pytest
+from mpi4py import MPI
 
 import rigidfx as rf
-from rigidfx.base import cache_log, form_cache
+from rigidfx.base import cache_log, form_cache, log
 from rigidfx.flexible import kernels
 
 MATERIAL = rf.StVenantKirchhoff(E=1e4, nu=0.3, rho=10.0)
@@ -54,6 +55,16 @@ def test_a_first_run_says_what_it_compiles(tmp_path, monkeypatch, capsys):
         assert len(told) == expected
         assert not told or "the forms of hexahedra of order 1, once for all" in told[0]
         assert not told or re.search(r"about \d+ to \d+ s$", told[0])
+
+
+def test_what_is_compiled_without_a_run_is_told(capsys):
+    """Before modes are there, say; a run that is to be silent is."""
+    log.announce("compiling")
+    assert capsys.readouterr().err == "rigidfx: compiling\n"
+    for verbose, told in ((False, ""), (None, "rigidfx: compiling\n")):
+        with log.heard(MPI.COMM_SELF, verbose):
+            log.announce("compiling")
+        assert capsys.readouterr().err == told
 
 
 def test_verbose_says_it_on_standard_error(tmp_path, capsys):

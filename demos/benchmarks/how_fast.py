@@ -12,6 +12,7 @@ many more. Each run is a process of its own, so that its peak of memory is its o
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
@@ -97,6 +98,8 @@ def main() -> None:
         for material in options.materials
         for element in options.elements
     ]
+    for name in [name for name in os.environ if name.startswith("PMI_")]:
+        del os.environ[name]  # mpirun of MPICH, if it has started this, knows of no other process
     runs = []
     for case in cases:
         with ProcessPoolExecutor(1, get_context("spawn")) as alone:

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from rigidfx.base.log import FIRST, LOGGER
+from rigidfx.base.log import LOGGER, announce
 
 __all__ = ["CacheLog", "listening"]
 
@@ -46,7 +46,7 @@ class CacheLog(logging.Filter):
             self._began = time.perf_counter()
             if self._what and self._what not in ANNOUNCED:
                 ANNOUNCED.add(self._what)
-                LOGGER.log(FIRST, "compiling %s", self._what)
+                announce(f"compiling {self._what}")
         if text.startswith("JIT C compiler finished") and self._began is not None:
             took = time.perf_counter() - self._began
             LOGGER.info("compiled in %.1f s", took)

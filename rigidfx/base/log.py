@@ -17,10 +17,25 @@ from typing import Any
 
 from mpi4py import MPI
 
-__all__ = ["FIRST", "folders", "heard", "hearing", "tell"]
+__all__ = ["announce", "folders", "heard", "hearing", "tell"]
 
 LOGGER = logging.getLogger("rigidfx")
+SHOWN = "rigidfx: "  # begins each line on standard error
 FIRST = 25  # level, above INFO, of what a first run says outside a terminal, too: why it waits
+
+_runs: list[MPI.Intracomm] = []  # under way, by their ranks
+
+
+def announce(text: str) -> None:
+    """Say on this rank why a first run waits, also before and without a run, unless it is silent.
+
+    Args:
+        text: What is said.
+    """
+    LOGGER.log(FIRST, text)
+    if not _runs:  # a scene is described, say, or its modes are sought
+        sys.stderr.write(f"{SHOWN}{text}\n")
+        sys.stderr.flush()
 
 
 def tell(comm: MPI.Intracomm, text: str) -> None:
@@ -45,7 +60,8 @@ def heard(comm: MPI.Intracomm, verbose: bool | None) -> Iterator[None]:
     """
     level = logging.INFO if verbose or sys.stderr.isatty() else FIRST
     if verbose is False or comm.rank > 0:
-        yield
+        with _under_way(comm):
+            yield
         return
     from tqdm import tqdm
 
@@ -53,10 +69,20 @@ def heard(comm: MPI.Intracomm, verbose: bool | None) -> Iterator[None]:
         """Writes above a progress bar."""
 
         def emit(self, record: logging.LogRecord) -> None:
-            tqdm.write(f"rigidfx: {record.getMessage()}", file=sys.stderr)
+            tqdm.write(f"{SHOWN}{record.getMessage()}", file=sys.stderr)
 
-    with hearing(Beside(level), level):
+    with hearing(Beside(level), level), _under_way(comm):
         yield
+
+
+@contextmanager
+def _under_way(comm: MPI.Intracomm) -> Iterator[None]:
+    """Remember that a run is under way."""
+    _runs.append(comm)
+    try:
+        yield
+    finally:
+        _runs.remove(comm)
 
 
 def folders() -> list[Path]:
