@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 import sys
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -489,6 +490,56 @@ def test_cad_is_listed(cad):
     separate = rf.list_cad(cad / "two.step", glue=False)
     assert len(separate.surfaces) == 6 + 7  # glued, the block's face divides the plate's in three
     assert len(found.surfaces) == len(separate.surfaces) + 1
+
+
+@alone
+def test_splines_are_listed_as_what_they_are(tmp_path):
+    """Boxes were those of poles, and radii unknown: programs write splines for planes and holes."""
+
+    def model(model):
+        bracket = model.occ.addBox(0, 0, 0, 200, 50, 10)
+        wall = model.occ.addBox(0, 0, 0, 10, 50, 100)
+        hole = model.occ.addCylinder(100, 25, -1, 0, 0, 12, 8)
+        whole, _ = model.occ.fuse([(3, bracket)], [(3, wall)])
+        drilled, _ = model.occ.cut(whole, [(3, hole)])
+        ball = model.occ.addSphere(100, 25, 200, 15)
+        model.occ.synchronize()
+        model.occ.convertToNURBS([*drilled, (3, ball)])
+        model.occ.synchronize()
+
+    found = rf.list_cad(build(tmp_path / "splines.step", model))
+    assert all("pline" in s.kind for s in found.surfaces)
+    hole, ball = (s for s in found.surfaces if np.isfinite(s.radius))
+    assert (hole.radius, ball.radius) == pytest.approx((0.008, 0.015), rel=1e-6)
+    assert hole.upper - hole.lower == pytest.approx([0.016, 0.016, 0.01], rel=1e-3)
+    assert hole.within((0.09, 0.015, -1), (0.11, 0.035, 1))
+    flat = [s for s in found.surfaces if np.isfinite(s.normal).all()]
+    assert len(flat) == len(found.surfaces) - 2
+    for s in flat:
+        axis = np.abs(s.normal).argmax()
+        assert s.normal[axis] ** 2 == pytest.approx(1.0)
+        assert s.upper[axis] - s.lower[axis] < 1e-9
+    assert sum(s.normal * s.measure for s in flat) == pytest.approx(np.zeros(3), abs=1e-5)
+
+
+@alone
+def test_volume_that_cells_lose_is_told(tmp_path):
+    """A shaft that has become a prism."""
+
+    def model(model):
+        model.occ.addCylinder(0, 0, 0, 0, 0, 60, 10)
+        model.occ.synchronize()
+
+    shaft = build(tmp_path / "shaft.step", model)
+    lost = r"m³: (\S+)% less mass.*per_circle=16"
+    with pytest.warns(rf.RigidfxWarning, match=lost) as told:
+        coarse = rf.read_cad(shaft, size=0.05)
+    share = float(re.search(lost, str(told[0].message))[1]) / 100
+    assert share == pytest.approx(1 - volume(coarse) / (np.pi * 6e-6), rel=0.1)
+    assert share > 0.03
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        rf.read_cad(shaft, size=0.01, order=2)
 
 
 @alone

@@ -16,8 +16,10 @@ from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError, together
 from rigidfx.base.inputs import number, path_of, positive, shown
+from rigidfx.base.warning import warn
 from rigidfx.domain.cad_entities import Cad, CadEntity, Which
 from rigidfx.domain.cad_names import named_surfaces, named_volumes, numbers_of
+from rigidfx.domain.cell_quality import volume
 from rigidfx.domain.domain import Domain
 from rigidfx.domain.gmsh_model import domain_of, find_file, gmsh_session
 from rigidfx.domain.gmsh_script import check_order, mesh_model
@@ -26,6 +28,8 @@ __all__ = ["list_cad", "read_cad"]
 
 Array = npt.NDArray[np.float64]
 
+EVEN = 1e-5  # relative: what is constant; of a surface's size over its radius: what is flat
+LOST = 0.01  # of the volume: more than that is told
 CELLS = 20  # along the diagonal of the geometry, where no size is given
 
 
@@ -103,7 +107,8 @@ def read_cad(
         leave_out: Volumes that are not meshed.
         size: Largest edge of a cell [m]; a twentieth of the diagonal of the geometry if None.
         per_circle: Least number of cells around a full circle of a curved face; with 0 curvature
-            does not count.
+            does not count, and a bolt hole may become a hexagon. A warning tells of more than 1 %
+            of the volume.
         order: Order of the cells' geometry: 1, or 2 for cells as curved as the surfaces.
         scale: Factor of all lengths. The unit of a STEP or IGES file is read from it, so that 1 is
             right; a BREP file has none and takes metres per unit.
@@ -124,9 +129,12 @@ def read_cad(
     _check_wanted("volumes", volumes)
     _check_wanted("surfaces", surfaces)
 
+    exact: list[float] = []  # volumes that are meshed [m³]
+
     def fill(gmsh: Any) -> None:
         cad = _open(gmsh, path, metres, glue)
-        _name(gmsh, cad, volumes, surfaces or {}, leave_out)
+        out = _name(gmsh, cad, volumes, surfaces or {}, leave_out)
+        exact.extend(v.measure for v in cad.volumes if v.number not in out)
         if largest is not None and largest > cad.size:
             raise SceneError(
                 f"read_cad: the size {largest:g} m is larger than all of '{path}', "
@@ -135,7 +143,22 @@ def read_cad(
         gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", per_circle)
         mesh_model(gmsh, (cad.size / CELLS if largest is None else largest) / metres, order)
 
-    return domain_of(comm, f"gmsh: '{path}'", f"'{path}'", fill, metres)
+    domain = domain_of(comm, f"gmsh: '{path}'", f"'{path}'", fill, metres)
+    _tell_lost(domain, comm.bcast(sum(exact)))
+    return domain
+
+
+def _tell_lost(domain: Domain, exact: float) -> None:
+    """Warn where cells have another volume, and so another mass, than the geometry. Collective."""
+    meshed = volume(domain.mesh)
+    off = meshed / exact - 1
+    if abs(off) > LOST:
+        warn(
+            domain.comm,
+            f"read_cad: the cells have {meshed:.4g} m³ where the geometry has {exact:.4g} m³: "
+            f"{abs(off):.1%} {'more' if off > 0 else 'less'} mass. Smaller cells (size), "
+            "more of them around curves (per_circle=16), or curved ones (order=2) are nearer.",
+        )
 
 
 def _name(
@@ -144,8 +167,8 @@ def _name(
     volumes: Mapping[str, Which] | None,
     surfaces: Mapping[str, Which],
     leave_out: Which,
-) -> None:
-    """Leave volumes out, and make physical groups of what names pick."""
+) -> set[int]:
+    """Leave volumes out, and make physical groups of what names pick; the numbers left out."""
     nothing = isinstance(leave_out, Sequence) and not leave_out
     out = set() if nothing else set(numbers_of(cad, 3, "leave_out", leave_out))
     gmsh.model.removeEntities([(3, tag) for tag in out])
@@ -153,6 +176,7 @@ def _name(
     for dim, named in groups.items():
         for name, tags in named.items():
             gmsh.model.addPhysicalGroup(dim, tags, name=name)
+    return out
 
 
 def _check_wanted(called: str, wanted: object) -> None:
@@ -185,6 +209,7 @@ def _open(gmsh: Any, path: str | Path, metres: float, glue: bool) -> Cad:
     find_file(path, "CAD")
     model, occ = gmsh.model, gmsh.model.occ
     model.add("rigidfx")
+    gmsh.option.setNumber("Geometry.OCCBoundsUseStl", 1)  # others are those of splines' poles
     unit = gmsh.option.getString("Geometry.OCCTargetUnit")
     gmsh.option.setString("Geometry.OCCTargetUnit", "MM")
     occ.importShapes(str(path))
@@ -224,16 +249,8 @@ def _entity(
 ) -> CadEntity:
     """An entity with all its properties."""
     model = gmsh.model
-    normal: Array = np.full(3, np.nan)
-    radius, kind = float("nan"), "Volume"
-    if dim == 2:
-        kind = model.getType(dim, tag)
-        ends = model.getParametrizationBounds(dim, tag)
-        middle = [(a + b) / 2 for a, b in zip(*ends, strict=True)]
-        if kind == "Plane":
-            normal = np.asarray(model.getNormal(tag, middle))
-        if kind in ("Cylinder", "Sphere"):
-            radius = metres / float(model.getCurvature(dim, tag, middle)[0])
+    kind = "Volume" if dim == 3 else model.getType(dim, tag)
+    normal, radius = (np.full(3, np.nan), float("nan")) if dim == 3 else _shape(gmsh, tag)
     box: Array = metres * np.reshape(model.getBoundingBox(dim, tag), (2, 3))
     return CadEntity(
         dim,
@@ -245,6 +262,26 @@ def _entity(
         box[0],
         box[1],
         normal,
-        radius,
+        metres * radius,
         tuple(sorted(model.getAdjacencies(dim, tag)[0].tolist())) if dim == 2 else (),
     )
+
+
+def _shape(gmsh: Any, tag: int) -> tuple[Array, float]:
+    """Outward normal of what is flat and radius of a cylinder or a sphere; NaN of anything else.
+
+    Curvature tells, whatever kind of surface the file has: programs write splines for all.
+    """
+    model = gmsh.model
+    box = np.reshape(model.getBoundingBox(2, tag), (2, 3))
+    size = float(np.linalg.norm(box[1] - box[0]))
+    u, v = zip(*model.getParametrizationBounds(2, tag), strict=True)
+    places = np.linspace(u, v, 5)[1:-1]  # in the middle a surface has no poles
+    grid = np.array([(p[0], q[1]) for p in places for q in places]).ravel()
+    curvature = np.abs(np.stack(model.getPrincipalCurvatures(tag, grid)[:2])) * size
+    least, most = np.sort(curvature, axis=0)
+    if most.max() < EVEN:
+        return np.asarray(model.getNormal(tag, places[1])), float("nan")
+    even = np.ptp(most) <= EVEN * most.max()
+    round_ = least.max() <= EVEN * most.max() or np.allclose(least, most, rtol=EVEN)
+    return np.full(3, np.nan), size / float(most.mean()) if even and round_ else float("nan")

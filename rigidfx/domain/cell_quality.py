@@ -16,7 +16,7 @@ from mpi4py import MPI
 from rigidfx.base.compat import cell_geometry_dofs, coordinate_map
 from rigidfx.base.errors import agree
 
-__all__ = ["CHUNK", "check_cells", "determinants"]
+__all__ = ["CHUNK", "check_cells", "determinants", "volume"]
 
 FLAT = 1e-12  # det J below this part of (cell diameter)³ counts as zero volume
 CHUNK = 20_000  # cells looked at in one go, to bound the memory
@@ -73,6 +73,21 @@ def _folded(mesh: dmesh.Mesh) -> npt.NDArray[np.int32]:
     centre = x[corners_of_cell].mean(axis=1).reshape(-1, 2, 3)
     side = np.einsum("fci,fi->fc", centre - corner[:, :1], normal)
     return pairs[side[:, 0] * side[:, 1] >= 0, 0]
+
+
+def volume(mesh: dmesh.Mesh) -> float:
+    """Volume of all cells of all ranks [m³]. Collective.
+
+    Args:
+        mesh: A 3D mesh of hexahedra or tetrahedra.
+    """
+    cell = basix.CellType[mesh.topology.cell_type.name]
+    points, weights = basix.make_quadrature(cell, 3 * coordinate_map(mesh).degree)
+    local, total = mesh.topology.index_map(3).size_local, 0.0
+    for start in range(0, local, CHUNK):
+        cells = np.arange(start, min(start + CHUNK, local), dtype=np.int32)
+        total += float((np.abs(determinants(mesh, cells, points)[0]) @ weights).sum())
+    return mesh.comm.allreduce(total)
 
 
 def check_cells(mesh: dmesh.Mesh) -> None:

@@ -29,6 +29,7 @@ GEOMETRY = {".geo": "read_geo", ".geo_unrolled": "read_geo"} | dict.fromkeys(
 
 # Options that reading changes.
 OPTIONS = (
+    "Geometry.OCCBoundsUseStl",
     "General.Terminal",
     "Mesh.MeshSizeMax",
     "Mesh.MeshSizeFromCurvature",

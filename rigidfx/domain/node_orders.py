@@ -29,7 +29,7 @@ TWENTY = (
 WEDGES = (
     "Wedges and pyramids are no cells of a domain: mesh the part by tetrahedra or hexahedra alone."
 )
-ADVICE = {20: TWENTY} | dict.fromkeys((5, 6, 13, 14, 15, 18), WEDGES)
+ADVICE = {20: TWENTY} | dict.fromkeys((5, 6, 13, 15), WEDGES)
 
 
 def widths(cell: str) -> tuple[int, int]:
