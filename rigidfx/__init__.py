@@ -80,7 +80,7 @@ from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.step_control import StepControl
 from rigidfx.simulation import simulate
-from rigidfx.statics import static
+from rigidfx.statics import compliance, static
 from rigidfx.vibration.modes import Modes, modes, periods
 from rigidfx.vibration.rayleigh import rayleigh
 
@@ -151,6 +151,7 @@ __all__ = [
     "Trapezoidal",
     "Universal",
     "box",
+    "compliance",
     "from_arrays",
     "from_gmsh",
     "list_cad",

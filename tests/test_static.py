@@ -256,3 +256,28 @@ if __name__ == "__main__":
     found = on_ranks()
     if MPI.COMM_WORLD.rank == 0:
         tell(found)
+
+
+def test_a_rigid_part_takes_what_a_beam_lacks_by_it():
+    """A beam of length L whose root is rigid over a bends by (1 - a/L)³ of what it would."""
+    root = rf.box((0, 0, 0), (1, 0.1, 0.1), (20, 1, 1)).with_cells("root", lambda x: x[0] < 0.2001)
+    push = rf.Traction("x1", (0, 0, 1.0))
+    effects = rf.Fixed("x0"), push, rf.Rigid("root"), rf.Preload([rf.Gravity((0, 0, -1.0))])
+    scene = rf.Scene(root, SOFT, effects, order=2, probes={"tip": TIP})
+    found = rf.compliance(scene)
+    assert found.taken["tip"] == pytest.approx(1 - 0.8**3, rel=0.02)
+    assert "tip: 4" in str(found)
+    alone = rf.Scene(root, SOFT, [rf.Fixed("x0"), push], order=2, probes={"tip": TIP})
+    np.testing.assert_allclose(found.flexible["tip"], last(alone, 1).probes["tip"], rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("effects", "probes", "lacking"),
+    [((), {"tip": TIP}, "no Rigid part"), ((rf.Rigid("end"),), None, "no probe")],
+)
+def test_compliance_asks_for_a_rigid_part_and_a_probe(effects, probes, lacking):
+    domain = rf.box((0, 0, 0), (1, 0.1, 0.1), (10, 1, 1))
+    domain = domain.with_cells("end", lambda x: x[0] > 0.8 - 1e-9)
+    scene = rf.Scene(domain, SOFT, (rf.Fixed("x0"), *effects), probes=probes)
+    with pytest.raises(rf.SceneError, match=lacking):
+        rf.compliance(scene)
