@@ -424,7 +424,7 @@ CEILINGS = {
     "step/equations": 4,
     "step/length": 102,
     "step/linear": 19,
-    "step/newton": 74,
+    "step/newton": 69,
     "step/system": 3,
     "step/watches": 26,
     "switch": 5,

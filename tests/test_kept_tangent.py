@@ -129,18 +129,33 @@ def test_newtons_iterations_are_counted():
 
 
 def test_what_fails_pauses_and_is_tried_again():
-    """Not for good, as a contact that opens and closes goes by; once is enough the next time."""
+    """Not for good, as a contact that opens and closes goes by; once is enough the next time.
+
+    What fails at once again is tried half as often, and as often as ever once it has served.
+    """
     control, numbers = rule(), ControlNumbers()
-    for failures in (numbers.failures, 1):
+    turns = []
+    for failures in (numbers.failures, 1, 1):
         for _ in range(failures):
             assert not control.pausing
             control.failed()
-        for _ in range(numbers.turn):
-            assert control.pausing
-            control.passed(4)
-    control.accepted(3, 0, 0)
+        turns.append(_turn_of(control))
+    assert turns == [numbers.turn, 2 * numbers.turn, 4 * numbers.turn]
+    for _ in range(4 * numbers.turn):
+        control.accepted(3, 0, 0)
     control.failed()
     assert not control.pausing
+    control.failed()
+    assert _turn_of(control) == numbers.turn
+
+
+def _turn_of(control):
+    """Steps that Newton's method takes before kept tangents are tried again."""
+    steps = 0
+    while control.pausing:
+        control.passed(4)
+        steps += 1
+    return steps
 
 
 # Where it ends ---------------------------------------------------------------------------------
@@ -357,7 +372,7 @@ def follow(name, options, dt=DT):
 def keep(patch):
     """Have tangents kept however small a scene is."""
     patch.setattr(chord, "SMALLEST", 0)
-    patch.setattr(chord, "SMALLEST_OF_RANKS", 0)
+    patch.setattr(chord, "FULL_UP_TO", 0)
     patch.setattr(chord, "STIFF_FROM", 0.0)
 
 

@@ -14,6 +14,7 @@ from petsc4py import PETSc
 from scipy.spatial import cKDTree
 
 from rigidfx.coupling.prolongation import Prolongation
+from rigidfx.step.newton.motions import EMPTY
 
 __all__ = ["Aggregates"]
 
@@ -25,7 +26,6 @@ Int = PETSc.IntType
 # without a coarse grid) took 3.7, 4.1, 4.4 and 4.6 with 130, 200, 260 and 520.
 NODES = 260
 MOST = 1500  # aggregates for which larger ones begin: the coarse problem is solved by full factors
-EMPTY = 1e-10  # squared norm of a motion that an aggregate lacks, relative to its largest
 
 
 class Aggregates:

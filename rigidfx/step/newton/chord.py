@@ -32,8 +32,9 @@ __all__ = ["Chord", "pays"]
 # second order) steps took .34 to .79 of those by Newton's method, in one soft system 1.07. With
 # PETSc's own LU, which well-conditioned ones have, 1.10 at 96 unknowns and 1.02 at 144.
 SMALLEST = 150
-SMALLEST_OF_RANKS = 500  # on several ranks, where MUMPS makes the factors
-FULL_UP_TO = 500  # unknowns; GMRES is no faster
+# Unknowns up to which several ranks, whose factors MUMPS makes, keep none, and one rank keeps full
+# ones, as GMRES is no faster.
+FULL_UP_TO = 500
 # Unknowns up to which stiff parts keep full factors. At 97 470 of steel a step by Cholesky's takes
 # .58 of one by incomplete factors and a coarse grid, .72 by LU; factors take 4 and 6 s to make
 # against .44. What grows with the unknowns is in favour of the others: .68 at 174 570, 11 s and .8.
@@ -56,7 +57,6 @@ STIFF_DOWN_TO = 2.0
 # incomplete ones: at 9 cells (the L of 85 557 unknowns) that hardly paid, at 12, 24 and 49 cells
 # solves took .63, .36 and .24 of the time (196 875 unknowns).
 COARSE_FROM = 9.0
-COARSE_DOWN_TO = 6.0  # of what has had such a step: Δt that goes up and down changes no solver
 # Beyond, solves with kept factors turn a slender part about its axis by rounding, for good: at
 # 2·10⁵ a needle of 1107 unknowns lost 8e-4 of its energy in 500 steps.
 STIFF_UP_TO = 5e3
@@ -84,7 +84,7 @@ class Chord:
         self.tangents = 0
         self._equilibrium, p = equilibrium, equilibrium.prolongation
         self._control = Control()
-        self._once_stiff = self._once_far = False  # whether waves have got so far in a step
+        self._once_stiff = False  # whether waves have got so far in a step
         like = equilibrium.unknowns()
         border = Border(equilibrium) if isinstance(equilibrium, JoinedEquilibrium) else None
         self._kept = KeptTangent(self._suited(0.0)(equilibrium), Frames(p), like, border)
@@ -113,7 +113,7 @@ class Chord:
             return Factors if full else TwoLevels
         if size < FULL_UP_TO or (self._equilibrium.calm and self._few_entries):
             return Factors
-        far = size > SOFT_FACTORS_UP_TO and self._far(dt)
+        far = size > SOFT_FACTORS_UP_TO and self._equilibrium.waves(dt) >= COARSE_FROM
         return TwoLevels if far else IncompleteFactors
 
     def _stiff(self, dt: float) -> bool:
@@ -125,15 +125,9 @@ class Chord:
         self._once_stiff |= waves >= STIFF_FROM
         return self._once_stiff and waves >= STIFF_DOWN_TO
 
-    def _far(self, dt: float) -> bool:
-        """Whether waves get farther in a step of Δt [s] than incomplete factors tell at once."""
-        waves = self._equilibrium.waves(dt)
-        self._once_far |= waves >= COARSE_FROM
-        return self._once_far and waves >= COARSE_DOWN_TO
-
     def go_on(self, before: Chord) -> None:
         """Take over what has been found of the division before, which may have been freed."""
-        self._once_stiff, self._once_far = before._once_stiff, before._once_far
+        self._once_stiff = before._once_stiff
 
     @cached_property
     def _slender(self) -> bool:
@@ -220,5 +214,5 @@ def pays(equilibrium: Equilibrium) -> bool:
     given = PETSc.Options(PREFIX).getAll()
     told = any(name.startswith(OF_SOLVERS) for name in given)
     p = equilibrium.prolongation
-    least = SMALLEST if p.comm.size == 1 else SMALLEST_OF_RANKS
+    least = SMALLEST if p.comm.size == 1 else FULL_UP_TO
     return equilibrium.inertial and p.size >= least and not told

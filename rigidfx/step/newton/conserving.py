@@ -14,12 +14,13 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.step.newton.stopping_test import ROUNDING
+
 __all__ = ["Conserving"]
 
 Array = npt.NDArray[np.float64]
 
 SLOW = 0.5  # factor by which what falls in an iteration is no rounding
-ROUNDING = 2.0  # safety on what rounding has left before
 GROWN = 2.0  # a residual that has grown by that belongs to no solution any more
 MOST = 10  # iterations
 

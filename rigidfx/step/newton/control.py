@@ -18,7 +18,8 @@ step's first iterate. The first guess lies on a straight line, which stretches w
 tangent there has the stress of that stretch.
 
 Where steps cost more in the mean than by Newton's method, or fail one after another, Newton's
-method has its turn for some steps.
+method has its turn for some steps, for twice as many as the last time if kept tangents have not
+served for as long as that: in a motion that they never fit, trials of them become rare.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ class ControlNumbers:
         growths: Growths of the residual by tangents of the same step that end the method for it.
         failures: Steps in a row that kept tangents fail, or are given up in, after which Newton's
             method has its turn.
-        turn: Steps that such a turn lasts.
+        turn: Steps that such a turn lasts, unless it comes soon after another one.
         trial: Steps that the first turn lasts, in which iterations of Newton's method are counted.
         newton: Iterations that a step by Newton's method takes, before any has been counted.
         memory: Steps that the mean cost of a step goes over.
@@ -70,6 +71,7 @@ class Control:
         self._spent, self._steps, self._since, self._growths = 0.0, 0, 0, 0
         self._mean, self._left, self._failures = 0.0, 0, 0
         self._newton, self._turn = numbers.newton, numbers.trial
+        self._last_turn = self._served = 0  # steps of Newton's last turn, and by kept ones since
 
     def begin(self) -> None:
         """Begin a step, or an attempt at it."""
@@ -126,16 +128,23 @@ class Control:
         self.due = iterations - asked - self._since > self._spent / self._steps
         cost = (iterations + self.price * tangents) / (self._newton * (1 + self.price))
         self._mean += (cost - self._mean) / self._numbers.memory
+        self._served += 1
         if self._mean > 1.0 or self._failures >= self._numbers.failures:
             self._failures = 0
-            self._mean, self._left = 0.0, self._turn
+            self._rest(self._turn)
 
     def failed(self) -> None:
         """Take note of a step in which kept tangents have failed."""
         self.lose()
         self._failures += 1
         if self._failures >= self._numbers.failures:
-            self._left = self._numbers.turn
+            self._rest(self._numbers.turn)
+
+    def _rest(self, steps: int) -> None:
+        """Let Newton's method have its turn, for so many steps at least."""
+        again = self._served < self._last_turn
+        self._left = self._last_turn = max(steps, 2 * self._last_turn if again else 0)
+        self._mean, self._served = 0.0, 0
 
     def passed(self, iterations: int) -> None:
         """Take note of a step by Newton's method.

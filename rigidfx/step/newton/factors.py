@@ -21,15 +21,14 @@ __all__ = ["Factors"]
 # Unknowns up to which factors of few entries are PETSc's own; those of second-order hexahedra took
 # .2 s longer to make than MUMPS's at 7776, and 4 s at 24 000.
 FEW_UP_TO = 5_000
-UNKNOWN = 10.0  # iterations, before there are factors
 
 
 class Factors:
     """LU of a tangent, or Cholesky's factors; `destroy` frees them.
 
     Attributes:
-        renewal: What a new tangent costs, its factors included, in iterations with these; by what
-            these hold, once there are some.
+        renewal: What a new tangent costs, its factors included, in iterations with these; 0 before
+            there are some.
         iterations: How many the last solve counts as.
     """
 
@@ -41,7 +40,7 @@ class Factors:
         Args:
             equilibrium: The equations whose tangent it is.
         """
-        self.renewal = UNKNOWN
+        self.renewal = 0.0
         self._equilibrium, comm = equilibrium, equilibrium.prolongation.comm
         self._quick = False
         self._ksp = PETSc.KSP().create(comm)

@@ -8,11 +8,11 @@ from mpi4py import MPI
 
 from rigidfx.coupling.prolongation import Prolongation
 
-__all__ = ["rigid_motions"]
+__all__ = ["EMPTY", "rigid_motions"]
 
 Array = npt.NDArray[np.float64]
 
-EMPTY = 1e-12  # squared norm of a motion that no unknown takes part in, relative to the largest
+EMPTY = 1e-12  # squared norm of a motion that nothing takes part in, relative to the largest
 
 
 def rigid_motions(prolongation: Prolongation, x: Array) -> Array:

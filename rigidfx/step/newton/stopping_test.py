@@ -24,7 +24,7 @@ from petsc4py import PETSc
 __all__ = ["MAX_ITERATIONS", "RELATIVE_TOLERANCE", "StoppingTest", "judged", "reason_name"]
 
 RELATIVE_TOLERANCE = 1e-12
-ROUNDING = 2.0  # safety on the estimated rounding level
+ROUNDING = 2.0  # safety on an estimated, or met, level of rounding
 STALL = 0.2  # Newton has met rounding where it reduces the residual by less than this ...
 MARGIN = 100.0  # ... and the residual, if it has not grown, is within this factor of the estimate
 TIGHTEST = 1e-8  # linear solves are asked for no more, relative
