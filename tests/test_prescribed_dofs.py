@@ -220,9 +220,10 @@ class Impact:
 
     def impose(self):
         stepper = self.run.stepper
-        return impose_velocity(
+        changes = impose_velocity(
             stepper.scene, stepper.state, self.mass, self.layout, self.prescribed
         )
+        return changes is not None
 
     def _look(self):
         stepper = self.run.stepper

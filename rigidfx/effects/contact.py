@@ -130,8 +130,10 @@ class Contact(Windowed):
             together(
                 scene.comm, f"{self.owner}: its obstacle", lambda: self._check_gaps(against, y)
             )
-            if self.friction > 0 and not getattr(against, "inside", False):
-                warn_of_facets(scene, self.where, self.owner)
+            if self.friction > 0:
+                inside = getattr(against, "inside", False)
+                hollow = getattr(against, "radius", np.inf) if inside else np.inf
+                warn_of_facets(scene, self.where, self.owner, hollow)
         if start > 0.0:
             return  # nobody knows where it will be
         worst, place = self.depth(scene, scene.start_places, start)

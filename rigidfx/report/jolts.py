@@ -1,10 +1,13 @@
 """Does a support, or a contact, that begins give or take much of the energy at one instant?
 
 A motion that is prescribed at full speed from t = 0 on under a body at rest is an impact: the held
-nodes have their velocity at once, and waves run from them through the body.
+nodes have their velocity at once, and waves run from them through the body. Its size is the larger
+one of the energy of the impact, and of that with which the body would follow the support at once.
 """
 
 from __future__ import annotations
+
+import numpy as np
 
 from rigidfx.base.warning import warn
 from rigidfx.report.report import Report
@@ -56,21 +59,26 @@ class Jolts:
             return
         if before is None:
             before = report.energy - impact.energy
-        largest = max(before, before + impact.energy)
-        if abs(impact.energy) > GOOD_PART * largest:
-            self._found = impact, abs(impact.energy) / largest
+        size = max(abs(impact.energy), impact.following)
+        part = min(size / max(before, before + impact.energy, np.finfo(float).tiny), 1.0)
+        if part > GOOD_PART:
+            self._found = impact, part
 
     def _say(self, impact: Impact, part: float) -> None:
         """Warn, and look no more."""
         self._waits = False
         names = ", ".join(f"'{name}'" for name in impact.supports)
         gives = "brings" if impact.energy > 0 else "takes"
+        share, follows = f", {part:.0%} of the energy", ""
+        if impact.following > abs(impact.energy):
+            follows = f" To follow at once, all that it holds would take {impact.following:.3g} J"
+            share, follows = "", f"{follows}{share}."
         warn(
             self._comm,
             f"At t = {impact.t:.6g} s {names} acts with a jolt: an impact {gives} "
-            f"{abs(impact.energy):.3g} J, {part:.0%} of the energy, at one instant, and waves run "
-            "from there. If no blow is meant, let a prescribed motion start from the velocity that "
-            "the nodes have and grow over some periods of vibration (rf.Table, or a smooth path), "
-            "give the whole body the motion of the support by InitialVelocity, or let a contact "
-            "begin where nothing overlaps. The report has the impact in `impact`.",
+            f"{abs(impact.energy):.3g} J{share} at one instant, and waves run from there.{follows} "
+            "If no blow is meant, let a prescribed motion start from the velocity that the nodes "
+            "have and grow over some periods of vibration (rf.Table, or a smooth path), give the "
+            "whole body the motion of the support by InitialVelocity, or let a contact begin where "
+            "nothing overlaps. The report has the impact in `impact`.",
         )

@@ -23,6 +23,7 @@ from rigidfx.step.equations.energies import Measures, Momenta
 from rigidfx.step.length.time_control import TimeControl
 from rigidfx.step.newton.solution import Solution
 from rigidfx.step.system.division import Division
+from rigidfx.step.system.following import following_energy
 from rigidfx.step.system.supports import Impact, PrescribedDofs, impose_velocity, supports_of
 from rigidfx.step.system.system import System, Work
 from rigidfx.step.watches.compression import Compression
@@ -290,18 +291,19 @@ class Stepper:
             return None
         velocities = self.prescribed.velocities(self.state.t, dt, self.state.u.x.array)
         system = self.system
-        changed = impose_velocity(self.scene, self.state, system.mass, system.layout, velocities)
+        jump = impose_velocity(self.scene, self.state, system.mass, system.layout, velocities)
         # A body that a support takes over loses what it has kept to the same impact.
         kept = self.state.stored - before.stored
-        if not changed and kept == 0.0:
+        if jump is None and kept == 0.0:
             return None
-        after = self.measure()
+        after, u = self.measure(), self.state.u.x.array
         return Impact(
             self.state.t,
             tuple(support.where for support in supports),
             after.kinetic - before.kinetic + kept,
             after.linear_momentum - before.linear_momentum,
             after.angular_momentum - before.angular_momentum,
+            0.0 if jump is None else following_energy(self.scene, *jump, u),
         )
 
     def press(self, contacts: Sequence[Contact], before: Measures) -> Impact | None:
@@ -318,7 +320,7 @@ class Stepper:
         if gained == 0.0:
             return None
         titles = tuple(contact.title for contact in contacts)
-        return Impact(self.state.t, titles, gained, np.zeros(3), np.zeros(3))
+        return Impact(self.state.t, titles, gained, np.zeros(3), np.zeros(3), 0.0)
 
     # Life ---------------------------------------------------------------------------------------
 

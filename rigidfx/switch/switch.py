@@ -190,6 +190,7 @@ class Switch:
             gained,
             after.linear_momentum - before.linear_momentum,
             after.angular_momentum - before.angular_momentum,
+            0.0,
         )
         warn(
             scene.comm,

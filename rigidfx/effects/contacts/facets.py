@@ -3,6 +3,9 @@
 A polygon of n sides stands still on slopes below 180°/n, half the angle between facets. A surface
 counts as round where facets meet at a small convex angle θ and their radius, width over θ, is not
 small beside their distance from the middle of their part: so a fillet at the edge of a box is none.
+Triangles that lie in a plane, as those of a facet with nodes on its sides do, are one facet.
+
+Within a hollow of radius R the angle is that share, 1 - r/R, of it which is left on a flat floor.
 """
 
 from __future__ import annotations
@@ -11,6 +14,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from rigidfx.base.warning import warn
 from rigidfx.effects.contacts.surface import triangles_of
@@ -18,6 +23,7 @@ from rigidfx.effects.contacts.surface import triangles_of
 __all__ = ["warn_of_facets"]
 
 Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
 
 FLAT = 0.01  # rad: facets that meet at less are one
 SHARP = 0.9  # rad, above an octagon's 45°: facets that meet at more are an edge of a part
@@ -25,16 +31,18 @@ ROLLS = 0.5  # of the distance from the middle of a part: least radius of what r
 FINE = np.radians(3.0)  # half the angle between facets that is not worth a word: 60 in a turn
 
 
-def warn_of_facets(scene: Any, where: str, owner: str) -> None:
+def warn_of_facets(scene: Any, where: str, owner: str, hollow: float = np.inf) -> None:
     """Warn of a round surface of flat facets that an obstacle with friction meets. Collective.
 
     Args:
         scene: The problem.
         where: Name of a set of boundary facets.
         owner: Who asks, for messages.
+        hollow: Radius of an obstacle that is round inside [m]; inf of any other.
     """
-    half = 0.5 * _angle(scene, where, owner)
-    if half <= FINE:
+    angle, radius = _round(scene, where, owner)
+    half = 0.5 * angle
+    if half * (1.0 - radius / hollow) <= FINE:
         return
     count = round(np.pi / half)
     warn(
@@ -47,8 +55,12 @@ def warn_of_facets(scene: Any, where: str, owner: str) -> None:
     )
 
 
-def _angle(scene: Any, where: str, owner: str) -> float:
-    """Median angle between neighbouring facets of what is round; 0 if nothing is. Collective."""
+def _round(scene: Any, where: str, owner: str) -> tuple[float, float]:
+    """Angle between neighbouring facets of what is round, and its radius [m]. Collective.
+
+    Half of all turning is at angles as large or larger: sides around an axis, that hardly turn, do
+    not count.
+    """
     cells, nodes = triangles_of(scene, where, owner)
     X = scene.space.tabulate_dof_coordinates()
     parts = scene.parts
@@ -57,13 +69,13 @@ def _angle(scene: Any, where: str, owner: str) -> float:
     numbers = scene.space.dofmap.index_map.local_to_global(nodes.reshape(-1).astype(np.int32))
     mine = numbers.reshape(-1, 3), X[nodes], centre, inside
     every = [np.concatenate(of) for of in zip(*scene.comm.allgather(mine), strict=True)]
-    return _median_angle(*every)
+    return _of_triangles(*every)
 
 
-def _median_angle(
+def _of_triangles(
     numbers: npt.NDArray[np.int64], corners: Array, centre: Array, inside: Array
-) -> float:
-    """The same of triangles by the numbers and positions of their corners [rad].
+) -> tuple[float, float]:
+    """The same of triangles by the numbers and positions of their corners [rad, m]; 0 if none is.
 
     Args:
         numbers: Shape (n, 3).
@@ -86,7 +98,32 @@ def _median_angle(
     a, b = a % n, b % n
     angle = np.arccos(np.clip((normal[a] * normal[b]).sum(axis=1), -1.0, 1.0))
     convex = ((middle[b] - middle[a]) * normal[a]).sum(axis=1) < 0
-    radius = 0.5 * (double[a] + double[b]) / along / np.maximum(angle, FLAT)
+    radius = _widths(a, b, angle, along, 0.5 * double) / np.maximum(angle, FLAT)
     rolls = radius >= ROLLS * np.linalg.norm(edge - centre[a], axis=1)
-    found = angle[convex & rolls & (angle > FLAT) & (angle < SHARP)]
-    return float(np.median(found)) if found.size else 0.0
+    found = convex & rolls & (angle > FLAT) & (angle < SHARP)
+    if not found.any():
+        return 0.0, 0.0
+    angle, turning, radius = angle[found], (angle * along)[found], radius[found]
+    order = np.argsort(angle)
+    half = int(np.searchsorted(np.cumsum(turning[order]), 0.5 * turning.sum()))
+    return float(angle[order][half]), float(np.median(radius))
+
+
+def _widths(a: Ints, b: Ints, angle: Array, along: Array, area: Array) -> Array:
+    """Width of the narrower one of the two facets at each side, across it [m].
+
+    Args:
+        a: A triangle of each side.
+        b: The other one.
+        angle: Between both [rad].
+        along: Length of the side [m].
+        area: Of each triangle [m²].
+    """
+    flat = angle <= FLAT
+    graph = coo_array((np.ones(int(flat.sum())), (a[flat], b[flat])), (area.size, area.size))
+    count, facet = connected_components(graph, directed=False)
+    areas = np.bincount(facet, weights=area, minlength=count)
+    sides = np.sort(np.stack([facet[a], facet[b]]), axis=0)
+    _, pair = np.unique(sides, axis=1, return_inverse=True)
+    common = np.bincount(pair.reshape(-1), weights=along)[pair.reshape(-1)]
+    return np.asarray(areas[sides].min(axis=0) / common)

@@ -15,12 +15,12 @@ from rigidfx.domain.connected import ConnectedParts, connected_parts
 from rigidfx.scene.scene import Scene
 from rigidfx.step.system.supports import PrescribedDofs
 
-__all__ = ["free_to_move"]
+__all__ = ["FREE", "free_to_move", "rigid_motions"]
 
 Array = npt.NDArray[np.float64]
 Labels = npt.NDArray[np.int64]
 
-FREE = 1e-10  # of the largest eigenvalue
+FREE = 1e-10  # of the largest eigenvalue of BᵀB: motions that B does not see
 
 
 def free_to_move(scene: Scene, prescribed: PrescribedDofs) -> str:
@@ -38,7 +38,7 @@ def free_to_move(scene: Scene, prescribed: PrescribedDofs) -> str:
     part[dofmap.list] = parts.of_cell[: len(dofmap.list), None]
     gram = np.zeros((6 * parts.count, 6 * parts.count))
     held = np.flatnonzero(prescribed.mask)
-    rows = _motions(X[held // 3], part[held // 3], parts)[np.arange(held.size), held % 3]
+    rows = rigid_motions(X[held // 3], part[held // 3], parts)[np.arange(held.size), held % 3]
     _add(gram, rows[:, None], part[held // 3])
     for effect in scene.effects:
         K = effect.ground_stiffness
@@ -47,7 +47,7 @@ def free_to_move(scene: Scene, prescribed: PrescribedDofs) -> str:
         own = np.flatnonzero(scene.shares(getattr(effect, "where", ""), effect.kind)[:n] > 0)
         values, vectors = np.linalg.eigh(K / max(float(np.linalg.norm(K)), 1e-300))
         root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
-        _add(gram, root @ _motions(X[own], part[own], parts), part[own])
+        _add(gram, root @ rigid_motions(X[own], part[own], parts), part[own])
     gram = np.asarray(scene.sum(gram))
     if parts.count > 1:
         _add_hinges(scene, gram, parts)
@@ -58,7 +58,7 @@ def free_to_move(scene: Scene, prescribed: PrescribedDofs) -> str:
     return parts.place(int(np.argmax(moving))) if parts.count > 1 else "the whole"
 
 
-def _motions(X: Array, part: Labels, parts: ConnectedParts) -> Array:
+def rigid_motions(X: Array, part: Labels, parts: ConnectedParts) -> Array:
     """Displacements of points by the six motions of the parts they are in, shape (points, 3, 6)."""
     size = np.linalg.norm(parts.upper - parts.lower, axis=1)
     arms = (X - (parts.lower + parts.upper)[part] / 2) / size[part, None]
@@ -91,7 +91,7 @@ def _add_hinges(scene: Scene, gram: Array, parts: ConnectedParts) -> None:
     X = np.concatenate([points for _, points in found])[first]
     k = np.flatnonzero(pairs[0, 1:] == pairs[0, :-1])  # a node's parts come one after another
     a, b = pairs[1, k], pairs[1, k + 1]
-    A, B = _motions(X[k], a, parts), _motions(X[k], b, parts)
+    A, B = rigid_motions(X[k], a, parts), rigid_motions(X[k], b, parts)
     blocks = gram.reshape(parts.count, 6, parts.count, 6).swapaxes(1, 2)
     for i, P, j, Q in ((a, A, a, A), (b, B, b, B), (a, A, b, -B), (b, -B, a, A)):
         np.add.at(blocks, (i, j), P.swapaxes(1, 2) @ Q)

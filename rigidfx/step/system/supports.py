@@ -41,6 +41,8 @@ class Impact:
             of what contacts store [J]; negative is lost.
         impulse: Impulse exerted on the structure, shape (3,) [N s].
         angular_impulse: Its moment about the origin, shape (3,) [N m s].
+        following: Kinetic energy of the parts on these supports, had they followed the change of
+            velocity as rigid bodies [J].
     """
 
     t: float
@@ -48,6 +50,7 @@ class Impact:
     energy: float
     impulse: Array
     angular_impulse: Array
+    following: float
 
     def __add__(self, other: Impact) -> Impact:
         """Both of one instant."""
@@ -57,6 +60,7 @@ class Impact:
             self.energy + other.energy,
             self.impulse + other.impulse,
             self.angular_impulse + other.angular_impulse,
+            self.following + other.following,
         )
 
 
@@ -218,7 +222,7 @@ def dofs_of(scene: Scene, support: Support) -> npt.NDArray[np.int64]:
 
 def impose_velocity(
     scene: Scene, state: State, mass: Mass, layout: DofLayout, velocities: Array
-) -> bool:
+) -> tuple[npt.NDArray[np.int64], Array] | None:
     """Give the held dofs their prescribed velocity by an impact without rebound. Collective.
 
     The impulse acts on held dofs only, so the momentum of all others stays: with Δv_s given,
@@ -232,13 +236,14 @@ def impose_velocity(
         velocities: Prescribed velocities of the held dofs [m/s].
 
     Returns:
-        Whether any velocity changed.
+        The held dofs and the changes of their velocity [m/s]; None if none changed on any rank.
     """
     rows = layout.rows
     prescribed = np.flatnonzero(layout.prescribed[rows.dofs])
     dv, p = rows.vector(), rows.vector()
     dv.set(0.0)
-    dv.array[prescribed] = velocities - state.v.x.array[rows.dofs[prescribed]]
+    jump = velocities - state.v.x.array[rows.dofs[prescribed]]
+    dv.array[prescribed] = jump
     changed = dv.norm(PETSc.NormType.INFINITY) > 0.0
     if changed:
         mass.mult(dv, p)
@@ -258,7 +263,7 @@ def impose_velocity(
         dy.destroy()
     dv.destroy()
     p.destroy()
-    return changed
+    return (rows.dofs[prescribed].astype(np.int64), jump) if changed else None
 
 
 def _solve(
