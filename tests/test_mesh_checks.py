@@ -229,6 +229,12 @@ def test_each_nut_moves_on_its_own():
     assert last.clamped == ("nut 1",)
     assert [b.name for b in last.bodies] == ["nut 2", "nut 3"]
     assert [b.velocity[2] for b in last.bodies] == pytest.approx([-0.2 * 9.81] * 2, rel=1e-3)
+    # A force on the common name would act on none of them.
+    with pytest.raises(rf.SceneError, match="its 3 pieces are a body each"):
+        rf.Scene(free, SOFT, [rf.Rigid("nut", each=True), rf.Resultant("nut", force=(1, 0, 0))])
+    pushed = [rf.Rigid("nut", each=True), rf.Resultant("nut 2", force=(10, 0, 0))]
+    *_, last = rf.simulate(rf.Scene(free, SOFT, pushed), 0.1, 0.2)
+    assert last.linear_momentum[0] == pytest.approx(2.0, rel=1e-12)
 
 
 def test_parts_through_facets_and_through_vertices():

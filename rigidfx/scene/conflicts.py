@@ -57,12 +57,6 @@ def check_together(effects: Sequence[fx.Effect], scheme: Scheme) -> None:
                 f"Scene: '{name}' is what a part that is found is called in reports; give the set "
                 "of this Rigid body another name."
             )
-    for resultant in named(fx.Resultant):
-        if resultant.where not in bodies:
-            raise SceneError(
-                f"Resultant: '{resultant.where}' is not the name of a Rigid body; there are "
-                f"{bodies or 'none'}."
-            )
     if bodies and not scheme.couples:
         raise SceneError(
             f"Scene: {type(scheme).__name__} does not couple to rigid bodies; take "

@@ -63,7 +63,15 @@ class Resultant(Windowed):
         return self._factor(t) * np.asarray(self.torque, dtype=np.float64)
 
     def check(self, scene: Any) -> None:
-        """See whether its function of time can be used."""
+        """See whether its body is there, and its function of time can be used."""
+        bodies = [effect.where for effect in scene.effects if effect.is_rigid]
+        if self.where not in bodies:
+            pieces = scene.pieces.get(self.body, 0)
+            instead = f"its {pieces} pieces are a body each" if pieces else "there are"
+            raise SceneError(
+                f"Resultant: '{self.where}' is not the name of a Rigid body; {instead} "
+                f"{bodies or 'none'}."
+            )
         for function in (self.force_at, self.torque_at):
             check_vector(scene, self.owner, self.start, partial(function, self.start))
 
