@@ -63,9 +63,9 @@ for r in run:
     shown, now = error.shown(), None  # none while modes do not tell e
     if shown is not None:
         now = to_shape(shown.displacement, frames.of_parts(x)[frames.part])
+    cells = np.flatnonzero(r.state.body_numbers() > 0).astype(np.int32)
+    told = error.rates(cells), error.strains(cells)  # rates by modes: since they were asked for
     if before is not None and now is not None:
-        cells = np.flatnonzero(r.state.body_numbers() > 0).astype(np.int32)
-        told = error.rates(cells), error.strains(cells)
         own = measured(now - before)[cells] / (r.t - last[1]), measured(now)[cells]
         for one, other in zip(told, own, strict=True):
             off = np.abs(one - other).max(initial=0.0), other.max(initial=0.0)

@@ -178,7 +178,9 @@ class ErrorMotion(Watch):
         return self._rotations[1]
 
     def rates(self, cells: Cells) -> Array:
-        """Strain rates of e over its last step, in the criterion's measure. Collective.
+        """Strain rates of e over its last step, or since they were asked for. Collective.
+
+        In the criterion's measure; the second where e is known by modes.
 
         Args:
             cells: Owned cells.

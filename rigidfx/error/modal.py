@@ -114,9 +114,10 @@ class Modal:
         self._force: Array = np.zeros(self._free.size)  # in the last step
         self._loads: Array = np.zeros(self._squares.size)  # Φᵀ of it
         self._change = self._level = 0.0  # means of |ṙ|² and |r|²
-        # What the last step added to η and r, and its length.
-        self._added: tuple[Array, Array, float]
-        self._added = np.zeros_like(self._eta), np.zeros_like(self._force), 1.0
+        self._still: tuple[Array, Array] = self._force, self._force  # a force, and K⁻¹ of it
+        self._asked: Array = self._free_part()  # e when its change was asked for last ...
+        self._since = 0.0  # ... the time since then [s], and what it was
+        self._changed: tuple[Array, float] = np.zeros((self._n, 3)), 1.0
         self._points = {id(p): self._adjoint(p) for p in points}
 
     # What is told -------------------------------------------------------------------------------
@@ -140,9 +141,14 @@ class Modal:
         return bool(rate <= self._modes.quasistatic * np.sqrt(self._squares[-1]))
 
     def fields(self) -> tuple[Array, Array]:
-        """See `Response`; by one solve."""
-        e = self._solved(self._force) + self._amplitudes() @ self._phi
-        return self._field(e), self._field(self._rate @ self._phi)
+        """See `Response`; by one solve a step."""
+        return self._field(self._free_part()), self._field(self._rate @ self._phi)
+
+    def _free_part(self) -> Array:
+        """Free components of e. Collective."""
+        if self._still[0] is not self._force:
+            self._still = self._force, self._solved(self._force)
+        return np.asarray(self._still[1] + self._amplitudes() @ self._phi)
 
     def _field(self, free: Array) -> Array:
         """Vectors at the nodes, shape (nodes, 3), by their free components."""
@@ -174,30 +180,33 @@ class Modal:
         """See `Response`."""
         r = force.reshape(-1)[self._free]
         self._note(r, dt)
-        more = r - self._force
+        self._since += dt
         self._force, self._loads = r, self._summed(self._phi @ r)
         squares = self._squares
         damping = drag + self._viscous + xi * dt * squares
         stiff = 2 / dt**2 + damping / dt + 0.5 * squares
         d = (self._loads + 2 / dt * self._rate - squares * self._eta) / stiff
         self._eta, self._rate = self._eta + d, 2 / dt * d - self._rate
-        self._added = d, more, dt
 
     def change(self) -> tuple[Array, float]:
-        """See `Response`; by one solve."""
-        eta, r, dt = self._added
-        amplitudes = eta - self._summed(self._phi @ r) / self._squares
-        return self._field(self._solved(r) + amplitudes @ self._phi), dt
+        """See `Response`: since it was asked for last; by one solve a step."""
+        if self._since > 0:
+            now = self._free_part()
+            self._changed = self._field(now - self._asked), self._since
+            self._asked, self._since = now, 0.0
+        return self._changed
 
     def kept(self) -> object:
         """See `Response`."""
         averages = self._change, self._level
-        return self._eta, self._rate, self._force, self._loads, averages, self._added
+        asked = self._asked, self._since, self._changed
+        return self._eta, self._rate, self._force, self._loads, averages, asked
 
     def restore(self, kept: Any) -> None:
         """See `Response`."""
-        self._eta, self._rate, self._force, self._loads, averages, self._added = kept
+        self._eta, self._rate, self._force, self._loads, averages, asked = kept
         self._change, self._level = averages
+        self._asked, self._since, self._changed = asked
 
     def _note(self, r: Array, dt: float) -> None:
         """Average how fast r changes. Collective."""

@@ -15,7 +15,7 @@ __all__ = ["Pace"]
 
 Array = npt.NDArray[np.float64]
 
-CALM = 0.25  # part of the rate that wakes cells, below which a look in several steps is enough
+CALM = 0.5  # part of the rate that wakes cells, below which a look in several steps is enough
 ALARM = 2.0  # times the largest recent change of ρ in a step: a force that is new is looked at
 RECENT = 8  # steps whose changes count
 

@@ -66,7 +66,10 @@ class Response(Protocol):
         ...
 
     def change(self) -> tuple[Array, float]:
-        """Change of e in the last step, shape (nodes, 3) [m], and its length [s]. Collective."""
+        """Change of e, shape (nodes, 3) [m], and its time [s]. Collective.
+
+        In the last step; by modes since it was asked for last, as it takes a solve.
+        """
         ...
 
     def kept(self) -> object:
