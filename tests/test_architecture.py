@@ -417,7 +417,7 @@ CEILINGS = {
     "mechanics": 80,
     "output": 51,
     "plot": 49,
-    "report": 25,
+    "report": 26,
     "scene": 18,
     "shadow": 33,
     "step": 7,

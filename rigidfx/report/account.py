@@ -7,6 +7,7 @@ from time import perf_counter
 from mpi4py import MPI
 
 from rigidfx.base.log import folders, tell
+from rigidfx.report.pay import Pay
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 
@@ -38,10 +39,12 @@ class Account:
         self._steps = self._iterations = self._switches = 0
         self._began = perf_counter()
         self._last: Report | None = None
+        self._pay = Pay()
 
     def follow(self, report: Report) -> None:
         """Take note of a report."""
         self._last = report
+        self._pay.follow(report)
         self._steps += report.step > 0
         self._iterations += report.iterations
         for event in report.events:
@@ -62,6 +65,8 @@ class Account:
         last, took = self._last, perf_counter() - self._began
         if last is None:
             return
+        if paid := self._pay.told():
+            tell(self._comm, paid)
         how = "stopped" if kind is not None else "done"
         parts = [f"'{body.name}' of {body.cells} cells" for body in last.bodies[:4]]
         parts += [f"{len(last.bodies) - 4} more"] if len(last.bodies) > 4 else []
