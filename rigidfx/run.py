@@ -187,11 +187,8 @@ class Run:
         energies = None if self.ledgers is None else self.ledgers.energies
         withheld = 0.0 if self.shadow is None else self.shadow.withheld
         share = None if self.shadows is None else self.shadows.share
-        off = None if self.error is None else self.error.largest
         shared = None if self.looks is None else self.looks.shared(report.dt)
-        seen = Observation(
-            self.stepper, report.dt, stiffening, energies, withheld, share, off, shared
-        )
+        seen = Observation(self.stepper, report.dt, stiffening, energies, withheld, share, shared)
         policy.observe(seen)
         decision = policy.after(seen, report)
         if decision is not None and self.shadows is not None:

@@ -80,8 +80,6 @@ class Lasting:
             barred: Owned cells that may not.
         """
         memory, flexible = self._memory, seen.flexible
-        unsettled = memory.astray.unsettled(able.size)
-        able, barred = able & ~unsettled, barred | (unsettled & flexible)
         worst, start = memory.window.worst, memory.window.start
         resting, length = memory.loads.resting_since <= start, seen.t - start
         half = pi * memory.strokes.turning  # period of what moves; 0 where nothing does

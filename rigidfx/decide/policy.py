@@ -39,7 +39,7 @@ from rigidfx.decide.memory.window import Window
 from rigidfx.decide.named_parts import NamedParts
 from rigidfx.decide.paying import Paying
 from rigidfx.decide.planner import Planner
-from rigidfx.decide.reasons import ASKED, ASTRAY, CHECKED, DRIFTED, UNDONE
+from rigidfx.decide.reasons import ASKED, CHECKED, DRIFTED, UNDONE
 from rigidfx.decide.releases import PLANNED, Releases
 from rigidfx.decide.withholding import Withholding
 from rigidfx.effects import Touch
@@ -195,9 +195,6 @@ class Policy:
             return self._release(seen, "a support begins or ends", self._every)
         if cells is not None:
             return self._release(seen, ", ".join(reasons), cells)
-        astray = self._planner.whole_bodies(seen, self.memory.astray.too_far(self._every.size))
-        if self._any(astray):
-            return self._let_down(seen, ASTRAY, astray, t - self.memory.window.start)
         return self._window_decides(seen) if self.memory.window.over else None
 
     def woken(self, seen: Observation, strained: Strained, why: str) -> Decision | None:
@@ -346,4 +343,3 @@ class Policy:
             memory.back_off.restart()
         memory.window = self._new_window(t)
         memory.bends.window_begins()
-        memory.astray.window_begins()

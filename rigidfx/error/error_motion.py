@@ -54,7 +54,6 @@ Nodes = npt.NDArray[np.integer]
 # What PETSc's log calls this part of a run.
 _FOLLOWING = PETSc.Log.Event("rigidfxErrorMotion")
 
-BOUNDED = 5000  # unknowns up to which |e| releases bodies: beyond, few scenes were tried
 # Length of a step of e over 1/ω of the motion and of e, at most: a vibration of e is out of phase
 # by (ω Δt)²/12 a radian.
 RESOLVED = 0.2
@@ -100,8 +99,6 @@ class ErrorMotion(Watch):
         self._stepper, self._turning = stepper, turning
         self._scene = scene = stepper.scene
         self.known = True
-        unknowns = 3 * scene.space.dofmap.index_map.size_global
-        self._bounded = unknowns <= BOUNDED
         self._equations = Equations(stepper, [*points.values()])
         self._strains = CellStrains(scene, stepper.forces, indicator)
         n = scene.owned_nodes
@@ -112,20 +109,6 @@ class ErrorMotion(Watch):
         self._before: _Before | None = None  # a look at an attempt, if it is no step yet
         self.steps = 0
         self._rotations: tuple[int, Array] | None = None  # of the parts, and when
-
-    @property
-    def largest(self) -> float | None:
-        """Largest |e| of any node [m], by which bodies are released. Collective.
-
-        None where e is unknown, without a support, and in large structures: there it releases none.
-        """
-        if not (self.known and self._bounded and self._scene.supports):
-            return None
-        e = 0.0
-        if self._response is not None and self._loose is not None:
-            held = self._response.fields()[0][~self._loose.nodes]
-            e = float(np.linalg.norm(held, axis=1).max(initial=0.0))
-        return float(self._scene.comm.allreduce(e, op=MPI.MAX))
 
     def shown(self) -> Shown | None:
         """e in space at the present time; None while it is zero, or not known. Collective.

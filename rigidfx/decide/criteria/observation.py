@@ -30,7 +30,6 @@ class Observation:
         withheld: Strain energy that rigidity withholds [J]; 0 if nothing estimates it.
         share: What part of that a part named rigid withholds in the whole structure, by its name;
             None if nothing estimates it. Collective.
-        off: How far the run is off its flexible twin [m]; None if that is not known.
         shared: Strain rate of each owned cell by u + e [1/s]; None where that is not measured.
     """
 
@@ -40,7 +39,6 @@ class Observation:
     energies: tuple[float, float] | None = None
     withheld: float = 0.0
     share: Callable[[str], float] | None = None
-    off: float | None = None
     shared: npt.NDArray[np.float64] | None = None
 
     @property

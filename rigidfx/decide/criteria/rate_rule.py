@@ -28,8 +28,6 @@ Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
 HALF = 0.5  # of what wakes cells, that drift or freezes may make of rates: there is more
-MORE = 0.75  # the same where it is known how far the run is off
-OFF = 0.55  # of κ tol as a displacement, by which it may be off: .8 is promised, it rings on
 JUST = 1.5  # steps since loads were seen to change, as they are after a step
 
 
@@ -94,7 +92,6 @@ class RateRule:
     def observe(self, seen: Observation) -> None:
         """Remember the largest strain rates. Collective."""
         memory, indicator = self._memory, seen.indicator
-        memory.astray.add(seen.off)
         looks = memory.strokes.add(indicator.values, seen.t - seen.dt, seen.t)
         if looks and self._kappa is not None and not seen.flies_rigid:
             memory.strokes.swing(indicator.cells, seen.strains)
@@ -124,15 +121,12 @@ class RateRule:
             memory.drift.stiffening = seen.stiffening or memory.drift.stiffening
             memory.drift.window_ends(energy, rigid, memory.strokes.last, turning, length, rested)
             largest = self._comm.allreduce(float(self.tol.max(initial=0.0)), op=MPI.MAX)
-            part = MORE if memory.astray.known else HALF
-            memory.drift.limit = part * self._kappa * largest
-            limits = memory.bends.limits(self.tol)
-            memory.astray.limits = None if limits is None else OFF * self._kappa * limits
+            memory.drift.limit = HALF * self._kappa * largest
             # A slow motion goes farther than its rates tell.
             moved, may = memory.bends.swing(), memory.bends.limits(np.array([largest]))
             memory.drift.driven = inf
             if may is not None and moved > 0:
-                memory.drift.driven = part * self._kappa * memory.strokes.last * may[0] / moved
+                memory.drift.driven = HALF * self._kappa * memory.strokes.last * may[0] / moved
 
     def told(self) -> str:
         """Nothing that the user has not set."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from rigidfx.decide.memory.astray import Astray
 from rigidfx.decide.memory.back_off import BackOff
 from rigidfx.decide.memory.bends import Bends
 from rigidfx.decide.memory.compliance import Compliance
@@ -36,7 +35,6 @@ class Memory:
         bends: How far the structure deflects, and parts of it bend.
         drift: What rigid parts do to the phases of a free motion.
         trial: Whether the last freeze will last.
-        astray: How far the run is off its flexible twin.
         largest: Largest strain rate of any cell so far, if tolerances are relative to it [1/s].
     """
 
@@ -51,6 +49,5 @@ class Memory:
     drift: Drift
     trial: Trial
     compliance: Compliance = field(default_factory=Compliance)
-    astray: Astray = field(default_factory=Astray)
     said: set[str] = field(default_factory=set)
     largest: float = 0.0
