@@ -12,8 +12,9 @@ from rigidfx.base.failures import Failures
 from rigidfx.decide.criteria.heeded import heeded_indicator
 from rigidfx.decide.criteria.judging import Criterion
 from rigidfx.decide.policy import Policy
-from rigidfx.error.error_motion import ErrorMotion, can_be_followed
-from rigidfx.error.looks import Looks, can_decide
+from rigidfx.error.ending import Promise
+from rigidfx.error.error_motion import ErrorMotion
+from rigidfx.error.looks import Looks, can_be_followed, can_decide
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.report.ledger import Ledgers
@@ -84,8 +85,9 @@ def prepare(
             measures = partial(heeded_indicator, rigidify, scene, forces, failures)
             settling, clamps = rigidify.settling, switch.clamps
             shadows = _shadows(stepper, policy, measures, settling, clamps)
-            if rigidify.lacking is None and can_be_followed(scene):
-                error, looks = _followed(stepper, policy, shadows.free, measures, probes)
+            if can_be_followed(scene):
+                promise = Promise(rigidify.allowed, policy.rule.length)
+                error, looks = _followed(stepper, policy, shadows.free, measures, probes, promise)
         ledgers = None if shadows is None and control is None else Ledgers(stepper)
         stack.pop_all()
     touch = FirstTouch(stepper)
@@ -127,6 +129,7 @@ def _followed(
     forces: Shadow | BodyForces,
     measures: Callable[[], Indicator],
     probes: Probes,
+    promise: Promise,
 ) -> tuple[ErrorMotion, Looks | None]:
     """The error motion, and what asks it which cells wake; the watches have both. Collective.
 
@@ -136,10 +139,11 @@ def _followed(
         forces: Knows ρ.
         measures: Makes a measure of cells.
         probes: Points that are reported.
+        promise: What e may be.
     """
     strokes, looks = policy.memory.strokes, None
     turning = (lambda: 0.0) if policy.by_error else (lambda: strokes.time)
-    error = ErrorMotion(stepper, forces, turning, probes.points, measures())
+    error = ErrorMotion(stepper, forces, turning, probes.points, measures(), promise)
     stepper.watches.append(error)
     if isinstance(forces, BodyForces):
         looks = Looks(stepper, forces, error, measures())

@@ -206,7 +206,8 @@ class Run:
             energy = report.energy - report.contact
             rest = None if rigidity is None else rigidity.rest
             self.stepper.control.learn(energy, report.dissipated, report.dt, rest)
-        return with_ledger(report, self.ledgers, withheld, periods, rigidity)
+        let_go = 0.0 if self.error is None else self.error.ending.let_go
+        return with_ledger(report, self.ledgers, withheld, periods, rigidity, let_go)
 
     def _switched(
         self, policy: Policy, decision: Decision | None, seen: Observation

@@ -17,6 +17,7 @@ from rigidfx.error import equations, error_motion
 from rigidfx.error.error_motion import ErrorMotion
 from rigidfx.error.frames import Frames
 from rigidfx.error.loose import loose_parts
+from rigidfx.error.validity import Validity
 from rigidfx.shadow.ground import ground_of
 from rigidfx.shadow.linear_motion import LinearMotion
 
@@ -206,6 +207,38 @@ def test_what_nothing_holds_keeps_its_momenta(effects, motions):
         np.testing.assert_array_equal(left, force)
 
 
+class Told:
+    """A response that is given."""
+
+    valid = True
+
+    def __init__(self, e):
+        self.coarse = lambda: e
+
+
+def test_an_error_motion_that_is_not_small_is_told_once():
+    made = scene(HELD)
+    X = made.space.tabulate_dof_coordinates()[: made.owned_nodes]
+    around = np.column_stack([-X[:, 1], X[:, 0], 0 * X[:, 0]])
+    bar, cells = X.copy(), len(made.space.dofmap.list)
+    bar[:, 0] *= 1 + 1e-3
+    checked = Validity(made)
+    checked.look(0.0, Told(0.01 * around), bar, X)  # ½ √2 0.01² is below a tenth of 1e-3
+    assert checked.holds
+    assert not checked.concerned.size
+    with pytest.warns(rf.RigidfxWarning, match=r"at t = 1 s it turns by 0\.12 rad"):
+        checked.look(1.0, Told(0.12 * around), bar, X)
+    assert not checked.holds
+    assert checked.concerned.size == cells
+    checked.look(2.0, Told(0.12 * around), bar, X)  # says no more
+    checked.look(3.0, Told(0.01 * around), X, X)
+    assert checked.holds  # the largest strain so far counts
+    checked = Validity(made)
+    with pytest.warns(rf.RigidfxWarning, match="second order"):
+        checked.look(0.0, Told(0.01 * around), X + 0.05 * (bar - X), X)
+    assert not checked.holds
+
+
 @pytest.mark.parametrize(
     "more",
     [
@@ -237,7 +270,8 @@ def test_an_error_at_rest_meets_a_wave_in_short_steps(followed):
         materials = {"stalk": SOFT, "block": SOFT}
         return rf.Scene(BOX, materials, effects, probes={"tip": (8, 0.5, 0.5)})
 
-    run = Compared(make, followed, 1.0, part=0.005, dt=0.01)
+    # Later e is let go: nothing drives it, and it is 0.04 of κ tol over the peak strain rate.
+    run = Compared(make, followed, 0.9, part=0.005, dt=0.01)
     assert run.freezes
     assert run.off.max() > 2e-4
     assert run.told.max() == pytest.approx(run.off.max(), rel=0.05)
@@ -323,6 +357,37 @@ def test_stresses_of_what_is_rigid_and_of_what_is_not_are_the_twins(effects):
     left, off = (np.square(one - twin).sum(axis=(0, 3, 4)) / size for one in (with_e, without))
     assert np.all(np.sqrt(left) <= 0.2 * np.sqrt(off))
     assert np.all(np.sqrt(left[1:]) <= 0.05 * np.sqrt(off[1:]))  # of the block, which bends little
+
+
+def test_an_error_that_fades_after_a_release_is_let_go(followed):
+    """By its damping, at a twentieth of the promise; it is zero then, and the ledger tells it."""
+
+    def once(t):
+        return float(t < 4) * np.sin(np.pi * t / 4) ** 2
+
+    effects = HELD, rf.Traction("x1", (0, 0, 100.0), time=once), rf.KelvinVoigt(3e4)
+    back = rf.Release(at=5.0)
+    rule = rf.StrainRate(2e-3, 20 * DT, release=back, until=5.0)
+    e, told, t = [], [], []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for r in rf.simulate(
+            scene(*effects, rf.MassDamping(1.0)), DT, 24.0, rigidify=rule, progress=False
+        ):
+            e.append(np.linalg.norm(r.error_motion["tip"]))
+            told.append(r.ledger.let_go)
+            t.append(r.t)
+    e, told = np.array(e), np.array(told)
+    assert e.max() > 0
+    assert told[-1] > 0
+    assert "error let go" in str(r.ledger)
+    first = int(np.argmax(told > 0))
+    assert t[first] > 5
+    assert not e[-1]
+    assert not told[:first].any()
+    # It fades within a window, and never jumps.
+    assert not e[first + 25 :].any()
+    assert np.abs(np.diff(e[first - 1 : first + 25])).max() <= 0.3 * told[-1]
 
 
 def test_viscosity_that_ends_is_one_no_more(followed, made):

@@ -34,7 +34,7 @@ class Equations:
 
     Attributes:
         response: The solution; None before the first step of e.
-        loose: Rigid motions that nothing holds; None likewise.
+        loose: Rigid motions that nothing holds; none likewise.
         shape: Displacement that makes the shape [m].
     """
 
@@ -52,11 +52,12 @@ class Equations:
         self._held: Bools = np.zeros(3 * scene.owned_nodes, dtype=bool)
         self._viscous: list[int] = []  # terms of viscosity in these equations
         self.response: Response | None = None
-        self.loose: Loose | None = None
+        n = scene.owned_nodes
+        self.loose = Loose(scene, np.zeros(n, dtype=bool), *np.empty((2, 3 * n, 0)))
         self.shape = self._forms.shape
 
-    def have(self, dt: float, frames: Frames) -> tuple[Response, Loose]:
-        """The solution for the supports and viscosities that act. Collective.
+    def have(self, dt: float, frames: Frames) -> None:
+        """Have the solution for the supports and viscosities that act. Collective.
 
         Args:
             dt: Length of the step of the run [s].
@@ -83,9 +84,6 @@ class Equations:
                 supported = np.flatnonzero(held)
                 self.response = Modal(scene, motion, supported, loose, self._points, e, rate)
             self.loose = loose
-        assert self.response is not None
-        assert self.loose is not None
-        return self.response, self.loose
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""

@@ -28,24 +28,24 @@ from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from rigidfx.effects import Joint, Rigid, Spring
+from rigidfx.effects import Spring
 from rigidfx.error.cell_strains import CellStrains
+from rigidfx.error.ending import Ending, Promise
 from rigidfx.error.equations import Equations
 from rigidfx.error.frames import Frames, to_space
 from rigidfx.error.impulse import Impulse
-from rigidfx.error.loose import Loose
 from rigidfx.error.response import Response
 from rigidfx.error.shown import Shown
+from rigidfx.error.validity import Validity
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.scene.points import Point
-from rigidfx.scene.scene import Scene
 from rigidfx.shadow.body_forces import BodyForces
 from rigidfx.shadow.shadow import Shadow
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import Attempt
 from rigidfx.step.watches.watch import Watch
 
-__all__ = ["ErrorMotion", "can_be_followed"]
+__all__ = ["ErrorMotion"]
 
 Array = npt.NDArray[np.float64]
 Cells = npt.NDArray[np.int32]
@@ -60,12 +60,6 @@ RESOLVED = 0.2
 LONGEST = 4  # steps of the run in a step of e, at most
 
 
-def can_be_followed(scene: Scene) -> bool:
-    """Whether e may be known in a scene."""
-    given = any(rigid.given for rigid in scene.named(Rigid))
-    return not given and not scene.named(Joint)
-
-
 # An attempt; impulse, response, and the own numbers, as they were before it.
 _Before = tuple[Attempt, object, object, tuple[int, float, float]]
 
@@ -75,6 +69,8 @@ class ErrorMotion(Watch):
 
     Attributes:
         known: Whether it is followed: false from the first contact on.
+        ending: Lets e go where it is small, and tells how large it was.
+        validity: Tells where e is not small.
         steps: How many steps e has taken, looks included. It takes none at rest, and one for
             several of the run where that is enough.
     """
@@ -86,6 +82,7 @@ class ErrorMotion(Watch):
         turning: Callable[[], float],
         points: Mapping[str, Point],
         indicator: Indicator,
+        promise: Promise,
     ) -> None:
         """Nothing is off.
 
@@ -95,6 +92,7 @@ class ErrorMotion(Watch):
             turning: Returns 1/ω of the motion [s].
             points: Points at which e is asked for, by name.
             indicator: A measure of its own for strains of e.
+            promise: What e may be.
         """
         self._stepper, self._turning = stepper, turning
         self._scene = scene = stepper.scene
@@ -107,8 +105,15 @@ class ErrorMotion(Watch):
         self._frames: Frames | None = None  # against the shape at the first freeze
         self._dt = self._of_run = 0.0  # length of the steps of e, and of the run's [s]
         self._before: _Before | None = None  # a look at an attempt, if it is no step yet
+        self.validity, self.ending = Validity(scene), Ending(stepper, promise)
         self.steps = 0
         self._rotations: tuple[int, Array] | None = None  # of the parts, and when
+
+    @property
+    def valid(self) -> bool:
+        """Whether e is known, and small enough for what is linear; it is shown where it is."""
+        response = self._response
+        return self.known and self.validity.holds and (response is None or response.valid)
 
     def shown(self) -> Shown | None:
         """e in space at the present time; None while it is zero, or not known. Collective.
@@ -119,8 +124,7 @@ class ErrorMotion(Watch):
             return None
         Q = self._turned(self._frames)[self._frames.part]
         e, rate = response.fields()
-        if self._loose is not None:
-            e, rate = (np.where(self._loose.nodes[:, None], 0.0, a) for a in (e, rate))
+        e, rate = (np.where(self._equations.loose.nodes[:, None], 0.0, a) for a in (e, rate))
         return Shown(to_space(e + self._impulse.span * rate, Q), to_space(rate, Q))
 
     def at(self, points: Mapping[str, Point]) -> Mapping[str, Array]:
@@ -133,9 +137,8 @@ class ErrorMotion(Watch):
             return {}
         Q = self._turned(self._frames)
         part = self._frames.parts_at([point.nodes for point in points.values()])
-        own = np.stack(response.at([*points.values()]))
-        if self._loose is not None:
-            own[:, [self._loose.nodes[point.nodes].any() for point in points.values()]] = 0.0
+        own, loose = np.stack(response.at([*points.values()])), self._equations.loose.nodes
+        own[:, [loose[point.nodes].any() for point in points.values()]] = 0.0
         e, rate = self._scene.sum(own)
         return dict(zip(points, to_space(e + self._impulse.span * rate, Q[part]), strict=True))
 
@@ -185,10 +188,6 @@ class ErrorMotion(Watch):
     def _response(self) -> Response | None:
         return self._equations.response
 
-    @property
-    def _loose(self) -> Loose | None:
-        return self._equations.loose
-
     def moved(self) -> tuple[Array, Cells]:
         """What bodies have withheld: e without their rigid motions, in space. Collective.
 
@@ -202,8 +201,7 @@ class ErrorMotion(Watch):
 
     def _valid(self) -> Response | None:
         """The response, where it may be shown."""
-        response = self._response if self.known else None
-        return response if response is not None and response.valid else None
+        return self._response if self.valid else None
 
     # Switches -----------------------------------------------------------------------------------
 
@@ -284,13 +282,17 @@ class ErrorMotion(Watch):
             return
         if self._before is None or self._before[0] is not attempt:
             self.look(attempt)
-        self._before = None
+        before, self._before = self._before, None
+        if before is not None and self.steps > before[3][0] and self._response is not None:
+            x = self._stepper.state.positions(self._nodes)
+            self.validity.look(attempt.end, self._response, x, self._frames.shape)
+            self._response.scale(self.ending.part(self._dt, self._impulse.pushes, self._response))
 
     def _take(self, dt: float, frames: Frames) -> None:
         """Take a step of the run of length dt [s]. Collective."""
         self._impulse.bear(dt, frames)
         self._adapt(dt)
-        while self._impulse.span >= self._dt * (1 - 1e-9):
+        while round(self._impulse.span / self._dt, 9) >= 1:
             self._step()
 
     def _adapt(self, dt: float) -> None:
@@ -304,25 +306,24 @@ class ErrorMotion(Watch):
         """
         assert self._response is not None
         resolved = RESOLVED * min(self._turning(), self._response.slowness)
-        pushed = self._scene.comm.allreduce(self._impulse.pushes, op=MPI.LOR)
-        longest = dt if pushed else max(min(LONGEST * dt, resolved), dt)
+        longest = dt if self._impulse.pushes else max(min(LONGEST * dt, resolved), dt)
         if not 0.5 * longest <= self._dt <= longest:
             self._dt, self._of_run = LONGEST * dt if longest >= LONGEST * dt else dt, dt
 
     def _step(self) -> None:
         """Take a step of e under the mean force since the last one; none at rest. Collective."""
         assert self._response is not None
-        assert self._loose is not None
         dt, impulse = self._dt, self._impulse
         mean = impulse.taken(dt)
         moving = bool(mean.any() or impulse.kick.any() or self._response.moving)
         if not self._scene.comm.allreduce(moving, op=MPI.LOR):
             return
-        self._response.kick(self._loose.still(impulse.kick))
+        loose = self._equations.loose
+        self._response.kick(loose.still(impulse.kick))
         impulse.kick = np.zeros_like(impulse.kick)
         drag, xi = self._scene.damping(self._stepper.state.t)
         # ξ is a viscosity by the steps of the run.
-        force = self._loose.balanced(mean)
+        force = loose.balanced(mean)
         self._response.step(force, dt, drag, xi * self._of_run / dt)
         self.steps += 1
 

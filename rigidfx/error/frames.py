@@ -48,7 +48,7 @@ class Frames:
         Returns:
             Rotations, shape (sets, 3, 3).
         """
-        local = np.zeros((len(sets), 16))
+        local = np.zeros((len(sets), 1 + 3 + 3 + 9))
         for sums, nodes in zip(local, sets, strict=True):
             a, b = self.shape[nodes], x[nodes]
             sums[:] = [len(a), *a.sum(axis=0), *b.sum(axis=0), *(b.T @ a).reshape(-1)]

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 
 from rigidfx.error.frames import Frames, to_shape, to_space
 from rigidfx.mechanics.rigid_body import RigidBody
@@ -49,8 +50,9 @@ class Impulse:
 
     @property
     def pushes(self) -> bool:
-        """Whether a force or a kick waits on this rank."""
-        return bool(self._total.any() or self.kick.any())
+        """Whether a force or a kick waits on any rank. Collective."""
+        own = bool(self._total.any() or self.kick.any())
+        return bool(self._stepper.scene.comm.allreduce(own, op=MPI.LOR))
 
     def kept(self) -> object:
         """What `restore` needs."""

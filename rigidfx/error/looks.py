@@ -10,8 +10,8 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.coupling.rows import Rows
-from rigidfx.effects import Contact, Rigid, Spring
-from rigidfx.error.error_motion import ErrorMotion, can_be_followed
+from rigidfx.effects import Contact, Joint, Rigid, Spring
+from rigidfx.error.error_motion import ErrorMotion
 from rigidfx.error.frames import Frames
 from rigidfx.error.loose import unresisted
 from rigidfx.error.pace import Pace
@@ -27,10 +27,16 @@ from rigidfx.step.system.supports import PrescribedDofs
 from rigidfx.step.watches.judge import Attempt
 from rigidfx.step.watches.watch import Watch
 
-__all__ = ["Looks", "can_decide"]
+__all__ = ["Looks", "can_be_followed", "can_decide"]
 
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int32]
+
+
+def can_be_followed(scene: Scene) -> bool:
+    """Whether e may be known in a scene."""
+    given = any(rigid.given for rigid in scene.named(Rigid))
+    return not given and not scene.named(Joint)
 
 
 def can_decide(scene: Scene) -> bool:

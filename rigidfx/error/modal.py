@@ -150,6 +150,10 @@ class Modal:
             self._still = self._force, self._solved(self._force)
         return np.asarray(self._still[1] + self._amplitudes() @ self._phi)
 
+    def coarse(self) -> Array:
+        """See `Response`: the modes."""
+        return self._field(self._eta @ self._phi)
+
     def _field(self, free: Array) -> Array:
         """Vectors at the nodes, shape (nodes, 3), by their free components."""
         out = np.zeros(3 * self._n)
@@ -195,6 +199,10 @@ class Modal:
             self._changed = self._field(now - self._asked), self._since
             self._asked, self._since = now, 0.0
         return self._changed
+
+    def scale(self, part: float) -> None:
+        """See `Response`."""
+        self._eta, self._rate = part * self._eta, part * self._rate
 
     def kept(self) -> object:
         """See `Response`."""

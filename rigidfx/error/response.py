@@ -65,11 +65,19 @@ class Response(Protocol):
         """e [m] and ė [m/s] at the owned nodes, shape (nodes, 3) each. Collective."""
         ...
 
+    def coarse(self) -> Array:
+        """e without what follows forces without inertia, shape (nodes, 3) [m]. Collective."""
+        ...
+
     def change(self) -> tuple[Array, float]:
         """Change of e, shape (nodes, 3) [m], and its time [s]. Collective.
 
         In the last step; by modes since it was asked for last, as it takes a solve.
         """
+        ...
+
+    def scale(self, part: float) -> None:
+        """Have a part of e and ė left."""
         ...
 
     def kept(self) -> object:
@@ -131,9 +139,17 @@ class AllUnknowns:
         self._e, self._rate = self._e + d, 2 / dt * d - self._rate
         self._change = d, dt
 
+    def coarse(self) -> Array:
+        """See `Response`: all of e."""
+        return self._e
+
     def change(self) -> tuple[Array, float]:
         """See `Response`."""
         return self._change
+
+    def scale(self, part: float) -> None:
+        """See `Response`."""
+        self._e, self._rate = part * self._e, part * self._rate
 
     def kept(self) -> object:
         """See `Response`."""

@@ -14,7 +14,7 @@ what is watched. The error of the mesh is not estimated.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import isnan, nan, pi
 from typing import ClassVar, Literal
 
@@ -111,6 +111,8 @@ class Ledger:
         struck: Whether a contact has closed: what time integration errs by is unknown from then on,
             too, as small errors of a blow become large ones of where it sends what was struck.
         measured: Largest distance from a finer flexible twin so far, of `Accuracy(check=True)`.
+        let_go: Largest |e| of an error motion that was let go so far, as nothing drove it and it
+            was below a twentieth of what is promised [m].
     """
 
     MESH: ClassVar[str] = "not estimated: compare with a finer mesh"
@@ -125,6 +127,7 @@ class Ledger:
     sure: Sure = "estimate"
     struck: bool = False
     measured: Entry = NOTHING
+    let_go: float = field(default_factory=float)
 
     @property
     def motion(self) -> float:
@@ -153,6 +156,8 @@ class Ledger:
             names["measured"] = "motion, against a twin"
         width = max(map(len, names.values()))
         lines = [f"{words:{width}s} {getattr(self, name)}" for name, words in names.items()]
+        if self.let_go > 0:
+            lines.append(f"{'error let go':{width}s} {self.let_go:.3g} m")
         return "\n".join([*lines, f"{'mesh':{width}s} {self.MESH}"])
 
 

@@ -145,6 +145,7 @@ def with_ledger(
     withheld: float,
     periods: float,
     rigidity: Rigidity | None = None,
+    let_go: float = 0.0,
 ) -> Report:
     """A report with what has been spent up to its end. Collective.
 
@@ -154,10 +155,11 @@ def with_ledger(
         withheld: Strain energy that rigidity withholds [J].
         periods: Periods that the motion has gone through.
         rigidity: What rigidity does to the motion; None if nothing estimates that.
+        let_go: Largest error motion that has been let go so far [m].
     """
     measures = Measures(**{item.name: getattr(report, item.name) for item in fields(Measures)})
     ledger = ledgers.follow(measures, report.dissipated, withheld, periods, rigidity)
-    return replace(report, ledger=ledger)
+    return replace(report, ledger=replace(ledger, let_go=let_go))
 
 
 def _measured(measures: Measures) -> dict[str, Any]:

@@ -194,6 +194,10 @@ class Accuracy(Criterion):
         """See `Criterion`: deflections are off by as much."""
         return float(self.budget)
 
+    def allowed(self, peak: float) -> float:
+        """See `Criterion`."""
+        return float(self.budget)
+
     @property
     def pardon(self) -> str:
         """See `Criterion`."""

@@ -199,6 +199,12 @@ class StrainRate(Criterion):
         """Half of what wakes cells."""
         return max(1.0, HALF * self.kappa)
 
+    def allowed(self, peak: float) -> float:
+        """See `Criterion`: κ tol over the largest strain rate."""
+        if isinstance(self.tol, Relative):
+            return float(self.kappa * self.tol.part)
+        return float(self.kappa * self.tol / peak) if peak > 0 else 0.0
+
     def rule(self, scene: Scene, timeline: Timeline, memory: Memory) -> Rule:
         """See `Criterion`."""
         kappa = float(self.kappa) if self.wake == "local" else None

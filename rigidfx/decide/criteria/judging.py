@@ -75,6 +75,14 @@ class Criterion:
         """What the strains of parts that are named rigid are compared with, in words."""
         return "what wakes other cells (kappa · tol)"
 
+    def allowed(self, peak: float) -> float:
+        """Part of the largest displacement that the error motion may be.
+
+        Args:
+            peak: Largest strain rate so far [1/s].
+        """
+        return 0.0
+
     @property
     def lacking(self) -> float | None:
         """Part of the compliance that such parts may take unsaid; None where strains tell."""

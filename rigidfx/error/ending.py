@@ -1,0 +1,92 @@
+"""How an error motion ends: where nothing drives it and little is left, it fades and stops.
+
+After a release e rings on, and fades with the structure's damping. Through a window in which no
+body is rigid its largest size is watched; if that is below a twentieth of 0.8 κ tol over the peak
+strain rate, of the largest displacement, e fades in proportion to time within another window.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.error.response import Response
+from rigidfx.step.stepper import Stepper
+
+__all__ = ["Ending", "Promise"]
+
+Array = npt.NDArray[np.float64]
+
+LITTLE = 0.04  # a twentieth of 0.8: of what is allowed, that is let go
+
+
+@dataclass(frozen=True)
+class Promise:
+    """What a criterion allows e to be.
+
+    Attributes:
+        part: Of the largest displacement, for the peak strain rate so far [1/s]. Collective.
+        window: Length of a window [s]; NaN while it is not known. Collective.
+    """
+
+    part: Callable[[float], float]
+    window: Callable[[], float]
+
+
+class Ending:
+    """Watches how large e is.
+
+    Attributes:
+        let_go: Largest |e| that has been let go so far [m].
+    """
+
+    def __init__(self, stepper: Stepper, promise: Promise) -> None:
+        """Nothing has moved.
+
+        Args:
+            stepper: Makes the steps.
+            promise: What e may be.
+        """
+        self._stepper, self._promise = stepper, promise
+        self.let_go = 0.0
+        self._most: Array = np.zeros(3)  # |e|, displacement and strain rate; the first of a window
+        self._watched = self._left = 0.0  # time in this window, and until e is zero [s]
+
+    def part(self, dt: float, pushed: bool, response: Response) -> float:
+        """What is left of e after a step, as a part of what it was. Collective.
+
+        Args:
+            dt: Length of the step [s].
+            pushed: Whether a force or a kick waits, equal on all ranks.
+            response: Has e.
+        """
+        e = response.coarse()
+        state, indicator = self._stepper.state, self._stepper.indicator
+        moved = state.positions(np.arange(len(e))) - state.X[: len(e)]
+        sizes = (np.linalg.norm(a, axis=1) for a in (e, moved))
+        rates = np.zeros(1) if indicator is None else indicator.values
+        own = [*(size.max(initial=0.0) for size in sizes), rates.max(initial=0.0)]
+        self._most = np.maximum(self._most, own)
+        if pushed or len(state.bodies):
+            self._most[0] = self._watched = self._left = 0.0
+            return 1.0
+        if self._left > 0:
+            part = max(1 - dt / self._left, 0.0)
+            self._left = max(self._left - dt, 0.0)
+            return part
+        self._watched += dt
+        window = self._promise.window()
+        if self._watched >= window:
+            self._window_ends(window)
+        return 1.0
+
+    def _window_ends(self, window: float) -> None:
+        """Begin to fade if little is left. Collective."""
+        most = np.max(self._stepper.scene.comm.allgather(self._most), axis=0)
+        size, moved, rate = map(float, most)
+        if 0 < size < LITTLE * self._promise.part(rate) * moved:
+            self._left, self.let_go = window, max(self.let_go, size)
+        self._most[0] = self._watched = 0.0
