@@ -201,6 +201,8 @@ class Run:
         if self.ledgers is None:
             return report
         withheld = np.nan if self.shadow is None else self.shadow.withheld
+        if self.looks is not None:
+            withheld = self.looks.withheld
         periods, rigidity = (0.0, self.idle) if self.policy is None else self.policy.spent(report.t)
         if self.stepper.control is not None:
             energy = report.energy - report.contact

@@ -169,7 +169,6 @@ def test_rank_of_a_cell(element):
 # Dynamics ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.filterwarnings("ignore:Error motion")  # tolerances freeze whatever moves
 @pytest.mark.parametrize("mass", ["lumped", "consistent"])
 @of_each
 def test_free_flight_and_a_cycle(element, mass):

@@ -85,7 +85,6 @@ def test_forces_are_derivatives_of_the_energy(element):
     np.testing.assert_allclose(small, expected, atol=1e-5 * np.abs(expected).max())
 
 
-@pytest.mark.filterwarnings("ignore:Error motion")  # tolerances freeze whatever moves
 @pytest.mark.parametrize("element", ELEMENTS)
 def test_a_damped_start_free_flight_and_a_cycle(element):
     """Energy, momenta and what is dissipated, through a freeze and a release; all tangents."""

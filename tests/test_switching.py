@@ -563,7 +563,6 @@ def test_cells_that_are_rigid_always(mass):
     assert found[0.5] == found[0.8] == {"left": LEFT, "right": RIGHT}
 
 
-@pytest.mark.filterwarnings("ignore:Error motion")  # tolerances freeze whatever moves
 @short_windows
 @MASSES
 def test_a_body_that_has_kept_nothing_grows(mass):

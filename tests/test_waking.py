@@ -818,7 +818,6 @@ def test_a_freeze_pays_as_much_work_as_it_costs():
     assert not too_dear(parts, quiet, one, MPI.COMM_SELF).any()
 
 
-@pytest.mark.filterwarnings("ignore:Error motion")  # most of what swings may be rigid here
 @pytest.mark.parametrize(("where", "windows"), [(2.0, 1), (7.0, 3)])
 def test_small_parts_wait_longer_than_large_ones(where, windows):
     box = rf.box((0, 0, 0), (8, 1, 1), (16, 2, 2))

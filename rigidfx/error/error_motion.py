@@ -199,6 +199,12 @@ class ErrorMotion(Watch):
             return out, np.empty(0, np.int32)
         return self._impulse.in_space(self._response.fields()[0], self._frames, out)
 
+    def withheld(self) -> float:
+        """Strain energy that bodies withhold, ½ ρᵀe, no less than zero [J]. Collective."""
+        if self._frames is None or self._response is None:
+            return 0.0
+        return self._impulse.withheld(self._response.fields()[0], self._frames)
+
     def _valid(self) -> Response | None:
         """The response, where it may be shown."""
         return self._response if self.valid else None

@@ -15,6 +15,7 @@ from mpi4py import MPI
 from rigidfx.error.frames import Frames, to_shape, to_space
 from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.shadow.body_forces import BodyForces
+from rigidfx.shadow.parts import Parts
 from rigidfx.shadow.shadow import Shadow
 from rigidfx.step.stepper import Stepper
 
@@ -104,10 +105,23 @@ class Impulse:
         if self._shadow.borne is None:
             return out, np.empty(0, np.int32)
         parts = self._shadow.borne[0]
-        own = np.zeros_like(parts.V)
+        own = parts.unmoved(self._framed(e, parts, frames))
+        return parts.in_space(own, self._stepper.state.bodies, out)
+
+    def withheld(self, e: Array, frames: Frames) -> float:
+        """½ ρᵀe of the bodies, no less than zero [J]. Collective; arguments as of `in_space`."""
+        if self._shadow.borne is None:
+            return 0.0
+        parts, force = self._shadow.borne
+        own = parts.energies(force, self._framed(e, parts, frames)).sum()
+        return max(0.0, float(self._stepper.scene.sum(own)))
+
+    def _framed(self, e: Array, parts: Parts, frames: Frames) -> Array:
+        """e at the bodies' nodes in their frames, shape (nodes, 3) [m]. Collective."""
+        out = np.zeros_like(parts.V)
         for body, at in zip(parts.bodies, parts.at, strict=True):
-            own[at] = to_space(e[body.nodes], self._frame_of(body, frames))
-        return parts.in_space(parts.unmoved(own), self._stepper.state.bodies, out)
+            out[at] = to_space(e[body.nodes], self._frame_of(body, frames))
+        return out
 
     def taken(self, dt: float) -> Array:
         """Mean force over a step of e [N], which takes its part. Its length is dt [s]."""

@@ -59,7 +59,11 @@ def can_decide(scene: Scene) -> bool:
 
 
 class Looks(Watch):
-    """Asks e which rigid cells it strains too fast, and what flexible ones strain in u + e."""
+    """Asks e which rigid cells it strains too fast, and what flexible ones strain in u + e.
+
+    Attributes:
+        withheld: Strain energy that bodies withhold, at the last look [J].
+    """
 
     def __init__(
         self, stepper: Stepper, forces: BodyForces, error: ErrorMotion, indicator: Indicator
@@ -77,6 +81,7 @@ class Looks(Watch):
         self._owned = indicator.values.size
         self._rigid: Ints = np.empty(0, np.int32)
         self._pace = Pace(forces)
+        self.withheld = 0.0
         self._since = 0.0  # time since the last measure of u + e [s]
         self._rates: Array | None = None  # of u + e, then
 
@@ -136,4 +141,5 @@ class Looks(Watch):
             nodes = np.arange(len(shown.displacement))
             moved = state.positions(nodes) - state.X[nodes] + shown.displacement
         self._rates, self._since = self._shared.step(moved, self._since), 0.0
+        self.withheld = self._error.withheld()
         return self._rates
