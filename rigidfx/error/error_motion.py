@@ -57,7 +57,7 @@ _FOLLOWING = PETSc.Log.Event("rigidfxErrorMotion")
 # Length of a step of e over 1/ω of the motion and of e, at most: a vibration of e is out of phase
 # by (ω Δt)²/12 a radian.
 RESOLVED = 0.2
-LONGEST = 4  # steps of the run in a step of e, at most
+LONGEST = 4  # steps of the run in a step of e, at most, or from look to look at its size
 
 
 # An attempt; impulse, response, and the own numbers, as they were before it.
@@ -290,8 +290,9 @@ class ErrorMotion(Watch):
             self.look(attempt)
         before, self._before = self._before, None
         if before is not None and self.steps > before[3][0] and self._response is not None:
-            x = self._stepper.state.positions(self._nodes)
-            self.validity.look(attempt.end, self._response, x, self._frames.shape)
+            if self.steps % LONGEST == 0:
+                x = self._stepper.state.positions(self._nodes)
+                self.validity.look(attempt.end, self._response, x, self._frames.shape)
             self._response.scale(self.ending.part(self._dt, self._impulse.pushes, self._response))
 
     def _take(self, dt: float, frames: Frames) -> None:
