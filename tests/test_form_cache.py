@@ -56,7 +56,7 @@ def test_a_stopped_compilation_is_told_and_cleared(cache, caplog):
             file.unlink()
     with caplog.at_level(logging.WARNING):
         compile_form()
-    (told,) = caplog.messages
+    (told,) = (line for line in caplog.messages if not line.startswith("compiling"))
     assert "waits for another process" in told
     assert f"remove '{source}'" in told
     assert the_file(cache, ".c.cached").exists()
@@ -85,7 +85,7 @@ def test_a_damaged_result_is_made_anew(cache, tmp_path, monkeypatch, caplog, dam
     monkeypatch.setattr(kernels, "jit_options", lambda: options)
     with caplog.at_level(logging.WARNING):
         compile_form()
-    assert not caplog.messages
+    assert all(line.startswith("compiling") for line in caplog.messages)
     assert the_file(other, ".so").stat().st_size == size
 
 

@@ -124,7 +124,7 @@ def unresisted(
             nodes |= own
             modes = np.zeros((n, 3, unresisted.shape[1]))
             modes[own] = V @ unresisted
-            columns.append(modes.reshape(3 * n, -1))
+            columns.append(modes.reshape(3 * n, modes.shape[2]))
     return nodes, np.concatenate([np.empty((3 * n, 0)), *columns], axis=1)
 
 

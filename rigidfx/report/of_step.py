@@ -88,7 +88,7 @@ def report_of(
         dissipated=result.dissipated if result else {},
         reactions=result.reactions if result else {},
         reaction_moments=result.reaction_moments if result else {},
-        touches=_untouched(stepper.scene) | (dict(result.touches) if result else {}),
+        touches=result.touches if result else _untouched(stepper.scene),
         joints=result.joints if result else JointReports(),
         impact=impact,
         rigid=state.bodies,
