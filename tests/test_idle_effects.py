@@ -56,6 +56,7 @@ def calls(scene, steps=4):
 
 @pytest.mark.parametrize("rigid", [(), (rf.Rigid("half"),)], ids=["flexible", "rigid"])
 def test_ten_effects_that_do_not_act_cost_nothing(rigid):
-    without, beside = calls(bar(*rigid)), calls(bar(*rigid, *IDLE))
+    # The interpreter's own calls, of collected objects say, come now and then.
+    without, beside = (min(calls(bar(*rigid, *idle)) for _ in range(3)) for idle in ((), IDLE))
     assert without == beside
     assert without[0] > 1000
