@@ -73,6 +73,7 @@ from rigidfx.mechanics.materials import (
 )
 from rigidfx.mechanics.schemes import EnergyMomentum, Midpoint, Trapezoidal
 from rigidfx.output.bodies_file import read_bodies, write_bodies
+from rigidfx.output.field_reader import read_fields
 from rigidfx.output.history import read_history
 from rigidfx.output.recorder import Recorder
 from rigidfx.report.recovered import recovered_stress
@@ -160,6 +161,7 @@ __all__ = [
     "rayleigh",
     "read_bodies",
     "read_cad",
+    "read_fields",
     "read_geo",
     "read_history",
     "read_msh",

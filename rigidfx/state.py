@@ -90,6 +90,17 @@ class State:
             x[inside] = self.X[held] + (displacement[held] + moved)
         return x
 
+    def velocities(self, nodes: npt.NDArray[np.int64]) -> Array:
+        """Velocities of owned nodes, also of those inside bodies, shape (nodes, 3) [m/s]."""
+        v = np.array(self.v.x.array.reshape(-1, 3)[nodes])
+        if len(self.bodies):
+            body, coordinates, _ = self.bodies.of.holding(len(self.X))
+            inside = np.flatnonzero(body[nodes] >= 0)
+            of = body[nodes[inside]]
+            arms = (coordinates[nodes[inside], None, 1:] @ self.bodies.pose[of, 1:])[:, 0]
+            v[inside] = self.bodies.velocity[of] + np.cross(self.bodies.angular_velocity[of], arms)
+        return v
+
     @property
     def stored(self) -> float:
         """Energy that the bodies keep for their release [J]."""

@@ -415,7 +415,7 @@ CEILINGS = {
     "error": 12,
     "flexible": 12,
     "mechanics": 80,
-    "output": 51,
+    "output": 40,
     "plot": 49,
     "report": 26,
     "scene": 18,

@@ -274,7 +274,7 @@ def record_switches(folder, t_end=0.5):
     release = rf.Release(at=0.4) if t_end < 1.0 else ()
     criterion = rf.StrainRate(1e9, 0.2, never="middle", release=release, patience=1)
     body, reports, rates = Body(scene.space), [], []
-    with rf.Recorder(scene, folder, every=1) as recorder:
+    with rf.Recorder(scene, folder, every=1, format="both") as recorder:
         for report in rf.simulate(scene, 0.1, t_end, rigidify=criterion, progress=False):
             recorder.write(report)
             reports.append(report)
@@ -408,6 +408,10 @@ def test_files_of_a_run_that_was_stopped(tmp_path, how, times):
     for t in sorted(grids)[:-1]:  # bodies follow the fields
         assert numbers.get(t, 0) == cell_data(grids[t], "body").max()
     assert len(read_table(tmp_path / "events.csv")) == 2
+    fields = rf.read_fields(tmp_path / "fields.vtkhdf")
+    assert fields.times.size in (len(grids), len(grids) - 1)  # it is written after the .pvd
+    for t, u in zip(fields.times, fields["displacement"], strict=True):
+        np.testing.assert_array_equal(u, point_data(grids[t], "displacement"))
     pyvista = pytest.importorskip("pyvista")
     reader = pyvista.PVDReader(pvd)
     assert list(reader.time_values) == sorted(grids)

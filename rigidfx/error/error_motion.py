@@ -127,11 +127,11 @@ class ErrorMotion(Watch):
         e, rate = (np.where(self._equations.loose.nodes[:, None], 0.0, a) for a in (e, rate))
         return Shown(to_space(e + self._impulse.span * rate, Q), to_space(rate, Q))
 
-    def at(self, points: Mapping[str, Point]) -> Mapping[str, Array]:
-        """e in space at points that were given at the start, by name [m]. Collective.
+    def at(self, points: Mapping[str, Point]) -> Mapping[str, Shown]:
+        """e in space at points that were given at the start, by name. Collective.
 
         Returns:
-            Shape (3,) each; nothing while e is zero, or not known.
+            Of shape (3,) each [m, m/s]; nothing while e is zero, or not known.
         """
         if self._frames is None or not points or (response := self._valid()) is None:
             return {}
@@ -140,7 +140,8 @@ class ErrorMotion(Watch):
         own, loose = np.stack(response.at([*points.values()])), self._equations.loose.nodes
         own[:, [loose[point.nodes].any() for point in points.values()]] = 0.0
         e, rate = self._scene.sum(own)
-        return dict(zip(points, to_space(e + self._impulse.span * rate, Q[part]), strict=True))
+        moved = to_space(e + self._impulse.span * rate, Q[part])
+        return dict(zip(points, map(Shown, moved, to_space(rate, Q[part])), strict=True))
 
     def motion(self) -> tuple[fem.Function, fem.Function] | None:
         """The shape, and e in its frame [m] at the present time, ghosts included. Collective.

@@ -38,7 +38,7 @@ from scipy.sparse import csr_array
 from rigidfx.flexible.stress import PointStress, Recovered, chunks
 from rigidfx.scene.scene import Scene
 
-__all__ = ["NodalStress", "extrapolation", "material_groups"]
+__all__ = ["NodalStress", "extrapolation", "material_groups", "summed"]
 
 Array = npt.NDArray[np.float64]
 
@@ -51,16 +51,25 @@ class NodalStress:
         groups: For each owned cell the number of its material, equal ones having one number.
     """
 
-    def __init__(self, scene: Scene, points: PointStress | None = None) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        points: PointStress | None = None,
+        cells: npt.NDArray[np.int32] | None = None,
+    ) -> None:
         """Compile the expressions, if they are not given. Collective.
 
         Args:
             scene: The problem.
             points: Stress at the integration points of that scene.
+            cells: Owned cells, in ascending order, if nodes are of interest only all of whose
+                cells are among them, on all ranks; values at others mean nothing then.
         """
         self._scene = scene
         self.points = PointStress(scene) if points is None else points
         self.groups = material_groups(scene)
+        every = np.arange(self.groups.size, dtype=np.int32)
+        self._cells = every if cells is None else cells
         self._extrapolate = extrapolation(scene, self.points)
 
     def measure(self, u: fem.Function, recovered: Recovered | None = None) -> Array:
@@ -75,38 +84,31 @@ class NodalStress:
         """
         self.points.take(u, recovered)
         corners, out = self._extrapolate.shape[0], np.zeros((self._shares.shape[0], 12))
-        for cells in chunks(self.groups.size):
-            values = self._extrapolate @ self.points.evaluate(cells)[:, :, :12]
-            own = slice(cells[0] * corners, (cells[-1] + 1) * corners)
+        for at in chunks(self._cells.size):
+            values = self._extrapolate @ self.points.evaluate(self._cells[at])[:, :, :12]
+            own = slice(at[0] * corners, (at[-1] + 1) * corners)
             out += self._shares[:, own] @ values.reshape(-1, 12)
         sums = out.reshape(len(self._scene.materials), -1, 12)
-        return np.stack([self._added(group) for group in sums])
+        return np.stack([summed(self._scene, group) for group in sums])
 
     @cached_property
     def _shares(self) -> Any:
         """Share of each cell's nodes in the value of a node, rows being those of all materials."""
-        nodes = self._scene.space.dofmap.list[: self.groups.size]
+        nodes = self._scene.space.dofmap.list[self._cells]
         local = self._scene.space.tabulate_dof_coordinates().shape[0]
         volumes = [
-            self.points.evaluate(cells)[:, :, 13] @ self.points.weights
-            for cells in chunks(self.groups.size)
+            self.points.evaluate(self._cells[at])[:, :, 13] @ self.points.weights
+            for at in chunks(self._cells.size)
         ]
         data = np.repeat(np.concatenate([np.empty(0), *volumes]), nodes.shape[1])
-        rows = (self.groups[:, None].astype(np.int64) * local + nodes).reshape(-1)
+        groups = self.groups[self._cells].astype(np.int64)
+        rows = (groups[:, None] * local + nodes).reshape(-1)
         shape = (len(self._scene.materials) * local, data.size)
         shares = csr_array((data, (rows, np.arange(data.size))), shape=shape)
         sums = np.asarray(shares.sum(axis=1)).reshape(-1, local)
-        all_ranks = np.concatenate([self._added(group[:, None])[:, 0] for group in sums])
+        all_ranks = np.concatenate([summed(self._scene, group[:, None])[:, 0] for group in sums])
         shares.data /= np.repeat(all_ranks, np.diff(shares.indptr))
         return shares
-
-    def _added(self, values: Array) -> Array:
-        """Sums over ranks of values of local nodes, ghosts included. Collective."""
-        vector = la.vector(self._scene.space.dofmap.index_map, values.shape[1])
-        vector.array[:] = values.reshape(-1)
-        vector.scatter_reverse(la.InsertMode.add)
-        vector.scatter_forward()
-        return np.array(vector.array).reshape(values.shape)
 
 
 def extrapolation(scene: Scene, points: PointStress) -> Array:
@@ -120,6 +122,15 @@ def extrapolation(scene: Scene, points: PointStress) -> Array:
     at_points, at_nodes = (linear.tabulate(0, x)[0, :, :, 0] for x in (points.points, nodes))
     weighted = at_points.T * weights
     return np.asarray(at_nodes @ np.linalg.solve(weighted @ at_points, weighted))
+
+
+def summed(scene: Scene, values: Array) -> Array:
+    """Sums over ranks of values of local nodes, ghosts included, shape (nodes, n). Collective."""
+    vector = la.vector(scene.space.dofmap.index_map, values.shape[1])
+    vector.array[:] = values.reshape(-1)
+    vector.scatter_reverse(la.InsertMode.add)
+    vector.scatter_forward()
+    return np.array(vector.array).reshape(values.shape)
 
 
 def material_groups(scene: Scene) -> npt.NDArray[np.int32]:

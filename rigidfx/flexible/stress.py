@@ -40,7 +40,15 @@ from rigidfx.flexible.material_classes import material_classes
 from rigidfx.mechanics.schemes import second_piola_kirchhoff
 from rigidfx.scene.scene import Scene
 
-__all__ = ["CauchyStress", "PointStress", "Recovered", "chunks", "tensors", "von_mises"]
+__all__ = [
+    "SYMMETRIC",
+    "CauchyStress",
+    "PointStress",
+    "Recovered",
+    "chunks",
+    "tensors",
+    "von_mises",
+]
 
 Array = npt.NDArray[np.float64]
 Cells = npt.NDArray[np.int32]

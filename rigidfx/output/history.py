@@ -17,11 +17,16 @@ Columns, in SI units; a vector has one column for each of x, y, z:
     moment_NAME_x …                          its moment about the origin [N m], likewise
     u_NAME_x …                               displacement of each probe, with the error motion [m]
     u_NAME_e_x …                             the error motion in it [m]; zero where none is followed
+    v_NAME_x …                               velocity of each probe, with the error motion's [m/s]
+    a_NAME_x …                               its change since the last row over the time since then
+                                             [m/s²]: the mean acceleration; NaN in the first row
     von_mises_NAME, stress_NAME_xx …         stress at each probe [Pa], and
     strain_NAME_xx …                         strain there: xx, yy, zz, xy, yz, xz; extrapolated and
                                              averaged, see `rigidfx.flexible.nodal_stress`
     recovered_NAME                           1 where a rigid part says what it would strain there,
                                              see `rigidfx.report.recovered`; else 0
+    peak_NAME, peak_NAME_x …                 largest von Mises stress over each set of `peaks` [Pa],
+                                             and its node's place in the reference shape [m]
     contact                                  stored in contacts at t [J]; in scenes with contacts
     joint_NAME_place_x, _force_x, _moment_x … place of the joint NAME at t [m]; force on its second
                                              side and moment about the place [N, N m]
@@ -54,6 +59,7 @@ import csv
 from collections.abc import Iterable, Mapping, Sequence
 from math import nan
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -61,10 +67,12 @@ import numpy.typing as npt
 from rigidfx.base.errors import OutputError
 from rigidfx.base.inputs import path_of
 from rigidfx.effects import JointReport, Touch
+from rigidfx.flexible.stress import SYMMETRIC
+from rigidfx.report.peaks import Peak
 from rigidfx.report.probe_stress import StressAt
 from rigidfx.report.report import Report
 
-__all__ = ["components", "history_columns", "history_row", "read_history"]
+__all__ = ["columns_of", "components", "history_columns", "history_row", "read_history"]
 
 Array = npt.NDArray[np.float64]
 
@@ -82,7 +90,7 @@ LEDGER = (
 UNSURE = "estimate", "bound", "unknown"
 
 
-PAIRS = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "yz": (1, 2), "xz": (0, 2)}
+PAIRS = {"xyz"[i] + "xyz"[j]: (i, j) for i, j in SYMMETRIC}
 
 
 def history_columns(
@@ -91,6 +99,7 @@ def history_columns(
     contacts: Sequence[str] = (),
     stress: bool = False,
     joints: Sequence[str] = (),
+    peaks: Sequence[str] = (),
 ) -> list[str]:
     """Names of the columns.
 
@@ -100,17 +109,19 @@ def history_columns(
         contacts: Titles of the contacts.
         stress: Whether stress and strain at the probes are among them.
         joints: Titles of the joints.
+        peaks: Names of the sets whose largest stress is among them.
     """
     stresses = [name for probe in probes if stress for name in _stress_names(probe)]
     named = [
         *(f"{of}_{s}" for s in supports for of in ("reaction", "moment")),
-        *(f"u_{p}{e}" for p in probes for e in ("", "_e")),
+        *(name.format(p) for p in probes for name in ("u_{}", "u_{}_e", "v_{}", "a_{}")),
     ]
     vectors = ["L", "J", "impulse", "angular_impulse", "J_rigid", *named]
     names = [f"{vector}_{axis}" for vector in vectors for axis in "xyz"]
     first = [*SCALARS, "dissipated", "impact_energy", "momentum_scale", "bodies"]
     of_contacts = [*(["contact"] if contacts else []), *_of_contacts(contacts, {})]
     of_joints = _of_joints(joints, {})
+    stresses += [f"peak_{name}{at}" for name in peaks for at in ("", "_x", "_y", "_z")]
     return [*first, *names, *stresses, *of_contacts, *of_joints, *LEDGER, "wall"]
 
 
@@ -120,6 +131,8 @@ def history_row(
     contacts: Sequence[str] = (),
     stresses: Mapping[str, StressAt] | None = None,
     joints: Sequence[str] = (),
+    peaks: Mapping[str, Peak] | None = None,
+    before: Report | None = None,
 ) -> dict[str, float]:
     """The row of a step, by the names of the columns.
 
@@ -129,6 +142,8 @@ def history_row(
         contacts: Titles of the contacts, likewise.
         stresses: Stress and strain at the probes, if they are among the columns.
         joints: Titles of the joints.
+        peaks: Largest stresses, if they are among the columns.
+        before: The report of the row before, None in the first one.
     """
     row = {name: getattr(report, name) for name in SCALARS}
     row["dissipated"] = sum(report.dissipated.values())
@@ -146,14 +161,26 @@ def history_row(
     for name, displacement in report.probes.items():
         row |= components(f"u_{name}", displacement)
         row |= components(f"u_{name}_e", report.error_motion[name])
+        row |= components(f"v_{name}", report.velocities[name])
+        row |= components(f"a_{name}", _acceleration(report, before, name))
     for name, at in (stresses or {}).items():
         own = [at.stress[ij] for ij in PAIRS.values()], [at.strain[ij] for ij in PAIRS.values()]
         values = [at.von_mises, *own[0], *own[1], at.recovered]
         row |= dict(zip(_stress_names(name), map(float, values), strict=True))
+    for name, peak in (peaks or {}).items():
+        row |= {f"peak_{name}": peak.von_mises, **components(f"peak_{name}", peak.place)}
     if contacts:
         row |= {"contact": report.contact, **_of_contacts(contacts, report.touches)}
     row |= _of_joints(joints, report.joints)
     return row | _spent(report) | {"wall": report.wall}
+
+
+def _acceleration(report: Report, before: Report | None, probe: str) -> Array:
+    """Mean acceleration of a probe since another report, shape (3,) [m/s²]."""
+    if before is None or not report.t > before.t:
+        return np.full(3, nan)
+    change = report.velocities[probe] - before.velocities[probe]
+    return np.asarray(change / (report.t - before.t))
 
 
 def _of_joints(joints: Sequence[str], told: Mapping[str, JointReport]) -> dict[str, float]:
@@ -206,8 +233,10 @@ def components(name: str, vector: Iterable[float]) -> dict[str, float]:
     return {f"{name}_{axis}": float(x) for axis, x in zip("xyz", vector, strict=True)}
 
 
-def read_history(path: str | Path) -> dict[str, Array]:
-    """The columns of a history.csv by name, each of shape (steps,).
+def read_history(path: str | Path) -> Any:
+    """The columns of a history.csv by name: a pandas table, or arrays where there is no pandas.
+
+    `history["t"]` is a column in either case, of shape (steps,), and `list(history)` their names.
 
     Args:
         path: The file, or the folder of a `Recorder` with it; its run may go on, or was killed.
@@ -216,6 +245,16 @@ def read_history(path: str | Path) -> dict[str, Array]:
         OutputError: If it is not there, is no table of numbers, or cannot be read.
         SceneError: If path is none.
     """
+    found = columns_of(path)
+    try:
+        import pandas
+    except ImportError:
+        return found
+    return pandas.DataFrame(found)
+
+
+def columns_of(path: str | Path) -> dict[str, Array]:
+    """The columns of a history.csv as arrays: see `read_history`."""
     path = path_of("read_history", "path", path)
     if path.is_dir():
         path = path / "history.csv"

@@ -171,6 +171,9 @@ class Series:
         self._list(f'<DataSet timestep="{t!r}" part="0" file={name}/>\n'.encode())
         self._count += 1
 
+    def close(self) -> None:
+        """Nothing to do: each file is whole and closed."""
+
     def _list(self, entry: bytes) -> None:
         """Put an entry before the end of the .pvd, by one call of the system: wholly or not at all.
 

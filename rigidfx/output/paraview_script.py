@@ -57,12 +57,12 @@ def main(folder: Path, arguments: Sequence[str] | None, interactive: bool) -> No
         interactive: Whether a window shows it, so that no pictures are saved.
     """
     options = _options(arguments)
-    series = folder / "fields.pvd"
-    if not series.exists():
-        raise SystemExit(f"There is no {series}: keep this script beside the fields of its run.")
+    found = [file for kind in ("pvd", "vtkhdf") if (file := folder / f"fields.{kind}").exists()]
+    if not found:
+        raise SystemExit(f"No fields in {folder}: keep this script beside the fields of its run.")
     from paraview import simple as pv
 
-    reader = pv.PVDReader(FileName=str(series))
+    reader = pv.OpenDataFile(str(found[0]))
     pv.RenameSource("fields", reader)
     reader.UpdatePipeline()
     times = list(reader.TimestepValues) or [0.0]

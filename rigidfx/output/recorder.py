@@ -8,7 +8,9 @@
                            see `body_tables`
     folder/fields.pvd      fields for ParaView, at the output interval; see `fields`
     folder/fields/         its files, one per time
-    folder/points.pvd      stress and strain at integration points, if asked for; see `point_fields`
+    folder/fields.vtkhdf   the same in one file, in place of these or besides; see `vtkhdf`
+    folder/points.pvd      stress and strain at integration points, if asked for, or points.vtkhdf;
+                           see `point_fields`
     folder/log.txt         what the run said of itself: see `rigidfx.base.log`
     folder/view.py         a script for ParaView that shows them; see `view`
 
@@ -20,17 +22,18 @@ from __future__ import annotations
 
 import logging
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing, suppress
 from functools import cached_property
 from math import floor
 from pathlib import Path
 from types import TracebackType
+from typing import Literal
 
 import numpy as np
 
 from rigidfx.base.errors import OutputError, SceneError, StepError, agree, together
-from rigidfx.base.inputs import path_of, positive, shown, whole
+from rigidfx.base.inputs import names, path_of, positive, shown, whole
 from rigidfx.base.instants import at_latest
 from rigidfx.base.log import hearing
 from rigidfx.base.same_input import check_same
@@ -39,15 +42,18 @@ from rigidfx.output.body_tables import BODY_COLUMNS, EVENT_COLUMNS, body_rows, e
 from rigidfx.output.csv_file import CsvFile
 from rigidfx.output.fields import Fields
 from rigidfx.output.history import history_columns, history_row
-from rigidfx.output.paraview import Series
+from rigidfx.output.paraview import Body, Cloud, Series
 from rigidfx.output.paraview_script import write as write_view
 from rigidfx.output.point_fields import PointFields
+from rigidfx.output.vtkhdf import HdfSeries, hdf
 from rigidfx.report.current import check_report, check_scene
-from rigidfx.report.probe_stress import StressAt
+from rigidfx.report.peaks import Peaks
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 
 __all__ = ["Recorder"]
+
+KINDS: dict[str, type[Series] | type[HdfSeries]] = {"pvd": Series, "vtkhdf": HdfSeries}
 
 
 class Recorder:
@@ -73,6 +79,8 @@ class Recorder:
         interval: float | None = None,
         stress: bool = True,
         integration_points: bool = False,
+        format: Literal["pvd", "vtkhdf", "both"] = "pvd",
+        peaks: Sequence[str] = (),
     ) -> None:
         """Make the folder and open history.csv. Collective.
 
@@ -87,20 +95,29 @@ class Recorder:
                 history.csv. If not, none is computed or compiled.
             integration_points: Whether points.pvd is written, stress and strain where they are
                 computed, neither extrapolated nor averaged.
+            format: Which files have the fields: "pvd", a .vtu for each time; "vtkhdf", one file for
+                all times, of less than half the size, which ParaView 5.12 and h5py can read; or
+                "both".
+            peaks: Names of sets of facets, cells, edges or vertices: history.csv tells the largest
+                von Mises stress over each, and where it is, at the cost of the cells there.
 
         Raises:
             OutputError: On every rank, if the folder cannot be written to, or another recorder
                 writes to it.
-            SceneError: On every rank, if every, interval or stress cannot be used, or is not the
-                same on all ranks.
+            SceneError: On every rank, if an argument cannot be used, or is not the same on all
+                ranks; or if there is no h5py for a .vtkhdf.
         """
         check_scene("Recorder", scene)
-        given = {"every": every, "interval": interval, "stress": stress}
-        given["integration_points"] = integration_points
+        given: dict[str, object] = {"every": every, "interval": interval, "stress": stress}
+        given |= {"integration_points": integration_points, "format": format, "peaks": peaks}
         check_same(scene.comm, "Recorder", given)
         for name, value in (("stress", stress), ("integration_points", integration_points)):
             if not isinstance(value, (bool, np.bool_)):
                 raise SceneError(f"Recorder: {name} must be True or False, got {shown(value)}.")
+        self._kinds = _kinds_of(format)
+        over = tuple(dict.fromkeys(names("Recorder", "peaks", peaks, "sets of the mesh")))
+        if over and not stress:
+            raise SceneError("Recorder: peaks are of stresses, which stress=False leaves out.")
         self._every = whole("Recorder", "every", every, least=1)
         self._interval = None if interval is None else positive("Recorder", "interval", interval)
         self._next = 0.0
@@ -114,25 +131,34 @@ class Recorder:
         self._stress = bool(stress)
         self._fields = Fields(scene, self._stress)
         self._cloud = PointFields(scene) if integration_points else None
+        self._peaks = Peaks(scene, over, "Recorder") if over else None
         self._last: Report | None = None
         self._fields_at, self._closed = -1, False
         with ExitStack() as self._files:
-            self._on_first_rank(lambda: self._start(list(scene.probes)))
+            self._on_first_rank(lambda: self._start(list(scene.probes), over))
             self._files = self._files.pop_all()
 
-    def _start(self, probes: list[str]) -> None:
+    def _start(self, probes: list[str], peaks: Sequence[str]) -> None:
         self.folder.mkdir(parents=True, exist_ok=True)
+        named = self._contacts, self._stress, self._joints, peaks
         self._history = self._csv_file(
-            self.history,
-            history_columns(self._supports, probes, self._contacts, self._stress, self._joints),
+            self.history, history_columns(self._supports, probes, *named)
         )
         self._files.enter_context(hearing(_log_file(self.folder / "log.txt")))
         self.events.unlink(missing_ok=True)
         self.bodies.unlink(missing_ok=True)
-        self._series = Series(self.series, self._fields.body)
-        if self._cloud:
-            self._points = Series(self.folder / "points.pvd", self._cloud.body)
+        self._series = self._made("fields", self._fields.body)
+        self._points = self._made("points", self._cloud.body) if self._cloud else []
         write_view(self.folder)
+
+    def _made(self, name: str, body: Body | Cloud) -> list[Series | HdfSeries]:
+        """The files of fields, in the place of former ones of that name."""
+        for kind in KINDS:
+            (self.folder / f"{name}.{kind}").unlink(missing_ok=True)
+        made = [KINDS[kind](self.folder / f"{name}.{kind}", body) for kind in self._kinds]
+        for series in made:
+            self._files.callback(series.close)
+        return made
 
     def _csv_file(self, path: Path, columns: list[str]) -> CsvFile:
         return self._files.enter_context(closing(CsvFile(path, columns)))
@@ -162,8 +188,8 @@ class Recorder:
 
     @property
     def series(self) -> Path:
-        """Path of the series for ParaView."""
-        return self.folder / "fields.pvd"
+        """Path of the fields for ParaView; of the .pvd where there is a .vtkhdf, too."""
+        return self.folder / f"fields.{self._kinds[0]}"
 
     def write(self, report: Report) -> None:
         """Add a row, and the fields where their time has come. Collective.
@@ -177,9 +203,17 @@ class Recorder:
                 more, or earlier than what has been written.
         """
         self._check(report)
-        self._last = report
+        before, self._last = self._last, report
         stresses = report.stresses if self._stress else None
-        self._on_first_rank(lambda: self._write_rows(report, stresses))
+        peaks = self._peaks.measure(report) if self._peaks else None
+        named = self._supports, self._contacts, stresses, self._joints, peaks, before
+
+        def write() -> None:
+            self._history.add([history_row(report, *named)])
+            if report.finds_bodies:
+                self._events.add(event_rows(report))
+
+        self._on_first_rank(write)
         if self._due(report):
             self._write_fields(report)
 
@@ -240,21 +274,16 @@ class Recorder:
         self._next = (floor(t / self._interval) + 1) * self._interval
         return True
 
-    def _write_rows(self, report: Report, stresses: Mapping[str, StressAt] | None) -> None:
-        named = self._supports, self._contacts, stresses, self._joints
-        self._history.add([history_row(report, *named)])
-        if report.finds_bodies:
-            self._events.add(event_rows(report))
-
     def _write_fields(self, report: Report) -> None:
         points, cells = self._fields.on_nodes(report), self._fields.on_cells(report)
         cloud = self._cloud.values(report) if self._cloud else {}
         self._fields_at = report.step
 
         def write() -> None:
-            self._series.write(report.t, points, cells)
-            if self._cloud:
-                self._points.write(report.t, cloud, {})
+            for series in self._series:
+                series.write(report.t, points, cells)
+            for series in self._points:
+                series.write(report.t, cloud, {})
             if self._fields.may_have_bodies(report):
                 self._bodies.add(body_rows(report))
 
@@ -283,6 +312,21 @@ class Recorder:
             f"({error.strerror or error}: '{error.filename or self.history}'). Name a folder that "
             "you may write to and where no file is in the way, and check the space left there."
         )
+
+
+def _kinds_of(format: str) -> tuple[str, ...]:
+    """The kinds of files that a recorder writes.
+
+    Raises:
+        SceneError: If there is none of that name, or no h5py for it.
+    """
+    every = {kind: (kind,) for kind in KINDS} | {"both": tuple(KINDS)}
+    if not isinstance(format, str) or format not in every:
+        choice = ", ".join(f"'{kind}'" for kind in every)
+        raise SceneError(f"Recorder: format must be one of {choice}, got {shown(format)}.")
+    if "vtkhdf" in every[format]:
+        hdf("Recorder")
+    return every[format]
 
 
 class _LogFile(logging.FileHandler):

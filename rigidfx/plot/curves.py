@@ -19,7 +19,7 @@ from rigidfx.base.errors import OutputError, SceneError, agree
 from rigidfx.base.inputs import number, numbers, path_of, shown
 from rigidfx.base.instants import reached
 from rigidfx.base.taken import take_fields
-from rigidfx.output.history import read_history
+from rigidfx.output.history import columns_of
 
 __all__ = ["Curve", "check_time", "curves", "figure_of", "histories", "on_first_rank", "save"]
 
@@ -36,7 +36,7 @@ STYLE = {
     "legend.frameon": False,
     "lines.linewidth": 1.3,
 }
-BLUE, ORANGE, GREEN, DARK, GREY = "#0072b2", "#d55e00", "#009e73", "#222222", "#999999"
+BLUE, ORANGE, GREEN, DARK = "#0072b2", "#d55e00", "#009e73", "#222222"
 COLOURS = (BLUE, ORANGE, GREEN, "#cc79a7", "#56b4e9", "#e69f00")
 DPI = 150
 HISTORY = (
@@ -69,7 +69,7 @@ def histories(
     """
     path = path_of("histories", "path", path)
     check_time("histories", free_since)
-    if not isinstance(history, Mapping):
+    if not _is_table(history):
         path_of("histories", "history", history)
 
     def draw() -> None:
@@ -86,7 +86,6 @@ def histories(
             if name in h and np.any(h[name]):  # or the parts would not make the whole
                 energy.plot(t, h[name], color=colour, label=label)
         energy.set_ylabel("energy (J)")
-        linear.plot(t, h["momentum_scale"], color=GREY, label=r"$\Sigma\, m|v|$")
         _components(linear, t, h, "L")
         linear.set_ylabel("linear momentum\n(kg m/s)")
         _components(angular, t, h, "J")
@@ -124,7 +123,8 @@ def _columns_of(
     Raises:
         OutputError: If one is missing, or there is nothing in them.
     """
-    h = history if isinstance(history, Mapping) else read_history(history)
+    given: Any = history
+    h = {n: np.asarray(given[n]) for n in given} if _is_table(given) else columns_of(given)
     for name in HISTORY:
         if name not in h:
             raise OutputError(f"the history has no column '{name}'")
@@ -135,6 +135,11 @@ def _columns_of(
             f"free_since = {free_since:g} s is after the last step, at {h['t'][-1]:g} s"
         )
     return h
+
+
+def _is_table(history: object) -> bool:
+    """Whether it has columns by name: a mapping, or a table of pandas."""
+    return isinstance(history, Mapping) or hasattr(history, "columns")
 
 
 def _components(ax: Any, t: Array, h: Mapping[str, Array], name: str) -> None:

@@ -15,7 +15,6 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -23,7 +22,8 @@ from mpi4py import MPI
 
 from rigidfx.base.errors import OutputError, SceneError
 from rigidfx.base.inputs import number, path_of, positive, shown
-from rigidfx.output.history import read_history
+from rigidfx.output.field_reader import read_fields
+from rigidfx.output.history import columns_of
 from rigidfx.plot.curves import (
     Curve,
     check_time,
@@ -36,10 +36,8 @@ from rigidfx.plot.curves import (
 from rigidfx.plot.film import film
 from rigidfx.plot.ledger import spent
 from rigidfx.plot.renders import (
-    OF_CELLS,
     Photograph,
     check_camera,
-    pyvista,
     sheet,
     surface_of,
 )
@@ -100,12 +98,11 @@ def pictures(
     made: list[Path] = []
 
     def draw() -> None:
-        history, series = place / "history.csv", place / "fields.pvd"
-        for file in (history, series):
-            if not file.exists():
-                raise OutputError(f"there is no {file}; a Recorder writes it")
+        history = place / "history.csv"
+        if not history.exists():
+            raise OutputError(f"there is no {history}; a Recorder writes it")
         made.extend(_of_numbers(history, free_since, title))
-        made.extend(_of_shapes(series, int(shapes), int(frames), _Look(view, up, title, factor)))
+        made.extend(_of_shapes(place, int(shapes), int(frames), _Look(view, up, title, factor)))
 
     on_first_rank(comm, draw, f"pictures of '{folder}'")
     return list(comm.bcast(made))
@@ -113,7 +110,7 @@ def pictures(
 
 def _of_numbers(history: Path, free_since: float | None, title: str) -> list[Path]:
     """Draw what a table tells; the files written, on this rank."""
-    place, h = history.parent, read_history(history)
+    place, h = history.parent, columns_of(history)
     made = [place / "histories.png"]
     histories(history, made[0], free_since=free_since, title=title, comm=MPI.COMM_SELF)
 
@@ -150,19 +147,19 @@ class _Look:
     scale: float
 
 
-def _of_shapes(series: Path, shapes: int, frames: int, look: _Look) -> list[Path]:
+def _of_shapes(folder: Path, shapes: int, frames: int, look: _Look) -> list[Path]:
     """Draw what the fields of a run tell; the files written, on this rank."""
-    run, made = _Run(series), []
+    run, made = _Run(folder), []
     as_asked = {**vars(look), "edges": run.edges}
     first = "rigid" if run.was_rigid() else "displacement"
     others = {"stress": "von_mises", "strain_rate": "strain_rate"}
     wanted = {"shapes": first} | {name: f for name, f in others.items() if run.has(f)}
     for name, field in wanted.items():
-        made.append(series.parent / f"{name}.png")
+        made.append(folder / f"{name}.png")
         photographs = run.photographs(field, shapes, look.scale)
         sheet(made[-1], photographs, field, columns=4, **as_asked)
     if frames > 0:
-        made.append(series.parent / "film.gif")
+        made.append(folder / "film.gif")
         film(made[-1], run.photographs(first, frames, look.scale), first, **as_asked)
     return made
 
@@ -201,35 +198,29 @@ def _check(shapes: int, frames: int, view: Sequence[float], up: Sequence[float])
 class _Run:
     """The fields of a run, read back."""
 
-    def __init__(self, series: Path) -> None:
-        """Open the series."""
-        self._reader = pyvista().PVDReader(series)
-        self._times = list(self._reader.time_values)
-        self._first = self._grid(0)
-        self.edges = self._first.get_cell(0).n_points in (4, 8)  # of first order
-
-    def _grid(self, k: int) -> Any:
-        self._reader.set_active_time_point(k)
-        return self._reader.read()[0]
+    def __init__(self, folder: Path) -> None:
+        """Open the fields."""
+        self._fields = read_fields(folder)
+        self.edges = self._fields.cells.shape[1] in (4, 8)  # of first order
 
     def has(self, name: str) -> bool:
         """Whether cells or nodes have a field."""
-        return name in self._first.cell_data or name in self._first.point_data
+        return name in (*self._fields.on_nodes, *self._fields.on_cells)
 
     def was_rigid(self) -> bool:
         """Whether any cell is rigid at any time."""
-        every = range(len(self._times))
-        return self.has("rigid") and any(self._grid(k).cell_data["rigid"].any() for k in every)
+        return self.has("rigid") and bool(self._fields["rigid"].any())
 
     def photographs(self, field: str, most: int, scale: float) -> list[Photograph]:
         """The deformed surface at so many times at most, spread evenly."""
-        chosen = np.linspace(0, len(self._times) - 1, min(most, len(self._times)))
+        times = self._fields.times
+        chosen = np.linspace(0, len(times) - 1, min(most, len(times))).round().astype(int)
         out = []
-        for k in np.unique(chosen.round().astype(int)):
-            grid = self._grid(int(k))
-            data = grid.cell_data if field in OF_CELLS else grid.point_data
-            values, u = np.array(data[field]), np.array(grid.point_data["displacement"])
+        for t in times[np.unique(chosen)]:
+            found = self._fields.at(t)
+            values, u = found[field], found["displacement"]
             if values.ndim > 1:
                 values = np.linalg.norm(values, axis=1)
-            out.append(Photograph(self._times[int(k)], surface_of(grid, u, field, values, scale)))
+            surface = surface_of(self._fields.body(), u, field, values, scale)
+            out.append(Photograph(float(t), surface))
         return out

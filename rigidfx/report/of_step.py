@@ -70,7 +70,7 @@ def report_of(
     """
     state, solution = stepper.state, result.solution if result else None
     off = {} if error is None else error.at(probes.points)
-    moved = probes.displacements(state)
+    moved, moving = probes.displacements(state), probes.velocities(state)
     return Report(
         step=step,
         t=state.t,
@@ -95,8 +95,9 @@ def report_of(
         clamped=_clamped(stepper),
         events=(),
         closeness=np.nan,
-        probes={name: u + off[name] for name, u in moved.items()} if off else moved,
-        error_motion=off or {name: np.zeros(3) for name in moved},
+        probes={name: u + off[name].displacement for name, u in moved.items()} if off else moved,
+        velocities={name: v + off[name].velocity for name, v in moving.items()} if off else moving,
+        error_motion={name: off[name].displacement if off else np.zeros(3) for name in moved},
         ledger=None,
         wall=0.0,
         _state=state,

@@ -41,6 +41,10 @@ class Probes:
         """Displacement of each point, shape (3,) [m]. Collective."""
         return self._summed(lambda nodes: state.positions(nodes) - state.X[nodes])
 
+    def velocities(self, state: State) -> Mapping[str, Array]:
+        """Velocity of each point, shape (3,) [m/s]. Collective."""
+        return self._summed(state.velocities)
+
     @property
     def points(self) -> Mapping[str, Point]:
         """Nodes of this rank and their weights, of each probe."""

@@ -81,6 +81,8 @@ class Report:
         closeness: How close any cell's strain rate came to its tolerance at the end of a window,
             the least |e/tol - 1|; NaN if the step ended none.
         probes: Displacement of each probe, shape (3,) [m]: that of `state` and the error motion.
+        velocities: Velocity of each probe, shape (3,) [m/s]: that of `state` and of the error
+            motion; in a rigid part that of the part.
         error_motion: The error motion e at each probe, shape (3,) [m]: the estimated difference
             to a run without rigid parts; zero where it is not followed.
         ledger: What has been spent of accuracy; None in a run in which nothing estimates it: with
@@ -119,6 +121,7 @@ class Report:
     events: tuple[Event, ...]
     closeness: float
     probes: Mapping[str, Array]
+    velocities: Mapping[str, Array]
     error_motion: Mapping[str, Array]
     ledger: Ledger | None
     wall: float

@@ -1,0 +1,226 @@
+"""One file with all times of the fields: VTKHDF, which ParaView, VTK from 9.3 on and h5py read.
+
+Points and cells are there once, the values of each time behind those of the time before; whole
+numbers that have not changed since are not there again. Displacements are in double precision, all
+else is in single precision; tensors have the six components xx, yy, zz, xy, yz, xz of VTK's
+symmetric ones. Rank 0 alone writes, by h5py. The file of a run that was killed opens with all times
+that were written.
+
+The format: https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from io import DEFAULT_BUFFER_SIZE
+from pathlib import Path
+from typing import Any
+from weakref import finalize
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.base.errors import SceneError
+from rigidfx.base.interrupts import uninterrupted
+from rigidfx.flexible.stress import SYMMETRIC
+from rigidfx.output.paraview import Body, Cloud
+from rigidfx.output.whole_writes import WholeWrites
+
+__all__ = ["HdfSeries", "hdf"]
+
+Array = npt.NDArray[Any]
+
+DOUBLE = ("displacement", "error_motion")  # small strains are differences of large displacements
+ROWS = 64  # times in a chunk of their table
+
+
+def hdf(owner: str) -> Any:
+    """The module h5py.
+
+    Args:
+        owner: Who needs it, for the message.
+
+    Raises:
+        SceneError: If there is none.
+    """
+    try:
+        import h5py
+    except ImportError:
+        raise SceneError(
+            f"{owner}: VTKHDF needs the Python module h5py (pip install h5py)."
+        ) from None
+    return h5py
+
+
+@dataclass
+class _Field:
+    """A field in the file.
+
+    Attributes:
+        data: Its values, those of a time behind those of the time before.
+        places: Where the values of each time begin.
+        may_stay: Whether values that have not changed are not added again.
+        last: The last values that were added, then ...
+        place: ... and where they begin.
+    """
+
+    data: Any
+    places: Any
+    may_stay: bool
+    last: Array | None
+    place: int
+
+
+class HdfSeries:
+    """Writes a .vtkhdf file, time by time; used on rank 0 only.
+
+    Attributes:
+        path: The file, whole after each time.
+    """
+
+    @uninterrupted()
+    def __init__(self, path: Path, body: Body | Cloud) -> None:
+        """Replace a former file of that name.
+
+        Args:
+            path: The file.
+            body: Points and cells.
+
+        Raises:
+            OSError: If it cannot be written.
+            SceneError: If there is no h5py.
+        """
+        h5py = hdf("Recorder")
+        self.path = path
+        self._count = 0
+        self._fields: dict[tuple[str, str], _Field] = {}
+        self._disk = WholeWrites(path)
+        self._file = h5py.File(
+            self._disk, "w", libver="earliest", meta_block_size=DEFAULT_BUFFER_SIZE
+        )
+        # What h5py has not closed when Python ends would call a Python that is gone.
+        self._end = finalize(self, _ended, self._file, self._disk)
+        root = self._root = self._file.create_group("VTKHDF")
+        root.attrs["Version"] = np.array((2, 0), np.int64)  # the first with times
+        root.attrs.create("Type", np.bytes_("UnstructuredGrid"))
+        width = body.cells.shape[1]
+        root["Points"] = body.points
+        root["Connectivity"] = body.cells.reshape(-1).astype(np.int64)
+        root["Offsets"] = np.arange(len(body.cells) + 1, dtype=np.int64) * width
+        root["Types"] = np.full(len(body.cells), body.vtk_type, np.uint8)
+        sizes = {
+            "NumberOfPoints": len(body.points),
+            "NumberOfCells": len(body.cells),
+            "NumberOfConnectivityIds": body.cells.size,
+        }
+        for name, size in sizes.items():
+            root[name] = np.array([size], np.int64)
+        self._steps = steps = root.create_group("Steps")
+        steps.attrs["NSteps"] = np.int64(0)
+        self._times = _table(steps, "Values", (), np.float64)
+        # Tables with the same numbers are one table by several names.
+        nought, of_cells = _table(steps, "PartOffsets"), _table(steps, "CellOffsets", (1,))
+        steps["PointOffsets"], steps["ConnectivityIdOffsets"] = nought, of_cells
+        self._alike = {nought: 0, of_cells: 0, _table(steps, "NumberOfParts"): 1}
+        for kind in ("Point", "Cell"):
+            root.create_group(f"{kind}Data")
+            steps.create_group(f"{kind}DataOffsets")
+        self._commit()
+
+    @uninterrupted()
+    def write(self, t: float, points: Mapping[str, Array], cells: Mapping[str, Array]) -> None:
+        """Add a time.
+
+        Args:
+            t: Time [s].
+            points: Name → values on the nodes, shape (nodes,), (nodes, 3) or (nodes, 3, 3), the
+                same names each time.
+            cells: Name → values on the cells, likewise.
+
+        Raises:
+            OSError: If they cannot be written; the file is as before then.
+        """
+        for kind, fields in (("Point", points), ("Cell", cells)):
+            for name, values in fields.items():
+                self._add(kind, name, values)
+        _enter(self._times, self._count, t)
+        if self._count % ROWS == 0:
+            for table, value in self._alike.items():
+                table.resize(self._count + ROWS, axis=0)
+                table[self._count :] = value
+        self._commit()
+        self._count += 1
+        self._steps.attrs.modify("NSteps", np.int64(self._count))
+        self._commit()
+
+    def _add(self, kind: str, name: str, values: Array) -> None:
+        """Add the values of a field, or where they are already."""
+        values = _stored(name, values)
+        field = self._fields.get((kind, name)) or self._made(kind, name, values)
+        if field.last is None or not np.array_equal(field.last, values):
+            field.last = values if field.may_stay else None
+            field.place = len(field.data)
+            field.data.resize(field.place + len(values), axis=0)
+            field.data[field.place :] = values
+        if field.places.shape[0] == self._count:
+            _enter(field.places, self._count, field.place)
+
+    def _made(self, kind: str, name: str, values: Array) -> _Field:
+        """A new field; those of real numbers share a table of places, as all change."""
+        rest = values.shape[1:]
+        chunk = (max(len(values), 1), *rest)  # the values of a time
+        data = self._root[f"{kind}Data"].create_dataset(
+            name, (0, *rest), values.dtype, maxshape=(None, *rest), chunks=chunk
+        )
+        offsets, may_stay = self._steps[f"{kind}DataOffsets"], values.dtype.kind != "f"
+        shared = [f.places for (k, _), f in self._fields.items() if k == kind and not f.may_stay]
+        if shared and not may_stay:
+            offsets[name] = shared[0]
+        places = offsets[name] if name in offsets else _table(offsets, name)
+        return self._fields.setdefault((kind, name), _Field(data, places, may_stay, None, 0))
+
+    def _commit(self) -> None:
+        self._file.flush()
+        self._disk.commit()
+
+    def close(self) -> None:
+        """Close the file.
+
+        Raises:
+            OSError: If it cannot be written to its end.
+        """
+        self._end()
+
+
+@uninterrupted()
+def _ended(file: Any, disk: WholeWrites) -> None:
+    """Close a file of h5py, and its bytes."""
+    try:
+        file.close()
+        disk.commit()
+    finally:
+        disk.close()
+
+
+def _table(group: Any, name: str, rest: tuple[int, ...] = (), kind: type = np.int64) -> Any:
+    """A table with a row for each time."""
+    return group.create_dataset(
+        name, (0, *rest), kind, maxshape=(None, *rest), chunks=(ROWS, *rest)
+    )
+
+
+def _enter(table: Any, row: int, value: float) -> None:
+    """Put a value into the last row of a table."""
+    table.resize(row + 1, axis=0)
+    table[row] = value
+
+
+def _stored(name: str, values: Array) -> Array:
+    """Values as the file has them."""
+    if values.ndim == 3:  # symmetric tensors
+        i, j = np.transpose(SYMMETRIC)
+        values = values[:, i, j]
+    if values.dtype.kind == "f" and name not in DOUBLE:
+        return values.astype(np.float32)
+    return np.ascontiguousarray(values)

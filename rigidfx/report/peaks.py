@@ -1,0 +1,102 @@
+"""The largest stress over named sets, from the cells at their nodes alone.
+
+Stress is that at nodes, extrapolated and averaged within each material
+(`rigidfx.flexible.nodal_stress`). A node where materials meet has a value for each; over a set of
+cells only those of the set's own materials count.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.base.taken import seal
+from rigidfx.flexible.nodal_stress import NodalStress, material_groups, summed
+from rigidfx.flexible.stress import tensors, von_mises
+from rigidfx.report.report import Report
+from rigidfx.scene.scene import Scene
+
+__all__ = ["Peak", "Peaks"]
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Peak:
+    """Where the stress over a set is largest.
+
+    Attributes:
+        von_mises: Von Mises' equivalent stress there [Pa].
+        place: The node, in the reference shape, shape (3,) [m].
+    """
+
+    von_mises: float
+    place: Array
+
+    def __post_init__(self) -> None:
+        """Have arrays read only."""
+        seal(self)
+
+
+class Peaks:
+    """Looks for the largest stress over sets of a scene."""
+
+    def __init__(self, scene: Scene, names: Sequence[str], owner: str) -> None:
+        """Compile stresses, and find nodes and the cells at them. Collective.
+
+        Args:
+            scene: The problem.
+            names: Sets of facets, cells, edges or vertices.
+            owner: Who asks, for messages.
+
+        Raises:
+            SceneError: If there is no such set.
+        """
+        self._scene, self._masks = scene, dict[str, npt.NDArray[np.bool_]]()
+        groups = material_groups(scene)
+        table = scene.space.dofmap.list[: groups.size]
+        local = scene.space.tabulate_dof_coordinates().shape[0]
+        wanted = np.zeros(groups.size, dtype=bool)
+        for name in names:
+            on = np.zeros(local, dtype=bool)
+            on[scene.nodes(name, owner)] = True
+            cells = on[table].any(axis=1)
+            wanted |= cells
+            if (name, 2) not in scene.domain.sets and (name, 3) in scene.domain.sets:
+                cells = np.zeros(groups.size, dtype=bool)
+                cells[scene.owned_cells(name, owner)] = True
+            self._masks[name] = self._marked(on, cells, groups, table)
+        self._nodal = NodalStress(scene, cells=np.flatnonzero(wanted).astype(np.int32))
+
+    def _marked(
+        self,
+        on: npt.NDArray[np.bool_],
+        cells: npt.NDArray[np.bool_],
+        groups: npt.NDArray[np.int32],
+        table: npt.NDArray[np.int32],
+    ) -> npt.NDArray[np.bool_]:
+        """Which values at owned nodes count, shape (materials, nodes). Collective."""
+        marks = np.zeros((len(self._scene.materials), len(on), 1))
+        marks[np.repeat(groups[cells], table.shape[1]), table[cells].reshape(-1)] = 1.0
+        marks[:, ~on] = 0.0
+        owned = self._scene.owned_nodes
+        return np.stack([summed(self._scene, m)[:owned, 0] > 0 for m in marks])
+
+    def measure(self, report: Report) -> Mapping[str, Peak]:
+        """The largest stress over each set, by its name. Collective."""
+        state, scene = report.state, self._scene
+        state.rebuild()
+        values = self._nodal.measure(state.u, report.recovered() if report.recovers else None)
+        sizes = von_mises(tensors(values[:, : scene.owned_nodes, :6]))
+        return {name: self._largest(np.where(m, sizes, -1.0)) for name, m in self._masks.items()}
+
+    def _largest(self, sizes: Array) -> Peak:
+        own = sizes.max(axis=0, initial=-1.0)
+        node = int(own.argmax()) if own.size else -1
+        place = self._scene.space.tabulate_dof_coordinates()[node] if own.size else np.zeros(3)
+        mine = (float(own[node]) if own.size else -1.0, *map(float, place))
+        largest, *where = max(self._scene.comm.allgather(mine))
+        return Peak(largest, np.array(where))
