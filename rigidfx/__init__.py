@@ -26,6 +26,7 @@ from rigidfx.domain.cad import list_cad, read_cad
 from rigidfx.domain.domain import Domain
 from rigidfx.domain.gmsh_model import from_gmsh, read_msh
 from rigidfx.domain.gmsh_script import read_geo
+from rigidfx.domain.inp import read_inp
 from rigidfx.domain.redistribute import redistribute
 from rigidfx.effects import (
     BodyForce,
@@ -164,6 +165,7 @@ __all__ = [
     "read_fields",
     "read_geo",
     "read_history",
+    "read_inp",
     "read_msh",
     "recovered_stress",
     "redistribute",

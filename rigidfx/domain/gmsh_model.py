@@ -68,6 +68,8 @@ def read_msh(
         if reader:
             raise SceneError(f"'{path}' is a geometry, not a mesh. Take {reader}, which meshes it.")
         find_file(path, "mesh")
+        if Path(path).suffix.lower() == ".inp":
+            raise SceneError(f"'{path}' is an input file of Abaqus or CalculiX: take read_inp.")
         with Path(path).open("rb") as file:
             if not file.readline().lstrip().startswith(b"$"):
                 # gmsh would take it for a script, and its parser not forget where it stopped.

@@ -140,8 +140,9 @@ class ErrorMotion(Watch):
         own, loose = np.stack(response.at([*points.values()])), self._equations.loose.nodes
         own[:, [loose[point.nodes].any() for point in points.values()]] = 0.0
         e, rate = self._scene.sum(own)
-        moved = to_space(e + self._impulse.span * rate, Q[part])
-        return dict(zip(points, map(Shown, moved, to_space(rate, Q[part])), strict=True))
+        rate = to_space(rate, Q[part])
+        moved = to_space(e, Q[part]) + self._impulse.span * rate
+        return {name: Shown(moved[k], rate[k]) for k, name in enumerate(points)}
 
     def motion(self) -> tuple[fem.Function, fem.Function] | None:
         """The shape, and e in its frame [m] at the present time, ghosts included. Collective.

@@ -1,0 +1,119 @@
+"""Read input files of Abaqus and CalculiX: their sets and surfaces become names of a domain."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx.mesh import entities_to_geometry
+from mpi4py import MPI
+
+from rigidfx.base.errors import SceneError, together
+from rigidfx.base.inputs import communicator, path_of, positive, shown
+from rigidfx.base.warning import warn
+from rigidfx.domain.arrays import from_arrays
+from rigidfx.domain.domain import Domain, EntitySet, replace_sets
+from rigidfx.domain.gmsh_model import find_file
+from rigidfx.domain.inp_cells import InpMesh
+from rigidfx.domain.inp_mesh import mesh_of
+from rigidfx.domain.inp_model import model_of
+
+__all__ = ["read_inp"]
+
+Ints = npt.NDArray[np.int64]
+
+
+def read_inp(
+    path: str | Path,
+    comm: MPI.Intracomm = MPI.COMM_WORLD,
+    *,
+    scale: float = 1.0,
+    corners: bool = False,
+) -> Domain:
+    """Read the mesh of an input file of Abaqus or CalculiX. Collective.
+
+    Sets of elements become sets of cells, surfaces become sets of facets. A set of nodes becomes
+    the facets that it covers, if it consists of the nodes of boundary facets, and else a set of
+    vertices. Where a set of nodes and one of elements have the same name, as programs write both
+    for a face, that of elements is "NAME (elements)". Names that begin with "_" are internal ones
+    and left out. Without any set of elements all cells are named "body". Materials, steps and loads
+    are not read.
+
+    Read are *NODE, *ELEMENT, *NSET, *ELSET with GENERATE, *SURFACE, *INCLUDE, and *PART, *INSTANCE
+    with translation and rotation, *ASSEMBLY. Instances that have no common nodes stay apart; a name
+    that several instances have goes by "INSTANCE.NAME".
+
+    Example:
+        >>> domain = read_inp("bracket.inp", scale=1e-3)          # doctest: +SKIP
+
+    Args:
+        path: The file; it is read on rank 0 only.
+        comm: Communicator of the mesh.
+        scale: Metres per unit of length of the file.
+        corners: Whether cells of second order are read by their corners, with straight edges: for
+            bricks of 20 nodes, and for meshes with cells of both orders.
+
+    Raises:
+        SceneError: If the file is missing or cannot be understood, a set or an element names
+            something that is not there, cells are of several or unknown kinds, or inverted.
+    """
+    path = path_of("read_inp", "path", path)
+    factor = positive("read_inp", "scale", scale)
+    communicator("read_inp", comm)
+    if not isinstance(corners, (bool, np.bool_)):
+        raise SceneError(f"read_inp: corners must be True or False, got {shown(corners)}.")
+
+    def read() -> InpMesh | None:
+        if comm.rank > 0:
+            return None
+        find_file(path, "input")
+        return mesh_of(model_of(path), path, bool(corners))
+
+    mesh = together(comm, f"read_inp: '{path}'", read)
+    found = comm.bcast(None if mesh is None else (mesh.kind, mesh.cells.shape[1], mesh.names()))
+    kind, width, (of_cells, of_facets, of_nodes, notes) = found
+    for note in notes:
+        warn(comm, f"read_inp: '{path}': {note}")
+    points = np.empty((0, 3)) if mesh is None else factor * mesh.points
+    cells = np.empty((0, width), np.int64) if mesh is None else mesh.cells
+    domain = from_arrays(points, cells, kind, comm)
+    sets = [
+        EntitySet(name, 3, np.flatnonzero(np.isin(_rows(domain), rows)).astype(np.int32))
+        for name, rows in of_cells.items()
+    ]
+    if of_facets:
+        own = np.sort(_nodes_of(domain, 2)[:, : next(iter(of_facets.values())).shape[1]], axis=1)
+        sets += [EntitySet(name, 2, _among(own, rows)) for name, rows in of_facets.items()]
+    if of_nodes:
+        own = _nodes_of(domain, 0)
+        sets += [EntitySet(name, 0, _among(own, rows)) for name, rows in of_nodes.items()]
+    return replace_sets(domain, {(each.name, each.dim): each for each in sets})
+
+
+def _rows(domain: Domain) -> Ints:
+    """For each local cell, ghosts included, which of the file's it is."""
+    return np.asarray(domain.mesh.topology.original_cell_index, dtype=np.int64)
+
+
+def _nodes_of(domain: Domain, dim: int) -> Ints:
+    """The file's nodes of each local facet or vertex, corners first."""
+    mesh = domain.mesh
+    mesh.topology.create_entities(dim)
+    mesh.topology.create_connectivity(dim, 3)
+    mesh.topology.create_connectivity(3, dim)
+    mesh.topology.create_connectivity(dim, 0)
+    entities = mesh.topology.index_map(dim)
+    count = entities.size_local + entities.num_ghosts
+    at = entities_to_geometry(mesh, dim, np.arange(count, dtype=np.int32))
+    numbers = np.asarray(mesh.geometry.input_global_indices, dtype=np.int64)
+    return numbers[at.reshape(count, -1)]
+
+
+def _among(own: Ints, rows: Sequence[Sequence[int]] | Ints) -> npt.NDArray[np.int32]:
+    """Which of the rows are among others, whose numbers are sorted in each row."""
+    given = np.asarray(rows, dtype=np.int64).reshape(-1, own.shape[1])
+    _, which = np.unique(np.concatenate([given, own]), axis=0, return_inverse=True)
+    which = which.reshape(-1)
+    return np.flatnonzero(np.isin(which[len(given) :], which[: len(given)])).astype(np.int32)

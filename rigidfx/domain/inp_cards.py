@@ -1,0 +1,151 @@
+"""The cards of an Abaqus or CalculiX input file: keyword, parameters, data.
+
+A card is `*KEYWORD, PARAMETER=VALUE, FLAG` and the lines of data below it. `**` begins a comment,
+names do not tell capitals from small letters, and `*INCLUDE` reads another file at its place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from rigidfx.base.errors import SceneError
+
+__all__ = ["Card", "cards_of"]
+
+
+DEEPEST = 9  # files that include each other
+
+
+@dataclass(frozen=True)
+class Card:
+    """A card of a file.
+
+    Attributes:
+        keyword: In capitals, without the star.
+        given: Parameters by their names in capitals; flags have "" as value.
+        lines: Lines of data with their numbers in the file, without comments and empty ones.
+        path: The file.
+        number: The card's own line.
+    """
+
+    keyword: str
+    given: Mapping[str, str]
+    lines: list[tuple[int, str]]
+    path: Path
+    number: int
+
+    def wrong(self, problem: str, number: int | None = None) -> SceneError:
+        """The error that names the place.
+
+        Args:
+            problem: What is wrong there, and what to do.
+            number: The line; that of the card if None.
+        """
+        line = self.number if number is None else number
+        return SceneError(f"read_inp: '{self.path}', line {line}, *{self.keyword}: {problem}")
+
+    def named(self, key: str) -> str:
+        """The value of a parameter that has to be there."""
+        if not self.given.get(key):
+            raise self.wrong(f"the parameter {key}= is missing.")
+        return self.given[key]
+
+    def rows(self) -> list[tuple[int, list[str]]]:
+        """Entries of each line of data with its number, without empty ones at its end."""
+        out = []
+        for number, line in self.lines:
+            entries = [entry.strip() for entry in line.split(",")]
+            while entries and not entries[-1]:
+                entries.pop()
+            out.append((number, entries))
+        return out
+
+    def whole_numbers(self, entries: list[str], number: int) -> list[int]:
+        """Entries as whole numbers, empty ones left out.
+
+        Raises:
+            SceneError: If one is none.
+        """
+        try:
+            return [int(entry) for entry in entries if entry]
+        except ValueError:
+            raise self.wrong(f"{', '.join(entries)!r} are no whole numbers.", number) from None
+
+    def numbers(self, entries: list[str], count: int, number: int) -> list[float]:
+        """So many real numbers; those that are missing or empty are zero.
+
+        Raises:
+            SceneError: If one is none, or not finite.
+        """
+        try:
+            values = [float(entry.upper().replace("D", "E")) if entry else 0.0 for entry in entries]
+            if np.isfinite(values).all():
+                return (values + [0.0] * count)[:count]
+        except ValueError:
+            pass
+        raise self.wrong(f"{', '.join(entries)!r} are no finite numbers.", number)
+
+
+def cards_of(path: Path, depth: int = 0) -> Iterator[Card]:
+    """The cards of a file and of those it includes, in order.
+
+    Args:
+        path: The file.
+        depth: How many files are around it.
+
+    Raises:
+        SceneError: If a file cannot be read, or data come before any card.
+    """
+    card: Card | None = None
+    head = ""
+    for number, line in enumerate(_text(path).splitlines(), start=1):
+        line = line.strip()
+        if not line or line.startswith("**"):
+            continue
+        if line.startswith("*") or head.endswith(","):
+            if card is not None:
+                yield from _included(card, depth)
+                card = None
+            head = head + line if head.endswith(",") else line
+            if not head.endswith(","):
+                card, head = _begun(head, path, number), ""
+        elif card is None:
+            raise SceneError(
+                f"read_inp: '{path}', line {number}: data without a card before them. An input "
+                "file of Abaqus or CalculiX begins with a card, such as *NODE."
+            )
+        else:
+            card.lines.append((number, line))
+    if card is not None:
+        yield from _included(card, depth)
+
+
+def _text(path: Path) -> str:
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise SceneError(f"read_inp: '{path}' cannot be read: {error.strerror}.") from None
+    if b"\0" in data:
+        raise SceneError(f"read_inp: '{path}' is no text file: it has bytes that are zero.")
+    return data.decode("utf-8", errors="replace")
+
+
+def _begun(head: str, path: Path, number: int) -> Card:
+    keyword, *parameters = head.split(",")
+    pairs = (parameter.partition("=")[::2] for parameter in parameters if parameter.strip())
+    given = {key.strip().upper(): value.strip().strip('"') for key, value in pairs}
+    return Card(" ".join(keyword[1:].split()).upper(), given, [], path, number)
+
+
+def _included(card: Card, depth: int) -> Iterator[Card]:
+    """The card, or those of the file that it includes."""
+    if card.keyword != "INCLUDE":
+        yield card
+        return
+    if depth == DEEPEST:
+        raise card.wrong("files include each other without end.")
+    yield from cards_of(card.path.parent / card.named("INPUT"), depth + 1)

@@ -1,0 +1,293 @@
+"""Cells of one kind, and named rows of cells, facets and nodes, of an input file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.base.errors import SceneError
+from rigidfx.domain.inp_cells import InpMesh, Numbers, faces_of, kind_of
+from rigidfx.domain.inp_model import Group, Instance, Model
+from rigidfx.domain.node_orders import CORNERS, advice_on, widths
+
+__all__ = ["mesh_of"]
+
+Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+
+def mesh_of(model: Model, path: Path, corners: bool) -> InpMesh:
+    """The mesh of a model.
+
+    Args:
+        model: What the file says.
+        path: The file, for messages.
+        corners: Whether cells are read by their corners.
+
+    Raises:
+        SceneError: If it has no cells, cells of several kinds, or names what is not there.
+    """
+    return _Flat(model, path, corners).mesh()
+
+
+class _Flat:
+    """All instances together, numbered one after the other."""
+
+    def __init__(self, model: Model, path: Path, corners: bool) -> None:
+        here = Instance("", model.top, np.eye(3), np.zeros(3))
+        self._places = [here, *model.instances]
+        self._path, self._corners = path, corners
+        self._nodes: dict[str, Numbers] = {}
+        self._cells: dict[str, Numbers] = {}
+        self._flat: dict[str, Numbers] = {}  # triangles and quadrilaterals that bound cells
+        self._x: Array = np.empty((0, 3))
+        self._notes: list[str] = []
+        self._left_out: dict[str, int] = {}  # elements by their types
+        self._sets: dict[str, Ints] = {}  # corners in sets of nodes
+
+    def _error(self, problem: str) -> SceneError:
+        return SceneError(f"read_inp: '{self._path}' {problem}")
+
+    def mesh(self) -> InpMesh:
+        """Cells, and what names stand for."""
+        for place in self._places:
+            self._take_nodes(place)
+        kind, rows = self._taken_cells()
+        count = CORNERS[kind]
+        used, where = np.unique(rows, return_inverse=True)
+        self._new = np.full(len(self._x), -1)
+        self._new[used] = np.arange(len(used))
+        table = where.reshape(rows.shape)
+        mesh = InpMesh(kind, self._x[used], table, notes=self._notes)
+        faces = np.sort(table[:, faces_of(kind)], axis=2)
+        self._faces = faces  # of each cell, by S1, S2, …
+        flat, times = np.unique(faces.reshape(-1, faces.shape[2]), axis=0, return_counts=True)
+        self._boundary = flat[times == 1]
+        self._is_corner = np.zeros(len(used), dtype=bool)
+        self._is_corner[table[:, :count]] = True
+        self._sides_of_flat: Ints = np.empty((0, faces.shape[2]), np.int64)
+        for place in self._places:
+            self._take_flat(place)
+        self._name(mesh)
+        if self._left_out:
+            listed = ", ".join(f"{n} of {type_}" for type_, n in sorted(self._left_out.items()))
+            mesh.notes.append(
+                f"elements that are no volume cells are left out: {listed}. Point masses and "
+                "springs are effects of a scene (PointMass, Spring)."
+            )
+        return mesh
+
+    def _take_flat(self, place: Instance) -> None:
+        """Triangles and quadrilaterals that bound cells; others are left out."""
+        corners = self._boundary.shape[1]
+        every = self._faces.reshape(-1, corners)
+        labels: list[Ints] = [np.empty(0, np.int64)]
+        rows: list[Ints] = []
+        for type_, numbers, nodes in place.part.flat:
+            own = self._new[self._rows_of(place, type_, numbers, nodes)[:, :corners]]
+            own.sort(axis=1)
+            _, which = np.unique(np.concatenate([every, own]), axis=0, return_inverse=True)
+            which = which.reshape(-1)
+            bounds = np.isin(which[len(every) :], which[: len(every)])
+            labels.append(numbers[bounds])
+            rows.append(own[bounds])
+            if not bounds.all():
+                lost = int(np.count_nonzero(~bounds))
+                self._left_out[type_] = self._left_out.get(type_, 0) + lost
+        for type_, number in place.part.no_cells.items():
+            self._left_out[type_] = self._left_out.get(type_, 0) + number
+        first = len(self._sides_of_flat)
+        self._sides_of_flat = np.concatenate([self._sides_of_flat, *rows])
+        found = np.concatenate(labels)
+        self._flat[place.name] = Numbers(found, first + np.arange(len(found)))
+
+    def _take_nodes(self, place: Instance) -> None:
+        labels = [np.empty(0, np.int64), *(labels for labels, _ in place.part.nodes)]
+        x = [np.empty((0, 3)), *(x for _, x in place.part.nodes)]
+        every = np.concatenate(labels)
+        moved = np.concatenate(x) @ place.R.T + place.shift
+        rows = len(self._x) + np.arange(len(every))
+        unique, first, times = np.unique(every, return_index=True, return_counts=True)
+        if len(unique) < len(every):
+            raise self._error(f"has node {unique[times.argmax()]} {times.max()} times.")
+        self._nodes[place.name] = Numbers(unique, rows[first])
+        self._x = np.concatenate([self._x, moved])
+
+    def _taken_cells(self) -> tuple[str, Ints]:
+        """The kind of cells, and their nodes; an element that is there twice counts once."""
+        kinds: dict[tuple[str, int], int] = {}
+        tables = []
+        for place in self._places:
+            of_place: list[tuple[Ints, Ints]] = []
+            for type_, labels, nodes in place.part.elements:
+                key = kind_of(nodes.shape[1]), nodes.shape[1]
+                kinds[key] = kinds.get(key, 0) + len(labels)
+                of_place.append((labels, self._rows_of(place, type_, labels, nodes)))
+            tables.append(of_place)
+        count = self._check_kinds(kinds)
+        first = 0
+        rows: list[Ints] = []
+        for place, of_place in zip(self._places, tables, strict=True):
+            labels = np.concatenate([np.empty(0, np.int64), *(some for some, _ in of_place)])
+            if len(np.unique(labels)) < len(labels):
+                numbers, times = np.unique(labels, return_counts=True)
+                raise self._error(f"has element {numbers[times.argmax()]} {times.max()} times.")
+            self._cells[place.name] = Numbers(labels, first + np.arange(len(labels)))
+            rows += [nodes[:, :count] for _, nodes in of_place]
+            first += len(labels)
+        return next(kind for kind, _ in kinds), np.concatenate(rows)
+
+    def _rows_of(self, place: Instance, type_: str, labels: Ints, nodes: Ints) -> Ints:
+        found, missing = self._nodes[place.name].find(nodes.reshape(-1))
+        if len(missing):
+            at = labels[np.isin(nodes, missing).any(axis=1)][0]
+            raise self._error(
+                f"has no node {missing[0]}, which element {at} of type {type_} names."
+            )
+        return found.reshape(nodes.shape)
+
+    def _check_kinds(self, kinds: dict[tuple[str, int], int]) -> int:
+        """How many nodes of each cell are taken."""
+        listed = ", ".join(f"{n} of {width} nodes" for (_, width), n in sorted(kinds.items()))
+        if not kinds:
+            raise self._error(
+                "has no volume elements, such as C3D8 or C3D4 or C3D10, in a part that is placed."
+            )
+        known = {kind for kind, _ in kinds}
+        if known - set(CORNERS):
+            width = next(width for kind, width in kinds if kind not in CORNERS)
+            raise self._error(f"has elements: {listed}.{advice_on('hexahedron', width)}")
+        if len(known) > 1:
+            raise self._error(
+                f"has tetrahedra and hexahedra: {listed}. A domain takes one kind: mesh all of it "
+                "with C3D10 or C3D4, or all with C3D8."
+            )
+        kind = next(iter(known))
+        if self._corners:
+            return CORNERS[kind]
+        if len(kinds) > 1 or next(iter(kinds))[1] not in widths(kind):
+            raise self._error(
+                f"has elements: {listed}. Bricks of 20 nodes, and cells of both orders, are read "
+                "by their corners: read_inp(…, corners=True); let the scene be of second order "
+                "(order=2), then."
+            )
+        return next(iter(kinds))[1]
+
+    # Names --------------------------------------------------------------------------------------
+
+    def _name(self, mesh: InpMesh) -> None:
+        """Give the mesh its names."""
+        for place in self._places:
+            for (kind, _), group in place.part.groups.items():
+                if group.name.startswith("_"):
+                    continue
+                name = self._called(place, kind, group)
+                if kind == "NSET" or group.of_nodes:
+                    self._name_nodes(mesh, name, place, group)
+                elif kind == "SURFACE":
+                    rows = [self._boundary[:0], *self._sides(place, group)]
+                    mesh.of_facets[name] = np.unique(np.concatenate(rows), axis=0)
+                else:
+                    mesh.of_cells[name] = self._of(place, "ELSET", group)
+                    flat = self._sides_of_flat[self._of(place, "FLAT", group)]
+                    if len(flat) and not len(mesh.of_cells[name]):
+                        del mesh.of_cells[name]
+                        mesh.of_facets[name] = np.unique(flat, axis=0)
+        for name in sorted(mesh.of_cells.keys() & self._sets.keys()):
+            whole = np.unique(mesh.cells[mesh.of_cells[name], : CORNERS[mesh.kind]])
+            if np.array_equal(self._sets[name], whole):  # all nodes of these cells
+                mesh.of_nodes.pop(name, None)
+                mesh.of_facets.pop(name, None)
+            else:
+                mesh.of_cells[f"{name} (elements)"] = mesh.of_cells.pop(name)
+        if not mesh.of_cells:
+            mesh.of_cells["body"] = np.arange(len(mesh.cells))
+
+    def _called(self, place: Instance, kind: str, group: Group) -> str:
+        key = kind, group.name.upper()
+        several = sum(key in other.part.groups for other in self._places) > 1
+        return f"{place.name}.{group.name}" if several and place.name else group.name
+
+    def _name_nodes(self, mesh: InpMesh, name: str, place: Instance, group: Group) -> None:
+        """Facets that a set of nodes covers wholly, or vertices."""
+        rows = self._new[self._of(place, "NSET", group)]
+        own = np.zeros(len(mesh.points), dtype=bool)
+        own[rows[rows >= 0]] = True
+        own &= self._is_corner
+        self._sets[name] = np.flatnonzero(own)
+        covered = self._boundary[own[self._boundary].all(axis=1)]
+        left = own.copy()
+        left[covered] = False
+        if len(covered) and not left.any():
+            if name not in mesh.of_facets:
+                mesh.of_facets[name] = covered
+        else:
+            mesh.of_nodes[name] = np.flatnonzero(own)
+
+    def _sides(self, place: Instance, group: Group) -> Iterator[Ints]:
+        """Corners of the facets of a surface."""
+        for item, face, card, number in group.faces:
+            cells = self._item(place, "ELSET", item)
+            own = self._faces[cells]
+            if not len(own):
+                continue
+            if not face:  # all that is not between cells
+                every = own.reshape(-1, own.shape[2])
+                both = np.concatenate([self._boundary, every])
+                _, which = np.unique(both, axis=0, return_inverse=True)
+                which = which.reshape(-1)
+                yield every[np.isin(which[len(self._boundary) :], which[: len(self._boundary)])]
+                continue
+            side = int(face[1:]) if face[1:].isdigit() and face[0] == "S" else 0
+            if not 1 <= side <= own.shape[1]:
+                raise card.wrong(
+                    f"{face!r} is no face of these cells, which have S1 to S{own.shape[1]}.", number
+                )
+            yield own[:, side - 1]
+
+    def _item(self, place: Instance, kind: str, item: str) -> Ints:
+        """Rows of a number, or of a set."""
+        group = Group(item)
+        before, dot, after = item.strip('"').rpartition(".")
+        of = before.upper() if dot else ""
+        if after.isdigit():
+            group.members.append((of, np.array([int(after)])))
+        else:
+            group.others.append((of, after.upper()))
+        return self._of(place, kind, group)
+
+    def _of(self, place: Instance, kind: str, group: Group, depth: int = 0) -> Ints:
+        """Rows of cells or nodes of a set, each once."""
+        tables = {"ELSET": self._cells, "NSET": self._nodes, "FLAT": self._flat}[kind]
+        rows: list[Ints] = [np.empty(0, np.int64)]
+        for instance, labels in group.members:
+            of = instance or place.name
+            if of not in tables:
+                raise self._error(f"has no instance '{of}', which '{group.name}' names.")
+            found, missing = tables[of].find(labels)
+            what = "node" if kind == "NSET" else "volume element"
+            if len(missing) and not (kind != "NSET" and self._elsewhere(kind, of)):
+                raise self._error(f"has no {what} {missing[0]}, which '{group.name}' names.")
+            rows.append(found)
+        for instance, name in group.others:
+            rows.append(self._of_other(place, kind, group, (instance, name), depth))
+        return np.unique(np.concatenate(rows))
+
+    def _elsewhere(self, kind: str, of: str) -> bool:
+        """Whether numbers may be those of elements of other types."""
+        parts = [place.part for place in self._places if place.name == of]
+        return kind == "FLAT" or any(part.no_cells or part.flat for part in parts)
+
+    def _of_other(
+        self, place: Instance, kind: str, group: Group, of: tuple[str, str], depth: int
+    ) -> Ints:
+        instance, name = of
+        for other in (p for p in self._places if p.name == (instance or place.name)):
+            if found := other.part.groups.get(("ELSET" if kind == "FLAT" else kind, name)):
+                if depth > len(other.part.groups):
+                    raise self._error(f"has a set '{group.name}' that contains itself.")
+                return self._of(other, kind, found, depth + 1)
+        raise self._error(f"has no set '{name}', which '{group.name}' names.")

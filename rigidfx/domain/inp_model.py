@@ -1,0 +1,244 @@
+"""What an Abaqus or CalculiX input file says of a mesh: nodes, elements, sets, surfaces.
+
+A flat file has one place for all of them. A file with parts has those of each part, once for each
+of its instances, where that is placed; sets of the assembly name the instance whose numbers they
+have.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from math import radians
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+from rigidfx.domain.inp_cards import Card, cards_of
+
+__all__ = ["Group", "Instance", "Model", "Place", "model_of"]
+
+Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+# Types of elements, and how many nodes they have.
+SOLIDS = r"[A-Z]{0,2}3D(\d+)"
+FLAT = r"(?:CPS|CPE|CAX|DC2D|M3D|R3D|SFM3D|STRI|DS|S)([346789])\D*$"
+
+# Cards that make nodes or elements of others.
+MAKERS = ("NGEN", "NFILL", "NCOPY", "ELGEN", "ELCOPY", "SYSTEM")
+
+
+@dataclass
+class Group:
+    """A set or a surface.
+
+    Attributes:
+        name: As it is written first.
+        members: Numbers by the instances that they are of ("" for the place of the group) ...
+        others: ... and names of other groups.
+        faces: Of a surface: pairs of an element's number or a set's name, and a face such as "S3".
+        of_nodes: Whether a surface is one of nodes.
+    """
+
+    name: str
+    members: list[tuple[str, Ints]] = field(default_factory=list)
+    others: list[tuple[str, str]] = field(default_factory=list)
+    faces: list[tuple[str, str, Card, int]] = field(default_factory=list)
+    of_nodes: bool = False
+
+
+@dataclass
+class Place:
+    """Nodes, elements, sets and surfaces of a part, or of all that is in none.
+
+    Attributes:
+        nodes: Numbers and positions, shape (n,) and (n, 3), of each card.
+        elements: Type, numbers and nodes, shape (n,) and (n, nodes), of each card.
+        flat: The same of triangles and quadrilaterals, which may bound cells.
+        no_cells: How many elements there are of other types.
+        groups: By kind, "NSET", "ELSET" or "SURFACE", and name in capitals.
+    """
+
+    nodes: list[tuple[Ints, Array]] = field(default_factory=list)
+    elements: list[tuple[str, Ints, Ints]] = field(default_factory=list)
+    flat: list[tuple[str, Ints, Ints]] = field(default_factory=list)
+    no_cells: dict[str, int] = field(default_factory=dict)
+    groups: dict[tuple[str, str], Group] = field(default_factory=dict)
+
+    def group(self, kind: str, name: str) -> Group:
+        """The group of a name, a new one if there is none."""
+        return self.groups.setdefault((kind, name.upper()), Group(name))
+
+
+@dataclass(frozen=True)
+class Instance:
+    """A part where it is.
+
+    Attributes:
+        name: In capitals.
+        part: Its part.
+        R: Rotation, shape (3, 3).
+        shift: Translation that follows [in the file's unit of length].
+    """
+
+    name: str
+    part: Place
+    R: Array
+    shift: Array
+
+
+@dataclass
+class Model:
+    """All of a file.
+
+    Attributes:
+        top: What is in no part.
+        parts: By name in capitals.
+        instances: In the order of the file.
+    """
+
+    top: Place = field(default_factory=Place)
+    parts: dict[str, Place] = field(default_factory=dict)
+    instances: list[Instance] = field(default_factory=list)
+
+
+def model_of(path: Path) -> Model:
+    """Read a file.
+
+    Args:
+        path: The file.
+
+    Raises:
+        SceneError: If a card cannot be understood; the message names its line.
+    """
+    model = Model()
+    place = model.top
+    for card in cards_of(path):
+        if card.keyword == "PART":
+            place = model.parts.setdefault(card.named("NAME").upper(), Place())
+        elif card.keyword in ("END PART", "END INSTANCE"):
+            place = model.top
+        elif card.keyword == "INSTANCE":
+            model.instances.append(_instance(card, model))
+            place = model.instances[-1].part
+        elif card.keyword in MAKERS:
+            raise card.wrong(
+                "cards that make nodes or elements of others are not read. Save the model once "
+                "more from a program that has read it: with all nodes and elements."
+            )
+        elif card.keyword in READ:
+            READ[card.keyword](card, place)
+    return model
+
+
+def _instance(card: Card, model: Model) -> Instance:
+    name = card.named("PART")
+    if name.upper() not in model.parts:
+        raise card.wrong(f"there is no part '{name}' before it.")
+    R: Array = np.eye(3)
+    shift: Array = np.zeros(3)
+    rows = card.rows()
+    if rows:
+        shift = np.array(card.numbers(rows[0][1], 3, rows[0][0]))
+    if len(rows) > 1:
+        number, entries = rows[1]
+        *line, angle = card.numbers(entries, 7, number)
+        a, b = np.reshape(line, (2, 3))
+        if not (b - a).any():
+            raise card.wrong("the axis of its rotation is no line.", number)
+        turn = Rotation.from_rotvec(radians(angle) * (b - a) / np.linalg.norm(b - a))
+        R = turn.as_matrix()
+        shift = a + R @ (shift - a)
+    return Instance(card.named("NAME").upper(), model.parts[name.upper()], R, shift)
+
+
+def _nodes(card: Card, place: Place) -> None:
+    if card.given.get("SYSTEM", "R").upper() != "R":
+        raise card.wrong("nodes in cylindrical or spherical coordinates are not read: SYSTEM=R.")
+    rows = card.rows()
+    numbers = [n for number, entries in rows for n in card.whole_numbers(entries[:1], number)]
+    x = [card.numbers(entries[1:], 3, number) for number, entries in rows]
+    labels: Ints = np.array(numbers, dtype=np.int64)
+    place.nodes.append((labels, np.reshape(x, (-1, 3))))
+    if card.given.get("NSET"):
+        place.group("NSET", card.given["NSET"]).members.append(("", labels))
+
+
+def _elements(card: Card, place: Place) -> None:
+    kind = card.named("TYPE").upper()
+    solid, flat = re.match(SOLIDS, kind), re.match(FLAT, kind)
+    if not (solid or flat):
+        place.no_cells[kind] = place.no_cells.get(kind, 0) + len(card.lines)
+        return
+    width = 1 + int(solid[1] if solid else flat[1] if flat else 0)
+    rows: list[list[int]] = []
+    for number, entries in card.rows():
+        if not rows or len(rows[-1]) == width:
+            rows.append([])
+        rows[-1].extend(card.whole_numbers(entries, number))
+        if len(rows[-1]) > width:
+            raise card.wrong(f"element {rows[-1][0]} has more than {width - 1} nodes.", number)
+    if rows and len(rows[-1]) < width:
+        raise card.wrong(f"the last element has less than {width - 1} nodes.")
+    table = np.array(rows, dtype=np.int64).reshape(-1, width)
+    elements = place.elements if solid else place.flat
+    elements.append((kind, table[:, 0], table[:, 1:]))
+    if card.given.get("ELSET"):
+        place.group("ELSET", card.given["ELSET"]).members.append(("", table[:, 0]))
+
+
+def _set(card: Card, place: Place) -> None:
+    kind = card.keyword
+    group = place.group(kind, card.named(kind))
+    instance = card.given.get("INSTANCE", "").upper()
+    for number, entries in card.rows():
+        if "GENERATE" in card.given:
+            first, last, step, *_ = [*card.whole_numbers(entries, number), 1, 1, 1]
+            if step < 1 or len([entry for entry in entries if entry]) < 2:
+                raise card.wrong("GENERATE needs the first, the last and a step above 0.", number)
+            group.members.append((instance, np.arange(first, last + 1, step, dtype=np.int64)))
+            continue
+        written = [entry for entry in entries if entry]
+        labels = [entry for entry in written if entry.isdigit()]
+        if labels:
+            group.members.append((instance, np.array(card.whole_numbers(labels, number))))
+        for entry in written:
+            if not entry.isdigit():
+                _other(group, entry, instance)
+
+
+def _other(group: Group, entry: str, instance: str) -> None:
+    """A member by the name of another set, or by that of an instance and a number or a name."""
+    before, dot, after = entry.strip('"').rpartition(".")
+    of = before.upper() if dot else instance
+    if after.isdigit():
+        group.members.append((of, np.array([int(after)])))
+    else:
+        group.others.append((of, after.upper()))
+
+
+def _surface(card: Card, place: Place) -> None:
+    group = place.group("SURFACE", card.named("NAME"))
+    kind = card.given.get("TYPE", "ELEMENT").upper()
+    if kind not in ("ELEMENT", "NODE"):
+        return  # analytical, by equations
+    group.of_nodes = kind == "NODE"
+    for number, line in card.lines:
+        item, face = [*(entry.strip() for entry in line.split(",")), ""][:2]
+        if item and group.of_nodes:
+            _other(group, item, "")
+        elif item:
+            group.faces.append((item, face.upper(), card, number))
+
+
+READ: dict[str, Callable[[Card, Place], None]] = {
+    "NODE": _nodes,
+    "ELEMENT": _elements,
+    "NSET": _set,
+    "ELSET": _set,
+    "SURFACE": _surface,
+}
