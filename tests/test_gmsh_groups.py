@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -42,8 +44,8 @@ def script(tmp_path):
 def saved(script, tmp_path):
     """Meshes such a script and saves it in a version of the format."""
 
-    def save(version, *lines, dim=3):
-        path = tmp_path / f"{version}.msh"
+    def save(version, *lines, dim=3, suffix="msh"):
+        path = tmp_path / f"{version}.{suffix}"
         gmsh.initialize(interruptible=False)
         try:
             gmsh.option.setNumber("General.Terminal", 0)
@@ -114,6 +116,31 @@ def test_cells_outside_all_groups_are_told(script, saved, save_all):
 def test_without_any_group_all_is_body(script, saved):
     for domain in (rf.read_geo(script()), rf.read_msh(saved(4.1, "Mesh.SaveAll = 1;"))):
         assert counts(domain) == {"body": domain.mesh.topology.index_map(3).size_global}
+
+
+@pytest.mark.parametrize("kind", ["unv", "med", "cgns", "bdf", "nas", "vtk", "mesh"])
+def test_meshes_of_other_programs(saved, kind):
+    """Names are kept where gmsh reads them; volumes are parts where the format has no names."""
+    if kind == "unv":
+        with pytest.raises(SceneError, match=r"'tip' names element [0-9]+, which is not in the fi"):
+            rf.read_msh(saved(4.1, NAMES, suffix=kind))
+    names = NAMES if kind == "med" else NAMES.rsplit("Physical", 1)[0]
+    try:
+        domain = rf.read_msh(saved(4.1, names, suffix=kind), scale=1e-3)
+    except Exception as error:
+        if re.search("must be compiled with", str(error)):
+            pytest.skip(str(error))
+        raise
+    found = counts(domain)
+    assert domain.mesh.geometry.x[:, 0].max() == pytest.approx(2e-3)
+    total = domain.mesh.topology.index_map(3).size_global
+    if kind in ("unv", "med", "cgns"):
+        assert {*found} >= {"one", "two", "left", "right"}
+        assert found["one"] + found["two"] == total
+        assert found["left"] > 5
+    else:
+        assert sum(found.values()) == total
+        assert {*found} in ({"part 1", "part 2"}, {"body"})  # .vtk has one volume only
 
 
 FACES = 'Physical Surface("left") = {1};'

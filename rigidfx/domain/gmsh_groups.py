@@ -65,7 +65,8 @@ def _groups(model: Any, header: Header) -> list[tuple[int, str, int]]:
     some = {(dim, tag) for dim in KINDS for tag in likely}
     groups = []
     for dim, tag in sorted(filled | set(header) | some):
-        name = model.getPhysicalName(dim, tag) or header.get((dim, tag), "")
+        # Those of MED files have 80 letters, the last ones blanks.
+        name = model.getPhysicalName(dim, tag).rstrip() or header.get((dim, tag), "")
         if name or (dim, tag) in filled:
             groups.append((dim, name or f"{KINDS[dim]}-{tag}", tag))
     return groups

@@ -19,6 +19,7 @@ from rigidfx.base.warning import warn
 from rigidfx.domain.domain import Domain, EntitySet
 from rigidfx.domain.gmsh_groups import Header, Names, names_in_header, take_groups
 from rigidfx.domain.gmsh_tags import separate_groups
+from rigidfx.domain.unv import check_unv
 
 __all__ = ["domain_of", "find_file", "from_gmsh", "gmsh_session", "read_msh"]
 
@@ -26,6 +27,9 @@ __all__ = ["domain_of", "find_file", "from_gmsh", "gmsh_session", "read_msh"]
 GEOMETRY = {".geo": "read_geo", ".geo_unrolled": "read_geo"} | dict.fromkeys(
     (".step", ".stp", ".brep", ".iges", ".igs"), "read_cad"
 )
+
+# Suffixes of meshes of other programs that gmsh merges; some builds have no MED and CGNS.
+MERGED = (".unv", ".med", ".cgns", ".bdf", ".nas", ".vtk", ".mesh")
 
 # Options that reading changes.
 OPTIONS = (
@@ -51,9 +55,10 @@ def read_msh(
     converters leave it, all volume cells are named "body".
 
     Args:
-        path: A .msh file of gmsh, of version 4.1 or 2.2; it is read on rank 0 only. UNV, CGNS,
-            BDF, VTK and MESH are for `from_gmsh`, whose function merges them; other formats for a
-            converter, such as meshio.
+        path: A .msh file of gmsh, of version 4.1 or 2.2, or what else gmsh reads: UNV, MED and CGNS
+            with the names of their groups, BDF (Nastran), VTK and MESH, whose volumes are named
+            "part 1", "part 2", …, by gmsh's numbers, if there are several. It is read on rank 0
+            only. INP is for `read_inp`.
         comm: Communicator of the mesh.
         scale: Metres per unit of length of the file.
 
@@ -68,14 +73,18 @@ def read_msh(
         if reader:
             raise SceneError(f"'{path}' is a geometry, not a mesh. Take {reader}, which meshes it.")
         find_file(path, "mesh")
-        if Path(path).suffix.lower() == ".inp":
+        suffix = Path(path).suffix.lower()
+        if suffix in MERGED:
+            _merge(gmsh, path)
+            return {}
+        if suffix == ".inp":
             raise SceneError(f"'{path}' is an input file of Abaqus or CalculiX: take read_inp.")
         with Path(path).open("rb") as file:
             if not file.readline().lstrip().startswith(b"$"):
                 # gmsh would take it for a script, and its parser not forget where it stopped.
                 raise SceneError(
-                    f"'{path}' is no mesh file of gmsh: no $MeshFormat. UNV, CGNS, BDF, VTK and "
-                    "MESH are read by from_gmsh(lambda gmsh: gmsh.merge(FILE)); convert others, by "
+                    f"'{path}' is no mesh file of gmsh: no $MeshFormat. Files of other kinds are "
+                    f"known by their names' ends: {', '.join(MERGED)}; convert others, by "
                     "'meshio convert FILE part.msh --output-format gmsh22'."
                 )
         gmsh.open(str(path))
@@ -84,6 +93,18 @@ def read_msh(
         return header
 
     return domain_of(comm, f"gmsh: reading '{path}'", f"'{path}'", fill, factor)
+
+
+def _merge(gmsh: Any, path: str | Path) -> None:
+    """Read a mesh of another program; name its volumes, if it has no groups but several of them."""
+    gmsh.model.add("rigidfx")
+    if Path(path).suffix.lower() == ".unv":
+        check_unv(Path(path))
+    gmsh.merge(str(path))
+    volumes = gmsh.model.getEntities(3)
+    if len(volumes) > 1 and not gmsh.model.getPhysicalGroups():
+        for _, number in volumes:
+            gmsh.model.addPhysicalGroup(3, [number], name=f"part {number}")
 
 
 def from_gmsh(
