@@ -17,6 +17,7 @@ from rigidfx.base.errors import (
 )
 from rigidfx.base.shared_cells import share_cells
 from rigidfx.base.uncaught import end_together
+from rigidfx.checkpoint.checkpoint import Checkpoint
 from rigidfx.decide.criteria.accuracy import Accuracy
 from rigidfx.decide.criteria.criterion import StrainRate
 from rigidfx.decide.criteria.relative import Relative
@@ -81,7 +82,7 @@ from rigidfx.report.recovered import recovered_stress
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.step_control import StepControl
-from rigidfx.simulation import simulate
+from rigidfx.simulation import resume, simulate
 from rigidfx.statics import compliance, static
 from rigidfx.vibration.modes import Modes, modes, periods
 from rigidfx.vibration.rayleigh import rayleigh
@@ -95,6 +96,7 @@ __all__ = [
     "Accuracy",
     "AssumedStrains",
     "BodyForce",
+    "Checkpoint",
     "CompilerError",
     "Contact",
     "Cylinder",
@@ -169,6 +171,7 @@ __all__ = [
     "read_msh",
     "recovered_stress",
     "redistribute",
+    "resume",
     "simulate",
     "static",
     "write_bodies",

@@ -45,6 +45,7 @@ def prepare(
     rigidify: Criterion | None = None,
     control: StepControl | None = None,
     start: Start | None = None,
+    bring_back: Callable[[State, Switch], None] | None = None,
 ) -> tuple[Run, Impact | None]:
     """Prepare a run up to its first step; its stepper is to be closed. Collective.
 
@@ -54,6 +55,7 @@ def prepare(
         rigidify: When parts become rigid and flexible again; no part does if None.
         control: How Δt is chosen; the timeline says it if None.
         start: Where the run begins; as the scene says if None.
+        bring_back: Has the state and the division of a checkpoint in place of a start; collective.
 
     Returns:
         The run, and the velocity that supports have imposed at the start, if they have.
@@ -75,7 +77,11 @@ def prepare(
     with ExitStack() as stack:
         stack.callback(stepper.close)
         switch = Switch(stepper, timeline, start)
-        impact = switch.begin()
+        impact = None
+        if bring_back is None:
+            impact = switch.begin()
+        else:
+            bring_back(state, switch)
         policy = None
         if rigidify is not None:
             measure = heeded_indicator(rigidify, scene, forces, failures)

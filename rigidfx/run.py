@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from rigidfx.base.errors import RigidfxError
+from rigidfx.base.remembered import PART, Remembered
 from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.decision import Decision
 from rigidfx.decide.policy import Policy
@@ -25,7 +27,8 @@ from rigidfx.shadow.motion import Strained
 from rigidfx.shadow.shadow import Shadow
 from rigidfx.shadow.shadows import Shadows
 from rigidfx.step.first_touch import FirstTouch
-from rigidfx.step.stepper import Stepper, StepResult
+from rigidfx.step.step_result import StepResult
+from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import Attempt
 from rigidfx.switch.switch import Switch
 
@@ -63,6 +66,10 @@ class Run:
     looks: Looks | None = None
     idle: Rigidity | None = None
     corrected: bool = True
+
+    remembered: ClassVar[Remembered] = dict.fromkeys(
+        ("stepper", "policy", "touch", "ledgers"), PART
+    )
 
     @property
     def added(self) -> ErrorMotion | None:

@@ -9,20 +9,26 @@ shows up as several reports on the way to its end.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from itertools import count
+from pathlib import Path
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
-from rigidfx.base.errors import SceneError, StepError
-from rigidfx.base.inputs import shown
+from rigidfx.base.errors import SceneError, StepError, together
+from rigidfx.base.inputs import path_of
+from rigidfx.base.inputs import shown as show
 from rigidfx.base.log import heard, tell
 from rigidfx.base.progress import progress_bar
 from rigidfx.base.same_input import check_same
+from rigidfx.checkpoint.call import given_again
+from rigidfx.checkpoint.checkpoint import Checkpoint
+from rigidfx.checkpoint.keeper import Keeper, Kept, bring_back, read, remember
 from rigidfx.decide.criteria.accuracy import Accuracy, controlled
 from rigidfx.decide.criteria.judging import Criterion
 from rigidfx.preparation import prepare
@@ -42,7 +48,7 @@ from rigidfx.scene.timeline import Timeline
 from rigidfx.step.linear.petsc_options import SolverOptions
 from rigidfx.step.system.supports import Impact
 
-__all__ = ["simulate"]
+__all__ = ["resume", "simulate"]
 
 
 def simulate(
@@ -58,6 +64,7 @@ def simulate(
     verbose: bool | None = None,
     petsc_options: Mapping[str, Any] | None = None,
     monitor: Callable[[int, float], None] | None = None,
+    checkpoint: Checkpoint | None = None,
 ) -> Iterator[Report]:
     """Integrate a scene from t = 0.
 
@@ -85,6 +92,7 @@ def simulate(
             environment win; see `rigidfx.step.linear.petsc_options`.
         monitor: Called with the number of each Newton iterate and ‖R‖ [N] there, on every rank
             that gives one; what it raises ends the run on all ranks.
+        checkpoint: When and where the run leaves what `resume` goes on from; none if None.
 
     Returns:
         A generator of reports, the first of them of the initial state. Everything it holds is
@@ -100,44 +108,144 @@ def simulate(
     if not isinstance(scene, Scene):
         raise SceneError(f"simulate: scene must be a Scene, got {type(scene).__name__}.")
     given = {"dt": dt, "t_end": t_end, "rigidify": rigidify, "accuracy": accuracy}
-    check_same(scene.comm, "simulate", {**given, "petsc_options": petsc_options})
+    others = {"petsc_options": petsc_options, "checkpoint": checkpoint}
+    check_same(scene.comm, "simulate", given | others)
     for name, value in (("progress", progress), ("verbose", verbose), ("corrected", corrected)):
         if value is not None and not isinstance(value, (bool, np.bool_)):
-            raise SceneError(f"simulate: {name} must be True, False or None, got {shown(value)}.")
+            raise SceneError(f"simulate: {name} must be True, False or None, got {show(value)}.")
+    if not isinstance(checkpoint, Checkpoint | None):
+        raise SceneError(f"simulate: checkpoint must be a Checkpoint, got {show(checkpoint)}.")
     start = start_of(scene, start)
+    if scene.comm.allreduce(monitor is not None, op=MPI.LOR) and monitor is None:
+        monitor = _unheard
+    call = {**given, "corrected": bool(corrected), "petsc_options": petsc_options}
+    return _begun(scene, call, (progress, verbose), monitor, start, checkpoint)
+
+
+def resume(
+    folder: str | Path,
+    scene: Scene,
+    *,
+    t_end: float | None = None,
+    dt: float | Mapping[float, float] | StepControl | None = None,
+    rigidify: Criterion | None = None,
+    accuracy: Accuracy | None = None,
+    checkpoint: Checkpoint | None = None,
+    progress: bool | None = None,
+    verbose: bool | None = None,
+    monitor: Callable[[int, float], None] | None = None,
+) -> Iterator[Report]:
+    """Go on with a run from its newest checkpoint, on any number of ranks.
+
+    The next report is that of the step after the checkpoint. Newton's tolerance apart, and on the
+    same number of ranks without that, the motion is that of the run that left the checkpoint.
+
+    Args:
+        folder: The folder of its `Checkpoint`.
+        scene: The problem, made as for the first run.
+        t_end: Another end of the simulation [s]; not with a `StepControl` or an `Accuracy`.
+        dt: What the run was given, where no file keeps it, as a function or a class of one's own;
+            it is told by an error ...
+        rigidify: ... likewise ...
+        accuracy: ... likewise.
+        checkpoint: When and where the run leaves checkpoints from now on; as before, in this
+            folder, if None.
+        progress: See `simulate`.
+        verbose: See `simulate`.
+        monitor: See `simulate`.
+
+    Yields:
+        Reports, as of `simulate`.
+
+    Raises:
+        SceneError: On every rank, if there is no checkpoint, if it is of another mesh, scene or
+            version, or if something has to be given again.
+        OutputError: On every rank, if the folder cannot be read.
+    """
+    if not isinstance(scene, Scene):
+        raise SceneError(f"resume: scene must be a Scene, got {type(scene).__name__}.")
+    again = {"dt": dt, "rigidify": rigidify, "accuracy": accuracy}
+    check_same(scene.comm, "resume", {**again, "t_end": t_end, "checkpoint": checkpoint})
+    own = together(scene.comm, "resume", lambda: path_of("resume", "folder", folder))
+    place: Path = scene.comm.bcast(own)
+    kept = read(place, scene)
+    call = given_again(kept.call, {**again, "checkpoint": None})
+    if t_end is not None:
+        if isinstance(call["dt"], StepControl) or call["accuracy"] is not None:
+            raise SceneError("resume: t_end cannot change where errors add up to it. Leave it out.")
+        call["t_end"] = t_end
+    left = call.pop("checkpoint")
+    checkpoint = replace(left, folder=place) if checkpoint is None else checkpoint
+    if scene.comm.allreduce(monitor is not None, op=MPI.LOR) and monitor is None:
+        monitor = _unheard
+    return _begun(scene, call, (progress, verbose), monitor, None, checkpoint, kept)
+
+
+def _begun(
+    scene: Scene,
+    call: Mapping[str, Any],
+    shown: tuple[bool | None, bool | None],
+    monitor: Callable[[int, float], None] | None,
+    start: Start | None,
+    checkpoint: Checkpoint | None,
+    kept: Kept | None = None,
+) -> Iterator[Report]:
+    """A run that was prepared, at its start or at a checkpoint. Collective."""
+    dt, t_end, accuracy = call["dt"], call["t_end"], call["accuracy"]
+    rigidify, petsc_options = call["rigidify"], call["petsc_options"]
     if accuracy is not None:
         dt = controlled(accuracy, scene, dt, rigidify)
     control = dt if isinstance(dt, StepControl) else None
-    if control is not None:
-        control.check(scene)
-        timeline = Timeline(control.most, t_end, control.least)
-    else:
-        timeline = Timeline(dt, t_end)  # type: ignore[arg-type]
-        timeline.stop_at(scene.breakpoints)
+    timeline = _timeline(scene, dt, t_end)
     if isinstance(rigidify, Accuracy) or not isinstance(rigidify, Criterion | None):
-        raise SceneError(f"simulate: rigidify must be a StrainRate, got {shown(rigidify)}.")
+        raise SceneError(f"simulate: rigidify must be a StrainRate, got {show(rigidify)}.")
     criterion = rigidify if accuracy is None else accuracy.watching(scene)
     if criterion is not None and not scene.scheme.couples:
         raise SceneError(
             f"simulate: {type(scene.scheme).__name__} does not couple to rigid bodies; take "
             "EnergyMomentum or Midpoint."
         )
-    if scene.comm.allreduce(monitor is not None, op=MPI.LOR) and monitor is None:
-        monitor = _unheard
     solver = SolverOptions({} if petsc_options is None else petsc_options, monitor)
-    with solver.at_work(), heard(scene.comm, verbose):
+    with solver.at_work(), heard(scene.comm, shown[1]):
         began = perf_counter()
-        run, impact = prepare(scene, timeline, criterion, control, start)
+        back = None if kept is None else partial(bring_back, kept)
+        run, impact = prepare(scene, timeline, criterion, control, start, back)
         idle = None if accuracy is None else accuracy.idle
-        run = replace(run, idle=idle, corrected=bool(corrected))
+        run = replace(run, idle=idle, corrected=call["corrected"])
+        looks = _looks(run)
+        if kept is not None:
+            remember(kept, run, looks)
+        keeper = None
+        if checkpoint is not None:
+            keeper = Keeper(scene, checkpoint, {**call, "checkpoint": checkpoint}, kept)
+            keeper.check(run, looks)
         tell(scene.comm, beginning(scene, run.stepper.unknowns, t_end, perf_counter() - began))
-    reports = _reports(run, impact, (progress, verbose), solver)
+    first = 0 if kept is None else kept.step
+    reports = _reports(run, impact, shown, solver, looks, keeper, first)
     if accuracy is None or control is None:
         return reports
     rule = None if run.policy is None else run.policy.rule
     finer = accuracy.finer(control)
     twin = partial(simulate, scene, finer, t_end, start=start, petsc_options=petsc_options)
     return accuracy.followed(reports, scene, rule, twin)
+
+
+def _timeline(scene: Scene, dt: Any, t_end: float) -> Timeline:
+    """Where steps end."""
+    if isinstance(dt, StepControl):
+        dt.check(scene)
+        return Timeline(dt.most, t_end, dt.least)
+    timeline = Timeline(dt, t_end)
+    timeline.stop_at(scene.breakpoints)
+    return timeline
+
+
+def _looks(run: Run) -> tuple[Any, ...]:
+    """What looks at reports; the last is the account of a run. Collective."""
+    scene = run.stepper.scene
+    brief = BriefContacts(scene, run.stepper.control is None)
+    of_motion = EnergyBalance(scene), LumpedInertia(scene), Jolts(scene), brief
+    return *of_motion, TurnedSprings(scene), Account(scene.comm)
 
 
 def _unheard(iteration: int, norm: float) -> None:
@@ -149,27 +257,34 @@ def _reports(
     impact: Impact | None,
     shown: tuple[bool | None, bool | None],
     solver: SolverOptions,
+    looks: tuple[Any, ...],
+    keeper: Keeper | None,
+    first: int,
 ) -> Iterator[Report]:
-    """Advance → report → decide → switch, step by step."""
+    """Advance → report → decide → switch, step by step, from the state after the first one."""
     timeline, stepper, switch, state = run.timeline, run.stepper, run.switch, run.stepper.state
-    scene, balance = stepper.scene, EnergyBalance(stepper.scene)
-    brief = BriefContacts(scene, stepper.control is None)
-    looks = balance, LumpedInertia(scene), Jolts(scene), brief, TurnedSprings(scene)
-    account = Account(stepper.scene.comm)
+    scene, balance, account = stepper.scene, looks[0], looks[-1]
     with (
         run,
-        heard(stepper.scene.comm, shown[1]),
+        heard(scene.comm, shown[1]),
         account,
-        progress_bar(stepper.scene.comm, timeline.t_end, shown[0]) as bar,
+        nullcontext() if keeper is None else keeper,
+        progress_bar(scene.comm, timeline.t_end, shown[0]) as bar,
     ):
-        report = report_of(0, stepper, run.probes, None, impact, run.shadows, run.added)
-        report = replace(report, reactions=switch.held[0], reaction_moments=switch.held[1])
-        report = run.accounted(report)
-        for look in (*looks, account):
-            look.follow(report)
-        yield report
-        for step in count(1):
-            if timeline.over(state.t):
+        bar.update(state.t)
+        if not first:
+            report = report_of(0, stepper, run.probes, None, impact, run.shadows, run.added)
+            report = replace(report, reactions=switch.held[0], reaction_moments=switch.held[1])
+            report = run.accounted(report)
+            for look in looks:
+                look.follow(report)
+            yield report
+        for step in count(first + 1):
+            over = timeline.over(state.t)
+            if keeper is not None:
+                with solver.at_work():
+                    keeper.look(step - 1, state.t, run, looks, over)
+            if over:
                 stepper.failures.settle()
                 return balance.end()
             target, start = run.target(), perf_counter()
@@ -188,8 +303,8 @@ def _reports(
                 report = amended(report, stepper, [*events, *woken, *now], closeness)
                 report = run.accounted(report)
             if report.iterations > 0:
-                solver.warn_of_unasked(stepper.scene.comm)
-            for look in looks:
+                solver.warn_of_unasked(scene.comm)
+            for look in looks[:-1]:
                 look.follow(report)
             bar.update(result.dt)
             report = replace(report, wall=perf_counter() - start)

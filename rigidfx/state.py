@@ -7,7 +7,7 @@ This module alone writes them: a step by `advance`, a switch by `group`, `take_o
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Set
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -15,11 +15,12 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from rigidfx.base.errors import together
+from rigidfx.base.remembered import FIELD, ByObject, Remembered, same
 from rigidfx.base.taken import read_only
 from rigidfx.effects import InitialVelocity, Preload
 from rigidfx.effects.initial.initial_velocity import agree_with_support, given_velocity
-from rigidfx.mechanics.bodies import Bodies
-from rigidfx.mechanics.eased import Eased
+from rigidfx.mechanics.bodies import BODIES, Bodies
+from rigidfx.mechanics.eased import EASED, Eased
 from rigidfx.mechanics.rigid_body import Body
 from rigidfx.scene.scene import Scene
 
@@ -63,6 +64,14 @@ class State:
 
     Between outputs u and v of nodes inside bodies lag behind; `rebuild` brings them up to date.
     """
+
+    remembered: ClassVar[Remembered] = same("t") | {
+        "u": FIELD,
+        "v": FIELD,
+        "bodies": BODIES,
+        "eased": EASED,
+        "notes": ByObject(),
+    }
 
     def __init__(self, scene: Scene) -> None:
         """The state at rest in the reference configuration at t = 0."""

@@ -28,6 +28,7 @@ FLOW = [
     "switch",
     "run",
     "preparation",
+    "checkpoint",
     "simulation",
     "statics",
     "output",
@@ -398,6 +399,7 @@ PLAIN = {0, 1, 2, 0.5}  # in bodies, as are integers up to 12: dimensions and in
 CEILINGS = {
     ".": 1,
     "base": 24,
+    "checkpoint": 3,
     "command": 24,
     "coupling": 3,
     "decide": 11,

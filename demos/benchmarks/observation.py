@@ -30,7 +30,7 @@ from rigidfx.preparation import prepare
 from rigidfx.run import Run
 from rigidfx.scene.timeline import Timeline
 from rigidfx.shadow.pace import LONG, LOOKS
-from rigidfx.step.stepper import StepResult
+from rigidfx.step.step_result import StepResult
 from rigidfx.switch.inventory import divide
 
 WINDOW = 5  # steps

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from copy import copy
 from typing import Any
 
@@ -23,6 +24,7 @@ __all__ = [
     "integration_facets",
     "known_columns",
     "model_to_mesh",
+    "package_version",
     "partition",
     "partitioner_without_ghosts",
 ]
@@ -33,6 +35,12 @@ if not (0, 9) <= VERSION < (0, 12):
         f"rigidfx supports DOLFINx 0.9 to 0.11, found {dolfinx.__version__}. "
         "Run your command by ./fenicsx, which provides a supported one."
     )
+
+
+def package_version() -> str:
+    """Version of this package."""
+    return str(sys.modules["rigidfx"].__version__)
+
 
 _facet_domains = dolfinx.fem.compute_integration_domains
 

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
+from typing import ClassVar
+
+from rigidfx.base.remembered import Remembered, same
 
 __all__ = ["Course"]
 
@@ -16,6 +19,8 @@ class Course:
         largest: The largest value so far.
         begun: Whether it has changed.
     """
+
+    remembered: ClassVar[Remembered] = same("largest", "_times", "_sizes")
 
     def __init__(self, first: float = 0.0) -> None:
         """The value at the time 0."""

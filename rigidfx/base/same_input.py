@@ -20,7 +20,7 @@ from mpi4py import MPI
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import shown
 
-__all__ = ["check_same", "digest", "excerpts"]
+__all__ = ["check_same", "digest", "excerpts", "items"]
 
 SHOWN = 120  # characters of what a rank was given, from a little before where it differs
 BEFORE = 40
@@ -41,13 +41,13 @@ def check_same(comm: MPI.Intracomm, owner: str, given: Mapping[str, Any]) -> Non
     """
     if comm.size == 1:
         return
-    items = dict(_items(given))
-    digests = comm.allgather({name: digest(value) for name, value in items.items()})
+    every = dict(items(given))
+    digests = comm.allgather({name: digest(value) for name, value in every.items()})
     for rank, other in enumerate(digests):
         names = [*digests[0], *(name for name in other if name not in digests[0])]
         for name in names:
             if digests[0].get(name) != other.get(name):
-                texts = comm.allgather(_text(items[name]) if name in items else "nothing")
+                texts = comm.allgather(_text(every[name]) if name in every else "nothing")
                 first, second = excerpts(texts[0], texts[rank])
                 raise SceneError(
                     f"{owner}: {name} is not the same on all ranks: {first} on rank 0, "
@@ -83,7 +83,12 @@ def excerpts(first: str, second: str) -> tuple[str, str]:
     return one, other
 
 
-def _items(given: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+def items(given: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Names and values; of a sequence, item by item.
+
+    Args:
+        given: Values by name.
+    """
     for name, value in given.items():
         if isinstance(value, (list, tuple)):
             yield from ((f"{name}[{k}]", item) for k, item in enumerate(value))

@@ -12,12 +12,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from math import pi
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.base.failures import Failures
+from rigidfx.base.remembered import PART, Remembered
 from rigidfx.decide.advice import Advice
 from rigidfx.decide.clusters import NONE, CellGraph
 from rigidfx.decide.criteria.heeded import heeded_rule
@@ -69,6 +71,8 @@ class Policy:
         rule: Says which cells are quiet, and which bodies are not.
         by_error: Whether the error motion tells what wakes.
     """
+
+    remembered: ClassVar[Remembered] = dict.fromkeys(("memory", "withholding", "rule"), PART)
 
     def __init__(
         self,

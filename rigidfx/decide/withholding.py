@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from math import pi
+from typing import ClassVar
 
 import numpy as np
 from mpi4py import MPI
 
+from rigidfx.base.remembered import Remembered, same
 from rigidfx.decide.advice import Advice
 from rigidfx.decide.criteria.judging import Criterion
 from rigidfx.decide.criteria.observation import Observation
@@ -25,6 +27,8 @@ class Withholding:
     is compared. What is exceeded in one step is said once the motion has not grown for as long as
     it has gone on, or at the end of the run: then it has been seen how all moves.
     """
+
+    remembered: ClassVar[Remembered] = same("_told", "_shared")
 
     def __init__(
         self, comm: MPI.Intracomm, criterion: Criterion, named: NamedParts, memory: Memory

@@ -9,10 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.base.remembered import LARGEST, Remembered, same
 from rigidfx.error.response import Response
 from rigidfx.step.stepper import Stepper
 
@@ -42,6 +44,8 @@ class Ending:
     Attributes:
         let_go: Largest |e| that has been let go so far [m].
     """
+
+    remembered: ClassVar[Remembered] = same("let_go", "_watched", "_left") | {"_most": LARGEST}
 
     def __init__(self, stepper: Stepper, promise: Promise) -> None:
         """Nothing has moved.

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
+from rigidfx.base.mesh_order import MeshOrder
+from rigidfx.base.remembered import ON_DOFS, Kind, joined, part_of, restore
 from rigidfx.coupling.rows import Rows
 from rigidfx.effects import Rigid
 from rigidfx.error.frames import Frames
@@ -21,7 +24,7 @@ from rigidfx.shadow.linear_motion import LinearMotion
 from rigidfx.shadow.parts import mass_of
 from rigidfx.step.stepper import Stepper
 
-__all__ = ["LARGEST", "Equations"]
+__all__ = ["LARGEST", "SOLUTION", "Equations"]
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -73,23 +76,69 @@ class Equations:
                 e, rate = (np.where(held.reshape(-1, 3), 0.0, a) for a in self.response.fields())
             self.destroy()
             self._held, self._viscous = held.copy(), viscous
-            with PREPARING:
-                forces.set_rate(1.0)
-                motion, loose = about(self._stepper, self._forms, frames, held)
-                forces.set_rate(1 / dt)
-            e, rate = loose.still(e), loose.still(rate)
-            if self._few:
-                self.response = AllUnknowns(scene, motion, e, rate)
-            else:
-                supported = np.flatnonzero(held)
-                self.response = Modal(scene, motion, supported, loose, self._points, e, rate)
-            self.loose = loose
+            self._make(frames, e, rate)
+            forces.set_rate(1 / dt)
+
+    def _make(self, frames: Frames, e: Array, rate: Array) -> None:
+        """Have the solution for what holds and is viscous, from e and its rate on. Collective."""
+        scene, forces = self._stepper.scene, self._stepper.forces
+        with PREPARING:
+            forces.set_rate(1.0)
+            motion, self.loose = about(self._stepper, self._forms, frames, self._held)
+        e, rate = self.loose.still(e), self.loose.still(rate)
+        if self._few:
+            self.response = AllUnknowns(scene, motion, e, rate)
+        else:
+            supported = np.flatnonzero(self._held)
+            self.response = Modal(scene, motion, supported, self.loose, self._points, e, rate)
+
+    def resume(self, frames: Frames, known: Mapping[str, Any], order: MeshOrder) -> None:
+        """Have the solution that a checkpoint knows. Collective.
+
+        Args:
+            frames: The shape.
+            known: Of `SOLUTION`.
+            order: Numbers of this rank's cells and nodes.
+        """
+        self._held, self._viscous = ON_DOFS.own(known["held"], order), known["viscous"]
+        self._make(frames, *np.zeros((2, *frames.shape.shape)))
+        restore(self.response, known["response"], order)
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
         if self.response is not None:
             self.response.destroy()
             self.response = None
+
+
+class _Solution(Kind):
+    """The solution of the error's equation, of the `ErrorMotion` that has it; None before it is."""
+
+    def part(self, value: Any, order: MeshOrder) -> Any:
+        """See `Kind`."""
+        if value.response is None:
+            return None
+        held = ON_DOFS.part(value._held, order)
+        return held, value._viscous, part_of(value.response, order)
+
+    def whole(self, value: Any, parts: Sequence[Any], orders: Sequence[MeshOrder]) -> Any:
+        """See `Kind`."""
+        if value.response is None:
+            return None
+        held, viscous, responses = zip(*parts, strict=True)
+        return {
+            "held": ON_DOFS.whole(value._held, held, orders),
+            "viscous": viscous[0],
+            "response": joined(value.response, responses, orders),
+        }
+
+    def set(self, owner: Any, name: str, whole: Any, order: MeshOrder) -> None:
+        """See `Kind`; the owner's shape is known."""
+        if whole is not None:
+            getattr(owner, name).resume(owner._frames, whole, order)
+
+
+SOLUTION = _Solution()
 
 
 def about(

@@ -21,6 +21,7 @@ added to what is shown.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -28,11 +29,12 @@ from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from rigidfx.base.remembered import PART, Remembered, same
 from rigidfx.effects import Spring
 from rigidfx.error.cell_strains import CellStrains
 from rigidfx.error.ending import Ending, Promise
-from rigidfx.error.equations import Equations
-from rigidfx.error.frames import Frames, to_space
+from rigidfx.error.equations import SOLUTION, Equations
+from rigidfx.error.frames import FRAMES, Frames, to_space
 from rigidfx.error.impulse import Impulse
 from rigidfx.error.response import Response
 from rigidfx.error.shown import Shown
@@ -74,6 +76,10 @@ class ErrorMotion(Watch):
         steps: How many steps e has taken, looks included. It takes none at rest, and one for
             several of the run where that is enough.
     """
+
+    remembered: ClassVar[Remembered] = same("known", "_dt", "_of_run", "steps")
+    remembered |= {"_frames": FRAMES, "_equations": SOLUTION}
+    remembered |= dict.fromkeys(("_impulse", "validity", "ending"), PART)
 
     def __init__(
         self,

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
+from rigidfx.base.mesh_order import MeshOrder
+from rigidfx.base.remembered import ON_NODES, Kind
 from rigidfx.scene.scene import Scene
 
-__all__ = ["Frames", "to_shape", "to_space"]
+__all__ = ["FRAMES", "Frames", "to_shape", "to_space"]
 
 Array = npt.NDArray[np.float64]
 Nodes = npt.NDArray[np.integer]
@@ -79,6 +82,26 @@ class Frames:
         local = np.array([self.part[own].max(initial=-1) for own in nodes], dtype=np.int64)
         self._scene.comm.Allreduce(MPI.IN_PLACE, local, op=MPI.MAX)
         return local
+
+
+class _Frames(Kind):
+    """Frames against a shape, or None, of an object that has the scene."""
+
+    def part(self, value: Any, order: MeshOrder) -> Any:
+        """See `Kind`."""
+        return None if value is None else value.shape
+
+    def whole(self, value: Any, parts: Sequence[Any], orders: Sequence[MeshOrder]) -> Any:
+        """See `Kind`."""
+        return ON_NODES.whole(parts[0], parts, orders)
+
+    def set(self, owner: Any, name: str, whole: Any, order: MeshOrder) -> None:
+        """See `Kind`."""
+        if whole is not None:
+            setattr(owner, name, Frames(owner._scene, ON_NODES.own(whole, order)))
+
+
+FRAMES = _Frames()
 
 
 def to_shape(vectors: Array, Q: Array) -> Array:

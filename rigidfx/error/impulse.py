@@ -6,12 +6,13 @@ Both are in the frame of one shape: forces of a body by the body's own frame, râ
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
+from rigidfx.base.remembered import ON_NODES, Remembered, same
 from rigidfx.error.frames import Frames, to_shape, to_space
 from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.shadow.body_forces import BodyForces
@@ -33,6 +34,8 @@ class Impulse:
         span: Time since the last step of e [s].
         kick: Velocities that were taken out since then, shape (nodes, 3) [m/s].
     """
+
+    remembered: ClassVar[Remembered] = same("span") | {"_total": ON_NODES, "kick": ON_NODES}
 
     def __init__(self, stepper: Stepper, shadow: Shadow | BodyForces) -> None:
         """Nothing has acted.

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import inf
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
+from rigidfx.base.remembered import PART, Remembered, same
 from rigidfx.coupling.rows import Rows
 from rigidfx.effects import Contact, Joint, Rigid, Spring
 from rigidfx.error.error_motion import ErrorMotion
@@ -65,6 +67,8 @@ class Looks(Watch):
         withheld: Strain energy that bodies withhold, at the last look [J].
     """
 
+    remembered: ClassVar[Remembered] = same("withheld", "_since") | {"_pace": PART, "_shared": PART}
+
     def __init__(
         self, stepper: Stepper, forces: BodyForces, error: ErrorMotion, indicator: Indicator
     ) -> None:
@@ -91,6 +95,10 @@ class Looks(Watch):
         self._rigid = np.setdiff1d(every, np.concatenate([every[:0], *flexible.values()]))
         self._shared.bind(flexible)
         self._rates = None
+
+    def refresh(self) -> None:
+        """See `Watch`."""
+        self._pace.refresh()
 
     def look(self, attempt: Attempt, limits: Callable[[], Limits] | None = None) -> Strained | None:
         """What e strains in rigid cells in a step that has been solved. Collective.

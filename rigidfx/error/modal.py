@@ -14,12 +14,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
+from rigidfx.base.remembered import ON_NODES, SAME, Items, Remembered, same
 from rigidfx.error.loose import Loose
 from rigidfx.error.response import FACTORING, PREPARING
 from rigidfx.scene.points import Point
@@ -51,6 +52,11 @@ class Modes:
 
 class Modal:
     """e by some modes and a static correction; `destroy` frees the factor of K."""
+
+    remembered: ClassVar[Remembered] = {
+        "at_nodes": ON_NODES,
+        "_changed": Items(ON_NODES, SAME),
+    } | same("_eta", "_rate", "_loads", "_change", "_level", "_since", "_squares", "_viscous")
 
     def __init__(
         self,
@@ -118,7 +124,27 @@ class Modal:
         self._asked: Array = self._free_part()  # e when its change was asked for last ...
         self._since = 0.0  # ... the time since then [s], and what it was
         self._changed: tuple[Array, float] = np.zeros((self._n, 3)), 1.0
+        self._given = points
         self._points = {id(p): self._adjoint(p) for p in points}
+
+    @property
+    def at_nodes(self) -> Array:
+        """Modes, M times them, the last force, and the e that was asked for last, at the nodes.
+
+        Shape (nodes, 3, 2 modes + 2). Whoever sets them sets a solution that goes on.
+        """
+        rows = *self._phi, *self._m_phi, self._force, self._asked
+        return np.stack([self._field(row) for row in rows], axis=2)
+
+    @at_nodes.setter
+    def at_nodes(self, values: Array) -> None:
+        rows = values.reshape(3 * self._n, -1)[self._free].T.copy()
+        modes = (len(rows) - 2) // 2
+        self._phi, self._m_phi = rows[:modes], rows[modes : 2 * modes]
+        self._force, self._asked = rows[-2].copy(), rows[-1].copy()
+        nothing = np.zeros_like(self._force)
+        self._still = nothing, nothing
+        self._points = {id(p): self._adjoint(p) for p in self._given}
 
     # What is told -------------------------------------------------------------------------------
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections import deque
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.base.remembered import Remembered, same
 from rigidfx.error.error_motion import LONGEST
 from rigidfx.shadow.body_forces import BodyForces
 from rigidfx.shadow.parts import Parts
@@ -27,6 +29,8 @@ class Pace:
         ratio: Largest strain rate of e in rigid cells at the last look, over the rate that wakes.
     """
 
+    remembered: ClassVar[Remembered] = same("_alarmed", "_waited", "ratio")
+
     def __init__(self, forces: BodyForces) -> None:
         """Nothing has been looked at.
 
@@ -43,6 +47,11 @@ class Pace:
     def calm(self) -> bool:
         """Whether e strains rigid cells little, and no force is new."""
         return self.ratio <= CALM and not self._alarmed
+
+    def refresh(self) -> None:
+        """Forget ρ of the step before."""
+        self._last = None
+        self._changes.clear()
 
     def follow(self) -> None:
         """Compare ρ of an attempt with that of the step before. Collective."""

@@ -6,12 +6,13 @@ Both know e and ė at the owned nodes, in the frame of the shape, and step under
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
+from rigidfx.base.remembered import ON_NODES, SAME, Items, Remembered
 from rigidfx.scene.points import Point
 from rigidfx.scene.scene import Scene
 from rigidfx.shadow.linear_motion import LinearMotion
@@ -99,6 +100,12 @@ class Response(Protocol):
 
 class AllUnknowns:
     """e by the midpoint rule at all nodes, with kept factors."""
+
+    remembered: ClassVar[Remembered] = {
+        "_e": ON_NODES,
+        "_rate": ON_NODES,
+        "_change": Items(ON_NODES, SAME),
+    }
 
     valid = True
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
+from rigidfx.base.remembered import FIELD, Remembered, same
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import Cells
 
@@ -16,6 +19,8 @@ Array = npt.NDArray[np.float64]
 
 class SharedStrains:
     """Measures them from step to step."""
+
+    remembered: ClassVar[Remembered] = same("_known") | {"_end": FIELD}
 
     def __init__(self, space: fem.FunctionSpace, indicator: Indicator) -> None:
         """Measure nothing yet.

@@ -7,6 +7,8 @@ tenth, e does not tell the twin. Gradients are those at the middles of cells.
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import basix
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +16,7 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from rigidfx.base.log import tell
+from rigidfx.base.remembered import CELLS, PART, Remembered, same
 from rigidfx.error.response import Response
 from rigidfx.scene.scene import Scene
 from rigidfx.step.watches.watch import WarnsOnce
@@ -33,6 +36,11 @@ class Validity:
         concerned: Owned cells in which e was too large at the last look.
         holds: Whether there was none on any rank.
     """
+
+    remembered: ClassVar[Remembered] = same("holds", "_modes_hold", "_largest") | {
+        "concerned": CELLS,
+        "_warns": PART,
+    }
 
     def __init__(self, scene: Scene) -> None:
         """Find the gradients at the middles of owned cells. Collective."""

@@ -8,15 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.base.mesh_order import MeshOrder
+from rigidfx.base.remembered import Each, Kind, Record
 from rigidfx.base.taken import read_only, seal
-from rigidfx.mechanics.rigid_body import Body, BodyMotion, RigidBody, at_rest
+from rigidfx.mechanics.rigid_body import Body, BodyMotion, Frozen, RigidBody, at_rest
 from rigidfx.mechanics.rotation import UNIT_SKEWS
 
-__all__ = ["TRANSLATIONS", "Bodies", "Ensemble", "times"]
+__all__ = ["BODIES", "TRANSLATIONS", "Bodies", "Ensemble", "times"]
 
 Array = npt.NDArray[np.float64]
 
@@ -227,6 +230,34 @@ class Bodies:
         """Σ |m ṙ| + |π|/ℓ [kg m/s]."""
         rotational = np.linalg.norm(self.angular_momentum, axis=1) / self.of.length
         return float(np.linalg.norm(self.momentum, axis=1).sum() + rotational.sum())
+
+
+class _Bodies(Kind):
+    """The bodies of a run, as a checkpoint keeps them: data over cells and nodes, and motions."""
+
+    def __init__(self) -> None:
+        """Say what their data are."""
+        frozen = Record(Frozen, "nodes", ["velocities"])
+        arrays = "offsets", "displacement"
+        self._data = Each(Record(RigidBody, "nodes", arrays, ["cells"], {"frozen": frozen}))
+
+    def part(self, value: Any, order: MeshOrder) -> Any:
+        """See `Kind`."""
+        motions = value.pose, value.velocity, value.angular_velocity_body
+        return self._data.part(value.of.records, order), motions
+
+    def whole(self, value: Any, parts: Sequence[Any], orders: Sequence[MeshOrder]) -> Any:
+        """See `Kind`."""
+        data = self._data.whole(value.of.records, [own for own, _ in parts], orders)
+        return data, parts[0][1]
+
+    def own(self, whole: Any, order: MeshOrder) -> Bodies:
+        """See `Kind`."""
+        data, motions = whole
+        return Bodies(Ensemble(self._data.own(data, order)), *motions)
+
+
+BODIES = _Bodies()
 
 
 def times(matrices: Array, vectors: Array) -> Array:

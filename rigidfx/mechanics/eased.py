@@ -13,7 +13,9 @@ from math import cos, pi
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["Eased"]
+from rigidfx.base.remembered import Each, Record
+
+__all__ = ["EASED", "Eased"]
 
 Array = npt.NDArray[np.float64]
 Int32s = npt.NDArray[np.int32]
@@ -50,3 +52,6 @@ class Eased:
     def over(self, t: float) -> bool:
         """Whether it has faded at t [s]."""
         return t - self.since >= self.span
+
+
+EASED = Each(Record(Eased, "nodes", ["shape", "strained"], ["cells"], ghosts=True))

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from time import perf_counter
+from typing import ClassVar
 
 from mpi4py import MPI
 
 from rigidfx.base.log import folders, tell
+from rigidfx.base.remembered import PART, Remembered, same
 from rigidfx.report.pay import Pay
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
@@ -28,6 +30,8 @@ def beginning(scene: Scene, unknowns: int, t_end: float, took: float) -> str:
 
 class Account:
     """Says what becomes rigid and flexible, where steps are cut, and at the end what it took."""
+
+    remembered: ClassVar[Remembered] = same("_steps", "_iterations", "_switches") | {"_pay": PART}
 
     def __init__(self, comm: MPI.Intracomm) -> None:
         """Begin.

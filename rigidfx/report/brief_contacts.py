@@ -14,7 +14,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from decimal import ROUND_FLOOR, Context
 from math import isfinite, pi
+from typing import ClassVar
 
+from rigidfx.base.remembered import Remembered, same
 from rigidfx.base.warning import warn
 from rigidfx.effects import Contact
 from rigidfx.effects.contacts.own_time import own_time
@@ -54,6 +56,8 @@ class _Closed:
 
 class BriefContacts:
     """Looks at the contacts of reports; warns once."""
+
+    remembered: ClassVar[Remembered] = same("_waits", "_closed", "_most")
 
     def __init__(self, scene: Scene, given: bool) -> None:
         """Begin before the first report.

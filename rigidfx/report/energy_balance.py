@@ -8,11 +8,12 @@ so loose that what is left of the residual does work. Nothing else in a report w
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from rigidfx.base.errors import StepError
+from rigidfx.base.remembered import Remembered, same
 from rigidfx.base.warning import warn
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
@@ -33,6 +34,10 @@ class EnergyBalance:
     It warns once where the balance is off, and once more where as much energy as was ever accounted
     for has come from nowhere.
     """
+
+    remembered: ClassVar[Remembered] = same(
+        "_expected", "_scale", "_known", "_held", "_warned", "_most", "_given", "_lost"
+    )
 
     def __init__(self, scene: Scene) -> None:
         """Begin before the first report.

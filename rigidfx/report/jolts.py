@@ -7,8 +7,11 @@ one of the energy of the impact, and of that with which the body would follow th
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 
+from rigidfx.base.remembered import Remembered, same
 from rigidfx.base.warning import warn
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
@@ -25,6 +28,8 @@ NEGLIGIBLE = 1e-9
 
 class Jolts:
     """Looks at the impacts of reports; warns once."""
+
+    remembered: ClassVar[Remembered] = same("_waits", "_energy", "_most", "_found")
 
     def __init__(self, scene: Scene) -> None:
         """Begin before the first report. Collective.

@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 from math import isnan, nan, pi
 from typing import ClassVar, Literal
 
+from rigidfx.base.remembered import PART, Remembered, same
 from rigidfx.effects import NumericalDamping
 from rigidfx.step.equations.energies import Measures
 from rigidfx.step.length.deformation import Deformation
@@ -163,6 +164,10 @@ class Ledger:
 
 class Ledgers:
     """Keeps the accounts of a run."""
+
+    remembered: ClassVar[Remembered] = same("_damped", "_inertia", "_lost", "_struck") | {
+        "_deformation": PART
+    }
 
     def __init__(self, stepper: Stepper) -> None:
         """Nothing has been spent. Collective.

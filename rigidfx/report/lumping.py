@@ -7,8 +7,11 @@ what counts is how much of the kinetic energy of a body is there for this reason
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 
+from rigidfx.base.remembered import Remembered, same
 from rigidfx.base.warning import warn
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
@@ -22,6 +25,8 @@ EVERY = 8  # steps from look to look at the same bodies
 
 class LumpedInertia:
     """Looks at the bodies of some reports; warns once."""
+
+    remembered: ClassVar[Remembered] = same("_waits")
 
     def __init__(self, scene: Scene) -> None:
         """Begin before the first report.

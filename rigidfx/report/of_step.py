@@ -19,7 +19,8 @@ from rigidfx.scene.scene import Scene
 from rigidfx.shadow.shadows import Shadows
 from rigidfx.state import State
 from rigidfx.step.equations.energies import Measures
-from rigidfx.step.stepper import Stepper, StepResult
+from rigidfx.step.step_result import StepResult
+from rigidfx.step.stepper import Stepper
 from rigidfx.step.system.supports import Impact
 
 __all__ = ["amended", "report_of", "with_ledger"]

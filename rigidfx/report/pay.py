@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from statistics import median
+from typing import ClassVar
 
+from rigidfx.base.remembered import Remembered, same
 from rigidfx.report.report import Report
 
 __all__ = ["Pay"]
@@ -13,6 +15,10 @@ FEWEST = 10  # steps of a kind, from which on their median is told
 
 class Pay:
     """Compares steps with bodies with steps without."""
+
+    remembered: ClassVar[Remembered] = same(
+        "_most", "_flexible", "_rigid", "_switching", "_spared", "_time", "_bodies"
+    )
 
     def __init__(self) -> None:
         """Nothing has happened."""

@@ -7,9 +7,12 @@ not turn.
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.base.remembered import Remembered, same
 from rigidfx.base.warning import warn
 from rigidfx.effects import Spring
 from rigidfx.report.report import Report
@@ -28,13 +31,15 @@ THIN = 1e-9  # of the largest singular value: below it the nodes lie on a line
 class TurnedSprings:
     """Looks at the sets of springs in some reports; warns once."""
 
+    remembered: ClassVar[Remembered] = same("_most", "_waits")
+
     def __init__(self, scene: Scene) -> None:
         """Find the nodes of springs. Collective.
 
         Args:
             scene: The problem.
         """
-        self._scene, self._most = scene, 0.0
+        self._scene, self._most, self._waits = scene, 0.0, True
         n = scene.owned_nodes
         self._X: Array = scene.space.tabulate_dof_coordinates()[:n]
         self._springs = []
@@ -53,7 +58,7 @@ class TurnedSprings:
         Args:
             report: The next one, of which nothing has gone on.
         """
-        if not self._springs:
+        if not (self._waits and self._springs):
             return
         self._most = max(self._most, report.energy)
         if report.step % EVERY:
@@ -69,7 +74,7 @@ class TurnedSprings:
             )
             angle = _angle(found[:9].reshape(3, 3))
             if angle > TURNED and found[9] > WORTH_A_WARNING * self._most:
-                self._springs = []
+                self._waits = False
                 warn(
                     self._scene.comm,
                     f"Spring on '{spring.where}': at t = {report.t:.6g} s its nodes have turned by "

@@ -79,6 +79,7 @@ class Scene:
         supports: Pairs of a support and its local nodes, ghosts included.
         probes: Named points [m] whose histories are recorded.
         probe_cells: Rank and local number of the cell that holds each of them.
+        given: What it was made of, by its name.
     """
 
     def __init__(
@@ -113,12 +114,11 @@ class Scene:
             SceneError: If anything in it is unknown, impossible or in conflict.
         """
         self.domain, self.effects = domain, effects_of(domain, effects)
-        given: dict[str, Any] = {"order": order, "mass": mass, "scheme": scheme, "element": element}
-        given |= {"material": in_order(material), "probes": in_order(probes)}
-        given |= {"names": sorted(domain.sets), "effects": self.effects}
-        check_same(domain.comm, "Scene", given)
-        self.order, self.mass = order, mass
-        self.scheme: Scheme = scheme_of(scheme)
+        self.given = {"order": order, "mass": mass, "scheme": scheme, "element": element}
+        own = {"material": in_order(material), "probes": in_order(probes), "effects": self.effects}
+        self.given |= own | {"names": sorted(domain.sets)}
+        check_same(domain.comm, "Scene", self.given)
+        self.order, self.mass, self.scheme = order, mass, scheme_of(scheme)
         self.probes = MappingProxyType(points(domain.comm, probes or {}))
         self.probe_cells = cells_of(domain.mesh, self.probes)
         check_discretisation(self)

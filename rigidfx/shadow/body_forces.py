@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
+from rigidfx.base.remembered import Remembered, same
 from rigidfx.coupling.mass import Mass
 from rigidfx.effects import Rigid
 from rigidfx.flexible.linear_forms import LinearForms
@@ -35,6 +38,8 @@ class BodyForces(Watch):
         borne: Bodies in the step that was looked at last, and ρ in their frames [N]; None without.
         dt: Length of the last step [s].
     """
+
+    remembered: ClassVar[Remembered] = same("dt")
 
     def __init__(self, stepper: Stepper, subjects: FreeBodies) -> None:
         """Compile the forms. Collective.
@@ -92,6 +97,10 @@ class BodyForces(Watch):
         shape.array[:] = 0.0
         shape.array[parts.rows.dofs] = parts.shape
         shape.scatter_forward()
+
+    def refresh(self) -> None:
+        """See `Watch`."""
+        self.borne = None
 
     def accept(self, attempt: Attempt) -> None:
         """See `Watch`."""

@@ -139,6 +139,7 @@ class LinearMotion:
         """
         kind = _kind(dt, drag, xi)
         if kind not in self._dynamic:
+            dt = kind[0]  # alike, whichever step of a kind comes first
             if len(self._dynamic) == KINDS:
                 self._dynamic.pop(next(iter(self._dynamic))).destroy()
             A = self._K.copy()

@@ -8,6 +8,9 @@ something rattles or rests, steps stay what they are.
 
 from __future__ import annotations
 
+from typing import ClassVar
+
+from rigidfx.base.remembered import Remembered, same
 from rigidfx.effects import Contact
 from rigidfx.step.stepper import Stepper
 
@@ -19,6 +22,8 @@ LEAST = 1e-2  # of a step: shorter ones are not worth it, at its start or its en
 
 class FirstTouch:
     """Shortens steps that would run into an obstacle."""
+
+    remembered: ClassVar[Remembered] = same("_open")
 
     def __init__(self, stepper: Stepper) -> None:
         """Take over what makes the steps."""

@@ -22,7 +22,7 @@ from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.equations.energies import Measures
 from rigidfx.step.newton.solution import Solution
-from rigidfx.step.stepper import StepResult
+from rigidfx.step.step_result import StepResult
 from rigidfx.step.system.division import Division
 from rigidfx.step.system.statics import StaticSystem
 from rigidfx.step.watches.judge import INVERTED, remedy

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.failures import Failures
 from rigidfx.base.instants import longer
+from rigidfx.base.remembered import PART, Remembered, same
 from rigidfx.coupling.dealt_rows import Dealing
-from rigidfx.effects import Contact, JointReports, Support, Touch, Windowed
+from rigidfx.effects import Contact, Support, Touch, Windowed
 from rigidfx.flexible.eased_stress import EasedStress
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import InternalForces
@@ -21,11 +22,11 @@ from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.equations.energies import Measures, Momenta
 from rigidfx.step.length.time_control import TimeControl
-from rigidfx.step.newton.solution import Solution
+from rigidfx.step.step_result import StepResult, result_of
 from rigidfx.step.system.division import Division
 from rigidfx.step.system.following import following_energy
 from rigidfx.step.system.supports import Impact, PrescribedDofs, impose_velocity, supports_of
-from rigidfx.step.system.system import System, Work
+from rigidfx.step.system.system import System
 from rigidfx.step.watches.compression import Compression
 from rigidfx.step.watches.judge import Attempt, Judge
 from rigidfx.step.watches.jumps import JumpingObstacles, Jumps
@@ -33,38 +34,9 @@ from rigidfx.step.watches.rotation_per_step import RotationPerStep
 from rigidfx.step.watches.unresolved import Unresolved
 from rigidfx.step.watches.watch import Measuring, Watch
 
-__all__ = ["StepResult", "Stepper"]
+__all__ = ["Stepper"]
 
 MAX_CUTS = 8  # a step is cut to at least 1/256 before it is given up
-
-
-@dataclass(frozen=True)
-class StepResult:
-    """What one accepted step did.
-
-    Attributes:
-        dt: Its length [s].
-        solution: How its equations were solved.
-        cuts: How often it was cut before it converged.
-        work_of_loads: f_ext·Δu [J].
-        work_of_supports: Work of the reactions [J].
-        dissipated: Energy taken by each kind of damping [J].
-        reactions: Force each support exerts on the structure at the midpoint, shape (3,) [N].
-        reaction_moments: Its moment about the origin, shape (3,) [N m].
-        touches: What each contact did, by its title.
-        joints: What each joint did, by its title.
-    """
-
-    dt: float
-    solution: Solution
-    cuts: int
-    work_of_loads: float
-    work_of_supports: float
-    dissipated: Mapping[str, float]
-    reactions: Mapping[str, npt.NDArray[np.float64]]
-    reaction_moments: Mapping[str, npt.NDArray[np.float64]]
-    touches: Mapping[str, Touch]
-    joints: JointReports = field(default_factory=JointReports)
 
 
 class Stepper:
@@ -83,6 +55,8 @@ class Stepper:
         system: Everything that is bound to that division.
         watches: What takes notice of attempts that become steps; more may be added.
     """
+
+    remembered: ClassVar[Remembered] = same("_trial", "_whole") | {"watches": PART}
 
     def __init__(
         self,
@@ -156,6 +130,20 @@ class Stepper:
         if self.control is not None:
             self.control.follow(self.system, self.state)
         self._bound = True
+
+    def renew(self) -> None:
+        """Let the next division know nothing of the equations before it. Collective."""
+        if self._bound:
+            self.system.destroy()
+            self._bound = False
+        for watch in self.watches:
+            watch.refresh()
+        self.forces.u1.x.array[:] = self.state.u.x.array  # what rounding is estimated by
+
+    def show(self) -> None:
+        """Have watches look at the present division, those too that came after it. Collective."""
+        for watch in self.watches:
+            watch.bind(self._division.flexible)
 
     def follow(self, acting: Sequence[Windowed]) -> bool:
         """Let dead loads begin and end; False if other effects do, for which it is bound anew."""
@@ -260,7 +248,7 @@ class Stepper:
         """Let the state, and all else that remembers, take an attempt over. Collective."""
         for watch in self.watches:  # before u₀ becomes u₁
             watch.accept(attempt)
-        return _result(attempt, self.system.accept(self.state, attempt.dt, attempt.end))
+        return result_of(attempt, self.system.accept(self.state, attempt.dt, attempt.end))
 
     @contextmanager
     def foreseen(self, attempt: Attempt) -> Iterator[StepResult]:
@@ -272,7 +260,7 @@ class Stepper:
             self.indicator.measure(attempt.dt)
         kept = self.state.snapshot()
         try:
-            yield _result(attempt, self.system.foresee(self.state, attempt.dt, attempt.end))
+            yield result_of(attempt, self.system.foresee(self.state, attempt.dt, attempt.end))
         finally:
             self.state.restore(kept)
 
@@ -330,19 +318,3 @@ class Stepper:
             self.system.destroy()
             self._bound = False
         self._dealing.destroy()
-
-
-def _result(attempt: Attempt, work: Work) -> StepResult:
-    """What a step did, or would do."""
-    return StepResult(
-        dt=attempt.dt,
-        solution=attempt.solution,
-        cuts=attempt.cuts,
-        work_of_loads=work.loads,
-        work_of_supports=work.supports,
-        dissipated=work.dissipated,
-        reactions=work.reactions,
-        reaction_moments=work.reaction_moments,
-        touches=work.touches,
-        joints=work.joints,
-    )

@@ -7,10 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 
 from rigidfx.base.errors import InversionError
+from rigidfx.base.remembered import OBJECTS, Remembered, same
 from rigidfx.base.warning import warn
 from rigidfx.decide.decision import Decision
 from rigidfx.effects import Contact, InitialDisplacement, Joint, Preload, Windowed
@@ -18,6 +20,7 @@ from rigidfx.mechanics.eased import Eased
 from rigidfx.mechanics.rigid_body import Body, RigidBody
 from rigidfx.report.events import BodyChange, Event
 from rigidfx.report.start import Start
+from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
 from rigidfx.state import initial_velocity
 from rigidfx.step.preload import apply_preload
@@ -41,6 +44,8 @@ class Switch:
         held: Force of each support in a static preload [N], and its moment [N m]: see `begin`.
         clamps: Whether a support clamps a part named rigid at any time: likewise.
     """
+
+    remembered: ClassVar[Remembered] = same("_told", "_pending") | {"acting": OBJECTS}
 
     def __init__(self, stepper: Stepper, timeline: Timeline, start: Start | None = None) -> None:
         """Take a stepper over.
@@ -78,6 +83,17 @@ class Switch:
         if linkage is not None and (new := set(linkage.redundant) - self._told):
             self._told |= new
             warn(scene.comm, implied_rows(linkage.redundant))
+
+    @property
+    def scene(self) -> Scene:
+        """The problem."""
+        return self._stepper.scene
+
+    def again(self) -> None:
+        """Bind the stepper anew as it is: nothing is known of equations and factors. Collective."""
+        self.clamps = check_clamps(self._stepper.scene, self._timeline)
+        self._stepper.renew()
+        self._bind(list(self._stepper.state.bodies))
 
     def begin(self) -> Impact | None:
         """Bring the state into its initial one, and bind the stepper. Collective.

@@ -6,11 +6,12 @@ Cells are quiet up to a strain rate in u + e, and wake where e strains them at m
 from __future__ import annotations
 
 from math import inf
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.base.remembered import Remembered, same
 from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.criteria.rule import Waking
 from rigidfx.decide.criteria.tolerances import Tolerances
@@ -27,6 +28,8 @@ Bools = npt.NDArray[np.bool_]
 
 class ErrorRule:
     """See the module."""
+
+    remembered: ClassVar[Remembered] = same("_noise")
 
     def __init__(
         self,

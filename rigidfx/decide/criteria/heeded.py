@@ -7,7 +7,7 @@ state (`rigidfx.base.failures`).
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +16,7 @@ from dolfinx import fem
 from rigidfx.base.errors import SceneError, together
 from rigidfx.base.failures import Failures
 from rigidfx.base.inputs import shown
+from rigidfx.base.remembered import PART, Remembered
 from rigidfx.decide.criteria.judging import Criterion
 from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.criteria.rule import Rule, Waking
@@ -84,6 +85,8 @@ def heeded_indicator(
 
 class _Heeded:
     """Something of a criterion's, whose failures are kept."""
+
+    remembered: ClassVar[Remembered] = {"_given": PART}
 
     def __init__(self, given: Any, owner: str, failures: Failures, owned: int) -> None:
         """Take it over.

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from math import inf
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
+from rigidfx.base.remembered import Remembered, same
 from rigidfx.decide.criteria.concentration import stiffness
 from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.criteria.relative import Relative
@@ -33,6 +34,8 @@ JUST = 1.5  # steps since loads were seen to change, as they are after a step
 
 class RateRule:
     """Cells are quiet up to a strain rate, and wake above κ times that."""
+
+    remembered: ClassVar[Remembered] = same("_noise")
 
     def __init__(
         self,

@@ -11,10 +11,13 @@ was observed for has done well, and one window will do again.
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.instants import longer
+from rigidfx.base.remembered import ON_CELLS, Remembered
 
 __all__ = ["BackOff"]
 
@@ -31,6 +34,10 @@ class BackOff:
         observed: Their length [s].
         rigid_since: When a cell became rigid [s]; NaN while it is flexible.
     """
+
+    remembered: ClassVar[Remembered] = dict.fromkeys(
+        ("windows", "observed", "rigid_since", "hasty"), ON_CELLS
+    )
 
     def __init__(self, cells: int, growth: float) -> None:
         """Nothing has been observed.

@@ -14,6 +14,9 @@ difference is a large one. Kinetic energy tells one from the other.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import ClassVar
+
+from rigidfx.base.remembered import Remembered, same
 
 __all__ = ["Compliance"]
 
@@ -28,6 +31,10 @@ class Compliance:
         exceeded: By its name, how often over what wakes other cells a part was first strained, and
             the time [s].
     """
+
+    remembered: ClassVar[Remembered] = same(
+        "exceeded", "_withheld", "_both", "_shares", "_strain", "_kinetic", "_size", "_grew", "_t"
+    )
 
     def __init__(self) -> None:
         """Nothing has moved."""

@@ -10,10 +10,12 @@ as of a surface that meets itself, tell of a change by the sum of their sizes.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.base.remembered import Remembered, same
 from rigidfx.effects import Touch
 
 __all__ = ["ContactChanges"]
@@ -24,6 +26,8 @@ NOTHING = np.zeros(4)
 
 class ContactChanges:
     """Watches the forces of contacts."""
+
+    remembered: ClassVar[Remembered] = same("_last", "_reference", "_largest")
 
     def __init__(self, fraction: float) -> None:
         """Begin without any.

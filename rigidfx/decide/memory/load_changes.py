@@ -9,11 +9,13 @@ that is seen before the step in which it happens. An effect says by its `signal`
 from __future__ import annotations
 
 from functools import partial
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.errors import by_name, together
+from rigidfx.base.remembered import Remembered, same
 from rigidfx.effects import Effect, Support, Windowed
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
@@ -33,6 +35,8 @@ class LoadChanges:
         largest: Largest norm of each so far.
         resting_since: Time since which none has changed by more than a thousandth of that [s].
     """
+
+    remembered: ClassVar[Remembered] = same("reference", "largest", "resting_since", "_resting")
 
     def __init__(self, scene: Scene, fraction: float, timeline: Timeline) -> None:
         """Collect breakpoints and loads. Collective.

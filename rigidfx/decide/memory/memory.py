@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import ClassVar
 
+from rigidfx.base.remembered import PART, Remembered, same
 from rigidfx.decide.memory.back_off import BackOff
 from rigidfx.decide.memory.bends import Bends
 from rigidfx.decide.memory.compliance import Compliance
@@ -37,6 +39,10 @@ class Memory:
         trial: Whether the last freeze will last.
         largest: Largest strain rate of any cell so far, if tolerances are relative to it [1/s].
     """
+
+    remembered: ClassVar[Remembered] = same("next_number", "said", "largest") | dict.fromkeys(
+        ("window", "signals", "back_off", "loads", "contacts", "compliance"), PART
+    )
 
     window: Window
     signals: Signals

@@ -8,12 +8,14 @@ other, and the loads themselves. Their longest period is that of the lowest peak
 from __future__ import annotations
 
 from collections import deque
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 from scipy.signal import find_peaks, periodogram
 from scipy.spatial.distance import pdist
 
+from rigidfx.base.remembered import Remembered, same
 from rigidfx.scene.points import far_apart
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
@@ -31,6 +33,10 @@ REST = 1e-10  # relative amplitude below which nothing moves
 
 class Signals:
     """Signals of the motion and of the loads since the last change."""
+
+    remembered: ClassVar[Remembered] = same(
+        "_times", "_distances", "_loads", "_longest", "_looked_at", "_added"
+    )
 
     def __init__(self, scene: Scene) -> None:
         """Choose the telltale nodes: far from each other, the same on any ranks. Collective."""

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 import numpy.typing as npt
+
+from rigidfx.base.remembered import ON_CELLS, Remembered, same
 
 __all__ = ["Window"]
 
@@ -20,6 +24,11 @@ class Window:
         whole: Whether a cell has been flexible in all of them.
         over: Whether it has its length.
     """
+
+    remembered: ClassVar[Remembered] = same("start", "steps", "over") | {
+        "worst": ON_CELLS,
+        "whole": ON_CELLS,
+    }
 
     def __init__(self, cells: int, start: float) -> None:
         """A window that begins.

@@ -16,7 +16,7 @@ takes an iteration or two more for that.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -26,31 +26,19 @@ from petsc4py import PETSc
 from scipy.sparse import diags_array
 
 from rigidfx.effects.action import Action, Structure, Touch
+from rigidfx.effects.contacts.pair_memory import PairMemory, memory_of
 from rigidfx.effects.contacts.pair_surface import PairSurface, projected
 from rigidfx.effects.contacts.penalty import outdated, secant, stored
 from rigidfx.effects.linked import LinkedNodes
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments
 
-__all__ = ["PairForces", "PairMemory"]
+__all__ = ["PairForces"]
 
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
 _SEARCH = PETSc.Log.Event("rigidfxSearch")  # what PETSc's log calls the look for triangles
-
-
-@dataclass
-class PairMemory:
-    """What a pair remembers from step to step, of each node that is kept out.
-
-    Attributes:
-        gap: ḡ [m]; infinite while it meets nothing.
-        mate: The triangle that it met last, -1 if none.
-    """
-
-    gap: Array
-    mate: Ints
 
 
 class PairForces(Action):
@@ -68,9 +56,9 @@ class PairForces(Action):
         scene = structure.scene
         self._comm: MPI.Intracomm = scene.comm
         self._surface, self._static = surface, structure.static
-        fresh = PairMemory(np.full(surface.slaves.size, np.inf), np.full(surface.slaves.size, -1))
         assert structure.notes is not None  # else it is not bound
-        self._memory: PairMemory = structure.notes.setdefault(id(effect), fresh)
+        self._memory = memory_of(structure.notes.get(id(effect)), surface)
+        structure.notes[id(effect)] = self._memory
         self._nodes = LinkedNodes(structure, surface.nodes, surface.numbers, surface.size)
         self._in_tangent: Array = np.zeros(surface.slaves.size)
         far = np.abs(scene.space.tabulate_dof_coordinates()).max(initial=0.0)
@@ -88,7 +76,9 @@ class PairForces(Action):
         self._normals: Array = np.empty((0, 3))
         self._weights: Array = np.empty((0, 3))
         self._slope: Array = np.empty(0)
-        self._next = PairMemory(self._memory.gap.copy(), self._memory.mate.copy())
+        self._next = replace(
+            self._memory, gap=self._memory.gap.copy(), mate=self._memory.mate.copy()
+        )
 
     def set_time(self, t: float, dt: float) -> None:
         """A new attempt at a step: what the last one has found is forgotten."""
@@ -139,7 +129,7 @@ class PairForces(Action):
         g, _, _ = projected(x0[surface.slaves[self._active]], x0[self._corners])
         g0 = np.where(closed[self._active], memory.gap[self._active], np.maximum(g, 0.0))
         self._gaps = g0, g0
-        self._next = PairMemory(np.full(closed.size, np.inf), mate)
+        self._next = PairMemory(np.full(closed.size, np.inf), mate, surface)
 
     def resist_nodes(self, d: Any, dt: float, f: Any) -> None:
         """See `Action`."""

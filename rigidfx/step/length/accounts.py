@@ -12,6 +12,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import exp, expm1
+from typing import ClassVar
+
+from rigidfx.base.remembered import Remembered, same
 
 __all__ = ["Accounts"]
 
@@ -29,6 +32,10 @@ class Accounts:
         beyond: What the rest of a motion errs by at most, by accounts [m].
         error: The error now [m].
     """
+
+    remembered: ClassVar[Remembered] = same(
+        "rates", "parts", "beyond", "error", "_errors", "_lately", "_added", "_shares"
+    )
 
     def __init__(self, count: int = 1, *, bounds: bool = False) -> None:
         """Accounts of all errors, that forget nothing.

@@ -14,10 +14,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import inf
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.base.remembered import Remembered, same
 from rigidfx.effects import Contact, Touch
 from rigidfx.scene.scene import Scene
 
@@ -56,6 +58,8 @@ class Blows:
     Attributes:
         any: Whether there are contacts.
     """
+
+    remembered: ClassVar[Remembered] = same("_known", "_open", "_begun")
 
     def __init__(self, scene: Scene) -> None:
         """Nothing touches. Collective.

@@ -8,10 +8,13 @@ supports hold still has no rigid motion: all of its kinetic energy is of deforma
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
+from rigidfx.base.remembered import Remembered, same
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
@@ -37,6 +40,8 @@ class Deformation:
             supports hold a structure still.
         strain: Strain energy, and what bodies keep, at the last measure [J].
     """
+
+    remembered: ClassVar[Remembered] = same("largest", "kinetic", "strain")
 
     def __init__(self, scene: Scene) -> None:
         """Find the connected part of each node. Collective."""

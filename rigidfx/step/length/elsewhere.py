@@ -15,9 +15,12 @@ error, with it 3.3).
 from __future__ import annotations
 
 from math import sqrt
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
+
+from rigidfx.base.remembered import Remembered, same
 
 __all__ = ["Elsewhere"]
 
@@ -26,6 +29,8 @@ Array = npt.NDArray[np.float64]
 
 class Elsewhere:
     """Knows how far points have moved, those that are asked for and all others."""
+
+    remembered: ClassVar[Remembered] = same("_moved")
 
     def __init__(self, asked: int) -> None:
         """Nothing has moved.

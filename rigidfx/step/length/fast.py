@@ -13,8 +13,12 @@ goes with t³ nothing is left.
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 import numpy.typing as npt
+
+from rigidfx.base.remembered import Remembered, same
 
 __all__ = ["Fast"]
 
@@ -32,6 +36,8 @@ class Fast:
         amplitudes: Of what is faster than each cut, at the points that are asked for, shape (cuts,)
             [m].
     """
+
+    remembered: ClassVar[Remembered] = same("_known", "amplitudes")
 
     def __init__(self, cuts: Array, points: int) -> None:
         """Nothing has moved.

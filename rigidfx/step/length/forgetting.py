@@ -26,10 +26,12 @@ damping, octaves tell what of the error is of slow motion, as what is faster has
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.base.remembered import PART, Remembered, same
 from rigidfx.effects import Contact, KelvinVoigt, MassDamping, NumericalDamping, StiffnessDamping
 from rigidfx.scene.scene import Scene
 from rigidfx.step.equations.eased_forces import EasedForces
@@ -54,6 +56,10 @@ class Forgetting:
         rates: δ of each account [1/s].
         parts: What each account has of the error of the last step; one of the first.
     """
+
+    remembered: ClassVar[Remembered] = same("parts", "rates", "_taken", "_dragged", "_stayed") | {
+        "_octaves": PART
+    }
 
     def __init__(self, scene: Scene, points: int, time: float, step: float) -> None:
         """Nothing has moved. Collective.

@@ -10,12 +10,14 @@ from __future__ import annotations
 
 from dataclasses import fields
 from functools import partial
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError, by_name
 from rigidfx.base.inputs import is_function
+from rigidfx.base.remembered import Remembered, same
 from rigidfx.effects import DeadLoad, Effect, Table, Windowed
 from rigidfx.scene.sample import spread
 from rigidfx.scene.scene import Scene
@@ -36,6 +38,8 @@ class Given:
         load: The load.
         changed: By how much each component, the sum over nodes by their weights.
     """
+
+    remembered: ClassVar[Remembered] = same("_range", "_asked", "changed")
 
     def __init__(self, load: Windowed, scene: Scene) -> None:
         """Nothing has been asked. Collective.

@@ -10,9 +10,12 @@ largest is right where all is one vibration, and knows of a slow one however muc
 from __future__ import annotations
 
 from math import log2, nan
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
+
+from rigidfx.base.remembered import Remembered, same
 
 __all__ = ["Octaves"]
 
@@ -29,6 +32,8 @@ class Octaves:
     Attributes:
         cuts: ω_b [1/s].
     """
+
+    remembered: ClassVar[Remembered] = same("_known", "_parts")
 
     def __init__(self, points: int, time: float, step: float) -> None:
         """Nothing has been seen.

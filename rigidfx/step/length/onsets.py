@@ -22,11 +22,13 @@ of a `Table` and `breakpoints` are known without all that.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.errors import together
+from rigidfx.base.remembered import PART, Remembered, same
 from rigidfx.effects import Support
 from rigidfx.scene.scene import Scene
 from rigidfx.step.length.given import given_loads
@@ -52,6 +54,8 @@ SMALL = 0.1  # of what a load changes by: a jump that steps need not begin anew 
 
 class Onsets:
     """Looks for them among those loads of a scene that are functions of a user's."""
+
+    remembered: ClassVar[Remembered] = same("_middles") | {"_loads": PART}
 
     def __init__(self, scene: Scene) -> None:
         """Collect these loads. Collective.

@@ -27,8 +27,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import exp, isnan, log2, nan, sqrt
+from typing import ClassVar
 
 from rigidfx.base.course import Course
+from rigidfx.base.remembered import PART, Remembered, same
 from rigidfx.step.length.accounts import Accounts
 
 __all__ = ["Moves", "StepLength"]
@@ -81,6 +83,19 @@ class StepLength:
         accounts: What steps have erred by, and how that is forgotten.
         changes: How often Δt was changed for the sake of the error.
     """
+
+    remembered: ClassVar[Remembered] = same(
+        "tol",
+        "wanted",
+        "spent",
+        "changes",
+        "_t",
+        "_envelope",
+        "_last",
+        "_foreseen",
+        "_known",
+        "_lost",
+    ) | {"accounts": PART, "_course": PART}
 
     def __init__(
         self,

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from math import ceil, sqrt
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.errors import StepError
+from rigidfx.base.remembered import PART, Remembered, same
 from rigidfx.base.warning import warn
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.step_control import StepControl
@@ -48,6 +49,25 @@ class TimeControl(WarnsOnce):
         jumped: Whether the velocity of a support's path has jumped at the end of the last step, at
             no breakpoint.
     """
+
+    remembered: ClassVar[Remembered] = (
+        WarnsOnce.remembered
+        | same(
+            "rejected",
+            "jumped",
+            "_fastest",
+            "_objections",
+            "_fresh",
+            "_event",
+            "_led",
+            "_stop",
+            "_step",
+            "_for",
+        )
+        | dict.fromkeys(
+            ("length", "_error", "_elsewhere", "_blows", "_forgetting", "_fast", "_onsets"), PART
+        )
+    )
 
     def __init__(self, scene: Scene, control: StepControl, timeline: Timeline) -> None:
         """Find what is tracked. Collective.

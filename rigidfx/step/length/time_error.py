@@ -22,10 +22,12 @@ up to √2 of Σ e, those of a steady turn to Σ e.
 from __future__ import annotations
 
 from math import exp, nan, sqrt
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+
+from rigidfx.base.remembered import Remembered, same
 
 __all__ = ["TimeError"]
 
@@ -70,6 +72,8 @@ class TimeError:
         jerk: ĵ of the step that was looked at last, shape (points, 3) [m/s³]; NaN where unknown.
         swinging: Root mean square of the jerk over a turn, shape (points,) [m/s³]; NaN likewise.
     """
+
+    remembered: ClassVar[Remembered] = same("_now", "_patient")
 
     def __init__(self, points: int) -> None:
         """Nothing is known.

@@ -8,10 +8,13 @@ of `demos/benchmarks/locking.py`). No balance tells: energy is conserved all the
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
+from rigidfx.base.remembered import Remembered, same
 from rigidfx.flexible.internal_forces import Cells, InternalForces
 from rigidfx.scene.scene import Scene
 from rigidfx.step.watches.judge import Attempt
@@ -30,6 +33,8 @@ SLOPES = np.array([[(n >> k & 1) * 0.5 - 0.25 for k in range(3)] for n in range(
 
 class Compression(WarnsOnce):
     """Looks at the least stretch in the middle of flexible hexahedra, in every eighth step."""
+
+    remembered: ClassVar[Remembered] = WarnsOnce.remembered | same("_steps")
 
     def __init__(self, scene: Scene, forces: InternalForces) -> None:
         """Begin before the first step.

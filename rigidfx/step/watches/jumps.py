@@ -14,11 +14,13 @@ step does not change, and that nobody may have meant.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.failures import Failures
+from rigidfx.base.remembered import PART, ByObject, Remembered
 from rigidfx.effects import Contact, Obstacle, Support, Touch
 from rigidfx.scene.scene import Scene
 from rigidfx.step.watches.judge import Attempt
@@ -41,6 +43,8 @@ REMEDY = (
 
 class Gains:
     """What paths gain from step to step, and whether that is by a jump."""
+
+    remembered: ClassVar[Remembered] = {"_before": ByObject()}
 
     def __init__(self, scene: Scene) -> None:
         """Begin before the first step. Collective.
@@ -81,6 +85,8 @@ class Gains:
 
 class Jumps(WarnsOnce):
     """Looks at the paths of supports, step by step; warns once."""
+
+    remembered: ClassVar[Remembered] = WarnsOnce.remembered | {"_gains": PART}
 
     def __init__(self, scene: Scene) -> None:
         """Begin before the first step. Collective.
@@ -126,6 +132,8 @@ class Jumps(WarnsOnce):
 
 class JumpingObstacles(WarnsOnce):
     """Looks at the paths of obstacles in steps in which they press; warns once."""
+
+    remembered: ClassVar[Remembered] = WarnsOnce.remembered | {"_gains": PART}
 
     def __init__(
         self, scene: Scene, touches: Callable[[], Mapping[str, Touch]], failures: Failures

@@ -7,10 +7,13 @@ where it is 1, and by less than half a revolution always. All balances hold; the
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
+from rigidfx.base.remembered import Remembered, same
 from rigidfx.flexible.internal_forces import Cells, InternalForces
 from rigidfx.scene.scene import Scene
 from rigidfx.step.watches.judge import Attempt
@@ -28,6 +31,8 @@ CORNERS = {"hexahedron": [0, 3, 5, 6], "tetrahedron": [0, 1, 2, 3]}  # a tetrahe
 
 class RotationPerStep(WarnsOnce):
     """Looks at rigid bodies in each accepted step, at flexible cells in some; warns once."""
+
+    remembered: ClassVar[Remembered] = WarnsOnce.remembered | same("_steps")
 
     def __init__(self, scene: Scene, forces: InternalForces) -> None:
         """Begin before the first step. Collective.

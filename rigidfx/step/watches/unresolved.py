@@ -12,6 +12,9 @@ increment, and displacements are off by 4e-8 to 3e-6 with Δt = 0.05 s, and by 1
 
 from __future__ import annotations
 
+from typing import ClassVar
+
+from rigidfx.base.remembered import Remembered, same
 from rigidfx.scene.scene import Scene
 from rigidfx.step.watches.judge import Attempt
 from rigidfx.step.watches.watch import WarnsOnce
@@ -24,6 +27,8 @@ NEGLIGIBLE = 1e-10  # of a cell's size: what rounding in displacements may be
 
 class Unresolved(WarnsOnce):
     """Looks at what each accepted solution leaves; warns once."""
+
+    remembered: ClassVar[Remembered] = WarnsOnce.remembered | same("_moved")
 
     def __init__(self, scene: Scene) -> None:
         """Begin before the first step. Collective.

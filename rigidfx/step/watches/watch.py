@@ -6,12 +6,13 @@ accepted leaves no trace anywhere.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import dolfinx.mesh as dmesh
 import numpy as np
 from mpi4py import MPI
 
+from rigidfx.base.remembered import Remembered, same
 from rigidfx.base.warning import warn
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import Cells
@@ -23,12 +24,17 @@ __all__ = ["Measuring", "WarnsOnce", "Watch", "name_of_cell"]
 class Watch:
     """Looks at each attempt that becomes a step."""
 
+    remembered: ClassVar[Remembered] = {}
+
     def bind(self, flexible: Cells) -> None:
         """Look at these cells from now on.
 
         Args:
             flexible: Flexible owned cells by subdomain id.
         """
+
+    def refresh(self) -> None:
+        """Be as one that a checkpoint has brought back: forget what is not `remembered`."""
 
     def accept(self, attempt: Attempt) -> None:
         """Take note that an attempt becomes a step; the state is that at its start. Collective.
@@ -60,6 +66,8 @@ class WarnsOnce(Watch):
     Attributes:
         waits: Whether nothing has been found yet.
     """
+
+    remembered: ClassVar[Remembered] = same("waits")
 
     def __init__(self, comm: MPI.Intracomm) -> None:
         """Begin before the first step.

@@ -1,0 +1,202 @@
+"""What objects remember from step to step.
+
+Each class says so itself, beside its fields:
+
+    remembered: ClassVar[Remembered] = same("steps") | {"worst": ON_CELLS, "_swings": PART}
+
+A checkpoint asks the parts of a run, and they ask theirs. What a class does not name is made anew
+from the scene and from what is named: forms, factors, first guesses. A kind says how the ranks'
+values of a field become one value in the order of the mesh, and how each rank gets its own back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rigidfx.base.errors import SceneError
+from rigidfx.base.kinds import (
+    CELLS,
+    FIELD,
+    LARGEST,
+    OBJECTS,
+    ON_CELLS,
+    ON_DOFS,
+    ON_NODES,
+    SAME,
+    Each,
+    Items,
+    Kind,
+    Own,
+    Record,
+)
+from rigidfx.base.mesh_order import MeshOrder
+
+__all__ = [
+    "CELLS",
+    "FIELD",
+    "LARGEST",
+    "OBJECTS",
+    "ON_CELLS",
+    "ON_DOFS",
+    "ON_NODES",
+    "PART",
+    "SAME",
+    "ByObject",
+    "Each",
+    "Forgetful",
+    "Items",
+    "Kind",
+    "Part",
+    "Record",
+    "Remembered",
+    "joined",
+    "part_of",
+    "restore",
+    "same",
+]
+
+
+class ByObject(Kind):
+    """A mapping by the identity of effects or obstacles.
+
+    A value is the same on all ranks, or has the methods `part` and `whole` of a kind; its whole
+    then has a method `given(order)`.
+    """
+
+    def part(self, value: Any, order: MeshOrder) -> Any:
+        """See `Kind`."""
+        numbers = order.numbers()
+        return {numbers[key]: _kind_of(one).part(one, order) for key, one in value.items()}
+
+    def whole(self, value: Any, parts: Sequence[Any], orders: Sequence[MeshOrder]) -> Any:
+        """See `Kind`."""
+        numbers = orders[0].numbers()
+        return {
+            numbers[key]: _kind_of(one).whole(one, [p[numbers[key]] for p in parts], orders)
+            for key, one in value.items()
+        }
+
+    def own(self, whole: Any, order: MeshOrder) -> Any:
+        """See `Kind`."""
+        return {
+            id(order.named[k]): one.given(order) if hasattr(one, "given") else one
+            for k, one in whole.items()
+        }
+
+    def set(self, owner: Any, name: str, whole: Any, order: MeshOrder) -> None:
+        """See `Kind`."""
+        mapping = getattr(owner, name)  # others may hold it
+        mapping.clear()
+        mapping.update(self.own(whole, order))
+
+
+class Part(Kind):
+    """An object, or a sequence of objects, that say themselves what they remember."""
+
+    def part(self, value: Any, order: MeshOrder) -> Any:
+        """See `Kind`."""
+        if isinstance(value, (list, tuple)):
+            return [part_of(one, order) for one in value]
+        return part_of(value, order)
+
+    def whole(self, value: Any, parts: Sequence[Any], orders: Sequence[MeshOrder]) -> Any:
+        """See `Kind`."""
+        if isinstance(value, (list, tuple)):
+            both = zip(value, zip(*parts, strict=True), strict=True)
+            return [joined(one, each, orders) for one, each in both]
+        return joined(value, parts, orders)
+
+    def set(self, owner: Any, name: str, whole: Any, order: MeshOrder) -> None:
+        """See `Kind`."""
+        value = getattr(owner, name)
+        if isinstance(value, (list, tuple)):
+            for one, own in zip(value, whole, strict=True):
+                restore(one, own, order)
+        else:
+            restore(value, whole, order)
+
+
+PART = Part()
+Remembered = dict[str, Kind]
+
+
+def same(*names: str) -> Remembered:
+    """Fields whose values are the same on all ranks.
+
+    Args:
+        names: Of the fields.
+    """
+    return dict.fromkeys(names, SAME)
+
+
+def _kind_of(value: Any) -> Any:
+    """What says the parts and the whole of a value in a mapping: itself, if it does."""
+    return Own() if hasattr(value, "whole") else SAME
+
+
+class Forgetful(Exception):
+    """A class does not say what it remembers; its argument is the name."""
+
+
+def _kinds(owner: Any) -> Remembered:
+    kinds: Remembered | None = getattr(type(owner), "remembered", None)
+    if kinds is None:
+        raise Forgetful(type(owner).__name__)
+    return kinds
+
+
+def part_of(owner: Any, order: MeshOrder) -> dict[str, Any] | None:
+    """What a rank has of all that an object remembers; None of no object.
+
+    Args:
+        owner: The object, whose class has `remembered`.
+        order: Of this rank.
+
+    Raises:
+        Forgetful: If its class, or that of an object in it, has not.
+    """
+    if owner is None:
+        return None
+    kinds = _kinds(owner)
+    return {name: kind.part(getattr(owner, name), order) for name, kind in kinds.items()}
+
+
+def joined(owner: Any, parts: Sequence[Any], orders: Sequence[MeshOrder]) -> dict[str, Any] | None:
+    """All that an object remembers, in the order of the mesh; on rank 0.
+
+    Args:
+        owner: Rank 0's object.
+        parts: Of each rank.
+        orders: Of each rank.
+    """
+    if owner is None:
+        return None
+    kinds = _kinds(owner)
+    return {
+        name: kind.whole(getattr(owner, name), [part[name] for part in parts], orders)
+        for name, kind in kinds.items()
+    }
+
+
+def restore(owner: Any, whole: Mapping[str, Any] | None, order: MeshOrder) -> None:
+    """Have an object remember what another one of its class did. Collective.
+
+    Args:
+        owner: The object.
+        whole: Of `joined`, on all ranks.
+        order: Of this rank.
+
+    Raises:
+        SceneError: On every rank, if it remembers other things.
+    """
+    if owner is None or whole is None:
+        return
+    kinds = _kinds(owner)
+    if kinds.keys() != whole.keys():
+        raise SceneError(
+            f"resume: {type(owner).__name__} remembers other things than in the checkpoint, which "
+            "another version of rigidfx has written. Resume with that version, or run anew."
+        )
+    for name, kind in kinds.items():
+        kind.set(owner, name, whole[name], order)

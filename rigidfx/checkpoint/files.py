@@ -1,0 +1,185 @@
+"""Files of checkpoints: written whole or not at all, and read if they are whole.
+
+    checkpoint-000012.rfx     a line of JSON, and what is kept, with a hash of it in the line
+
+A file is written beside its place, and put there once the disk has it. Only then the oldest of
+three is removed. All of it happens on rank 0.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import os
+import pickle
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from rigidfx.base.errors import OutputError, SceneError
+
+__all__ = ["FORMAT", "dumped", "loaded", "newest", "write"]
+
+FORMAT = 1  # of the files
+KEPT = 2
+NUMPY = {
+    "_reconstruct": ("numpy._core.multiarray", "numpy.core.multiarray"),
+    "scalar": ("numpy._core.multiarray", "numpy.core.multiarray"),
+    "_frombuffer": ("numpy._core.numeric", "numpy.core.numeric"),
+    "ndarray": ("numpy",),
+    "dtype": ("numpy",),
+}
+PYTHON = {"deque": "collections"} | dict.fromkeys(("dict", "set", "frozenset"), "builtins")
+
+
+class _Reader(pickle.Unpickler):
+    """Makes arrays and records of this package, and nothing else that a file may name."""
+
+    def find_class(self, module: str, name: str) -> Any:
+        """The class of a name."""
+        known = module in NUMPY.get(name, ()) or PYTHON.get(name) == module
+        found = super().find_class(module, name) if known or _ours(module) else None
+        if found is None or (not known and not isinstance(found, type)):
+            raise pickle.UnpicklingError(f"{module}.{name} is nothing that a checkpoint holds")
+        return found
+
+
+class _Writer(pickle.Pickler):
+    """Writes mappings that nothing changes as such."""
+
+    def reducer_override(self, value: Any) -> Any:
+        """How to make a value."""
+        return (dict, (dict(value),)) if isinstance(value, MappingProxyType) else NotImplemented
+
+
+def _bytes_of(value: Any) -> bytes:
+    out = io.BytesIO()
+    _Writer(out, protocol=5).dump(value)
+    return out.getvalue()
+
+
+def _ours(module: str) -> bool:
+    return module.split(".")[0] == "rigidfx"
+
+
+def dumped(value: Any) -> bytes | None:
+    """A value as bytes; None if it is none that `loaded` gives back, as a function is."""
+    try:
+        data = _bytes_of(value)
+        loaded(data)
+    except Exception:  # whatever a foreign class may raise
+        return None
+    return data
+
+
+def loaded(data: bytes) -> Any:
+    """The value of bytes of `dumped`.
+
+    Raises:
+        UnpicklingError: If it holds anything but numbers, arrays, and records of this package.
+    """
+    return _Reader(io.BytesIO(data)).load()
+
+
+def write(folder: Path, head: Mapping[str, Any], kept: Any) -> Path:
+    """Write the next checkpoint of a folder, and remove the oldest; on rank 0.
+
+    Args:
+        folder: The folder, which is made if it does not exist.
+        head: What is known of the checkpoint before it is read.
+        kept: What it holds.
+
+    Returns:
+        Its path.
+
+    Raises:
+        OSError: If it cannot be written; nothing else has changed then.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    data = _bytes_of(kept)
+    line = json.dumps({**head, "format": FORMAT, "hash": hashlib.sha256(data).hexdigest()})
+    before = _numbers(folder)
+    file = folder / f"checkpoint-{max(before, default=0) + 1:06d}.rfx"
+    part = file.with_suffix(".part")
+    try:
+        with part.open("wb") as out:
+            out.write(line.encode() + b"\n")
+            out.write(data)
+            out.flush()
+            os.fsync(out.fileno())
+        part.replace(file)
+    except OSError:
+        part.unlink(missing_ok=True)
+        raise
+    _sync(folder)
+    for number in sorted(before, reverse=True)[KEPT - 1 :]:
+        before[number].unlink(missing_ok=True)
+    return file
+
+
+def newest(folder: Path) -> tuple[Mapping[str, Any], bytes, Path]:
+    """The newest checkpoint of a folder that is whole: its head, what it holds, its path.
+
+    Raises:
+        SceneError: If there is none, or the newest is of another version.
+        OutputError: If the folder cannot be read.
+    """
+    damaged = []
+    try:
+        files = _numbers(folder)
+        for number in sorted(files, reverse=True):
+            line, _, data = files[number].read_bytes().partition(b"\n")
+            head = _head(line)
+            if head.get("format", FORMAT) != FORMAT:
+                raise SceneError(
+                    f"resume: '{files[number]}' is of another version of rigidfx (format "
+                    f"{head['format']}, this one reads {FORMAT}). Resume with that version."
+                )
+            if head.get("hash") == hashlib.sha256(data).hexdigest():
+                return head, data, files[number]
+            damaged.append(files[number].name)
+    except OSError as error:
+        raise OutputError(
+            f"resume: cannot read the folder '{folder}' ({error.strerror or error})."
+        ) from None
+    what = f"only damaged ones ({', '.join(damaged)})" if damaged else "none"
+    raise SceneError(
+        f"resume: a checkpoint is expected in the folder '{folder}', and there is {what}. "
+        "simulate(…, checkpoint=Checkpoint(folder)) leaves them."
+    )
+
+
+def _head(line: bytes) -> dict[str, Any]:
+    try:
+        head = json.loads(line)
+    except ValueError:
+        return {}
+    return head if isinstance(head, dict) else {}
+
+
+def _numbers(folder: Path) -> dict[int, Path]:
+    """Files of checkpoints by number."""
+    return dict(_listed(folder))
+
+
+def _listed(folder: Path) -> Iterator[tuple[int, Path]]:
+    for file in folder.glob("checkpoint-*.rfx"):
+        number = file.stem.partition("-")[2]
+        if number.isdecimal():
+            yield int(number), file
+
+
+def _sync(folder: Path) -> None:
+    """Have the folder on the disk."""
+    try:
+        number = os.open(folder, os.O_RDONLY)
+    except OSError:  # a file system that opens no folders
+        return
+    try:
+        os.fsync(number)
+    except OSError:
+        pass
+    finally:
+        os.close(number)

@@ -1,0 +1,256 @@
+"""Leaves checkpoints of a run as it goes on, and brings a run back to one."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import Any, ClassVar
+
+import numpy as np
+from mpi4py import MPI
+
+from rigidfx.base.errors import OutputError, SceneError, agree
+from rigidfx.base.instants import longer
+from rigidfx.base.log import tell
+from rigidfx.base.remembered import PART, Forgetful, Remembered, joined, part_of, restore
+from rigidfx.checkpoint.call import asked, check_scene_of, head_of
+from rigidfx.checkpoint.checkpoint import Checkpoint
+from rigidfx.checkpoint.files import loaded, newest, write
+from rigidfx.run import Run
+from rigidfx.scene.mesh_order import mesh_order
+from rigidfx.scene.scene import Scene
+from rigidfx.state import State
+from rigidfx.switch.switch import Switch
+
+__all__ = ["Keeper", "Kept", "bring_back", "read", "remember"]
+
+SIGNALS = signal.SIGINT, signal.SIGTERM
+
+
+@dataclass(frozen=True)
+class Kept:
+    """What a checkpoint holds.
+
+    Attributes:
+        step: Number of its step.
+        call: What the run was asked for; see `rigidfx.checkpoint.call`.
+        state: What the state and the switch remember.
+        memory: What all else remembers.
+    """
+
+    step: int
+    call: Mapping[str, Any]
+    state: Mapping[str, Any]
+    memory: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class _First:
+    """What a division is made of."""
+
+    state: Any
+    switch: Any
+
+    remembered: ClassVar[Remembered] = {"state": PART, "switch": PART}
+
+
+@dataclass(frozen=True)
+class _All:
+    """What remembers more than a division."""
+
+    run: Run
+    looks: Sequence[Any]
+
+    remembered: ClassVar[Remembered] = {"run": PART, "looks": PART}
+
+
+def read(folder: Path, scene: Scene) -> Kept:
+    """The newest checkpoint of a folder. Collective.
+
+    Args:
+        folder: The folder, as rank 0 names it.
+        scene: The problem that is to go on.
+
+    Raises:
+        SceneError: On every rank, if there is none, or it is of another version, mesh or scene.
+        OutputError: On every rank, if it cannot be read.
+    """
+    found: tuple[Mapping[str, Any], bytes, str] | None = None
+    problem: OutputError | SceneError | None = None
+    if scene.comm.rank == 0:
+        try:
+            head, data, path = newest(folder)
+            found = head, data, str(path)
+        except (OutputError, SceneError) as error:
+            problem = error
+    for raised in scene.comm.allgather(problem):
+        if raised is not None:
+            raise type(raised)(str(raised))
+    head, data, name = scene.comm.bcast(found)
+    check_scene_of(head, scene, name)
+    kept: Kept = loaded(data)
+    tell(scene.comm, f"goes on from '{name}': step {kept.step}, t = {head['t']:g} s")
+    return kept
+
+
+class Keeper:
+    """Leaves checkpoints; a context manager that hears signals."""
+
+    def __init__(
+        self, scene: Scene, checkpoint: Checkpoint, call: Mapping[str, Any], kept: Kept | None
+    ) -> None:
+        """Nothing has been left. Collective.
+
+        Args:
+            scene: The problem.
+            checkpoint: When and where.
+            call: What the run was asked for.
+            kept: The checkpoint from which it goes on, if it does.
+        """
+        self._comm, self._given = scene.comm, checkpoint
+        self._step: int = 0 if kept is None else kept.step
+        self._t: float = 0.0 if kept is None else kept.state["state"]["t"]
+        self._order, self._head = mesh_order(scene), head_of(scene)
+        self._orders = self._order.of_all_ranks()
+        self._call = asked(call)
+        self._began, self._heard = perf_counter(), 0
+        self._before: dict[int, Any] = {}
+
+    def check(self, run: Run, looks: Sequence[Any]) -> None:
+        """Refuse a run that has something no checkpoint keeps. Collective.
+
+        Args:
+            run: What takes part in it.
+            looks: What looks at its reports.
+
+        Raises:
+            SceneError: On every rank, if a class does not say what it remembers.
+        """
+        problem = None
+        try:
+            part_of(_First(run.stepper.state, run.switch), self._order)
+            part_of(_All(run, looks), self._order)
+        except Forgetful as error:
+            problem = (
+                f"Checkpoint: {error} does not say what it remembers (`remembered`), so that no "
+                "checkpoint can keep it. Leave the checkpoint out, or what needs that class: a "
+                "rule of your own, or a StrainRate or an Accuracy where shadows decide (contacts, "
+                "free or named parts)."
+            )
+        agree(self._comm, problem)
+
+    def look(self, step: int, t: float, run: Run, looks: Sequence[Any], over: bool) -> None:
+        """Leave a checkpoint if one is due. Collective.
+
+        Args:
+            step: Number of the last step.
+            t: Time at its end [s].
+            run: What takes part in the run.
+            looks: What looks at its reports.
+            over: Whether the run is over.
+
+        Raises:
+            OutputError: On every rank, if it cannot be written; those before are there still.
+            KeyboardInterrupt: On every rank, after Ctrl-C on any.
+            SystemExit: Likewise, after a SIGTERM.
+        """
+        due, heard = self._due(step, t, over)
+        if (due or heard) and step > self._step:
+            self._leave(step, t, run, looks)
+        if heard == signal.SIGINT:
+            raise KeyboardInterrupt(f"a checkpoint of step {step} is in '{self._given.folder}'")
+        if heard:
+            raise SystemExit(128 + heard)
+
+    def _due(self, step: int, t: float, over: bool) -> tuple[bool, int]:
+        """Whether a checkpoint is due, and which signal was heard. Collective."""
+        given = self._given
+        due = over
+        if given.steps is not None:
+            due |= step - self._step >= given.steps
+        elif given.time is not None:
+            count = round(self._t / given.time)
+            due |= not longer((count + (not longer(count * given.time, self._t))) * given.time, t)
+        elif self._comm.rank == 0:
+            due |= perf_counter() - self._began >= given.every
+        found = np.array([self._heard, int(due)])
+        self._comm.Allreduce(MPI.IN_PLACE, found, op=MPI.MAX)
+        return bool(found[1]), int(found[0])
+
+    def _leave(self, step: int, t: float, run: Run, looks: Sequence[Any]) -> None:
+        state = self._gathered(_First(run.stepper.state, run.switch))
+        run.switch.again()
+        memory = self._gathered(_All(run, looks))
+        problem = None
+        if self._comm.rank == 0:
+            folder = Path(self._given.folder)
+            try:
+                kept = Kept(step, self._call, state, memory)
+                write(folder, {**self._head, "step": step, "t": t}, kept)
+            except OSError as error:
+                problem = (
+                    f"Checkpoint: cannot write to the folder '{folder}' "
+                    f"({error.strerror or error}). Earlier checkpoints are as they were. Check "
+                    "the space left there, or name a folder that you may write to."
+                )
+        agree(self._comm, problem, OutputError)
+        self._step, self._t, self._began = step, t, perf_counter()
+
+    def _gathered(self, owner: Any) -> Any:
+        """All that an object remembers, on rank 0. Collective."""
+        parts = self._comm.gather(part_of(owner, self._order))
+        return None if parts is None else joined(owner, parts, self._orders)
+
+    def __enter__(self) -> Keeper:
+        """Hear signals that would end the process."""
+        if threading.current_thread() is threading.main_thread():
+            for number in SIGNALS:
+                before = signal.getsignal(number)
+                if before in (signal.SIG_DFL, signal.default_int_handler):
+                    self._before[number] = signal.signal(number, self._hear)
+        return self
+
+    def _hear(self, number: int, frame: Any) -> None:
+        """Have the run end after this step; at once if it was told before."""
+        if self._heard:
+            raise KeyboardInterrupt
+        self._heard = number
+
+    def __exit__(self, *of_error: object) -> None:
+        """Hear them no more."""
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+
+def bring_back(kept: Kept, state: State, switch: Switch) -> None:
+    """Have a state and its division that a checkpoint keeps. Collective.
+
+    Args:
+        kept: The checkpoint.
+        state: The state of a run that is bound to no division.
+        switch: Binds it.
+
+    Raises:
+        SceneError: On every rank, if the checkpoint is of another version.
+    """
+    restore(_First(state, switch), kept.state, mesh_order(switch.scene))
+    switch.again()
+
+
+def remember(kept: Kept, run: Run, looks: Sequence[Any]) -> None:
+    """Have all else remembered that a checkpoint keeps. Collective.
+
+    Args:
+        kept: The checkpoint.
+        run: What takes part in the run.
+        looks: What looks at its reports.
+
+    Raises:
+        SceneError: On every rank, if the checkpoint is of another version.
+    """
+    run.stepper.show()
+    restore(_All(run, looks), kept.memory, mesh_order(run.stepper.scene))

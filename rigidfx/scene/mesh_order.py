@@ -1,0 +1,109 @@
+"""The numbers of cells and nodes in a mesh as it was given, and a hash of it: alike on any ranks.
+
+A cell has the number that it has in the file, or in the box. A node has its place in the list of
+the nodes of cell 0, of cell 1, and so on, without those that were there before: a cell lists its
+nodes alike on any ranks.
+"""
+
+from __future__ import annotations
+
+import hashlib
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.base import compat
+from rigidfx.base.mesh_order import MeshOrder
+from rigidfx.base.same_input import digest, items
+from rigidfx.effects import Contact
+from rigidfx.scene.scene import Scene
+
+__all__ = ["mesh_hash", "mesh_order", "scene_hashes"]
+
+Ints = npt.NDArray[np.int64]
+
+
+def mesh_order(scene: Scene) -> MeshOrder:
+    """Numbers of this rank's cells and nodes. Collective.
+
+    Args:
+        scene: The problem.
+    """
+    nodes, cells = scene.space.dofmap.index_map, scene.mesh.topology.index_map(3)
+    local = nodes.local_to_global(np.arange(nodes.size_local + nodes.num_ghosts, dtype=np.int32))
+    of_cells = _owned_cells(scene)
+    listed = _listed(scene, local[scene.space.dofmap.list[: cells.size_local]])
+    number: Ints | None = None
+    if listed is not None:
+        number = np.empty(nodes.size_global, dtype=np.int64)
+        number[listed] = np.arange(listed.size)
+    everywhere: Ints = scene.comm.bcast(number)
+    against = (contact.against for contact in scene.named(Contact))
+    return MeshOrder(
+        comm=scene.comm,
+        cells=of_cells,
+        nodes=everywhere[local],
+        owned=scene.owned_nodes,
+        every_cell=cells.size_global,
+        every_node=nodes.size_global,
+        named=(*scene.effects, *(one for one in against if not isinstance(one, str))),
+    )
+
+
+def mesh_hash(scene: Scene) -> str:
+    """A hash of the cells and the nodes of the mesh's geometry, on all ranks. Collective.
+
+    Args:
+        scene: The problem.
+    """
+    geometry = scene.mesh.geometry
+    owned = scene.mesh.topology.index_map(3).size_local
+    gathered = scene.comm.gather(
+        (_owned_cells(scene), geometry.x[compat.cell_geometry_dofs(scene.mesh)[:owned]])
+    )
+    found = None
+    if gathered is not None:
+        every = np.concatenate([own for _, own in gathered])
+        every = every[np.argsort(np.concatenate([cells for cells, _ in gathered]))]
+        found = hashlib.sha256(np.ascontiguousarray(every).tobytes()).hexdigest()
+    return str(scene.comm.bcast(found))
+
+
+def scene_hashes(scene: Scene) -> dict[str, str]:
+    """Hashes of all that a scene was made of, by its name, and sizes of its sets. Collective.
+
+    Functions cannot be compared; of them only their breakpoints are.
+
+    Args:
+        scene: The problem.
+    """
+    out = {}
+    for name, value in items(scene.given):
+        of = f" ({type(value).__name__})" if name.startswith("effects") else ""
+        out[name + of] = digest(value).hex()
+    sets = scene.domain.sets
+    for name, dim in sorted(sets):
+        out[f"the set '{name}'"] = str(int(scene.domain.count(sets[name, dim])))
+    return out
+
+
+def _owned_cells(scene: Scene) -> Ints:
+    topology = scene.mesh.topology
+    owned = topology.index_map(3).size_local
+    return np.asarray(topology.original_cell_index[:owned], dtype=np.int64)
+
+
+def _listed(scene: Scene, of_cells: Ints) -> Ints | None:
+    """Nodes in the order in which cells name them first, on rank 0. Collective.
+
+    Args:
+        scene: The problem.
+        of_cells: Numbers over all ranks of the nodes of each owned cell.
+    """
+    gathered = scene.comm.gather((_owned_cells(scene), of_cells))
+    if gathered is None:
+        return None
+    cells = np.concatenate([own for own, _ in gathered])
+    nodes = np.concatenate([own for _, own in gathered])[np.argsort(cells)]
+    every, first = np.unique(nodes, return_index=True)
+    return np.asarray(every[np.argsort(first)])

@@ -1,0 +1,61 @@
+"""What one accepted step did."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.effects import JointReports, Touch
+from rigidfx.step.newton.solution import Solution
+from rigidfx.step.system.system import Work
+from rigidfx.step.watches.judge import Attempt
+
+__all__ = ["StepResult", "result_of"]
+
+
+@dataclass(frozen=True)
+class StepResult:
+    """What one accepted step did.
+
+    Attributes:
+        dt: Its length [s].
+        solution: How its equations were solved.
+        cuts: How often it was cut before it converged.
+        work_of_loads: f_ext·Δu [J].
+        work_of_supports: Work of the reactions [J].
+        dissipated: Energy taken by each kind of damping [J].
+        reactions: Force each support exerts on the structure at the midpoint, shape (3,) [N].
+        reaction_moments: Its moment about the origin, shape (3,) [N m].
+        touches: What each contact did, by its title.
+        joints: What each joint did, by its title.
+    """
+
+    dt: float
+    solution: Solution
+    cuts: int
+    work_of_loads: float
+    work_of_supports: float
+    dissipated: Mapping[str, float]
+    reactions: Mapping[str, npt.NDArray[np.float64]]
+    reaction_moments: Mapping[str, npt.NDArray[np.float64]]
+    touches: Mapping[str, Touch]
+    joints: JointReports = field(default_factory=JointReports)
+
+
+def result_of(attempt: Attempt, work: Work) -> StepResult:
+    """What a step did, or would do."""
+    return StepResult(
+        dt=attempt.dt,
+        solution=attempt.solution,
+        cuts=attempt.cuts,
+        work_of_loads=work.loads,
+        work_of_supports=work.supports,
+        dissipated=work.dissipated,
+        reactions=work.reactions,
+        reaction_moments=work.reaction_moments,
+        touches=work.touches,
+        joints=work.joints,
+    )
