@@ -35,7 +35,7 @@ ENDS = {
 def attempt(converged, place=None, residuals=(3.0, 0.5)):
     """An attempt from 0.25 s on."""
     reason = "tolerance met" if converged else "too many iterations"
-    solution = Solution(converged, reason, residuals, 1, 1, "LU", place, 0.0, 0.0)
+    solution = Solution(converged, reason, residuals, 1, 1, "LU", place, 0.0, 0.0, 0.0)
     return Attempt(0.25, 0.125, solution, 0.375, NO_BODIES)
 
 

@@ -31,7 +31,7 @@ def no_word_of_jumps():
 
 
 DT = 0.1
-SOLVED = Solution(True, "", (0.0,), 1, 1, "LU", None, 0.0, 0.0)
+SOLVED = Solution(True, "", (0.0,), 1, 1, "LU", None, 0.0, 0.0, 0.0)
 NO_BODIES = Increments(Step(Bodies.of_each(()), DT), np.empty((0, 6)))
 
 

@@ -153,6 +153,14 @@ class Effect:
         """
         return np.empty(0)
 
+    def pushes(self, t: float) -> tuple[str, float] | None:
+        """Facets on whose deformed surface it acts, and the size of its stress [Pa]; None if none.
+
+        Args:
+            t: Time [s].
+        """
+        return None
+
     @property
     def mass_damping(self) -> float:
         """α of a drag α M v that it is, for linear twins [1/s]."""

@@ -26,6 +26,7 @@ from rigidfx.step.step_result import StepResult
 from rigidfx.step.system.division import Division
 from rigidfx.step.system.statics import StaticSystem
 from rigidfx.step.watches.judge import INVERTED, remedy
+from rigidfx.step.watches.why import course, overload
 
 __all__ = ["LoadPath", "PathControl"]
 
@@ -165,18 +166,20 @@ class LoadPath:
     ) -> tuple[StepError | None, float]:
         """Why a load step is not taken, if it is not, and its largest increment [m]. Collective."""
         if not solution.converged:
-            return self._ended(t0, f"Newton's method fails there ({solution.reason})"), np.inf
+            why = f"Newton's method fails there ({solution.reason}: {course(solution)})"
+            return self._ended(t0, why, t0 + dt), np.inf
         if (turned := self._inversion.find()) is not None:
             found = f"{self._owner}: the load step from t = {t0:g} s turns cells inside out: "
-            return InversionError(f"{found}{turned}{INVERTED}", remedy(self.scene)), np.inf
+            advice = f"{overload(self.scene, t0 + dt)} {remedy(self.scene)}".strip()
+            return InversionError(f"{found}{turned}{INVERTED}", advice), np.inf
         size = self.system.size
         grown = self._rate > 0 and size > self._control.jump * self._rate * dt
         if grown and (jumped == np.inf or size > self._control.shrinks * jumped):
-            return self._ended(t0, f"the next equilibrium is {size:.3g} m away"), size
+            return self._ended(t0, f"the next equilibrium is {size:.3g} m away", t0 + dt), size
         return None, size
 
-    def _ended(self, t: float, why: str) -> StepError:
-        """The path ends: how far it went, and whether at a limit load."""
+    def _ended(self, t: float, why: str, end: float) -> StepError:
+        """The path ends: how far it went, and whether at a limit load. Collective."""
         stiffness = self._first / self._rate if self._rate > 0 else 1.0
         limit = stiffness < self._control.soft
         what = (
@@ -187,7 +190,8 @@ class LoadPath:
         )
         return StepError(
             f"{self._owner}: no equilibrium follows the one at t = {t:.6g} s: {why}; {what}.",
-            "Prescribe displacements (PrescribedMotion) in place of loads to go beyond, or "
+            overload(self.scene, end)
+            or "Prescribe displacements (PrescribedMotion) in place of loads to go beyond, or "
             "simulate the motion with damping. Otherwise take more load steps, or supports that "
             "hold.",
         )

@@ -90,6 +90,10 @@ class Pressure(Windowed):
         """The pressure."""
         return np.array([self.intensity(t)])
 
+    def pushes(self, t: float) -> tuple[str, float]:
+        """Its facets and the size of the pressure."""
+        return self.where, abs(self.intensity(t))
+
     def term(self, mesh: Any) -> FormTerm:
         """The pressure on flexible cells."""
         return PressureTerm(self, mesh)

@@ -241,6 +241,7 @@ class Newton:
             None if reason > 0 else self.equilibrium.worst_place(),
             self.equilibrium.largest(self._y),
             self.equilibrium.left(self._r) if self.stop.at_rounding(reason) else 0.0,
+            self.stop.rounding,
         )
 
     def renew_tangent(self) -> None:

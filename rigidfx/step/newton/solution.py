@@ -27,6 +27,7 @@ class Solution:
         moved: Largest increment of an unknown [m].
         left: How far what is left of the residual moves an unknown against its own stiffness and
             inertia, the largest of all [m]; 0 if Newton has met its relative tolerance.
+        rounding: Size of ‖R‖ below which rounding may be all of it [N].
         given_up: Iterations of a solve with a kept tangent that came to nothing before; its
             tangents and Krylov iterations are among those above.
     """
@@ -40,6 +41,7 @@ class Solution:
     place: Array | None
     moved: float
     left: float
+    rounding: float
     given_up: int = 0
 
     @property

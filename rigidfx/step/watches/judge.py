@@ -18,6 +18,7 @@ from rigidfx.mechanics.body_step import Increments
 from rigidfx.mechanics.materials import StVenantKirchhoff
 from rigidfx.scene.scene import Scene
 from rigidfx.step.newton.solution import Solution
+from rigidfx.step.watches.why import course, overload
 
 __all__ = ["INVERTED", "Attempt", "Judge", "remedy"]
 
@@ -81,10 +82,11 @@ class Judge:
         x, y, z = solution.place if solution.place is not None else (np.nan,) * 3
         return StepError(
             f"The step from t = {attempt.t:.9g} s did not converge, not even with "
-            f"Δt = {attempt.dt:.3g} s ({solution.reason}; residuals "
+            f"Δt = {attempt.dt:.3g} s ({solution.reason}: {course(solution)}; residuals "
             f"{', '.join(f'{r:.2e}' for r in solution.residuals[:6]) or 'not finite'} N). "
             f"The largest residual is at the node X = ({x:.6g}, {y:.6g}, {z:.6g}) m.",
-            "Try a smaller Δt, look at loads, supports and contacts near that place, or add "
+            overload(self._scene, attempt.t + attempt.dt)
+            or "Try a smaller Δt, look at loads, supports and contacts near that place, or add "
             "NumericalDamping.",
         )
 
@@ -95,7 +97,7 @@ class Judge:
         return InversionError(
             f"The step from t = {attempt.t:.9g} s turns cells inside out, even with "
             f"Δt = {attempt.dt:.3g} s: {turned}{INVERTED}",
-            remedy(self._scene),
+            f"{overload(self._scene, attempt.t + attempt.dt)} {remedy(self._scene)}".strip(),
         )
 
 

@@ -1,0 +1,54 @@
+"""Why a step has no solution: how Newton's method failed, and loads beyond the material."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import rigidfx as rf
+from rigidfx.step.newton.solution import Solution
+from rigidfx.step.watches.why import course, overload
+
+MATERIAL = rf.StVenantKirchhoff(E=1e4, nu=0.0, rho=10.0)  # collapses under 0.19 E = 1925 Pa
+
+
+def failed(*residuals, rounding=0.0):
+    return Solution(False, "why", residuals, 1, 1, "LU", None, 0.0, 0.0, rounding)
+
+
+@pytest.mark.parametrize(
+    ("solution", "told"),
+    [
+        (failed(), "a force is not finite"),
+        (failed(1.0, np.nan), "a force is not finite"),
+        (failed(1.0, 3.0), "residuals grow"),
+        (failed(3.0, 1.0), "residuals no longer fall"),
+        (failed(1e-3, 2e-9, rounding=1e-9), "left is rounding: forces are known to 1.0e-09 N"),
+    ],
+)
+def test_how_newtons_method_failed(solution, told):
+    assert told in course(solution)
+
+
+def test_a_pressure_beyond_the_material_is_told():
+    """By its size, in words of its own, where steps and load steps end; others are not blamed."""
+    box = rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1))
+    pushed = rf.Pressure("x1", lambda t: 3e3 * t)
+    scene = rf.Scene(box, MATERIAL, [rf.Fixed("x0"), pushed])
+    blamed = "Pressure on 'x1' has .* Pa at t = 0.*of the stiffness.*more than it bears"
+    with pytest.raises(rf.StepError, match=blamed):
+        list(rf.static(scene, 5))
+    with pytest.raises(rf.StepError, match=blamed):
+        list(rf.simulate(scene, 0.05, 1.0, progress=False))
+    assert overload(scene, 0.01) == ""
+    little = rf.Scene(box, MATERIAL, [rf.Fixed("x0"), rf.Pressure("x1", 10.0)])
+    assert overload(little, 0.5) == ""
+
+
+def test_each_material_counts_where_the_pressure_is():
+    box = rf.box((0, 0, 0), (2, 1, 1), (2, 1, 1))
+    box = box.with_cells("soft", lambda x: x[0] < 1.01).with_cells("hard", lambda x: x[0] > 0.99)
+    steel = rf.StVenantKirchhoff(E=1e9, nu=0.0, rho=10.0)
+    of = {"soft": MATERIAL, "hard": steel}
+    scenes = [rf.Scene(box, of, [rf.Pressure(name, 3e3)]) for name in ("x1", "x0")]
+    assert [bool(overload(scene, 0.1)) for scene in scenes] == [False, True]
