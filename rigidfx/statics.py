@@ -16,6 +16,7 @@ from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import is_function, numbers, positive, shown, whole
 from rigidfx.base.log import heard, tell
 from rigidfx.base.same_input import check_same
+from rigidfx.base.warning import warn
 from rigidfx.effects import (
     Contact,
     DeadLoad,
@@ -205,6 +206,8 @@ def _reports(
                         scene.comm,
                         f"t = {state.t:.6g} s: {report.iterations} iterations, {result.cuts} cuts",
                     )
+                if report.iterations > 0:
+                    solver.warn_of_unasked(scene.comm)
                 yield replace(report, wall=perf_counter() - began)
     finally:
         path.close()
@@ -240,18 +243,28 @@ def _ramped(effect: Effect, t_end: float) -> Effect:
 
 
 def _check_held(scene: Scene, ends: Sequence[float]) -> None:
-    """Refuse statics that leave a rigid motion free; contacts may hold what touches. Collective.
+    """Refuse statics that leave a rigid motion free, and warn where contacts do. Collective.
 
     Raises:
         SceneError: On every rank.
     """
-    if scene.named(Contact):
-        return
     for begin, end in zip([0.0, *ends], ends, strict=False):
         acting = [e for e in scene.named(Windowed) if e.acts(0.5 * (begin + end))]
-        free = free_to_move(scene, PrescribedDofs(scene, supports_of(acting)))
-        if free:
-            raise SceneError(
-                f"static: from t = {begin:g} s on supports and springs leave a rigid motion free, "
-                f"of {free}, so there is no static equilibrium. Add supports, or a weak Spring."
+        contacts = [e for e in acting if isinstance(e, Contact)]
+        if any(isinstance(contact.against, str) for contact in contacts):
+            continue  # where two surfaces will meet is not known
+        held = PrescribedDofs(scene, supports_of(acting))
+        free = free_to_move(scene, held, [c.directions(scene) for c in contacts])
+        if not free:
+            continue
+        what = f"static: from t = {begin:g} s on supports and springs leave a rigid motion free, "
+        if contacts:
+            warn(
+                scene.comm,
+                f"{what}of {free}, along which contacts without friction do not hold either: the "
+                "place along it is arbitrary. Add supports, friction, or a weak Spring.",
             )
+            return
+        raise SceneError(
+            f"{what}of {free}, so there is no static equilibrium. Add supports, or a weak Spring."
+        )

@@ -42,7 +42,7 @@ def test_a_rotation_at_full_speed_under_a_body_at_rest():
 
 
 def test_the_tip_of_a_rotor_whose_hub_is_jolted():
-    """It lags by more than a hundred times the stretch of an even spin.
+    """It comes by more than 108 times the stretch of an even spin nearer to the hub.
 
     A body that spins from the start swings between no stretch and twice that of an even spin.
     """
@@ -64,7 +64,7 @@ def test_the_tip_of_a_rotor_whose_hub_is_jolted():
     for at_rest in ([], [rf.Preload([sag]), sag]):  # also where something is strained already
         with pytest.warns(rf.RigidfxWarning, match="acts with a jolt") as told:
             reports, ends = swings(at_rest, 2.4 / omega)
-        assert ends.min() < -100
+        assert ends.min() < -108
         impact = reports[0].impact
         assert impact.following == pytest.approx(0.5 * 0.39 * (0.5 * omega) ** 2 / 3, rel=0.01)
         assert impact.energy < 1e-5 * impact.following

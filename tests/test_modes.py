@@ -59,13 +59,15 @@ def block(*effects, E=1e6, n=2):
 
 
 def test_rigid_block_on_springs():
-    """Vertically √(m/k); nothing is left of a block without springs."""
+    """Vertically √(m/k); nothing is left of a block without springs, nor a mode of none."""
     springs = rf.Spring("z0", (1e4, 2e4, 4e4))
     found = rf.periods(block(springs, rf.Rigid()), 9)
     assert found.size == 6
     assert np.abs(found - 2 * np.pi * np.sqrt(1000.0 / 4e4)).min() < 1e-7
     np.testing.assert_allclose(rf.periods(block(springs, E=1e12), 6), found, rtol=1e-6)
     assert rf.periods(block(rf.Rigid())).size == 0
+    upright = rf.modes(block(rf.Spring("x0", (0.0, 0.0, 4e4)), rf.Rigid()), 6)
+    assert (upright.rigid, len(upright)) == (4, 2)
 
 
 def test_rigid_part_is_as_a_stiff_one():
@@ -102,13 +104,8 @@ def test_equal_periods_come_as_often_as_they_are():
 
 @pytest.mark.parametrize("ranks", [2, 3])
 def test_ranks_find_the_same(ranks):
-    """To 1e-8; the shapes of a cube's equal modes, whose alignment is found by small differences,
-    to ten times that.
-    """
-    for found, mine, limit in zip(
-        mpirun(__file__, ranks, 300), on_ranks(), (1e-8, 1e-7), strict=True
-    ):
-        np.testing.assert_allclose(found, mine, rtol=limit, atol=limit)
+    """To 1e-8, with the shapes of a cantilever and of a cube's equal modes."""
+    np.testing.assert_allclose(mpirun(__file__, ranks, 300), on_ranks(), rtol=1e-8, atol=1e-8)
 
 
 def on_ranks():
@@ -119,9 +116,8 @@ def on_ranks():
     shaped = rf.modes(block(n=6), 10)
     bent = rf.modes(cantilever, 3)
     shares = [np.abs(m.participation[:, :3]).reshape(-1) / np.sqrt(m.mass) for m in (shaped, bent)]
-    return [*found, *shaped.periods, *np.concatenate([*shares, _in_order(bent)])], [
-        *_in_order(shaped)
-    ]
+    shapes = _in_order(bent), _in_order(shaped)
+    return [*found, *shaped.periods, *np.concatenate([*shares, *shapes])]
 
 
 def _in_order(modes):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 
 import numpy as np
 import pytest
@@ -227,6 +228,22 @@ def test_refused():
         rf.static(bar(*loads, rf.InitialVelocity()))
     with pytest.raises(rf.SceneError, match="simulate: a Report is expected"):
         rf.simulate(bar(*loads), 0.1, 0.1, start=3)
+
+
+def test_what_is_said():
+    """A block that slides freely on a floor has no place; misspelt options have no effect."""
+    floor = rf.Plane((0, 0, 0), (0, 0, 1))
+    for friction, count in ((None, 1), (0.3, 0)):
+        how = {} if friction is None else {"friction": friction, "creep": 1e-3}
+        rests = bar(rf.Contact("z0", against=floor, **how), rf.Gravity())
+        with warnings.catch_warnings(record=True) as shown:
+            warnings.simplefilter("always")
+            list(rf.static(rests, 1))
+        told = ["contacts without friction do not hold" in str(w.message) for w in shown]
+        assert told == [True] * count
+    held = bar(rf.Fixed("x0"), rf.Contact("z0", against=floor), rf.Gravity())
+    with pytest.warns(rf.RigidfxWarning, match="no solver at work has asked for 'ksp_typ'"):
+        last(held, 1, petsc_options={"ksp_typ": "cg"})
 
 
 def on_ranks():

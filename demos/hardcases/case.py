@@ -28,8 +28,15 @@ ANY = 1e9  # 1/s; as a tolerance of the strain rate: every cell qualifies
 class History:
     """Numbers of a run, step by step, without its fields."""
 
-    def __init__(self) -> None:
-        """Nothing has happened yet."""
+    def __init__(self, stress_at: str = "") -> None:
+        """Nothing has happened yet.
+
+        Args:
+            stress_at: Probe whose stress is asked for, if any.
+        """
+        self._stress_at = stress_at
+        self.stress: list[float] = []  # von Mises' there [Pa]
+        self.pressing: list[float] = []  # of all contacts together [N]
         self.t: list[float] = []
         self.energy: list[float] = []
         self.sizes: list[float] = []
@@ -71,6 +78,9 @@ class History:
             self.iterations.append(r.iterations)
             self.tangents.append(r.tangents)
             self.linear_iterations.append(r.linear_iterations)
+        self.pressing.append(sum(touch.pressing for touch in r.touches.values()))
+        if self._stress_at:
+            self.stress.append(r.stresses[self._stress_at].von_mises)
         self.eased += r.dissipated.get("Easing", 0.0)
         self.cuts += r.cuts
         self.last = r
@@ -126,6 +136,7 @@ class Run:
         warns: What a warning of the run has to contain.
         known: What is known to go wrong: this is in its verdict.
         why: Why it does, and what helps.
+        stress_at: Probe whose stress the check asks for, if any.
     """
 
     way: str
@@ -144,6 +155,7 @@ class Run:
     warns: str = ""
     known: str = ""
     why: str = ""
+    stress_at: str = ""
 
 
 @dataclass(frozen=True)
@@ -212,7 +224,7 @@ def follow(run: Run, folder: Path | None = None) -> History:
         run: What to run.
         folder: Where to record it, if anywhere.
     """
-    history = History()
+    history = History(run.stress_at)
     with warnings.catch_warnings(record=True) as shown:
         warnings.simplefilter("always", rf.RigidfxWarning)
         try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from functools import partial
 
@@ -10,7 +11,7 @@ from mpi4py import MPI
 
 import rigidfx as rf
 
-from .case import History, Run, case, near
+from .case import History, Run, between, case, near
 
 STEEL = rf.StVenantKirchhoff(E=2.1e11, nu=0.3, rho=7850.0)
 SOFT = rf.StVenantKirchhoff(E=1e8, nu=0.3, rho=1000.0)
@@ -109,6 +110,90 @@ def arm_that_meets_a_stop(short: bool) -> Iterator[Run]:
 def _impulse(history: History) -> str:
     """Whether the momentum that the stop has given is right."""
     return near("the impulse", history.L[-1][2] - history.L[0][2], IMPULSE, 0.05)
+
+
+LEG, ARM, THICK, FILLET = 0.06, 0.3, 0.02, 0.01  # m
+
+
+def bracket(leg: int, arc: int, arm: int, across: int) -> rf.Domain:
+    """A leg and an arm of square section that meet in a fillet of FILLET; cells of each part.
+
+    Args:
+        leg: Cells along the leg, which stands on z = 0.
+        arc: Cells along each half of the fillet.
+        arm: Cells along the arm, which has its lower face at z = LEG.
+        across: Cells from the inner to the outer side.
+    """
+    n = leg + 2 * arc + arm
+    k = np.repeat(np.arange(n + 1), across + 1)
+    s = np.tile(np.linspace(0, 1, across + 1), n + 1)
+    angle = np.interp(k, [leg, leg + 2 * arc], [0, np.pi / 2])
+    up = np.interp(k, [0, leg], [0, LEG - FILLET])
+    along = np.interp(k, [leg + 2 * arc, n], [0, ARM - FILLET])
+    inner = THICK + FILLET * (1 - np.cos(angle)) + along, up + FILLET * np.sin(angle)
+    outer = (
+        np.interp(k, [leg + arc, leg + 2 * arc, n], [0, THICK + FILLET, THICK + ARM]),
+        np.interp(k, [0, leg, leg + arc], [0, LEG - FILLET, LEG + THICK]),
+    )
+    x, z = ((1 - s) * a + s * b for a, b in zip(inner, outer, strict=True))
+    points = np.concatenate([np.c_[x, y + 0 * x, z] for y in (0.0, THICK)])
+    first = np.arange(n)[:, None] * (across + 1) + np.arange(across)
+    sides = [first, first + across + 1, first + 1, first + across + 2]
+    face = np.stack([side.reshape(-1) for side in sides], axis=1)
+    cells = np.concatenate([face, face + k.size], axis=1)
+    if MPI.COMM_WORLD.rank > 0:
+        points, cells = points[:0], cells[:0]
+    pad = between(LEG, LEG, axis=2)
+    bent = rf.from_arrays(points, cells).with_facets("foot", between(0.0, 0.0, axis=2))
+    return bent.with_facets("pad", lambda x: pad(x) & (x[0] > THICK + 0.75 * ARM))
+
+
+def swinging_bracket(*cells: int) -> rf.Scene:
+    """The arm swings at a rubber stop; the probe "fillet" is in the middle of the arc."""
+    swing = np.array([[0.0], [0.0], [-1.0 / ARM]])  # 1/s
+    half = FILLET * np.sqrt(0.5)
+    middle = (THICK + FILLET - half, THICK / 2, LEG - FILLET + half)
+    stop = rf.Plane((0.0, 0.0, LEG - 2e-4), (0.0, 0.0, 1.0))
+    effects = [
+        rf.Fixed("foot"),
+        rf.InitialVelocity(function=lambda x: swing * np.maximum(x[0] - THICK - FILLET, 0.0)),
+        rf.Contact("pad", against=stop, stiffness=1e11),
+    ]
+    probes = {"fillet": middle}
+    return rf.Scene(bracket(*cells), STEEL, effects, element="enhanced", probes=probes)
+
+
+@case("first week", "the stress in a fillet, of an impact that Δt does not resolve")
+def fillet_of_an_arm_that_meets_a_stop(short: bool) -> Iterator[Run]:
+    """A warning names a Δt; the first peaks of stress and force are within 3 % of half of it.
+
+    With the steps that are warned of, the force is a half or three quarters of that.
+    """
+    scene = swinging_bracket(*((2, 1, 4, 2) if short else (6, 3, 16, 3)))
+    told: list[float] = []
+    peaks: list[tuple[float, float]] = []
+
+    def coarse(history: History) -> str:
+        peaks.append((max(history.pressing), max(history.stress)))
+        found = (re.search(r"With Δt ≤ (\S+) s", text) for text in history.warnings)
+        told.extend(float(match[1]) for match in found if match)
+        return ""
+
+    def resolved(history: History) -> str:
+        if any("opened again" in text for text in history.warnings):
+            return "it is warned of"
+        force, stress = max(history.pressing), max(history.stress)
+        if len(peaks) > 2:
+            other = near("the force", force, peaks[2][0], 0.03)
+            return other or near("the stress", stress, peaks[2][1], 0.03)
+        peaks.append((force, stress))
+        return "" if peaks[1][0] < 0.8 * force else f"{peaks[1][0]:g} N are {force:g} N"
+
+    how = {"momentum": None, "tangents": 25, "cuts": 20, "stress_at": "fillet"}
+    for dt in (2e-4, 1e-4):
+        yield Run(f"Δt = {dt:g} s", scene, dt, 1.2e-3, warns="With Δt ≤", check=coarse, **how)
+    for k in (1, 2):
+        yield Run(f"named / {k}", scene, told[-1] / k, 1.2e-3, check=resolved, **how)
 
 
 @case("first week", "a shaft out of balance, whose bearings are springs at nodes of their axis")

@@ -214,6 +214,23 @@ class Contact(Windowed):
         pressure = surface.stiffness[on] / surface.area[on] * np.maximum(-gap, 0.0)
         return on, gap, pressure
 
+    def directions(self, scene: Any) -> tuple[Ints, Array]:
+        """Directions in which an obstacle resists its surface where it is closed. Collective.
+
+        Args:
+            scene: The problem, as it starts.
+
+        Returns:
+            Owned nodes of the surface; one direction of each, or all three with friction, shape
+            (nodes, 1 or 3, 3).
+        """
+        surface, against = surface_of(scene, self.where, self.stiffness, self.owner), self.against
+        on = np.flatnonzero(surface.area[: scene.owned_nodes] > 0)
+        if self.friction or isinstance(against, str):
+            return on, np.broadcast_to(np.eye(3), (on.size, 3, 3))
+        y = scene.start_places[on] - against.displacement(0.0)
+        return on, checked_outward(self.owner, against, y)[:, None, :]
+
     def bind(self, structure: Structure) -> Action | None:
         """Its forces on nodes and bodies."""
         if isinstance(self.against, str):

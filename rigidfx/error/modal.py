@@ -87,8 +87,11 @@ class Modal:
         self._free = np.setdiff1d(np.arange(size), supported)
         rows = PETSc.IS().createGeneral((first + self._free).astype(PETSc.IntType), comm=K.comm)
         Kf, Mf = (A.createSubMatrix(rows, rows) for A in (K, M))
+        motions = [Kf.createVecRight() for _ in range(loose.count)]
+        for k, vector in enumerate(motions):
+            vector.array[:] = loose.motions[self._free, k]
         with PREPARING:
-            pairs = lowest(Kf, Mf, self._modes.count, loose.count)
+            pairs = lowest(Kf, Mf, self._modes.count, motions)
         self._loose = loose
         self._bound = pairs.rigid == loose.count  # K has an inverse but for these
         self._squares = pairs.values
@@ -104,7 +107,7 @@ class Modal:
                 Cf.mult(v, work)
                 viscous[k] = v.dot(work)
         self._viscous = viscous
-        for item in (pairs, work, Mf, rows, Cf, motion):
+        for item in (pairs, work, Mf, rows, Cf, motion, *motions):
             if item is not None:
                 item.destroy()
         self._right, self._found = Kf.createVecs()

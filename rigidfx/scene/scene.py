@@ -331,14 +331,14 @@ class Scene:
         Args:
             dt: Time step that is thought of [s]: it is told how many cells a wave passes in it, if
                 given. About one resolves waves; a swing takes a twentieth of its period.
-            periods: How many of the longest periods of vibrations; if None, three where the scene
-                is small enough for a second to do. See `rigidfx.periods`.
+            periods: How many of the longest `rigidfx.periods`; three where they are cheap if None.
 
         Returns:
             The text, on all ranks.
         """
         step = None if dt is None else positive("describe", "dt", dt)
         count = None if periods is None else whole("describe", "periods", periods, least=0)
+        check_same(self.comm, "describe", {"dt": step, "periods": count})
         text = "\n".join(description(self, step, count))
         if self.comm.rank == 0:
             print(text, flush=True)  # noqa: T201 - it is what this is for

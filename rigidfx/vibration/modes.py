@@ -173,7 +173,7 @@ def modes(scene: Scene, count: int = 6, *, about: Report | None = None) -> Modes
 
 
 def _modes(scene: Scene, problem: Problem, count: int) -> Modes:
-    pairs = lowest(problem.K, problem.M, count, problem.zeros)
+    pairs = lowest(problem.K, problem.M, count, problem.motions)
     impulses = problem.impulses(scene.centre_of_mass)
     gamma = np.array([y.mDot(impulses) for y in pairs.vectors]).reshape(-1, 6)
     shapes = np.array([problem.at_nodes(y) for y in pairs.vectors])
@@ -236,12 +236,14 @@ def periods(scene: Scene, count: int = 3) -> Array:
         T [s], the longest first; fewer than asked for where a scene has fewer.
 
     Raises:
-        SceneError: If there is no scene, or the count is none.
+        SceneError: If there is no scene, the count is none, or it has joints.
     """
     check_scene("periods", scene)
     count = whole("periods", "count", count, least=1)
+    check_same(scene.comm, "periods", {"count": count})
+    refuse_joints("periods", scene)
     problem = Problem(scene)
-    pairs = lowest(problem.K, problem.M, count, problem.zeros)
+    pairs = lowest(problem.K, problem.M, count, problem.motions)
     pairs.destroy()
     problem.destroy()
     return np.asarray(2 * pi / np.sqrt(pairs.values[:count]))

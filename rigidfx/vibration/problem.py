@@ -7,8 +7,11 @@ the state and with springs.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from rigidfx.base.failures import Failures
@@ -40,7 +43,7 @@ class Problem:
     Attributes:
         K: Stiffness [N/m].
         M: Mass [kg].
-        zeros: Likely number of motions without energy.
+        motions: Rigid motions of the connected parts, where some may take no energy.
     """
 
     def __init__(self, scene: Scene, about: Report | None = None) -> None:
@@ -85,7 +88,7 @@ class Problem:
         self._mass = mass_operator(scene, layout.rows, cells, own, driven)
         self._scene, self._layout = scene, layout
         self.K, self.M = self._stiffness(), self._masses()
-        self.zeros = 6 * scene.parts.count if free_to_move(scene, held) else 0
+        self.motions = self._rigid_motions() if free_to_move(scene, held) else []
 
     def _stiffness(self) -> PETSc.Mat:
         """The tangent of statics at the state. Collective."""
@@ -115,25 +118,55 @@ class Problem:
         Returns:
             Three of translations [kg] and three of rotations [kg m]; the caller destroys them.
         """
-        rows, bodies, p = self._layout.rows, self._state.bodies, self._prolongation
-        x = rows.X + self._state.u.x.array[rows.dofs].reshape(-1, 3) - centre
-        arms = bodies.r - centre
-        d, f, out = rows.vector(), rows.vector(), []
-        blocks = bodies.mass_blocks
-        for axis in range(6):
-            e = np.eye(3)[axis % 3]
-            turns = axis >= 3
-            d.array[:] = (np.cross(e, x) if turns else np.tile(e, (len(x), 1))).reshape(-1)
-            six = np.zeros((len(bodies), 6))
-            six[:, :3] = np.cross(e, arms) if turns else e
-            if turns:
-                six[:, 3:] = bodies.of.length[:, None] * e
+        p = self._prolongation
+        d, f, out = self._layout.rows.vector(), self._layout.rows.vector(), []
+        blocks = self._state.bodies.mass_blocks
+        for moved, six in self._moved(centre):
+            d.array[:] = moved.reshape(-1)
             self._mass.mult(d, f)
             r = p.unknowns()
             p.restrict(f, (blocks @ six[:, :, None])[:, :, 0], r)
             out.append(r)
         d.destroy()
         f.destroy()
+        return out
+
+    def _moved(self, centre: Array) -> Iterator[tuple[Array, Array]]:
+        """The six rigid motions of the whole about a point.
+
+        Yields:
+            Displacements of this rank's rows, shape (nodes, 3) [m], and the unknowns of the bodies,
+            shape (bodies, 6).
+        """
+        rows, bodies = self._layout.rows, self._state.bodies
+        x = rows.X + self._state.u.x.array[rows.dofs].reshape(-1, 3) - centre
+        arms = bodies.r - centre
+        for axis in range(6):
+            e = np.eye(3)[axis % 3]
+            six = np.zeros((len(bodies), 6))
+            six[:, :3] = np.cross(e, arms) if axis >= 3 else e
+            if axis >= 3:
+                six[:, 3:] = bodies.of.length[:, None] * e
+            yield (np.cross(e, x) if axis >= 3 else np.tile(e, (len(x), 1))), six
+
+    def _rigid_motions(self) -> list[PETSc.Vec]:
+        """Six of each connected part, in a run's own unknowns. Collective."""
+        scene, p, out = self._scene, self._prolongation, []
+        of_node = np.zeros(scene.nodal_mass.size, dtype=np.int64)
+        of_node[scene.space.dofmap.list] = scene.parts.of_cell[:, None]
+        of_row = of_node[self._layout.rows.nodes]
+        own = np.full(len(self._state.bodies), scene.parts.count)
+        for k, body in enumerate(self._state.bodies):
+            own[k] = of_node[body.data.nodes].min(initial=scene.parts.count)
+        of_body = np.empty_like(own)
+        scene.comm.Allreduce(own, of_body, op=MPI.MIN)
+        for k in range(scene.parts.count):
+            for moved, six in self._moved(0.5 * (scene.parts.lower + scene.parts.upper)[k]):
+                y = p.unknowns()
+                p.collapse(
+                    (moved * (of_row == k)[:, None]).reshape(-1), six * (of_body == k)[:, None], y
+                )
+                out.append(y)
         return out
 
     def at_nodes(self, y: PETSc.Vec) -> Array:
@@ -156,7 +189,7 @@ class Problem:
 
     def destroy(self) -> None:
         """Free all PETSc objects. Collective."""
-        for item in (self.M, self._statics, self._mass, self._actions):
+        for item in (*self.motions, self.M, self._statics, self._mass, self._actions):
             item.destroy()
 
 

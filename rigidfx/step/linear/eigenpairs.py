@@ -2,14 +2,15 @@
 
 Krylov-Schur iterations (G. W. Stewart, SIAM J. Matrix Anal. Appl. 23 (2002) 601,
 doi:10.1137/S0895479800371529) take the inverse of K + σM. The shift σ is small against the lowest λ
-that is not zero, and K may be singular or indefinite. On one rank CHOLMOD factors a definite
-K + σM, where there is one, and MUMPS any other by LDLᵀ. A second iteration, orthogonal to all that
-has been found, looks for eigenvalues that the first one has missed: an iteration from one vector
-may miss some of a multiple eigenvalue. A Ritz step ends it.
+that is not zero, and K may be singular or indefinite. Known motions without energy are kept out of
+the iteration, where rounding along them would grow by λ/σ. A second iteration, orthogonal to all
+that has been found, looks for eigenvalues that the first one has missed: an iteration from one
+vector may miss some of a multiple eigenvalue. A Ritz step ends it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,15 +21,11 @@ from petsc4py import PETSc
 from scipy.linalg import eigh
 
 from rigidfx.base.errors import SceneError
-from rigidfx.step.linear import cholmod
-from rigidfx.step.linear.linear_solver import PREFIX, default_options
+from rigidfx.step.linear.eigensolver import MOST, check_installed, eigensolver
 
 __all__ = ["EigenControl", "Eigenpairs", "clusters", "lowest"]
 
 Array = npt.NDArray[np.float64]
-
-MOST = 1000  # restarts of the iteration
-OWN = PREFIX + "modes_"  # prefix of the options of the solver with K + σM
 
 
 @dataclass(frozen=True)
@@ -36,7 +33,8 @@ class EigenControl:
     """Limits of the search for eigenpairs.
 
     Attributes:
-        tolerance: Relative residual at which an eigenpair has converged.
+        tolerance: Relative residual at which an eigenpair has converged. Equal modes are aligned
+            by differences of some hundredths, which divide it in the shapes.
         dense: Unknowns up to which LAPACK finds all pairs at once, on each rank.
         shift: First σ, over the largest ratio of the diagonals of K and M.
         high: Largest σ over the lowest nonzero |λ|; above, the shift is set anew. Eigenvalues far
@@ -49,7 +47,7 @@ class EigenControl:
         doubtful: Relative residual at which a value that may have been missed has converged.
     """
 
-    tolerance: float = 1e-10
+    tolerance: float = 1e-12
     dense: int = 300
     shift: float = 1e-8
     high: float = 100.0
@@ -83,7 +81,7 @@ def lowest(
     K: PETSc.Mat,
     M: PETSc.Mat,
     count: int,
-    zeros: int = 0,
+    motions: Sequence[PETSc.Vec] = (),
     control: EigenControl | None = None,
 ) -> Eigenpairs:
     """The lowest eigenpairs, zero ones left out; the last cluster is whole. Collective.
@@ -92,22 +90,23 @@ def lowest(
         K: Symmetric stiffness; zero eigenvalues are those of motions without energy.
         M: Symmetric positive definite mass.
         count: How many, at least; fewer where there are no more.
-        zeros: How many zero eigenvalues are likely.
+        motions: Rigid motions, some combinations of which may take no energy; they stay the
+            caller's.
         control: Limits of the search.
 
     Raises:
         SceneError: If SLEPc is not installed, or finds no eigenpairs.
     """
     control = EigenControl() if control is None else control
-    slepc = _slepc()
+    check_installed()
     if K.getSize()[0] == 0:
         return Eigenpairs(np.empty(0), [], 0)
     K = K.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
     for A in (K, M):
         A.setOption(PETSc.Mat.Option.SYMMETRIC, True)
-    search = _Search(slepc, K, M, control)
+    search = _Search(K, M, control)
     try:
-        return search.lowest(count, zeros)
+        return search.lowest(count, motions)
     except PETSc.Error as error:
         raise SceneError(
             f"modes: no eigenpairs were found ({error}). Check that every part has mass and "
@@ -129,22 +128,11 @@ def clusters(values: Array, gap: float) -> npt.NDArray[np.int64]:
     return np.asarray(np.r_[0, np.cumsum(np.diff(values) > gap * size)][: values.size])
 
 
-def _slepc() -> Any:
-    try:
-        from slepc4py import SLEPc
-    except ImportError as error:
-        raise SceneError(
-            "modes: SLEPc's Python package slepc4py is not installed. Debian has it as "
-            "python3-slepc4py-real, conda-forge as slepc4py."
-        ) from error
-    return SLEPc
-
-
 class _Search:
     """One search: K, M, and the factors for the present shift."""
 
-    def __init__(self, slepc: Any, K: PETSc.Mat, M: PETSc.Mat, control: EigenControl) -> None:
-        self._slepc, self._K, self._M, self._control = slepc, K, M, control
+    def __init__(self, K: PETSc.Mat, M: PETSc.Mat, control: EigenControl) -> None:
+        self._K, self._M, self._control = K, M, control
         self._size = int(K.getSize()[0])
         self._diagonal = K.getDiagonal()
         self._work = K.createVecRight()
@@ -155,33 +143,58 @@ class _Search:
         m.destroy()
         self._scale = float(K.comm.tompi4py().allreduce(ratio.max(initial=0.0), op=MPI.MAX))
         self._shift = control.shift * self._scale
+        self._still: list[PETSc.Vec] = []  # motions without energy, kept out of the iteration
 
-    def lowest(self, count: int, zeros: int) -> Eigenpairs:
+    def lowest(self, count: int, motions: Sequence[PETSc.Vec]) -> Eigenpairs:
         """See the function of this name."""
-        values, vectors = self._found(count, zeros)
+        if self._size > self._control.dense and len(motions):
+            self._still = self._without_energy(motions)
+        values, vectors = self._found(count)
         if self._too_far(values[~self._zeros(values, vectors)]):
             lowest = np.abs(values[~self._zeros(values, vectors)]).min()
             self._shift = 0.1 * float(lowest)
             _free(vectors)
-            values, vectors = self._found(count, zeros)
+            values, vectors = self._found(count)
         zero = self._zeros(values, vectors)
         elastic = np.flatnonzero(~zero)
         kept = elastic[: self._cut(values[elastic], count)]
         _free([vectors[k] for k in np.setdiff1d(np.arange(values.size), kept)])
-        return Eigenpairs(values[kept], [vectors[k] for k in kept], int(zero.sum()))
+        rigid = int(zero.sum()) + len(self._still)
+        return Eigenpairs(values[kept], [vectors[k] for k in kept], rigid)
 
     def destroy(self) -> None:
         """Free the vectors. Collective."""
+        _free(self._still)
         self._diagonal.destroy()
         self._work.destroy()
 
-    def _found(self, count: int, zeros: int) -> tuple[Array, list[PETSc.Vec]]:
+    def _without_energy(self, motions: Sequence[PETSc.Vec]) -> list[PETSc.Vec]:
+        """Combinations of motions whose eigenvalue is zero, φᵀMφ = 1."""
+        vectors = [v.copy() for v in motions]
+        stiffness, mass = self._grams(vectors)
+        sizes = np.sqrt(np.maximum(mass.diagonal(), np.finfo(np.float64).tiny))
+        shares, basis = eigh(mass / np.outer(sizes, sizes))
+        whole = shares > self._control.rounding * shares[-1]
+        basis = basis[:, whole] / np.sqrt(shares[whole]) / sizes[:, None]
+        values, turn = eigh(basis.T @ stiffness @ basis)
+        values, turn = self._K.comm.tompi4py().bcast((values, basis @ turn))
+        spare = vectors[values.size :]
+        _combine(vectors, turn)
+        vectors = vectors[: values.size]
+        still = self._zeros(values, vectors)
+        _free([*spare, *(v for v, no in zip(vectors, ~still, strict=True) if no)])
+        return [v for v, yes in zip(vectors, still, strict=True) if yes]
+
+    def _found(self, count: int) -> tuple[Array, list[PETSc.Vec]]:
         """Enough of the lowest pairs, with what a first iteration may have missed."""
+        size = self._size - len(self._still)
         whole = self._size <= self._control.dense
-        asked = self._size if whole else min(count + zeros + self._control.extra, self._size)
-        eps = self._solver(asked)
+        asked = size if whole else min(count + self._control.extra, size)
+        eps = eigensolver(
+            self._K, self._M, None if whole else self._shift, asked, self._control.tolerance
+        )
         values, vectors = self._ritz(self._next(eps, asked, []))
-        while len(vectors) < self._size:
+        while len(vectors) < size:
             elastic = values[~self._zeros(values, vectors)]
             if self._cut(elastic, count) is None:
                 eps.setTolerances(self._control.tolerance, MOST)
@@ -220,65 +233,21 @@ class _Search:
         for vector in vectors:
             self._work.pointwiseMult(self._diagonal, vector)
             sizes.append(abs(self._work.dot(vector)))
-        return np.asarray(np.abs(values) <= self._control.rounding * np.array(sizes))
-
-    def _solver(self, count: int) -> Any:
-        """SLEPc's solver with the factors of K + σM, or LAPACK's for a small problem. Collective.
-
-        Args:
-            count: Pairs that are asked for at first, which size the space of the iteration.
-        """
-        slepc = self._slepc
-        if self._size <= self._control.dense:
-            eps = self._plain()
-            eps.setType(slepc.EPS.Type.LAPACK)
-            eps.setWhichEigenpairs(slepc.EPS.Which.SMALLEST_REAL)
-            return eps
-        if self._K.comm.size == 1 and cholmod.exists():
-            eps = self._inverting(PETSc.Mat.SolverType.CHOLMOD)
-            eps.setDimensions(count)
-            try:
-                with default_options(OWN, **cholmod.DEFAULTS):
-                    eps.setUp()
-                return eps
-            except PETSc.Error:  # K + σM is not definite
-                eps.destroy()
-        return self._inverting(PETSc.Mat.SolverType.MUMPS)
-
-    def _plain(self) -> Any:
-        """SLEPc's solver with its operators."""
-        eps = self._slepc.EPS().create(self._K.comm)
-        eps.setOperators(self._K, self._M)
-        eps.setProblemType(self._slepc.EPS.ProblemType.GHEP)
-        return eps
-
-    def _inverting(self, package: str) -> Any:
-        """SLEPc's solver by shift and invert, with factors by some package."""
-        slepc, control, eps = self._slepc, self._control, self._plain()
-        eps.setType(slepc.EPS.Type.KRYLOVSCHUR)
-        eps.setTarget(-self._shift)
-        eps.setWhichEigenpairs(slepc.EPS.Which.TARGET_MAGNITUDE)
-        eps.setTolerances(control.tolerance, MOST)
-        eps.setPurify(False)  # the Ritz step does more
-        st = eps.getST()
-        st.setType(slepc.ST.Type.SINVERT)
-        ksp = st.getKSP()
-        ksp.setOptionsPrefix(OWN)
-        ksp.setType(PETSc.KSP.Type.PREONLY)
-        ksp.getPC().setType(PETSc.PC.Type.CHOLESKY)
-        ksp.getPC().setFactorSolverType(package)
-        return eps
+        # What LAPACK leaves of values that are found together:
+        left = np.finfo(np.float64).eps * values.size * np.abs(values).max(initial=0.0)
+        return np.asarray(np.abs(values) <= self._control.rounding * np.array(sizes) + left)
 
     def _next(self, eps: Any, count: int, found: list[PETSc.Vec]) -> list[PETSc.Vec]:
-        """Vectors of the lowest eigenvalues in the complement of those that have been found.
+        """Vectors of the lowest eigenvalues in the complement of those found and of still ones.
 
         Raises:
             SceneError: If the iteration finds none.
         """
-        count = min(count, self._size - len(found))
+        apart = [*self._still, *found]
+        count = min(count, self._size - len(apart))
         eps.setDimensions(count)
-        if found:
-            eps.setDeflationSpace(found)
+        if apart:
+            eps.setDeflationSpace(apart)
         eps.solve()
         out = []
         for k in range(min(eps.getConverged(), count)):
@@ -296,7 +265,15 @@ class _Search:
         return up / float(self._work.dot(vector))
 
     def _ritz(self, vectors: list[PETSc.Vec]) -> tuple[Array, list[PETSc.Vec]]:
-        """Eigenpairs of K and M in the span of vectors, which are freed."""
+        """Eigenpairs of K and M in the span of vectors, which are changed."""
+        grams = self._grams(vectors)
+        comm = self._K.comm.tompi4py()
+        values, turn = comm.bcast(eigh(*grams) if comm.rank == 0 else None)
+        _combine(vectors, turn)
+        return np.asarray(values), vectors
+
+    def _grams(self, vectors: list[PETSc.Vec]) -> tuple[Array, Array]:
+        """Products of vectors by K and by M, shape (n, n) each."""
         grams = []
         for A in (self._K, self._M):
             gram = np.empty((len(vectors), len(vectors)))
@@ -304,13 +281,14 @@ class _Search:
                 A.mult(vector, self._work)
                 gram[:, k] = self._work.mDot(vectors)
             grams.append(0.5 * (gram + gram.T))
-        comm = self._K.comm.tompi4py()
-        values, turn = comm.bcast(eigh(*grams) if comm.rank == 0 else None)
-        own = np.stack([vector.array_r for vector in vectors])
-        turned = turn.T @ own
-        for vector, row in zip(vectors, turned, strict=True):
-            vector.array[:] = row
-        return np.asarray(values), vectors
+        return grams[0], grams[1]
+
+
+def _combine(vectors: list[PETSc.Vec], turn: Array) -> None:
+    """Turn the first vectors into combinations of all, a column of a matrix each."""
+    turned = turn.T @ np.stack([vector.array_r for vector in vectors])
+    for vector, row in zip(vectors[: len(turned)], turned, strict=True):
+        vector.array[:] = row
 
 
 def _free(vectors: list[PETSc.Vec]) -> None:

@@ -8,6 +8,8 @@ B y = 0; the eigenvalues of BᵀB tell whether y = 0 is all that fulfils it, and
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
@@ -19,16 +21,20 @@ __all__ = ["FREE", "free_to_move", "rigid_motions"]
 
 Array = npt.NDArray[np.float64]
 Labels = npt.NDArray[np.int64]
+Ints = npt.NDArray[np.int64]
 
 FREE = 1e-10  # of the largest eigenvalue of BᵀB: motions that B does not see
 
 
-def free_to_move(scene: Scene, prescribed: PrescribedDofs) -> str:
+def free_to_move(
+    scene: Scene, prescribed: PrescribedDofs, further: Sequence[tuple[Ints, Array]] = ()
+) -> str:
     """Where a part is that some rigid motion is left to, "" if there is none. Collective.
 
     Args:
         scene: The problem.
         prescribed: Dofs that supports hold.
+        further: Owned nodes, and directions in which they are held too, shape (nodes, n, 3).
     """
     parts = connected_parts(scene.mesh, 2)
     n = scene.owned_nodes
@@ -48,6 +54,8 @@ def free_to_move(scene: Scene, prescribed: PrescribedDofs) -> str:
         values, vectors = np.linalg.eigh(K / max(float(np.linalg.norm(K)), 1e-300))
         root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
         _add(gram, root @ rigid_motions(X[own], part[own], parts), part[own])
+    for own, directions in further:
+        _add(gram, directions @ rigid_motions(X[own], part[own], parts), part[own])
     gram = np.asarray(scene.sum(gram))
     if parts.count > 1:
         _add_hinges(scene, gram, parts)
