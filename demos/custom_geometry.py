@@ -12,16 +12,20 @@
 #
 # Without a file it runs `meshes/bracket.geo`: a block on a thin arm at a wall is
 # pushed down for a moment, and swings.
-# Without anything held or loaded it shows the names that a file has. It leaves in
-# out/custom_geometry: `fields.pvd` for ParaView, `history.csv` and `events.csv`, pictures, and
-# `summary.json`.
+# `--t-end` says how long the run is, in seconds: it has no default, as a file does not tell how
+# fast things move. The parts of an assembly may have materials of their own:
+# `--material post 1e7 0.45 1100`. Without anything held or loaded it shows the names that a file
+# has. It leaves in out/NAME OF THE FILE of the folder where you are (or `--out`): `fields.pvd` for
+# ParaView, `history.csv` and `events.csv`, pictures, and `summary.json`.
 
 # +
+from pathlib import Path
+
 from common import ROOT
 
 from rigidfx.command import Example, main
 
-bracket = Example(ROOT / "meshes" / "bracket.geo", ROOT / "out" / "custom_geometry")
+bracket = Example(ROOT / "meshes" / "bracket.geo", Path("out", "custom_geometry"))
 # -
 
 # ## The geometry and the scene

@@ -86,7 +86,8 @@ def simulate(
             if None.
         verbose: Whether rank 0 says on standard error what is compiled, what becomes rigid and
             flexible, and how the run ended; if None, where that is a terminal, and elsewhere only
-            what a first run compiles. The logger "rigidfx" is told in any case, at the level INFO.
+            what a first run compiles, and once a minute how far the run is. The logger "rigidfx" is
+            told in any case, at the level INFO.
         petsc_options: Options of PETSc's solvers for this run, by name without a prefix:
             {"ksp_type": "bcgs", "pc_type": "asm"}. Those of the command line and of the
             environment win; see `rigidfx.step.linear.petsc_options`.
@@ -245,7 +246,7 @@ def _looks(run: Run) -> tuple[Any, ...]:
     scene = run.stepper.scene
     brief = BriefContacts(scene, run.stepper.control is None)
     of_motion = EnergyBalance(scene), LumpedInertia(scene), Jolts(scene), brief
-    return *of_motion, TurnedSprings(scene), Account(scene.comm)
+    return *of_motion, TurnedSprings(scene), Account(scene.comm, run.timeline.t_end)
 
 
 def _unheard(iteration: int, norm: float) -> None:

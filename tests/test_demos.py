@@ -17,6 +17,8 @@ import pytest
 from mpi4py import MPI
 
 import rigidfx as rf
+from rigidfx.command.main import materials
+from rigidfx.command.options import Example, ask
 from rigidfx.output.history import read_history
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -228,6 +230,9 @@ BRACKET = ROOT / "meshes" / "bracket.geo"
         (["--tol", -1], 2, "--tol: must be ≥ 0, got -1"),
         (["--damping", 2], 2, "xi must lie in"),
         (["--load", "end", 0, "x", 1], 2, "--load end: 'x' is no finite number"),
+        (["--material", "a", 1, 0.3, "x"], 2, "--material a: 'x' is no finite number"),
+        (["--material", "a", 1, 0.3, 1, "--material", "a", 2, 0.3, 1], 2, "a name is given twice"),
+        (["--material", "foot", 1e7, 0.3, 1e3], 2, "named 'foot'"),
         (["--name", "a=1"], 2, "--name is for .step"),
         (["part.msh", "--name", "a=1"], 2, "--name is for .step"),
         (["part.msh", "--set", "a=1"], 2, "--set is for .geo"),
@@ -249,6 +254,30 @@ def test_custom_geometry_says_what_is_wrong(tmp_path, monkeypatch, capfd, argume
         runpy.run_path(str(CUSTOM), run_name="__main__")
     assert (end.value.code or 0) == code
     assert told in "".join(capfd.readouterr())
+
+
+def test_results_are_where_one_is(monkeypatch):
+    """Not beside the script; those of a file by its name."""
+    bracket = Example(BRACKET, Path("out", "custom_geometry"))
+    for words, where in (
+        ([], "out/custom_geometry"),
+        (["a/part.step", "--t-end", "1"], "out/part"),
+    ):
+        monkeypatch.setattr(sys, "argv", ["rigidfx", *words])
+        assert ask(None, bracket)[1].out == Path(where)
+    assert 'Path("out", "custom_geometry")' in CUSTOM.read_text(encoding="utf-8")
+
+
+def test_each_part_has_a_material_of_its_own(monkeypatch):
+    words = ["part.step", "--material", "post", "1e7", "0.45", "1100"]
+    monkeypatch.setattr(
+        sys, "argv", ["rigidfx", *words, "--material", "plate", "7e10", "0.3", "2700"]
+    )
+    found = materials(ask(None, None)[1])
+    assert {name: (m.E, m.nu, m.rho) for name, m in found.items()} == {
+        "post": (1e7, 0.45, 1100.0),
+        "plate": (7e10, 0.3, 2700.0),
+    }
 
 
 @pytest.mark.parallel

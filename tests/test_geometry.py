@@ -604,6 +604,33 @@ def test_labels_of_cad_are_names(cad):
     assert set(counts(one)) == {"first", *labels}
 
 
+INCHES = """( CONVERSION_BASED_UNIT('INCH',#900001) LENGTH_UNIT() NAMED_UNIT(#900002) );
+#900001 = LENGTH_MEASURE_WITH_UNIT(LENGTH_MEASURE(25.4),#900003);
+#900002 = DIMENSIONAL_EXPONENTS(1.,0.,0.,0.,0.,0.,0.);
+#900003 = ( LENGTH_UNIT() NAMED_UNIT(*) SI_UNIT(.MILLI.,.METRE.) );"""
+
+
+@alone
+def test_a_part_in_inches_with_a_label_of_several_pieces(cad, tmp_path):
+    """Sizes are metres; a label stands for all of its pieces, whichever of them has a name, too."""
+    text = (cad / "labelled.step").read_text()
+    text = re.sub(
+        r"\(\s*LENGTH_UNIT\(\)\s*NAMED_UNIT\(\*\)\s*SI_UNIT\(.MILLI.,.METRE.\)\s*\);", INCHES, text
+    )
+    assert "INCH" in text
+    (tmp_path / "bolts.step").write_text(re.sub(r"'part.\d'", "'bolt'", text))
+    found = rf.list_cad(tmp_path / "bolts.step")
+    assert [v.label for v in found.volumes] == ["bolt", "bolt"]
+    upper = np.max([v.upper for v in found.volumes], axis=0)
+    assert upper == pytest.approx(0.0254 * np.array([130, 50, 20]), rel=1e-6)
+    assert found.volumes[0].measure == pytest.approx(25.4**3 * PLATE, rel=1e-6)
+    hole = next(s for s in found.surfaces if np.isfinite(s.radius))
+    assert hole.radius == pytest.approx(8 * 0.0254)
+    part = rf.read_cad(tmp_path / "bolts.step", volumes={"small": 2}, size=0.6)
+    cells = counts(part)
+    assert cells["bolt"] == part.mesh.topology.index_map(3).size_global > cells["small"] > 0
+
+
 @alone
 def test_names_of_cad_that_are_refused(cad):
     """What picks nothing is answered with what there is; so is a volume without a name."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import re
+from itertools import count
 
 import pytest
 from mpi4py import MPI
@@ -11,6 +12,7 @@ from mpi4py import MPI
 import rigidfx as rf
 from rigidfx.base import cache_log, form_cache, log
 from rigidfx.flexible import kernels
+from rigidfx.report import account
 
 MATERIAL = rf.StVenantKirchhoff(E=1e4, nu=0.3, rho=10.0)
 
@@ -73,6 +75,29 @@ def test_verbose_says_it_on_standard_error(tmp_path, capsys):
     assert lines[-1].startswith("rigidfx: done at t = 0.5 s")
     with pytest.raises(rf.SceneError, match="verbose must be True, False or None"):
         run(tmp_path, verbose=3)
+
+
+def test_a_long_run_says_once_a_minute_where_it_is(tmp_path, capsys, monkeypatch):
+    """Also in a pipe, and in log.txt; not where that is ruled out."""
+    clock = count(0.0, 25.0)  # s; a step looks at it once, and once more where it says something
+    monkeypatch.setattr(account, "perf_counter", lambda: next(clock))
+    for verbose, told in ((None, 2), (False, 0)):
+        run(tmp_path / "run", verbose)
+        pattern = (
+            r"rigidfx: t = 0\.\d of 0\.5 s \(\d\d%\) after 0:0\d:\d\d: step \d, \d+ unknowns, about"
+        )
+        assert len(re.findall(pattern, capsys.readouterr().err)) == told
+        assert "of 0.5 s (" in (tmp_path / "run" / "log.txt").read_text(encoding="utf-8")
+
+
+def test_runs_in_one_loop_are_done_together(caplog):
+    """The first that is over ends the loop; the other one is at its end as well."""
+    scene = rf.Scene(rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1)), MATERIAL)
+    with caplog.at_level(logging.INFO, "rigidfx"):
+        for _ in zip(*(rf.simulate(scene, 0.1, 0.2) for _ in range(2)), strict=False):
+            pass
+    assert caplog.text.count("done at t = 0.2 s") == 2
+    assert "stopped" not in caplog.text
 
 
 def test_what_stopped_is_told(tmp_path, caplog):

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
+from mpi4py import MPI
+
 import rigidfx as rf
+from rigidfx.base.log import heard
+from rigidfx.report.account import Account
 from rigidfx.report.pay import Pay
 
 
@@ -12,17 +16,23 @@ def steps(*rows):
     """What is said after steps of (unknowns, bodies, wall time, events)."""
     pay = Pay()
     for step, (unknowns, bodies, wall, events) in enumerate(rows):
-        pay.follow(
-            SimpleNamespace(
-                step=step,
-                dt=0.1,
-                unknowns=unknowns,
-                bodies=bodies * [None],
-                wall=wall,
-                events=events * [None],
-            )
-        )
+        pay.follow(report(step, bodies, wall, unknowns, events))
     return pay.told()
+
+
+def report(step, bodies, wall, unknowns=None, events=0):
+    """What is asked of one."""
+    return SimpleNamespace(
+        step=step,
+        t=0.1 * step,
+        dt=0.1,
+        unknowns=(40 if bodies else 100) if unknowns is None else unknowns,
+        bodies=bodies * [SimpleNamespace(name="part 1", cells=9)],
+        wall=wall,
+        events=events * [None],
+        iterations=1,
+        cuts=0,
+    )
 
 
 def test_steps_with_bodies_are_compared_with_those_without():
@@ -35,6 +45,18 @@ def test_steps_with_bodies_are_compared_with_those_without():
     dear = steps((100, 0, 0.0, 0), *20 * [flexible], switch, *19 * [(40, 1, 3.0, 0)])
     assert "took 1.50 of one without, which does not pay" in dear
     assert steps((100, 0, 0.0, 0), *20 * [flexible]) == ""
+
+
+def test_what_does_not_pay_is_told_in_pipes(capsys):
+    """As a line on standard error, where a run is not silent; what pays is told to who asks."""
+    for dear, verbose, told in ((True, None, 1), (True, False, 0), (False, None, 0)):
+        account = Account(MPI.COMM_SELF, 1.0)
+        with heard(MPI.COMM_SELF, verbose), account:
+            for step in range(40):
+                account.follow(
+                    report(step, step > 20, 3.0 if dear and step > 20 else 2.0 - step / 40)
+                )
+        assert capsys.readouterr().err.count("which does not pay") == told
 
 
 def test_a_run_says_it_at_its_end(caplog):

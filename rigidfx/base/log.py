@@ -21,7 +21,7 @@ __all__ = ["announce", "folders", "heard", "hearing", "tell"]
 
 LOGGER = logging.getLogger("rigidfx")
 SHOWN = "rigidfx: "  # begins each line on standard error
-FIRST = 25  # level, above INFO, of what a first run says outside a terminal, too: why it waits
+FIRST = 25  # level, above INFO, of what is said outside a terminal, too: why one waits
 
 _runs: list[MPI.Intracomm] = []  # under way, by their ranks
 
@@ -49,6 +49,17 @@ def tell(comm: MPI.Intracomm, text: str) -> None:
         LOGGER.info(text)
 
 
+def remind(comm: MPI.Intracomm, text: str) -> None:
+    """Say on rank 0 how far a long run is, unless it is silent.
+
+    Args:
+        comm: Ranks of the run.
+        text: What is said.
+    """
+    if comm.rank == 0:
+        LOGGER.log(FIRST, text)
+
+
 @contextmanager
 def heard(comm: MPI.Intracomm, verbose: bool | None) -> Iterator[None]:
     """Show on standard error, on rank 0, what is said meanwhile.
@@ -56,7 +67,7 @@ def heard(comm: MPI.Intracomm, verbose: bool | None) -> Iterator[None]:
     Args:
         comm: Ranks of the run.
         verbose: Whether it is shown; if None, all of it where standard error is a terminal, and
-            what is compiled elsewhere.
+            elsewhere what is compiled, and once a minute how far the run is.
     """
     level = logging.INFO if verbose or sys.stderr.isatty() else FIRST
     if verbose is False or comm.rank > 0:

@@ -29,7 +29,7 @@ from rigidfx.plot import Shapes, curves
 from rigidfx.scene.scene import Scene
 from rigidfx.simulation import simulate
 
-__all__ = ["main", "run"]
+__all__ = ["main", "materials", "run"]
 
 QUIET = 1 / 50  # tolerance, relative to the largest strain rate under the load
 STEPS = 400  # of a run whose Δt is not given
@@ -72,14 +72,24 @@ def run() -> None:
 
 
 def _scene(domain: Domain, options: Namespace) -> Scene:
-    """The geometry with its material and what acts; second-order cells have a consistent mass."""
+    """The geometry with its materials and what acts; second-order cells have a consistent mass."""
     return Scene(
         domain,
-        StVenantKirchhoff(E=options.E, nu=options.nu, rho=options.rho),
+        materials(options),
         supports_and_loads(options),
         order=options.order,
         mass="consistent" if options.order == 2 else "lumped",
     )
+
+
+def materials(options: Namespace) -> StVenantKirchhoff | dict[str, StVenantKirchhoff]:
+    """One for all, or one for each name."""
+    if not options.material:
+        return StVenantKirchhoff(E=options.E, nu=options.nu, rho=options.rho)
+    return {
+        name: StVenantKirchhoff(E=float(E), nu=float(nu), rho=float(rho))
+        for name, (E, nu, rho) in options.material.items()
+    }
 
 
 def _pair(scene: Scene, dt: float, options: Namespace) -> Pair:

@@ -63,7 +63,11 @@ def ask(prog: str | None, example: Example | None) -> tuple[RankParser, Namespac
     options.parameters = _pairs(parser, options, "set", GEO)
     if options.size and options.kind not in CAD + GEO:
         parser.error(f"--size is for what is meshed here, not for '{options.file.name}'")
-    options.load = [(name, _force(parser, name, texts)) for name, *texts in options.load]
+    options.load = [(n, _three(parser, f"load {n}", texts)) for n, *texts in options.load]
+    given = options.material
+    options.material = {n: _three(parser, f"material {n}", texts) for n, *texts in given}
+    if len(options.material) < len(given):
+        parser.error("--material: a name is given twice")
     return parser, options
 
 
@@ -95,6 +99,14 @@ def _of_problem(parser: RankParser) -> None:
     group.add_argument("--E", type=positive, default=2.1e11, help="Young's modulus [Pa] (2.1e11)")
     group.add_argument("--nu", type=number, default=0.3, help="Poisson's ratio (0.3)")
     group.add_argument("--rho", type=positive, default=7850.0, help="density [kg/m³] (7850)")
+    group.add_argument(
+        "--material",
+        metavar=("NAME", "E", "NU", "RHO"),
+        nargs=4,
+        action="append",
+        default=[],
+        help="that of the cells NAME, in place of --E, --nu and --rho; once for each name",
+    )
     group.add_argument("--hold", metavar="NAME[:xyz]", nargs="+", default=[], help="what is held")
     group.add_argument(
         "--load",
@@ -132,12 +144,12 @@ def _length(text: str) -> float | str:
 
 def _complete(options: Namespace, example: Example) -> None:
     """Take from the example what is not given: a block on a thin arm at a wall, pushed down."""
-    options.out = options.out or example.out
     if options.short:
         options.order = options.order or 1
     if not options.example:
         return
     options.file = example.file
+    options.out = options.out or example.out
     options.size = options.size or (0.02 if options.short else 0.012)
     options.hold = options.hold or ["wall"]
     options.load = options.load or [["end", "0", "0", "-300"]]
@@ -164,9 +176,9 @@ def _pairs(
     return found
 
 
-def _force(parser: RankParser, name: str, texts: list[str]) -> np.ndarray:
-    """A total force [N]."""
+def _three(parser: RankParser, option: str, texts: list[str]) -> np.ndarray:
+    """The three numbers of an option, such as a total force [N]."""
     try:
         return np.array([number(text) for text in texts])
     except ArgumentTypeError as error:
-        parser.error(f"--load {name}: {error}")
+        parser.error(f"--{option}: {error}")

@@ -107,8 +107,8 @@ def read_cad(
         leave_out: Volumes that are not meshed.
         size: Largest edge of a cell [m]; a twentieth of the diagonal of the geometry if None.
         per_circle: Least number of cells around a full circle of a curved face; with 0 curvature
-            does not count, and a bolt hole may become a hexagon. A warning tells of more than 1 %
-            of the volume.
+            does not count, but that circles have twelve sides at least. A warning tells of more
+            than 1 % of the volume.
         order: Order of the cells' geometry: 1, or 2 for cells as curved as the surfaces.
         scale: Factor of all lengths. The unit of a STEP or IGES file is read from it, so that 1 is
             right; a BREP file has none and takes metres per unit.
@@ -141,6 +141,8 @@ def read_cad(
                 f"{cad.size:.3g} m. Is the unit right (scale)?"
             )
         gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", per_circle)
+        if not per_circle:  # gmsh would make hexagons of small holes
+            gmsh.option.setNumber("Mesh.MinimumCircleNodes", 12)
         mesh_model(gmsh, (cad.size / CELLS if largest is None else largest) / metres, order)
 
     domain = domain_of(comm, f"gmsh: '{path}'", f"'{path}'", fill, metres)

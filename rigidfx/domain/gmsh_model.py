@@ -37,6 +37,7 @@ OPTIONS = (
     "General.Terminal",
     "Mesh.MeshSizeMax",
     "Mesh.MeshSizeFromCurvature",
+    "Mesh.MinimumCircleNodes",
     "Mesh.SaveAll",
     "Mesh.SwitchElementTags",
 )

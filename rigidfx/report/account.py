@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from datetime import timedelta
+from math import isfinite, nan
 from time import perf_counter
 from typing import ClassVar
 
 from mpi4py import MPI
 
-from rigidfx.base.log import folders, tell
+from rigidfx.base.log import folders, remind, tell
 from rigidfx.base.remembered import PART, Remembered, same
 from rigidfx.report.pay import Pay
 from rigidfx.report.report import Report
@@ -33,13 +35,16 @@ class Account:
 
     remembered: ClassVar[Remembered] = same("_steps", "_iterations", "_switches") | {"_pay": PART}
 
-    def __init__(self, comm: MPI.Intracomm) -> None:
+    def __init__(self, comm: MPI.Intracomm, t_end: float) -> None:
         """Begin.
 
         Args:
             comm: Ranks of the run.
+            t_end: Its end [s].
         """
-        self._comm = comm
+        self._comm, self._t_end = comm, t_end
+        self._first: Report | None = None
+        self._told = perf_counter()  # when something was said of where the run is
         self._steps = self._iterations = self._switches = 0
         self._began = perf_counter()
         self._last: Report | None = None
@@ -47,7 +52,11 @@ class Account:
 
     def follow(self, report: Report) -> None:
         """Take note of a report."""
+        self._first = self._first or report
         self._last = report
+        if perf_counter() - self._told >= timedelta(minutes=1).total_seconds():
+            self._told = perf_counter()
+            remind(self._comm, self._where(report, self._first))
         self._pay.follow(report)
         self._steps += report.step > 0
         self._iterations += report.iterations
@@ -60,6 +69,15 @@ class Account:
         if report.cuts:
             tell(self._comm, f"t = {report.t:.6g} s: the step was cut {report.cuts} times")
 
+    def _where(self, report: Report, first: Report) -> str:
+        """How far the run is, and how long it may still take."""
+        took, done = perf_counter() - self._began, report.t - first.t
+        left = (self._t_end - report.t) * took / done if done > 0 else nan
+        more = f", about {timedelta(seconds=round(left))} left" if isfinite(left) else ""
+        where = f"t = {report.t:.4g} of {self._t_end:.4g} s ({report.t / self._t_end:.0%})"
+        after = f"after {timedelta(seconds=round(took))}"
+        return f"{where} {after}: step {report.step}, {report.unknowns} unknowns{more}"
+
     def __enter__(self) -> Account:
         """Nothing to do."""
         return self
@@ -70,8 +88,10 @@ class Account:
         if last is None:
             return
         if paid := self._pay.told():
-            tell(self._comm, paid)
-        how = "stopped" if kind is not None else "done"
+            (remind if self._pay.loses else tell)(self._comm, paid)
+        # A loop over several runs leaves those that are at their ends when the first one is over.
+        left = kind is GeneratorExit and last.t >= self._t_end
+        how = "stopped" if kind is not None and not left else "done"
         parts = [f"'{body.name}' of {body.cells} cells" for body in last.bodies[:4]]
         parts += [f"{len(last.bodies) - 4} more"] if len(last.bodies) > 4 else []
         rigid = f"rigid: {', '.join(parts)}" if parts else "nothing is rigid"

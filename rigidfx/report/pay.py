@@ -42,16 +42,27 @@ class Pay:
         else:
             (self._rigid if bodies else self._flexible).append(report.wall)
 
+    @property
+    def _ratio(self) -> float:
+        """Time of a step with bodies over that of one without; zero where it is not known."""
+        if min(len(self._flexible), len(self._rigid)) < FEWEST:
+            return 0.0
+        return median(self._rigid) / median(self._flexible)
+
+    @property
+    def loses(self) -> bool:
+        """Whether steps with bodies have taken longer."""
+        return self._ratio > 1
+
     def told(self) -> str:
         """A line, empty where nothing was rigid."""
         if not self._spared > 0:
             return ""
         every = sum(self._flexible) + sum(self._rigid) + self._switching
         parts = [f"rigid parts: {self._spared / self._time:.0%} of unknowns × time"]
-        if min(len(self._flexible), len(self._rigid)) >= FEWEST:
-            ratio = median(self._rigid) / median(self._flexible)
-            dear = ", which does not pay" if ratio > 1 else ""
-            parts.append(f"a step with them took {ratio:.2f} of one without{dear}")
+        if self._ratio > 0:
+            dear = ", which does not pay" if self.loses else ""
+            parts.append(f"a step with them took {self._ratio:.2f} of one without{dear}")
         if every > 0:
             parts.append(f"steps with a switch took {self._switching / every:.0%} of the time")
         return "; ".join(parts)

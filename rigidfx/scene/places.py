@@ -47,9 +47,31 @@ def cells_of(mesh: dmesh.Mesh, points: Mapping[str, Array]) -> dict[str, tuple[i
             x = mesh.geometry.x
             low = [mesh.comm.allreduce(float(v), op=MPI.MIN) for v in x.min(0, initial=np.inf)]
             high = [mesh.comm.allreduce(float(v), op=MPI.MAX) for v in x.max(0, initial=-np.inf)]
+            distance, nearest = _nearest(mesh, X[k])
             raise SceneError(
-                f"Scene: the probe '{name}' at {tuple(map(float, X[k]))} m lies in no cell. The "
+                f"Scene: the probe '{name}' at {tuple(map(float, X[k]))} m lies in no cell: it is "
+                f"{distance:.3g} m outside, and the nearest point of the mesh is {nearest} m. The "
                 f"mesh reaches from {tuple(low)} to {tuple(high)} m."
             )
         found[name] = rank, local
     return found
+
+
+def _nearest(mesh: dmesh.Mesh, point: Array) -> tuple[float, tuple[float, ...]]:
+    """Distance of a point from the mesh [m], and the nearest point of it [m]. Collective.
+
+    Cells with curved edges are taken by their corners.
+    """
+    owned = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
+    offer: tuple[float, ...] = (np.inf, 0.0, 0.0, 0.0)
+    if owned.size:
+        tree = geometry.bb_tree(mesh, 3, entities=owned)
+        middles = geometry.create_midpoint_tree(mesh, 3, owned)
+        cell = geometry.compute_closest_entity(tree, middles, mesh, point[None])[0]
+        corners = dmesh.entities_to_geometry(mesh, 3, np.array([cell], dtype=np.int32))[0]
+        x = mesh.geometry.x[corners[: 4 if mesh.topology.cell_name() == "tetrahedron" else 8]]
+        apart = geometry.compute_distance_gjk(x, point[None])
+        x0, x1, x2 = map(float, (point + apart).round(12))
+        offer = float(np.linalg.norm(apart)), x0, x1, x2
+    distance, *place = min(mesh.comm.allgather(offer))
+    return distance, tuple(place)
