@@ -1,8 +1,9 @@
 """A binary file whose changes reach the disk together: it can be opened after a kill at any time.
 
-Libraries write a file here and there, in an order of their own. Here all of it is kept in memory
-until `commit`, which appends new bytes first, where no reader looks yet, and then replaces old ones
-from the file's beginning on, by few calls of the system.
+Libraries write a file here and there, in an order of their own. Here new bytes go behind the file's
+end at once, where no reader looks yet. What replaces old bytes is kept in memory until `commit`: it
+puts those at the file's beginning first, where formats say how long it is, then all others from the
+end on. So tables of contents that come before their entries are written after these.
 """
 
 from __future__ import annotations
@@ -32,31 +33,30 @@ class WholeWrites(io.RawIOBase):
         self._path = path
         self._open = open(path, "x+b", buffering=0)  # noqa: SIM115 - it stays open
         self._file = self._open.fileno()
-        self._size = 0  # on the disk
-        self._added = bytearray()  # what comes behind it
-        self._changed: dict[int, bytes] = {}  # what replaces bytes there, by their places
+        self._size = 0  # up to where readers look
+        self._end = 0  # up to where there are bytes
+        self._changed: dict[int, bytes] = {}  # what replaces bytes that readers see, by place
+        self._late: dict[int, bytes] = {}  # what could not be written behind them
         self._at = 0
 
     def commit(self) -> None:
         """Bring all changes to the disk.
 
         Raises:
-            OSError: If there is no space; the file is as before then.
+            OSError: If there is no space; readers see the file as before then.
         """
-        try:
-            if self._added:
-                self._put(self._size, bytes(self._added))
-        except OSError:
-            os.ftruncate(self._file, self._size)
-            raise
+        for place in [*self._late]:
+            self._put(place, self._late[place])
+            del self._late[place]
+        if 0 in self._changed:
+            self._put(0, self._changed.pop(0))
         for place, data in self._joined():
             self._put(place, data)
-        self._size += len(self._added)
-        self._added.clear()
+        self._size = self._end
         self._changed.clear()
 
-    def _put(self, place: int, data: bytes) -> None:
-        view = memoryview(data)
+    def _put(self, place: int, data: Any) -> None:
+        view = memoryview(data).cast("B")
         while view:
             done = os.pwrite(self._file, view, place)
             if not done:
@@ -64,34 +64,42 @@ class WholeWrites(io.RawIOBase):
             view, place = view[done:], place + done
 
     def _joined(self) -> list[tuple[int, bytes]]:
-        """Changes from the file's beginning on, near ones with what lies between them."""
-        runs: list[list[int]] = []
+        """Changes from the file's end on, near ones with what lies between them."""
+        runs: list[tuple[int, int, list[int]]] = []  # places of bytes, and of the changes there
         for place in sorted(self._changed):
             end = place + len(self._changed[place])
             if runs and place - runs[-1][1] <= io.DEFAULT_BUFFER_SIZE:
-                runs[-1][1] = max(runs[-1][1], end)
+                first, before, members = runs.pop()
+                runs.append((first, max(before, end), [*members, place]))
             else:
-                runs.append([place, end])
-        return [(first, self._look(first, end - first)) for first, end in runs]
+                runs.append((place, end, [place]))
+        order = {place: k for k, place in enumerate(self._changed)}
+        found = []
+        for first, end, members in reversed(runs):
+            out = bytearray(os.pread(self._file, end - first, first))
+            for place in sorted(members, key=order.__getitem__):
+                data = self._changed[place]
+                out[place - first : place - first + len(data)] = data
+            found.append((first, bytes(out)))
+        return found
 
     def _look(self, place: int, count: int) -> bytes:
         """Bytes as they will be, fewer at the end of the file."""
-        here = max(min(count, self._size - place), 0)
-        out = bytearray(os.pread(self._file, here, place)) if here else bytearray()
-        for first, data in self._changed.items():  # in the order of writing
-            low, high = max(first, place), min(first + len(data), place + here)
-            if low < high:
-                out[low - place : high - place] = data[low - first : high - first]
-        start = max(place - self._size, 0)
-        out += self._added[start : start + count - here]
+        count = max(min(count, self._end - place), 0)
+        out = bytearray(os.pread(self._file, count, place).ljust(count, b"\0"))
+        for changes in (self._late, self._changed):
+            for first, data in changes.items():  # in the order of writing
+                low, high = max(first, place), min(first + len(data), place + count)
+                if low < high:
+                    out[low - place : high - place] = data[low - first : high - first]
         return bytes(out)
 
     # What a library calls -----------------------------------------------------------------------
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
         """See `io.RawIOBase`."""
-        end = self._size + len(self._added)
-        self._at = offset + {os.SEEK_SET: 0, os.SEEK_CUR: self._at, os.SEEK_END: end}[whence]
+        start = {os.SEEK_SET: 0, os.SEEK_CUR: self._at, os.SEEK_END: self._end}[whence]
+        self._at = offset + start
         return self._at
 
     def tell(self) -> int:
@@ -119,22 +127,28 @@ class WholeWrites(io.RawIOBase):
 
     def write(self, buffer: Any) -> int:
         """See `io.RawIOBase`."""
-        data = bytes(buffer)
-        here = data[: max(self._size - self._at, 0)]
+        data = memoryview(buffer).cast("B")
+        here, rest = data[: max(self._size - self._at, 0)], data[max(self._size - self._at, 0) :]
         if here:
             before = self._changed.pop(self._at, b"")
-            self._changed[self._at] = here + before[len(here) :]
-        start, rest = max(self._at - self._size, 0), data[len(here) :]
+            self._changed[self._at] = bytes(here) + before[len(here) :]
         if rest:
-            self._added += bytes(max(start - len(self._added), 0))
-            self._added[start : start + len(rest)] = rest
+            place = self._at + len(here)
+            try:
+                self._put(place, rest)
+            except OSError:  # a library must not be left in the middle: it comes out at the commit
+                self._late[place] = bytes(rest)
+            self._end = max(self._end, place + len(rest))
         self._at += len(data)
         return len(data)
 
     def truncate(self, size: int | None = None) -> int:
         """See `io.RawIOBase`: it gets longer only; bytes that are not used stay at its end."""
         size = self._at if size is None else size
-        self._added += bytes(max(size - self._size - len(self._added), 0))
+        if size > self._end:
+            self._at, kept = size - 1, self._at
+            self.write(b"\0")
+            self._at = kept
         return size
 
     def close(self) -> None:
