@@ -41,6 +41,7 @@ from rigidfx.report.of_step import amended, report_of
 from rigidfx.report.report import Report
 from rigidfx.report.start import Start, start_of
 from rigidfx.report.turned_springs import TurnedSprings
+from rigidfx.report.writers import Writers
 from rigidfx.run import Run
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.step_control import StepControl
@@ -213,16 +214,16 @@ def _begun(
         run, impact = prepare(scene, timeline, criterion, control, start, back)
         idle = None if accuracy is None else accuracy.idle
         run = replace(run, idle=idle, corrected=call["corrected"])
-        looks = _looks(run)
+        looks, writers = _looks(run), Writers()
         if kept is not None:
-            remember(kept, run, looks)
+            remember(kept, run, (*looks, writers))
         keeper = None
         if checkpoint is not None:
             keeper = Keeper(scene, checkpoint, {**call, "checkpoint": checkpoint}, kept)
-            keeper.check(run, looks)
+            keeper.check(run, (*looks, writers))
         tell(scene.comm, beginning(scene, run.stepper.unknowns, t_end, perf_counter() - began))
     first = 0 if kept is None else kept.step
-    reports = _reports(run, impact, shown, solver, looks, keeper, first)
+    reports = _reports(run, impact, shown, solver, looks, writers, keeper, first)
     if accuracy is None or control is None:
         return reports
     rule = None if run.policy is None else run.policy.rule
@@ -259,6 +260,7 @@ def _reports(
     shown: tuple[bool | None, bool | None],
     solver: SolverOptions,
     looks: tuple[Any, ...],
+    writers: Writers,
     keeper: Keeper | None,
     first: int,
 ) -> Iterator[Report]:
@@ -275,7 +277,8 @@ def _reports(
         bar.update(state.t)
         if not first:
             report = report_of(0, stepper, run.probes, None, impact, run.shadows, run.added)
-            report = replace(report, reactions=switch.held[0], reaction_moments=switch.held[1])
+            held, moments = switch.held
+            report = replace(report, reactions=held, reaction_moments=moments, _writers=writers)
             report = run.accounted(report)
             for look in looks:
                 look.follow(report)
@@ -284,7 +287,7 @@ def _reports(
             over = timeline.over(state.t)
             if keeper is not None:
                 with solver.at_work():
-                    keeper.look(step - 1, state.t, run, looks, over)
+                    keeper.look(step - 1, state.t, run, (*looks, writers), over)
             if over:
                 stepper.failures.settle()
                 return balance.end()
@@ -308,6 +311,6 @@ def _reports(
             for look in looks[:-1]:
                 look.follow(report)
             bar.update(result.dt)
-            report = replace(report, wall=perf_counter() - start)
+            report = replace(report, wall=perf_counter() - start, _writers=writers)
             account.follow(report)
             yield report

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import os
 import shutil
+import signal
+from contextlib import suppress
+from errno import ENOSPC
+from functools import partial
 from pathlib import Path
 
+import h5py
 import numpy as np
 import parallel
 import pytest
 from memory import differences
-from restarted import SCENES, row, seen
+from restarted import DRAG, HELD, QUIET, SCENES, SINE, SOFT, bar, row, seen
 
 import rigidfx as rf
 import rigidfx.error.equations
@@ -70,3 +76,147 @@ def test_other_ranks_go_on(name, tmp_path, monkeypatch):
     for group in (slice(7, 8), slice(8, 14), slice(14, 17), slice(17, 20)):
         ours, whole = (np.nan_to_num(rows[:, group]) for rows in (several, alone))
         assert np.abs(ours - whole).max() <= 1e-9 * np.abs(whole).max()
+
+
+def written(folder):
+    """All files of a recorder but wall times and what a run says; what they hold."""
+    out = {}
+    for path in sorted(folder.rglob("*")):
+        name = path.relative_to(folder).as_posix()
+        if name == "history.csv":
+            lines = path.read_text().splitlines()
+            out[name] = [line.rpartition(",")[0] for line in lines]
+        elif path.suffix == ".vtkhdf":
+            with h5py.File(path) as file:
+                file.visititems(partial(_noted, out))
+        elif path.is_file() and path.suffix not in (".rfx", ".txt", ".py"):
+            out[name] = path.read_bytes()
+    return out
+
+
+def _noted(out, name, item):
+    if isinstance(item, h5py.Dataset):
+        out[name] = item[()].tobytes()
+
+
+@NO_WARNINGS
+def test_files_go_on_without_a_row_lost_or_doubled(tmp_path):
+    """A run that fails twice, after steps and fields that no checkpoint knows."""
+    make, dt, _, more = SCENES["error"]
+
+    def run(folder, fails=(), resume=False):
+        scene = make()
+        steps = (
+            rf.resume(folder, scene)
+            if resume
+            else rf.simulate(scene, dt, 3.2, checkpoint=rf.Checkpoint(folder, steps=25), **more)
+        )
+        form = {"format": "both", "interval": 0.3, "stress": False, "resume": resume}
+        with suppress(rf.StepError), rf.Recorder(scene, folder, **form) as recorder:
+            for report in steps:
+                recorder.write(report)
+                if report.step in fails:
+                    raise rf.StepError("a failure")  # the last fields are written
+        steps.close()
+
+    run(tmp_path / "whole")
+    run(tmp_path / "cut", [88])
+    run(tmp_path / "cut", [140], resume=True)
+    run(tmp_path / "cut", resume=True)
+    whole, cut = written(tmp_path / "whole"), written(tmp_path / "cut")
+    assert whole.keys() == cut.keys()
+    assert [name for name in whole if whole[name] != cut[name]] == []
+    assert len(rf.read_fields(tmp_path / "cut").times) > 10
+    scene = make()
+    first = next(rf.simulate(scene, dt, 0.1))
+    with pytest.raises(rf.SceneError, match="resume=True goes on"):
+        rf.Recorder(scene, tmp_path / "other", resume=True).write(first)
+
+
+def test_a_disk_that_is_full_leaves_what_was_there(tmp_path, monkeypatch):
+    make, dt, t_end, _ = SCENES["damped"]
+    run = rf.simulate(make(), dt, t_end, checkpoint=rf.Checkpoint(tmp_path, steps=4))
+    for report in run:
+        if report.step == 10:
+            break
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+
+    def full(self, target):
+        raise OSError(ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "replace", full)
+    with pytest.raises(rf.OutputError, match=r"No space left on device.*Earlier checkpoints"):
+        list(run)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+    monkeypatch.undo()
+    assert next(rf.resume(tmp_path, make())).step == 9
+
+
+def test_the_newest_that_is_whole_goes_on(tmp_path):
+    make, dt, t_end, _ = SCENES["damped"]
+    list(rf.simulate(make(), dt, t_end, checkpoint=rf.Checkpoint(tmp_path, steps=8)))
+    old, new = sorted(tmp_path.glob("*.rfx"))
+    assert list(rf.resume(tmp_path, make())) == []
+    new.write_bytes(new.read_bytes()[:-1])
+    assert next(rf.resume(tmp_path, make())).step == 17
+    old.write_bytes(b"nothing")
+    with pytest.raises(rf.SceneError, match="only damaged ones"):
+        rf.resume(tmp_path, make())
+    with pytest.raises(rf.SceneError, match="there is none"):
+        rf.resume(tmp_path / "elsewhere", make())
+
+
+def test_other_scenes_meshes_and_versions_are_refused(tmp_path, monkeypatch):
+    make, dt, t_end, _ = SCENES["damped"]
+    list(rf.simulate(make(), dt, t_end, checkpoint=rf.Checkpoint(tmp_path)))
+    finer = rf.Scene(rf.box((0, 0, 0), (8, 1, 1), (17, 1, 1)), SOFT, [rf.Fixed("x0")])
+    for other, found in (
+        (bar(rf.Fixed("x0")), r"effects\[1\] \(Traction\) differs"),
+        (make(mass="consistent"), "mass differs"),
+        (finer, "another mesh"),
+    ):
+        with pytest.raises(rf.SceneError, match=found):
+            rf.resume(tmp_path, other)
+    with pytest.raises(rf.SceneError, match="dt is not what the run had"):
+        rf.resume(tmp_path, make(), dt=0.02)
+    assert [r.step for r in rf.resume(tmp_path, make(), t_end=t_end + 2 * dt)] == [21, 22]
+    monkeypatch.setattr(rf, "__version__", "0.0.1")
+    with pytest.raises(rf.SceneError, match=r"written by rigidfx .*, this is 0.0.1"):
+        rf.resume(tmp_path, make())
+
+
+def test_functions_have_to_be_given_again(tmp_path):
+    rule = rf.StrainRate(0.003, 0.4, release=rf.Release(when=lambda report: False))
+    scene = partial(bar, HELD, SINE, DRAG)
+    left = rf.Checkpoint(tmp_path, steps=3)
+    list(rf.simulate(scene(), 0.02, 0.1, rigidify=rule, checkpoint=left))
+    with pytest.raises(rf.SceneError, match="rigidify holds a function"):
+        rf.resume(tmp_path, scene())
+    assert list(rf.resume(tmp_path, scene(), rigidify=rule, t_end=0.14))[-1].step == 7
+
+
+@NO_WARNINGS
+def test_what_cannot_be_kept_is_refused_at_the_start(tmp_path):
+    make = SCENES["named"][0]
+    with pytest.raises(rf.SceneError, match="Shadow does not say what it remembers"):
+        rf.simulate(make(), 0.1, 1.0, rigidify=QUIET, checkpoint=rf.Checkpoint(tmp_path))
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_leaves_a_checkpoint(number, tmp_path):
+    make, dt, t_end, _ = SCENES["damped"]
+    run = rf.simulate(make(), dt, t_end, checkpoint=rf.Checkpoint(tmp_path))
+    while next(run).step < 7:
+        pass
+    os.kill(os.getpid(), number)
+    with pytest.raises(KeyboardInterrupt if number == signal.SIGINT else SystemExit):
+        next(run)
+    assert next(rf.resume(tmp_path, make())).step == 8
+
+
+@pytest.mark.parametrize(
+    "given", [{"every": 0.0}, {"steps": 0}, {"time": -1.0}, {"steps": 3, "time": 1.0}]
+)
+def test_intervals_that_cannot_be_used(given):
+    with pytest.raises(rf.SceneError, match="Checkpoint"):
+        rf.Checkpoint("out", **given)

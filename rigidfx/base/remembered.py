@@ -140,7 +140,8 @@ class Forgetful(Exception):
 
 
 def _kinds(owner: Any) -> Remembered:
-    kinds: Remembered | None = getattr(type(owner), "remembered", None)
+    # Of the class itself: what a subclass adds nobody else knows.
+    kinds: Remembered | None = vars(type(owner)).get("remembered")
     if kinds is None:
         raise Forgetful(type(owner).__name__)
     return kinds

@@ -12,8 +12,9 @@ from __future__ import annotations
 import csv
 import fcntl
 import io
+import os
 from collections.abc import Iterable, Mapping, Sequence
-from errno import ENOSPC
+from errno import EIO, ENOSPC
 from pathlib import Path
 from typing import Any
 
@@ -21,25 +22,30 @@ __all__ = ["CsvFile"]
 
 
 class CsvFile:
-    """A CSV file that takes the place of a former one; used on rank 0 only."""
+    """A CSV file that takes the place of a former one, or goes on; used on rank 0 only."""
 
-    def __init__(self, path: Path, columns: Sequence[str]) -> None:
-        """Lock the file, empty it and write its header.
+    def __init__(self, path: Path, columns: Sequence[str], end: int = 0) -> None:
+        """Lock the file, empty it and write its header; or cut it off at an end.
 
         Args:
             path: The file.
             columns: Names of the columns.
+            end: Length up to which its rows stay [bytes]; 0 for none.
 
         Raises:
             BlockingIOError: If it is open here already, or in another process.
-            OSError: If it cannot be written.
+            OSError: If it cannot be written, or has not so many bytes.
         """
         self._columns, self._path, self._end = columns, path, 0
         self._file = open(path, "ab", buffering=0)  # noqa: SIM115 - it stays open
         try:
             _lock(self._file.fileno())
-            self._file.truncate(0)
-            self._append(dict(zip(columns, columns, strict=True)))
+            if end > os.fstat(self._file.fileno()).st_size:
+                raise OSError(EIO, "rows that were there are gone", str(path))
+            self._file.truncate(end)
+            self._end = end
+            if not end:
+                self._append(dict(zip(columns, columns, strict=True)))
         except OSError:
             self._file.close()
             raise
@@ -68,6 +74,11 @@ class CsvFile:
             self._file.truncate(self._end)
             raise OSError(error.errno, error.strerror, str(self._path)) from error
         self._end += len(data)
+
+    def kept(self) -> int:
+        """Its length, once the disk has it [bytes]."""
+        os.fsync(self._file.fileno())
+        return self._end
 
     def close(self) -> None:
         """Close the file, which ends its lock.

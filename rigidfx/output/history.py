@@ -57,6 +57,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from math import nan
 from pathlib import Path
 from typing import Any
@@ -72,7 +73,7 @@ from rigidfx.report.peaks import Peak
 from rigidfx.report.probe_stress import StressAt
 from rigidfx.report.report import Report
 
-__all__ = ["columns_of", "components", "history_columns", "history_row", "read_history"]
+__all__ = ["Written", "columns_of", "components", "history_columns", "history_row", "read_history"]
 
 Array = npt.NDArray[np.float64]
 
@@ -91,6 +92,21 @@ UNSURE = "estimate", "bound", "unknown"
 
 
 PAIRS = {"xyz"[i] + "xyz"[j]: (i, j) for i, j in SYMMETRIC}
+
+
+@dataclass(frozen=True)
+class Written:
+    """The last report that was written.
+
+    Attributes:
+        step: Its step.
+        t: Its time [s].
+        velocities: Of probes by name [m/s].
+    """
+
+    step: int
+    t: float
+    velocities: Mapping[str, Array]
 
 
 def history_columns(
@@ -132,7 +148,7 @@ def history_row(
     stresses: Mapping[str, StressAt] | None = None,
     joints: Sequence[str] = (),
     peaks: Mapping[str, Peak] | None = None,
-    before: Report | None = None,
+    before: Written | None = None,
 ) -> dict[str, float]:
     """The row of a step, by the names of the columns.
 
@@ -175,7 +191,7 @@ def history_row(
     return row | _spent(report) | {"wall": report.wall}
 
 
-def _acceleration(report: Report, before: Report | None, probe: str) -> Array:
+def _acceleration(report: Report, before: Written | None, probe: str) -> Array:
     """Mean acceleration of a probe since another report, shape (3,) [m/s²]."""
     if before is None or not report.t > before.t:
         return np.full(3, nan)

@@ -10,6 +10,7 @@ the .pvd at the end only; VTXWriter of DOLFINx 0.9 cannot join point and cell da
 
 from __future__ import annotations
 
+import os
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -128,19 +129,20 @@ class Series:
         path: The .pvd, whole after each time.
     """
 
-    def __init__(self, path: Path, body: Body | Cloud) -> None:
-        """Replace a former series of that name.
+    def __init__(self, path: Path, body: Body | Cloud, kept: tuple[int, int] = (0, 0)) -> None:
+        """Replace a former series of that name, or go on with it.
 
         Args:
             path: The .pvd; its .vtu files go to a folder beside it.
             body: Points and cells.
+            kept: Of `kept`, what stays of a former series.
 
         Raises:
             OSError: If something is in the way.
         """
         self.path = path
         self._files = path.with_suffix("")
-        self._count, self._end = 0, 0  # times, and where the .pvd's next one goes
+        self._count, self._end = kept  # times, and where the .pvd's next one goes
         self._body = {
             "points": _pack(body.points.astype("<f8")),
             "connectivity": _pack(body.cells.astype("<i4")),
@@ -149,10 +151,21 @@ class Series:
         }
         self._size = len(body.points), len(body.cells)
         self._files.mkdir(exist_ok=True)
-        path.unlink(missing_ok=True)
+        if self._count:
+            os.truncate(path, self._end)
+            with path.open("ab") as file:
+                file.write(END)
+        else:
+            path.unlink(missing_ok=True)
         # Among them may be a .vtu.part that a kill has left.
+        stays = {f"{path.stem}_{k:06d}.vtu" for k in range(self._count)}
         for stale in self._files.glob(f"{path.stem}_[0-9]*.vtu*"):
-            stale.unlink()
+            if stale.name not in stays:
+                stale.unlink()
+
+    def kept(self) -> tuple[int, int]:
+        """How many times there are, and where the last entry of the .pvd ends [bytes]."""
+        return self._count, self._end
 
     def write(self, t: float, points: Mapping[str, Array], cells: Mapping[str, Array]) -> None:
         """Add a time to the series.

@@ -20,40 +20,33 @@ that was written. While it goes on no other recorder gets the folder.
 
 from __future__ import annotations
 
-import logging
-import sys
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack, closing, suppress
-from functools import cached_property
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from math import floor
 from pathlib import Path
 from types import TracebackType
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from rigidfx.base.errors import OutputError, SceneError, StepError, agree, together
 from rigidfx.base.inputs import names, path_of, positive, shown, whole
 from rigidfx.base.instants import at_latest
-from rigidfx.base.log import hearing
 from rigidfx.base.same_input import check_same
 from rigidfx.effects import Contact, Joint
-from rigidfx.output.body_tables import BODY_COLUMNS, EVENT_COLUMNS, body_rows, event_rows
-from rigidfx.output.csv_file import CsvFile
+from rigidfx.output.body_tables import body_rows, event_rows
 from rigidfx.output.fields import Fields
-from rigidfx.output.history import history_columns, history_row
-from rigidfx.output.paraview import Body, Cloud, Series
-from rigidfx.output.paraview_script import write as write_view
+from rigidfx.output.history import Written, history_columns, history_row
+from rigidfx.output.paraview import Body, Cloud
 from rigidfx.output.point_fields import PointFields
-from rigidfx.output.vtkhdf import HdfSeries, hdf
+from rigidfx.output.run_files import KINDS, RunFiles
+from rigidfx.output.vtkhdf import hdf
 from rigidfx.report.current import check_report, check_scene
 from rigidfx.report.peaks import Peaks
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 
 __all__ = ["Recorder"]
-
-KINDS: dict[str, type[Series] | type[HdfSeries]] = {"pvd": Series, "vtkhdf": HdfSeries}
 
 
 class Recorder:
@@ -81,6 +74,7 @@ class Recorder:
         integration_points: bool = False,
         format: Literal["pvd", "vtkhdf", "both"] = "pvd",
         peaks: Sequence[str] = (),
+        resume: bool = False,
     ) -> None:
         """Make the folder and open history.csv. Collective.
 
@@ -98,6 +92,8 @@ class Recorder:
             format: Which files have the fields: "pvd", a .vtu for each time; "vtkhdf", one file for
                 all times, of less than half the size, which ParaView 5.12 and h5py can read; or
                 "both".
+            resume: Whether files of the folder go on with the run of `resume`, from where they
+                ended at its checkpoint: what was written later is cut off.
             peaks: Names of sets of facets, cells, edges or vertices: history.csv tells the largest
                 von Mises stress over each, and where it is, at the cost of the cells there.
 
@@ -110,8 +106,10 @@ class Recorder:
         check_scene("Recorder", scene)
         given: dict[str, object] = {"every": every, "interval": interval, "stress": stress}
         given |= {"integration_points": integration_points, "format": format, "peaks": peaks}
+        given["resume"] = resume
         check_same(scene.comm, "Recorder", given)
-        for name, value in (("stress", stress), ("integration_points", integration_points)):
+        for name in ("stress", "integration_points", "resume"):
+            value = given[name]
             if not isinstance(value, (bool, np.bool_)):
                 raise SceneError(f"Recorder: {name} must be True or False, got {shown(value)}.")
         self._kinds = _kinds_of(format)
@@ -133,43 +131,55 @@ class Recorder:
         self._cloud = PointFields(scene) if integration_points else None
         self._peaks = Peaks(scene, over, "Recorder") if over else None
         self._last: Report | None = None
-        self._fields_at, self._closed = -1, False
-        with ExitStack() as self._files:
-            self._on_first_rank(lambda: self._start(list(scene.probes), over))
-            self._files = self._files.pop_all()
+        self._before: Written | None = None
+        self._fields_at, self._closed, self._waits = -1, False, bool(resume)
+        self._files: RunFiles  # on rank 0
+        if not resume:
+            self._open({})
 
-    def _start(self, probes: list[str], peaks: Sequence[str]) -> None:
-        self.folder.mkdir(parents=True, exist_ok=True)
-        named = self._contacts, self._stress, self._joints, peaks
-        self._history = self._csv_file(
-            self.history, history_columns(self._supports, probes, *named)
+    def _open(self, ends: Mapping[str, Any]) -> None:
+        """Open the files, those that go on where they ended. Collective."""
+        over = () if self._peaks is None else self._peaks.names
+        named = self._contacts, self._stress, self._joints, over
+        columns = history_columns(self._supports, list(self._scene.probes), *named)
+        bodies: dict[str, Body | Cloud] = {"fields": self._fields.body}
+        if self._cloud:
+            bodies["points"] = self._cloud.body
+
+        def opened() -> None:
+            self._files = RunFiles(self.folder, self._kinds, columns, bodies, ends)
+
+        self._on_first_rank(opened)
+
+    @property
+    def name(self) -> str:
+        """The folder, for checkpoints."""
+        return str(self.folder)
+
+    def ends(self) -> Mapping[str, Any] | None:
+        """Where files end, and what is remembered, for checkpoints; on rank 0, else None."""
+        if self._comm.rank:
+            return None
+        own = {"next": self._next, "fields_at": self._fields_at, "before": self._before}
+        return self._files.ends() | own
+
+    def _go_on(self, report: Report) -> None:
+        """Open files where they ended at the checkpoint. Collective.
+
+        Raises:
+            SceneError: If the run goes on from no checkpoint, or wrote none of these files.
+        """
+        ends = report._writers.known.get(self.name)
+        if ends is None:
+            raise SceneError(
+                f"Recorder: resume=True goes on with the files of a run of `resume` that a "
+                f"recorder of '{self.folder}' had written before the checkpoint. Leave resume out, "
+                "or name that folder."
+            )
+        self._next, self._fields_at, self._before = (
+            ends[name] for name in ("next", "fields_at", "before")
         )
-        self._files.enter_context(hearing(_log_file(self.folder / "log.txt")))
-        self.events.unlink(missing_ok=True)
-        self.bodies.unlink(missing_ok=True)
-        self._series = self._made("fields", self._fields.body)
-        self._points = self._made("points", self._cloud.body) if self._cloud else []
-        write_view(self.folder)
-
-    def _made(self, name: str, body: Body | Cloud) -> list[Series | HdfSeries]:
-        """The files of fields, in the place of former ones of that name."""
-        for kind in KINDS:
-            (self.folder / f"{name}.{kind}").unlink(missing_ok=True)
-        made = [KINDS[kind](self.folder / f"{name}.{kind}", body) for kind in self._kinds]
-        for series in made:
-            self._files.callback(series.close)
-        return made
-
-    def _csv_file(self, path: Path, columns: list[str]) -> CsvFile:
-        return self._files.enter_context(closing(CsvFile(path, columns)))
-
-    @cached_property
-    def _events(self) -> CsvFile:
-        return self._csv_file(self.events, [*EVENT_COLUMNS])
-
-    @cached_property
-    def _bodies(self) -> CsvFile:
-        return self._csv_file(self.bodies, [*BODY_COLUMNS])
+        self._open(ends)
 
     @property
     def history(self) -> Path:
@@ -203,15 +213,20 @@ class Recorder:
                 more, or earlier than what has been written.
         """
         self._check(report)
-        before, self._last = self._last, report
+        if self._waits:
+            self._go_on(report)
+            self._waits = False
+        report._writers.join(self)
+        self._last, before = report, self._before
+        self._before = Written(report.step, report.t, dict(report.velocities))
         stresses = report.stresses if self._stress else None
         peaks = self._peaks.measure(report) if self._peaks else None
         named = self._supports, self._contacts, stresses, self._joints, peaks, before
 
         def write() -> None:
-            self._history.add([history_row(report, *named)])
+            self._files.rows("history").add([history_row(report, *named)])
             if report.finds_bodies:
-                self._events.add(event_rows(report))
+                self._files.rows("events").add(event_rows(report))
 
         self._on_first_rank(write)
         if self._due(report):
@@ -225,7 +240,11 @@ class Recorder:
                 the files are closed all the same.
         """
         self._closed = True
-        self._on_first_rank(self._files.close)
+        self._on_first_rank(self._shut)
+
+    def _shut(self) -> None:
+        if hasattr(self, "_files"):
+            self._files.close()
 
     def __enter__(self) -> Recorder:
         """Nothing to do: all is open from construction."""
@@ -253,15 +272,15 @@ class Recorder:
         finally:  # of this rank alone: others may not be here
             self._closed = True
             with suppress(OSError):  # the error that is under way tells more
-                self._files.close()
+                self._shut()
 
     def _check(self, report: Report) -> None:
         if self._closed:
             raise OutputError(f"Recorder.write: the recorder of '{self.folder}' is closed.")
         check_report("Recorder.write", self._scene, report)
-        if self._last is not None and report.step <= self._last.step:
+        if self._before is not None and report.step <= self._before.step:
             raise SceneError(
-                f"Recorder.write: step {report.step} comes after step {self._last.step}. Write "
+                f"Recorder.write: step {report.step} comes after step {self._before.step}. Write "
                 "each step once, and take a new recorder for another run."
             )
 
@@ -280,12 +299,12 @@ class Recorder:
         self._fields_at = report.step
 
         def write() -> None:
-            for series in self._series:
+            for series in self._files.fields:
                 series.write(report.t, points, cells)
-            for series in self._points:
+            for series in self._files.points:
                 series.write(report.t, cloud, {})
             if self._fields.may_have_bodies(report):
-                self._bodies.add(body_rows(report))
+                self._files.rows("bodies").add(body_rows(report))
 
         self._on_first_rank(write)
 
@@ -327,18 +346,3 @@ def _kinds_of(format: str) -> tuple[str, ...]:
     if "vtkhdf" in every[format]:
         hdf("Recorder")
     return every[format]
-
-
-class _LogFile(logging.FileHandler):
-    """A file whose errors are told when it is closed, and not on standard error each time."""
-
-    def handleError(self, record: logging.LogRecord) -> None:
-        if not isinstance(sys.exc_info()[1], OSError):
-            super().handleError(record)
-
-
-def _log_file(path: Path) -> logging.Handler:
-    """A handler that writes a file anew, with times."""
-    handler = _LogFile(path, mode="w", encoding="utf-8")
-    handler.setFormatter(logging.Formatter("%(asctime)s %(message)s"))
-    return handler

@@ -118,12 +118,13 @@ class HdfSeries:
     """
 
     @uninterrupted()
-    def __init__(self, path: Path, body: Body | Cloud) -> None:
-        """Replace a former file of that name.
+    def __init__(self, path: Path, body: Body | Cloud, kept: tuple[int, int] = (0, 0)) -> None:
+        """Replace a former file of that name, or go on with its times.
 
         Args:
             path: The file.
             body: Points and cells.
+            kept: Of `kept`, what stays of a former file: it is copied.
 
         Raises:
             OSError: If it cannot be written.
@@ -132,6 +133,9 @@ class HdfSeries:
         h5py = hdf("Recorder")
         self.path = path
         self._count = 0
+        former = path.with_suffix(".former.vtkhdf")
+        if kept[0] and not former.exists():  # else a kill has come while it was copied
+            path.rename(former)
         self._fields: dict[tuple[str, str], _Field] = {}
         self._disk = WholeWrites(path)
         self._file = h5py.File(
@@ -166,6 +170,26 @@ class HdfSeries:
             root.create_group(f"{kind}Data")
             steps.create_group(f"{kind}DataOffsets")
         self._commit()
+        if kept[0]:
+            with h5py.File(former, "r") as file:
+                self._copy(file["VTKHDF"], kept[0])
+        former.unlink(missing_ok=True)
+
+    def _copy(self, root: Any, count: int) -> None:
+        """Take times of a former file over."""
+        sizes = {"Point": len(root["Points"]), "Cell": len(root["Types"])}
+        for k in range(count):
+            both = []
+            for kind, size in sizes.items():
+                places = root[f"Steps/{kind}DataOffsets"]
+                at = {name: int(places[name][k]) for name in root[f"{kind}Data"]}
+                data = root[f"{kind}Data"]
+                both.append({name: data[name][i : i + size] for name, i in at.items()})
+            self.write(float(root["Steps/Values"][k]), *both)
+
+    def kept(self) -> tuple[int, int]:
+        """How many times there are; and nothing more, as of `Series`."""
+        return self._count, 0
 
     @uninterrupted()
     def write(self, t: float, points: Mapping[str, Array], cells: Mapping[str, Array]) -> None:

@@ -42,7 +42,11 @@ class Peak:
 
 
 class Peaks:
-    """Looks for the largest stress over sets of a scene."""
+    """Looks for the largest stress over sets of a scene.
+
+    Attributes:
+        names: Of the sets.
+    """
 
     def __init__(self, scene: Scene, names: Sequence[str], owner: str) -> None:
         """Compile stresses, and find nodes and the cells at them. Collective.
@@ -55,6 +59,7 @@ class Peaks:
         Raises:
             SceneError: If there is no such set.
         """
+        self.names = tuple(names)
         self._scene, self._masks = scene, dict[str, npt.NDArray[np.bool_]]()
         groups = material_groups(scene)
         table = scene.space.dofmap.list[: groups.size]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -22,6 +22,7 @@ from rigidfx.report.events import Event
 from rigidfx.report.ledger import Ledger
 from rigidfx.report.probe_stress import StressAt
 from rigidfx.report.probes import Probes
+from rigidfx.report.writers import Writers
 from rigidfx.shadow.shadows import Shadows
 from rigidfx.state import State
 from rigidfx.step.system.supports import Impact
@@ -131,6 +132,7 @@ class Report:
     _probes: Probes
     _shadows: Shadows | None = None
     _error: ErrorMotion | None = None
+    _writers: Writers = field(default_factory=Writers, repr=False, compare=False)
 
     @property
     def energy(self) -> float:
@@ -283,8 +285,8 @@ class Report:
         e.x.array[:n] = found.displacement.reshape(-1)
         moved.x.array[:n] = state.u.x.array[:n] + e.x.array[:n]
         moving.x.array[:n] = state.v.x.array[:n] + found.velocity.reshape(-1)
-        for field in (e, moved, moving):
-            field.x.scatter_forward()
+        for made in (e, moved, moving):
+            made.x.scatter_forward()
         return moved, moving, e
 
     @property

@@ -86,8 +86,6 @@ def heeded_indicator(
 class _Heeded:
     """Something of a criterion's, whose failures are kept."""
 
-    remembered: ClassVar[Remembered] = {"_given": PART}
-
     def __init__(self, given: Any, owner: str, failures: Failures, owned: int) -> None:
         """Take it over.
 
@@ -135,6 +133,8 @@ class _Heeded:
 
 class _Rule(_Heeded):
     """A rule that lets everything be as it is as soon as it fails: see `Rule`."""
+
+    remembered: ClassVar[Remembered] = {"_given": PART}
 
     def __init__(self, rule: Rule, owner: str, failures: Failures, owned: int) -> None:
         """Take it over; arguments as of the base."""

@@ -24,8 +24,6 @@ __all__ = ["Measuring", "WarnsOnce", "Watch", "name_of_cell"]
 class Watch:
     """Looks at each attempt that becomes a step."""
 
-    remembered: ClassVar[Remembered] = {}
-
     def bind(self, flexible: Cells) -> None:
         """Look at these cells from now on.
 
@@ -46,6 +44,8 @@ class Watch:
 
 class Measuring(Watch):
     """Has an indicator measure each step."""
+
+    remembered: ClassVar[Remembered] = {}
 
     def __init__(self, indicator: Indicator) -> None:
         """Take the indicator over."""

@@ -1,0 +1,109 @@
+"""The files of a run in their folder, opened anew or where they ended at a checkpoint."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack, closing
+from pathlib import Path
+from typing import Any
+
+from rigidfx.base.log import hearing
+from rigidfx.output.body_tables import BODY_COLUMNS, EVENT_COLUMNS
+from rigidfx.output.csv_file import CsvFile
+from rigidfx.output.log_file import log_file
+from rigidfx.output.paraview import Body, Cloud, Series
+from rigidfx.output.paraview_script import write as write_view
+from rigidfx.output.vtkhdf import HdfSeries
+
+__all__ = ["KINDS", "RunFiles"]
+
+KINDS: dict[str, type[Series] | type[HdfSeries]] = {"pvd": Series, "vtkhdf": HdfSeries}
+LATER = {"events": EVENT_COLUMNS, "bodies": BODY_COLUMNS}  # tables that begin with their first row
+
+
+class RunFiles:
+    """Tables, fields and log of a run; used on rank 0 only.
+
+    Attributes:
+        fields: Files of fields at nodes and cells ...
+        points: ... and at integration points.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        kinds: Sequence[str],
+        columns: Sequence[str],
+        bodies: Mapping[str, Body | Cloud],
+        ends: Mapping[str, Any],
+    ) -> None:
+        """Open them.
+
+        Args:
+            folder: The folder, which is made if it does not exist.
+            kinds: Of files of fields.
+            columns: Of history.csv.
+            bodies: Meshes of files of fields by name.
+            ends: Of `ends`, where they go on; empty if they begin.
+
+        Raises:
+            OSError: If one cannot be written.
+        """
+        folder.mkdir(parents=True, exist_ok=True)
+        self._folder, self._kinds, self._ends = folder, kinds, ends
+        self._tables: dict[str, CsvFile] = {}
+        with ExitStack() as self._open:
+            self.rows("history", columns)
+            self._open.enter_context(hearing(log_file(folder / "log.txt", anew=not ends)))
+            for name in LATER:
+                if name in ends:
+                    self.rows(name)
+                else:
+                    (folder / f"{name}.csv").unlink(missing_ok=True)
+            made = {name: self._made(name, body) for name, body in bodies.items()}
+            write_view(folder)
+            self._open = self._open.pop_all()
+        self._fields = made
+        self.fields, self.points = made["fields"], made.get("points", [])
+
+    def _made(self, name: str, body: Body | Cloud) -> list[Series | HdfSeries]:
+        known = self._ends.get(name, {})
+        for kind in KINDS.keys() - known.keys():
+            (self._folder / f"{name}.{kind}").unlink(missing_ok=True)
+        made = []
+        for kind in self._kinds:
+            path = self._folder / f"{name}.{kind}"
+            made.append(KINDS[kind](path, body, known.get(kind, (0, 0))))
+            self._open.callback(made[-1].close)
+        return made
+
+    def rows(self, name: str, columns: Sequence[str] = ()) -> CsvFile:
+        """A table, which is opened when it is first asked for.
+
+        Args:
+            name: Its name.
+            columns: Its columns; those of `LATER` are known.
+
+        Raises:
+            OSError: If it cannot be written.
+        """
+        if name not in self._tables:
+            path, own = self._folder / f"{name}.csv", LATER.get(name, columns)
+            table = CsvFile(path, [*own], self._ends.get(name, 0))
+            self._tables[name] = self._open.enter_context(closing(table))
+        return self._tables[name]
+
+    def ends(self) -> dict[str, Any]:
+        """Where each file ends, once the disk has it."""
+        found: dict[str, Any] = {name: table.kept() for name, table in self._tables.items()}
+        for name, made in self._fields.items():
+            found[name] = {k: s.kept() for k, s in zip(self._kinds, made, strict=True)}
+        return found
+
+    def close(self) -> None:
+        """Close them.
+
+        Raises:
+            OSError: If the file system has not been able to keep what it took.
+        """
+        self._open.close()
