@@ -8,12 +8,13 @@ from collections.abc import Iterator, Mapping, Set
 import numpy as np
 from dolfinx import fem
 
+# Names of attributes, of all classes or of one.
 APART = {
-    *("_began", "_flexible", "_rigid", "_switching", "wall"),  # wall times
+    *("_began", "_flexible", "_rigid", "_switching", "wall", "Account._told"),  # wall times
     *("changes", "_changes", "_asked", "_rotations"),  # how often a state was written into
     *("scene", "_scene", "_element", "_here"),  # as they were given, or by identity
     *("_field", "_cell_field", "_square"),  # refilled before they are read
-    *("_last", "held", "_seen"),  # the last report, the preload, the bodies by identity
+    *("_last", "Account._first", "held", "_seen"),  # reports, the preload, bodies by identity
     *("strokes", "bends", "drift", "trial"),  # for shadows alone
 }
 
@@ -46,7 +47,7 @@ def _differing(a, b, at, seen) -> Iterator[str]:
         yield from _of_sequence(list(a.values()), list(b.values()), at, seen)
     elif type(a).__module__.startswith("rigidfx."):
         for name, value in _attributes(a):
-            if name not in APART:
+            if not APART & {name, f"{type(a).__name__}.{name}"}:
                 yield from _differing(value, getattr(b, name, None), f"{at}.{name}", seen)
 
 
