@@ -113,6 +113,12 @@ def test_sets_and_surfaces(tmp_path):
     check_bar(rf.read_inp(written(tmp_path, BAR), scale=1e-3))
 
 
+def test_lines_of_other_systems(tmp_path):
+    """Carriage returns, tabs, a mark of the encoding, exponents of Fortran."""
+    text = "\ufeff" + BAR.replace(", ", ",\t").replace("0.0E0", "0.0D0").replace("\n", "\r\n")
+    check_bar(rf.read_inp(written(tmp_path, text), scale=1e-3))
+
+
 def test_a_file_that_includes_another(tmp_path):
     nodes, rest = BAR.split("*Element")
     written(tmp_path, nodes, "nodes.inc")

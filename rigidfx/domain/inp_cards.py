@@ -131,7 +131,7 @@ def _text(path: Path) -> str:
         raise SceneError(f"read_inp: '{path}' cannot be read: {error.strerror}.") from None
     if b"\0" in data:
         raise SceneError(f"read_inp: '{path}' is no text file: it has bytes that are zero.")
-    return data.decode("utf-8", errors="replace")
+    return data.decode("utf-8-sig", errors="replace")
 
 
 def _begun(head: str, path: Path, number: int) -> Card:

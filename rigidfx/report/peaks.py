@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 
 from rigidfx.base.taken import seal
 from rigidfx.flexible.nodal_stress import NodalStress, material_groups, summed
@@ -99,9 +100,12 @@ class Peaks:
         return {name: self._largest(np.where(m, sizes, -1.0)) for name, m in self._masks.items()}
 
     def _largest(self, sizes: Array) -> Peak:
+        """The largest value, and of nodes that have it up to rounding the one all ranks choose."""
+        scene = self._scene
         own = sizes.max(axis=0, initial=-1.0)
-        node = int(own.argmax()) if own.size else -1
-        place = self._scene.space.tabulate_dof_coordinates()[node] if own.size else np.zeros(3)
-        mine = (float(own[node]) if own.size else -1.0, *map(float, place))
-        largest, *where = max(self._scene.comm.allgather(mine))
-        return Peak(largest, np.array(where))
+        largest = scene.comm.allreduce(float(own.max(initial=-1.0)), op=MPI.MAX)
+        near = np.flatnonzero(own >= largest * (1 - np.finfo(np.float64).eps ** 0.5))
+        X = scene.space.tabulate_dof_coordinates()[near]
+        offers = zip(X.round(9).tolist(), X.tolist(), strict=True)
+        best = max(scene.comm.allgather(max(offers, default=([], []))))
+        return Peak(largest, np.array(best[1]))
