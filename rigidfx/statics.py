@@ -35,6 +35,7 @@ from rigidfx.report.current import check_scene
 from rigidfx.report.of_step import report_of
 from rigidfx.report.probes import Probes
 from rigidfx.report.report import Report
+from rigidfx.report.whereabouts import Whereabouts
 from rigidfx.scene.conflicts import refuse_joints
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
@@ -187,6 +188,7 @@ def _reports(
         "static",
     )
     probes, number = Probes(scene), 0
+    whereabouts = Whereabouts(scene.comm, ends[-1])
     try:
         with heard(scene.comm, verbose), solver.at_work():
             check_clamps(scene, Timeline(ends[-1], ends[-1]))
@@ -206,6 +208,7 @@ def _reports(
                         scene.comm,
                         f"t = {state.t:.6g} s: {report.iterations} iterations, {result.cuts} cuts",
                     )
+                    whereabouts.follow(report)
                 if report.iterations > 0:
                     solver.warn_of_unasked(scene.comm)
                 yield replace(report, wall=perf_counter() - began)

@@ -12,7 +12,7 @@ from mpi4py import MPI
 import rigidfx as rf
 from rigidfx.base import cache_log, form_cache, log
 from rigidfx.flexible import kernels
-from rigidfx.report import account
+from rigidfx.report import whereabouts
 
 MATERIAL = rf.StVenantKirchhoff(E=1e4, nu=0.3, rho=10.0)
 
@@ -79,8 +79,8 @@ def test_verbose_says_it_on_standard_error(tmp_path, capsys):
 
 def test_a_long_run_says_once_a_minute_where_it_is(tmp_path, capsys, monkeypatch):
     """Also in a pipe, and in log.txt; not where that is ruled out."""
-    clock = count(0.0, 25.0)  # s; a step looks at it once, and once more where it says something
-    monkeypatch.setattr(account, "perf_counter", lambda: next(clock))
+    clock = count(0.0, 30.0)  # s; each step looks at it once
+    monkeypatch.setattr(whereabouts, "perf_counter", lambda: next(clock))
     for verbose, told in ((None, 2), (False, 0)):
         run(tmp_path / "run", verbose)
         pattern = (
@@ -88,6 +88,15 @@ def test_a_long_run_says_once_a_minute_where_it_is(tmp_path, capsys, monkeypatch
         )
         assert len(re.findall(pattern, capsys.readouterr().err)) == told
         assert "of 0.5 s (" in (tmp_path / "run" / "log.txt").read_text(encoding="utf-8")
+
+
+def test_load_steps_say_where_they_are(capsys, monkeypatch):
+    clock = count(0.0, 30.0)  # s
+    monkeypatch.setattr(whereabouts, "perf_counter", lambda: next(clock))
+    pulled = [rf.Fixed("x0"), rf.Traction("x1", (10.0, 0.0, 0.0))]
+    scene = rf.Scene(rf.box((0, 0, 0), (4, 1, 1), (4, 1, 1)), MATERIAL, pulled)
+    list(rf.static(scene, 5))
+    assert capsys.readouterr().err.count(" of 1 s (") == 2
 
 
 def test_runs_in_one_loop_are_done_together(caplog):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from datetime import timedelta
-from math import isfinite, nan
 from time import perf_counter
 from typing import ClassVar
 
@@ -13,6 +11,7 @@ from rigidfx.base.log import folders, remind, tell
 from rigidfx.base.remembered import PART, Remembered, same
 from rigidfx.report.pay import Pay
 from rigidfx.report.report import Report
+from rigidfx.report.whereabouts import Whereabouts
 from rigidfx.scene.scene import Scene
 
 __all__ = ["Account", "beginning"]
@@ -43,8 +42,7 @@ class Account:
             t_end: Its end [s].
         """
         self._comm, self._t_end = comm, t_end
-        self._first: Report | None = None
-        self._told = perf_counter()  # when something was said of where the run is
+        self._whereabouts = Whereabouts(comm, t_end)
         self._steps = self._iterations = self._switches = 0
         self._began = perf_counter()
         self._last: Report | None = None
@@ -52,11 +50,8 @@ class Account:
 
     def follow(self, report: Report) -> None:
         """Take note of a report."""
-        self._first = self._first or report
         self._last = report
-        if perf_counter() - self._told >= timedelta(minutes=1).total_seconds():
-            self._told = perf_counter()
-            remind(self._comm, self._where(report, self._first))
+        self._whereabouts.follow(report)
         self._pay.follow(report)
         self._steps += report.step > 0
         self._iterations += report.iterations
@@ -68,15 +63,6 @@ class Account:
             tell(self._comm, f"t = {event.t:.6g} s: {event.kind} ({names}{more}): {numbers}")
         if report.cuts:
             tell(self._comm, f"t = {report.t:.6g} s: the step was cut {report.cuts} times")
-
-    def _where(self, report: Report, first: Report) -> str:
-        """How far the run is, and how long it may still take."""
-        took, done = perf_counter() - self._began, report.t - first.t
-        left = (self._t_end - report.t) * took / done if done > 0 else nan
-        more = f", about {timedelta(seconds=round(left))} left" if isfinite(left) else ""
-        where = f"t = {report.t:.4g} of {self._t_end:.4g} s ({report.t / self._t_end:.0%})"
-        after = f"after {timedelta(seconds=round(took))}"
-        return f"{where} {after}: step {report.step}, {report.unknowns} unknowns{more}"
 
     def __enter__(self) -> Account:
         """Nothing to do."""
