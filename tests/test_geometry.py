@@ -604,6 +604,29 @@ def test_labels_of_cad_are_names(cad):
     assert set(counts(one)) == {"first", *labels}
 
 
+@alone
+@pytest.mark.parametrize("splines", [False, True])
+def test_a_bolt_hole_has_twelve_sides_by_default(tmp_path, splines):
+    """Also where it is a spline, whose circles gmsh does not know: it had four sides."""
+
+    def model(model):
+        plate, drill = (
+            model.occ.addBox(0, 0, 0, 100, 60, 10),
+            model.occ.addCylinder(50, 30, -5, 0, 0, 20, 4),
+        )
+        model.occ.cut([(3, plate)], [(3, drill)])
+        model.occ.synchronize()
+        if splines:
+            model.occ.convertToNURBS(model.getEntities(3))
+            model.occ.synchronize()
+
+    path = build(tmp_path / "plate.step", model)
+    for more, sides in (({}, 12), ({"per_circle": 20}, 20)):
+        x = rf.read_cad(path, size=0.02, **more).mesh.geometry.x
+        round_ = np.abs(np.hypot(x[:, 0] - 0.05, x[:, 1] - 0.03) - 0.004) < 1e-7
+        assert np.count_nonzero(round_ & (np.abs(x[:, 2]) < 1e-9)) == pytest.approx(sides, abs=1)
+
+
 INCHES = """( CONVERSION_BASED_UNIT('INCH',#900001) LENGTH_UNIT() NAMED_UNIT(#900002) );
 #900001 = LENGTH_MEASURE_WITH_UNIT(LENGTH_MEASURE(25.4),#900003);
 #900002 = DIMENSIONAL_EXPONENTS(1.,0.,0.,0.,0.,0.,0.);

@@ -141,13 +141,32 @@ def read_cad(
                 f"{cad.size:.3g} m. Is the unit right (scale)?"
             )
         gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", per_circle)
-        if not per_circle:  # gmsh would make hexagons of small holes
-            gmsh.option.setNumber("Mesh.MinimumCircleNodes", 12)
-        mesh_model(gmsh, (cad.size / CELLS if largest is None else largest) / metres, order)
+        length = cad.size / CELLS if largest is None else largest
+        if not per_circle:
+            _refine_circles(gmsh, cad, length, metres)
+        mesh_model(gmsh, length / metres, order)
 
     domain = domain_of(comm, f"gmsh: '{path}'", f"'{path}'", fill, metres)
     _tell_lost(domain, comm.bcast(sum(exact)))
     return domain
+
+
+def _refine_circles(gmsh: Any, cad: Cad, length: float, metres: float) -> None:
+    """Ask for twelve sides around cylinders and spheres; small holes had six, or four as splines.
+
+    Args:
+        gmsh: The module; its model is named.
+        cad: What is in the model.
+        length: Largest edge of a cell [m].
+        metres: Those of the model's unit of length.
+    """
+    there = set(gmsh.model.getEntities(2))
+    round_ = [s for s in cad.surfaces if np.isfinite(s.radius) and (2, s.number) in there]
+    for surface in sorted(round_, key=lambda s: -s.radius):  # the smallest one has the last word
+        side = 2 * np.pi * surface.radius / 12
+        if side < length:
+            ends = gmsh.model.getBoundary([(2, surface.number)], False, False, True)
+            gmsh.model.mesh.setSize([end for end in ends if end[0] == 0], side / metres)
 
 
 def _tell_lost(domain: Domain, exact: float) -> None:

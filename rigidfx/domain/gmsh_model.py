@@ -37,7 +37,6 @@ OPTIONS = (
     "General.Terminal",
     "Mesh.MeshSizeMax",
     "Mesh.MeshSizeFromCurvature",
-    "Mesh.MinimumCircleNodes",
     "Mesh.SaveAll",
     "Mesh.SwitchElementTags",
 )
