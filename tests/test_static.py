@@ -246,6 +246,34 @@ def test_what_is_said():
         last(held, 1, petsc_options={"ksp_typ": "cg"})
 
 
+@pytest.mark.parametrize("rigid", [[], [rf.Rigid()]])
+def test_friction_alone_holds_a_block_on_a_slope(rigid):
+    """Up to the angle whose tangent is μ, where it creeps by ε tan φ/√(μ² - tan² φ); not beyond.
+
+    Beyond, each load step fails, runs away, and must not be taken for one at its rounding.
+    """
+    block = rf.box((0, 0, 0), (1, 1, 0.5), (3, 3, 2))
+    floor = rf.Plane((0, 0, 0), (0, 0, 1))
+    mu, creep = 0.4, 1e-4
+    grip = rf.Contact("z0", against=floor, friction=mu, creep=creep, title="floor")
+
+    def stands(degrees):
+        slope = np.radians(degrees)
+        weight = rf.Gravity((9.81 * np.sin(slope), 0.0, -9.81 * np.cos(slope)))
+        scene = rf.Scene(block, SOFT, [grip, weight, *rigid], probes={"foot": (0.5, 0.5, 0.0)})
+        return last(scene, 2), np.tan(slope)
+
+    for degrees in (5.0, 21.7):
+        found, tan = stands(degrees)
+        force = found.touches["floor"].force
+        np.testing.assert_allclose(-force[0] / force[2], tan, rtol=1e-9)
+        if rigid:
+            crept = creep * tan / np.sqrt(mu**2 - tan**2)
+            assert found.probes["foot"][0] == pytest.approx(crept, rel=0.02)
+    with pytest.raises(rf.StepError, match="slides off where friction does not bear its loads"):
+        stands(22.0)
+
+
 def on_ranks():
     """Tips and reactions with a rigid end, pressure, a floor and friction; a pair of blocks."""
     floor = rf.Plane((0, 0, -0.05), (0, 0, 1))

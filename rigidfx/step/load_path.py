@@ -193,7 +193,8 @@ class LoadPath:
             overload(self.scene, end)
             or "Prescribe displacements (PrescribedMotion) in place of loads to go beyond, or "
             "simulate the motion with damping. Otherwise take more load steps, or supports that "
-            "hold.",
+            "hold: what contacts alone hold slides off where friction does not bear its loads, and "
+            "flies off where they are open at the start; a weak Spring holds it.",
         )
 
     def _accept(

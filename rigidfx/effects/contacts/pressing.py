@@ -96,7 +96,10 @@ class Pressed:
         direction = s.slid / s.root[:, None]
         across = IDENTITY - s.t[:, :, None] * direction[:, None]
         across *= s.part
-        turned = (-value * length / s.root)[:, None, None] * (across @ dg)
+        N = -value * length
+        # In statics points that have just closed stick, as if N/|slip| were their stiffness.
+        N = np.where(2.0 * TINY * slope < N, N, slope * s.root)
+        turned = (N / s.root)[:, None, None] * (across @ dg)
         return np.asarray(s.mu * (direction[:, :, None] * dN[:, None] + turned))
 
     @property

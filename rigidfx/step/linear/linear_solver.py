@@ -22,6 +22,7 @@ __all__ = [
     "configure",
     "conjugate_gradients",
     "default_options",
+    "forget_failed",
     "prefers_direct",
 ]
 
@@ -111,6 +112,17 @@ def configure(
         else:
             pc.setType(PETSc.PC.Type.BJACOBI)
     ksp.setFromOptions()
+
+
+def forget_failed(ksp: PETSc.KSP) -> None:
+    """Have factors that have failed made anew: MUMPS would raise an error of its own. Collective.
+
+    Args:
+        ksp: A linear solver.
+    """
+    pc = ksp.getPC()
+    if ksp.comm.tompi4py().allreduce(int(pc.getFailedReason())):
+        pc.reset()
 
 
 def _ordering() -> str:

@@ -19,6 +19,7 @@ from rigidfx.step.linear.linear_solver import (
     QUICK_UP_TO,
     configure,
     default_options,
+    forget_failed,
     prefers_direct,
 )
 from rigidfx.step.linear.petsc_options import loose_solves_allowed, monitor_solves
@@ -108,7 +109,7 @@ class Newton:
         self._kept = False  # ... and whether that has found the last solution
         self._offered, self._best = 0, 0  # first guesses of the last choice, and what it was
         self.known = False
-        self._tangents = 0
+        self._tangents, self._failed = 0, False  # and whether the last iteration has failed
         self._ending, self._saved_norm = 0, 0.0  # reason to stop at a solution, and its ‖R‖ [N]
         self._left = 0.0  # ‖R‖ of the last solution [N]
         self._began = 0.0  # ‖R‖ at the first guess, where Newton's method goes on from another [N]
@@ -259,6 +260,8 @@ class Newton:
             self._tangents += 1
 
     def _iterate(self, guesses: Sequence[Guess]) -> int:
+        if self._failed and not self._keeping and self._bordered is None:
+            forget_failed(self._snes.getKSP())
         self.stop.restart(0.0 if guesses else self._began)
         self.conserving.restart()
         self.known = False
@@ -270,12 +273,14 @@ class Newton:
             self._offered, self._best = len(norms), order[last]
             self.known = last == len(norms) - 1
             guesses = [guesses[self._best]]
-        if guesses and not self.known:
-            self._start_at(guesses[0])
+        if guesses and not self.known:  # rounding is that of the guess, not of a failed iterate
+            self._norm_at(guesses[0])
+            self.known = True
         self.stop.expect_rounding(self.equilibrium.noise())
         with errors_of_callbacks():
             self._snes.solve(None, self._y)
         reason = judged(int(self._snes.getConvergedReason()))
+        self._failed = reason < 0
         self._left = self.stop.history[-1] if self.stop.history else np.inf
         if self.conserving.following and (reason < 0 or not self.conserving.best):
             self._saved.copy(self._y)
@@ -283,11 +288,8 @@ class Newton:
             return self._ending
         return reason
 
-    def _start_at(self, guess: Guess) -> None:
-        self.equilibrium.guess(guess.increment, guess.bodies, self._y)
-
     def _norm_at(self, guess: Guess) -> float:
-        self._start_at(guess)
+        self.equilibrium.guess(guess.increment, guess.bodies, self._y)
         self.equilibrium.residual(self._y, self._r)
         return float(self._r.norm())
 
