@@ -11,6 +11,7 @@ from parallel import report as tell
 from parallel import run as mpirun
 
 import rigidfx as rf
+from rigidfx.command.main import main
 from rigidfx.domain.inp_cells import faces_of
 
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its ranks itself")
@@ -326,6 +327,13 @@ def test_bad_calls(tmp_path):
     ):
         with pytest.raises(rf.SceneError, match=message):
             call()
+
+
+def test_the_command_reads_them(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["rigidfx", str(written(tmp_path, TETS)), "--list"])
+    with pytest.raises(SystemExit):
+        main("rigidfx")
+    assert "names: 'body' (cells), 'bottom' (facets), 'slope' (facets)" in capsys.readouterr().out
 
 
 @pytest.mark.parallel

@@ -74,7 +74,10 @@ def ask(prog: str | None, example: Example | None) -> tuple[RankParser, Namespac
 def _of_geometry(parser: RankParser, optional: bool) -> None:
     group = parser.add_argument_group("geometry")
     group.add_argument(
-        "file", nargs="?" if optional else None, type=Path, help=".msh, .geo, .step, .iges or .brep"
+        "file",
+        nargs="?" if optional else None,
+        type=Path,
+        help=".msh, .geo, .step, .iges, .brep, .inp, or .unv and others that gmsh reads",
     )
     group.add_argument("--list", action="store_true", help="show what is in the file, and stop")
     group.add_argument("--size", type=positive, help="largest edge of a cell [m] (.geo and CAD)")

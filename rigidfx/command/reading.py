@@ -14,6 +14,7 @@ from rigidfx.domain.cad import list_cad, read_cad
 from rigidfx.domain.domain import Domain
 from rigidfx.domain.gmsh_model import read_msh
 from rigidfx.domain.gmsh_script import read_geo
+from rigidfx.domain.inp import read_inp
 
 __all__ = ["read"]
 
@@ -52,7 +53,7 @@ def _domain(options: Namespace) -> Domain:
     if options.kind in GEO:
         parameters = {name: _value(text) for name, text in options.parameters.items()}
         return read_geo(path, parameters, size=size, scale=scale)
-    return read_msh(path, scale=scale)
+    return (read_inp if options.kind == ".inp" else read_msh)(path, scale=scale)
 
 
 def _value(text: str) -> float | str:
