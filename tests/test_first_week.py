@@ -121,16 +121,12 @@ def test_a_contact_that_the_step_does_not_resolve(pair):
 
 
 def test_an_impact_of_a_rigid_body_that_the_step_does_not_resolve():
-    """A body on a given stiffness is a mass on a spring: some turns find its time."""
+    """A body on a given stiffness is a mass on a spring: its own time is named at once."""
     floor = rf.Contact("x0", against=rf.Plane((-1e-3, 0, 0), (1, 0, 0)), stiffness=1e10)
     effects = [floor, rf.Rigid(), rf.InitialVelocity(linear=(-1.0, 0, 0))]
-    dt, found = 5e-3, said([*effects], 5e-3, 0.05)
-    for _ in range(3):
-        if not found:
-            break
-        dt = float(re.search(r"With Δt ≤ (\S+) s", found[0])[1])
-        found = said(effects, dt, 0.01)
-    assert not found
+    (message,) = said(effects, 5e-3, 0.05)
+    dt = float(re.search(r"With Δt ≤ (\S+) s", message)[1])
+    assert not said(effects, dt, 0.01)
     exact = np.sqrt(10.0 * 1e10 * 0.01)  # v √(m k)
     assert peak_of_force(effects, dt, 0.01) == pytest.approx(exact, rel=0.035)
 

@@ -5,15 +5,16 @@ in between are means over steps: their peak, and that of stresses, is not resolv
 contact presses is measured as that half of a sine which has its impulse I and its peak F, of the
 length π I/(2 F): a series of blows that follow one another counts as one of them.
 
-The Δt that is named resolves that duration, and the contact's own time, which no blow of a flexible
-node falls below: the peaks of six impacts at that Δt differ from those at half of it by 0.5 to 4 %.
+The Δt that is named resolves that duration, and the contact's own time, which no blow of a node or
+of a part that is named rigid falls below: the peaks of six impacts at that Δt differ from those at
+half of it by 0.5 to 4 %.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from decimal import ROUND_FLOOR, Context
-from math import isfinite, pi
+from math import pi
 from typing import ClassVar
 
 from rigidfx.base.remembered import Remembered, same
@@ -103,20 +104,14 @@ class BriefContacts:
             return
         self._waits = False
         steps = "one step" if past.steps == 1 else f"{past.steps} steps"
-        enough = (
-            f"With Δt ≤ {dt:.2g} s the peak is found to a few per cent: a tenth of the half period "
-            "of the contact's lightest node on its stiffness, or less."
-            if isfinite(own)
-            else f"With Δt ≤ {dt:.2g} s it takes {RESOLVED} steps; if the next run warns again, it "
-            "is shorter still."
-        )
         warn(
             self._scene.comm,
             f"Contact '{title}' closed at t = {past.since:.6g} s and opened again within {steps}: "
             f"Δt does not resolve this impact. Its impulse, {past.impulse:.3g} N s, and the motion "
             f"afterwards hold; the peak of its force ({past.peak:.3g} N here, a mean over a step) "
-            f"and of stresses does not. {enough} Accuracy or StepControl find the Δt by "
-            "themselves.",
+            f"and of stresses does not. With Δt ≤ {dt:.2g} s the peak is found to a few per cent: "
+            "a tenth of the half period of the contact's lightest node, or rigid part, on its "
+            "stiffness, or less. Accuracy or StepControl find the Δt by themselves.",
         )
 
 

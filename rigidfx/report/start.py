@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
-from rigidfx.effects import InitialDisplacement, Preload, Rigid
+from rigidfx.effects import InitialDisplacement, Preload, Rigid, Spring
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body
 from rigidfx.report.current import check_about
@@ -61,6 +61,13 @@ def start_of(scene: Scene, given: Any) -> Start | None:
             raise SceneError(
                 f"simulate: start goes not with {kind.__name__}, as both say where nodes begin. "
                 "Leave one of them out."
+            )
+    for spring in scene.named(Spring):
+        if spring.relaxed == "start":
+            raise SceneError(
+                f"simulate: {spring.owner} is relaxed where an InitialDisplacement puts its nodes; "
+                "a run that starts from a report has none. Take relaxed='mesh', or an "
+                "InitialDisplacement in place of the report."
             )
     state = given.state
     state.rebuild()
