@@ -1,0 +1,85 @@
+"""Runs that are killed again and again, and what they write."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+import rigidfx as rf
+
+SOFT, STIFF = (rf.StVenantKirchhoff(E=E, nu=0.3, rho=1000.0) for E in (1e6, 1e8))
+EVERY = 40  # steps from one checkpoint to the next
+
+
+def bouncing() -> tuple[rf.Scene, dict[str, Any]]:
+    """A bar that is pulled, rests, and strikes a wall beside it: bodies freeze and are released."""
+    box = rf.box((0, 0, 0), (8, 1, 1), (16, 1, 1))
+    box = box.with_cells("stalk", lambda x: x[0] <= 2 + 1e-9)
+    box = box.with_cells("block", lambda x: x[0] >= 2 - 1e-9)
+    times, sizes = np.arange(0, 41, 1.0), np.tile([0.0, 60.0, 0.0, 0.0, 0.0, 0.0], 7)[:41]
+    pulls = rf.Table(times, sizes)
+    wall = rf.Contact("z1", against=rf.Plane((0, 0, 1.004), (0, 0, -1)))
+    pull = rf.Traction("x1", (0, 0, 1.0), time=pulls)
+    effects = [rf.Fixed("x0"), pull, wall, rf.MassDamping(2.0)]
+    scene = rf.Scene(box, {"stalk": SOFT, "block": STIFF}, effects, probes={"tip": (8, 0.5, 0.5)})
+    rule = rf.StrainRate(4e-3, 0.3, wake="all", load_change=0.1, patience=1)
+    return scene, {"dt": 0.01, "t_end": 20.0, "rigidify": rule}
+
+
+def linked() -> tuple[rf.Scene, dict[str, Any]]:
+    """Two bars that hang one below the other, with a spring in the hinge between them."""
+    parts = [((0, 0, 0), (1, 0.2, 0.2)), ((1.02, 0, 0), (2.02, 0.2, 0.2))]
+    points, cells = [], []
+    corners = np.array([[i, j, k] for i in range(6) for j in range(2) for k in range(2)], float)
+    for number, (low, high) in enumerate(parts):
+        points.append(low + corners / (5, 1, 1) * np.subtract(high, low))
+        at = 24 * number + 4 * np.arange(5)
+        cells.append(at[:, None] + [0, 4, 2, 6, 1, 5, 3, 7])
+    nothing = 0 if own_rank() else None
+    box = rf.from_arrays(np.concatenate(points)[:nothing], np.concatenate(cells)[:nothing])
+    for name, side in (("left", 1), ("right", -1)):
+        box = box.with_cells(name, lambda x, s=side: s * x[0] < s * 1.01)
+        box = box.with_facets(
+            f"{name} end", lambda x, s=side: (s * x[0] < s * 1.01) & (abs(x[0] - 1.01) < 0.22)
+        )
+    box = box.with_vertices("axis", lambda x: (abs(x[0]) < 1e-9) & (abs(x[2]) < 1e-9))
+    sides = rf.MeanFace("left end"), rf.MeanFace("right end")
+    pin = rf.Revolute(*sides, (1.01, 0.1, 0.1), (0, 1, 0), name="pin")
+    spring = rf.JointSpring("pin", stiffness=2.0, damping=0.05)
+    effects = [rf.Fixed("axis"), rf.Gravity((0, 0, -9.81)), pin, spring]
+    scene = rf.Scene(box, STIFF, effects, probes={"tip": (2.02, 0.1, 0.1)})
+    return scene, {"dt": 0.002, "t_end": 2.4}
+
+
+def own_rank() -> int:
+    """This rank."""
+    return int(MPI.COMM_WORLD.rank)
+
+
+SCENES: dict[str, Callable[[], tuple[rf.Scene, dict[str, Any]]]] = {
+    "contact": bouncing,
+    "joints": linked,
+}
+
+
+def go_on(case: str, folder: Path, part: float) -> None:
+    """Begin a run, or go on with it, until it is over; a file tells that it moves."""
+    scene, call = SCENES[case]()
+    again = any(folder.glob("checkpoint-*.rfx"))
+    if again:
+        steps = rf.resume(folder, scene)
+    else:
+        call["t_end"] *= part
+        steps = rf.simulate(scene, checkpoint=rf.Checkpoint(folder, steps=EVERY), **call)
+    with rf.Recorder(scene, folder, every=100, stress=False, resume=again) as recorder:
+        for report in steps:
+            recorder.write(report)
+            if report.step % EVERY == 1:
+                (folder / f"moves-{os.getpid()}").touch()
+    if own_rank() == 0:
+        (folder / "over").touch()

@@ -1,0 +1,192 @@
+"""Runs that are killed at random instants by kill -9, and go on from their checkpoints.
+
+* *contact*: a bar that is pulled and strikes a wall; bodies freeze and are released (wake="all").
+* *joints*: two bars in a hinge with a spring, swinging.
+* *ranks*: the same bar, killed on one rank, on three and on two in turn.
+* *overhead*: what checkpoints take of a run of 20 000 unknowns, with one each minute.
+
+A run that was killed goes on until it is over, and then another one begins, until there were as
+many kills as are asked for. All that it has written is compared with the run that nobody killed,
+which leaves checkpoints at the same steps: all columns of history.csv but the wall time, relative
+to the largest value of their kind, events.csv and fields.pvd.
+
+    ./fenicsx python3 demos/benchmarks/restart.py
+"""
+
+from __future__ import annotations
+
+import csv
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+from bench import DT, MATERIAL, PUSH, Parser, bar, cells_of_bar, conclude
+from bench.restart_scenes import go_on
+from mpi4py import MPI
+
+import rigidfx as rf
+
+CASES = {  # scene, ranks in turn
+    "contact, 1 rank": ("contact", (1,)),
+    "contact, 2 ranks": ("contact", (2,)),
+    "joints, 1 rank": ("joints", (1,)),
+    "joints, 2 ranks": ("joints", (2,)),
+    "1, 3, 2 ranks": ("contact", (1, 3, 2)),
+}
+KILLS = 50
+APART = "wall", "iterations", "tangents", "linear_iterations"  # of the machine, of Newton's method
+LONGEST = 3.0  # s from when a run moves to when it is killed
+WAIT = 300.0  # s, after which a run counts as hanging
+MINUTE = 60.0  # s
+
+
+def started(case: str, folder: Path, ranks: int, part: float) -> subprocess.Popen[bytes]:
+    """A process that runs a case in a folder."""
+    command = [sys.executable, __file__, "--go-on", case, str(folder), str(part)]
+    extra = ["--oversubscribe"] if "Open MPI" in MPI.Get_library_version() else []
+    if ranks > 1:
+        command = ["mpirun", *extra, "-n", str(ranks), *command]
+    kept = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_", "PMIX_", "PMI_"))}
+    log = (folder / "told").open("ab")
+    return subprocess.Popen(command, env=kept, stdout=log, stderr=log, start_new_session=True)
+
+
+def killed(process: subprocess.Popen[bytes], folder: Path, after: float) -> bool:
+    """Kill all ranks of a process after a time from when they move; False if it was over before."""
+    end = time.monotonic() + WAIT
+    while process.poll() is None and not any(folder.glob("moves-*")):
+        assert time.monotonic() < end, f"a run hangs: {(folder / 'told').read_text()[-2000:]}"
+        time.sleep(0.01)
+    try:
+        process.wait(after)
+    except subprocess.TimeoutExpired:
+        ranks = [int(path.name.partition("-")[2]) for path in folder.glob("moves-*")]
+        for number in ranks:
+            os.kill(number, signal.SIGKILL)
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+        return True
+    assert process.returncode == 0, (folder / "told").read_text()[-3000:]
+    return False
+
+
+def run(case: str, folder: Path, ranks: int, part: float, after: float = WAIT) -> bool:
+    """Go on with a case on some ranks; whether it was killed."""
+    for left in folder.glob("moves-*"):
+        left.unlink()
+    return killed(started(case, folder, ranks, part), folder, after)
+
+
+def compared(folder: Path, reference: Path) -> float:
+    """Largest difference of two runs, over the largest value of its kind; inf if rows differ."""
+    ours, theirs = (rf.read_history(path / "history.csv") for path in (folder, reference))
+    if len(ours["t"]) != len(theirs["t"]):
+        return np.inf
+    every = [name for name in theirs if name not in APART]
+    off, size = (dict.fromkeys([name.rstrip("xyz") for name in every], 0.0) for _ in range(2))
+    for name in every:
+        a, b = (np.nan_to_num(np.asarray(rows[name], dtype=float)) for rows in (ours, theirs))
+        kind = name.rstrip("xyz")
+        off[kind] = max(off[kind], float(np.abs(a - b).max()))
+        size[kind] = max(size[kind], float(np.abs(b).max()))
+    worst = max(off[kind] / max(size[kind], 1e-300) for kind in off)
+    for name in ("fields.pvd", "events.csv"):
+        if not same_rows(folder / name, reference / name):
+            return np.inf
+    return worst
+
+
+def same_rows(one: Path, other: Path) -> bool:
+    """Whether files have the same rows: times, kinds, reasons and numbers of cells."""
+    if one.exists() != other.exists():
+        return False
+    if not one.exists():
+        return True
+    if one.suffix != ".csv":
+        return one.read_bytes() == other.read_bytes()
+    names = "t", "kind", "reason", "name", "cells_before", "cells_after"
+    both = []
+    for path in (one, other):
+        with path.open(newline="", encoding="utf-8") as file:
+            both.append([[row[name] for name in names] for row in csv.DictReader(file)])
+    return both[0] == both[1]
+
+
+def case_of(name: str, kills: int, part: float, seed: int) -> dict[str, Any]:
+    """A row of the summary: kill a case so many times."""
+    case, ranks = CASES[name]
+    draw, worst, count, runs = random.Random(seed), 0.0, 0, 0
+    with tempfile.TemporaryDirectory() as place:
+        reference = Path(place) / "reference"
+        reference.mkdir()
+        assert not run(case, reference, ranks[0], part)
+        while count < kills:
+            folder = Path(place) / f"run {runs}"
+            folder.mkdir()
+            while not (folder / "over").exists():
+                after = LONGEST * draw.random() if count < kills else WAIT
+                was_killed = run(case, folder, ranks[count % len(ranks)], part, after)
+                count += was_killed
+            worst, runs = max(worst, compared(folder, reference)), runs + 1
+            shutil.rmtree(folder)
+    row = {"case": name, "ranks_before": list(ranks), "ranks_after": list(ranks[1:] + ranks[:1])}
+    return {**row, "kills": count, "runs": runs, "largest_difference": worst, "overhead": None}
+
+
+def overhead(unknowns: int, turns: int) -> dict[str, Any]:
+    """A row of the summary: what a checkpoint takes, as a part of a minute."""
+    domain = bar(*cells_of_bar(unknowns))
+    scene = rf.Scene(domain, MATERIAL, [rf.Fixed("x0"), PUSH], element="enhanced")
+    with tempfile.TemporaryDirectory() as place:
+        taken = []
+        for every in (1, 10**6) * turns:
+            left = rf.Checkpoint(place, steps=every)
+            steps = rf.simulate(scene, DT, 100.0, checkpoint=left)
+            for _ in range(4):
+                next(steps)
+            began = time.perf_counter()
+            for _ in range(6):
+                next(steps)
+            taken.append((time.perf_counter() - began) / 6)
+            steps.close()
+        size = max(path.stat().st_size for path in Path(place).glob("*.rfx"))
+    cost = max(median(taken[::2]) - median(taken[1::2]), 0.0)
+    row = {"case": "overhead", "ranks_before": [1], "ranks_after": [1], "kills": 0}
+    more = {"checkpoint_s": cost, "step_s": median(taken[1::2]), "megabytes": size / 1e6}
+    return {**row, "largest_difference": None, "overhead": cost / MINUTE, **more}
+
+
+def main() -> None:
+    """Kill all cases, measure, and write the summary."""
+    if len(sys.argv) > 1 and sys.argv[1] == "--go-on":
+        go_on(sys.argv[2], Path(sys.argv[3]), float(sys.argv[4]))
+        return
+    parser = Parser(__file__, __doc__.splitlines()[0], short="one kill of one case, a short run")
+    parser.add_only("cases")
+    parser.add_argument("--kills", type=int, default=KILLS, help="of each case")
+    parser.add_argument("--seed", type=int, default=0, help="of the instants")
+    options = parser.read(kills=1, only="contact, 1")
+    names = [name for name in CASES if options.only in name]
+    part = 0.1 if options.short else 1.0
+    rows = [case_of(name, options.kills, part, options.seed) for name in names]
+    if options.only in "overhead" or options.short:
+        rows.append(overhead(3000 if options.short else 20_000, 1 if options.short else 5))
+    conclude(options.out, rows)
+    for row in rows:
+        exact = row["ranks_before"] == [1]
+        if row["largest_difference"] is not None:
+            assert row["largest_difference"] <= (0.0 if exact else 1e-9), row["case"]
+        assert options.short or row["overhead"] is None or row["overhead"] <= 0.02
+
+
+if __name__ == "__main__":
+    main()
