@@ -13,11 +13,11 @@ from dolfinx import fem
 
 # Names of attributes, of all classes or of one.
 APART = {
-    *("_began", "_flexible", "_rigid", "_switching", "wall", "Account._told"),  # wall times
+    *("_began", "_flexible", "_rigid", "_switching", "wall", "Whereabouts._told"),  # wall times
     *("changes", "_changes", "_asked", "_rotations"),  # how often a state was written into
     *("scene", "_scene", "_element", "_here"),  # as they were given, or by identity
     *("_field", "_cell_field", "_square"),  # refilled before they are read
-    *("_last", "Account._first", "held", "_seen"),  # reports, the preload, bodies by identity
+    *("_last", "Whereabouts._first", "held", "_seen"),  # reports, the preload, bodies by identity
     *("strokes", "bends", "drift", "trial"),  # for shadows alone
 }
 

@@ -58,7 +58,7 @@ def test_a_run_goes_on_bit_by_bit(name, tmp_path, monkeypatch):
 
 # What objects change and do not remember: of an attempt, found anew, or for messages alone.
 FOUND_ANEW = {
-    "Account": "_first _last _told",
+    "Account": "_last",
     "Blows": "_next",
     "BodyForces": "_ended _force _known _linear _mass _parts _still _system borne",
     "Compression": "_cells _gradients _nodes",
@@ -83,6 +83,7 @@ FOUND_ANEW = {
     "Switch": "clamps held",
     "TimeControl": "_end _found _state _system",
     "TimeError": "_next jerk swinging",
+    "Whereabouts": "_first _told",
     "Withholding": "_memory",
     "Writers": "_joined known",
 }
