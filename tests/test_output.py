@@ -270,7 +270,7 @@ def record_switches(folder, t_end=0.5):
     domain = rf.box((0, 0, 0), (6, 1, 1), (6, 1, 1))
     domain = domain.with_cells("middle", lambda x: np.abs(x[0] - 3) < 1 + 1e-9)
     spin = rf.InitialVelocity(angular=(0.2, 0.1, 0.5))
-    scene = rf.Scene(domain, MATERIAL, [spin])
+    scene = rf.Scene(domain, MATERIAL, [spin], probes={"end": (6.0, 0.5, 0.5)})
     release = rf.Release(at=0.4) if t_end < 1.0 else ()
     criterion = rf.StrainRate(1e9, 0.2, never="middle", release=release, patience=1)
     body, reports, rates = Body(scene.space), [], []
@@ -309,6 +309,19 @@ def test_series_shows_bodies_and_strain_rates(tmp_path):
         np.testing.assert_array_equal(cell_data(grid, "strain_rate"), rate)
         still = np.isin(x, LEFT + RIGHT) & (0.15 < t < 0.45)  # released at the end of a step
         np.testing.assert_array_equal(cell_data(grid, "strain_rate") > 0, ~still & (t > 0))
+
+
+def test_velocities_of_probes_are_those_after_switches(tmp_path):
+    """As those of the fields are: what becomes rigid at the end of a step has another motion."""
+    recorder, reports, _ = record_switches(tmp_path)
+    h = rf.read_history(recorder.history)
+    for k, (grid, report) in enumerate(
+        zip(read_series(recorder.series).values(), reports, strict=True)
+    ):
+        end = grid_points(grid)[:, 0] > 6 - 1e-9
+        mean = point_data(grid, "velocity")[end].mean(axis=0)
+        np.testing.assert_allclose(report.velocities["end"], mean, atol=1e-12)
+        np.testing.assert_array_equal([h[f"v_end_{x}"][k] for x in "xyz"], report.velocities["end"])
 
 
 def test_series_holds_stresses(tmp_path):

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from typing import Any, Protocol
 
 import numpy as np
+import numpy.typing as npt
 
 from rigidfx.effects import Contact, JointReports, Rigid, Touch
 from rigidfx.error.error_motion import ErrorMotion
+from rigidfx.error.shown import Shown
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.report.events import Event
 from rigidfx.report.ledger import Ledgers, Rigidity
@@ -24,6 +26,9 @@ from rigidfx.step.stepper import Stepper
 from rigidfx.step.system.supports import Impact
 
 __all__ = ["amended", "report_of", "with_ledger"]
+
+
+Array = npt.NDArray[np.float64]
 
 
 class Reported(Protocol):
@@ -71,7 +76,7 @@ def report_of(
     """
     state, solution = stepper.state, result.solution if result else None
     off = {} if error is None else error.at(probes.points)
-    moved, moving = probes.displacements(state), probes.velocities(state)
+    moved = probes.displacements(state)
     return Report(
         step=step,
         t=state.t,
@@ -97,7 +102,7 @@ def report_of(
         events=(),
         closeness=np.nan,
         probes={name: u + off[name].displacement for name, u in moved.items()} if off else moved,
-        velocities={name: v + off[name].velocity for name, v in moving.items()} if off else moving,
+        velocities=_velocities(probes, state, off),
         error_motion={name: off[name].displacement if off else np.zeros(3) for name in moved},
         ledger=None,
         wall=0.0,
@@ -125,7 +130,20 @@ def amended(report: Report, stepper: Stepper, events: Sequence[Event], closeness
     )
     if not any(event.t == report.t for event in events):
         return report
-    return replace(report, **_measured(stepper.measure()), rigid=stepper.state.bodies)
+    error, probes = report._error, report._probes
+    off = {} if error is None else error.at(probes.points)
+    return replace(
+        report,
+        **_measured(stepper.measure()),
+        rigid=stepper.state.bodies,
+        velocities=_velocities(probes, stepper.state, off),
+    )
+
+
+def _velocities(probes: Probes, state: State, off: Mapping[str, Shown]) -> Mapping[str, Array]:
+    """Velocity of each probe, with the error motion where that is known [m/s]. Collective."""
+    own = probes.velocities(state)
+    return {name: v + off[name].velocity for name, v in own.items()} if off else own
 
 
 def _untouched(scene: Scene) -> dict[str, Touch]:
