@@ -123,7 +123,10 @@ def test_meshes_of_other_programs(saved, kind):
     """Names are kept where gmsh reads them; volumes are parts where the format has no names."""
     if kind == "unv":
         with pytest.raises(SceneError, match=r"'tip' names element [0-9]+, which is not in the fi"):
-            rf.read_msh(saved(4.1, NAMES, suffix=kind))
+            rf.read_msh(path := saved(4.1, NAMES, suffix=kind))
+        path.write_text(path.read_text()[:9000])
+        with pytest.raises(SceneError, match="is damaged: its last data set breaks off"):
+            rf.read_msh(path)
     names = NAMES if kind == "med" else NAMES.rsplit("Physical", 1)[0]
     try:
         domain = rf.read_msh(saved(4.1, names, suffix=kind), scale=1e-3)

@@ -150,7 +150,13 @@ RECORDS = {
     Curve: lambda: {"label": "a", "x": np.array([0.0, 1.0]), "y": [0.0, 1.0]},
     EntitySet: lambda: {"name": "a", "dim": 3, "entities": np.arange(3, dtype=np.int32)},
 }
-NOT_GIVEN = {rf.Checkpoint, rf.Domain, rf.Modes, rf.Report, rf.Material}  # made by rigidfx, or a base
+NOT_GIVEN = {
+    rf.Checkpoint,
+    rf.Domain,
+    rf.Modes,
+    rf.Report,
+    rf.Material,
+}  # made by rigidfx, or a base
 SCHEMES = {rf.EnergyMomentum, rf.Midpoint, rf.Trapezoidal}
 
 

@@ -60,6 +60,8 @@ def _data_sets(path: Path) -> Iterator[tuple[str, Iterator[list[str]]]]:
                 if own and own[0]:
                     yield own[0][0], iter(own[1:])
                 own = None
+    if own is not None:
+        raise SceneError(f"'{path}' is damaged: its last data set breaks off.")
 
 
 def _elements(lines: Iterator[list[str]]) -> Iterator[str]:
