@@ -182,6 +182,12 @@ def test_a_given_speed_turns_a_hinge_many_times():
     assert off <= 1e-11
 
 
+def test_a_motor_that_starts_with_a_jolt_is_told():
+    """At full speed from rest it throws the bar to and fro."""
+    with pytest.warns(rf.RigidfxWarning, match="Motor of 'joint' acts with a jolt before t"):
+        list(rf.simulate(bar(HINGE, rf.Motor("joint", speed=5.0)), 0.01, 0.05))
+
+
 def test_a_given_angle_is_followed_under_gravity():
     motor = rf.Motor("joint", angle=lambda t: 1 - np.cos(2 * t))
     last, off = driven(HINGE, motor, rf.Gravity((0, -9.81, 0)))

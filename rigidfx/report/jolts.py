@@ -17,7 +17,7 @@ from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 from rigidfx.step.system.supports import Impact
 
-__all__ = ["Jolts"]
+__all__ = ["GOOD_PART", "Jolts"]
 
 GOOD_PART = 0.1  # of the energy before or after an impact, whichever is larger
 # Of the largest energy up to the end of the next step, and of a cell in a step. A path that starts
