@@ -197,6 +197,11 @@ def _begun(
     dt, t_end, accuracy = call["dt"], call["t_end"], call["accuracy"]
     rigidify, petsc_options = call["rigidify"], call["petsc_options"]
     if accuracy is not None:
+        if checkpoint is not None and accuracy.check:
+            raise SceneError(
+                "Checkpoint: Accuracy(check=True) has a twin beside the run, which no checkpoint "
+                "keeps. Leave check or the checkpoint out."
+            )
         dt = controlled(accuracy, scene, dt, rigidify)
     control = dt if isinstance(dt, StepControl) else None
     timeline = _timeline(scene, dt, t_end)

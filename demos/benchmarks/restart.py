@@ -42,6 +42,7 @@ CASES = {  # scene, ranks in turn
     "joints, 2 ranks": ("joints", (2,)),
     "1, 3, 2 ranks": ("contact", (1, 3, 2)),
 }
+MINE = "OMPI_COMM", "OMPI_UNIVERSE", "PMIX_", "PMI_", "PRTE_", "HYDRA_"  # of this process in MPI
 KILLS = 50
 APART = "wall", "iterations", "tangents", "linear_iterations"  # of the machine, of Newton's method
 LONGEST = 3.0  # s from when a run moves to when it is killed
@@ -55,7 +56,7 @@ def started(case: str, folder: Path, ranks: int, part: float) -> subprocess.Pope
     extra = ["--oversubscribe"] if "Open MPI" in MPI.Get_library_version() else []
     if ranks > 1:
         command = ["mpirun", *extra, "-n", str(ranks), *command]
-    kept = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_", "PMIX_", "PMI_"))}
+    kept = {k: v for k, v in os.environ.items() if not k.startswith(MINE)}
     log = (folder / "told").open("ab")
     return subprocess.Popen(command, env=kept, stdout=log, stderr=log, start_new_session=True)
 

@@ -92,7 +92,13 @@ def read(folder: Path, scene: Scene) -> Kept:
             raise type(raised)(str(raised))
     head, data, name = scene.comm.bcast(found)
     check_scene_of(head, scene, name)
-    kept: Kept = loaded(data)
+    try:
+        kept: Kept = loaded(data)
+    except Exception as error:  # of whatever class a record is that has changed
+        raise SceneError(
+            f"resume: '{name}' was written by another version of rigidfx ({error}). Resume with "
+            "that version, or run anew."
+        ) from None
     tell(scene.comm, f"goes on from '{name}': step {kept.step}, t = {head['t']:g} s")
     return kept
 
