@@ -26,7 +26,7 @@ class InpMesh:
         of_cells: Rows of cells by name.
         of_facets: Corners of facets by name, sorted, shape (facets, 3 or 4).
         of_nodes: Rows of nodes by name.
-        notes: What is to be warned of.
+        notes: Texts of warnings.
     """
 
     kind: str
@@ -38,7 +38,7 @@ class InpMesh:
     notes: list[str] = field(default_factory=list)
 
     def names(self) -> tuple[dict[str, Ints], dict[str, Ints], dict[str, Ints], list[str]]:
-        """What other ranks have to know beside their cells."""
+        """All that other ranks have to know beside their cells."""
         return self.of_cells, self.of_facets, self.of_nodes, self.notes
 
 

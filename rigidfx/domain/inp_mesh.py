@@ -23,12 +23,13 @@ def mesh_of(model: Model, path: Path, corners: bool) -> InpMesh:
     """The mesh of a model.
 
     Args:
-        model: What the file says.
+        model: The content of the file.
         path: The file, for messages.
         corners: Whether cells are read by their corners.
 
     Raises:
-        SceneError: If it has no cells, cells of several kinds, or names what is not there.
+        SceneError: If it has no cells, cells of several kinds, or names of sets, elements or nodes
+            that are not there.
     """
     return _Flat(model, path, corners).mesh()
 
@@ -52,7 +53,7 @@ class _Flat:
         return SceneError(f"read_inp: '{self._path}' {problem}")
 
     def mesh(self) -> InpMesh:
-        """Cells, and what names stand for."""
+        """Cells, and the sets behind names."""
         for place in self._places:
             self._take_nodes(place)
         kind, rows = self._taken_cells()

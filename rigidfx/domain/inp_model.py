@@ -1,4 +1,4 @@
-"""What an Abaqus or CalculiX input file says of a mesh: nodes, elements, sets, surfaces.
+"""The mesh in an Abaqus or CalculiX input file: nodes, elements, sets, surfaces.
 
 A flat file has one place for all of them. A file with parts has those of each part, once for each
 of its instances, where that is placed; sets of the assembly name the instance whose numbers they
@@ -96,7 +96,7 @@ class Model:
     """All of a file.
 
     Attributes:
-        top: What is in no part.
+        top: All that is in no part.
         parts: By name in capitals.
         instances: In the order of the file.
     """

@@ -22,7 +22,7 @@ __all__ = ["RecordedFields", "read_fields"]
 Array = npt.NDArray[Any]
 Values = dict[str, Array]
 
-FILES = ("fields.vtkhdf", "fields.pvd")  # of a recorder; what is looked for first
+FILES = ("fields.vtkhdf", "fields.pvd")  # of a recorder, in the order of preference
 
 
 class _File(ABC):
@@ -162,8 +162,8 @@ class RecordedFields:
 
         Args:
             t: As in `at`.
-            scale: By what displacements are multiplied that move its points: 1 for the deformed
-                body, 0 for the undeformed one.
+            scale: Factor of the displacements that move its points: 1 for the deformed body, 0
+                for the undeformed one.
 
         Raises:
             SceneError: If there is no pyvista, or an argument is no number.

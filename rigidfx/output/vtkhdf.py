@@ -124,7 +124,7 @@ class HdfSeries:
         Args:
             path: The file.
             body: Points and cells.
-            kept: Of `kept`, what stays of a former file: it is copied.
+            kept: Of `kept`: how many times of a former file are copied.
 
         Raises:
             OSError: If it cannot be written.
@@ -141,7 +141,7 @@ class HdfSeries:
         self._file = h5py.File(
             self._disk, "w", libver="earliest", meta_block_size=DEFAULT_BUFFER_SIZE
         )
-        # What h5py has not closed when Python ends would call a Python that is gone.
+        # A file that h5py has not closed when Python ends would call a Python that is gone.
         self._end = finalize(self, _ended, self._file, self._disk)
         root = self._root = self._file.create_group("VTKHDF")
         root.attrs["Version"] = np.array((2, 0), np.int64)  # the first with times

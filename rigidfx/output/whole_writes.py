@@ -1,9 +1,9 @@
 """A binary file whose changes reach the disk together: it can be opened after a kill at any time.
 
 Libraries write a file here and there, in an order of their own. Here new bytes go behind the file's
-end at once, where no reader looks yet. What replaces old bytes is kept in memory until `commit`: it
-puts those at the file's beginning first, where formats say how long it is, then all others from the
-end on. So tables of contents that come before their entries are written after these.
+end at once, where no reader looks yet. Bytes that replace old ones are kept in memory until
+`commit`. It writes those at the file's beginning first, where formats say how long it is, then all
+others from the end on: tables of contents that come before their entries are written after them.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ class WholeWrites(io.RawIOBase):
         Raises:
             OSError: If it cannot be made.
         """
-        path.unlink(missing_ok=True)  # whoever reads a former one keeps it
+        path.unlink(missing_ok=True)  # readers of a former one keep it
         self._path = path
         self._open = open(path, "x+b", buffering=0)  # noqa: SIM115 - it stays open
         self._file = self._open.fileno()
         self._size = 0  # up to where readers look
         self._end = 0  # up to where there are bytes
-        self._changed: dict[int, bytes] = {}  # what replaces bytes that readers see, by place
-        self._late: dict[int, bytes] = {}  # what could not be written behind them
+        self._changed: dict[int, bytes] = {}  # replaces bytes that readers see, by place
+        self._late: dict[int, bytes] = {}  # could not be written behind these
         self._at = 0
 
     def commit(self) -> None:
@@ -64,7 +64,7 @@ class WholeWrites(io.RawIOBase):
             view, place = view[done:], place + done
 
     def _joined(self) -> list[tuple[int, bytes]]:
-        """Changes from the file's end on, near ones with what lies between them."""
+        """Changes from the file's end on, near ones with the bytes between."""
         runs: list[tuple[int, int, list[int]]] = []  # places of bytes, and of the changes there
         for place in sorted(self._changed):
             end = place + len(self._changed[place])
@@ -94,7 +94,7 @@ class WholeWrites(io.RawIOBase):
                     out[low - place : high - place] = data[low - first : high - first]
         return bytes(out)
 
-    # What a library calls -----------------------------------------------------------------------
+    # Called by a library ------------------------------------------------------------------------
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
         """See `io.RawIOBase`."""
@@ -152,7 +152,7 @@ class WholeWrites(io.RawIOBase):
         return size
 
     def close(self) -> None:
-        """Close the file without what has not been committed."""
+        """Close the file without changes that have not been committed."""
         if not self.closed:
             self._open.close()
         super().close()
