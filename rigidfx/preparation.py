@@ -14,9 +14,12 @@ from rigidfx.decide.criteria.judging import Criterion
 from rigidfx.decide.policy import Policy
 from rigidfx.error.ending import Promise
 from rigidfx.error.error_motion import ErrorMotion
-from rigidfx.error.looks import Looks, can_be_followed, can_decide
+from rigidfx.error.forces.body_forces import BodyForces
+from rigidfx.error.looks import Looks
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.recovery.held_parts import HeldParts
+from rigidfx.recovery.recovery import Recovery
 from rigidfx.report.ledger import Ledgers
 from rigidfx.report.probes import Probes
 from rigidfx.report.start import Start
@@ -24,11 +27,6 @@ from rigidfx.run import Run
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.step_control import StepControl
 from rigidfx.scene.timeline import Timeline
-from rigidfx.shadow.body_forces import BodyForces
-from rigidfx.shadow.recovery import Recovery
-from rigidfx.shadow.shadow import Shadow
-from rigidfx.shadow.shadows import Shadows
-from rigidfx.shadow.subjects import FreeBodies, HeldParts, Subjects
 from rigidfx.state import State
 from rigidfx.step.first_touch import FirstTouch
 from rigidfx.step.length.time_control import TimeControl
@@ -82,76 +80,44 @@ def prepare(
             impact = switch.begin()
         else:
             bring_back(state, switch)
-        policy = None
+        policy = recovery = error = looks = None
         if rigidify is not None:
-            measure = heeded_indicator(rigidify, scene, forces, failures)
-            policy = Policy(scene, rigidify, timeline, failures, measure, can_decide(scene))
-        shadows = error = looks = None
-        if rigidify is not None and policy is not None and rigidify.wake == "local":
-            measures = partial(heeded_indicator, rigidify, scene, forces, failures)
-            settling, clamps = rigidify.settling, switch.clamps
-            shadows = _shadows(stepper, policy, measures, settling, clamps)
-            if can_be_followed(scene):
+            policy = Policy(scene, rigidify, timeline, failures)
+            if rigidify.wake == "local":
+                measures = partial(heeded_indicator, rigidify, scene, forces, failures)
                 promise = Promise(rigidify.allowed, policy.rule.length)
-                error, looks = _followed(stepper, policy, shadows.free, measures, probes, promise)
-        ledgers = None if shadows is None and control is None else Ledgers(stepper)
+                pieces = policy.named.in_pieces
+                error, looks, borne = _followed(stepper, pieces, measures, probes, promise)
+                held = HeldParts(stepper, pieces) if switch.clamps else None
+                stepper.watches += [] if held is None else [held]
+                recovery = Recovery(stepper, borne, held, error)
+        ledgers = None if looks is None and control is None else Ledgers(stepper)
         stack.pop_all()
     touch = FirstTouch(stepper)
-    run = Run(timeline, stepper, switch, policy, probes, shadows, touch, ledgers, error, looks)
+    run = Run(timeline, stepper, switch, policy, probes, recovery, touch, ledgers, error, looks)
     return run, impact
-
-
-def _shadows(
-    stepper: Stepper,
-    policy: Policy,
-    measures: Callable[[], Indicator],
-    settling: float,
-    clamps: bool,
-) -> Shadows:
-    """What knows the forces on rigid parts; the stepper's watches have it, too. Collective.
-
-    Args:
-        stepper: Solves the steps.
-        policy: Knows what tells what wakes.
-        measures: Makes a measure of cells.
-        settling: Time in which a drag takes the shadows' vibration out [s].
-        clamps: Whether supports hold parts named rigid at any time.
-    """
-
-    def shadow_of(subjects: Subjects) -> Shadow:
-        return Shadow(stepper, subjects, measures(), settling)
-
-    pieces, free = policy.named.in_pieces, None
-    bodies = FreeBodies(stepper, pieces)
-    free = BodyForces(stepper, bodies) if policy.by_error else shadow_of(bodies)
-    held = shadow_of(HeldParts(stepper, pieces)) if clamps else None
-    stepper.watches += [watch for watch in (free, held) if watch is not None]
-    return Shadows(free, held, Recovery(stepper))
 
 
 def _followed(
     stepper: Stepper,
-    policy: Policy,
-    forces: Shadow | BodyForces,
+    in_pieces: frozenset[str],
     measures: Callable[[], Indicator],
     probes: Probes,
     promise: Promise,
-) -> tuple[ErrorMotion, Looks | None]:
-    """The error motion, and what asks it which cells wake; the watches have both. Collective.
+) -> tuple[ErrorMotion, Looks, BodyForces]:
+    """The error motion, what asks it which cells wake, and what knows ρ. Collective.
+
+    The stepper's watches have them.
 
     Args:
         stepper: Solves the steps.
-        policy: Says whether it decides: it takes the steps of the run, then.
-        forces: Knows ρ.
+        in_pieces: Parts named rigid whose cells are not connected through facets.
         measures: Makes a measure of cells.
         probes: Points that are reported.
         promise: What e may be.
     """
-    strokes, looks = policy.memory.strokes, None
-    turning = (lambda: 0.0) if policy.by_error else (lambda: strokes.time)
-    error = ErrorMotion(stepper, forces, turning, probes.points, measures(), promise)
-    stepper.watches.append(error)
-    if isinstance(forces, BodyForces):
-        looks = Looks(stepper, forces, error, measures())
-        stepper.watches.append(looks)
-    return error, looks
+    forces = BodyForces(stepper, in_pieces)
+    error = ErrorMotion(stepper, forces, probes.points, measures(), promise)
+    looks = Looks(stepper, forces, error, measures())
+    stepper.watches += [forces, error, looks]
+    return error, looks, forces

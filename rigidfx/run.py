@@ -12,20 +12,17 @@ from rigidfx.base.remembered import PART, Remembered
 from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.decision import Decision
 from rigidfx.decide.policy import Policy
-from rigidfx.decide.reasons import CHECKED, FORESEEN
 from rigidfx.error.error_motion import ErrorMotion
+from rigidfx.error.letting_down import let_down
 from rigidfx.error.looks import Looks
 from rigidfx.mechanics.eased import Eased
+from rigidfx.recovery.recovery import Recovery
 from rigidfx.report.events import Event
 from rigidfx.report.ledger import Ledgers, Rigidity
 from rigidfx.report.of_step import report_of, with_ledger
 from rigidfx.report.probes import Probes
 from rigidfx.report.report import Report
 from rigidfx.scene.timeline import Timeline
-from rigidfx.shadow.letting_down import let_down
-from rigidfx.shadow.motion import Strained
-from rigidfx.shadow.shadow import Shadow
-from rigidfx.shadow.shadows import Shadows
 from rigidfx.step.first_touch import FirstTouch
 from rigidfx.step.step_result import StepResult
 from rigidfx.step.stepper import Stepper
@@ -45,12 +42,12 @@ class Run:
         switch: Applies decisions, and follows effects that begin or end.
         policy: Decides what becomes rigid and flexible; None if nothing does.
         probes: Points that are reported.
-        shadows: What rigid parts withhold; None if forces wake none.
+        recovery: What rigid parts would strain by; None if forces wake none.
         touch: What foresees the first touch of a contact.
         ledgers: What has been spent of accuracy; None if nothing estimates it.
         error: The motion by which the run is off its flexible twin; None if it is not followed.
         corrected: Whether the error motion is added to displacements that are shown.
-        looks: What tells, by e, which cells wake; None if shadows tell that, or nothing does.
+        looks: What tells, by e, which cells wake; None if forces wake none.
         idle: What rigidity does to the motion where nothing may become rigid, if that is told.
     """
 
@@ -59,7 +56,7 @@ class Run:
     switch: Switch
     policy: Policy | None
     probes: Probes
-    shadows: Shadows | None
+    recovery: Recovery | None
     touch: FirstTouch
     ledgers: Ledgers | None
     error: ErrorMotion | None
@@ -76,12 +73,6 @@ class Run:
         """The error motion, where it is added to what is shown."""
         return self.error if self.corrected else None
 
-    @property
-    def shadow(self) -> Shadow | None:
-        """What tells by a linear twin of each body which cells wake; None if nothing does."""
-        free = None if self.shadows is None else self.shadows.free
-        return free if isinstance(free, Shadow) else None
-
     def target(self) -> float:
         """Time at which the next step is to end [s]."""
         t, control = self.stepper.state.t, self.stepper.control
@@ -97,56 +88,24 @@ class Run:
         Returns:
             What the step did, and what happened in it.
         """
-        stepper, policy, shadow = self.stepper, self.policy, self.shadow
+        stepper, policy, looks = self.stepper, self.policy, self.looks
+        attempt = stepper.attempt(target)
         if policy is None:
-            return stepper.accept(stepper.attempt(target)), []
-        if self.looks is not None:
-            return self._advance(policy, self.looks, target, number)
-        t, dt = stepper.state.t, target - stepper.state.t
-        events: list[Event] = []
-        if shadow is not None:
-            events = self._woken(policy, shadow.ahead(t, dt, policy.rule.limits), FORESEEN, dt)
-        attempt = stepper.attempt(target)
-        if shadow is None:
-            seen = Observation(stepper, attempt.dt)
-            checked = self._switched(policy, policy.struck(seen, stepper.touches()), seen)
+            return stepper.accept(attempt), []
+        seen = Observation(stepper, attempt.dt)
+        if looks is None:
+            decision = policy.struck(seen, stepper.touches())
         else:
-            found = shadow.look(t, attempt.dt, policy.rule.limits)
-            checked = self._woken(policy, found, CHECKED, attempt.dt)
-        if not checked and policy.releases.repeat and len(stepper.state.bodies):
-            checked = self._asked(policy, attempt, number)
-        if checked:
-            attempt = stepper.attempt(attempt.end, again=True)
-            if shadow is not None:
-                shadow.look(t, attempt.dt, policy.rule.limits)
-        held = None if self.shadows is None else self.shadows.held
-        if held is not None and policy.withholding.waits:
-            found = held.look(t, attempt.dt, policy.rule.limits)
-            if found is not None:
-                policy.withholding.look(Observation(stepper, attempt.dt), found)
-        return stepper.accept(attempt), [*events, *checked]
-
-    def _advance(
-        self, policy: Policy, looks: Looks, target: float, number: int
-    ) -> tuple[StepResult, list[Event]]:
-        """The same where the error motion tells which cells wake. Collective."""
-        stepper = self.stepper
-        attempt = stepper.attempt(target)
-        found = looks.look(attempt, policy.rule.limits)
-        events = self._woken(policy, found, CHECKED, attempt.dt)
+            strained = looks.look(attempt, policy.rule.limits)
+            decision = None if strained is None else policy.woken(seen, strained)
+        events = self._switched(policy, decision, seen)
         if not events and policy.releases.repeat and len(stepper.state.bodies):
             events = self._asked(policy, attempt, number)
         if events:
             attempt = stepper.attempt(attempt.end, again=True)
-            looks.look(attempt)
+            if looks is not None:
+                looks.look(attempt)
         return stepper.accept(attempt), events
-
-    def _woken(self, policy: Policy, strained: Strained | None, why: str, dt: float) -> list[Event]:
-        """Let cells wake before a step, or before it is solved again. Collective."""
-        if strained is None:
-            return []
-        seen = Observation(self.stepper, dt)
-        return self._switched(policy, policy.woken(seen, strained, why), seen)
 
     def _asked(self, policy: Policy, attempt: Attempt, number: int) -> list[Event]:
         """Release what a user's conditions ask for before the step is solved again. Collective."""
@@ -169,11 +128,11 @@ class Run:
         it has is PETSc's garbage then, until all ranks prepare a run again.
         """
         if issubclass(kind or RigidfxError, RigidfxError) or self.stepper.scene.comm.size == 1:
-            if self.shadows is not None:
+            if self.recovery is not None:
                 whole = kind in (None, GeneratorExit)
-                (self.shadows.remember if whole else self.shadows.forget)()
+                (self.recovery.remember if whole else self.recovery.forget)()
             self.stepper.close()
-            for item in (self.shadows, self.error):
+            for item in (self.recovery, self.error):
                 if item is not None:
                     item.destroy()
 
@@ -190,16 +149,13 @@ class Run:
         policy = self.policy
         if policy is None:
             return [], np.nan
-        stiffening = None if self.shadow is None else self.shadow.stiffening
-        energies = None if self.ledgers is None else self.ledgers.energies
-        withheld = 0.0 if self.shadow is None else self.shadow.withheld
-        share = None if self.shadows is None else self.shadows.share
         shared = None if self.looks is None else self.looks.shared(report.dt)
-        seen = Observation(self.stepper, report.dt, stiffening, energies, withheld, share, shared)
+        error = (0.0, False) if self.error is None else (self.error.size(), self.error.all_shown)
+        seen = Observation(self.stepper, report.dt, shared, error)
         policy.observe(seen)
         decision = policy.after(seen, report)
-        if decision is not None and self.shadows is not None:
-            self.shadows.remember()
+        if decision is not None and self.recovery is not None:
+            self.recovery.remember()
         closeness = np.nan if decision is None else decision.closeness
         return self._switched(policy, decision, seen), closeness
 
@@ -207,9 +163,7 @@ class Run:
         """A report with its ledger, if there is one. Collective."""
         if self.ledgers is None:
             return report
-        withheld = np.nan if self.shadow is None else self.shadow.withheld
-        if self.looks is not None:
-            withheld = self.looks.withheld
+        withheld = np.nan if self.looks is None else self.looks.withheld
         periods, rigidity = (0.0, self.idle) if self.policy is None else self.policy.spent(report.t)
         if self.stepper.control is not None:
             energy = report.energy - report.contact
@@ -226,18 +180,17 @@ class Run:
         before = None if self.error is None else self.error.before_switch()
         event = self.switch.apply(decision, self._let_down(decision))
         policy.applied(decision, seen, event is not None)
-        if self.error is not None and event is not None:
+        if self.error is not None and before is not None and event is not None:
             self.error.switched(before)
         return [] if event is None else [event]
 
     def _let_down(self, decision: Decision) -> Eased | None:
         """What cells that a decision releases are to bear on. Collective."""
-        withheld = self.shadow if self.looks is None else self.error
-        if withheld is None or not decision.easing > 0:
+        if self.error is None or not decision.easing > 0:
             return None
         stepper = self.stepper
         none = np.empty(0, np.int32)
         was = (b.cells for b in stepper.state.bodies.of.records if b.name not in decision.apart)
         stays = (body.cells for body in decision.bodies)
         leaving = np.setdiff1d(np.concatenate([none, *was]), np.concatenate([none, *stays]))
-        return let_down(withheld, stepper, leaving, decision.easing)
+        return let_down(self.error, stepper, leaving, decision.easing)

@@ -283,7 +283,7 @@ def _reports(
     ):
         bar.update(state.t)
         if not first:
-            report = report_of(0, stepper, run.probes, None, impact, run.shadows, run.added)
+            report = report_of(0, stepper, run.probes, None, impact, run.recovery, run.added)
             held, moments = switch.held
             report = replace(report, reactions=held, reaction_moments=moments, _writers=writers)
             report = run.accounted(report)
@@ -308,7 +308,7 @@ def _reports(
                 except StepError as error:
                     raise balance.explained(error) from None
                 report = report_of(
-                    step, stepper, run.probes, result, impact, run.shadows, run.added
+                    step, stepper, run.probes, result, impact, run.recovery, run.added
                 )
                 now, closeness = run.after(report)
                 report = amended(report, stepper, [*events, *woken, *now], closeness)

@@ -156,9 +156,3 @@ def petsc_options() -> Iterator[dict[str, object]]:
     yield database
     for name in set(database.getAll()) - before:
         database.delValue(name)
-
-
-@pytest.fixture
-def by_shadows(monkeypatch):
-    """Shadows tell which cells wake, as where contacts act."""
-    monkeypatch.setattr("rigidfx.preparation.can_decide", lambda scene: False)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import rigidfx as rf
-from rigidfx.decide.memory import bends
 
 SOFT = rf.StVenantKirchhoff(E=1e6, nu=0.3, rho=1000.0)
 
@@ -28,12 +27,8 @@ def run(rule, scene=None, t_end=4.0):
 
 
 @pytest.mark.parametrize("wake", ["all", "local"])
-def test_a_relative_tolerance_is_a_part_of_the_largest_rate(wake, monkeypatch):
-    """Of a largest rate that is over when the first window ends: as its number is.
-
-    But that such a number would be taken to be meant for a faster motion to come.
-    """
-    monkeypatch.setattr(bends, "PART", 1.0)
+def test_a_relative_tolerance_is_a_part_of_the_largest_rate(wake):
+    """Of a largest rate that is over when the first window ends: as its number is."""
     found = run(rf.StrainRate(0.0, 1e9))
     k = int(np.argmax(found[:, 3]))
     part, first = 0.5, max(float(found[k, 0]), 1.0) + 0.5

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 import refusals
 from mpi4py import MPI
+from rigidfx.decide.criteria.rate_rule import RateRule
 
 import rigidfx as rf
 from rigidfx.decide.criteria.judging import Criterion
-from rigidfx.decide.criteria.rate_rule import RateRule
 from rigidfx.effects.action import Action
 from rigidfx.effects.base import Effect
 from rigidfx.effects.contacts.obstacles import Approach, Obstacle

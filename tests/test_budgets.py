@@ -16,8 +16,7 @@ import pytest
 from mpi4py import MPI
 
 import rigidfx as rf
-from rigidfx.decide.advice import Advice
-from rigidfx.decide.criteria.budget_rule import believed, level
+from rigidfx.decide.criteria.budget_rule import level
 from rigidfx.plot.ledger import spent
 from rigidfx.report.ledger import NOTHING, Entry
 
@@ -235,13 +234,6 @@ def test_nothing_freezes_as_a_motion_begins():
     assert not [event for report in reports for event in report.events]
 
 
-def test_what_cells_have_swung_by_stands_for_a_shadow_that_tells_more():
-    """Unless it tells more than four times as much; of some nothing has been seen."""
-    told = np.array([0.005, 0.03, 0.08, 0.08])
-    seen = np.array([0.01, 0.01, 0.01, np.inf])
-    assert believed(told, seen) == pytest.approx([0.005, 0.01, 0.02, 0.08])
-
-
 def test_what_is_too_small_to_be_worth_it_stays_flexible():
     """Nothing watches it then, and time integration has all of the budget."""
     last = run(swaying(), rf.Accuracy(0.05, "tip"), 1.0)[-1]
@@ -314,14 +306,6 @@ def test_vibration_that_goes_from_part_to_part_is_not_frozen():
 def test_named_sets_stay_flexible():
     reports = run(swaying(), asked(0.05, never=("block", "stalk")), 2.0)
     assert all(r.unknowns == reports[0].unknowns for r in reports)
-
-
-def test_a_named_part_is_compared_with_the_budget():
-    """Which knows no kappa, no tolerance, and no rate that wakes."""
-    advice = Advice(MPI.COMM_SELF, rf.Accuracy(0.05), set())
-    said = "'waist' .* by more than is asked.* off by as much.* a larger budget"
-    with pytest.warns(rf.RigidfxWarning, match=said):
-        advice.of_named("waist", None, 0.1, vibrates=False)
 
 
 def test_levels_add_up_to_what_there_is_room_for():

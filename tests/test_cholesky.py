@@ -10,7 +10,7 @@ from scipy.sparse import random as random_sparse
 from test_kept_tangent import DT, SPIN, STEEL, keep
 
 import rigidfx as rf
-from rigidfx.shadow.linear_motion import PREFIX, solver_of
+from rigidfx.error.linear_motion import PREFIX, solver_of
 from rigidfx.step.linear import cholmod
 from rigidfx.step.newton.cholesky import SKEW, Cholesky
 

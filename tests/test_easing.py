@@ -16,15 +16,9 @@ from mpi4py import MPI
 import rigidfx as rf
 from rigidfx.base.compat import cell_geometry_dofs
 from rigidfx.base.errors import SceneError
-from rigidfx.decide.clusters import CellGraph
-from rigidfx.decide.criteria.concentration import Concentration
-from rigidfx.decide.criteria.kinks import Kinks
-from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.decision import Decision, PlannedBody
 from rigidfx.decide.easing import STEEPEST, Easing
-from rigidfx.decide.memory.trial import ENOUGH, LAST, Trial
 from rigidfx.decide.reasons import CHECKED
-from rigidfx.flexible.strain_rate import StrainRates
 from rigidfx.mechanics.eased import Eased
 from rigidfx.preparation import prepare
 from rigidfx.scene.timeline import Timeline
@@ -218,77 +212,6 @@ def test_the_time_in_which_a_stress_fades():
     assert [eased.part(t) for t in (1.0, 1.25, 1.5, 9.0)] == pytest.approx([1, 0.5, 0, 0])
     assert not eased.over(1.49)
     assert eased.over(1.5)
-
-
-@pytest.mark.parametrize(
-    ("growth", "turning", "fails"), [(0.05, 0.0, True), (0.01, 0.0, False), (0.05, 0.03, False)]
-)
-def test_a_freeze_fails_whose_strain_grows(growth, turning, fails):
-    """In the look in which it is asked, and in no other."""
-    trial = Trial(3)
-    trial.begin(np.array([True, True, False]), 1.0)
-    looks = []
-    for k in range(1, LAST + 3):
-        strains = np.array([0.01, 0.1 + growth * k, 9.0])  # the last cell is on no trial
-        looks.append(trial.failed(strains, 1.0 + k * DT, WINDOW * DT, turning))
-    assert looks == [fails and k == LAST for k in range(1, LAST + 3)]
-    expected = 0.1 + growth * LAST + growth * (WINDOW - LAST)
-    assert (expected > ENOUGH) == (growth > 0.02)
-
-
-def test_nothing_fails_that_is_not_on_trial():
-    trial = Trial(1)
-    much = np.array([2.0])
-    assert not any(trial.failed(k * much, k * DT, 1.0, 0.0) for k in range(1, 9))
-    trial.begin(np.array([True]), 0.0)
-    trial.end()
-    assert not any(trial.failed(k * much, k * DT, 1.0, 0.0) for k in range(1, 9))
-    trial.begin(np.array([True]), 0.0)
-    assert not any(trial.failed(k * much, k * DT, np.inf, 0.0) for k in range(1, 9))
-
-
-def kinks(shape, dt=DT, *supports):
-    """What is told of a block that moves with a shape, on a stalk that does as well."""
-    domain = rf.box((0, 0, 0), (8, 1, 1), (16, 2, 2), comm=MPI.COMM_SELF)
-    scene = rf.Scene(domain, SOFT, [rf.InitialVelocity(function=shape), *supports])
-    run, _ = prepare(scene, Timeline(dt, 1.0), rf.StrainRate(1e-3, 0.4))
-    with run:
-        graph = CellGraph(scene)
-        measure = StrainRates(scene, run.stepper.forces, "rms")
-        cells = np.flatnonzero(middles(scene.mesh)[:, 0] > 1.0).astype(np.int32)
-        nodes = np.unique(scene.space.dofmap.list[cells]).astype(np.int32)
-        body = PlannedBody(cells, nodes, "part 1", 1)
-        seen = Observation(run.stepper, dt)
-        tol, rates, flexible = np.full(64, 1e-3), np.full(64, 1e-12), np.ones(64, dtype=bool)
-        rates[cells] = 1e-3
-        weights = run.stepper.indicator.weights
-        out = Concentration(scene).too_loud([cells], rates, weights, tol, flexible, 1.5)
-        return out.any(), float(Kinks(scene, graph, measure).loud(seen, [body], tol)[0])
-
-
-def squeezed(x):
-    """The block to and fro, the stalk at rest."""
-    return np.stack([0 * x[0], 1e-3 * (x[1] - 0.5) * (x[0] > 2), 0 * x[0]])
-
-
-def test_a_vibration_within_a_part_is_none_that_others_take_over():
-    """Swinging as a whole, its root strains by all of that; squeezed to and fro, by nothing."""
-
-    def swings(x):
-        return np.stack([0 * x[0], 0 * x[0], 1e-3 * x[0] ** 2])
-
-    told = [kinks(shape, DT, rf.Fixed("x0")) for shape in (swings, squeezed)]
-    assert all(power for power, _ in told)  # by which the root takes over both
-    assert told[0][1] > 1.5
-    assert told[1][1] < 0.1
-
-
-@pytest.mark.parametrize("dt", [0.002, DT])
-def test_what_turns_as_a_whole_makes_no_kink(dt):
-    def turning(x):
-        return squeezed(x) + 2.0 * np.stack([-x[1], x[0], 0 * x[0]])
-
-    assert kinks(turning, dt)[1] == pytest.approx(kinks(squeezed, dt)[1], rel=1e-6)
 
 
 @pytest.mark.parametrize("value", [-0.1, 1.1, np.nan, "long"])

@@ -13,13 +13,13 @@ from petsc4py import PETSc
 
 import rigidfx as rf
 from rigidfx.coupling.rows import Rows
-from rigidfx.error import equations, error_motion
+from rigidfx.error import equations
 from rigidfx.error.error_motion import ErrorMotion
 from rigidfx.error.frames import Frames
+from rigidfx.error.ground import ground_of
+from rigidfx.error.linear_motion import LinearMotion
 from rigidfx.error.loose import loose_parts
 from rigidfx.error.validity import Validity
-from rigidfx.shadow.ground import ground_of
-from rigidfx.shadow.linear_motion import LinearMotion
 
 DT = 0.02  # s
 SOFT, STIFF = (rf.StVenantKirchhoff(E=E, nu=0.3, rho=1000.0) for E in (1e6, 1e8))
@@ -94,7 +94,6 @@ class Compared:
         self.freezes = any(event.kind == "freeze" for event in self.events)
 
 
-@pytest.mark.parametrize("longest", [1, 4])
 @pytest.mark.parametrize(
     ("effects", "options"),
     [
@@ -107,9 +106,8 @@ class Compared:
     ],
     ids=["drag", "consistent", "viscosity", "springs", "numerical damping", "held by springs"],
 )
-def test_a_run_knows_how_far_it_is_off(effects, options, longest, followed, monkeypatch):
+def test_a_run_knows_how_far_it_is_off(effects, options, followed):
     """Bodies that grow, wake, are let down and freeze anew included; u + e is nearer by far."""
-    monkeypatch.setattr(error_motion, "LONGEST", longest)
     run = Compared(lambda: scene(*effects, **options), followed, 8.0)
     assert run.freezes
     assert run.off.max() > 0.002
@@ -239,18 +237,8 @@ def test_an_error_motion_that_is_not_small_is_told_once():
     assert not checked.holds
 
 
-@pytest.mark.parametrize(
-    "more",
-    [
-        (rf.Contact("z0", against=rf.Plane((0, 0, -9.0), (0, 0, 1.0))),),
-        (rf.Rigid("block", mass=1e4),),
-        (),
-    ],
-    ids=str,
-)
-def test_what_is_not_followed(more, followed):
-    """Contacts, parts named rigid, and what nothing holds: what bodies bend by tells there."""
-    effects = [*([HELD] if more else []), PUSHED, rf.MassDamping(1.0), *more]
+def test_an_error_is_not_shown_where_nothing_holds():
+    effects = PUSHED, rf.MassDamping(1.0)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         rule = rf.StrainRate(1e-5, 20 * DT)
@@ -259,8 +247,7 @@ def test_what_is_not_followed(more, followed):
     assert not any(report.error_motion["tip"].any() for report in reports)
 
 
-def test_an_error_at_rest_meets_a_wave_in_short_steps(followed):
-    """In long ones the first of it was missed: an eighth of the error of a bar that is struck."""
+def test_an_error_at_rest_meets_a_wave(followed):
 
     def blow(t):
         return float(0.4 < t < 0.6) * np.sin(np.pi * (t - 0.4) / 0.2) ** 2
@@ -271,7 +258,7 @@ def test_an_error_at_rest_meets_a_wave_in_short_steps(followed):
         return rf.Scene(BOX, materials, effects, probes={"tip": (8, 0.5, 0.5)})
 
     # Later e is let go: nothing drives it, and it is 0.04 of κ tol over the peak strain rate.
-    run = Compared(make, followed, 0.9, part=0.005, dt=0.01)
+    run = Compared(make, followed, 0.7, part=0.005, dt=0.01)
     assert run.freezes
     assert run.off.max() > 2e-4
     assert run.told.max() == pytest.approx(run.off.max(), rel=0.05)
@@ -343,20 +330,19 @@ def test_stresses_of_what_is_rigid_and_of_what_is_not_are_the_twins(effects):
     materials, found = {"stalk": SOFT, "block": STIFF}, []
     rest = rf.StrainRate(0.0, 1e9, wake="none")
     peak = 0.0
-    for flexible, corrected in ((True, True), (False, True), (False, False)):
+    for flexible in (True, False):
         made, rows = rf.Scene(BOX, materials, effects, probes=probes), []
         rule = rest if flexible else rf.StrainRate(0.01 * peak, 20 * DT)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            for r in rf.simulate(made, DT, 4.0, rigidify=rule, corrected=corrected, progress=False):
+            for r in rf.simulate(made, DT, 4.0, rigidify=rule, progress=False):
                 peak = max(peak, float(r.strain_rate.max())) if flexible else peak
                 rows.append([[at.stress, at.strain] for at in r.stresses.values()])
         found.append(np.array(rows))
-    twin, with_e, without = found
-    size = np.square(twin).sum(axis=(0, 3, 4))
-    left, off = (np.square(one - twin).sum(axis=(0, 3, 4)) / size for one in (with_e, without))
-    assert np.all(np.sqrt(left) <= 0.2 * np.sqrt(off))
-    assert np.all(np.sqrt(left[1:]) <= 0.05 * np.sqrt(off[1:]))  # of the block, which bends little
+    twin, ours = found
+    left = np.square(ours - twin).sum(axis=(0, 3, 4)) / np.square(twin).sum(axis=(0, 3, 4))
+    assert np.all(np.sqrt(left) <= 0.8 * 3 * 0.01)
+    assert np.all(np.sqrt(left[1:]) <= 0.005)  # of the block, which bends little
 
 
 def test_an_error_that_fades_after_a_release_is_let_go(followed):

@@ -12,8 +12,9 @@ from scipy.sparse import diags_array
 from scipy.spatial import cKDTree
 
 import rigidfx as rf
+from rigidfx.decide.criteria.error_rule import ErrorRule
 from rigidfx.decide.criteria.judging import Criterion
-from rigidfx.decide.criteria.rate_rule import RateRule
+from rigidfx.decide.criteria.tolerances import Tolerances
 from rigidfx.effects.action import Action
 from rigidfx.effects.base import Effect
 from rigidfx.effects.contacts.obstacles import Approach, Obstacle
@@ -60,7 +61,7 @@ class Patient(Criterion):
     window = 1.0
 
     def rule(self, scene, timeline, memory):
-        return RateRule(scene, timeline, memory, 1e9, {}, self.window, None)
+        return ErrorRule(timeline, memory, Tolerances(scene, memory, 1e9, {}), self.window, 3.0)
 
 
 def test_a_criterion_of_ones_own():

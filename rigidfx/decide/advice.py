@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from math import sqrt
-
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
@@ -14,9 +12,6 @@ from rigidfx.decide.criteria.judging import Criterion
 __all__ = ["Advice"]
 
 Array = npt.NDArray[np.float64]
-
-
-TINY = 1e-12  # of the compliance
 
 
 class Advice:
@@ -69,36 +64,6 @@ class Advice:
         self._say(
             f"an estimate at the end of a window failed ({error}), and nothing freezes in such a "
             "window. The motion is computed as before; bodies that exist stay."
-        )
-
-    def of_named(
-        self, name: str, at: tuple[float, float] | None, taken: float, vibrates: bool
-    ) -> None:
-        """Of a part that is named rigid and withholds too much.
-
-        Args:
-            name: Its name.
-            at: What its cells would have strained, over what wakes others, and when [s]; None if
-                what it takes is compared with a budget.
-            taken: What it takes from the structure's compliance, over that of both.
-            vibrates: Whether the structure does, in place of following its loads.
-        """
-        off = f"lacks some {taken:.1%} of its compliance: deflections may be off by as much"
-        if vibrates:
-            higher = 1 / sqrt(max(1 - taken, TINY))
-            off = (
-                f"lacks some {taken:.1%} of its compliance: it vibrates, at frequencies that are "
-                f"some {higher - 1:.1%} too high, and nothing bounds what the motion is off by"
-            )
-        what = f"forces would strain the part '{name}' that is named Rigid, by more than is asked"
-        if at is not None:
-            what = (
-                f"forces would strain the part '{name}' that is named Rigid, at {at[0]:.2g} "
-                f"times {self._criterion.limit} at t = {at[1]:.6g} s"
-            )
-        self._say(
-            f"{what}. It stays rigid, and the structure {off}. Do not name it, or "
-            f"{self._criterion.pardon} if that is meant."
         )
 
     def _say(self, message: str) -> None:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from math import pi
 from typing import ClassVar
 
 import numpy as np
@@ -27,30 +26,23 @@ from rigidfx.decide.criteria.judging import Criterion, part_of_window
 from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.decision import Decision, qualify
 from rigidfx.decide.easing import Easing
-from rigidfx.decide.lasting import Lasting
 from rigidfx.decide.memory.back_off import BackOff
-from rigidfx.decide.memory.bends import Bends
 from rigidfx.decide.memory.contact_changes import ContactChanges
-from rigidfx.decide.memory.drift import Drift
 from rigidfx.decide.memory.load_changes import LoadChanges
 from rigidfx.decide.memory.memory import Memory
 from rigidfx.decide.memory.signals import Signals
-from rigidfx.decide.memory.strokes import Strokes
-from rigidfx.decide.memory.trial import Trial
 from rigidfx.decide.memory.window import Window
 from rigidfx.decide.named_parts import NamedParts
 from rigidfx.decide.paying import Paying
 from rigidfx.decide.planner import Planner
-from rigidfx.decide.reasons import ASKED, CHECKED, DRIFTED, UNDONE
+from rigidfx.decide.reasons import ASKED, CHECKED
 from rigidfx.decide.releases import PLANNED, Releases
-from rigidfx.decide.withholding import Withholding
 from rigidfx.effects import Touch
-from rigidfx.flexible.indicator import Indicator
+from rigidfx.error.strained import Strained
 from rigidfx.report.ledger import Rigidity
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
-from rigidfx.shadow.motion import Strained
 
 __all__ = ["Policy"]
 
@@ -65,14 +57,12 @@ class Policy:
 
     Attributes:
         named: Parts that are rigid always.
-        withholding: What is said of these.
         memory: What it remembers.
         releases: Those that a user asks for.
         rule: Says which cells are quiet, and which bodies are not.
-        by_error: Whether the error motion tells what wakes.
     """
 
-    remembered: ClassVar[Remembered] = dict.fromkeys(("memory", "withholding", "rule"), PART)
+    remembered: ClassVar[Remembered] = dict.fromkeys(("memory", "rule"), PART)
 
     def __init__(
         self,
@@ -80,8 +70,6 @@ class Policy:
         criterion: Criterion,
         timeline: Timeline,
         failures: Failures,
-        indicator: Indicator,
-        by_error: bool = False,
     ) -> None:
         """Find the cells that the criterion names. Collective.
 
@@ -90,8 +78,6 @@ class Policy:
             criterion: What the user states.
             timeline: Where steps end; planned releases are added to it.
             failures: Keeps what the criterion's rule raises.
-            indicator: A measure of its own.
-            by_error: Whether e may tell it.
 
         Raises:
             SceneError: If a name is unknown, or the mesh was distributed without ghost cells.
@@ -117,17 +103,9 @@ class Policy:
             loads=LoadChanges(scene, change, timeline),
             contacts=ContactChanges(change),
             next_number=self.named.count + 1,
-            strokes=Strokes(scene.comm, self._graph.owned),
-            bends=Bends(scene),
-            drift=Drift(scene.comm, self._graph.owned),
-            trial=Trial(self._graph.owned),
         )
-        self.withholding = Withholding(scene.comm, criterion, self.named, self.memory)
-        self.by_error = by_error and criterion.decides_by_error
-        self._lasting: Lasting | Paying = Paying(self._graph, criterion, self.memory)
-        if not self.by_error:
-            self._lasting = Lasting(scene, self._graph, criterion, self.memory, indicator)
-        self.rule = heeded_rule(criterion, scene, timeline, self.memory, failures, self.by_error)
+        self._paying = Paying(self._graph, criterion, self.memory)
+        self.rule = heeded_rule(criterion, scene, timeline, self.memory, failures)
 
     @property
     def _advice(self) -> Advice:
@@ -190,7 +168,6 @@ class Policy:
         """
         t = seen.t
         self.memory.contacts.follow(report.touches)
-        self.withholding.follow(seen, report, last=self._timeline.over(t))
         reasons, cells = self.releases.asked(t, report, seen.bodies)
         if self._criterion.wake == "all" and self.memory.loads.declared(t):
             decision = self._release(seen, "a load or a support changes", self._every)
@@ -201,30 +178,22 @@ class Policy:
             return self._release(seen, ", ".join(reasons), cells)
         return self._window_decides(seen) if self.memory.window.over else None
 
-    def woken(self, seen: Observation, strained: Strained, why: str) -> Decision | None:
+    def woken(self, seen: Observation, strained: Strained) -> Decision | None:
         """Decide which cells of bodies wake in a step; None if none does. Collective.
 
         Args:
             seen: The state before it.
-            strained: What cells of bodies would strain.
-            why: FORESEEN or CHECKED.
+            strained: What the error motion strains in cells of bodies.
         """
-        self.memory.bends.add_up(strained.bend, self._planner.numbers(seen))
-        if self.named.count and why == CHECKED:
-            self.withholding.look(seen, strained)
         waking = self.rule.waking(strained, self._planner.free(seen))
         above, self._springs = waking.cells, strained.spring
-        undone = why == CHECKED and self._undone(seen, strained)
         if not self._any(above | waking.stale):
-            if not undone:
-                return None
-            decision = self._let_down(seen, UNDONE, self.memory.trial.cells, strained.window)
-            return replace(decision, woken=np.empty(0, np.int32))
+            return None
         leaving = self._graph.touching(self._graph.largest_at_nodes(above.astype(np.float64)) > 0)
         leaving |= self._planner.whole_bodies(
             seen, waking.stale | (leaving & (strained.spring > 1))
         )
-        decision = self._let_down(seen, why, leaving, strained.window)
+        decision = self._let_down(seen, CHECKED, leaving, strained.window)
         return replace(decision, woken=np.flatnonzero(above).astype(np.int32))
 
     def _let_down(self, seen: Observation, reason: str, cells: Bools, window: float) -> Decision:
@@ -234,15 +203,6 @@ class Policy:
         spring = self._graph.comm.allreduce(here, op=MPI.MAX)
         easing = self._easing.span(window, seen.dt, spring)
         return replace(self._release(seen, reason, cells), easing=easing)
-
-    def _undone(self, seen: Observation, strained: Strained) -> bool:
-        """Whether what has just frozen will not last. Collective."""
-        memory, window = self.memory, strained.window
-        if memory.trial.over:
-            return False
-        turning = memory.strokes.turning * (pi * memory.strokes.turning <= window)
-        here = memory.trial.failed(strained.sum, seen.t + seen.dt, window, turning)
-        return self._any(np.array([here]))
 
     def _window_ends(self, seen: Observation) -> bool:
         """Whether the window has its length. Collective."""
@@ -267,8 +227,6 @@ class Policy:
         """Freeze what has qualified in the window. Collective."""
         memory, t = self.memory, seen.t
         flexible, tol = seen.flexible & memory.window.whole, self.rule.tol
-        if memory.drift.too_far and self._any(self._planner.free(seen)):
-            return self._let_down(seen, DRIFTED, self._every, t - memory.window.start)
         self._advice.of_window(memory.signals.period(), tol, seen.noise)
         qualified, closeness = qualify(memory.window.worst, tol, flexible, self._graph.comm)
         able = memory.back_off.lasting(qualified)
@@ -283,7 +241,7 @@ class Policy:
         if not self._any(able & (existing == NONE) & ~barred):
             decision = self._planner.unchanged(reason, seen, memory.next_number)
         elif self._criterion.wake == "local":
-            decision = self._lasting.bodies(plan, seen, tol, able, barred)
+            decision = self._paying.bodies(plan, seen, tol, able, barred)
         else:
             decision = plan(able, barred)
         return replace(decision, qualified=qualified, closeness=closeness, loads_at=t)
@@ -327,13 +285,9 @@ class Policy:
             self._springs = None
             memory.contacts.remember()
             rigid = self._planner.numbers(seen) != NONE
-            if freezes and not self.by_error:
-                memory.trial.begin(rigid & ~memory.back_off.rigid, t)
-            else:
-                memory.trial.end()
             memory.window.whole &= rigid | ~memory.back_off.rigid
             hasty = memory.back_off.switched(rigid, t, counts=decision.reason != PLANNED)
-            if decision.reason != UNDONE and self._graph.comm.allreduce(hasty, op=MPI.LOR):
+            if self._graph.comm.allreduce(hasty, op=MPI.LOR):
                 self._advice.of_haste()
         if decision.loads_at is not None and (changed or not freezes):
             memory.loads.remember(decision.loads_at)
@@ -346,4 +300,3 @@ class Policy:
         if not freezes:
             memory.back_off.restart()
         memory.window = self._new_window(t)
-        memory.bends.window_begins()

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-__all__ = ["ASKED", "CHECKED", "DRIFTED", "FORESEEN", "UNDONE"]
+__all__ = ["ASKED", "CHECKED"]
 
-FORESEEN = "predicted: forces will strain them"  # before a step ...
-CHECKED = "checked: forces would strain them"  # ... and after it, which is then solved again
+CHECKED = "checked: forces would strain them"  # the step is solved again
 ASKED = "checked: a condition"
-UNDONE = "checked: what has just frozen would not last"
-DRIFTED = "drift: a free motion would be off by half of what wakes cells"

@@ -59,12 +59,11 @@ class Ending:
         self._most: Array = np.zeros(3)  # |e|, displacement and strain rate; the first of a window
         self._watched = self._left = 0.0  # time in this window, and until e is zero [s]
 
-    def part(self, dt: float, pushed: bool, response: Response) -> float:
+    def part(self, dt: float, response: Response) -> float:
         """What is left of e after a step, as a part of what it was. Collective.
 
         Args:
             dt: Length of the step [s].
-            pushed: Whether a force or a kick waits, equal on all ranks.
             response: Has e.
         """
         e = response.coarse()
@@ -74,7 +73,7 @@ class Ending:
         rates = np.zeros(1) if indicator is None else indicator.values
         own = [*(size.max(initial=0.0) for size in sizes), rates.max(initial=0.0)]
         self._most = np.maximum(self._most, own)
-        if pushed or len(state.bodies):
+        if self._stepper.system.actions.easing or len(state.bodies):
             self._most[0] = self._watched = self._left = 0.0
             return 1.0
         if self._left > 0:

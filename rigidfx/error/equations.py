@@ -13,15 +13,16 @@ from rigidfx.base.mesh_order import MeshOrder
 from rigidfx.base.remembered import ON_DOFS, Kind, joined, part_of, restore
 from rigidfx.coupling.rows import Rows
 from rigidfx.effects import Rigid
+from rigidfx.error.forces.parts import mass_of
 from rigidfx.error.frames import Frames
+from rigidfx.error.ground import ground_of
+from rigidfx.error.linear_motion import LinearMotion
 from rigidfx.error.loose import Loose, loose_parts
 from rigidfx.error.modal import Modal
 from rigidfx.error.response import PREPARING, AllUnknowns, Response
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.scene.points import Point
-from rigidfx.shadow.ground import ground_of
-from rigidfx.shadow.linear_motion import LinearMotion
-from rigidfx.shadow.parts import mass_of
+from rigidfx.scene.scene import Scene
 from rigidfx.step.stepper import Stepper
 
 __all__ = ["LARGEST", "SOLUTION", "Equations"]
@@ -87,7 +88,7 @@ class Equations:
             motion, self.loose = about(self._stepper, self._forms, frames, self._held)
         e, rate = self.loose.still(e), self.loose.still(rate)
         if self._few:
-            self.response = AllUnknowns(scene, motion, e, rate)
+            self.response = AllUnknowns(motion, e, rate)
         else:
             supported = np.flatnonzero(self._held)
             self.response = Modal(scene, motion, supported, self.loose, self._points, e, rate)
@@ -166,6 +167,26 @@ def about(
     named = [scene.owned_cells(part.where, part.kind) for part in scene.named(Rigid)]
     rigid = forces.cells(np.unique(np.concatenate(named)).astype(np.int32)) if named else None
     supported = np.flatnonzero(held)
-    motion = LinearMotion(rows, cells, forms, mass, supported, ground=ground, rigid=rigid)
+    more = _given_mass(scene)
+    motion = LinearMotion(rows, cells, forms, mass, supported, ground, rigid, more)
     springs = None if ground is None else ground.K
     return motion, loose_parts(scene, frames, held, springs, motion.matrices[1])
+
+
+def _given_mass(scene: Scene) -> Array | None:
+    """What nodes of parts of given mass have besides that of their cells [kg]. Collective.
+
+    It is spread as the mass of the cells is; a given inertia is not looked at.
+
+    Returns:
+        Shape (nodes,) of the owned nodes; None if no mass is given.
+    """
+    given = [part for part in scene.named(Rigid) if part.mass is not None]
+    if not given:
+        return None
+    out = np.zeros(scene.owned_nodes)
+    for part in given:
+        cells = scene.owned_cells(part.where, part.kind)
+        own = scene.cell_weights(scene.density(), cells)[: out.size]
+        out += (float(part.mass or 0.0) / float(scene.sum(own.sum())) - 1) * own
+    return out

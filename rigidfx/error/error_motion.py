@@ -12,15 +12,15 @@ pair of inner forces, turned by a small angle, would be a net load. One K serves
 A shown place is x + Q_p e with one rotation Q_p of each connected part (3), so that it is smooth in
 time through freezes and releases.
 
-Parts named `Rigid` are rigid in the twin, too: they have many times their stiffness in K. e is not
-known from the first contact on, beside a part of given mass or inertia, and with joints, which K
-has not. Parts that neither supports nor springs hold have an e without rigid motions, which is not
-added to what is shown.
+Parts named `Rigid` are rigid in the twin, too: they have many times their stiffness in K. Contacts
+of the twin act on u + e (`contacts`). Joints have the forces of the run. Parts that neither
+supports nor springs hold have an e without rigid motions, which is not added to what is shown; so
+it is where joints hold them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
@@ -30,10 +30,12 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from rigidfx.base.remembered import PART, Remembered, same
-from rigidfx.effects import Spring
+from rigidfx.effects import Contact
 from rigidfx.error.cell_strains import CellStrains
+from rigidfx.error.contacts import Contacts
 from rigidfx.error.ending import Ending, Promise
 from rigidfx.error.equations import SOLUTION, Equations
+from rigidfx.error.forces.body_forces import BodyForces
 from rigidfx.error.frames import FRAMES, Frames, to_space
 from rigidfx.error.impulse import Impulse
 from rigidfx.error.response import Response
@@ -41,8 +43,6 @@ from rigidfx.error.shown import Shown
 from rigidfx.error.validity import Validity
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.scene.points import Point
-from rigidfx.shadow.body_forces import BodyForces
-from rigidfx.shadow.shadow import Shadow
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import Attempt
 from rigidfx.step.watches.watch import Watch
@@ -56,36 +56,30 @@ Nodes = npt.NDArray[np.integer]
 # What PETSc's log calls this part of a run.
 _FOLLOWING = PETSc.Log.Event("rigidfxErrorMotion")
 
-# Length of a step of e over 1/ω of the motion and of e, at most: a vibration of e is out of phase
-# by (ω Δt)²/12 a radian.
-RESOLVED = 0.2
-LONGEST = 4  # steps of the run in a step of e, at most, or from look to look at its size
+LOOKS = 4  # steps from look to look: at the size of e, and at cells that it hardly strains
 
 
-# An attempt; impulse, response, and the own numbers, as they were before it.
-_Before = tuple[Attempt, object, object, tuple[int, float, float]]
+# An attempt; kicks, response and contacts, and how many steps there were, as they were before it.
+_Before = tuple[Attempt, tuple[Array, object, object], int]
 
 
 class ErrorMotion(Watch):
     """Follows e from the first freeze on; `destroy` frees the PETSc objects.
 
     Attributes:
-        known: Whether it is followed: false from the first contact on.
         ending: Lets e go where it is small, and tells how large it was.
         validity: Tells where e is not small.
-        steps: How many steps e has taken, looks included. It takes none at rest, and one for
-            several of the run where that is enough.
+        steps: How many steps e has taken, looks included. It takes none at rest.
     """
 
-    remembered: ClassVar[Remembered] = same("known", "_dt", "_of_run", "steps")
+    remembered: ClassVar[Remembered] = same("steps")
     remembered |= {"_frames": FRAMES, "_equations": SOLUTION}
-    remembered |= dict.fromkeys(("_impulse", "validity", "ending"), PART)
+    remembered |= dict.fromkeys(("_impulse", "_contacts", "validity", "ending"), PART)
 
     def __init__(
         self,
         stepper: Stepper,
-        shadow: Shadow | BodyForces,
-        turning: Callable[[], float],
+        forces: BodyForces,
         points: Mapping[str, Point],
         indicator: Indicator,
         promise: Promise,
@@ -94,22 +88,20 @@ class ErrorMotion(Watch):
 
         Args:
             stepper: Solves the steps.
-            shadow: Knows ρ.
-            turning: Returns 1/ω of the motion [s].
+            forces: Knows ρ.
             points: Points at which e is asked for, by name.
             indicator: A measure of its own for strains of e.
             promise: What e may be.
         """
-        self._stepper, self._turning = stepper, turning
+        self._stepper = stepper
         self._scene = scene = stepper.scene
-        self.known = True
         self._equations = Equations(stepper, [*points.values()])
         self._strains = CellStrains(scene, stepper.forces, indicator)
         n = scene.owned_nodes
         self._nodes = np.arange(n)
-        self._impulse = Impulse(stepper, shadow)
+        self._impulse = Impulse(stepper, forces)
         self._frames: Frames | None = None  # against the shape at the first freeze
-        self._dt = self._of_run = 0.0  # length of the steps of e, and of the run's [s]
+        self._contacts = Contacts(stepper) if scene.named(Contact) else None
         self._before: _Before | None = None  # a look at an attempt, if it is no step yet
         self.validity, self.ending = Validity(scene), Ending(stepper, promise)
         self.steps = 0
@@ -119,7 +111,12 @@ class ErrorMotion(Watch):
     def valid(self) -> bool:
         """Whether e is known, and small enough for what is linear; it is shown where it is."""
         response = self._response
-        return self.known and self.validity.holds and (response is None or response.valid)
+        return self.validity.holds and (response is None or response.valid)
+
+    @property
+    def all_shown(self) -> bool:
+        """Whether e is added to what is shown, in all parts."""
+        return self.valid and not self._equations.loose.count
 
     def shown(self) -> Shown | None:
         """e in space at the present time; None while it is zero, or not known. Collective.
@@ -131,7 +128,7 @@ class ErrorMotion(Watch):
         Q = self._turned(self._frames)[self._frames.part]
         e, rate = response.fields()
         e, rate = (np.where(self._equations.loose.nodes[:, None], 0.0, a) for a in (e, rate))
-        return Shown(to_space(e + self._impulse.span * rate, Q), to_space(rate, Q))
+        return Shown(to_space(e, Q), to_space(rate, Q))
 
     def at(self, points: Mapping[str, Point]) -> Mapping[str, Shown]:
         """e in space at points that were given at the start, by name. Collective.
@@ -147,7 +144,7 @@ class ErrorMotion(Watch):
         own[:, [loose[point.nodes].any() for point in points.values()]] = 0.0
         e, rate = self._scene.sum(own)
         rate = to_space(rate, Q[part])
-        moved = to_space(e, Q[part]) + self._impulse.span * rate
+        moved = to_space(e, Q[part])
         return {name: Shown(moved[k], rate[k]) for k, name in enumerate(points)}
 
     def motion(self) -> tuple[fem.Function, fem.Function] | None:
@@ -158,9 +155,9 @@ class ErrorMotion(Watch):
         """
         if (response := self._valid()) is None:
             return None
-        e, rate = response.fields()
+        e = response.fields()[0]
         out = fem.Function(self._scene.space)
-        out.x.array[: e.size] = (e + self._impulse.span * rate).reshape(-1)
+        out.x.array[: e.size] = e.reshape(-1)
         out.x.scatter_forward()
         return self._equations.shape, out
 
@@ -185,6 +182,12 @@ class ErrorMotion(Watch):
         if self._response is None:
             return np.zeros(len(cells))
         return self._strains.of(*self._response.change(), self._equations.shape, cells)
+
+    def size(self) -> float:
+        """Largest |e| of any node [m]. Collective."""
+        e = np.zeros((1, 3)) if self._response is None else self._response.coarse()
+        here = float(np.linalg.norm(e, axis=1).max(initial=0.0))
+        return float(self._scene.comm.allreduce(here, op=MPI.MAX))
 
     def strains(self, cells: Cells) -> Array:
         """Strains of e at the end of its last step, in the same measure [-]. See `rates`."""
@@ -219,21 +222,17 @@ class ErrorMotion(Watch):
 
     # Switches -----------------------------------------------------------------------------------
 
-    def before_switch(self) -> tuple[Array, list[Nodes]] | None:
-        """Velocities [m/s] and bodies' nodes before a switch; None if e is not followed."""
-        if not self.known:
-            return None
+    def before_switch(self) -> tuple[Array, list[Nodes]]:
+        """Velocities [m/s] and bodies' nodes before a switch. Collective."""
         self._take_back()
         return self._velocities(), [body.nodes for body in self._stepper.state.bodies.of.records]
 
-    def switched(self, before: tuple[Array, list[Nodes]] | None) -> None:
+    def switched(self, before: tuple[Array, list[Nodes]]) -> None:
         """Add the velocities that a switch has taken out. Collective.
 
         Args:
             before: Of `before_switch`.
         """
-        if before is None or not self.known:
-            return
         state = self._stepper.state
         if self._frames is None:
             self._frames = Frames(self._scene, state.positions(self._nodes))
@@ -261,88 +260,84 @@ class ErrorMotion(Watch):
             Whether e has taken a step.
         """
         self._take_back()
-        if not self.known or self._frames is None or self._is_touched:
+        if self._frames is None:
             return False
         with _FOLLOWING:
             self._equations.have(attempt.dt, self._frames)
             assert self._response is not None
-            own = self.steps, self._dt, self._of_run
-            self._before = attempt, self._impulse.kept(), self._response.kept(), own
-            self._take(attempt.dt, self._frames)
-        return self.steps > own[0]
+            steps = self.steps
+            contacts = None if self._contacts is None else self._contacts.kept()
+            kept = self._impulse.kick, self._response.kept(), contacts
+            self._before = attempt, kept, steps
+            self._take(attempt, self._frames)
+        return self.steps > steps
 
     def _take_back(self) -> None:
         """Be as before the last look, if that has not become a step."""
         if self._before is not None:
             assert self._response is not None
-            _, impulse, motion, own = self._before
-            self._impulse.restore(impulse)
+            _, (self._impulse.kick, motion, contacts), self.steps = self._before
             self._response.restore(motion)
-            self.steps, self._dt, self._of_run = own
+            if self._contacts is not None:
+                self._contacts.restore(contacts)
         self._before = None
-
-    @property
-    def _is_touched(self) -> bool:
-        """Whether a contact acts."""
-        return bool(self._stepper.system.actions.elastic - {Spring.__name__})
 
     def accept(self, attempt: Attempt) -> None:
         """See `Watch`."""
-        if not self.known or self._frames is None:
-            return
-        if self._is_touched:
-            self.known = False
-            self.destroy()
+        if self._frames is None:
             return
         if self._before is None or self._before[0] is not attempt:
             self.look(attempt)
         before, self._before = self._before, None
-        if before is not None and self.steps > before[3][0] and self._response is not None:
-            if self.steps % LONGEST == 0:
+        if self._contacts is not None:
+            self._contacts.accept()
+        if before is not None and self.steps > before[2] and self._response is not None:
+            if self.steps % LOOKS == 0:
                 x = self._stepper.state.positions(self._nodes)
                 self.validity.look(attempt.end, self._response, x, self._frames.shape)
-            self._response.scale(self.ending.part(self._dt, self._impulse.pushes, self._response))
+            self._response.scale(self.ending.part(attempt.dt, self._response))
 
-    def _take(self, dt: float, frames: Frames) -> None:
-        """Take a step of the run of length dt [s]. Collective."""
-        self._impulse.bear(dt, frames)
-        self._adapt(dt)
-        while round(self._impulse.span / self._dt, 9) >= 1:
-            self._step()
-
-    def _adapt(self, dt: float) -> None:
-        """Choose the length of steps: long ones where motion and e allow them. Collective.
-
-        Steps have two lengths, so that factors are few. While bodies push they are those of the
-        run: in longer ones what is stiff rings in its strains.
-
-        Args:
-            dt: Length of the step of the run [s].
-        """
+    def _take(self, attempt: Attempt, frames: Frames) -> None:
+        """Take a step of the run; none at rest. Collective."""
         assert self._response is not None
-        resolved = RESOLVED * min(self._turning(), self._response.slowness)
-        longest = dt if self._impulse.pushes else max(min(LONGEST * dt, resolved), dt)
-        if not 0.5 * longest <= self._dt <= longest:
-            self._dt, self._of_run = LONGEST * dt if longest >= LONGEST * dt else dt, dt
-
-    def _step(self) -> None:
-        """Take a step of e under the mean force since the last one; none at rest. Collective."""
-        assert self._response is not None
-        dt, impulse = self._dt, self._impulse
-        mean = impulse.taken(dt)
-        moving = bool(mean.any() or impulse.kick.any() or self._response.moving)
+        dt, impulse = attempt.dt, self._impulse
+        force = impulse.force(dt, frames)
+        if self._contacts is not None:
+            self._contacts.follow(attempt)
+        moving = bool(force.any() or impulse.kick.any() or self._response.moving)
         if not self._scene.comm.allreduce(moving, op=MPI.LOR):
+            if self._contacts is not None:
+                self._contacts.rest()
             return
         loose = self._equations.loose
         self._response.kick(loose.still(impulse.kick))
         impulse.kick = np.zeros_like(impulse.kick)
         drag, xi = self._scene.damping(self._stepper.state.t)
-        # ξ is a viscosity by the steps of the run.
-        force = loose.balanced(mean)
-        self._response.step(force, dt, drag, xi * self._of_run / dt)
+        given = dt, drag, xi
+        if self._contacts is None:
+            self._response.step(loose.balanced(force), *given)
+        else:
+            self._pressed(self._contacts, force, given)
         self.steps += 1
+
+    def _pressed(self, contacts: Contacts, force: Array, given: tuple[float, float, float]) -> None:
+        """Take a step while contacts are closed. Collective."""
+        response, frames, loose = self._response, self._frames, self._equations.loose
+        assert response is not None
+        assert frames is not None
+        Q = self._turned(frames)[frames.part]
+        kept, start = response.kept(), response.fields()[0]
+
+        def step(more: Array) -> Array:
+            response.restore(kept)
+            response.step(loose.balanced(force) + more, *given)
+            return response.fields()[0]
+
+        contacts.solved(start, step, (id(response), *given), Q)
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
         self._before = None
         self._equations.destroy()
+        if self._contacts is not None:
+            self._contacts.destroy()

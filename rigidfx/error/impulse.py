@@ -6,18 +6,16 @@ Both are in the frame of one shape: forces of a body by the body's own frame, r�
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
-from mpi4py import MPI
 
-from rigidfx.base.remembered import ON_NODES, Remembered, same
+from rigidfx.base.remembered import ON_NODES, Remembered
+from rigidfx.error.forces.body_forces import BodyForces
+from rigidfx.error.forces.parts import Parts
 from rigidfx.error.frames import Frames, to_shape, to_space
 from rigidfx.mechanics.rigid_body import RigidBody
-from rigidfx.shadow.body_forces import BodyForces
-from rigidfx.shadow.parts import Parts
-from rigidfx.shadow.shadow import Shadow
 from rigidfx.step.stepper import Stepper
 
 __all__ = ["Impulse"]
@@ -28,61 +26,43 @@ Nodes = npt.NDArray[np.integer]
 
 
 class Impulse:
-    """What e has not taken yet.
+    """Knows r, and velocities that e has not taken yet.
 
     Attributes:
-        span: Time since the last step of e [s].
-        kick: Velocities that were taken out since then, shape (nodes, 3) [m/s].
+        kick: Velocities that were taken out since the last step, shape (nodes, 3) [m/s].
     """
 
-    remembered: ClassVar[Remembered] = same("span") | {"_total": ON_NODES, "kick": ON_NODES}
+    remembered: ClassVar[Remembered] = {"kick": ON_NODES}
 
-    def __init__(self, stepper: Stepper, shadow: Shadow | BodyForces) -> None:
+    def __init__(self, stepper: Stepper, forces: BodyForces) -> None:
         """Nothing has acted.
 
         Args:
             stepper: Solves the steps.
-            shadow: Knows ρ.
+            forces: Knows ρ.
         """
-        self._stepper, self._shadow = stepper, shadow
+        self._stepper, self._forces = stepper, forces
         shape = stepper.scene.owned_nodes, 3
         self._nodes = np.arange(shape[0])
-        self._total: Array = np.zeros(shape)  # of the forces since the last step of e [N s]
         self.kick: Array = np.zeros(shape)
-        self.span = 0.0
         self._of_bodies: dict[int, tuple[object, Array]] = {}  # Q_b at their freeze, by number
 
-    @property
-    def pushes(self) -> bool:
-        """Whether a force or a kick waits on any rank. Collective."""
-        own = bool(self._total.any() or self.kick.any())
-        return bool(self._stepper.scene.comm.allreduce(own, op=MPI.LOR))
-
-    def kept(self) -> object:
-        """What `restore` needs."""
-        return self._total, self.kick, self.span
-
-    def restore(self, kept: Any) -> None:
-        """Be as at `kept`."""
-        self._total, self.kick, self.span = kept
-
-    def bear(self, dt: float, frames: Frames) -> None:
-        """Add r of a step of length dt [s]. Collective."""
-        total = self._total.copy()
-        if self._shadow.borne is not None:
-            parts, force = self._shadow.borne
+    def force(self, dt: float, frames: Frames) -> Array:
+        """r of a step of length dt [s], in the shape's frame, shape (nodes, 3) [N]. Collective."""
+        out = np.zeros_like(self.kick)
+        if self._forces.borne is not None:
+            parts, force = self._forces.borne
             for body, at in zip(parts.bodies, parts.at, strict=True):
-                total[body.nodes] += dt * to_shape(force[at], self._frame_of(body, frames))
+                out[body.nodes] += to_shape(force[at], self._frame_of(body, frames))
         easing = self._stepper.system.actions.easing
         if easing:
-            let_down = np.zeros_like(total)
+            let_down = np.zeros_like(out)
             for eased in easing:
                 eased.add_impulse(dt, let_down.reshape(-1))
             x = self._stepper.state.positions(self._nodes)
             loaded = np.flatnonzero(np.abs(let_down).max(axis=1))
-            total += to_shape(let_down, frames.of_sets([loaded], x)[0])
-        self._total = total
-        self.span += dt
+            out += to_shape(np.asarray(let_down / dt), frames.of_sets([loaded], x)[0])
+        return out
 
     def _frame_of(self, body: RigidBody, frames: Frames) -> Array:
         """Q of a body's own frame against the shape: it is constant. Collective."""
@@ -105,17 +85,17 @@ class Impulse:
         Returns:
             The same, and the bodies' owned cells.
         """
-        if self._shadow.borne is None:
+        if self._forces.borne is None:
             return out, np.empty(0, np.int32)
-        parts = self._shadow.borne[0]
+        parts = self._forces.borne[0]
         own = parts.unmoved(self._framed(e, parts, frames))
         return parts.in_space(own, self._stepper.state.bodies, out)
 
     def withheld(self, e: Array, frames: Frames) -> float:
         """½ ρᵀe of the bodies, no less than zero [J]. Collective; arguments as of `in_space`."""
-        if self._shadow.borne is None:
+        if self._forces.borne is None:
             return 0.0
-        parts, force = self._shadow.borne
+        parts, force = self._forces.borne
         own = parts.energies(force, self._framed(e, parts, frames)).sum()
         return max(0.0, float(self._stepper.scene.sum(own)))
 
@@ -125,13 +105,6 @@ class Impulse:
         for body, at in zip(parts.bodies, parts.at, strict=True):
             out[at] = to_space(e[body.nodes], self._frame_of(body, frames))
         return out
-
-    def taken(self, dt: float) -> Array:
-        """Mean force over a step of e [N], which takes its part. Its length is dt [s]."""
-        mean = np.asarray(self._total / self.span)
-        self.span -= dt
-        self._total = self.span * mean
-        return mean
 
     def switched(self, lost: Array, sets: Sequence[Nodes], frames: Frames) -> None:
         """Add velocities that a switch has taken out. Collective.

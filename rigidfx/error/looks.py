@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import inf
 from typing import ClassVar
 
 import numpy as np
@@ -11,53 +10,21 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.base.remembered import PART, Remembered, same
-from rigidfx.coupling.rows import Rows
-from rigidfx.effects import Contact, Joint, Rigid, Spring
 from rigidfx.error.error_motion import ErrorMotion
-from rigidfx.error.frames import Frames
-from rigidfx.error.loose import unresisted
+from rigidfx.error.forces.body_forces import BodyForces
 from rigidfx.error.pace import Pace
 from rigidfx.error.shared_strains import SharedStrains
+from rigidfx.error.strained import Limits, Strained, part_of
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import Cells
-from rigidfx.scene.scene import Scene
-from rigidfx.shadow.body_forces import BodyForces
-from rigidfx.shadow.ground import ground_of
-from rigidfx.shadow.motion import Limits, Strained, part_of
 from rigidfx.step.stepper import Stepper
-from rigidfx.step.system.supports import PrescribedDofs
 from rigidfx.step.watches.judge import Attempt
 from rigidfx.step.watches.watch import Watch
 
-__all__ = ["Looks", "can_be_followed", "can_decide"]
+__all__ = ["Looks"]
 
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int32]
-
-
-def can_be_followed(scene: Scene) -> bool:
-    """Whether e may be known in a scene."""
-    given = any(rigid.given for rigid in scene.named(Rigid))
-    return not given and not scene.named(Joint)
-
-
-def can_decide(scene: Scene) -> bool:
-    """Whether e is known and shown all through a run: of what is held, and touches nothing.
-
-    Of parts named rigid shadows tell what they withhold. Collective.
-    """
-    if scene.named(Contact) or scene.named(Rigid) or not can_be_followed(scene):
-        return False
-    holds = [*(support for support, _ in scene.supports), *scene.named(Spring)]
-    if any(getattr(one, "since", 0.0) > 0 or getattr(one, "until", inf) < inf for one in holds):
-        return False
-    supports = tuple(support for support, _ in scene.supports)
-    nodes = np.arange(scene.owned_nodes, dtype=np.int32)
-    held, rows = PrescribedDofs(scene, supports).mask[: 3 * nodes.size], Rows(scene.space, nodes)
-    springs = ground_of(scene, rows)
-    frames = Frames(scene, scene.space.tabulate_dof_coordinates()[: nodes.size])
-    _, motions = unresisted(scene, frames, held, None if springs is None else springs.K)
-    return motions.shape[1] == 0
 
 
 class Looks(Watch):
@@ -116,20 +83,30 @@ class Looks(Watch):
         if not stepped or limits is None or self._forces.borne is None or not self._pace.due():
             return None
         known = limits()
-        assert known.rates is not None
-        rate = self._of_all(self._error.rates(self._rigid), known.rates)
-        here = float(rate.max(initial=0.0))
+        none: Array = np.zeros(self._owned)
+        size = self._error.size() if np.isfinite(known.size) else 0.0
+        rate = spring = over = none
+        if known.rates is not None:
+            rate = part_of(self._of_all(self._error.rates(self._rigid)), known.rates)
+        strain: Array | None = None
+        if known.strains is not None:
+            strain = self._of_all(self._error.strains(self._rigid))
+            over = part_of(strain, known.strains)
+        here = max(float(rate.max(initial=0.0)), float(over.max(initial=0.0)), size / known.size)
         self._pace.ratio = self._stepper.scene.comm.allreduce(here, op=MPI.MAX)
         if not self._pace.ratio > 1:
             return None
-        spring = self._of_all(self._error.strains(self._rigid), attempt.dt * known.rates)
-        return Strained(rate, np.zeros_like(rate), spring, window=known.window)
+        if strain is None:
+            strain = self._of_all(self._error.strains(self._rigid))
+        if known.rates is not None:
+            spring = part_of(strain, attempt.dt * known.rates)
+        return Strained(rate, over, spring, strain, known.window, size)
 
-    def _of_all(self, strains: Array, limits: Array) -> Array:
-        """Strains of rigid cells over limits of all owned cells, zero in flexible ones."""
+    def _of_all(self, strains: Array) -> Array:
+        """Strains of rigid cells, of all owned cells; zero in flexible ones."""
         out = np.zeros(self._owned)
         out[self._rigid] = strains
-        return part_of(out, limits)
+        return out
 
     def shared(self, dt: float) -> Array | None:
         """Strain rate of u + e since the last look, of each owned cell [1/s]. Collective.

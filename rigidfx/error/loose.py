@@ -13,9 +13,9 @@ import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
+from rigidfx.error.forces.rigid_motions import independent, rigid_motions
 from rigidfx.error.frames import Frames
 from rigidfx.scene.scene import Scene
-from rigidfx.shadow.rigid_motions import independent, rigid_motions
 
 __all__ = ["Loose", "loose_parts", "unresisted"]
 

@@ -21,11 +21,11 @@ import numpy.typing as npt
 from petsc4py import PETSc
 
 from rigidfx.base.remembered import ON_NODES, SAME, Items, Remembered, same
+from rigidfx.error.linear_motion import LinearMotion, solver_of
 from rigidfx.error.loose import Loose
 from rigidfx.error.response import FACTORING, PREPARING
 from rigidfx.scene.points import Point
 from rigidfx.scene.scene import Scene
-from rigidfx.shadow.linear_motion import LinearMotion, solver_of
 from rigidfx.step.linear.eigenpairs import lowest
 
 __all__ = ["Modal", "Modes"]
@@ -150,11 +150,6 @@ class Modal:
         self._points = {id(p): self._adjoint(p) for p in self._given}
 
     # What is told -------------------------------------------------------------------------------
-
-    @property
-    def slowness(self) -> float:
-        """See `Response`: the steps of the run, as they cost next to nothing."""
-        return 0.0
 
     @property
     def moving(self) -> bool:

@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.remembered import Remembered, same
-from rigidfx.error.error_motion import LONGEST
-from rigidfx.shadow.body_forces import BodyForces
-from rigidfx.shadow.parts import Parts
+from rigidfx.error.error_motion import LOOKS
+from rigidfx.error.forces.body_forces import BodyForces
+from rigidfx.error.forces.parts import Parts
 
 __all__ = ["Pace"]
 
@@ -72,5 +72,5 @@ class Pace:
 
     def due(self) -> bool:
         """Whether a look is due at this step of e."""
-        self._waited = 0 if not self.calm or self._waited + 1 >= LONGEST else self._waited + 1
+        self._waited = 0 if not self.calm or self._waited + 1 >= LOOKS else self._waited + 1
         return self._waited == 0

@@ -13,9 +13,8 @@ import numpy.typing as npt
 from petsc4py import PETSc
 
 from rigidfx.base.remembered import ON_NODES, SAME, Items, Remembered
+from rigidfx.error.linear_motion import LinearMotion
 from rigidfx.scene.points import Point
-from rigidfx.scene.scene import Scene
-from rigidfx.shadow.linear_motion import LinearMotion
 
 __all__ = ["FACTORING", "PREPARING", "AllUnknowns", "Response"]
 
@@ -28,14 +27,6 @@ FACTORING = PETSc.Log.Event("rigidfxErrorFactor")
 
 class Response(Protocol):
     """A solution of the error's equation; `destroy` frees its PETSc objects."""
-
-    @property
-    def slowness(self) -> float:
-        """|e|/|ė| [s], by which steps are chosen; zero at rest. Collective.
-
-        A force on an e at rest may be a wave that arrives: its first steps are short.
-        """
-        ...
 
     @property
     def moving(self) -> bool:
@@ -109,24 +100,16 @@ class AllUnknowns:
 
     valid = True
 
-    def __init__(self, scene: Scene, motion: LinearMotion, e: Array, rate: Array) -> None:
+    def __init__(self, motion: LinearMotion, e: Array, rate: Array) -> None:
         """Take the equations over.
 
         Args:
-            scene: The problem.
             motion: The equations of all rows; owned from now on.
             e: At their start, shape (nodes, 3) [m].
             rate: Its rate, likewise [m/s].
         """
-        self._scene, self._motion, self._e, self._rate = scene, motion, e, rate
+        self._motion, self._e, self._rate = motion, e, rate
         self._change: tuple[Array, float] = np.zeros_like(e), 1.0
-
-    @property
-    def slowness(self) -> float:
-        """See `Response`."""
-        both = [float(np.linalg.norm(a, axis=1).max(initial=0.0)) for a in (self._e, self._rate)]
-        e, rate = np.max(self._scene.comm.allgather(both), axis=0)
-        return float(e / rate) if e * rate > 0 else 0.0
 
     @property
     def moving(self) -> bool:

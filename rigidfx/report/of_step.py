@@ -13,12 +13,12 @@ from rigidfx.effects import Contact, JointReports, Rigid, Touch
 from rigidfx.error.error_motion import ErrorMotion
 from rigidfx.error.shown import Shown
 from rigidfx.flexible.indicator import Indicator
+from rigidfx.recovery.recovery import Recovery
 from rigidfx.report.events import Event
 from rigidfx.report.ledger import Ledgers, Rigidity
 from rigidfx.report.probes import Probes
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
-from rigidfx.shadow.shadows import Shadows
 from rigidfx.state import State
 from rigidfx.step.equations.energies import Measures
 from rigidfx.step.step_result import StepResult
@@ -60,7 +60,7 @@ def report_of(
     probes: Probes,
     result: StepResult | None,
     impact: Impact | None,
-    shadows: Shadows | None = None,
+    recovery: Recovery | None = None,
     error: ErrorMotion | None = None,
 ) -> Report:
     """The report of a step, or of the initial state. Collective.
@@ -71,7 +71,7 @@ def report_of(
         probes: Points that are reported.
         result: What the step did; None for the initial state.
         impact: What the start of a support did at the start of the step.
-        shadows: What rigid parts withhold, if that is known.
+        recovery: What rigid parts would strain by, if that is known.
         error: The error motion, which is added to displacements of probes; None if it is not.
     """
     state, solution = stepper.state, result.solution if result else None
@@ -110,7 +110,7 @@ def report_of(
         _changes=state.changes,
         _indicator=stepper.indicator,
         _probes=probes,
-        _shadows=shadows,
+        _recovery=recovery,
         _error=error,
     )
 

@@ -18,8 +18,8 @@ from dolfinx import fem, la
 from rigidfx.base.taken import seal
 from rigidfx.flexible.nodal_stress import extrapolation, material_groups
 from rigidfx.flexible.stress import Added, PointStress, Recovered, tensors, von_mises
+from rigidfx.recovery.recovery import Carried
 from rigidfx.scene.scene import Scene
-from rigidfx.shadow.recovery import Carried
 from rigidfx.state import State
 
 __all__ = ["Holder", "ProbeStress", "Strained", "StressAt"]

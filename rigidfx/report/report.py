@@ -17,13 +17,13 @@ from rigidfx.error.error_motion import ErrorMotion
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.stress import Added, Recovered
 from rigidfx.mechanics.bodies import Bodies
+from rigidfx.recovery.recovery import Recovery
 from rigidfx.report.body_report import BodyReport, body_reports
 from rigidfx.report.events import Event
 from rigidfx.report.ledger import Ledger
 from rigidfx.report.probe_stress import StressAt
 from rigidfx.report.probes import Probes
 from rigidfx.report.writers import Writers
-from rigidfx.shadow.shadows import Shadows
 from rigidfx.state import State
 from rigidfx.step.system.supports import Impact
 
@@ -130,7 +130,7 @@ class Report:
     _changes: int
     _indicator: Indicator | None
     _probes: Probes
-    _shadows: Shadows | None = None
+    _recovery: Recovery | None = None
     _error: ErrorMotion | None = None
     _writers: Writers = field(default_factory=Writers, repr=False, compare=False)
 
@@ -206,7 +206,7 @@ class Report:
             SceneError: If they have not been asked for yet and the run has gone on.
         """
         self._check("stresses")
-        strained = None if self._shadows is None else self._shadows.recovered
+        strained = None if self._recovery is None else self._recovery.recovered
         return self._probes.stresses(self._state, strained, self._added())
 
     @property
@@ -226,7 +226,7 @@ class Report:
     @property
     def recovers(self) -> bool:
         """Whether what rigid parts withhold is known: where forces wake cells."""
-        return self._shadows is not None
+        return self._recovery is not None
 
     def recovered(self) -> Recovered:
         """The displacement with what rigid parts would strain under their loads. Collective.
@@ -245,10 +245,10 @@ class Report:
         self._state.rebuild()
         u = self._state.u.copy()
         count = u.function_space.mesh.topology.index_map(3).size_local
-        if self._shadows is None:
+        if self._recovery is None:
             return Recovered(u, *np.zeros((2, count), dtype=bool))
         added = self._added()
-        carried = self._shadows.recovered()
+        carried = self._recovery.recovered()
         u.x.array[: carried.u.size] += carried.u.reshape(-1)
         u.x.scatter_forward()
         return Recovered(u, *carried.among(count), added)

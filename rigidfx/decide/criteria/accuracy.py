@@ -189,19 +189,9 @@ class Accuracy(Criterion):
         """See `Criterion`."""
         return "Take a larger budget, or name their cells `never`."
 
-    @property
-    def lacking(self) -> float:
-        """See `Criterion`: deflections are off by as much."""
-        return float(self.budget)
-
     def allowed(self, peak: float) -> float:
         """See `Criterion`."""
         return float(self.budget)
-
-    @property
-    def pardon(self) -> str:
-        """See `Criterion`."""
-        return "take a larger budget"
 
 
 def _less(ledger: Ledger, scene: Scene, budget: float) -> str:

@@ -12,7 +12,6 @@ from rigidfx.base.inputs import number, positive, shown, whole
 from rigidfx.base.taken import take_fields
 from rigidfx.decide.criteria.error_rule import ErrorRule
 from rigidfx.decide.criteria.judging import EASING, Criterion, never_rigid, part_of_window
-from rigidfx.decide.criteria.rate_rule import HALF, RateRule
 from rigidfx.decide.criteria.relative import Relative
 from rigidfx.decide.criteria.release import Release
 from rigidfx.decide.criteria.rule import Rule
@@ -26,8 +25,7 @@ from rigidfx.scene.timeline import Timeline
 
 __all__ = ["StrainRate"]
 
-
-SETTLING = 5.0  # windows in which the vibration of a body's shadow is damped out
+HALF = 0.5  # of what wakes cells, up to which those may strain that others enclose
 
 
 @dataclass(frozen=True)
@@ -164,11 +162,6 @@ class StrainRate(Criterion):
         take_fields(self)  # at last, so that messages show what was given
 
     @property
-    def decides_by_error(self) -> bool:
-        """See `Criterion`: where forces wake cells, and the rule is no other."""
-        return self.wake == "local" and type(self).rule is StrainRate.rule
-
-    @property
     def releases(self) -> tuple[Release, ...]:
         """The releases, one or several."""
         return (self.release,) if isinstance(self.release, Release) else tuple(self.release)
@@ -186,15 +179,6 @@ class StrainRate(Criterion):
         return f"Take a longer window, {helps_here}, or look at the conditions of Release."
 
     @property
-    def settling(self) -> float:
-        """Time in which the vibration of shadows is damped out [s]; infinite for auto windows."""
-        return inf if isinstance(self.window, str) else SETTLING * self.window
-
-    def louder(self, resting: bool, swings: bool) -> float:
-        """Half of what wakes cells, unless loads say how fast all moves."""
-        return max(1.0, HALF * self.kappa) if resting or swings else inf
-
-    @property
     def enclosing(self) -> float:
         """Half of what wakes cells."""
         return max(1.0, HALF * self.kappa)
@@ -207,13 +191,6 @@ class StrainRate(Criterion):
 
     def rule(self, scene: Scene, timeline: Timeline, memory: Memory) -> Rule:
         """See `Criterion`."""
-        kappa = float(self.kappa) if self.wake == "local" else None
-        return RateRule(scene, timeline, memory, self.tol, self.tolerances, self.window, kappa)
-
-    def error_rule(self, scene: Scene, timeline: Timeline, memory: Memory) -> Rule | None:
-        """See `Criterion`."""
-        if not self.decides_by_error:
-            return None
         tolerances = Tolerances(scene, memory, self.tol, self.tolerances)
         return ErrorRule(timeline, memory, tolerances, self.window, float(self.kappa))
 

@@ -17,8 +17,8 @@ from rigidfx.decide.criteria.rule import Waking
 from rigidfx.decide.criteria.tolerances import Tolerances
 from rigidfx.decide.criteria.window_length import window_length
 from rigidfx.decide.memory.memory import Memory
+from rigidfx.error.strained import Limits, Strained
 from rigidfx.scene.timeline import Timeline
-from rigidfx.shadow.motion import Limits, Strained
 
 __all__ = ["ErrorRule"]
 

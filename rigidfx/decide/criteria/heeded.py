@@ -21,12 +21,12 @@ from rigidfx.decide.criteria.judging import Criterion
 from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.criteria.rule import Rule, Waking
 from rigidfx.decide.memory.memory import Memory
+from rigidfx.error.strained import Limits, Strained
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import Cells, InternalForces
 from rigidfx.report.ledger import Rigidity
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
-from rigidfx.shadow.motion import Limits, Strained
 
 __all__ = ["heeded_indicator", "heeded_rule"]
 
@@ -41,7 +41,6 @@ def heeded_rule(
     timeline: Timeline,
     memory: Memory,
     failures: Failures,
-    by_error: bool = False,
 ) -> Rule:
     """The rule of a criterion; what it raises later is kept. Collective.
 
@@ -51,14 +50,14 @@ def heeded_rule(
         timeline: Where steps end.
         memory: What the policy remembers.
         failures: Keeps what the rule raises.
-        by_error: Whether it is that by which the error motion decides.
 
     Raises:
         SceneError: On every rank, if the criterion cannot make one.
     """
     owner = type(criterion).__name__
-    of = criterion.error_rule if by_error else criterion.rule
-    rule: Any = together(scene.comm, f"{owner}: its rule", lambda: of(scene, timeline, memory))
+    rule: Any = together(
+        scene.comm, f"{owner}: its rule", lambda: criterion.rule(scene, timeline, memory)
+    )
     return _Rule(rule, owner, failures, memory.window.worst.size)
 
 

@@ -41,11 +41,6 @@ class Criterion:
     until: float = inf
 
     @property
-    def decides_by_error(self) -> bool:
-        """Whether there is an `error_rule`."""
-        return False
-
-    @property
     def releases(self) -> tuple[Release, ...]:
         """Releases that are asked for."""
         return ()
@@ -54,11 +49,6 @@ class Criterion:
     def breakpoints(self) -> tuple[float, ...]:
         """Times of planned releases [s], at which steps end."""
         return tuple(sorted({t for release in self.releases for t in release.times}))
-
-    @property
-    def settling(self) -> float:
-        """Time in which the vibration of shadows is damped out [s]."""
-        return inf
 
     @property
     def remedy(self) -> str:
@@ -70,11 +60,6 @@ class Criterion:
         """Whether tolerances are parts of what has been seen so far."""
         return False
 
-    @property
-    def limit(self) -> str:
-        """What the strains of parts that are named rigid are compared with, in words."""
-        return "what wakes other cells (kappa · tol)"
-
     def allowed(self, peak: float) -> float:
         """Part of the largest displacement that the error motion may be.
 
@@ -82,25 +67,6 @@ class Criterion:
             peak: Largest strain rate so far [1/s].
         """
         return 0.0
-
-    @property
-    def lacking(self) -> float | None:
-        """Part of the compliance that such parts may take unsaid; None where strains tell."""
-        return None
-
-    @property
-    def pardon(self) -> str:
-        """What lets such parts withhold more, in words."""
-        return "give its cells a larger tolerance (tolerances)"
-
-    def louder(self, resting: bool, swings: bool) -> float:
-        """What quiet cells may come to strain at as others freeze, over their tolerances.
-
-        Args:
-            resting: Whether loads rest.
-            swings: Whether a window has room for half a period of what moves.
-        """
-        return 1.0 if resting else inf
 
     @property
     def enclosing(self) -> float:
@@ -133,13 +99,6 @@ class Criterion:
             SceneError: If a name of its own is unknown.
         """
         raise NotImplementedError
-
-    def error_rule(self, scene: Scene, timeline: Timeline, memory: Memory) -> Rule | None:
-        """What judges cells by it where the error motion decides; None if that never does.
-
-        Collective; arguments as of `rule`.
-        """
-        return None
 
     def indicator(self, scene: Scene, forces: InternalForces) -> Indicator:
         """What measures the cells. Collective.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,23 +22,14 @@ class Observation:
     Attributes:
         stepper: What makes the steps.
         dt: Length of the step [s].
-        stiffening: What bodies withhold over the strain of their own cells, in energies; None if
-            that is not known.
-        energies: Kinetic and strain energy of deformation after the step before [J]; None if nobody
-            measures them.
-        withheld: Strain energy that rigidity withholds [J]; 0 if nothing estimates it.
-        share: What part of that a part named rigid withholds in the whole structure, by its name;
-            None if nothing estimates it. Collective.
         shared: Strain rate of each owned cell by u + e [1/s]; None where that is not measured.
+        error: Largest |e| of any node [m], and whether e is added to what is shown.
     """
 
     stepper: Stepper
     dt: float
-    stiffening: float | None = None
-    energies: tuple[float, float] | None = None
-    withheld: float = 0.0
-    share: Callable[[str], float] | None = None
     shared: npt.NDArray[np.float64] | None = None
+    error: tuple[float, bool] = 0.0, False
 
     @property
     def t(self) -> float:

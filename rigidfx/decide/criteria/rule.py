@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.decide.criteria.observation import Observation
+from rigidfx.error.strained import Limits, Strained
 from rigidfx.report.ledger import Rigidity
-from rigidfx.shadow.motion import Limits, Strained
 
 __all__ = ["Rule", "Waking"]
 

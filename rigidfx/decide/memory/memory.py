@@ -7,14 +7,9 @@ from typing import ClassVar
 
 from rigidfx.base.remembered import PART, Remembered, same
 from rigidfx.decide.memory.back_off import BackOff
-from rigidfx.decide.memory.bends import Bends
-from rigidfx.decide.memory.compliance import Compliance
 from rigidfx.decide.memory.contact_changes import ContactChanges
-from rigidfx.decide.memory.drift import Drift
 from rigidfx.decide.memory.load_changes import LoadChanges
 from rigidfx.decide.memory.signals import Signals
-from rigidfx.decide.memory.strokes import Strokes
-from rigidfx.decide.memory.trial import Trial
 from rigidfx.decide.memory.window import Window
 
 __all__ = ["Memory"]
@@ -31,17 +26,12 @@ class Memory:
         loads: The loads of the present bodies, and the largest so far.
         contacts: The same of contacts.
         next_number: First number that no body has had.
-        compliance: What parts named rigid take from it.
         said: Kinds of warnings that were given.
-        strokes: Largest strains and rates so far.
-        bends: How far the structure deflects, and parts of it bend.
-        drift: What rigid parts do to the phases of a free motion.
-        trial: Whether the last freeze will last.
         largest: Largest strain rate of any cell so far, if tolerances are relative to it [1/s].
     """
 
     remembered: ClassVar[Remembered] = same("next_number", "said", "largest") | dict.fromkeys(
-        ("window", "signals", "back_off", "loads", "contacts", "compliance"), PART
+        ("window", "signals", "back_off", "loads", "contacts"), PART
     )
 
     window: Window
@@ -50,10 +40,5 @@ class Memory:
     loads: LoadChanges
     contacts: ContactChanges
     next_number: int
-    strokes: Strokes
-    bends: Bends
-    drift: Drift
-    trial: Trial
-    compliance: Compliance = field(default_factory=Compliance)
     said: set[str] = field(default_factory=set)
     largest: float = 0.0

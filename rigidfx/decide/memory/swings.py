@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 import numpy.typing as npt
+
+from rigidfx.base.remembered import ON_CELLS, Remembered
 
 __all__ = ["Swings"]
 
@@ -16,6 +20,8 @@ class Swings:
     A strain is a size, without a direction: of a vibration about no strain its swing is the
     amplitude, of one about a larger strain twice that.
     """
+
+    remembered: ClassVar[Remembered] = {"_least": ON_CELLS, "_most": ON_CELLS}
 
     def __init__(self, cells: int) -> None:
         """Nothing has been observed.

@@ -10,9 +10,9 @@ from petsc4py import PETSc
 
 from rigidfx.coupling.mass import Mass
 from rigidfx.coupling.rows import Rows
+from rigidfx.error.ground import Ground
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.flexible.linear_forms import LinearForms
-from rigidfx.shadow.ground import Ground
 from rigidfx.step.linear import cholmod
 from rigidfx.step.linear.linear_solver import default_options
 
@@ -21,7 +21,7 @@ __all__ = ["PREFIX", "LinearMotion", "assembled", "solver_of"]
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
-PREFIX = "rigidfx_shadow_"
+PREFIX = "rigidfx_error_"
 # Unknowns up to which METIS takes more time than its order saves: at 4536 to 7203 factors by AMD's
 # are there in .55 to .74 of the time, solves take 1.0 to 1.2; 1.9 in a plate of 14 406.
 BRIEF = 10_000
@@ -41,9 +41,9 @@ class LinearMotion:
         linear: LinearForms,
         mass: Mass,
         supported: Ints,
-        dashpots: Array | None = None,
         ground: Ground | None = None,
         rigid: Cells | None = None,
+        more: Array | None = None,
     ) -> None:
         """Assemble the matrices. Collective.
 
@@ -53,17 +53,22 @@ class LinearMotion:
             linear: Forms, whose shape is theirs.
             mass: Mass operator of the rows, owned from now on.
             supported: Rows of this rank that supports hold.
-            dashpots: Constants of dashpots at the nodes [N s/m].
             ground: What springs do at the nodes, if there are any.
             rigid: Those of the cells that belong to parts named rigid.
+            more: Mass that each node has besides, shape (nodes,) [kg].
         """
         self._mass, self._first, self._supported = mass, rows.first, supported
         self._K = assembled(rows, linear.stiffness(cells))
         if rigid is not None:
-            more = assembled(rows, linear.stiffness(rigid))
-            self._K.axpy(NAMED, more, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
-            more.destroy()
+            stiff = assembled(rows, linear.stiffness(rigid))
+            self._K.axpy(NAMED, stiff, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+            stiff.destroy()
         self._M = mass.matrix()
+        if more is not None:
+            masses = self._M.getDiagonal()
+            masses.array[:] += np.repeat(more, 3)
+            self._M.setDiagonal(masses)
+            masses.destroy()
         viscosity = linear.viscosity(cells)
         self._viscosity = None if viscosity is None else assembled(rows, viscosity)
         if ground is not None:
@@ -72,9 +77,7 @@ class LinearMotion:
         self._scale = float(diagonal.norm()) / np.sqrt(rows.comm.size)
         diagonal.destroy()
         self._dynamic: dict[tuple[float, float, float], PETSc.KSP] = {}
-        self._right, self._found, self._work, self._dashpots = (rows.vector() for _ in range(4))
-        if dashpots is not None:
-            self._dashpots.array[:] = np.repeat(dashpots, 3)
+        self._right, self._found, self._work = (rows.vector() for _ in range(3))
 
     @property
     def scale(self) -> float:
@@ -96,10 +99,6 @@ class LinearMotion:
     def _hold(self, A: PETSc.Mat, rows: Ints, scale: float) -> None:
         A.zeroRowsColumns((self._first + rows).astype(PETSc.IntType), diag=scale)
 
-    def _push(self, force: Array) -> None:
-        """Add forces on the right: at all nodes of the rows."""
-        self._right.array.reshape(-1, 3)[:] += force
-
     def increment(
         self, force: Array, u: Array, v: Array, dt: float, drag: float, xi: float
     ) -> Array:
@@ -119,8 +118,8 @@ class LinearMotion:
         solver = self.factored(dt, drag, xi)
         right, work, found = self._right, self._work, self._found
         work.array[:] = v.reshape(-1) * (2 / dt)
-        self._mass.mult(work, right)
-        self._push(force)
+        self._M.mult(work, right)
+        right.array[:] += force.reshape(-1)
         work.array[:] = u.reshape(-1)
         self._K.mult(work, found)
         right.axpy(-1.0, found)
@@ -147,9 +146,6 @@ class LinearMotion:
             A.axpy(2 / dt**2 + drag / dt, self._M, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
             if self._viscosity is not None:
                 A.axpy(1 / dt, self._viscosity, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
-            self._dashpots.copy(self._work)
-            self._work.scale(1 / dt)
-            A.setDiagonal(self._work, PETSc.InsertMode.ADD_VALUES)
             self._hold(A, self._supported, self._scale)
             self._dynamic[kind] = solver_of(A)
         return self._dynamic[kind]
@@ -157,7 +153,7 @@ class LinearMotion:
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
         own = self._K, self._M, self._viscosity, *self._dynamic.values()
-        for item in (*own, self._mass, self._right, self._found, self._work, self._dashpots):
+        for item in (*own, self._mass, self._right, self._found, self._work):
             if item is not None:
                 item.destroy()
 

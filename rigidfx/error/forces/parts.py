@@ -9,11 +9,11 @@ import numpy.typing as npt
 
 from rigidfx.coupling.mass import Mass, mass_operator
 from rigidfx.coupling.rows import Rows
+from rigidfx.error.forces.rigid_motions import independent, rigid_motions
 from rigidfx.flexible.internal_forces import Cells, InternalForces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.scene.scene import Scene
-from rigidfx.shadow.rigid_motions import independent, rigid_motions
 
 __all__ = ["Parts", "mass_of", "watched"]
 

@@ -1,0 +1,60 @@
+"""What the error motion strains in rigid cells, and what of that wakes them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["Limits", "Strained", "part_of"]
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What wakes cells.
+
+    Attributes:
+        rates: Strain rate of e, of each owned cell [1/s]; None on all ranks if none wakes.
+        strains: Strain of e, likewise [-].
+        window: Length of a window [s]; infinite while that is not known.
+        size: Largest |e| of any node [m].
+    """
+
+    rates: Array | None = None
+    strains: Array | None = None
+    window: float = np.inf
+    size: float = np.inf
+
+
+@dataclass(frozen=True)
+class Strained:
+    """What the error motion strains in rigid cells; zero in flexible ones.
+
+    Attributes:
+        rate: Strain rate of each owned cell, over what wakes it.
+        sum: Strain of each owned cell, over what wakes it.
+        spring: Strain rate at which it would spring into that in the step, were it released,
+            over what wakes it.
+        strain: Strain of each owned cell [-].
+        window: Length of a window [s]; infinite while that is not known.
+        size: Largest |e| of any node [m].
+    """
+
+    rate: Array
+    sum: Array
+    spring: Array
+    strain: Array
+    window: float = np.inf
+    size: float = 0.0
+
+
+def part_of(strain: Array, limit: Array) -> Array:
+    """What part of a limit it is; nothing is no part of any, and a failed solve exceeds all."""
+    out = np.zeros_like(strain)
+    some = ~(strain == 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        out[some] = np.nan_to_num(strain[some] / limit[some], nan=np.inf, posinf=np.inf)
+    return out

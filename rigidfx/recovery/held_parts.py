@@ -1,0 +1,164 @@
+"""Parts named rigid that supports hold, and the forces on their nodes.
+
+A part that supports hold is no body of its own: each of its nodes is driven, and has an equation of
+its own in a step. What is out of balance there is what a support would have to exert at the node,
+and stiffness does: as on a body, but for the nodes that supports hold in truth. The part strains
+between these and the forces on the rest of it; no rigid motion of it is left.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.coupling.dof_layout import nodes_of
+from rigidfx.effects import Rigid
+from rigidfx.error.forces.rigid_motions import spanning
+from rigidfx.mechanics.bodies import Bodies
+from rigidfx.mechanics.rigid_body import Body, BodyMotion, RigidBody
+from rigidfx.step.stepper import Stepper
+from rigidfx.step.system.supports import PrescribedDofs
+from rigidfx.step.system.system import System
+from rigidfx.step.watches.judge import Attempt
+from rigidfx.step.watches.watch import Watch
+
+__all__ = ["HeldParts"]
+
+Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+Bools = npt.NDArray[np.bool_]
+
+
+class HeldParts(Watch):
+    """The parts named rigid that supports hold, in the shape and at the place that they have."""
+
+    def __init__(self, stepper: Stepper, in_pieces: frozenset[str]) -> None:
+        """Take them from the stepper's state.
+
+        Args:
+            stepper: Solves the steps.
+            in_pieces: Parts named rigid whose cells are not connected through facets: nothing
+                tells what goes from piece to piece.
+        """
+        self._stepper, self._in_pieces = stepper, in_pieces
+        self._known: dict[int, RigidBody] = {}  # by their numbers
+        self._marks: dict[int, Ints] = {}  # of each, nodes that tell how it is turned
+        self._rows: tuple[System | None, dict[int, Ints]] = None, {}
+        self._stepped: System | None = None  # what has made the last step
+        self._borne: dict[int, Array] | None = None  # forces in it, once they were asked for
+
+    def records(self) -> list[RigidBody]:
+        """Their data. Collective."""
+        clamped, named = self._stepper.state.clamped, self._stepper.scene.named(Rigid)
+        wanted = {n: named[n - 1].name for n in clamped if named[n - 1].name not in self._in_pieces}
+        self._known = {
+            number: self._known.get(number) or self._record(name, number, clamped[number])
+            for number, name in wanted.items()
+        }
+        return list(self._known.values())
+
+    def _record(self, name: str, number: int, cells: npt.NDArray[np.int32]) -> RigidBody:
+        """A part as a body that is frozen where it is. Collective."""
+        stepper = self._stepper
+        scene, state, forces = stepper.scene, stepper.state, stepper.forces
+        inside = nodes_of(scene, forces.cells(cells))[: scene.owned_nodes]
+        nodes = np.flatnonzero(inside).astype(np.int32)
+        x, m = state.positions(nodes.astype(np.int64)), scene.averaging_mass[nodes]
+        sums = scene.sum(np.r_[m.sum(), m @ x, cells.size])
+        centre = sums[1:4] / sums[0]
+        spread = np.asarray(scene.sum((x - centre).T @ (m[:, None] * (x - centre))))
+        data = RigidBody(
+            name=name,
+            cells=cells,
+            nodes=nodes,
+            offsets=x - centre,
+            displacement=x - state.X[nodes],
+            mass=float(sums[0]),
+            inertia=np.trace(spread) * np.eye(3) - spread,
+            origin=centre,
+            number=number,
+            size=int(sums[4]),
+            named=(name,),
+        )
+        self._marks[number] = spanning(data.offsets, data.length)
+        return data
+
+    def present(self) -> Bodies:
+        """They at the places of their nodes. Collective."""
+        return Bodies.of_each(Body(data, self._motion(data)) for data in self._known.values())
+
+    def _motion(self, data: RigidBody) -> BodyMotion:
+        at = data.nodes[self._marks[data.number]]
+        r, R = self._fitted(data, self._stepper.state.positions(at.astype(np.int64)))
+        return BodyMotion(r, R, np.zeros(3), np.zeros(3))
+
+    def _fitted(self, data: RigidBody, x: Array) -> tuple[Array, Array]:
+        """Centre [m] and rotation of a part whose marks are there. Collective.
+
+        Args:
+            data: The part.
+            x: Places of its marks, shape (marks, 3) [m].
+        """
+        V, x = data.offsets[self._marks[data.number]], x - data.origin
+        local = np.concatenate([[[len(V), 0, 0]], [x.sum(axis=0)], [V.sum(axis=0)], x.T @ V])
+        (count, *_), sx, sV, *xV = np.asarray(self._stepper.scene.sum(local))
+        W, _, Vt = np.linalg.svd(xV - np.outer(sx, sV) / count)
+        R = W @ np.diag([1.0, 1.0, np.linalg.det(W @ Vt)]) @ Vt
+        return data.origin + (sx - R @ sV) / count, R
+
+    def held(self) -> Bools:
+        """For each owned node, which components are held as the parts would strain, too."""
+        stepper = self._stepper
+        held = stepper.prescribed.mask.reshape(-1, 3).copy()
+        truly = PrescribedDofs(stepper.scene, stepper.prescribed.active).mask.reshape(-1, 3)
+        for data in self._known.values():
+            held[data.nodes] = truly[data.nodes]
+        return held
+
+    def borne(self, data: RigidBody) -> Array:
+        """What a part's nodes have to resist in the step that was solved last. Collective.
+
+        Returns:
+            Forces in its frame, shape (nodes, 3) [N].
+        """
+        system = self._stepper.system
+        equilibrium, rows = system.equilibrium, self._rows_of(data, system)
+        u, d = (of.reshape(-1, 3) for of in (equilibrium.start, equilibrium.d.array_r))
+        own = rows[self._marks[data.number]]
+        _, R = self._fitted(data, system.layout.rows.X[own] + u[own] + 0.5 * d[own])
+        f: Array = equilibrium.forces_out_of_balance.array_r.reshape(-1, 3)[rows]
+        return -f @ R
+
+    def _rows_of(self, data: RigidBody, system: System) -> Ints:
+        """Places of a part's nodes among the rows of a division."""
+        if self._rows[0] is not system:
+            self._rows = system, {}
+        known = self._rows[1]
+        if data.number not in known:
+            known[data.number] = system.layout.rows.positions(data.nodes)
+        return known[data.number]
+
+    def loaded(self) -> list[tuple[RigidBody, Array]]:
+        """The parts, and what their nodes resisted in the last step. Collective.
+
+        Returns:
+            Forces in the parts' frames, shape (nodes, 3) [N]; nothing before a step.
+        """
+        self.remember()
+        records = self.records()
+        if self._borne is None or any(data.number not in self._borne for data in records):
+            return []
+        return [(data, self._borne[data.number]) for data in records]
+
+    def remember(self) -> None:
+        """Have the forces of the last step outlast its equations. Collective."""
+        if self._borne is None and self._stepped is self._stepper.system:
+            self._borne = {data.number: self.borne(data) for data in self.records()}
+
+    def forget(self) -> None:
+        """Have no forces known: an error has left the equations as it found them."""
+        self._stepped = None
+
+    def accept(self, attempt: Attempt) -> None:
+        """See `Watch`."""
+        self._stepped, self._borne = self._stepper.system, None

@@ -1,0 +1,210 @@
+"""What rigid parts would strain by, for stresses that are asked for.
+
+Bodies that were found have the strains of the error motion. A part named rigid has none there, as
+it is rigid in the twin, too: it is strained by the forces on its nodes, by its own stiffness. Where
+more than what holds it bears the loads, or where it would bend by so much that a linear response
+does not balance the forces (stresses of a bar whose tip went 4 % of its length were 4 % off, by
+turns alone), the whole structure is solved with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.error.error_motion import ErrorMotion
+from rigidfx.error.forces.body_forces import BodyForces
+from rigidfx.flexible.linear_forms import LinearForms
+from rigidfx.mechanics.rigid_body import RigidBody
+from rigidfx.recovery.at_rest import AtRest
+from rigidfx.recovery.held_parts import HeldParts
+from rigidfx.recovery.whole import Whole, small_enough
+from rigidfx.step.stepper import Stepper
+from rigidfx.step.system.supports import PrescribedDofs
+
+__all__ = ["Carried", "Recovery"]
+
+Array = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
+Int32s = npt.NDArray[np.int32]
+
+
+BENDS = 0.02  # part of its length that a part may move within itself by a linear response
+
+
+class Carried(NamedTuple):
+    """What forces on rigid parts would move there.
+
+    Attributes:
+        u: Displacements of the owned nodes in space, zero outside, shape (nodes, 3) [m].
+        cells: Owned cells that it is of.
+        balanced: Those of them whose forces balance where it leads to; it is a linear response, the
+            first derivative of a motion, in the others.
+    """
+
+    u: Array
+    cells: Int32s
+    balanced: Int32s
+
+    def among(self, count: int) -> tuple[Bools, Bools]:
+        """Which of so many owned cells it is of, and of which as a linear response."""
+        cells, linear = np.zeros((2, count), dtype=bool)
+        cells[self.cells] = linear[self.cells] = True
+        linear[self.balanced] = False
+        return cells, linear
+
+
+class Recovery:
+    """Knows what rigid parts strain by; solves for those named rigid once for each state.
+
+    The whole structure's equations and factors serve for as long as the division is the same, and
+    what acts on it; factors that have become too old are found out by what a solve leaves.
+    """
+
+    def __init__(
+        self,
+        stepper: Stepper,
+        forces: BodyForces,
+        held: HeldParts | None,
+        error: ErrorMotion,
+    ) -> None:
+        """Nothing is known yet.
+
+        Args:
+            stepper: Solves the steps.
+            forces: Those on bodies.
+            held: Parts named rigid that supports hold; None if none ever do.
+            error: The error motion.
+        """
+        self._stepper, self._forces, self._held, self._error = stepper, forces, held, error
+        self._asked = -1  # the state that is known, by how often it had been written into
+        self._known: Carried | None = None
+        self._linear: LinearForms | None = None
+        self._rest: dict[bool, AtRest] = {}  # of parts that move, and of those that are held
+        self._whole: Whole | None = None
+        self._of: tuple[object, ...] = ()  # what that is bound to
+        self._ended = False
+
+    def recovered(self) -> Carried:
+        """What rigid parts strain by after the last step. Collective."""
+        if self._known is None or self._asked != self._stepper.state.changes:
+            self._asked, self._known = self._stepper.state.changes, self._recovered()
+            if self._ended:
+                self._free()
+        return self._known
+
+    def _recovered(self) -> Carried:
+        u, cells = self._error.moved()
+        stepper, loaded = self._stepper, []
+        for held, own in self._loaded().items():
+            if not own:
+                continue
+            bodies = [data for data, _ in own]
+            present = self._held.present() if held and self._held else stepper.state.bodies
+            R = {id(body.data): body.motion.R for body in present}
+            moved = self._at_rest(held, bodies).strained([force for _, force in own])
+            for (data, force), e in zip(own, moved, strict=True):
+                turned = R[id(data)].T
+                u[data.nodes] = e @ turned
+                cells = np.union1d(cells, data.cells)
+                loaded += [(data, force @ turned)]
+        return Carried(u, cells.astype(np.int32), self._balanced(u, loaded))
+
+    def _loaded(self) -> dict[bool, list[tuple[RigidBody, Array]]]:
+        """Parts named rigid and ρ in their frames, of those held and of others. Collective."""
+        now = {id(data) for data in self._stepper.state.bodies.of.records}
+        moving = [(data, force) for data, force in self._forces.named() if id(data) in now]
+        return {False: moving, True: [] if self._held is None else self._held.loaded()}
+
+    def _at_rest(self, held: bool, bodies: list[RigidBody]) -> AtRest:
+        """The equations of these parts. Collective."""
+        known = self._rest.get(held)
+        if known is not None and [*map(id, known.bodies)] == [*map(id, bodies)]:
+            return known
+        if known is not None:
+            known.destroy()
+        if self._linear is None:
+            self._linear = LinearForms(self._stepper.scene, self._stepper.forces)
+        mask = self._stepper.prescribed.mask.reshape(-1, 3)
+        where = self._held.held() if held and self._held is not None else mask
+        self._rest[held] = AtRest(self._stepper, self._linear, bodies, where)
+        return self._rest[held]
+
+    def _balanced(self, u: Array, loaded: Sequence[tuple[RigidBody, Array]]) -> Int32s:
+        """Put in what parts strain in the whole structure, where that is another. Collective.
+
+        Args:
+            u: Displacements of owned nodes, written where parts are, shape (nodes, 3) [m].
+            loaded: The parts, and ρ at their nodes in space, shape (nodes, 3) [N].
+
+        Returns:
+            Owned cells of these parts; none where they are as they were.
+        """
+        stepper, parts = self._stepper, [data for data, _ in loaded]
+        none = np.empty(0, np.int32)
+        if not parts or not small_enough(stepper):
+            return none
+        if not (self._bends(u, parts) or self._more_bears(parts)):
+            return none
+        whole = self._present(parts)
+        whole.take(self._forces.dt)
+        try:
+            known = whole.displaced([force for _, force in loaded])
+        finally:
+            whole.leave()
+        if known is None:
+            return none
+        for data, e in zip(parts, known, strict=True):
+            u[data.nodes] = e
+        return np.concatenate([data.cells for data in parts])
+
+    def remember(self) -> None:
+        """Have what is known of the last step outlast its equations. Collective."""
+        if self._held is not None:
+            self._held.remember()
+
+    def forget(self) -> None:
+        """Have nothing known of the last step of held parts, which an error has ended."""
+        if self._held is not None:
+            self._held.forget()
+
+    def _present(self, parts: Sequence[RigidBody]) -> Whole:
+        """The equations of the present division. Collective."""
+        system = self._stepper.system
+        of = system, system.acting, *parts
+        forgetful = bool(self._stepper.state.notes)  # what effects remember goes on meanwhile
+        if self._whole is None or forgetful or [*map(id, of)] != [*map(id, self._of)]:
+            if self._whole is not None:
+                self._whole.destroy()
+            self._whole, self._of = Whole(self._stepper, parts), of
+        return self._whole
+
+    def _free(self) -> None:
+        """Free the PETSc objects. Collective."""
+        for item in (self._whole, *self._rest.values()):
+            if item is not None:
+                item.destroy()
+        self._whole, self._of, self._rest = None, (), {}
+
+    def destroy(self) -> None:
+        """Free the PETSc objects; what is asked for later is made for that alone. Collective."""
+        self._free()
+        self._ended = True
+
+    def _bends(self, u: Array, parts: Sequence[RigidBody]) -> bool:
+        """Whether any of the parts moves far within itself by a linear response. Collective."""
+        far = (np.abs(u[data.nodes]).max(initial=0.0) > BENDS * data.length for data in parts)
+        return bool(self._stepper.scene.sum(float(sum(far))))
+
+    def _more_bears(self, parts: Sequence[RigidBody]) -> bool:
+        """Whether springs, contacts or supports elsewhere take loads as well. Collective."""
+        stepper = self._stepper
+        active = PrescribedDofs(stepper.scene, stepper.prescribed.active).mask
+        elsewhere: Bools = np.any(active.reshape(-1, 3), axis=1)
+        for data in parts:
+            elsewhere[data.nodes] = False
+        here = np.count_nonzero(elsewhere[: stepper.scene.owned_nodes])
+        return bool(stepper.system.actions.elastic or stepper.scene.sum(float(here)))

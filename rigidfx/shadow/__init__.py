@@ -1,1 +1,0 @@
-"""Shadows of rigid bodies: how they would strain if they were flexible."""
