@@ -18,7 +18,6 @@ APART = {
     *("scene", "_scene", "_element", "_here"),  # as they were given, or by identity
     *("_field", "_cell_field", "_square"),  # refilled before they are read
     *("_last", "Whereabouts._first", "held", "_seen"),  # reports, the preload, bodies by identity
-    *("strokes", "bends", "drift", "trial"),  # for shadows alone
 }
 
 

@@ -223,17 +223,6 @@ def test_nothing_is_sure_from_a_contact_on(tmp_path):
     assert alone[-1].ledger.sure == "unknown"
 
 
-def test_nothing_freezes_as_a_motion_begins():
-    """What had frozen after eight steps at rest, and one of motion, woke in the next."""
-    block = rf.StVenantKirchhoff(E=1e7, nu=0.3, rho=1000.0)
-    effects = [rf.Fixed("x0"), rf.Gravity((0, 0, 0.5), since=1.0), rf.MassDamping(0.5)]
-    materials = {"stalk": SOFT, "block": block}
-    scene = rf.Scene(bar().domain, materials, effects, probes={"tip": (8, 0.5, 0.5)})
-    reports = run(scene, asked(0.03), 1.2)
-    assert reports[-1].ledger.time.spent > 0
-    assert not [event for report in reports for event in report.events]
-
-
 def test_what_is_too_small_to_be_worth_it_stays_flexible():
     """Nothing watches it then, and time integration has all of the budget."""
     last = run(swaying(), rf.Accuracy(0.05, "tip"), 1.0)[-1]

@@ -110,39 +110,34 @@ PRESS = rf.Traction("x1", (0, 0, -50.0), time=slowly)
 
 
 @pytest.mark.parametrize(
-    ("effects", "name", "off"),
+    ("effects", "name"),
     [
-        ((PUSH, CLAMP, rf.Spring("x1", 3000.0)), "root", 0.1),
-        ((GRAVITY, CLAMP, rf.Fixed("x1", "z"), rf.Spring("x1", 300.0)), "root", 0.4),
-        ((GRAVITY, CLAMP, FLOOR), "root", 1.0),
-        ((PRESS, CLAMP, FLOOR), "rest", 0.3),
-        ((GRAVITY, PRESS, CLAMP, floor(friction=0.3, creep=1e-3)), "root", 1.0),
-        ((GRAVITY, PRESS, CLAMP, floor(0.01, friction=0.3, creep=1e-5)), "root", 1.0),
-        ((GRAVITY, CLAMP, rf.Spring("x1", 3000.0), *VISCOUS), "root", 0.1),
-        ((rf.Gravity((0, 0, -2.0), time=slowly), CLAMP), "root", 0.1),
-        ((rf.Traction("x1", (2e5, 0, 0), time=slowly), CLAMP, rf.Spring("x1", 1e5)), "root", 0.1),
+        ((PUSH, CLAMP, rf.Spring("x1", 3000.0)), "root"),
+        ((GRAVITY, CLAMP, rf.Fixed("x1", "z"), rf.Spring("x1", 300.0)), "root"),
+        ((GRAVITY, CLAMP, FLOOR), "root"),
+        ((PRESS, CLAMP, FLOOR), "rest"),
+        ((GRAVITY, PRESS, CLAMP, floor(friction=0.3, creep=1e-3)), "root"),
+        ((GRAVITY, PRESS, CLAMP, floor(0.01, friction=0.3, creep=1e-5)), "root"),
+        ((GRAVITY, CLAMP, rf.Spring("x1", 3000.0), *VISCOUS), "root"),
+        ((rf.Gravity((0, 0, -2.0), time=slowly), CLAMP), "root"),
+        ((rf.Traction("x1", (2e5, 0, 0), time=slowly), CLAMP, rf.Spring("x1", 1e5)), "root"),
     ],
     ids=[
         *("spring", "second support", "floor", "free on a floor", "friction", "belt"),
         *("viscous", "bent far", "pulled far"),
     ],
 )
-def test_what_parts_carry_is_that_of_the_whole_structure(monkeypatch, effects, name, off):
-    """Within 3 % of the twin's stress in the mean; by the shadow alone it is off by far more."""
+def test_what_parts_carry_is_that_of_the_whole_structure(effects, name):
+    """Within 3 % of the twin's stress in the mean."""
     scene, flexible = bar(*effects, DRAG, rf.Rigid(name), root=SOFT), bar(*effects, DRAG, root=SOFT)
     rule = rf.StrainRate(rf.Relative(0.02), 5 * DT, never=("root", "rest"))
     last, last_of_twin = ended(scene, T / 4, rule)[2], ended(flexible, T / 4)[2]
     exact, _ = rf.recovered_stress(last_of_twin, CauchyStress(flexible))
 
-    def error():
-        carried, recovered = rf.recovered_stress(last, CauchyStress(scene))
-        assert np.array_equal(np.flatnonzero(recovered), scene.owned_cells(name, ""))
-        sizes = np.linalg.norm([carried - exact, exact], axis=(2, 3))[:, recovered].sum(axis=1)
-        return sizes[0] / sizes[1]
-
-    assert error() < 0.03
-    monkeypatch.setattr(rigidfx.recovery.recovery, "small_enough", lambda stepper: False)
-    assert error() > off
+    carried, recovered = rf.recovered_stress(last, CauchyStress(scene))
+    assert np.array_equal(np.flatnonzero(recovered), scene.owned_cells(name, ""))
+    sizes = np.linalg.norm([carried - exact, exact], axis=(2, 3))[:, recovered].sum(axis=1)
+    assert sizes[0] < 0.03 * sizes[1]
 
 
 @pytest.mark.filterwarnings("ignore:StrainRate. forces would:rigidfx.RigidfxWarning")

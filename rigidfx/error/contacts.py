@@ -107,14 +107,14 @@ class Bound:
         """
         scene = stepper.scene
         self._stepper, self._rows, self.notes = stepper, rows, notes
-        self._u0: Array = np.zeros(3 * len(scene.start_places))
+        self._start: Array = np.zeros(3 * len(scene.start_places))
         structure = BoundStructure(
             scene=scene,
             rows=rows,
             own=np.ones(rows.nodes.size, dtype=bool),
             bodies=Bodies.of_each(()),
             mass=None,
-            u=self._u0,
+            u=self._start,
             surface=stepper.forces.surface,
             failures=stepper.failures,
             notes=notes,
@@ -135,7 +135,7 @@ class Bound:
         if acting is not self._acting:
             self._acting = acting
             actions.select(acting)
-        self._u0[: start.size] = start.reshape(-1)
+        self._start[: start.size] = start.reshape(-1)
         self._moved.array[:] = moved.reshape(-1)
         self._f.set(0.0)
         actions.set_time(attempt.t + dt / 2, dt)

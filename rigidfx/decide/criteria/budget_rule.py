@@ -81,7 +81,18 @@ class BudgetRule:
     """
 
     remembered: ClassVar[Remembered] = (
-        same("_sums", "_period", "_energy", "_free", "_t", "_budget", "_size", "_largest", "_shown")
+        same(
+            "_sums",
+            "_period",
+            "_energy",
+            "_free",
+            "_t",
+            "_budget",
+            "_size",
+            "_largest",
+            "_shown",
+            "_rigid",
+        )
         | dict.fromkeys(("tol", "_strains", "_weights"), ON_CELLS)
         | {"_swings": PART}
     )
@@ -116,6 +127,7 @@ class BudgetRule:
         self._budget = self._spending.rigidity * budget  # what rigidity may spend
         self._size, self._largest = 0.0, 0.0  # |e| and U [m]
         self._shown = False  # whether e is added to what is shown
+        self._rigid = False  # whether anything was found to be
         self.tol: Array = np.zeros(cells)
 
     # What is allowed ----------------------------------------------------------------------------
@@ -145,10 +157,12 @@ class BudgetRule:
     @property
     def rigidity(self) -> Rigidity:
         """What bodies do to the motion."""
+        motion = self._off(self._size)
+        kept = self._budget if self._rigid else min(motion, self._whole)
         return Rigidity(
-            motion=self._off(self._size),
-            allowed=self._budget,
-            rest=self._whole - self._budget,
+            motion=motion,
+            allowed=kept,
+            rest=self._whole - kept,
             withheld=self._lost,
             free=self._free,
             rings=False,
@@ -185,8 +199,10 @@ class BudgetRule:
         self._free = rested > self._spending.at_rest * seen.dt
         self._size, self._shown = seen.error
         self._largest, self._t = control.length.displacement, seen.t
-        left = max(self._whole - control.length.used, 0.0)
-        self._budget = self._spending.rigidity * left
+        self._rigid = any(not body.named for body in seen.bodies)
+        if not self._rigid:  # time integration spends what there is, until something is
+            left = max(self._whole - control.length.used, 0.0)
+            self._budget = self._spending.rigidity * left
 
     def window_ends(self, seen: Observation, flexible: Bools) -> None:
         """Find the tolerances with which what is allowed is used. Collective."""
