@@ -23,13 +23,13 @@ from statistics import median
 
 import numpy as np
 from bench import DT, MATERIAL, PUSH, Parser, Turns, bar, cells_of_bar, conclude, timed
+from rigidfx.error.error_motion import LOOKS
 
 import rigidfx
 from rigidfx.mechanics.eased import Eased
 from rigidfx.preparation import prepare
 from rigidfx.run import Run
 from rigidfx.scene.timeline import Timeline
-from rigidfx.shadow.pace import LONG, LOOKS
 from rigidfx.step.step_result import StepResult
 from rigidfx.switch.inventory import divide
 
@@ -83,15 +83,15 @@ def shadows(unknowns: int, looks: int, *supports: rigidfx.Fixed) -> dict[str, fl
         )
         for wake in ("local", "none")
     }
-    with Turns(runs, warm=2 * LOOKS + LONG[0]) as turns:
-        for _ in range(looks * LONG[0]):
+    with Turns(runs, warm=3 * LOOKS) as turns:
+        for _ in range(looks * LOOKS):
             turns.take()
     watched, plain = (float(np.mean(turns.seconds[wake])) for wake in runs)
     usual = turns.median("local")
     return {
         "shadow_share_of_a_step_with_it": 1 - plain / watched,
         "shadow_to_a_step_without_it": watched / plain - 1,
-        "seconds_of_a_look": LONG[0] * (watched - usual),
+        "seconds_of_a_look": LOOKS * (watched - usual),
     }
 
 

@@ -143,9 +143,7 @@ class Keeper:
         except Forgetful as error:
             problem = (
                 f"Checkpoint: {error} does not say what it remembers (`remembered`), so that no "
-                "checkpoint can keep it. Leave the checkpoint out, or what needs that class: a "
-                "rule of your own, or a StrainRate or an Accuracy where shadows decide (contacts, "
-                "free or named parts)."
+                "checkpoint can keep it. Leave the checkpoint out, or give that class the field."
             )
         agree(self._comm, problem)
 

@@ -2,7 +2,7 @@
 
 Rigidity bears what the forces on a body would strain. Cut at once, its cells ring about the shape
 that these forces give them. So they bear on for a while the stress that they lack of that shape,
-less and less of it: they begin with the acceleration of the body's shadow, and nothing jumps.
+less and less of it: they begin with the acceleration of the error motion, and nothing jumps.
 """
 
 from __future__ import annotations

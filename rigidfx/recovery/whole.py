@@ -1,10 +1,8 @@
 """The structure as it is now, some of its rigid parts flexible: what forces on these move there.
 
-The difference of two motions, e = ũ - u, obeys the equations of the whole structure under ρ; a
-shadow is that structure, cut off behind one layer of cells, without its contacts and springs. Where
-something else bears the loads that is too little to hold what is there. Here it is all of it as it
-is now, other bodies condensed, springs and contacts as they are: in a step so long that neither
-inertia nor viscosity counts.
+The difference of two motions, e = ũ - u, obeys the equations of the whole structure under ρ: all of
+it as it is now, other bodies condensed, springs and contacts as they are, in a step so long that
+neither inertia nor viscosity counts.
 
 Newton's method goes from state to state, g(u + e) - g(u) = ρ: at each iterate a step begins there,
 whose forces without an increment are those of that state. A single step that leads to 2e, its

@@ -81,7 +81,6 @@ class Rigidity:
         withheld: What bodies may withhold now, or keep of vibrations, over the largest energy of
             deformation.
         free: Whether loads rest.
-        rings: Whether shadows swing by more than loads at rest would strain them.
     """
 
     motion: float
@@ -89,7 +88,6 @@ class Rigidity:
     rest: float
     withheld: float
     free: bool
-    rings: bool
 
 
 @dataclass(frozen=True)
@@ -106,7 +104,7 @@ class Ledger:
         periods: Periods N that the motion has gone through so far, as far as can be told.
         rejected: Steps that were repeated so far, as they erred by too much in time.
         rigidity: Error of displacements by what is rigid so far, an estimate; of `Accuracy` only.
-        sure: What that is now: an "estimate"; a "bound" where bodies' shadows ring; "unknown" where
+        sure: What that is now: an "estimate"; "unknown" where
             loads change as fast as the structure vibrates, as near a resonance or in a blow, and
             from then on if anything was rigid; and from the first contact on.
         struck: Whether a contact has closed: what time integration errs by is unknown from then on,
@@ -249,7 +247,7 @@ class Ledgers:
                 return "unknown"
         if self._lost or self._struck:
             return "unknown"
-        return "bound" if rigidity.rings else "estimate"
+        return "estimate"
 
     def _time(self) -> Entry:
         control = self._stepper.control

@@ -32,11 +32,11 @@ __all__ = ["Accuracy", "controlled"]
 FINER = 4  # a twin's Δt
 OF_XI = 0.3  # of the ξ with which damping would take as much as it may, were it to go on as it does
 ALL = 0.95  # of the energy: what damping takes more than that does not tell how fast it does
-# Unknowns of a body, from which it may save what its shadow and Python cost: steps took 3.5 ms at
+# Unknowns of a body, from which it may save what the error motion and Python cost: steps took 3.5 ms at
 # 1000 unknowns all flexible, and 2 ms more beside bodies that took 19 % of these.
 WORTH = 600
 # Unknowns of a structure, from which it is looked at: with half of fewer rigid a step would lose 1
-# of its 4 ms, and looking takes .6 ms, a shadow 2.
+# of its 4 ms, and looking takes 0.6 ms.
 WATCHED = 1500
 
 
@@ -178,7 +178,7 @@ class Accuracy(Criterion):
     @property
     def idle(self) -> Rigidity:
         """What rigidity does to a motion where nothing becomes rigid."""
-        return Rigidity(0.0, 0.0, float(self.budget), 0.0, True, False)
+        return Rigidity(0.0, 0.0, float(self.budget), 0.0, True)
 
     def rule(self, scene: Scene, timeline: Timeline, memory: Memory) -> BudgetRule:
         """See `Criterion`."""

@@ -165,7 +165,6 @@ class BudgetRule:
             rest=self._whole - kept,
             withheld=self._lost,
             free=self._free,
-            rings=False,
         )
 
     def limits(self) -> Limits:

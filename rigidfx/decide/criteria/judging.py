@@ -21,7 +21,7 @@ __all__ = ["EASING", "Criterion", "never_rigid", "part_of_window"]
 
 LEAST = 2  # cells of a body: one alone hardly saves anything
 EASING = 0.25  # windows in which released cells are let down, at least
-WORTH = 0.05  # of all cells: what is less saves less than its switches and its shadow cost
+WORTH = 0.05  # of all cells: what is less saves less than its switches cost
 
 
 class Criterion:

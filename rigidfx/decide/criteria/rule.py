@@ -45,7 +45,7 @@ class Rule(Protocol):
         ...
 
     def limits(self) -> Limits:
-        """What shadows compare with in the step to come. Collective."""
+        """What wakes cells in the step to come. Collective."""
         ...
 
     @property

@@ -8,7 +8,7 @@ one would have paid with foresight (A.R. Karlin, M.S. Manasse, L. Rudolph and D.
 Algorithmica 3 (1988) 79-119).
 
 The unit is a flexible step. At 7056 unknowns, with kept tangents and five iterations a step, a
-freeze and a release took 12 of them, shadows and their factors included; as bodies come and go
+freeze and a release took 12 of them, those of the error motion included; as bodies come and go
 together with others, less than the sum is asked for, and where steps take more iterations switches
 are the fewer of them. Iterations and tangents of the steps themselves are not counted: they depend
 on what solves, which depends on the ranks.

@@ -1,4 +1,4 @@
-"""The cells and nodes of the bodies that have a shadow, in the shape that they are frozen in."""
+"""The cells and nodes of some bodies, in the shape that they are frozen in."""
 
 from __future__ import annotations
 
@@ -71,7 +71,6 @@ class Parts:
         self._places: Array = np.column_stack([np.ones(nodes.size), self.V])
         self._masses: Array = m[:, None] * self._places
         self._spans = tuple(map(_span, self.at))
-        self._spread: Array | None = None  # Σ m V Vᵀ of each body, once asked for [kg m²]
         self._lengths = np.array([body.length for body in bodies])[:, None]
         self._inertia = self._inertia_of_each()
         self._inverse = [np.linalg.pinv(block) for block in self._inertia]
@@ -128,34 +127,6 @@ class Parts:
         moving = self._rigid_motion(self._places, force)
         for own, of_body in zip(self._spans, moving, strict=True):
             force[own] -= self._masses[own] @ of_body
-
-    def not_shifting(self, force: Array) -> Array:
-        """Forces without what shifts each body, by masses; in any frame. Collective.
-
-        Args:
-            force: On the nodes of the rows, shape (nodes, 3) [N].
-        """
-        local = np.array(
-            [[*force[own].sum(axis=0), *self._masses[own, :1].sum(axis=0)] for own in self._spans]
-        )
-        shift = np.zeros((len(self.bodies), 4, 3))
-        sums = np.asarray(self._scene.sum(local))
-        shift[:, 0] = sums[:, :3] / sums[:, 3:]
-        out = force.copy()
-        for own, of_body in zip(self._spans, shift, strict=True):
-            out[own] -= self._masses[own] @ of_body
-        return out
-
-    def size_of_linear(self, numbers: Array) -> float:
-        """Size, as of `size`, of forces m V times numbers of each body [N/√kg]. Collective.
-
-        Args:
-            numbers: Shape (bodies, 3, 3) [1/s²].
-        """
-        if self._spread is None:
-            local = [self.V[own].T @ self._masses[own, 1:] for own in self._spans]
-            self._spread = np.asarray(self._scene.sum(np.array(local)))
-        return float(np.sqrt(max(float(np.vdot(numbers, self._spread @ numbers)), 0.0)))
 
     def unmoved(self, u: Array) -> Array:
         """Displacements without the rigid motion that fits them best, by masses. Collective.
@@ -238,10 +209,6 @@ class Parts:
         square = float(np.vdot(force * force, self._lightness))
         return float(np.sqrt(self._scene.sum(square)))
 
-    def change(self, before: Array | None, force: Array) -> float:
-        """Size of the change of forces; zero if none were before. Collective."""
-        return 0.0 if before is None or force is before else self.size(force - before)
-
     def energies(self, force: Array, u: Array) -> Array:
         """½ f·u of each body, on this rank [J].
 
@@ -250,22 +217,6 @@ class Parts:
             u: Their displacements, likewise [m].
         """
         return np.array([0.5 * float(np.vdot(force[own], u[own])) for own in self._spans])
-
-    def named(self, force: Array, bodies: Bodies) -> list[tuple[RigidBody, Array]]:
-        """Bodies with parts named rigid, and forces on their nodes in space.
-
-        Args:
-            force: On the nodes of the rows, in the bodies' frames, shape (nodes, 3) [N].
-            bodies: Bodies at present; some may be others than here.
-        """
-        now = {id(body.data): body.motion.R for body in bodies if body.data.named}
-        pairs = zip(self.bodies, self.at, strict=True)
-        return [(data, force[at] @ now[id(data)].T) for data, at in pairs if id(data) in now]
-
-    def by_name(self, numbers: Array) -> dict[str, float]:
-        """Numbers of the bodies, by the names of the parts named rigid that are in them."""
-        each = zip(self.bodies, numbers, strict=True)
-        return {name: float(number) for body, number in each for name in body.named}
 
     def mass(self) -> Mass:
         """Mass operator of the rows; the caller destroys it. Collective."""
@@ -302,7 +253,7 @@ def mass_of(scene: Scene, rows: Rows, cells: Cells) -> Mass:
 
 
 def watched(bodies: Sequence[RigidBody], in_pieces: frozenset[str]) -> list[RigidBody]:
-    """The bodies that can have a shadow, with the mass and inertia of their cells.
+    """The bodies whose ρ is known, with the mass and inertia of their cells.
 
     Args:
         bodies: All bodies.
