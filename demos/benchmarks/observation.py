@@ -23,9 +23,9 @@ from statistics import median
 
 import numpy as np
 from bench import DT, MATERIAL, PUSH, Parser, Turns, bar, cells_of_bar, conclude, timed
-from rigidfx.error.error_motion import LOOKS
 
 import rigidfx
+from rigidfx.error.error_motion import LOOKS
 from rigidfx.mechanics.eased import Eased
 from rigidfx.preparation import prepare
 from rigidfx.run import Run

@@ -32,7 +32,7 @@ __all__ = ["Accuracy", "controlled"]
 FINER = 4  # a twin's Δt
 OF_XI = 0.3  # of the ξ with which damping would take as much as it may, were it to go on as it does
 ALL = 0.95  # of the energy: what damping takes more than that does not tell how fast it does
-# Unknowns of a body, from which it may save what the error motion and Python cost: steps took 3.5 ms at
+# Unknowns of a body, from which it may save what e and Python cost: steps took 3.5 ms at
 # 1000 unknowns all flexible, and 2 ms more beside bodies that took 19 % of these.
 WORTH = 600
 # Unknowns of a structure, from which it is looked at: with half of fewer rigid a step would lose 1
