@@ -175,10 +175,10 @@ def main() -> None:
     parser.add_only("cases")
     parser.add_argument("--kills", type=int, default=KILLS, help="of each case")
     parser.add_argument("--seed", type=int, default=0, help="of the instants")
-    options = parser.read(kills=1, only="contact, 1")
+    parser.add_argument("--part", type=float, default=1.0, help="of the runs' lengths")
+    options = parser.read(kills=1, only="contact, 1", part=0.1)
     names = [name for name in CASES if options.only in name]
-    part = 0.1 if options.short else 1.0
-    rows = [case_of(name, options.kills, part, options.seed) for name in names]
+    rows = [case_of(name, options.kills, options.part, options.seed) for name in names]
     if options.only in "overhead" or options.short:
         rows.append(overhead(3000 if options.short else 20_000, 1 if options.short else 5))
     conclude(options.out, rows)
