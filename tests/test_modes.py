@@ -138,6 +138,8 @@ def test_effective_masses_add_up():
     scene = block(rf.Spring("z0", (1e4, 2e4, 4e4)), rf.Rigid())
     found = rf.modes(scene, 6)
     np.testing.assert_allclose(found.effective_mass.sum(axis=0), 1000.0, rtol=1e-10)
+    given = rf.modes(block(rf.Spring("z0", (1e4, 2e4, 4e4)), rf.Rigid(mass=30.0)), 6)
+    np.testing.assert_allclose([*given.effective_mass.sum(axis=0), given.mass], 30.0, rtol=1e-10)
     bent = rf.modes(beam(rf.Fixed("x0"), order=2), 1)
     assert abs(bent.effective_mass[0, 2] / bent.mass - 0.6131) < 0.003
 

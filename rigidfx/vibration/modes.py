@@ -26,6 +26,7 @@ from rigidfx.report.report import Report
 from rigidfx.scene.conflicts import refuse_joints
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.summary import FURTHER
+from rigidfx.scene.weights import inertial_masses
 from rigidfx.step.linear.eigenpairs import clusters, lowest
 from rigidfx.vibration.problem import Problem
 from rigidfx.vibration.series import draw_modes, write_modes
@@ -174,7 +175,7 @@ def modes(scene: Scene, count: int = 6, *, about: Report | None = None) -> Modes
 
 def _modes(scene: Scene, problem: Problem, count: int) -> Modes:
     pairs = lowest(problem.K, problem.M, count, problem.motions)
-    impulses = problem.impulses(scene.centre_of_mass)
+    impulses = problem.impulses(scene.centre_of(1.0, problem.places))
     gamma = np.array([y.mDot(impulses) for y in pairs.vectors]).reshape(-1, 6)
     shapes = np.array([problem.at_nodes(y) for y in pairs.vectors])
     shapes = shapes.reshape(-1, scene.nodal_mass.size, 3)
@@ -182,7 +183,7 @@ def _modes(scene: Scene, problem: Problem, count: int) -> Modes:
         item.destroy()
     turn = _aligned(scene, pairs.values, shapes)
     shapes = np.einsum("ij,jnk->ink", turn, shapes)
-    mass = scene.sum(scene.nodal_mass[: scene.owned_nodes].sum())
+    mass = scene.sum(inertial_masses(scene).sum())
     return Modes(scene, pairs.values, shapes, turn @ gamma, pairs.rigid, float(mass))
 
 

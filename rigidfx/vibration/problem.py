@@ -90,6 +90,11 @@ class Problem:
         self.K, self.M = self._stiffness(), self._masses()
         self.motions = self._rigid_motions() if free_to_move(scene, held) else []
 
+    @property
+    def places(self) -> Array:
+        """Places of the local nodes in the state, shape (nodes, 3) [m]."""
+        return np.asarray(self._state.X + self._state.u.x.array.reshape(-1, 3))
+
     def _stiffness(self) -> PETSc.Mat:
         """The tangent of statics at the state. Collective."""
         p, statics = self._prolongation, self._statics
