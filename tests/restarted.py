@@ -27,6 +27,7 @@ HELD, DRAG = rf.Fixed("x0"), rf.MassDamping(1.0)
 SINE = rf.Traction("x1", (0, 0, 40.0), time=lambda t: np.sin(2 * np.pi * t / 3) * min(1, t / 3))
 BLOW = rf.Traction("y1", (0, 300.0, 0), time=lambda t: max(0.0, 1 - ((t - 2.6) / 0.2) ** 2))
 FLOOR = rf.Contact("z0", against=rf.Plane((0, 0, -0.2), (0, 0, 1)), friction=0.3, creep=1e-3)
+LOW = rf.Contact("z0", against=rf.Plane((0, 0, -1e-3), (0, 0, 1)), stiffness=1e4)
 QUIET = rf.StrainRate(0.003, 0.4)
 
 
@@ -89,6 +90,11 @@ SCENES = {
         *(0.02, 3.0, {"rigidify": rf.StrainRate(0.003, 0.4, wake="all")}),
     ),
     "error": (partial(bar, HELD, SINE, BLOW, DRAG), 0.02, 3.2, {"rigidify": QUIET}),
+    "pressed": (partial(bar, HELD, SINE, BLOW, LOW, DRAG), 0.02, 3.2, {"rigidify": QUIET}),
+    "budget": (
+        partial(bar, HELD, SINE, BLOW, DRAG),
+        *(0.05, 3.2, {"accuracy": rf.Accuracy(0.1, min_cells=2)}),
+    ),
     "modes": (partial(bar, HELD, SINE, BLOW, DRAG), 0.02, 3.2, {"rigidify": QUIET}),
 }
 

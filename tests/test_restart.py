@@ -23,12 +23,12 @@ import rigidfx.error.equations
 NO_WARNINGS = pytest.mark.filterwarnings("ignore::rigidfx.base.errors.RigidfxWarning")
 
 
-STEPS = dict.fromkeys(SCENES, 15) | dict.fromkeys(("control", "all wake", "error", "modes"), 70)
+STEPS = dict.fromkeys(SCENES, 15) | dict.fromkeys(("control", "all wake", "error", "pressed", "modes"), 70)
 
 
 def parts(run):
     made = run.gi_frame.f_locals
-    return [made["run"], made["looks"]]
+    return parts(made["reports"]) if "reports" in made else [made["run"], made["looks"]]
 
 
 @NO_WARNINGS
@@ -51,7 +51,7 @@ def test_a_run_goes_on_bit_by_bit(name, tmp_path, monkeypatch):
             assert differences(parts(whole), parts(again)) == []
     rest += [row(report) for report in again]
     assert np.array_equal(rows[steps + 1 :], rest, equal_nan=True)
-    if name in ("error", "modes", "all wake"):
+    if name in ("error", "pressed", "modes", "all wake"):
         assert sum(r[4] for r in rows[: steps + 1]) > 0
         assert sum(r[4] for r in rest) > 0
 
