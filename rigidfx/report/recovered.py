@@ -1,12 +1,11 @@
-"""Stresses that rigid parts carry, recovered from the forces on them.
+"""Stresses that rigid parts carry.
 
-A rigid part keeps the stress that it was frozen with. What the forces on it would add, were it
-flexible, is that of E⁰ + ε(K⁺ρ) (docs/theory/waking.md): right for loads slower than the part.
-Where a run shows its error motion, all cells but those of parts named rigid have its strain and
-stress besides their own, whatever moves the part: it is right at resonance, too.
-That is what all stresses are which are shown, of cells, at nodes, at probes and at integration
-points; each is evaluated from one displacement in rigid cells and another in flexible ones, for
-they share nodes, and a node takes the mean of what both say.
+A rigid part keeps the stress that it was frozen with. The error motion adds the strain and stress
+by which the part differs from its flexible twin, at a resonance, too. In parts named rigid, which
+are rigid in the twin, the forces on their nodes add those of a static response, K⁺ρ
+(docs/theory/error_motion.md). All stresses shown contain this: of cells, at nodes, at probes and at
+integration points. Each is evaluated from one displacement in rigid cells and another in flexible
+ones, as they share nodes; a node takes the mean of both.
 """
 
 from __future__ import annotations

@@ -57,15 +57,14 @@ class StrainRate(Criterion):
             the force of a contact that differs from what it was at the last freeze by more than
             this fraction of its largest value so far has changed. A tenth if None; infinity lets
             only jumps, kinks and windows count.
-        wake: What ends a body. "local": what the forces on a body would strain, were it flexible,
-            is computed in each step; cells that it would strain at more than `kappa` times their
-            tolerance are released with a ring of cells round them, and the step is solved again; a
-            body is released whole where cells of that ring would spring, or where it has withheld
-            too much as a whole, and all are where the run is too far off its flexible twin, as far
-            as that can be told (see docs/rigid_parts.md). A change of a load releases nothing by
-            itself. "all": any change of a load or of a support releases all of them, the paper's
-            rule. "none": nothing, but what `release` asks for. In any case all bodies are released
-            where a support begins or ends. "local" if None, or "all" where load_change is given.
+        wake: What ends a body. "local": the error motion, by which the run differs from its
+            flexible twin, takes a step in each step; cells that it strains at more than `kappa`
+            times their tolerance are released with a ring of cells round them, and the step is
+            solved again; a body is released whole where cells of that ring would spring (see
+            docs/rigid_parts.md). A change of a load releases nothing by itself. "all": any change
+            of a load or of a support releases all of them, the paper's rule. "none": nothing, but
+            what `release` asks for. In any case all bodies are released where a support begins or
+            ends. "local" if None, or "all" where load_change is given.
         kappa: κ ≥ 1 of "local"; of no meaning with another.
         patience: Factor γ ≥ 1 by which cells have to qualify in more windows, one after the other,
             each time they are released sooner than they were observed, from the second time in a
