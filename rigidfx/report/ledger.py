@@ -1,6 +1,6 @@
 """What a run has spent of accuracy so far, and on what: accounts that are never added up.
 
-    withheld   strain energy that rigidity withholds now, ½ ρᵀK⁺ρ                     [J]
+    withheld   strain energy that rigidity withholds now, ½ ρᵀe                       [J]
     frozen     kinetic energy of vibration that bodies keep for their release now    [J]
     time       estimated error of displacements by time integration, added up        [m]
     rigidity   estimated error of displacements by what is rigid                     [m]
