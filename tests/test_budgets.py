@@ -214,7 +214,7 @@ def test_nothing_is_sure_from_a_contact_on(tmp_path):
     touch = int(np.argmax(h["contact"] > 0))
     assert h["t"][touch] == pytest.approx(np.sqrt(0.1), rel=0.05)
     assert (h["unsure"][:touch] == 0).all()
-    assert (h["unsure"][touch:] == 3).all()
+    assert (h["unsure"][touch:] == 2).all()
     assert report.ledger.struck
     assert report.ledger.sure == "unknown"
     assert "time integration (unknown)" in str(report.ledger)

@@ -23,7 +23,8 @@ import rigidfx.error.equations
 NO_WARNINGS = pytest.mark.filterwarnings("ignore::rigidfx.base.errors.RigidfxWarning")
 
 
-STEPS = dict.fromkeys(SCENES, 15) | dict.fromkeys(("control", "all wake", "error", "pressed", "modes"), 70)
+LONG = "control", "all wake", "error", "pressed", "modes"
+STEPS = dict.fromkeys(SCENES, 15) | dict.fromkeys(LONG, 70)
 
 
 def parts(run):

@@ -295,7 +295,18 @@ class ErrorMotion(Watch):
             if self.steps % LOOKS == 0:
                 x = self._stepper.state.positions(self._nodes)
                 self.validity.look(attempt.end, self._response, x, self._frames.shape)
-            self._response.scale(self.ending.part(attempt.dt, self._response))
+            self._response.scale(self._left(self.ending.part(attempt.dt, self._response)))
+
+    def _left(self, part: float) -> Array:
+        """What part of e is left at each owned node: of parts that nothing holds none. Collective.
+
+        While none of it is rigid, such a part is its own twin from then on: it is shown without e.
+        """
+        loose, eased = self._equations.loose, self._stepper.system.actions.easing
+        left = np.full(len(self._nodes), part)
+        if loose.count and not eased and not len(self._stepper.state.bodies):
+            left[loose.nodes] = 0.0
+        return left
 
     def _take(self, attempt: Attempt, frames: Frames) -> None:
         """Take a step of the run; none at rest. Collective."""

@@ -18,6 +18,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from rigidfx.base.remembered import ON_NODES, SAME, Items, Remembered, same
@@ -224,9 +225,10 @@ class Modal:
             self._asked, self._since = now, 0.0
         return self._changed
 
-    def scale(self, part: float) -> None:
+    def scale(self, part: Array) -> None:
         """See `Response`."""
-        self._eta, self._rate = part * self._eta, part * self._rate
+        largest = self._scene.comm.allreduce(float(part.max(initial=0.0)), op=MPI.MAX)
+        self._eta, self._rate = largest * self._eta, largest * self._rate
 
     def kept(self) -> object:
         """See `Response`."""

@@ -68,8 +68,8 @@ class Response(Protocol):
         """
         ...
 
-    def scale(self, part: float) -> None:
-        """Have a part of e and ė left."""
+    def scale(self, part: Array) -> None:
+        """Have a part of e and ė left, shape (nodes,); by modes the largest of all. Collective."""
         ...
 
     def kept(self) -> object:
@@ -137,9 +137,9 @@ class AllUnknowns:
         """See `Response`."""
         return self._change
 
-    def scale(self, part: float) -> None:
+    def scale(self, part: Array) -> None:
         """See `Response`."""
-        self._e, self._rate = part * self._e, part * self._rate
+        self._e, self._rate = part[:, None] * self._e, part[:, None] * self._rate
 
     def kept(self) -> object:
         """See `Response`."""

@@ -47,8 +47,8 @@ Columns, in SI units; a vector has one column for each of x, y, z:
     rigidity_error, rigidity_allowed         the same of what is rigid [m], with an `Accuracy`
     periods                                  that the motion has gone through so far
     unsure                                   0 where these are estimates, 1 where rigidity_error is
-                                             a bound, 2 where it is unknown, and 3 where time_error
-                                             is, too: from the first contact on
+                                             unknown, and 2 where time_error is, too: from the first
+                                             contact on
     measured_error                           largest distance from a twin so far [m], likewise
     wall                                     wall time of the step [s]
 """
@@ -88,7 +88,7 @@ LEDGER = (
     *("time_error", "displacement", "time_allowed", "rejected"),
     *("rigidity_error", "rigidity_allowed", "periods", "unsure", "measured_error"),
 )
-UNSURE = "estimate", "bound", "unknown"
+UNSURE = "estimate", "unknown"
 
 
 PAIRS = {"xyz"[i] + "xyz"[j]: (i, j) for i, j in SYMMETRIC}

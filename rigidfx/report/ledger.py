@@ -27,7 +27,7 @@ from rigidfx.step.stepper import Stepper
 __all__ = ["Entry", "Ledger", "Ledgers", "Rigidity"]
 
 TINY = 1e-300
-Sure = Literal["estimate", "bound", "unknown"]
+Sure = Literal["estimate", "unknown"]
 NOISE = 1e-9  # of a kinetic energy: rounding of what of it is of deformation
 OF_AMPLITUDE = 2.0  # parts of an energy that go with one of an amplitude
 SLOW = 0.5  # of kinetic over strain energy of deformation, below which loads are slow
@@ -104,9 +104,9 @@ class Ledger:
         periods: Periods N that the motion has gone through so far, as far as can be told.
         rejected: Steps that were repeated so far, as they erred by too much in time.
         rigidity: Error of displacements by what is rigid so far, an estimate; of `Accuracy` only.
-        sure: What that is now: an "estimate"; "unknown" where
-            loads change as fast as the structure vibrates, as near a resonance or in a blow, and
-            from then on if anything was rigid; and from the first contact on.
+        sure: What that is now: an "estimate"; "unknown" where loads change as fast as the structure
+            vibrates, as near a resonance or in a blow, and from then on if anything was rigid; and
+            from the first contact on.
         struck: Whether a contact has closed: what time integration errs by is unknown from then on,
             too, as small errors of a blow become large ones of where it sends what was struck.
         measured: Largest distance from a finer flexible twin so far, of `Accuracy(check=True)`.
