@@ -126,8 +126,9 @@ def seen(name, folder, last, every):
 if __name__ == "__main__":
     _, name, folder, last, every = sys.argv
     warnings.simplefilter("ignore")
-    if name == "modes":
-        rigidfx.error.equations.LARGEST = 100
+    largest = rigidfx.error.equations.LARGEST
+    rigidfx.error.equations.LARGEST = 100 if name == "modes" else largest
     found = seen(name, Path(folder), int(last), int(every))
+    rigidfx.error.equations.LARGEST = largest  # ranks go on with other scripts
     if MPI.COMM_WORLD.rank == 0:
         report(found)

@@ -14,10 +14,11 @@ import numpy as np
 import pytest
 import refusals
 from mpi4py import MPI
-from rigidfx.decide.criteria.rate_rule import RateRule
 
 import rigidfx as rf
+from rigidfx.decide.criteria.error_rule import ErrorRule
 from rigidfx.decide.criteria.judging import Criterion
+from rigidfx.decide.criteria.tolerances import Tolerances
 from rigidfx.effects.action import Action
 from rigidfx.effects.base import Effect
 from rigidfx.effects.contacts.obstacles import Approach, Obstacle
@@ -107,7 +108,8 @@ class Asking(Criterion):
         return given
 
     def rule(self, scene, timeline, memory):
-        return self._failing("rule", RateRule(scene, timeline, memory, 1e-3, {}, self.window, 2.0))
+        tolerances = Tolerances(scene, memory, 1e-3, {})
+        return self._failing("rule", ErrorRule(timeline, memory, tolerances, self.window, 2.0))
 
     def indicator(self, scene, forces):
         return self._failing("indicator", StrainRates(scene, forces, "rms"))

@@ -58,7 +58,6 @@ _FOLLOWING = PETSc.Log.Event("rigidfxErrorMotion")
 
 LOOKS = 4  # steps from look to look: at the size of e, and at cells that it hardly strains
 
-
 # An attempt; kicks, response and contacts, and how many steps there were, as they were before it.
 _Before = tuple[Attempt, tuple[Array, object, object], int]
 
@@ -265,12 +264,11 @@ class ErrorMotion(Watch):
         with _FOLLOWING:
             self._equations.have(attempt.dt, self._frames)
             assert self._response is not None
-            steps = self.steps
             contacts = None if self._contacts is None else self._contacts.kept()
             kept = self._impulse.kick, self._response.kept(), contacts
-            self._before = attempt, kept, steps
+            self._before = attempt, kept, self.steps
             self._take(attempt, self._frames)
-        return self.steps > steps
+        return self.steps > self._before[2]
 
     def _take_back(self) -> None:
         """Be as before the last look, if that has not become a step."""
@@ -323,20 +321,20 @@ class ErrorMotion(Watch):
         loose = self._equations.loose
         self._response.kick(loose.still(impulse.kick))
         impulse.kick = np.zeros_like(impulse.kick)
-        drag, xi = self._scene.damping(self._stepper.state.t)
-        given = dt, drag, xi
+        given = dt, *self._scene.damping(self._stepper.state.t)
         if self._contacts is None:
             self._response.step(loose.balanced(force), *given)
         else:
-            self._pressed(self._contacts, force, given)
+            Q = self._turned(frames)[frames.part]
+            self._pressed(self._contacts, force, given, Q)
         self.steps += 1
 
-    def _pressed(self, contacts: Contacts, force: Array, given: tuple[float, float, float]) -> None:
-        """Take a step while contacts are closed. Collective."""
-        response, frames, loose = self._response, self._frames, self._equations.loose
+    def _pressed(
+        self, contacts: Contacts, force: Array, given: tuple[float, float, float], Q: Array
+    ) -> None:
+        """Take a step while contacts are closed, with each node's part turned by Q. Collective."""
+        response, loose = self._response, self._equations.loose
         assert response is not None
-        assert frames is not None
-        Q = self._turned(frames)[frames.part]
         kept, start = response.kept(), response.fields()[0]
 
         def step(more: Array) -> Array:

@@ -75,12 +75,13 @@ class Looks(Watch):
             limits: Says what wakes cells; None where none may wake any more in this step.
 
         Returns:
-            Over what wakes cells; None where none does.
+            Over what wakes cells, infinite where e is not small; None where none wakes.
         """
         self._forces.bear(attempt.t, attempt.dt)
         self._pace.follow()
         stepped = self._error.look(attempt)
-        if not stepped or limits is None or self._forces.borne is None or not self._pace.due():
+        due = self._pace.due() or not self._error.validity.holds
+        if not stepped or limits is None or self._forces.borne is None or not due:
             return None
         known = limits()
         none: Array = np.zeros(self._owned)
@@ -88,6 +89,7 @@ class Looks(Watch):
         rate = spring = over = none
         if known.rates is not None:
             rate = part_of(self._of_all(self._error.rates(self._rigid)), known.rates)
+            rate[np.intersect1d(self._error.validity.concerned, self._rigid)] = np.inf
         strain: Array | None = None
         if known.strains is not None:
             strain = self._of_all(self._error.strains(self._rigid))
