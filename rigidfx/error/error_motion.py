@@ -96,8 +96,7 @@ class ErrorMotion(Watch):
         self._scene = scene = stepper.scene
         self._equations = Equations(stepper, [*points.values()])
         self._strains = CellStrains(scene, stepper.forces, indicator)
-        n = scene.owned_nodes
-        self._nodes = np.arange(n)
+        self._nodes = np.arange(scene.owned_nodes)
         self._impulse = Impulse(stepper, forces)
         self._frames: Frames | None = None  # against the shape at the first freeze
         self._contacts = Contacts(stepper) if scene.named(Contact) else None
@@ -109,8 +108,7 @@ class ErrorMotion(Watch):
     @property
     def valid(self) -> bool:
         """Whether e is known, and small enough for what is linear; it is shown where it is."""
-        response = self._response
-        return self.validity.holds and (response is None or response.valid)
+        return self.validity.holds and (self._response is None or self._response.valid)
 
     @property
     def all_shown(self) -> bool:
