@@ -198,7 +198,10 @@ CASES = {
     ),
     "rule": (lambda: _asking("rule", 0), f"Asking: its rule failed {KEY}"),
     "indicator": (lambda: _asking("indicator", 0), f"Asking: its indicator failed {KEY}"),
-    "limits": (lambda: _asking("limits", 0), "Asking: its limits failed in the step from t = 0"),
+    "limits": (
+        lambda: _run(steps=32, rigidify=Asking("limits", Fault())),
+        "Asking: its limits failed in the step from t = 0",
+    ),
     "tolerances": (lambda: _asking("tol", 0), "Asking: its tol failed in the step from t = 0"),
     "tolerances that are no numbers": (
         lambda: _run(rigidify=Asking("tol", Fault(0, _nothing), wake="none")),
