@@ -232,7 +232,7 @@ def under_tension(chosen):
 
 @chatter
 def test_growth_of_a_body_does_not_wake_it():
-    """What the shadow of a body did where it grows would tear the new cells."""
+    """What strains new cells as a body grows would tear them."""
     push = rf.NodalForce("x1", (0, 0, 40.0), time=blow)
     scene = bar(rf.Fixed("x0"), push, rf.MassDamping(3.0), rf.KelvinVoigt(2e4), block=SOFT)
     _, rates, _, _ = run(scene, 6.0)
@@ -507,21 +507,13 @@ def test_what_moves_bodies_as_a_whole_is_taken_out(monkeypatch):
 
 
 def test_what_is_at_rest_has_no_period():
-    """Nothing oscillates where nothing moves: shadows divided by the window that this tells."""
+    """Nothing oscillates where nothing moves."""
     scene = bar(rf.Rigid("block"))
     *_, rigid, events = run(scene, 20 * DT, rf.StrainRate(1e-6, "auto", wake="local"))
     assert [e.kind for e in events] == ["freeze"]
     assert rigid[-1].all()
 
 
-def waited(pace, lengths):
-    """How many steps shadows have taken none when they take one."""
-    force = np.ones((2, 3))
-    for k, dt in enumerate(lengths):
-        if pace.due(force, dt, 1.0):
-            return k
-        pace.wait(force, dt, 1.0)
-    raise AssertionError
 
 
 @pytest.mark.parametrize(

@@ -3,12 +3,9 @@
 A bar is pushed sideways at its end. Two runs of it take their steps in turn; the one observes the
 strain rate of every cell, records its signals and decides at the end of each window, but nothing
 ever qualifies. A third run freezes and releases nine tenths of the bar a few times: what a switch
-costs is told in steps. Two more have nine tenths named rigid from the start, and the one watches
-what forces would strain there (`wake="local"`): what its shadow takes of a step that is condensed,
-in the mean over steps of which a calm shadow looks at one in sixteen. Another two are the same,
-but that a support holds that part: it never wakes, and is watched until it has been told of. The
-last two are all flexible, and in the one nine tenths of the cells bear a stress that fades, as
-after a release by forces; to assemble that once is told in steps.
+costs is told in steps. The last two are all flexible, and in the one nine tenths of the cells bear
+a stress that fades, as after a release by forces; to assemble that once is told in steps. What the
+error motion takes is told by waking.py (`e_share`).
 
     ./fenicsx python3 demos/benchmarks/observation.py --unknowns 27000
 """
@@ -18,14 +15,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import ExitStack
 from functools import partial
-from math import pi, sin
 from statistics import median
 
 import numpy as np
 from bench import DT, MATERIAL, PUSH, Parser, Turns, bar, cells_of_bar, conclude, timed
 
 import rigidfx
-from rigidfx.error.error_motion import LOOKS
 from rigidfx.mechanics.eased import Eased
 from rigidfx.preparation import prepare
 from rigidfx.run import Run
@@ -59,40 +54,6 @@ def switches(problem: rigidfx.Scene, usual: float) -> dict[str, list[float]]:
             # Of a freeze the step before it is part of the time, of a release it is not.
             found[event.kind].append(report.wall - (usual if event.kind == "freeze" else 0.0))
     return found
-
-
-def shadows(unknowns: int, looks: int, *supports: rigidfx.Fixed) -> dict[str, float]:
-    """What the shadow of nine tenths of the bar takes of a step, and of one without it.
-
-    Args:
-        unknowns: Of the bar, all flexible.
-        looks: How often it is looked at while steps are timed.
-        supports: What holds that part, if anything does.
-    """
-    along, across = cells_of_bar(unknowns)
-    domain = bar(along, across).with_cells("stiff", lambda x: x[0] <= 0.9 * along + 1e-9)
-    sine = rigidfx.Traction("x1", (0.0, 2.0, 3.0), time=lambda t: sin(2 * pi * t / (100 * DT)))
-    problem = rigidfx.Scene(domain, MATERIAL, [sine, rigidfx.Rigid("stiff"), *supports])
-    runs = {
-        wake: rigidfx.simulate(
-            problem,
-            DT,
-            1e6,
-            rigidify=rigidfx.StrainRate(1e9, WINDOW * DT, since=1e5, wake=wake),
-            progress=False,
-        )
-        for wake in ("local", "none")
-    }
-    with Turns(runs, warm=3 * LOOKS) as turns:
-        for _ in range(looks * LOOKS):
-            turns.take()
-    watched, plain = (float(np.mean(turns.seconds[wake])) for wake in runs)
-    usual = turns.median("local")
-    return {
-        "shadow_share_of_a_step_with_it": 1 - plain / watched,
-        "shadow_to_a_step_without_it": watched / plain - 1,
-        "seconds_of_a_look": LOOKS * (watched - usual),
-    }
 
 
 def eased(unknowns: int, steps: int) -> dict[str, float]:
@@ -145,16 +106,13 @@ def main() -> None:
             turns.take()
     usual = turns.median("plain")
     taken = switches(problem, usual)
-    looks = max(1, options.steps // 5)
     summary = {
         "observed_to_plain": turns.ratio("observed", "plain"),
         "seconds_per_step": {name: turns.median(name) for name in runs},
         "freeze_in_steps": median(taken["freeze"]) / usual,
         "release_in_steps": median(taken["release"]) / usual,
         "unknowns": turns.reports["observed"][-1].unknowns,
-        "nine_tenths_rigid": shadows(options.unknowns, looks),
         "nine_tenths_let_down": eased(options.unknowns, options.steps),
-        "nine_tenths_held": shadows(options.unknowns, looks, rigidfx.Fixed("x0")),
     }
     conclude(options.out, summary)
     assert sum(map(len, taken.values())) >= 4

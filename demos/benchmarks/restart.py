@@ -180,7 +180,7 @@ def main() -> None:
     names = [name for name in CASES if options.only in name]
     rows = [case_of(name, options.kills, options.part, options.seed) for name in names]
     if options.only in "overhead" or options.short:
-        rows.append(overhead(3000 if options.short else 20_000, 1 if options.short else 5))
+        rows.append(overhead(600 if options.short else 20_000, 1 if options.short else 5))
     conclude(options.out, rows)
     for row in rows:
         exact = row["ranks_before"] == [1]

@@ -121,7 +121,7 @@ class ProbeStress:
 
         Args:
             state: Where the structure is; nodes inside bodies need not be up to date.
-            strained: What rigid cells would strain, see `Shadows.recovered`; asked only where a
+            strained: What rigid cells would strain, see `Recovery.recovered`; asked only where a
                 probe is at one. Collective.
             added: What cells have besides.
         """
