@@ -75,7 +75,8 @@ class Looks(Watch):
             limits: Says what wakes cells; None where none may wake any more in this step.
 
         Returns:
-            Over what wakes cells, infinite where e is not small; None where none wakes.
+            Over what wakes cells; None where none wakes. Infinite where e is not small and strains
+            a cell by more than a window at the rate that wakes it.
         """
         self._forces.bear(attempt.t, attempt.dt)
         self._pace.follow()
@@ -89,7 +90,7 @@ class Looks(Watch):
         rate = spring = over = none
         if known.rates is not None:
             rate = part_of(self._of_all(self._error.rates(self._rigid)), known.rates)
-            rate[np.intersect1d(self._error.validity.concerned, self._rigid)] = np.inf
+            rate[self._beyond(known.rates * known.window)] = np.inf
         strain: Array | None = None
         if known.strains is not None:
             strain = self._of_all(self._error.strains(self._rigid))
@@ -103,6 +104,13 @@ class Looks(Watch):
         if known.rates is not None:
             spring = part_of(strain, attempt.dt * known.rates)
         return Strained(rate, over, spring, strain, known.window, size)
+
+    def _beyond(self, most: Array) -> Ints:
+        """Rigid cells in which e is not small, and strains by more than `most` [-]. Collective."""
+        if self._error.validity.holds:
+            return self._rigid[:0]
+        large = np.intersect1d(self._error.validity.concerned, self._rigid)
+        return large[part_of(self._of_all(self._error.strains(self._rigid)), most)[large] > 1]
 
     def _of_all(self, strains: Array) -> Array:
         """Strains of rigid cells, of all owned cells; zero in flexible ones."""
