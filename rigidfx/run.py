@@ -150,8 +150,7 @@ class Run:
         if policy is None:
             return [], np.nan
         shared = None if self.looks is None else self.looks.shared(report.dt)
-        error = (0.0, False) if self.error is None else (self.error.size(), self.error.all_shown)
-        seen = Observation(self.stepper, report.dt, shared, error)
+        seen = Observation(self.stepper, report.dt, shared, self.error)
         policy.observe(seen)
         decision = policy.after(seen, report)
         if decision is not None and self.recovery is not None:

@@ -228,6 +228,7 @@ class Contacts:
         if self._columns[0] != kind:
             self._columns = kind, Columns(self._stepper.scene, self._on)
         columns, search = self._columns[1], self._search
+        known = columns.nodes.size
         trial = _Trial(self, columns, step, start, Q)
         forces, residual = trial.at(columns.of_nodes(self._lambda))
         for _ in range(search.iterations):
@@ -241,7 +242,8 @@ class Contacts:
                     break
             forces, residual = found
         self._lambda = columns.at_nodes(forces)
-        step(self._lambda)
+        if forces.any() or columns.nodes.size > known:  # else the step without λ was the last one
+            step(self._lambda)
 
     def more(self, start: Array, end: Array) -> Array:
         """F(u + e) - F(u) in space, of e in space [m], shape (nodes, 3) [N]. Collective."""

@@ -340,7 +340,7 @@ class ErrorMotion(Watch):
             response.step(loose.balanced(force) + more, *given)
             return response.fields()[0]
 
-        contacts.solved(start, step, (id(response), *given), Q)
+        contacts.solved(start, step, (response, *given), Q)
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""

@@ -17,9 +17,9 @@ far, S, in the place of σ, the part of it that is lost is
 Of a steady motion s = S, and m is E_w/H, the strain energy withheld over that of deformation. A
 frequency is off by E_w/2H (Rayleigh), so that a free vibration is off by (1 + πN) m after N
 periods, and loads that change may amplify m by two. s is the strain that a flexible cell has swung
-by in the window while loads rest, and its largest strain rate times τ = √(Σ w S²/Σ w P²) while they
-change, P the largest rates so far: 1/ω where all vibrates with ω. Cells freeze in the order of what
-they take, until (2) would make (1) half of what is allowed.
+by in the window while loads rest, and its largest strain rate times τ = √(∫ Σ w ε² dt/∫ Σ w ε̇² dt)
+while they change, which is 1/ω where all vibrates with ω. Cells freeze in the order of their part
+of (2), until it would make (1) half of what is allowed.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class Spending:
     """What is chosen of the budget.
 
     Attributes:
-        rigidity: Part of what time integration has left, that rigid parts may spend.
+        rigidity: Part of the budget that time integration has left, that rigid parts may spend.
         left: Part of |e| that u + e may be off by: told over true was 0.9 to 1.1 in scenes of
             demos/benchmarks/waking.py.
         freezing: Part of what is allowed, that freezes use, and that waking leaves.

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.error.error_motion import ErrorMotion
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.state import State
@@ -23,13 +24,18 @@ class Observation:
         stepper: What makes the steps.
         dt: Length of the step [s].
         shared: Strain rate of each owned cell by u + e [1/s]; None where that is not measured.
-        error: Largest |e| of any node [m], and whether e is added to what is shown.
+        motion: The error motion; None if it is not followed.
     """
 
     stepper: Stepper
     dt: float
     shared: npt.NDArray[np.float64] | None = None
-    error: tuple[float, bool] = 0.0, False
+    motion: ErrorMotion | None = None
+
+    @property
+    def error(self) -> tuple[float, bool]:
+        """Largest |e| of any node [m], and whether e is added to what is shown. Collective."""
+        return (0.0, False) if self.motion is None else (self.motion.size(), self.motion.all_shown)
 
     @property
     def t(self) -> float:

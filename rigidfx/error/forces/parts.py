@@ -40,7 +40,6 @@ class Parts:
         scene: Scene,
         forces: InternalForces,
         bodies: Sequence[RigidBody],
-        free: bool = True,
     ) -> None:
         """Number the rows. Collective.
 
@@ -48,10 +47,9 @@ class Parts:
             scene: The problem.
             forces: Internal forces, which know the cells of each material.
             bodies: The bodies' data.
-            free: Whether they move as rigid bodies do; supports hold them else.
         """
         self.bodies = tuple(bodies)
-        self._scene, self._free = scene, free
+        self._scene = scene
         none: list[npt.NDArray[np.int32]] = [np.empty(0, np.int32)]
         nodes = np.sort(np.concatenate([*none, *(body.nodes for body in bodies)]))
         self.cells: Cells = forces.cells(
@@ -122,8 +120,6 @@ class Parts:
         Args:
             force: On the nodes of the rows, in the bodies' frames, shape (nodes, 3) [N].
         """
-        if not self._free:
-            return
         moving = self._rigid_motion(self._places, force)
         for own, of_body in zip(self._spans, moving, strict=True):
             force[own] -= self._masses[own] @ of_body
@@ -134,8 +130,6 @@ class Parts:
         Args:
             u: Of the nodes of the rows, in the bodies' frames, shape (nodes, 3) [m].
         """
-        if not self._free:
-            return u
         return np.asarray(u - self.linear(self._rigid_motion(self._masses, u)))
 
     def rigid_motion(self, u: Array, free: Sequence[Array]) -> Array:
