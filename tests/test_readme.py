@@ -18,15 +18,18 @@ import rigidfx
 from rigidfx.effects import Effect
 
 ROOT = Path(__file__).resolve().parent.parent
-README = ROOT / "README.md"
-# In the order in which README lists them, and in which their blocks run.
+DOCS = ROOT / "docs"
+README, INDEX, DEMOS = ROOT / "README.md", DOCS / "index.md", DOCS / "demos.md"
+LONG = DOCS / "tutorials" / "machine_part.md"  # runs for minutes: as the site is built
+# In the order in which the index lists them, and in which their blocks run.
 PAGES = [
-    ROOT / name for name in re.findall(r"^\| \[[^]]+\]\((docs/\w+\.md)\)", README.read_text(), re.M)
+    DOCS / name
+    for name in re.findall(r"^- \[[^]]+\]\(([\w/]+\.md)\)", INDEX.read_text("utf-8"), re.M)
 ]
 TEXTS = {
-    path: path.read_text(encoding="utf-8") for path in (README, *PAGES, ROOT / "CONTRIBUTING.md")
+    path: path.read_text(encoding="utf-8")
+    for path in (README, INDEX, *PAGES, ROOT / "CONTRIBUTING.md")
 }
-DEMOS = TEXTS[README][TEXTS[README].index("## Demos") : TEXTS[README].index("## What there is")]
 COMMANDS = sorted(
     {
         *(
@@ -36,7 +39,7 @@ COMMANDS = sorted(
         ),
         *(
             f"./fenicsx python3 demos/{name}"
-            for name in re.findall(r"^\| `(\w+\.py[^`]*)`", DEMOS, re.M)
+            for name in re.findall(r"^\| `([\w/]+\.py[^`]*)`", TEXTS[DEMOS], re.M)
         ),
     }
 )
@@ -70,7 +73,7 @@ def test_python_blocks_run_in_order(tmp_path):
     """As one script, in an empty folder; they leave what the text says."""
     pytest.importorskip("gmsh")
     pytest.importorskip("pyvista")
-    code = [block for page in PAGES for block in blocks(page)]
+    code = [block for page in (README, *PAGES) if page != LONG for block in blocks(page)]
     assert len(code) >= 5
     (tmp_path / "blocks.json").write_text(json.dumps(code), encoding="utf-8")
     (tmp_path / "tour.py").write_text(DRIVER, encoding="utf-8")
@@ -93,16 +96,9 @@ def test_python_blocks_run_in_order(tmp_path):
     assert {"histories.png", "unknowns.png", "shapes.png", "stress.png", "film.gif"} <= left
 
 
-def test_readme_shows_blocks_of_the_pages():
-    """So what README shows is run as well, once."""
-    shown = [code for _, _, code in blocks(README)]
-    assert shown
-    assert set(shown) <= {code for page in PAGES for _, _, code in blocks(page)}
-
-
-def test_readme_links_every_page():
+def test_index_links_every_page():
     assert PAGES
-    assert set(PAGES) == set((ROOT / "docs").glob("*.md"))
+    assert set(PAGES) | {INDEX} == set(DOCS.rglob("*.md"))
 
 
 def source_of(script):
@@ -161,10 +157,11 @@ def test_files_and_modules_exist(path):
 
 
 def test_every_demo_and_benchmark_has_its_row():
-    for demo in (ROOT / "demos").glob("*.py"):
-        assert f"`{demo.name}" in DEMOS, demo.name
+    for demo in (*(ROOT / "demos").glob("*.py"), *(ROOT / "demos" / "first").glob("*.py")):
+        name = demo.relative_to(ROOT / "demos").as_posix()
+        assert re.search(rf"^\| `{re.escape(name)}", TEXTS[DEMOS], re.M), name
     for benchmark in (ROOT / "demos" / "benchmarks").glob("*.py"):
-        assert f"| `./fenicsx python3 demos/benchmarks/{benchmark.name}" in TEXTS[README]
+        assert f"| `./fenicsx python3 demos/benchmarks/{benchmark.name}" in TEXTS[DEMOS]
 
 
 def test_every_effect_has_its_row():
