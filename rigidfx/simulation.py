@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from rigidfx.base.crowding import tell_of_crowding
 from rigidfx.base.errors import SceneError, StepError, together
 from rigidfx.base.inputs import path_of
 from rigidfx.base.inputs import shown as show
@@ -215,6 +216,7 @@ def _begun(
         )
     solver = SolverOptions({} if petsc_options is None else petsc_options, monitor)
     with solver.at_work(), heard(scene.comm, shown[1]):
+        tell_of_crowding(scene.comm)
         began = perf_counter()
         back = None if kept is None else partial(bring_back, kept)
         run, impact = prepare(scene, timeline, criterion, control, start, back)

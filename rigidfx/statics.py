@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.base.crowding import tell_of_crowding
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import is_function, numbers, positive, shown, whole
 from rigidfx.base.log import heard, tell
@@ -191,6 +192,7 @@ def _reports(
     whereabouts = Whereabouts(scene.comm, ends[-1])
     try:
         with heard(scene.comm, verbose), solver.at_work():
+            tell_of_crowding(scene.comm)
             check_clamps(scene, Timeline(ends[-1], ends[-1]))
             path.follow(0.5 * ends[0])
             tell(scene.comm, f"Statics of {path.unknowns} unknowns, {len(ends)} load steps.")

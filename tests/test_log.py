@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import logging
+import os
 import re
 from itertools import count
 
+import parallel
 import pytest
 from mpi4py import MPI
 
 import rigidfx as rf
 from rigidfx.base import cache_log, form_cache, log
+from rigidfx.base.crowding import crowded
 from rigidfx.flexible import kernels
 from rigidfx.report import whereabouts
 
@@ -116,3 +119,38 @@ def test_what_stopped_is_told(tmp_path, caplog):
         next(steps)
         steps.close()
     assert "stopped at t = 0 s: 0 steps" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("cores", "told"),
+    [
+        ([{0}, {1}], ""),  # each bound to one
+        ([{0, 1}, {0, 1}], ""),
+        ([{0, 1}] * 3, "3 ranks share 2 cores: "),
+        ([{3}, {3}], "2 ranks share 1 core: "),
+    ],
+)
+def test_cores_that_ranks_share(cores, told):
+    assert crowded(cores).startswith(told)
+    assert bool(crowded(cores)) == bool(told)
+
+
+@pytest.mark.parallel
+def test_a_run_says_that_its_ranks_share_a_core():
+    """Once, before it compiles."""
+    lines = parallel.run(__file__, 2, 60)
+    assert [line for line in lines if "ranks share 1 core" in line] == lines[:1]
+
+
+if __name__ == "__main__":
+    own = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {MPI.COMM_WORLD.bcast(min(own))})
+    heard: list[str] = []
+    handler = logging.Handler()
+    handler.emit = lambda record: heard.append(record.getMessage())  # type: ignore[method-assign]
+    with log.hearing(handler):
+        box = rf.box((0, 0, 0), (4, 1, 1), (4, 1, 1))
+        list(rf.simulate(rf.Scene(box, MATERIAL), 0.1, 0.1, verbose=False))
+    os.sched_setaffinity(0, own)
+    if MPI.COMM_WORLD.rank == 0:
+        parallel.report(heard)

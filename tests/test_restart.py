@@ -190,6 +190,10 @@ def test_files_go_on_without_a_row_lost_or_doubled(tmp_path):
     run(tmp_path / "cut", [88])
     run(tmp_path / "cut", [140], resume=True)
     run(tmp_path / "cut", resume=True)
+    rows = {k: np.asarray(v, float) for k, v in rf.read_history(tmp_path / "cut").items()}
+    came = rows["work_of_loads"] + rows["work_of_supports"] + rows["impact_energy"]
+    kept = rows["energy"] - np.cumsum(came - rows["dissipated"])
+    assert np.abs(kept - kept[0]).max() <= 1e-10 * rows["energy"].max()
     whole, cut = written(tmp_path / "whole"), written(tmp_path / "cut")
     assert whole.keys() == cut.keys()
     assert [name for name in whole if whole[name] != cut[name]] == []

@@ -17,7 +17,7 @@ from typing import Any
 
 from mpi4py import MPI
 
-__all__ = ["announce", "folders", "heard", "hearing", "tell"]
+__all__ = ["announce", "folders", "heard", "hearing", "remind", "tell"]
 
 LOGGER = logging.getLogger("rigidfx")
 SHOWN = "rigidfx: "  # begins each line on standard error

@@ -3,7 +3,8 @@
     checkpoint-000012.rfx     a line of JSON, and what is kept, with a hash of it in the line
 
 A file is written beside its place, and put there once the disk has it. Only then the oldest of
-three is removed. All of it happens on rank 0.
+three is removed. All of it happens on rank 0. The folder is made when a run begins, and never
+again: the place of a disk that is gone is an empty folder, too.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import io
 import json
 import os
 import pickle
+import tempfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -20,7 +22,7 @@ from typing import Any
 
 from rigidfx.base.errors import OutputError, SceneError
 
-__all__ = ["FORMAT", "dumped", "loaded", "newest", "write"]
+__all__ = ["FORMAT", "dumped", "loaded", "newest", "prepare", "write"]
 
 FORMAT = 1  # of the files
 KEPT = 2
@@ -83,11 +85,25 @@ def loaded(data: bytes) -> Any:
     return _Reader(io.BytesIO(data)).load()
 
 
+def prepare(folder: Path) -> None:
+    """Make a folder if it does not exist, and see that files can be made there; on rank 0.
+
+    Args:
+        folder: The folder.
+
+    Raises:
+        OSError: If they cannot.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryFile(dir=folder):
+        pass
+
+
 def write(folder: Path, head: Mapping[str, Any], kept: Any) -> Path:
     """Write the next checkpoint of a folder, and remove the oldest; on rank 0.
 
     Args:
-        folder: The folder, which is made if it does not exist.
+        folder: The folder, which exists.
         head: What is known of the checkpoint before it is read.
         kept: What it holds.
 
@@ -97,7 +113,6 @@ def write(folder: Path, head: Mapping[str, Any], kept: Any) -> Path:
     Raises:
         OSError: If it cannot be written; nothing else has changed then.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     data = _bytes_of(kept)
     line = json.dumps({**head, "format": FORMAT, "hash": hashlib.sha256(data).hexdigest()})
     before = _numbers(folder)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
@@ -19,7 +19,7 @@ from rigidfx.base.log import tell
 from rigidfx.base.remembered import PART, Forgetful, Remembered, joined, part_of, restore
 from rigidfx.checkpoint.call import asked, check_scene_of, head_of
 from rigidfx.checkpoint.checkpoint import Checkpoint
-from rigidfx.checkpoint.files import loaded, newest, write
+from rigidfx.checkpoint.files import loaded, newest, prepare, write
 from rigidfx.run import Run
 from rigidfx.scene.mesh_order import mesh_order
 from rigidfx.scene.scene import Scene
@@ -127,7 +127,7 @@ class Keeper:
         self._before: dict[int, Any] = {}
 
     def check(self, run: Run, looks: Sequence[Any]) -> None:
-        """Refuse a run that has something no checkpoint keeps. Collective.
+        """Refuse a run that no checkpoint keeps, or a folder that takes none. Collective.
 
         Args:
             run: What takes part in it.
@@ -135,6 +135,7 @@ class Keeper:
 
         Raises:
             SceneError: On every rank, if a class does not say what it remembers.
+            OutputError: On every rank, if the folder cannot be made or written to.
         """
         problem = None
         try:
@@ -146,6 +147,7 @@ class Keeper:
                 "checkpoint can keep it. Leave the checkpoint out, or give that class the field."
             )
         agree(self._comm, problem)
+        self._on_disk(prepare)
 
     def look(self, step: int, t: float, run: Run, looks: Sequence[Any], over: bool) -> None:
         """Leave a checkpoint if one is due. Collective.
@@ -189,20 +191,19 @@ class Keeper:
         state = self._gathered(_First(run.stepper.state, run.switch))
         run.switch.again()
         memory = self._gathered(_All(run, looks))
-        problem = None
-        if self._comm.rank == 0:
-            folder = Path(self._given.folder)
-            try:
-                kept = Kept(step, self._call, state, memory)
-                write(folder, {**self._head, "step": step, "t": t}, kept)
-            except OSError as error:
-                problem = (
-                    f"Checkpoint: cannot write to the folder '{folder}' "
-                    f"({error.strerror or error}). Earlier checkpoints are as they were. Check "
-                    "the space left there, or name a folder that you may write to."
-                )
-        agree(self._comm, problem, OutputError)
+        head, kept = {**self._head, "step": step, "t": t}, Kept(step, self._call, state, memory)
+        self._on_disk(lambda folder: write(folder, head, kept))
         self._step, self._t, self._began = step, t, perf_counter()
+
+    def _on_disk(self, action: Callable[[Path], object]) -> None:
+        """Do something in the folder on rank 0; raise what goes wrong on all ranks. Collective."""
+        problem, folder = None, Path(self._given.folder)
+        if self._comm.rank == 0:
+            try:
+                action(folder)
+            except OSError as error:
+                problem = _problem(folder, error, action is not prepare)
+        agree(self._comm, problem, OutputError)
 
     def _gathered(self, owner: Any) -> Any:
         """All that an object remembers, on rank 0. Collective."""
@@ -228,6 +229,20 @@ class Keeper:
         """Hear them no more."""
         for number, handler in self._before.items():
             signal.signal(number, handler)
+
+
+def _problem(folder: Path, error: OSError, begun: bool) -> str:
+    """What a user is told where a checkpoint cannot be written."""
+    if begun and isinstance(error, FileNotFoundError) and not folder.exists():
+        return (
+            f"Checkpoint: the folder '{folder}' is gone since the run began, with its checkpoints. "
+            "Bring it back and go on with `resume`, or run anew into a folder that stays."
+        )
+    return (
+        f"Checkpoint: cannot write to the folder '{folder}' ({error.strerror or error}). Earlier "
+        "checkpoints are as they were. Check the space left there, or name a folder that you may "
+        "write to."
+    )
 
 
 def bring_back(kept: Kept, state: State, switch: Switch) -> None:

@@ -14,7 +14,7 @@ import fcntl
 import io
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from errno import EIO, ENOSPC
+from errno import EIO, ENOENT, ENOSPC
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +44,7 @@ class CsvFile:
                 raise OSError(EIO, "rows that were there are gone", str(path))
             self._file.truncate(end)
             self._end = end
+            self._named = bool(os.fstat(self._file.fileno()).st_nlink)  # some systems count none
             if not end:
                 self._append(dict(zip(columns, columns, strict=True)))
         except OSError:
@@ -57,8 +58,10 @@ class CsvFile:
             rows: Values by the names of their columns.
 
         Raises:
-            OSError: If they cannot be written; the file is as before then.
+            OSError: If they cannot be written; the file is as before then. Or if it was removed.
         """
+        if self._named and not os.fstat(self._file.fileno()).st_nlink:
+            raise OSError(ENOENT, "removed since the run began", str(self._path))
         self._append(*rows)
 
     def _append(self, *rows: Mapping[str, Any]) -> None:

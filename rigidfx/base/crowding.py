@@ -1,0 +1,51 @@
+"""Ranks that share cores: each that waits for another takes the time of those that work."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Collection, Sequence
+
+from mpi4py import MPI
+
+from rigidfx.base.log import remind
+
+__all__ = ["crowded", "tell_of_crowding"]
+
+
+def tell_of_crowding(comm: MPI.Intracomm) -> None:
+    """Say at the start of a run if a machine has more of its ranks than cores for them. Collective.
+
+    Args:
+        comm: Ranks of the run.
+    """
+    if comm.size == 1:
+        return
+    here = comm.Split_type(MPI.COMM_TYPE_SHARED)
+    told = crowded(here.allgather(_cores()))
+    here.Free()
+    lines = [line for line in comm.allgather(told) if line]
+    if lines:
+        remind(comm, lines[0])
+
+
+def crowded(cores: Sequence[Collection[int]]) -> str:
+    """A line of advice where ranks are more than the cores that they may use, or nothing.
+
+    Args:
+        cores: Of each rank of a machine, the numbers of the cores that it may use.
+    """
+    free = len(set().union(*cores))
+    if len(cores) <= free:
+        return ""
+    return (
+        f"{len(cores)} ranks share {free} {'core' if free == 1 else 'cores'}: a rank that waits "
+        "for another takes the time of those that work, and a run may take several times as long. "
+        "Take no more ranks than there are cores, or have them yield: docs/parallel.md says how."
+    )
+
+
+def _cores() -> frozenset[int]:
+    """Numbers of the cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return frozenset(os.sched_getaffinity(0))
+    return frozenset(range(os.cpu_count() or 1))
