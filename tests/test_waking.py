@@ -514,8 +514,6 @@ def test_what_is_at_rest_has_no_period():
     assert rigid[-1].all()
 
 
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [

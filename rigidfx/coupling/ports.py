@@ -100,7 +100,10 @@ class Ports:
         every = np.ascontiguousarray(compliance.toarray())
         p.comm.Allreduce(MPI.IN_PLACE, every)
         for body, at in zip(self.bodies, self._at, strict=True):
-            every[at : at + 6, at : at + 6] = np.linalg.inv(bodies.mass_blocks[body])
+            block = bodies.mass_blocks[body]
+            if bodies.of.records[body].extent:  # without mass of its own: that of its joints
+                block = linkage.masses.max(initial=1.0) * np.eye(6)
+            every[at : at + 6, at : at + 6] = np.linalg.inv(block)
         return np.asarray((linkage.gradient(0.0) @ self.lead(p.increments.L)).toarray()), every
 
     @property

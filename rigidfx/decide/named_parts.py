@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx.decide.clusters import NONE, CellGraph, find_clusters
-from rigidfx.effects import Resultant, Rigid
+from rigidfx.decide.clusters import NONE, CellGraph, Cluster, find_clusters
+from rigidfx.effects import Resultant, Rigid, rigid_faces
 from rigidfx.scene.scene import Scene
 
 __all__ = ["NamedParts"]
@@ -19,11 +20,12 @@ class NamedParts:
 
     Attributes:
         names: Their names, as they are numbered from one on.
-        count: How many there are.
+        count: How many there are, rigid faces among them.
         apart: Names of those whose mass or inertia is given, or on which a `Resultant` acts: no
             cell may join their bodies.
         cells: Owned cells of the others, by name.
         mask: For each owned cell, whether it is in one of these.
+        rings: Owned cells round each rigid face that is in none of the parts.
     """
 
     def __init__(self, scene: Scene, graph: CellGraph) -> None:
@@ -37,7 +39,8 @@ class NamedParts:
         loaded = {resultant.body for resultant in scene.named(Resultant)}
         parts = scene.named(Rigid)
         self.names = tuple(part.name for part in parts)
-        self.count = len(parts)
+        faces = rigid_faces(scene.effects)
+        self.count = len(parts) + len(faces)
         self.apart = frozenset(part.name for part in parts if part.given or part.name in loaded)
         self.cells: dict[str, npt.NDArray[np.int32]] = {
             part.name: scene.owned_cells(part.where, "Rigid")
@@ -47,6 +50,37 @@ class NamedParts:
         self.mask = np.zeros(graph.owned, dtype=bool)
         for own in self.cells.values():
             self.mask[own] = True
+        parted = np.zeros(len(scene.nodal_mass), dtype=bool)
+        for part in parts:
+            at = slice(None) if part.where is None else scene.nodes(part.where, part.kind, (3,))
+            parted[at] = True
+        self.rings: list[npt.NDArray[np.bool_]] = []
+        for face in faces:
+            nodes = scene.nodes(face.where, face.name, (2,))
+            marks = np.zeros(parted.size, dtype=bool)
+            marks[nodes] = True
+            if scene.sum(np.count_nonzero(parted[nodes])) == 0:
+                self.rings.append(
+                    graph.touching(graph.nodes_with_ghosts(marks[: scene.owned_nodes]))
+                )
+
+    def torn(self, clusters: Sequence[Cluster]) -> npt.NDArray[np.bool_]:
+        """Owned cells round rigid faces that would be in several bodies, or in part. Collective.
+
+        Args:
+            clusters: The bodies as they would be.
+        """
+        out = np.zeros(self._graph.owned, dtype=bool)
+        if not self.rings:
+            return out
+        labels = np.full(out.size, NONE)
+        for cluster in clusters:
+            labels[cluster.cells] = cluster.label
+        for ring in self.rings:
+            own = np.unique(labels[ring]).tolist()
+            if len({label for some in self._graph.comm.allgather(own) for label in some}) > 1:
+                out |= ring
+        return out
 
     @cached_property
     def in_pieces(self) -> frozenset[str]:

@@ -6,6 +6,7 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 
 from rigidfx.decide.clusters import NONE, CellGraph, find_clusters
 from rigidfx.decide.criteria.observation import Observation
@@ -112,7 +113,12 @@ class Planner:
             barred: Owned cells that have to stay flexible if they are in no existing body.
             next_number: First number that no body has had.
         """
-        clusters = find_clusters(self._graph, able, existing, barred, self._least)
+        while True:
+            clusters = find_clusters(self._graph, able, existing, barred, self._least)
+            torn = self._named.torn(clusters) & (existing == NONE) & ~barred
+            if not self._graph.comm.allreduce(bool(torn.any()), op=MPI.LOR):
+                break
+            barred = barred | torn
         sizes = {body.number: body.size for body in seen.bodies}
         numbers, named = self.numbers(seen), self._named
         bodies, following = plan_bodies(

@@ -23,8 +23,9 @@ from rigidfx.effects.joints.joint import Joint
 from rigidfx.effects.joints.joint_report import JointReport
 from rigidfx.effects.joints.prismatic import Prismatic
 from rigidfx.effects.joints.revolute import Revolute
-from rigidfx.effects.joints.sides import MeanFace
+from rigidfx.effects.joints.sides import MeanFace, RigidFace, rigid_faces
 from rigidfx.effects.joints.spherical import Spherical
+from rigidfx.effects.joints.stop import Stop
 from rigidfx.effects.joints.telling import JointReports
 from rigidfx.effects.joints.tied import Tied
 from rigidfx.effects.joints.universal import Universal
@@ -77,10 +78,12 @@ __all__ = [
     "Resultant",
     "Revolute",
     "Rigid",
+    "RigidFace",
     "Sphere",
     "Spherical",
     "Spring",
     "StiffnessDamping",
+    "Stop",
     "Structure",
     "Support",
     "Symmetry",
@@ -92,4 +95,5 @@ __all__ = [
     "Windowed",
     "bends_of",
     "places_at_start",
+    "rigid_faces",
 ]

@@ -16,6 +16,7 @@ from rigidfx.base.inputs import numbers, shown
 from rigidfx.base.taken import read_only
 from rigidfx.base.warning import warn
 from rigidfx.domain.domain import Domain
+from rigidfx.effects import rigid_faces
 from rigidfx.scene.conflicts import overlap
 from rigidfx.scene.mesh_checks import warn_of_bending
 
@@ -142,11 +143,12 @@ def check_supports(scene: Any) -> None:
 
 
 def check_rigid(scene: Any) -> None:
-    """Refuse parts named rigid that share nodes. Collective.
+    """Refuse parts named rigid that share nodes, and rigid faces that share some. Collective.
 
     Raises:
         SceneError: On every rank, if two do.
     """
+    _check_faces(scene)
     taken = np.zeros(len(scene.nodal_mass), dtype=bool)
     for rigid in (effect for effect in scene.effects if effect.is_rigid):
         if rigid.where is None:
@@ -160,6 +162,40 @@ def check_rigid(scene: Any) -> None:
             else None,
         )
         taken[nodes] = True
+
+
+def _check_faces(scene: Any) -> None:
+    """Refuse rigid faces that are in part of something else that moves as one. Collective.
+
+    Raises:
+        SceneError: On every rank, if a face shares nodes with a support, with another face, or with
+            a part named rigid that has not all of them.
+    """
+    n, taken = scene.owned_nodes, np.zeros(scene.owned_nodes, dtype=np.int64)
+    named = [effect for effect in scene.effects if effect.is_rigid]
+    for number, rigid in enumerate(named, start=1):
+        inside = (
+            np.ones(n) if rigid.where is None else scene.members(rigid.where, rigid.kind)[:n, 0]
+        )
+        taken[inside > 0] = number
+    for number, face in enumerate(rigid_faces(scene.effects), start=len(named) + 1):
+        nodes = scene.nodes(face.where, face.name, (2,))
+        nodes = nodes[nodes < n]
+        for support, held in scene.supports:
+            if scene.sum(np.intersect1d(nodes, held).size) > 0:
+                raise SceneError(
+                    f"{face.name}: {support.owner} holds some of its nodes, which move as one "
+                    "body. Join the 'ground', or separate the two sets."
+                )
+        parts = {k for some in scene.comm.allgather(np.unique(taken[nodes])) for k in some.tolist()}
+        if parts == {0}:
+            taken[nodes] = number
+        elif len(parts) > 1 or max(parts) > len(named):
+            raise SceneError(
+                f"{face.name}: it shares nodes with another rigid face, or with a part named Rigid "
+                "that has not all of them. Leave cells between the two, or name the part as the "
+                "side of the joint."
+            )
 
 
 def in_order(given: Any) -> Any:

@@ -23,6 +23,7 @@ from rigidfx.state import State
 from rigidfx.step.system.division import Division
 from rigidfx.step.system.supports import dofs_of, supports_of
 from rigidfx.switch.exchange import freeze
+from rigidfx.switch.faces import face_bodies
 
 __all__ = ["check_clamps", "divide"]
 
@@ -111,8 +112,11 @@ def divide(
             what = PlannedBody(cells, nodes, name, number, (name,))
             bodies.append(_freeze_named(scene, forces, state, effect, what))
     bodies += found
+    for body in found:
+        taken[body.data.nodes] = True
+    bodies += face_bodies(scene, forces, state, taken, len(scene.named(Rigid)) + 1)
     if not rigid:
-        return Division(forces.cells(), Bodies.of_each(()), None, {}, {})
+        return Division(forces.cells(), Bodies.of_each(bodies), None, {}, {})
     every = scene.owned_cells(None, "")
     flexible = np.setdiff1d(every, np.concatenate(rigid))
     with_bodies = np.concatenate([np.empty(0, np.int32), *(body.data.cells for body in bodies)])

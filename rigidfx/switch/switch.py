@@ -189,6 +189,16 @@ class Switch:
             impact = self._closed(impact)
         return impact + begun if impact and begun else impact or begun
 
+    def _faces_within(self, decision: Decision) -> set[int]:
+        """Numbers of rigid faces whose nodes a new body takes over. Collective."""
+        scene = self.scene
+        taken = np.zeros(scene.owned_nodes, dtype=bool)
+        for body in decision.bodies:
+            taken[body.nodes] |= not body.kept
+        faces = [body for body in self._stepper.state.bodies.of.records if body.is_face]
+        inside = scene.sum([0.0, *(np.count_nonzero(taken[face.nodes]) for face in faces)])[1:]
+        return {face.number for face, held in zip(faces, inside, strict=True) if held > 0}
+
     def _closed(self, impact: Impact | None) -> Impact | None:
         """What joints do after an impact, by impulses that keep them closed, and it. Collective."""
         if self._joints is None:
@@ -228,18 +238,19 @@ class Switch:
         """
         stepper = self._stepper
         state = stepper.state
-        old = {b.number: b for b in state.bodies.of.records if b.name not in decision.apart}
+        old = {b.number: b for b in state.bodies.of.records if _changes_with(b, decision)}
         kept = {body.number for body in decision.bodies if body.kept}
         if len(kept) == len(decision.bodies) == len(old):
             return None
         before, unknowns = stepper.measure(), stepper.unknowns
         held_before = stepper.held_momenta()
         prescribed = stepper.prescribed.mask
-        work = self._exchange.release(state, old.keys() - kept, prescribed)
+        gone = (old.keys() - kept) | self._faces_within(decision)
+        work = self._exchange.release(state, gone, prescribed)
         for body in decision.bodies:
             if not body.kept:
                 work += self._exchange.freeze(state, body, prescribed) or 0.0
-        found = [body for body in state.bodies if body.data.name not in decision.apart]
+        found = [body for body in state.bodies if _changes_with(body.data, decision)]
         state.ease(eased)
         self._bind(found)
         changes = _changes(old, {body.data.number: body.data for body in found})
@@ -271,6 +282,11 @@ class Switch:
             angular_momentum_error=float(np.linalg.norm(angular)),
             woken=np.empty(0, np.int32) if decision.woken is None else decision.woken,
         )
+
+
+def _changes_with(body: RigidBody, decision: Decision) -> bool:
+    """Whether a decision says what becomes of a body: not of those apart, nor of rigid faces."""
+    return not body.is_face and body.name not in decision.apart
 
 
 def implied_rows(titles: Sequence[str]) -> str:

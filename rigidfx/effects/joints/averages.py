@@ -12,15 +12,16 @@ across it: W⁻¹ is the pseudo-inverse then.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
+from rigidfx.effects.joints.stiff import Stiff, StiffNodes
 
-__all__ = ["Average", "Averages", "Face", "Grounded", "Sided"]
+__all__ = ["Average", "Averages", "Face", "Grounded", "Sided", "StiffFace"]
 
 Array = npt.NDArray[np.float64]
 NONE = np.empty(0)
@@ -38,12 +39,15 @@ class Average:
         weights: c of each [1, or 1/m].
         constant: Shape (3,).
         is_place: Whether it is a place, not a direction.
+        stiff: How it follows the nodes of a rigid face while these are in one body; None if it is
+            of no rigid face.
     """
 
     nodes: npt.NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
     weights: Array = field(default_factory=lambda: NONE)
     constant: Array = field(default_factory=lambda: np.zeros(3))
     is_place: bool = False
+    stiff: Stiff | None = None
 
 
 class Grounded:
@@ -188,4 +192,43 @@ class Face:
         return (self._surface if self._surface.knows(a) else self._behind).direction(a)
 
 
-Sided = Averages | Face | Grounded
+class StiffFace:
+    """A rigid face as a side: a point or a direction of the body that holds its nodes.
+
+    Attributes:
+        size: That of the surface [m].
+        mass: Mass of its nodes, or of those of the cells behind it where it is flat [kg].
+        nodes: Owned nodes of the surface on this rank.
+        centre: Their mean place at the start [m].
+    """
+
+    def __init__(self, scene: Any, weights: Array, side: Averages | Face) -> None:
+        """Take the nodes. Collective.
+
+        Args:
+            scene: The problem.
+            weights: Weight of each owned node.
+            side: The surface as a mean face, which serves while its nodes are in no body.
+        """
+        self._side, self._nodes = side, StiffNodes(scene, weights)
+        self.size, self.mass, self.nodes, self.centre = (
+            side.size,
+            side.mass,
+            side.nodes,
+            side.centre,
+        )
+
+    def knows(self, direction: Array) -> bool:
+        """Whether it has such a direction: any."""
+        return True
+
+    def place(self, point: Array) -> Average:
+        """Where a point of the side is."""
+        return replace(self._side.place(point), stiff=Stiff(self._nodes, point, True))
+
+    def direction(self, a: Array) -> Average:
+        """Where a direction of the side points."""
+        return replace(self._side.direction(a), stiff=Stiff(self._nodes, a, False))
+
+
+Sided = Averages | Face | StiffFace | Grounded

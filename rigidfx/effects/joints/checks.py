@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
 from rigidfx.effects.joints.averages import Grounded, Sided
-from rigidfx.effects.joints.sides import MeanFace, Side, side_name
+from rigidfx.effects.joints.sides import Side, Surface, side_name
 from rigidfx.effects.supports.support import Support
 
 __all__ = ["check_sides"]
@@ -39,7 +39,7 @@ def check_sides(
         if isinstance(side, Grounded):
             continue
         away = float(np.linalg.norm(at - side.centre))
-        if isinstance(name, MeanFace) and away > FAR * side.size:
+        if isinstance(name, Surface) and away > FAR * side.size:
             raise SceneError(
                 f"{owner}: its sides do not meet: it is at {at} m, and {side_name(name)} is around "
                 f"{side.centre} m, {away:.3g} m away and {side.size:.3g} m large."

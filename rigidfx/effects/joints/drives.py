@@ -1,13 +1,14 @@
-"""Motors and springs of joints, bound: a multiplier and an equation each beside the joints' rows.
+"""Motors, springs and stops of joints, bound: a multiplier and an equation each beside the rows.
 
 A multiplier λ is the force along a coordinate q, over the joint's size ℓ where q is an angle. Its
 equation is F = 0 [m],
 
     prescribed      ℓ (q₁ - q(t₁)) = 0
     a given force   (λ - f(t½)/ℓ)/κ = 0
-    a spring        (λ + (k (½ (q₀ + q₁) - q_r) + c (q₁ - q₀)/Δt)/ℓ)/κ = 0
+    a law           (λ - f(q₀, q₁)/ℓ)/κ = 0        a spring with damper, a stop
 
-with κ = 2 m/Δt² of the mass that the joint moves. So stiff springs are no stiffness of nodes.
+with κ = 2 m/Δt² of the mass that the joint moves, in statics its stiffness. So stiff springs are no
+stiffness of nodes. In statics forces are those at the end of a load step.
 """
 
 from __future__ import annotations
@@ -23,11 +24,13 @@ from scipy.sparse import csr_array
 from rigidfx.effects.joints.coordinates import Coordinate, secant
 from rigidfx.effects.joints.elements import JointSpring, Motor, coordinate_of
 from rigidfx.effects.joints.joint import Joint
+from rigidfx.effects.joints.stop import Stop
 
-__all__ = ["Drives"]
+__all__ = ["Drives", "Element"]
 
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
+Element = Motor | JointSpring | Stop
 
 
 @dataclass
@@ -42,28 +45,39 @@ class _Drive:
         size: ℓ, 1 of a travel [m].
         large: What of the coordinate counts as large, in its unit.
         mass: Mass that the joint moves, in order of magnitude [kg].
+        joint_size: Size of the joint [m].
         wanted: q that is prescribed, at the start and at the end of the step.
         force: Force or torque that is given.
         multiplier: λ of the last iterate [N].
     """
 
-    effect: Motor | JointSpring
+    effect: Element
     key: tuple[int, str]
     coordinate: Coordinate
     averages: Ints
     size: float
     large: float
     mass: float
+    joint_size: float
     wanted: tuple[float, float] | None = None
     force: float = 0.0
     multiplier: float = 0.0
 
 
 class Drives:
-    """The motors that act and the springs, on the averages of all joints."""
+    """The motors and stops that act, and the springs, on the averages of all joints.
+
+    Attributes:
+        static: Whether forces are those at the end of a step, and nothing moves.
+        kappa: κ of each [N/m], set where a step begins.
+    """
 
     def __init__(
-        self, scene: Any, elements: Sequence[Motor | JointSpring], firsts: Sequence[int]
+        self,
+        scene: Any,
+        elements: Sequence[Element],
+        firsts: Sequence[int],
+        static: bool = False,
     ) -> None:
         """Find their joints.
 
@@ -71,7 +85,9 @@ class Drives:
             scene: The problem.
             elements: Those that act.
             firsts: Number of each joint's first average.
+            static: Whether forces are those at the end of a step.
         """
+        self.static, self.kappa = static, np.ones(len(elements))
         joints = scene.named(Joint)
         self._all: list[_Drive] = []
         for effect in elements:
@@ -81,7 +97,8 @@ class Drives:
             of = pieces.coordinates[name]
             numbers = firsts[k] + np.array(of.averages)
             size, large = (pieces.size, 1.0) if name == "angle" else (1.0, pieces.size)
-            self._all.append(_Drive(effect, (k, name), of, numbers, size, large, pieces.mass))
+            own = size, large, pieces.mass, pieces.size
+            self._all.append(_Drive(effect, (k, name), of, numbers, *own))
         self._dt = 1.0
         self._q0: Mapping[tuple[int, str], float] = {}
         none: Array = np.zeros((0, 3))
@@ -95,6 +112,11 @@ class Drives:
     def masses(self) -> Array:
         """Mass that each one's joint moves [kg]."""
         return np.array([drive.mass for drive in self._all], dtype=np.float64)
+
+    @property
+    def sizes(self) -> Array:
+        """Size of each one's joint [m]."""
+        return np.array([drive.joint_size for drive in self._all], dtype=np.float64)
 
     @property
     def multipliers(self) -> Array:
@@ -150,7 +172,7 @@ class Drives:
                 ends = motor.at(t) + 4 * motor.at(t + 0.5 * dt) + motor.at(t + dt)
                 drive.wanted = start, start + dt / 6 * ends
             else:
-                drive.force = motor.at(t + 0.5 * dt)
+                drive.force = motor.at(t + dt if self.static else t + 0.5 * dt)
 
     def _begun(self, drive: _Drive) -> float:
         """q that a speed has led to at the start of a step, which may be tried again."""
@@ -187,8 +209,7 @@ class Drives:
         effect, (q0, q1) = drive.effect, self.ends(drive)
         if isinstance(effect, Motor):
             return drive.force, 0.0
-        k, c = effect.stiffness, effect.damping / self._dt
-        return -k * (0.5 * (q0 + q1) - effect.rest) - c * (q1 - q0), -0.5 * k - c
+        return effect.pull(q1) if self.static else effect.law(q0, q1, self._dt)
 
     def residual(self) -> Array:
         """F of each, shape (drives,) [m]."""
@@ -198,16 +219,13 @@ class Drives:
                 assert drive.wanted is not None
                 out[n] = -drive.size * (self.ends(drive)[1] - drive.wanted[1])
             else:
-                out[n] = (drive.multiplier - self._law(drive)[0] / drive.size) / self._kappa(drive)
+                out[n] = (drive.multiplier - self._law(drive)[0] / drive.size) / self.kappa[n]
         return out
-
-    def _kappa(self, drive: _Drive) -> float:
-        return 2.0 * drive.mass / self._dt**2
 
     def compliance(self) -> Array:
         """dF/dλ of each [m/N]."""
-        own = (0.0 if _prescribes(d.effect) else 1.0 / self._kappa(d) for d in self._all)
-        return np.fromiter(own, dtype=np.float64)
+        given = np.array([_prescribes(drive.effect) for drive in self._all], dtype=bool)
+        return np.where(given, 0.0, 1.0 / self.kappa)
 
     def _rows(self, rows: Sequence[Array], columns: int) -> csr_array:
         """A matrix of what drives have at their averages."""
@@ -223,38 +241,42 @@ class Drives:
         for drive in self._all:
             start, moved = self._start[drive.averages], self._moved[drive.averages]
             q0, q1 = self.ends(drive)
+            if self.static:
+                rows.append(-drive.size * drive.coordinate.gradient(start + moved))
+                continue
             rows.append(-drive.size * secant(drive.coordinate, start, moved, q1 - q0, drive.large))
         return self._rows(rows, columns)
 
     def trial(self, columns: int) -> csr_array:
         """Derivatives of F by averages, shape (drives, columns)."""
         rows = []
-        for drive in self._all:
+        for drive, kappa in zip(self._all, self.kappa, strict=True):
             end = self._start[drive.averages] + self._moved[drive.averages]
             factor = -drive.size
             if not _prescribes(drive.effect):
-                factor = -self._law(drive)[1] / (drive.size * self._kappa(drive))
+                factor = -self._law(drive)[1] / (drive.size * kappa)
             rows.append(factor * drive.coordinate.gradient(end))
         return self._rows(rows, columns)
 
     # After a step ---------------------------------------------------------------------------------
 
-    def work(self) -> tuple[float, float]:
-        """Work of motors in the step, and what dampers have taken [J]."""
-        done = taken = 0.0
+    def work(self) -> tuple[float, dict[str, float]]:
+        """Work of motors in the step, and what dampers have taken by their kind [J]."""
+        done, taken = 0.0, dict[str, float]()
         for drive in self._all:
             q0, q1 = self.ends(drive)
             if isinstance(drive.effect, Motor):
                 done += drive.multiplier * drive.size * (q1 - q0)
-            else:
-                taken += drive.effect.damping * (q1 - q0) ** 2 / self._dt
+            elif not self.static and drive.effect.damping:
+                kind = drive.effect.kind
+                taken[kind] = taken.get(kind, 0.0) + drive.effect.taken(q0, q1, self._dt)
         return done, taken
 
     def stored(self, q: Mapping[tuple[int, str], float]) -> float:
-        """Energy of the springs where coordinates are these [J]."""
-        springs = ((d.effect, q[d.key]) for d in self._all if isinstance(d.effect, JointSpring))
-        return sum(0.5 * s.stiffness * (value - s.rest) ** 2 for s, value in springs)
+        """Energy of springs and stops where coordinates are these [J]."""
+        laws = ((d.effect, q[d.key]) for d in self._all if not isinstance(d.effect, Motor))
+        return float(sum(law.stored(value) for law, value in laws))
 
 
-def _prescribes(effect: Motor | JointSpring) -> bool:
+def _prescribes(effect: Element) -> bool:
     return isinstance(effect, Motor) and effect.prescribes

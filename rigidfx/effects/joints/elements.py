@@ -169,6 +169,29 @@ class JointSpring(Effect):
         """Look its joint up."""
         coordinate_of(scene, self.owner, self.joint, self.along)
 
+    def law(self, q0: float, q1: float, dt: float) -> tuple[float, float]:
+        """Force or torque on the second side in a step, and its derivative by q₁.
+
+        Args:
+            q0: q at its start.
+            q1: q at its end.
+            dt: Its length [s].
+        """
+        k, c = self.stiffness, self.damping / dt
+        return -k * (0.5 * (q0 + q1) - self.rest) - c * (q1 - q0), -0.5 * k - c
+
+    def pull(self, q: float) -> tuple[float, float]:
+        """Force or torque of statics at q, and its derivative."""
+        return -self.stiffness * (q - self.rest), -self.stiffness
+
+    def stored(self, q: float) -> float:
+        """Energy at q [J]."""
+        return 0.5 * self.stiffness * (q - self.rest) ** 2
+
+    def taken(self, q0: float, q1: float, dt: float) -> float:
+        """Energy that its damper takes in a step [J]."""
+        return self.damping * (q1 - q0) ** 2 / dt
+
 
 def coordinate_of(scene: Any, owner: str, name: str, along: str | None) -> tuple[Joint, str]:
     """A joint by its name, and what of it is meant.

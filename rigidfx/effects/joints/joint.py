@@ -17,7 +17,7 @@ from rigidfx.effects.joints.checks import check_sides
 from rigidfx.effects.joints.coordinates import Angle, Travel
 from rigidfx.effects.joints.cylinder import cylinder_of
 from rigidfx.effects.joints.pieces import Pieces, perpendiculars
-from rigidfx.effects.joints.sides import GROUND, MeanFace, Side, check_side, side_name, side_of
+from rigidfx.effects.joints.sides import GROUND, Side, Surface, check_side, side_name, side_of
 
 __all__ = ["Aligned", "Joint", "axis_of"]
 
@@ -29,10 +29,10 @@ class Joint(Effect):
     """Holds two sides together, in the whole run.
 
     Attributes:
-        a: First side: "ground", the name of a `Rigid` part, or a `MeanFace`.
+        a: First side: "ground", the name of a `Rigid` part, a `MeanFace` or a `RigidFace`.
         b: Second side, likewise.
-        at: Its place at the start [m]; the middle of the hole or shaft that the first `MeanFace` of
-            its sides is, if None.
+        at: Its place at the start [m]; the middle of the hole or shaft that the first face of its
+            sides is, if None.
         name: Its name in reports; kind and sides if None.
     """
 
@@ -54,7 +54,8 @@ class Joint(Effect):
             check_side(self.kind, name, getattr(self, name))
         if self.at is not None:
             vector(self, "at", self.at)
-        if self.a == self.b:
+        same = isinstance(self.a, Surface) and isinstance(self.b, Surface)
+        if self.a == self.b or (same and self.joins[0] == self.joins[1]):
             raise SceneError(
                 f"{self.owner}: both sides are the same. A joint joins two parts, or one to the "
                 f"'{GROUND}'."
@@ -76,6 +77,11 @@ class Joint(Effect):
         return self.title if self.name is None else f"{self.kind} '{self.name}'"
 
     @property
+    def sides(self) -> tuple[Side, Side]:
+        """Both sides, as they were given."""
+        return self.a, self.b
+
+    @property
     def holds(self) -> bool:  # type: ignore[override]
         """Whether one side is the ground."""
         return GROUND in (self.a, self.b)
@@ -88,7 +94,7 @@ class Joint(Effect):
     @property
     def joins(self) -> tuple[str | None, ...]:
         """The sets of its sides."""
-        sides = (s.where if isinstance(s, MeanFace) else s for s in (self.a, self.b))
+        sides = (s.where if isinstance(s, Surface) else s for s in self.sides)
         return tuple(None if where == WHOLE else where for where in sides if where != GROUND)
 
     @property
@@ -128,11 +134,11 @@ class Joint(Effect):
         Raises:
             SceneError: If no side is a surface, or it is no cylinder.
         """
-        surfaces = [side.where for side in (self.a, self.b) if isinstance(side, MeanFace)]
+        surfaces = [side.where for side in self.sides if isinstance(side, Surface)]
         if not surfaces:
             raise SceneError(
-                f"{self.owner}: give its {' and '.join(missing)}; only a MeanFace that is a hole "
-                "or a shaft tells them."
+                f"{self.owner}: give its {' and '.join(missing)}; only a MeanFace or a "
+                "RigidFace that is a hole or a shaft tells them."
             )
         centre, axis = cylinder_of(scene, self.owner, surfaces[0])
         told: dict[str, Any] = {"at": tuple(map(float, centre)), "axis": tuple(map(float, axis))}

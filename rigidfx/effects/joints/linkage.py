@@ -22,10 +22,10 @@ from mpi4py import MPI
 from scipy.sparse import csr_array, vstack
 
 from rigidfx.effects.joints.coordinates import Coordinates
-from rigidfx.effects.joints.drives import Drives
-from rigidfx.effects.joints.elements import JointSpring, Motor
+from rigidfx.effects.joints.drives import Drives, Element
 from rigidfx.effects.joints.joint import Joint
 from rigidfx.effects.joints.joint_report import JointReport
+from rigidfx.effects.joints.stiff import stiff_rows
 from rigidfx.effects.joints.telling import JointReports, told_of
 from rigidfx.effects.joints.terms import Terms
 from rigidfx.mechanics.bodies import Bodies
@@ -53,39 +53,48 @@ class Linkage:
     def __init__(
         self,
         joints: Sequence[Joint],
-        elements: Sequence[Motor | JointSpring],
+        elements: Sequence[Element],
         scene: Any,
         rows: Any,
         own: npt.NDArray[np.bool_],
         bodies: Bodies,
         u: Array,
         notes: dict[int, Any] | None = None,
+        static: bool = False,
     ) -> None:
         """Bind joints to nodes and bodies. Collective.
 
         Args:
             joints: The joints, as the scene has placed them.
-            elements: Motors that act, and springs.
+            elements: Motors that act, springs and stops.
             scene: The problem.
             rows: Rows of the nodes that take part.
             own: For each of these nodes, whether it belongs to no body.
             bodies: The rigid bodies.
             u: Displacements of all local dofs at the start of a step [m], changed by each step.
             notes: What joints remember from division to division, by their identity.
+            static: Whether forces are those at the end of a step, and nothing moves.
         """
+        self._share = 1.0 if static else 0.5
+        self._stiffness = max(material.stiffness for material, _ in scene.materials)
         self._comm: MPI.Intracomm = scene.comm
         self._joints, self._notes = tuple(joints), notes
         pieces = [joint.pieces for joint in joints]
         firsts = [0, *accumulate(len(own.averages) for own in pieces)]
         averages = [average for own in pieces for average in own.averages]
         self.averages, self._every = len(averages), sum(len(own.rows) for own in pieces)
-        self._masses = np.repeat([own.mass for own in pieces], [len(own.rows) for own in pieces])
+        rows_of_each = [len(own.rows) for own in pieces]
+        self._masses = np.repeat([own.mass for own in pieces], rows_of_each)
+        self._sizes = np.repeat([own.size for own in pieces], rows_of_each)
         self.active: Ints = np.arange(self._every)
         self._constant = np.reshape([average.constant for average in averages], (-1, 3))
         number = np.repeat(np.arange(self.averages), [a.nodes.size for a in averages])
         nodes = np.concatenate([np.empty(0, np.int64), *(a.nodes for a in averages)])
         weights = np.concatenate([np.empty(0), *(a.weights for a in averages)])
+        stiff = stiff_rows(scene, bodies.of.records, averages)
+        weights[np.isin(number, list(stiff))] = 0.0
         W = csr_array((weights, (number, nodes)), shape=(self.averages, scene.owned_nodes))
+        W.eliminate_zeros()
         self.at = np.flatnonzero(own & (np.diff(W.tocsc().indptr)[rows.nodes] > 0))
         self.own = W[:, rows.nodes[self.at]].tocsr()
         held = [
@@ -93,12 +102,15 @@ class Linkage:
             for body in bodies.of.records
         ]
         every = np.reshape(held, (-1, self.averages, 4)).swapaxes(0, 1)
-        self.held = csr_array(np.asarray(scene.sum(every)).reshape(self.averages, -1))
+        by_bodies = np.asarray(scene.sum(every))
+        for k, row in stiff.items():
+            by_bodies[k] = row
+        self.held = csr_array(by_bodies.reshape(self.averages, -1))
         self._X, self._dofs = rows.X[self.at], rows.dofs.reshape(-1, 3)[self.at]
         self._u0 = u
         self._terms = Terms([own.rows for own in pieces], firsts, self.averages)
         self._firsts = firsts
-        self.drives = Drives(scene, elements, firsts)
+        self.drives = Drives(scene, elements, firsts, static)
         self.used = np.zeros(self.averages, dtype=bool)
         self.used[[*self._terms.averages, *self.drives.averages]] = True
         self._known = [slice(*pair) for pair in self._ends()]
@@ -142,6 +154,19 @@ class Linkage:
     def masses(self) -> Array:
         """Mass that each active row moves, in order of magnitude [kg]."""
         return np.concatenate([self._masses[self.active], self.drives.masses])
+
+    def scale(self, dt: float) -> Array:
+        """κ of each active row: force over displacement of what it moves [N/m].
+
+        Args:
+            dt: Length of a step [s]; of no meaning in statics.
+        """
+        if self.drives.static:
+            out = self._stiffness * np.concatenate([self._sizes[self.active], self.drives.sizes])
+        else:
+            out = 2.0 / dt**2 * self.masses
+        self.drives.kappa = out[self.active.size :]
+        return np.asarray(out)
 
     @property
     def multipliers(self) -> Array:
@@ -233,7 +258,7 @@ class Linkage:
 
     def test(self) -> csr_array:
         """Forces on averages per multiplier, transposed, shape (rows, 3 · averages)."""
-        return self._with(self.gradient(0.5), self.drives.test)
+        return self._with(self.gradient(self._share), self.drives.test)
 
     def trial(self) -> csr_array:
         """Derivatives of the equations of rows by averages, likewise."""
@@ -268,7 +293,7 @@ class Linkage:
 
     def curvature(self) -> csr_array:
         """Derivative of the rows' forces on averages by these, shape (3 · averages,) * 2 [N/m]."""
-        return self._terms.curvature(self._multipliers)
+        return self._terms.curvature(self._multipliers, self._share)
 
     # Forces ---------------------------------------------------------------------------------------
 

@@ -1,7 +1,8 @@
-"""What a joint may join: rigid parts, averaged faces, the ground."""
+"""What a joint may join: rigid parts, averaged faces, rigid faces, the ground."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,19 +10,26 @@ import numpy as np
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import shown
-from rigidfx.effects.joints.averages import Averages, Face, Grounded, Sided
+from rigidfx.effects.joints.averages import Averages, Face, Grounded, Sided, StiffFace
 
-__all__ = ["GROUND", "MeanFace", "Side", "check_side", "side_name", "side_of"]
+__all__ = [
+    "GROUND",
+    "MeanFace",
+    "RigidFace",
+    "Side",
+    "Surface",
+    "check_side",
+    "rigid_faces",
+    "side_name",
+    "side_of",
+]
 
 GROUND = "ground"
 
 
 @dataclass(frozen=True)
-class MeanFace:
-    """A surface that a joint takes hold of by its mean place and affine mean, weighted by areas.
-
-    The joint's force is spread over the surface, which may deform (distributing coupling, RBE3).
-    Directions that the nodes of a flat surface do not span are those of the cells behind it.
+class Surface:
+    """A surface as a side.
 
     Attributes:
         where: Name of a set of boundary facets, such as a hole.
@@ -37,11 +45,42 @@ class MeanFace:
         """
         if not isinstance(self.where, str) or not self.where:
             raise SceneError(
-                f"MeanFace: where must be the name of a set of facets, got {shown(self.where)}."
+                f"{type(self).__name__}: where must be the name of a set of facets, got "
+                f"{shown(self.where)}."
             )
 
+    @property
+    def name(self) -> str:
+        """Its name in messages and reports."""
+        return f"{type(self).__name__} '{self.where}'"
 
-Side = str | MeanFace
+
+@dataclass(frozen=True)
+class MeanFace(Surface):
+    """A surface that a joint takes hold of by its mean place and affine mean, weighted by areas.
+
+    The joint's force is spread over the surface, which may deform (distributing coupling, RBE3).
+    Directions that the nodes of a flat surface do not span are those of the cells behind it.
+
+    Attributes:
+        where: Name of a set of boundary facets, such as a hole.
+    """
+
+
+@dataclass(frozen=True)
+class RigidFace(Surface):
+    """A surface whose nodes move as one rigid body (kinematic coupling, RBE2).
+
+    It is stiffer than the truth, as a `MeanFace` is softer: stresses beside it are those of a pin
+    that is glued in. Its nodes are six unknowns of a step. Cells round it become rigid all together
+    or not at all.
+
+    Attributes:
+        where: Name of a set of boundary facets, such as a hole.
+    """
+
+
+Side = str | Surface
 
 
 def check_side(owner: str, name: str, side: Any) -> None:
@@ -55,16 +94,22 @@ def check_side(owner: str, name: str, side: Any) -> None:
     Raises:
         SceneError: If it cannot.
     """
-    if not isinstance(side, MeanFace) and not (isinstance(side, str) and side):
+    if not isinstance(side, Surface) and not (isinstance(side, str) and side):
         raise SceneError(
-            f"{owner}: {name} must be '{GROUND}', the name of a Rigid part or a MeanFace, got "
-            f"{shown(side)}."
+            f"{owner}: {name} must be '{GROUND}', the name of a Rigid part, a MeanFace or a "
+            f"RigidFace, got {shown(side)}."
         )
 
 
 def side_name(side: Side) -> str:
     """A side in words."""
-    return f"'{side}'" if isinstance(side, str) else f"{type(side).__name__} '{side.where}'"
+    return f"'{side}'" if isinstance(side, str) else side.name
+
+
+def rigid_faces(effects: Iterable[Any]) -> tuple[RigidFace, ...]:
+    """The rigid faces that effects take hold of, each once, in the order given."""
+    sides = (side for effect in effects for side in getattr(effect, "sides", ()))
+    return tuple(dict.fromkeys(side for side in sides if isinstance(side, RigidFace)))
 
 
 def side_of(scene: Any, owner: str, side: Side) -> Sided:
@@ -79,12 +124,13 @@ def side_of(scene: Any, owner: str, side: Side) -> Sided:
         SceneError: On every rank, if there is no such part or surface.
     """
     title, n = f"{owner}, {side_name(side)}", scene.owned_nodes
-    if isinstance(side, MeanFace):
-        surface = Averages(scene, scene.facet_weights(side.where, owner)[:n], title)
-        if not surface.flat:
-            return surface
-        behind = np.unique(scene.boundary(side.where, owner)[:, 0]).astype(np.int32)
-        return Face(surface, Averages(scene, scene.cell_weights(1.0, behind)[:n], title))
+    if isinstance(side, Surface):
+        weights = np.asarray(scene.facet_weights(side.where, owner)[:n])
+        face: Averages | Face = Averages(scene, weights, title)
+        if face.flat:
+            behind = np.unique(scene.boundary(side.where, owner)[:, 0]).astype(np.int32)
+            face = Face(face, Averages(scene, scene.cell_weights(1.0, behind)[:n], title))
+        return StiffFace(scene, weights, face) if isinstance(side, RigidFace) else face
     if side == GROUND:
         return Grounded()
     rigid = {e.name: e.where for e in scene.effects if e.is_rigid}

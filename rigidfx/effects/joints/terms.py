@@ -78,13 +78,14 @@ class Terms:
         both = self._factor[:, None, None] * np.stack([p[self._second], p[self._first]], axis=1)
         return self._linear + csr_array((both.ravel(), self._at), shape=self._linear.shape)
 
-    def curvature(self, multipliers: Array) -> csr_array:
-        """Derivative of Σ λ ∂g/∂p at the middle by p at the end, shape (3 · averages,) * 2.
+    def curvature(self, multipliers: Array, share: float) -> csr_array:
+        """Derivative of Σ λ ∂g/∂p after a part of a step by p at its end, (3 · averages,) * 2.
 
         Args:
             multipliers: λ of each row.
+            share: That part: 0.5 for the middle of the step.
         """
-        value = 0.5 * multipliers[self._row] * self._factor
+        value = share * multipliers[self._row] * self._factor
         k, j = (3 * of[:, None] + np.arange(3) for of in (self._first, self._second))
         row, column = np.r_[k.ravel(), j.ravel()], np.r_[j.ravel(), k.ravel()]
         values = np.tile(np.repeat(value, 3), 2)

@@ -247,10 +247,11 @@ def mass_of(scene: Scene, rows: Rows, cells: Cells) -> Mass:
 
 
 def watched(bodies: Sequence[RigidBody], in_pieces: frozenset[str]) -> list[RigidBody]:
-    """The bodies whose ρ is known, with the mass and inertia of their cells.
+    """The bodies whose ρ is known, with cells and with the mass and inertia of these.
 
     Args:
         bodies: All bodies.
         in_pieces: Parts named rigid whose cells are not connected through facets.
     """
-    return [body for body in bodies if not body.given and in_pieces.isdisjoint(body.named)]
+    own = (body for body in bodies if not body.given and not body.is_face)
+    return [body for body in own if in_pieces.isdisjoint(body.named)]

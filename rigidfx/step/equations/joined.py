@@ -67,7 +67,7 @@ class JoinedEquilibrium(Equilibrium):
     def begin(self, dt: float, v0: PETSc.Vec | None, imposed: Array, start: Bodies) -> Trial:
         """See `Equilibrium`."""
         trial = super().begin(dt, v0, imposed, start)
-        self._scale = 2.0 / dt**2 * self.linkage.masses
+        self._scale = self.linkage.scale(dt)
         self.linkage.begin(start)
         return trial
 

@@ -19,7 +19,7 @@ from rigidfx.coupling.dealt_rows import Dealing
 from rigidfx.coupling.dof_layout import dof_layout
 from rigidfx.coupling.mass import mass_operator
 from rigidfx.coupling.prolongation import Prolongation
-from rigidfx.effects import Joint, JointReports, JointSpring, Motor, Touch, Windowed
+from rigidfx.effects import Joint, JointReports, JointSpring, Motor, Stop, Touch, Windowed
 from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.flexible.eased_stress import EasedStress
 from rigidfx.flexible.internal_forces import Cells, InternalForces
@@ -159,7 +159,7 @@ class System:
         scene, here = self._scene, {id(effect) for effect in self.acting}
         motors = [motor for motor in scene.named(Motor) if id(motor) in here]
         bound = scene, self.layout.rows, self.structure.own, state.bodies, state.u.x.array
-        elements = (*motors, *scene.named(JointSpring))
+        elements = (*motors, *scene.named(JointSpring), *scene.named(Stop))
         return Linkage(scene.named(Joint), elements, *bound, state.notes)
 
     def follow(self, acting: Sequence[Windowed]) -> bool:
@@ -280,8 +280,7 @@ class System:
             joints = self.linkage.told()
             driven, damped = self.linkage.drives.work()
             loads += driven
-            if damped:
-                dissipated[JointSpring.__name__] = damped
+            dissipated |= damped
         return Work(loads, supports, dissipated, reactions, moments, touches, joints)
 
     def _reactions(

@@ -1,0 +1,124 @@
+"""Points and directions of rigid faces, as a body has them that holds all nodes of the face.
+
+The nodes of a rigid face move as one body: one of their own, or one that holds them all. With w
+their weights, Σ w = 1, X their places at the start and V those in the body's frame,
+
+    V̄ + Q (P - X̄)  a point P,     Q a  a direction a,     Q the rotation that fits Σ w (X - X̄) ⊗ V,
+
+which is exact, and known of flat faces too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.mechanics.rigid_body import RigidBody
+
+__all__ = ["Stiff", "StiffNodes", "stiff_rows"]
+
+Array = npt.NDArray[np.float64]
+
+
+class StiffNodes:
+    """The nodes of a rigid face.
+
+    Attributes:
+        centre: X̄ [m].
+    """
+
+    def __init__(self, scene: Any, weights: Array) -> None:
+        """Find their centre. Collective.
+
+        Args:
+            scene: The problem.
+            weights: Weight of each owned node.
+        """
+        self._nodes = np.flatnonzero(weights)
+        w, X = weights[self._nodes], scene.start_places[self._nodes]
+        sums = scene.sum(np.r_[w.sum(), w @ X, w.size])
+        self.centre: Array = sums[1:4] / sums[0]
+        self._w, self._arms, self._size = w / sums[0], X - self.centre, sums[4]
+
+    def within(self, scene: Any, bodies: Sequence[RigidBody]) -> tuple[int, Array, Array] | None:
+        """The body that holds all of them, and how. Collective.
+
+        Args:
+            scene: The problem.
+            bodies: The bodies.
+
+        Returns:
+            Its number among the bodies, V̄ [m] and Q; None if no body holds all nodes.
+        """
+        local = np.zeros((len(bodies), 13))
+        for out, body in zip(local, bodies, strict=True):
+            at = np.minimum(np.searchsorted(body.nodes, self._nodes), max(body.nodes.size - 1, 0))
+            here = body.nodes[at] == self._nodes if body.nodes.size else np.zeros(at.size, bool)
+            w, V = self._w[here, None], body.offsets[at[here]]
+            out[0], out[1:4] = np.count_nonzero(here), (w * V).sum(axis=0)
+            out[4:] = ((w * self._arms[here]).T @ V).reshape(-1)
+        sums = np.asarray(scene.sum(local))
+        found = np.flatnonzero(sums[:, 0] == self._size)
+        if not found.size:
+            return None
+        own = sums[found[0]]
+        left, _, right = np.linalg.svd(own[4:].reshape(3, 3).T)
+        proper = np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
+        return int(found[0]), own[1:4], np.asarray(left @ proper @ right)
+
+
+@dataclass(frozen=True)
+class Stiff:
+    """A point or a direction of a rigid face.
+
+    Attributes:
+        nodes: The nodes of the face.
+        vector: The point at the start [m], or the direction there, shape (3,).
+        is_place: Whether it is a point.
+    """
+
+    nodes: StiffNodes
+    vector: Array
+    is_place: bool
+
+    def coordinates(self, centre: Array, Q: Array) -> Array:
+        """What of [1, V] of the body it is, shape (4,).
+
+        Args:
+            centre: V̄ [m].
+            Q: See above.
+        """
+        if not self.is_place:
+            return np.r_[0.0, Q @ self.vector]
+        return np.r_[1.0, centre + Q @ (self.vector - self.nodes.centre)]
+
+
+def stiff_rows(
+    scene: Any, bodies: Sequence[RigidBody], averages: Sequence[Any]
+) -> dict[int, Array]:
+    """Weights of bodies' [1, V] of the averages of rigid faces that a body holds. Collective.
+
+    Args:
+        scene: The problem.
+        bodies: The bodies.
+        averages: The averages.
+
+    Returns:
+        By the number of the average, shape (bodies, 4).
+    """
+    out: dict[int, Array] = {}
+    known: dict[StiffNodes, tuple[int, Array, Array] | None] = {}
+    for k, average in enumerate(averages):
+        stiff: Stiff | None = average.stiff
+        if stiff is None:
+            continue
+        if stiff.nodes not in known:
+            known[stiff.nodes] = stiff.nodes.within(scene, bodies)
+        if (found := known[stiff.nodes]) is not None:
+            out[k] = np.zeros((len(bodies), 4))
+            out[k][found[0]] = stiff.coordinates(*found[1:])
+    return out

@@ -1,0 +1,111 @@
+"""Rigid faces as bodies of their own: nodes without cells, six unknowns.
+
+With a lumped mass such a body has the masses of its nodes. With a consistent one it has none but
+that of point masses: the cells beside it have theirs, which its six unknowns move.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.base.errors import SceneError
+from rigidfx.decide.decision import PlannedBody
+from rigidfx.effects import RigidFace, rigid_faces
+from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.mechanics.rigid_body import NOTHING, Body, BodyMotion, RigidBody
+from rigidfx.mechanics.rotation import skew
+from rigidfx.scene.scene import Scene
+from rigidfx.state import State
+from rigidfx.switch.exchange import freeze
+from rigidfx.switch.mass_properties import mass_properties
+
+__all__ = ["face_bodies"]
+
+Array = npt.NDArray[np.float64]
+Nodes = npt.NDArray[np.int32]
+
+THIN = 1e-10  # least over largest principal moment of nodes below which they lie on a line
+NO_CELLS: Nodes = np.empty(0, np.int32)
+
+
+def face_bodies(
+    scene: Scene, forces: InternalForces, state: State, held: npt.NDArray[np.bool_], first: int
+) -> list[Body]:
+    """The bodies of the rigid faces whose nodes are in no other body. Collective.
+
+    Args:
+        scene: The problem.
+        forces: Internal forces.
+        state: Current state; faces that are bodies in it keep their motion.
+        held: For each owned node, whether another body or a support that clamps a part has it.
+        first: Number of the body of the first face.
+
+    Raises:
+        SceneError: On every rank, if the nodes of a face lie on a line.
+    """
+    out: list[Body] = []
+    known = {body.data.name: body for body in state.bodies}
+    for number, face in enumerate(rigid_faces(scene.effects), start=first):
+        nodes = scene.nodes(face.where, face.name, (2,))
+        nodes = nodes[nodes < scene.owned_nodes]
+        if scene.sum(np.count_nonzero(held[nodes])) > 0:
+            continue
+        if face.name in known:
+            out.append(known[face.name])
+        else:
+            out.append(_body(scene, forces, state, face, nodes, number))
+    return out
+
+
+def _body(
+    scene: Scene, forces: InternalForces, state: State, face: RigidFace, nodes: Nodes, number: int
+) -> Body:
+    """The body of a face, with the motion that fits its nodes. Collective."""
+    what = PlannedBody(NO_CELLS, nodes, face.name, number)
+    body = freeze(scene, forces, state, what) if scene.mass == "lumped" else None
+    if body is None:
+        body = _without_mass(scene, forces, state, what)
+    if body is None:
+        raise SceneError(
+            f"{face.name}: its nodes lie on a line or are too few, so that they are no body. Name "
+            "a larger set of facets."
+        )
+    return body
+
+
+def _without_mass(
+    scene: Scene, forces: InternalForces, state: State, what: PlannedBody
+) -> Body | None:
+    """A face beside cells whose mass is consistent; None if its nodes lie on a line. Collective."""
+    n, nodes = scene.owned_nodes, what.nodes
+    u, v = (f.x.array[: 3 * n].reshape(-1, 3) for f in (state.u, state.v))
+    x, m = state.X[nodes] + u[nodes], scene.averaging_mass[nodes, None]
+    points = mass_properties(scene, forces.cells(what.cells), nodes, state.X[:n] + u, v)
+    sums = np.asarray(scene.sum(np.r_[m.sum(), (m * x).sum(axis=0), (m * v[nodes]).sum(axis=0)]))
+    middle = sums[1:4] / sums[0]
+    arms = x - middle
+    second = np.asarray(scene.sum((m * arms).T @ arms))
+    J = np.trace(second) * np.eye(3) - second
+    moments = np.linalg.eigvalsh(second)
+    if not moments[1] > THIN * moments[2]:
+        return None
+    spin = np.asarray(scene.sum((m * np.cross(arms, v[nodes])).sum(axis=0)))
+    omega = np.linalg.solve(J, spin)
+    centre = points.centre if points.mass else middle
+    velocity = sums[4:] / sums[0] + skew(omega) @ (centre - middle)
+    offsets = x - centre
+    data = RigidBody(
+        name=what.name,
+        cells=what.cells,
+        nodes=nodes,
+        offsets=offsets,
+        displacement=u[nodes],
+        mass=points.mass,
+        inertia=points.inertia,
+        origin=centre,
+        number=what.number,
+        frozen=NOTHING,
+        extent=float(np.sqrt(np.trace(J) / (2 * sums[0]))),
+    )
+    return Body(data, BodyMotion(centre.copy(), np.eye(3), velocity, omega))
