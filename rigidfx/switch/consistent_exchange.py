@@ -36,7 +36,8 @@ from rigidfx.mechanics.rigid_body import Body, Frozen
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.system.division import Division
-from rigidfx.switch.exchange import freeze
+from rigidfx.switch.exchange import faces_within, freeze
+from rigidfx.switch.faces import with_faces
 from rigidfx.switch.present_velocities import Present
 from rigidfx.switch.projected_velocities import Field, RigidFields
 
@@ -69,12 +70,18 @@ class ConsistentExchange:
         present = self._present(state)
         before = RigidFields(self._scene, state, prescribed, present.mass)
         of_given = before.given_momenta(present.bodies)
-        staying = [
-            k for k, body in enumerate(state.bodies.of.records) if body.number not in numbers
-        ]
+        row = {body.number: k for k, body in enumerate(state.bodies.of.records)}
         gone = state.take_out(numbers)
+        faces = with_faces(self._scene, self._forces, state)
         after = RigidFields(self._scene, state, prescribed, present.mass)
-        merged = after.project(present.momenta, of_given[staying], present.nodal[prescribed])
+        # Bodies before and after: those that stay, and rigid faces that are bodies again.
+        records = enumerate(state.bodies.of.records)
+        pairs = [(k, row[body.number]) for k, body in records if body.number in row]
+        now, was = np.reshape(pairs, (-1, 2)).astype(int).T
+        none = np.zeros((len(state.bodies), 6))
+        of_staying, rigid_bodies = none.copy(), none.copy()
+        of_staying[now] = of_given[was]
+        merged = after.project(present.momenta, of_staying, present.nodal[prescribed])
         # The kept field, rotated with its bodies, and the difference of the two velocities that the
         # interface has had, as a field that is possible now and adds no momenta.
         kept = np.zeros((self._scene.owned_nodes, 3))
@@ -83,12 +90,12 @@ class ConsistentExchange:
             frozen = body.data.frozen
             kept[frozen.nodes] += frozen.velocities @ body.motion.R.T
         at_rest = np.zeros(int(np.count_nonzero(prescribed)))
-        none = np.zeros((len(staying), 6))
         possible = after.project(after.momenta(kept.reshape(-1)), none, at_rest)
         own = np.zeros_like(of_given)
-        own[staying] = after.given_momenta(possible.bodies)
+        own[was] = after.given_momenta(possible.bodies)[now]
         rigid = before.project(before.momenta(possible.nodal), own, at_rest)
-        mode = possible.plus(-1.0, Field(rigid.nodal, rigid.bodies[staying]))
+        rigid_bodies[now] = rigid.bodies[was]
+        mode = possible.plus(-1.0, Field(rigid.nodal, rigid_bodies))
         work = self._work(present, prescribed, after.momenta(merged.nodal) - present.momenta)
         of_mode = self._work(present, prescribed, after.momenta(mode.nodal))
         wanted = present.energy + work + sum(body.data.frozen.vibration for body in gone)
@@ -99,14 +106,19 @@ class ConsistentExchange:
         else:
             scale = 1.0
         _take(state, merged.plus(scale, mode))
+        if faces:  # with the velocities of their nodes
+            state.take_out(faces)
+            with_faces(self._scene, self._forces, state)
         for item in (before, after, present):
             item.destroy()
         return work + scale * of_mode
 
     def freeze(self, state: State, what: PlannedBody, prescribed: Bools) -> float | None:
         """See `rigidfx.switch.exchange.Exchange`."""
+        faces = faces_within(self._scene, state, what.nodes)
+        state.rebuild()
         body = freeze(self._scene, self._forces, state, what)
-        return None if body is None else self._include(state, body, prescribed)
+        return None if body is None else self._include(state, body, prescribed, faces=faces)
 
     def settle(self, state: State, division: Division, prescribed: Bools) -> None:
         """See `rigidfx.switch.exchange.Exchange`."""
@@ -144,7 +156,14 @@ class ConsistentExchange:
         gap, largest = np.max(self._scene.comm.allgather((gap, largest)), axis=0)
         return bool(gap <= CONTINUOUS * largest)
 
-    def _include(self, state: State, body: Body, prescribed: Bools, named: bool = False) -> float:
+    def _include(
+        self,
+        state: State,
+        body: Body,
+        prescribed: Bools,
+        named: bool = False,
+        faces: Set[int] = frozenset(),
+    ) -> float:
         """Have one more body, which keeps what it takes out of the motion. Collective.
 
         Args:
@@ -152,11 +171,14 @@ class ConsistentExchange:
             body: The body.
             prescribed: For each owned dof, whether a support prescribes it.
             named: Whether it is none that is ever released, and keeps the work of supports as well.
+            faces: Numbers of rigid faces that it takes over, with what these have kept.
 
         Returns:
             Work of supports [J].
         """
         present = self._present(state)
+        taken = [own for own in state.bodies if own.data.number in faces]
+        state.group(Bodies.of_each(own for own in state.bodies if own.data.number not in faces))
         of_given = np.einsum("kij,kj->ki", state.bodies.given_mass_blocks, state.bodies.six)
         others = list(state.bodies)
         state.group(Bodies.of_each([*others, body]))
@@ -165,6 +187,8 @@ class ConsistentExchange:
             present.momenta, np.vstack([of_given, np.zeros(6)]), present.nodal[prescribed]
         )
         lost: Array = np.reshape(present.nodal - new.nodal, (-1, 3))
+        for own in taken:
+            lost[own.data.frozen.nodes] += own.data.frozen.velocities @ own.motion.R.T
         size: Array = np.sqrt((lost**2).sum(axis=1))
         most = self._scene.comm.allreduce(float(size.max(initial=0.0)), op=MPI.MAX)
         nodes = np.flatnonzero(size > NEGLIGIBLE * most).astype(np.int32)
@@ -172,6 +196,7 @@ class ConsistentExchange:
         if not named:
             work = self._work(present, prescribed, fields.momenta(new.nodal) - present.momenta)
         energy = present.energy + work - 0.5 * fields.product(new, new)
+        energy += sum(own.data.frozen.vibration for own in taken)
         frozen = Frozen(nodes, lost[nodes], body.data.frozen.strain, energy)
         body = replace(body, data=replace(body.data, frozen=frozen))
         state.group(Bodies.of_each([*others, body]))

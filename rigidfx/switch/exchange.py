@@ -33,7 +33,7 @@ from rigidfx.state import State
 from rigidfx.step.system.division import Division
 from rigidfx.switch.mass_properties import excess_of_lumping, mass_properties
 
-__all__ = ["Exchange", "LumpedExchange", "freeze"]
+__all__ = ["Exchange", "LumpedExchange", "faces_within", "freeze"]
 
 
 class Exchange(Protocol):
@@ -58,7 +58,8 @@ class Exchange(Protocol):
         """Make a body of cells. Collective.
 
         Args:
-            state: Gains the body. Displacement and velocity of its nodes are up to date.
+            state: Gains the body, which takes over rigid faces among its nodes. Displacement and
+                velocity of its nodes are up to date.
             what: Cells and nodes.
             prescribed: For each owned dof, whether a support prescribes it.
 
@@ -132,6 +133,21 @@ def freeze(scene: Scene, forces: InternalForces, state: State, what: PlannedBody
     return Body(body, motion)
 
 
+def faces_within(scene: Scene, state: State, nodes: npt.NDArray[np.int32]) -> set[int]:
+    """Numbers of the rigid faces that have some of these nodes. Collective.
+
+    Args:
+        scene: The problem.
+        state: It has the faces as bodies.
+        nodes: Owned nodes.
+    """
+    faces = [body for body in state.bodies.of.records if body.is_face]
+    if not faces:
+        return set()
+    inside = scene.sum([np.intersect1d(face.nodes, nodes).size for face in faces])
+    return {face.number for face, some in zip(faces, inside, strict=True) if some > 0}
+
+
 class LumpedExchange:
     """The exchange where each node has its own mass: nodes outside a body are not concerned."""
 
@@ -146,6 +162,8 @@ class LumpedExchange:
 
     def release(self, state: State, numbers: Set[int], prescribed: npt.NDArray[np.bool_]) -> float:
         """See `Exchange`."""
+        if not numbers:
+            return 0.0
         gone = state.take_out(numbers)
         velocity = state.v.x.array.copy()
         v = velocity.reshape(-1, 3)
@@ -160,6 +178,7 @@ class LumpedExchange:
         self, state: State, what: PlannedBody, prescribed: npt.NDArray[np.bool_]
     ) -> float | None:
         """See `Exchange`."""
+        self.release(state, faces_within(self._scene, state, what.nodes), prescribed)
         body = freeze(self._scene, self._forces, state, what)
         if body is None:
             return None

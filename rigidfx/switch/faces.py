@@ -11,8 +11,9 @@ import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
 from rigidfx.decide.decision import PlannedBody
-from rigidfx.effects import RigidFace, rigid_faces
+from rigidfx.effects import Rigid, RigidFace, rigid_faces
 from rigidfx.flexible.internal_forces import InternalForces
+from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import NOTHING, Body, BodyMotion, RigidBody
 from rigidfx.mechanics.rotation import skew
 from rigidfx.scene.scene import Scene
@@ -20,7 +21,7 @@ from rigidfx.state import State
 from rigidfx.switch.exchange import freeze
 from rigidfx.switch.mass_properties import mass_properties
 
-__all__ = ["face_bodies"]
+__all__ = ["face_bodies", "with_faces"]
 
 Array = npt.NDArray[np.float64]
 Nodes = npt.NDArray[np.int32]
@@ -56,6 +57,33 @@ def face_bodies(
         else:
             out.append(_body(scene, forces, state, face, nodes, number))
     return out
+
+
+def with_faces(scene: Scene, forces: InternalForces, state: State) -> set[int]:
+    """Have as bodies of a state, last, all rigid faces that no other one holds. Collective.
+
+    Args:
+        scene: The problem.
+        forces: Internal forces.
+        state: It gains the faces that it has not, with the motion that fits their nodes.
+
+    Returns:
+        Numbers of the faces that it has gained.
+    """
+    if not rigid_faces(scene.effects):
+        return set()
+    others = [body for body in state.bodies if not body.data.is_face]
+    held = np.zeros(scene.owned_nodes, dtype=bool)
+    for body in others:
+        held[body.data.nodes] = True
+    named = scene.named(Rigid)
+    for part in named:
+        nodes = scene.nodes(part.where, part.kind, (3,)) if part.where else np.arange(held.size)
+        held[nodes[nodes < held.size]] = True
+    there = {body.data.number for body in state.bodies}
+    faces = face_bodies(scene, forces, state, held, len(named) + 1)
+    state.group(Bodies.of_each([*others, *faces]))
+    return {face.data.number for face in faces} - there
 
 
 def _body(

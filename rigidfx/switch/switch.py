@@ -189,16 +189,6 @@ class Switch:
             impact = self._closed(impact)
         return impact + begun if impact and begun else impact or begun
 
-    def _faces_within(self, decision: Decision) -> set[int]:
-        """Numbers of rigid faces whose nodes a new body takes over. Collective."""
-        scene = self.scene
-        taken = np.zeros(scene.owned_nodes, dtype=bool)
-        for body in decision.bodies:
-            taken[body.nodes] |= not body.kept
-        faces = [body for body in self._stepper.state.bodies.of.records if body.is_face]
-        inside = scene.sum([0.0, *(np.count_nonzero(taken[face.nodes]) for face in faces)])[1:]
-        return {face.number for face, held in zip(faces, inside, strict=True) if held > 0}
-
     def _closed(self, impact: Impact | None) -> Impact | None:
         """What joints do after an impact, by impulses that keep them closed, and it. Collective."""
         if self._joints is None:
@@ -245,8 +235,7 @@ class Switch:
         before, unknowns = stepper.measure(), stepper.unknowns
         held_before = stepper.held_momenta()
         prescribed = stepper.prescribed.mask
-        gone = (old.keys() - kept) | self._faces_within(decision)
-        work = self._exchange.release(state, gone, prescribed)
+        work = self._exchange.release(state, old.keys() - kept, prescribed)
         for body in decision.bodies:
             if not body.kept:
                 work += self._exchange.freeze(state, body, prescribed) or 0.0
