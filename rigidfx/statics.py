@@ -24,6 +24,7 @@ from rigidfx.effects import (
     Effect,
     InitialDisplacement,
     InitialVelocity,
+    Motor,
     Preload,
     Pressure,
     Resultant,
@@ -37,7 +38,6 @@ from rigidfx.report.of_step import report_of
 from rigidfx.report.probes import Probes
 from rigidfx.report.report import Report
 from rigidfx.report.whereabouts import Whereabouts
-from rigidfx.scene.conflicts import refuse_joints
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
 from rigidfx.state import State
@@ -100,7 +100,6 @@ def static(
                 f"static: {kind.__name__} has no meaning in statics. Take {instead}, or leave it "
                 "out."
             )
-    refuse_joints("static", scene)
     ends = sorted({*ends, *(t for t in scene.breakpoints if 0 < t < last)})
     ramped = copy(scene)
     ramped.effects = tuple(_ramped(effect, last) for effect in scene.effects)
@@ -239,12 +238,23 @@ def _ends(steps: int | Sequence[float], t_end: float) -> list[float]:
 
 def _ramped(effect: Effect, t_end: float) -> Effect:
     """A constant load as one that grows; any other effect as it is."""
+    if isinstance(effect, Motor):
+        return _ramped_motor(effect, t_end)
     if not isinstance(effect, (DeadLoad, Pressure, Resultant)) or effect.time is not None:
         return effect
     if is_function(getattr(effect, "value", None)):
         return effect
     start, end = effect.start, min(t_end, effect.until)
     return replace(effect, time=Table((start, end), (0.0, 1.0))) if start < end else effect
+
+
+def _ramped_motor(motor: Motor, t_end: float) -> Motor:
+    """A motor whose torque or force is constant as one whose grows; any other as it is."""
+    value, start, end = getattr(motor, motor.by), motor.start, min(t_end, motor.until)
+    if motor.prescribes or is_function(value) or not start < end:
+        return motor
+    grown: dict[str, Any] = {motor.by: Table((start, end), (0.0, float(value)))}
+    return replace(motor, **grown)
 
 
 def _check_held(scene: Scene, ends: Sequence[float]) -> None:
@@ -259,17 +269,19 @@ def _check_held(scene: Scene, ends: Sequence[float]) -> None:
         if any(isinstance(contact.against, str) for contact in contacts):
             continue  # where two surfaces will meet is not known
         held = PrescribedDofs(scene, supports_of(acting))
-        free = free_to_move(scene, held, [c.directions(scene) for c in contacts])
+        directions = [c.directions(scene) for c in contacts]
+        free = free_to_move(scene, held, directions, acting)
         if not free:
             continue
-        what = f"static: from t = {begin:g} s on supports and springs leave a rigid motion free, "
+        what = f"static: from t = {begin:g} s on supports, springs and joints leave a rigid motion "
         if contacts:
             warn(
                 scene.comm,
-                f"{what}of {free}, along which contacts without friction do not hold either: the "
-                "place along it is arbitrary. Add supports, friction, or a weak Spring.",
+                f"{what}free, of {free}, along which contacts without friction do not hold either: "
+                "the place along it is arbitrary. Add supports, friction, or a weak Spring.",
             )
             return
         raise SceneError(
-            f"{what}of {free}, so there is no static equilibrium. Add supports, or a weak Spring."
+            f"{what}free, of {free}, so there is no static equilibrium. Add supports, or a weak "
+            "Spring."
         )

@@ -25,6 +25,7 @@ PARTS = {
     "one rigid": ((rf.Rigid("A"),), ("A", rf.MeanFace("b"))),
     "both rigid": ((rf.Rigid("A"), rf.Rigid("B")), ("A", "B")),
     "faces of rigid parts": ((rf.Rigid("A"), rf.Rigid("B")), None),
+    "rigid faces": ((), (rf.RigidFace("a"), rf.RigidFace("b"))),
 }
 
 
@@ -68,11 +69,13 @@ def test_a_ball_joint_keeps_energy_and_both_momenta():
 
 @NO_WARNINGS
 @pytest.mark.parametrize("mass", ["lumped", "consistent"])
-def test_joined_parts_become_rigid_and_flexible_again(mass):
+@pytest.mark.parametrize("face", [rf.MeanFace, rf.RigidFace])
+def test_joined_parts_become_rigid_and_flexible_again(face, mass):
     """Faces of the joint are in bodies, then in none, then in bodies; all at given times."""
     release = rf.Release(at=(0.25,))
     criterion = rf.StrainRate(1e9, 0.1, patience=1, wake="none", release=release)
-    reports, H, L, J, held = follow(bars(mass=mass), 0.01, 45, rigidify=criterion)
+    sides = face("a"), face("b")
+    reports, H, L, J, held = follow(bars(sides=sides, mass=mass), 0.01, 45, rigidify=criterion)
     kinds = [event.kind for report in reports for event in report.events]
     assert kinds == ["freeze", "release", "freeze"]
     assert reports[-1].unknowns == 12
@@ -221,6 +224,21 @@ def test_a_spring_about_a_hinge_swings_and_its_damper_takes():
     assert last.energy < 40 < 0.5 * 1000 * 0.5**2
 
 
+@pytest.mark.parametrize("damping", [0.0, 200.0])
+def test_a_stop_throws_a_hinge_back_after_a_turn(damping):
+    """Beyond π, exact in energy; its damper takes what is lost."""
+    start = rf.InitialVelocity(angular=(0, 0, 5.0), centre=AT)
+    stop = rf.Stop("joint", low=-0.5, high=7.0, stiffness=1e4, damping=damping)
+    reports = list(rf.simulate(bar(HINGE, start, stop), 0.01, 2.0))
+    taken = np.cumsum([r.dissipated.get("Stop", 0.0) for r in reports])
+    energies, first = np.array([r.energy for r in reports]), reports[0].energy
+    angles = np.array([r.joints["joint"].angle for r in reports[1:]])
+    assert np.abs(energies + taken - first).max() <= 1e-12 * first
+    assert 7.0 < angles.max() < 7.0 + 1.1 * 5.0 * np.sqrt(ABOUT_END / 1e4)
+    rate = reports[-1].joints["joint"].angle_rate
+    assert rate == pytest.approx(-5.0, rel=1e-3) if not damping else -5.0 < rate < -0.1
+
+
 def test_a_slider_and_a_cylinder_let_the_bar_slide():
     for joint in (SLIDER, rf.Cylindrical("ground", "bar", AT, (1, 0, 0), name="joint")):
         last, off = driven(joint, rf.Motor("joint", force=5.0))
@@ -269,6 +287,13 @@ def test_two_hinges_of_one_door_hold_five_directions_once():
         (lambda: rf.Motor("joint"), "give exactly one of torque, angle"),
         (lambda: rf.Motor("joint", torque=1.0, angle=0.0), "got torque, angle"),
         (lambda: rf.JointSpring("joint", -1.0), "stiffness must be ≥ 0"),
+        (lambda: rf.Stop("joint", 1.0, 0.5, stiffness=1.0), "low must be below high"),
+        (lambda: rf.Stop("joint", stiffness=1.0), "give low, high or both"),
+        (lambda: rf.Stop("joint", 1.0, stiffness=0.0), "stiffness must be > 0"),
+        (
+            lambda: bar(HINGE, rf.Stop("joint", 1.0, stiffness=1.0, along="travel")),
+            "leaves angle free, and travel is asked for",
+        ),
         (lambda: bar(HINGE, rf.Motor("door", torque=1.0)), "no joint 'door'; there are .'joint'"),
         (lambda: bar(HINGE, rf.Motor("joint", force=1.0)), "leaves angle free, and travel"),
         (lambda: rf.Universal("ground", "bar", AT, (1, 0, 0), (1, 1, 0)), "are at 45°"),
@@ -392,24 +417,85 @@ def test_a_joint_that_cannot_be_is_refused(make, message):
         ((rf.MeanFace("ende"), rf.MeanFace("b")), "'ende'"),
         ((rf.MeanFace("held"), rf.MeanFace("b")), "Fixed on 'held' holds all of MeanFace 'held'"),
         ((rf.MeanFace("far"), rf.MeanFace("b")), "its sides do not meet: it is at"),
+        ((rf.RigidFace("half"), rf.MeanFace("b")), "RigidFace 'half': Fixed on 'held' holds some"),
+        ((rf.RigidFace("a"), rf.MeanFace("a")), "both sides are the same"),
     ],
 )
 def test_a_joint_that_does_not_fit_the_mesh_is_refused(sides, message):
     """By the joint's name and the side's, before anything runs."""
     domain = bars().domain.with_facets("held", lambda x: np.isclose(x[0], 1.0))
     domain = domain.with_facets("far", lambda x: np.isclose(x[0], 0.0) & (x[1] < 0.11))
+    domain = domain.with_facets("half", lambda x: np.isclose(x[1], 0.2) & (x[0] < PIN[0]))
     pin = (10.01, 0.1, 0.1) if sides[0] == rf.MeanFace("far") else PIN
-    joint = rf.Revolute(*sides, pin, (0, 0, 1), name="pin")
+
+    def made():
+        joint = rf.Revolute(*sides, pin, (0, 0, 1), name="pin")
+        return rf.Scene(domain, SOFT, [joint, rf.Fixed("held")])
+
     with pytest.raises(rf.SceneError, match=message) as error:
-        rf.Scene(domain, SOFT, [joint, rf.Fixed("held")])
-    assert "pin" in str(error.value)
+        made()
+    assert "pin" in str(error.value) or "RigidFace 'half'" in str(error.value)
 
 
-def test_statics_and_modes_say_that_they_know_no_joints():
-    scene = bars()
-    for ask in (lambda: list(rf.static(bars())), lambda: rf.modes(scene)):
-        with pytest.raises(rf.SceneError, match=r"joints are not followed|InitialVelocity"):
-            ask()
+def hung(*effects, **options):
+    """The first of two bars is held at its end, and the second hangs on both."""
+    scene = bars(joined=False)
+    domain = scene.domain.with_facets("left", lambda x: np.isclose(x[0], 0.0))
+    domain = domain.with_facets("right", lambda x: np.isclose(x[0], 2.02))
+    hinge = rf.Revolute(rf.MeanFace("a"), rf.MeanFace("b"), PIN, (0, 0, 1), name="hinge")
+    given = [hinge, rf.Fixed("left"), rf.Gravity((0, -1.0, 0)), *effects]
+    return rf.Scene(domain, SOFT, given, probes={"end": (2.02, 0.1, 0.1)}, **options)
+
+
+END = rf.Spherical("ground", rf.MeanFace("right"), (2.02, 0.1, 0.1), name="end")
+
+
+@NO_WARNINGS
+def test_statics_are_where_a_damped_motion_comes_to_rest():
+    """The second bar is held by joints alone; forces of joints and supports carry the weight."""
+    *_, last = rf.static(hung(END), 2)
+    *_, rest = rf.simulate(hung(END, rf.MassDamping(8.0)), 0.05, 5.0)
+    off = np.abs(last.state.u.x.array - rest.state.u.x.array).max()
+    assert off <= 2e-3 * np.abs(last.state.u.x.array).max()
+    weight = SOFT.rho * 2 * 0.04
+    assert last.reactions["left"][1] - last.joints["end"].force[1] * -1 == pytest.approx(weight)
+    assert last.joints["hinge"].gap <= 1e-13
+    assert abs(last.joints["hinge"].moment[2]) <= 1e-9 * weight
+
+
+@NO_WARNINGS
+def test_springs_and_locks_of_joints_hold_in_statics():
+    """Work of the weight is the energy that is stored; an angle is given by load steps."""
+    reports = list(rf.static(hung(rf.JointSpring("hinge", 5000.0)), 2))
+    told = reports[-1].joints["hinge"]
+    effort = told.efforts["JointSpring of 'hinge'"]
+    assert effort == pytest.approx(-5000.0 * told.angle, rel=1e-9)
+    assert told.moment[2] == pytest.approx(effort, rel=1e-3)  # the faces are strained
+    *_, turned = rf.static(hung(rf.Motor("hinge", angle=lambda t: -0.3 * t)), 2)
+    assert turned.joints["hinge"].angle == pytest.approx(-0.3, abs=1e-12)
+    with pytest.raises(rf.SceneError, match="supports, springs and joints leave a rigid motion"):
+        rf.static(hung())
+
+
+@NO_WARNINGS
+def test_a_preload_bends_what_joints_hold():
+    """The run starts in equilibrium, and stays there."""
+    weight = rf.Preload([rf.Gravity((0, -1.0, 0))])
+    reports = list(rf.simulate(hung(END, weight), 0.02, 0.2))
+    assert reports[0].strain > 0.1
+    assert max(r.kinetic for r in reports) <= 1e-12 * reports[0].energy
+
+
+@NO_WARNINGS
+def test_modes_of_two_bars_on_a_hinge_are_those_of_one_bar():
+    """A locked hinge makes both one cantilever; a free one has a motion without energy."""
+    locked = rf.modes(hung(rf.Motor("hinge", speed=0.0)), 2)
+    assert locked.squares[0] == pytest.approx(locked.squares[1], rel=1e-7)  # of a square section
+    loose = rf.modes(hung(), 1)
+    assert loose.rigid == 1
+    assert loose.squares[0] == pytest.approx(locked.squares[0], rel=1e-7)  # across the hinge
+    sprung = [rf.modes(hung(rf.JointSpring("hinge", k)), 1).squares[0] for k in (1e-2, 2e-2)]
+    assert sprung[1] / sprung[0] == pytest.approx(2, rel=1e-3)  # a soft spring and a rigid bar
 
 
 def history(mass):

@@ -101,10 +101,32 @@ class Ports:
         p.comm.Allreduce(MPI.IN_PLACE, every)
         for body, at in zip(self.bodies, self._at, strict=True):
             block = bodies.mass_blocks[body]
-            if bodies.of.records[body].extent:  # without mass of its own: that of its joints
+            if (
+                bodies.of.records[body].extent is not None
+            ):  # without mass of its own: that of its joints
                 block = linkage.masses.max(initial=1.0) * np.eye(6)
             every[at : at + 6, at : at + 6] = np.linalg.inv(block)
         return np.asarray((linkage.gradient(0.0) @ self.lead(p.increments.L)).toarray()), every
+
+    def everywhere(self) -> csr_array:
+        """Derivatives of the ports by the unknowns of all ranks, (ports, unknowns). Collective."""
+        own = self.entries.tocoo()
+        first = self._p.first_column
+        mine = own.data, own.coords[1], own.coords[0] + first
+        values, ports, unknowns = (
+            np.concatenate(a) for a in zip(*self._p.comm.allgather(mine), strict=True)
+        )
+        return csr_array((values, (ports, unknowns)), shape=(self.count, self._p.size))
+
+    def stiffness(self, scale: float, size: float) -> Array:
+        """Stiffness of springs on all ports, of like energies, shape (ports,) [N/m].
+
+        Args:
+            scale: Of places [N/m].
+            size: Size of joints: an average of a direction moves by one where places do by it [m].
+        """
+        of = [scale if self._linkage.is_place[k] else scale * size**2 for k in self.averages]
+        return np.concatenate([np.repeat(of, 3), np.full(6 * len(self.bodies), scale)])
 
     @property
     def count(self) -> int:

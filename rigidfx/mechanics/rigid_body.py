@@ -69,7 +69,7 @@ class RigidBody:
         frozen: What it keeps for its release.
         excess: What is in J only because masses are lumped, shape (3, 3) [kg m²].
         extent: ℓ of a body without mass: a rigid face whose nodes' mass is in the cells beside it
-            [m]; zero where the body's own mass tells ℓ.
+            [m]; None where the body's own mass tells ℓ.
     """
 
     name: str
@@ -86,7 +86,7 @@ class RigidBody:
     given: bool = False
     frozen: Frozen = NOTHING
     excess: Array = field(default_factory=lambda: np.zeros((3, 3)))
-    extent: float = 0.0
+    extent: float | None = None
 
     def __post_init__(self) -> None:
         """Let nobody change the arrays: reports show them."""
@@ -95,7 +95,7 @@ class RigidBody:
     @cached_property
     def length(self) -> float:
         """ℓ = sqrt(tr J/(2 m)), the radius of gyration that scales rotations [m]."""
-        if self.extent:
+        if self.extent is not None:
             return self.extent
         return float(np.sqrt(np.trace(self.inertia) / (2 * self.mass)))
 

@@ -11,7 +11,7 @@ from rigidfx import effects as fx
 from rigidfx.base.errors import SceneError
 from rigidfx.mechanics.schemes import Scheme
 
-__all__ = ["check_together", "overlap", "refuse_joints"]
+__all__ = ["check_together", "overlap"]
 
 
 def check_together(effects: Sequence[fx.Effect], scheme: Scheme) -> None:
@@ -38,10 +38,6 @@ def check_together(effects: Sequence[fx.Effect], scheme: Scheme) -> None:
             "Scene: an InitialDisplacement goes neither with a Preload, which finds a displacement "
             "of its own, nor with parts that are Rigid from the start."
         )
-    if named(fx.Preload) and named(fx.Joint):
-        raise SceneError(
-            "Scene: a Preload does not know joints yet. Let loads grow slowly in the run instead."
-        )
     damping = named(fx.NumericalDamping)
     if damping and not scheme.damps:
         raise SceneError(
@@ -65,20 +61,6 @@ def check_together(effects: Sequence[fx.Effect], scheme: Scheme) -> None:
     for a, b in combinations(damping, 2):
         if overlap(a, b):
             raise SceneError("Scene: two NumericalDamping effects overlap in time.")
-
-
-def refuse_joints(owner: str, scene: Any) -> None:
-    """See that there are no joints where these are not followed.
-
-    Args:
-        owner: What is asked for.
-        scene: The problem.
-
-    Raises:
-        SceneError: If there are any.
-    """
-    if scene.named(fx.Joint):
-        raise SceneError(f"{owner}: joints are not followed here yet; `simulate` follows them.")
 
 
 def overlap(a: fx.Windowed, b: fx.Windowed) -> bool:

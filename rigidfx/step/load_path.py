@@ -203,6 +203,7 @@ class LoadPath:
         """Take the last solution over. Collective."""
         system = self.system
         reactions, moments, work = system.reactions()
+        joints = system.joints()
         touches, dissipated = system.actions.touches(), system.dissipated()
         moving = sum(touch.work for touch in touches.values())
         system.accept(t0, t1)
@@ -220,6 +221,7 @@ class LoadPath:
             reactions=reactions,
             reaction_moments=moments,
             touches=touches,
+            joints=joints,
         )
 
     def close(self) -> None:

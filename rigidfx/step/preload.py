@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
-from rigidfx.effects import Contact, Effect, Preload, Windowed
+from rigidfx.effects import Contact, Effect, Motor, Preload, Windowed
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
@@ -54,7 +54,8 @@ def apply_preload(
         lasting = [effect for effect in scene.effects if effect.is_lasting]
         paths: list[LoadPath] = []
         spun = preload.centrifugal(scene, lambda paths=paths: paths[0].system.share)
-        effects: list[Effect] = [*preload.loads, *lasting, *spun, *holds]
+        locks = [m for m in scene.named(Motor) if m.prescribes and m.acts(start)]
+        effects: list[Effect] = [*preload.loads, *lasting, *spun, *holds, *locks]
         path = LoadPath(scene, state, forces, effects, divide, "Preload", fixed=0.0)
         paths.append(path)
         path.follow(0.0)
@@ -87,10 +88,16 @@ def _check(scene: Scene, preload: Preload, holds: Sequence[Windowed], start: flo
             "time window, or leave it out."
         )
     pressed = any(isinstance(effect, Contact) for effect in holds)
-    free = "" if pressed else free_to_move(scene, PrescribedDofs(scene, supports_of(holds)))
+    free = "" if pressed else _free(scene, holds, start)
     if free:
         raise SceneError(
             "Preload: the supports that act at the start, and springs, leave a rigid motion "
             f"free, of {free}, so there is no static equilibrium. Add supports or drop the "
             "preload."
         )
+
+
+def _free(scene: Scene, holds: Sequence[Windowed], start: float) -> str:
+    """See `free_to_move`, of what holds at the start [s]. Collective."""
+    held = PrescribedDofs(scene, supports_of(holds))
+    return free_to_move(scene, held, acting=scene.acting(start))

@@ -116,7 +116,6 @@ class ConsistentExchange:
     def freeze(self, state: State, what: PlannedBody, prescribed: Bools) -> float | None:
         """See `rigidfx.switch.exchange.Exchange`."""
         faces = faces_within(self._scene, state, what.nodes)
-        state.rebuild()
         body = freeze(self._scene, self._forces, state, what)
         return None if body is None else self._include(state, body, prescribed, faces=faces)
 

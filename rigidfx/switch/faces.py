@@ -19,14 +19,13 @@ from rigidfx.mechanics.rotation import skew
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.switch.exchange import freeze
-from rigidfx.switch.mass_properties import mass_properties
+from rigidfx.switch.mass_properties import THIN, mass_properties
 
 __all__ = ["face_bodies", "with_faces"]
 
 Array = npt.NDArray[np.float64]
 Nodes = npt.NDArray[np.int32]
 
-THIN = 1e-10  # least over largest principal moment of nodes below which they lie on a line
 NO_CELLS: Nodes = np.empty(0, np.int32)
 
 

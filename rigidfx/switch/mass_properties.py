@@ -27,7 +27,7 @@ from rigidfx.flexible.internal_forces import Cells
 from rigidfx.mechanics.rotation import skew
 from rigidfx.scene.scene import Scene
 
-__all__ = ["MassProperties", "excess_of_lumping", "mass_properties"]
+__all__ = ["THIN", "MassProperties", "excess_of_lumping", "mass_properties"]
 
 Array = npt.NDArray[np.float64]
 

@@ -23,7 +23,6 @@ from rigidfx.base.taken import seal
 from rigidfx.base.warning import warn
 from rigidfx.report.current import check_about, check_scene
 from rigidfx.report.report import Report
-from rigidfx.scene.conflicts import refuse_joints
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.summary import FURTHER
 from rigidfx.scene.weights import inertial_masses
@@ -135,8 +134,9 @@ def modes(scene: Scene, count: int = 6, *, about: Report | None = None) -> Modes
     """The lowest modes of small free vibrations of a scene. Collective.
 
     Supports and springs act as at t = 0, or at the time of the report; parts named `Rigid` are
-    rigid. Contacts, damping and the stiffness of follower pressure are left out. A second-order
-    error of the mesh stiffens them: see docs/modes.md.
+    rigid, joints hold and their springs act. Contacts, damping, the stiffness of follower pressure
+    and that of forces of joints in the state are left out. A second-order error of the mesh
+    stiffens them: see docs/modes.md.
 
     Args:
         scene: The problem.
@@ -157,7 +157,6 @@ def modes(scene: Scene, count: int = 6, *, about: Report | None = None) -> Modes
     check_same(scene.comm, "modes", {"count": count, "about": about is not None})
     if about is not None:
         check_about("modes", scene, about)
-    refuse_joints("modes", scene)
     problem = Problem(scene, about)
     try:
         found = _modes(scene, problem, count)
@@ -175,16 +174,17 @@ def modes(scene: Scene, count: int = 6, *, about: Report | None = None) -> Modes
 
 def _modes(scene: Scene, problem: Problem, count: int) -> Modes:
     pairs = lowest(problem.K, problem.M, count, problem.motions)
+    squares = problem.squares(pairs.values, pairs.vectors)
     impulses = problem.impulses(scene.centre_of(1.0, problem.places))
     gamma = np.array([y.mDot(impulses) for y in pairs.vectors]).reshape(-1, 6)
     shapes = np.array([problem.at_nodes(y) for y in pairs.vectors])
     shapes = shapes.reshape(-1, scene.nodal_mass.size, 3)
     for item in (pairs, *impulses):
         item.destroy()
-    turn = _aligned(scene, pairs.values, shapes)
+    turn = _aligned(scene, squares, shapes)
     shapes = np.einsum("ij,jnk->ink", turn, shapes)
     mass = scene.sum(inertial_masses(scene).sum())
-    return Modes(scene, pairs.values, shapes, turn @ gamma, pairs.rigid, float(mass))
+    return Modes(scene, squares, shapes, turn @ gamma, pairs.rigid, float(mass))
 
 
 def _aligned(scene: Scene, values: Array, shapes: Array) -> Array:
@@ -237,17 +237,17 @@ def periods(scene: Scene, count: int = 3) -> Array:
         T [s], the longest first; fewer than asked for where a scene has fewer.
 
     Raises:
-        SceneError: If there is no scene, the count is none, or it has joints.
+        SceneError: If there is no scene, or the count is none.
     """
     check_scene("periods", scene)
     count = whole("periods", "count", count, least=1)
     check_same(scene.comm, "periods", {"count": count})
-    refuse_joints("periods", scene)
     problem = Problem(scene)
     pairs = lowest(problem.K, problem.M, count, problem.motions)
+    squares = problem.squares(pairs.values, pairs.vectors)
     pairs.destroy()
     problem.destroy()
-    return np.asarray(2 * pi / np.sqrt(pairs.values[:count]))
+    return np.asarray(2 * pi / np.sqrt(squares[:count]))
 
 
 def periods_in_words(scene: Scene, dt: float | None, count: int | None) -> list[str]:

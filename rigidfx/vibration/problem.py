@@ -28,9 +28,11 @@ from rigidfx.state import State
 from rigidfx.step.equations.actions import Actions
 from rigidfx.step.equations.equations import Equilibrium
 from rigidfx.step.equations.structure import BoundStructure
+from rigidfx.step.system.linked import linked
 from rigidfx.step.system.rigid_motion import free_to_move
 from rigidfx.step.system.supports import PrescribedDofs, supports_of
 from rigidfx.switch.inventory import divide
+from rigidfx.vibration.joined import JoinedStiffness
 
 __all__ = ["Problem"]
 
@@ -84,11 +86,17 @@ class Problem:
         self._actions.set_time(t, 1.0)
         self._prolongation = Prolongation(layout, scene.comm)
         bound = static_forces(scene, forces, cells, layout.interior, layout.interface)
-        self._statics = Equilibrium(scene, forces, bound, None, self._prolongation, self._actions)
+        given = scene, forces, bound, None, self._prolongation, self._actions
+        linkage = linked(structure, state, acting)
+        self._statics = (
+            Equilibrium(*given)
+            if linkage is None
+            else JoinedStiffness(linkage, state.bodies, *given)
+        )
         self._mass = mass_operator(scene, layout.rows, cells, own, driven)
         self._scene, self._layout = scene, layout
         self.K, self.M = self._stiffness(), self._masses()
-        self.motions = self._rigid_motions() if free_to_move(scene, held) else []
+        self.motions = self._rigid_motions() if free_to_move(scene, held, acting=acting) else []
 
     @property
     def places(self) -> Array:
@@ -105,6 +113,17 @@ class Problem:
         y.destroy()
         r.destroy()
         return statics.tangent_matrix
+
+    def squares(self, values: Array, vectors: list[PETSc.Vec]) -> Array:
+        """Eigenvalues with joints that do not yield, from those of `K` [1/s²]. Collective.
+
+        Args:
+            values: Eigenvalues.
+            vectors: φ of each, φᵀMφ = 1.
+        """
+        if not isinstance(self._statics, JoinedStiffness):
+            return values
+        return values + [self._statics.yielded(vector) for vector in vectors]
 
     def _masses(self) -> PETSc.Mat:
         """PᵀMP with the bodies' own. Collective."""

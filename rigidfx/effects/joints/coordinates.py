@@ -63,11 +63,14 @@ class Travel:
 
     Attributes:
         averages: Numbers of the joint's place on both sides, and of the axis.
-        sign: 1 if the axis is the first side's or parallel to it, which it always is.
     """
 
     averages: tuple[int, int, int]
-    sign: float = 1.0
+
+    @property
+    def sign(self) -> float:
+        """The axis is the first side's or parallel to it, always."""
+        return 1.0
 
     def value(self, p: Array) -> float:
         """The travel [m].

@@ -26,7 +26,7 @@ from rigidfx.effects.joints.elements import JointSpring, Motor, coordinate_of
 from rigidfx.effects.joints.joint import Joint
 from rigidfx.effects.joints.stop import Stop
 
-__all__ = ["Drives", "Element"]
+__all__ = ["Drives", "Element", "prescribes"]
 
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -91,8 +91,7 @@ class Drives:
         joints = scene.named(Joint)
         self._all: list[_Drive] = []
         for effect in elements:
-            along = effect.coordinate if isinstance(effect, Motor) else effect.along
-            joint, name = coordinate_of(scene, effect.owner, effect.joint, along)
+            joint, name = coordinate_of(scene, effect.owner, effect.joint, effect.acts_along)
             k, pieces = joints.index(joint), joint.pieces
             of = pieces.coordinates[name]
             numbers = firsts[k] + np.array(of.averages)
@@ -131,7 +130,7 @@ class Drives:
     @property
     def prescribing(self) -> list[str]:
         """Names of those that prescribe a coordinate."""
-        return [d.effect.owner for d in self._all if _prescribes(d.effect)]
+        return [d.effect.owner for d in self._all if prescribes(d.effect)]
 
     def remember(self, notes: dict[int, Any]) -> None:
         """Take over what earlier divisions knew."""
@@ -215,7 +214,7 @@ class Drives:
         """F of each, shape (drives,) [m]."""
         out = np.zeros(len(self._all))
         for n, drive in enumerate(self._all):
-            if _prescribes(drive.effect):
+            if prescribes(drive.effect):
                 assert drive.wanted is not None
                 out[n] = -drive.size * (self.ends(drive)[1] - drive.wanted[1])
             else:
@@ -224,8 +223,21 @@ class Drives:
 
     def compliance(self) -> Array:
         """dF/dλ of each [m/N]."""
-        given = np.array([_prescribes(drive.effect) for drive in self._all], dtype=bool)
+        given = np.array([prescribes(drive.effect) for drive in self._all], dtype=bool)
         return np.where(given, 0.0, 1.0 / self.kappa)
+
+    @property
+    def effects(self) -> tuple[Element, ...]:
+        """The effects."""
+        return tuple(drive.effect for drive in self._all)
+
+    def stiffness(self) -> Array:
+        """Stiffness of each that is a law, at the last iterate, over ℓ², shape (drives,) [N/m]."""
+        out = np.zeros(len(self._all))
+        for n, drive in enumerate(self._all):
+            if not isinstance(drive.effect, Motor):
+                out[n] = -drive.effect.pull(self.ends(drive)[1])[1] / drive.size**2
+        return out
 
     def _rows(self, rows: Sequence[Array], columns: int) -> csr_array:
         """A matrix of what drives have at their averages."""
@@ -253,7 +265,7 @@ class Drives:
         for drive, kappa in zip(self._all, self.kappa, strict=True):
             end = self._start[drive.averages] + self._moved[drive.averages]
             factor = -drive.size
-            if not _prescribes(drive.effect):
+            if not prescribes(drive.effect):
                 factor = -self._law(drive)[1] / (drive.size * kappa)
             rows.append(factor * drive.coordinate.gradient(end))
         return self._rows(rows, columns)
@@ -278,5 +290,6 @@ class Drives:
         return float(sum(law.stored(value) for law, value in laws))
 
 
-def _prescribes(effect: Element) -> bool:
+def prescribes(effect: Element) -> bool:
+    """Whether it is a motor that prescribes an angle or a travel."""
     return isinstance(effect, Motor) and effect.prescribes

@@ -83,6 +83,11 @@ class Motor(Windowed):
         return KINDS[self.by][0]
 
     @property
+    def acts_along(self) -> str | None:
+        """The same, as of springs."""
+        return self.coordinate
+
+    @property
     def prescribes(self) -> bool:
         """Whether it prescribes that, and not its force."""
         return KINDS[self.by][1]
@@ -164,6 +169,11 @@ class JointSpring(Effect):
     def owner(self) -> str:
         """Its name in messages."""
         return f"JointSpring of '{self.joint}'"
+
+    @property
+    def acts_along(self) -> str | None:
+        """What it acts along, "angle" or "travel"; the only one that is free if None."""
+        return self.along
 
     def check(self, scene: Any) -> None:
         """Look its joint up."""

@@ -24,9 +24,8 @@ from scipy.sparse import csr_array, vstack
 from rigidfx.effects.joints.coordinates import Coordinates
 from rigidfx.effects.joints.drives import Drives, Element
 from rigidfx.effects.joints.joint import Joint
-from rigidfx.effects.joints.joint_report import JointReport
-from rigidfx.effects.joints.stiff import stiff_rows
-from rigidfx.effects.joints.telling import JointReports, told_of
+from rigidfx.effects.joints.stiff import weights_of
+from rigidfx.effects.joints.telling import JointReports, reports
 from rigidfx.effects.joints.terms import Terms
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments
@@ -43,6 +42,7 @@ class Linkage:
     Attributes:
         active: Numbers of the rows that have forces: those that the others follow from.
         averages: Number of averages.
+        is_place: Whether each is a place, not a direction.
         used: Which of them have forces; others are measured only.
         drives: Motors and springs.
         own: Weights of nodes that are no body's, shape (averages, places among these nodes).
@@ -87,25 +87,11 @@ class Linkage:
         self._masses = np.repeat([own.mass for own in pieces], rows_of_each)
         self._sizes = np.repeat([own.size for own in pieces], rows_of_each)
         self.active: Ints = np.arange(self._every)
+        self.is_place = [average.is_place for average in averages]
         self._constant = np.reshape([average.constant for average in averages], (-1, 3))
-        number = np.repeat(np.arange(self.averages), [a.nodes.size for a in averages])
-        nodes = np.concatenate([np.empty(0, np.int64), *(a.nodes for a in averages)])
-        weights = np.concatenate([np.empty(0), *(a.weights for a in averages)])
-        stiff = stiff_rows(scene, bodies.of.records, averages)
-        weights[np.isin(number, list(stiff))] = 0.0
-        W = csr_array((weights, (number, nodes)), shape=(self.averages, scene.owned_nodes))
-        W.eliminate_zeros()
+        W, self.held = weights_of(scene, bodies.of.records, averages)
         self.at = np.flatnonzero(own & (np.diff(W.tocsc().indptr)[rows.nodes] > 0))
         self.own = W[:, rows.nodes[self.at]].tocsr()
-        held = [
-            W[:, body.nodes] @ np.c_[np.ones(body.nodes.size), body.offsets]
-            for body in bodies.of.records
-        ]
-        every = np.reshape(held, (-1, self.averages, 4)).swapaxes(0, 1)
-        by_bodies = np.asarray(scene.sum(every))
-        for k, row in stiff.items():
-            by_bodies[k] = row
-        self.held = csr_array(by_bodies.reshape(self.averages, -1))
         self._X, self._dofs = rows.X[self.at], rows.dofs.reshape(-1, 3)[self.at]
         self._u0 = u
         self._terms = Terms([own.rows for own in pieces], firsts, self.averages)
@@ -122,16 +108,20 @@ class Linkage:
         }
         self._free = Coordinates(free, firsts)
         self._q: dict[tuple[int, str], float] = dict.fromkeys(free, 0.0)
+        self._remember()
+        self._dt = 1.0
+        none: Array = np.zeros((self.averages, 3))
+        self._start, self._moved, self.forces = none, none, none
+        self._g0: Array = np.zeros(self._every)
+
+    def _remember(self) -> None:
+        """Take over what earlier divisions knew."""
         for k, (joint, place) in enumerate(zip(self._joints, self._known, strict=True)):
             before = (self._notes or {}).get(id(joint))
             if before is not None:
                 self._multipliers[place] = before[0]
                 self._q |= {(k, name): q for name, q in before[1].items()}
         self.drives.remember(self._notes or {})
-        self._dt = 1.0
-        none: Array = np.zeros((self.averages, 3))
-        self._start, self._moved, self.forces = none, none, none
-        self._g0: Array = np.zeros(self._every)
 
     def keep(self, rows: Ints) -> None:
         """Let only these rows have forces: numbers among all of them, sorted."""
@@ -154,6 +144,12 @@ class Linkage:
     def masses(self) -> Array:
         """Mass that each active row moves, in order of magnitude [kg]."""
         return np.concatenate([self._masses[self.active], self.drives.masses])
+
+    @property
+    def typical(self) -> tuple[float, float]:
+        """A stiffness of what joints move, and a size of these [N/m, m]."""
+        size = float(np.mean(self._sizes))
+        return self._stiffness * size, size
 
     def scale(self, dt: float) -> Array:
         """κ of each active row: force over displacement of what it moves [N/m].
@@ -337,18 +333,11 @@ class Linkage:
     def told(self) -> JointReports:
         """What each joint did in the step that has been solved, by its title."""
         q = self.coordinates(self._start + self._moved)
-        rates = {key: (value - self._q[key]) / self._dt for key, value in q.items()}
+        dt = np.inf if self.drives.static else self._dt
+        rates = {key: (value - self._q[key]) / dt for key, value in q.items()}
         vectors = self._start, self._moved, -self.forces
-        gaps = np.abs(self.violation)
-
-        def of(k: int) -> JointReport:
-            own = slice(self._firsts[k], self._firsts[k + 1])
-            joint = self._joints[k]
-            free = {name: (q[k, name], rates[k, name]) for name in joint.pieces.coordinates}
-            start, moved, forces = (values[own] for values in vectors)
-            gap = float(gaps[self._known[k]].max())
-            return told_of(joint, (start, moved, forces), free, efforts.get(k, {}), gap)
-
-        efforts = self.drives.efforts()
-        titles = [joint.title for joint in self._joints]
-        return JointReports(titles, of, float(np.abs(self.multipliers).sum()))
+        if self.drives.static:  # forces are those at the end
+            vectors = self._start + self._moved, np.zeros_like(self._moved), -self.forces
+        gaps = [float(np.abs(self.violation[own]).max(initial=0.0)) for own in self._known]
+        efforts, total = self.drives.efforts(), float(np.abs(self.multipliers).sum())
+        return reports(self._joints, self._firsts, vectors, (q, rates), efforts, gaps, total)

@@ -126,10 +126,11 @@ def side_of(scene: Any, owner: str, side: Side) -> Sided:
     title, n = f"{owner}, {side_name(side)}", scene.owned_nodes
     if isinstance(side, Surface):
         weights = np.asarray(scene.facet_weights(side.where, owner)[:n])
-        face: Averages | Face = Averages(scene, weights, title)
-        if face.flat:
+        surface = Averages(scene, weights, title)
+        face: Averages | Face = surface
+        if surface.flat:
             behind = np.unique(scene.boundary(side.where, owner)[:, 0]).astype(np.int32)
-            face = Face(face, Averages(scene, scene.cell_weights(1.0, behind)[:n], title))
+            face = Face(surface, Averages(scene, scene.cell_weights(1.0, behind)[:n], title))
         return StiffFace(scene, weights, face) if isinstance(side, RigidFace) else face
     if side == GROUND:
         return Grounded()

@@ -16,10 +16,11 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.sparse import csr_array
 
 from rigidfx.mechanics.rigid_body import RigidBody
 
-__all__ = ["Stiff", "StiffNodes", "stiff_rows"]
+__all__ = ["Stiff", "StiffNodes", "weights_of"]
 
 Array = npt.NDArray[np.float64]
 
@@ -54,7 +55,7 @@ class StiffNodes:
         Returns:
             Its number among the bodies, V̄ [m] and Q; None if no body holds all nodes.
         """
-        local = np.zeros((len(bodies), 13))
+        local = np.zeros((len(bodies), 1 + 3 + 9))
         for out, body in zip(local, bodies, strict=True):
             at = np.minimum(np.searchsorted(body.nodes, self._nodes), max(body.nodes.size - 1, 0))
             here = body.nodes[at] == self._nodes if body.nodes.size else np.zeros(at.size, bool)
@@ -97,7 +98,7 @@ class Stiff:
         return np.r_[1.0, centre + Q @ (self.vector - self.nodes.centre)]
 
 
-def stiff_rows(
+def _stiff_rows(
     scene: Any, bodies: Sequence[RigidBody], averages: Sequence[Any]
 ) -> dict[int, Array]:
     """Weights of bodies' [1, V] of the averages of rigid faces that a body holds. Collective.
@@ -122,3 +123,31 @@ def stiff_rows(
             out[k] = np.zeros((len(bodies), 4))
             out[k][found[0]] = stiff.coordinates(*found[1:])
     return out
+
+
+def weights_of(
+    scene: Any, bodies: Sequence[RigidBody], averages: Sequence[Any]
+) -> tuple[csr_array, csr_array]:
+    """How averages follow nodes and bodies. Collective.
+
+    Args:
+        scene: The problem.
+        bodies: The bodies.
+        averages: The averages.
+
+    Returns:
+        Weights of owned nodes, shape (averages, nodes), those of rigid faces that a body holds left
+        out, and of the bodies' [1, V], shape (averages, 4 · bodies).
+    """
+    stiff = _stiff_rows(scene, bodies, averages)
+    own = [a.nodes[: 0 if k in stiff else None] for k, a in enumerate(averages)]
+    number = np.repeat(np.arange(len(own)), [some.size for some in own])
+    values = [a.weights[: some.size] for a, some in zip(averages, own, strict=True)]
+    at = number, np.concatenate([np.empty(0, np.int64), *own])
+    shape = len(own), scene.owned_nodes
+    W = csr_array((np.concatenate([np.empty(0), *values]), at), shape=shape)
+    held = [W[:, body.nodes] @ np.c_[np.ones(body.nodes.size), body.offsets] for body in bodies]
+    every = np.asarray(scene.sum(np.reshape(held, (-1, len(own), 4)).swapaxes(0, 1)))
+    for k, row in stiff.items():
+        every[k] = row
+    return W, csr_array(every.reshape(len(own), -1))

@@ -80,6 +80,11 @@ class Stop(Effect):
         return f"Stop of '{self.joint}'"
 
     @property
+    def acts_along(self) -> str | None:
+        """What it acts along, "angle" or "travel"; the only one that is free if None."""
+        return self.along
+
+    @property
     def ends_at(self) -> tuple[float, float]:
         """Both ends, infinite where there is none [rad or m]."""
         return (

@@ -11,7 +11,7 @@ from rigidfx.effects.joints.joint import Joint
 from rigidfx.effects.joints.joint_report import JointReport
 from rigidfx.effects.joints.sides import GROUND
 
-__all__ = ["JointReports", "told_of"]
+__all__ = ["JointReports", "reports", "told_of"]
 
 Array = npt.NDArray[np.float64]
 
@@ -96,3 +96,34 @@ def told_of(
         **values,
         **rates,
     )
+
+
+def reports(
+    joints: Sequence[Joint],
+    firsts: Sequence[int],
+    step: tuple[Array, Array, Array],
+    coordinates: tuple[Mapping[tuple[int, str], float], Mapping[tuple[int, str], float]],
+    efforts: Mapping[int, Mapping[str, float]],
+    gaps: Sequence[float],
+    total: float,
+) -> JointReports:
+    """Reports of all joints.
+
+    Args:
+        joints: The joints.
+        firsts: Number of each joint's first average, and of all averages.
+        step: As of `told_of`, for all averages.
+        coordinates: What joints leave free at the end, and its mean rate, by joint and name.
+        efforts: Torque or force of each motor and spring, by the number of its joint.
+        gaps: Largest violation of each joint's rows [m].
+        total: Sum of the sizes of all multipliers [N].
+    """
+
+    def of(k: int) -> JointReport:
+        own, joint = slice(firsts[k], firsts[k + 1]), joints[k]
+        start, moved, forces = (values[own] for values in step)
+        q, rates = coordinates
+        free = {name: (q[k, name], rates[k, name]) for name in joint.pieces.coordinates}
+        return told_of(joint, (start, moved, forces), free, efforts.get(k, {}), gaps[k])
+
+    return JointReports([joint.title for joint in joints], of, total)

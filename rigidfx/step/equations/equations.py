@@ -203,8 +203,12 @@ class Equilibrium:
         K.assemble()
         if self._mass is not None:
             self._mass.add_to(K, 2 / self.dt**2, self.prolongation)
-        self._actions.stiffen_nodes(K, self.dt, self.prolongation)
+        self._stiffen(K)
         K.finish(self._blocks() if self.prolongation.layout.bodies else None)
+
+    def _stiffen(self, K: CondensedMatrix) -> None:
+        """Add what effects resist with to a tangent. Collective."""
+        self._actions.stiffen_nodes(K, self.dt, self.prolongation)
 
     def outdated(self) -> bool:
         """Whether what contacts resist with has jumped since the last tangent. Collective."""

@@ -2,6 +2,9 @@
 
     R(y) + Gᵀ(y½) λ = 0,    g(y) = 0
 
+In statics both are those of the end of a load step, and springs on the ports, which the border
+takes out again, make the tangent regular of parts that only joints hold.
+
 In the vectors of unknowns and residuals the multipliers come last, on rank 0, as μ = λ/k [m], and
 rows as k g [N], with k = 2 m/Δt² of the mass that a joint moves: all unknowns are lengths and all
 residuals forces. The tangent of R stays the one that is condensed without joints; these meet it at
@@ -19,6 +22,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_array, dia_array
 
+from rigidfx.coupling.condensed_tangent import CondensedMatrix
 from rigidfx.coupling.ports import Ports
 from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.effects.joints.redundancy import independent
@@ -56,6 +60,13 @@ class JoinedEquilibrium(Equilibrium):
         self._own = linkage.count if self.prolongation.comm.rank == 0 else 0
         self._inner, self._rest = self.prolongation.unknowns(), self.prolongation.unknowns()
         self._scale: Array = np.ones(linkage.count)
+        # Springs on the ports that the tangent has, and the border takes out again.
+        self._springs: Array = np.zeros(self.ports.count)
+        self._sprung: csr_array | None = None
+        if not self.inertial:
+            self._springs = self.ports.stiffness(*linkage.typical)
+            E = self.ports.everywhere()
+            self._sprung = csr_array(E.T @ (self._springs[:, None] * E))
 
     def unknowns(self) -> PETSc.Vec:
         """See `Equilibrium`."""
@@ -119,6 +130,12 @@ class JoinedEquilibrium(Equilibrium):
         super()._resist_bodies(increments)
         self._moments = self._moments + self.linkage.moments(len(increments))
 
+    def _stiffen(self, K: CondensedMatrix) -> None:
+        """See `Equilibrium`."""
+        super()._stiffen(K)
+        if self._sprung is not None:
+            K.add_coupling(self._sprung)
+
     def border(self) -> tuple[csr_array, csr_array, csr_array, csr_array]:
         """What joints add to the tangent at the last iterate.
 
@@ -133,6 +150,8 @@ class JoinedEquilibrium(Equilibrium):
         own = self._scale**2 * linkage.compliance()
         within = dia_array((own[None], [0]), shape=(linkage.count,) * 2)
         H = test.T @ linkage.curvature() @ trial
+        if self._sprung is not None:
+            H = H - dia_array((self._springs[None], [0]), shape=(self.ports.count,) * 2)
         return H, scale @ linkage.test() @ test, scale @ linkage.trial() @ trial, within
 
     def noise(self) -> float:

@@ -1,4 +1,4 @@
-"""Do supports and springs exclude every small rigid motion, of every part of a mesh?
+"""Do supports, springs and joints exclude every small rigid motion, of every part of a mesh?
 
 Cells joined through facets move as one where nothing strains: six numbers each such part, about its
 own centre. Parts that share nodes only are hinged to each other, those that share none are loose.
@@ -9,12 +9,15 @@ B y = 0; the eigenvalues of BᵀB tell whether y = 0 is all that fulfils it, and
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
 
 from rigidfx.domain.connected import ConnectedParts, connected_parts
+from rigidfx.effects import Joint, Windowed
 from rigidfx.scene.scene import Scene
+from rigidfx.step.system.joined_motion import joint_rows
 from rigidfx.step.system.supports import PrescribedDofs
 
 __all__ = ["FREE", "free_to_move", "rigid_motions"]
@@ -27,7 +30,10 @@ FREE = 1e-10  # of the largest eigenvalue of BᵀB: motions that B does not see
 
 
 def free_to_move(
-    scene: Scene, prescribed: PrescribedDofs, further: Sequence[tuple[Ints, Array]] = ()
+    scene: Scene,
+    prescribed: PrescribedDofs,
+    further: Sequence[tuple[Ints, Array]] = (),
+    acting: Sequence[Windowed] = (),
 ) -> str:
     """Where a part is that some rigid motion is left to, "" if there is none. Collective.
 
@@ -35,6 +41,7 @@ def free_to_move(
         scene: The problem.
         prescribed: Dofs that supports hold.
         further: Owned nodes, and directions in which they are held too, shape (nodes, n, 3).
+        acting: The effects with a time window that act, locks of joints among them.
     """
     parts = connected_parts(scene.mesh, 2)
     n = scene.owned_nodes
@@ -57,6 +64,9 @@ def free_to_move(
     for own, directions in further:
         _add(gram, directions @ rigid_motions(X[own], part[own], parts), part[own])
     gram = np.asarray(scene.sum(gram))
+    if scene.named(Joint):
+        rows = joint_rows(scene, acting, partial(_every_motion, X, part, parts))
+        gram += rows.T @ rows
     if parts.count > 1:
         _add_hinges(scene, gram, parts)
     values, vectors = np.linalg.eigh(gram)
@@ -74,6 +84,13 @@ def rigid_motions(X: Array, part: Labels, parts: ConnectedParts) -> Array:
     out[:, :, :3] = np.eye(3)
     out[:, :, 3:] = np.cross(np.eye(3)[None], arms[:, None]).swapaxes(1, 2)
     return out
+
+
+def _every_motion(X: Array, part: Labels, parts: ConnectedParts, nodes: Ints) -> Array:
+    """Displacements of nodes by the motions of all parts, shape (nodes, 3, 6 · parts)."""
+    out = np.zeros((nodes.size, 3, parts.count, 6))
+    out[np.arange(nodes.size), :, part[nodes]] = rigid_motions(X[nodes], part[nodes], parts)
+    return out.reshape(nodes.size, 3, 6 * parts.count)
 
 
 def _add(gram: Array, rows: Array, part: Labels) -> None:

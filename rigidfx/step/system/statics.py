@@ -11,17 +11,19 @@ Equations, 1996, Section 6.3).
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from math import nextafter
 
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
+from rigidfx.base.errors import together
 from rigidfx.base.failures import Failures
 from rigidfx.coupling.dof_layout import dof_layout
 from rigidfx.coupling.mass import mass_operator
 from rigidfx.coupling.prolongation import Prolongation
-from rigidfx.effects import Effect, Windowed
+from rigidfx.effects import Effect, JointReports, Windowed
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.static_forces import static_forces
 from rigidfx.scene.scene import Scene
@@ -29,12 +31,14 @@ from rigidfx.state import State
 from rigidfx.step.equations.actions import Actions
 from rigidfx.step.equations.energies import Energies
 from rigidfx.step.equations.equations import Equilibrium
+from rigidfx.step.equations.joined import JoinedEquilibrium
 from rigidfx.step.equations.structure import BoundStructure
 from rigidfx.step.linear.linear_solver import PREFIX, default_options
 from rigidfx.step.newton.first_guess import Guess
 from rigidfx.step.newton.newton import Newton
 from rigidfx.step.newton.solution import Solution
 from rigidfx.step.system.division import Division
+from rigidfx.step.system.linked import linked
 from rigidfx.step.system.supports import PrescribedDofs, supports_of
 
 __all__ = ["StaticSystem"]
@@ -110,7 +114,13 @@ class StaticSystem:
         self.unknowns = p.size
         interior, interface = layout.interior, layout.interface
         bound = static_forces(scene, forces, cells, interior, interface, driven, acting)
-        self._equations = Equilibrium(scene, forces, bound, None, p, self.actions)
+        given = scene, forces, bound, None, p, self.actions
+        self._linkage = self.energies.linkage = linked(structure, state, acting)
+        self._equations = (
+            Equilibrium(*given)
+            if self._linkage is None
+            else JoinedEquilibrium(self._linkage, state.bodies, *given)
+        )
         self._newton = Newton(self._equations, scene)
         self._searching: Newton | None = None
         self._last: tuple[Array, Array, float] | None = None  # increments and length of a step
@@ -128,6 +138,9 @@ class StaticSystem:
         """
         dt = t1 - t0
         self._set_loads(t1, dt)
+        if self._linkage is not None:
+            at = (t0, dt) if self._fixed is None else (self._fixed, 0.0)
+            together(self._scene.comm, "A motor", partial(self._linkage.set_time, *at))
         if self._fixed is None:
             imposed = self.prescribed.increments(t0, t1, self._state.u.x.array)
         else:
@@ -192,6 +205,11 @@ class StaticSystem:
         t = t1 if self._fixed is None else self._state.t
         self._state.advance(t, dofs, d, np.zeros(d.size), bodies, dofs[p.attached], moved)
         self.actions.accept()
+        self._equations.accept()
+
+    def joints(self) -> JointReports:
+        """What each joint does in the last solution, by its title."""
+        return JointReports() if self._linkage is None else self._linkage.told()
 
     def reactions(self) -> tuple[Mapping[str, Array], Mapping[str, Array], float]:
         """What supports exert in the last solution. Collective.

@@ -19,8 +19,7 @@ from rigidfx.coupling.dealt_rows import Dealing
 from rigidfx.coupling.dof_layout import dof_layout
 from rigidfx.coupling.mass import mass_operator
 from rigidfx.coupling.prolongation import Prolongation
-from rigidfx.effects import Joint, JointReports, JointSpring, Motor, Stop, Touch, Windowed
-from rigidfx.effects.joints.linkage import Linkage
+from rigidfx.effects import JointReports, Touch, Windowed
 from rigidfx.flexible.eased_stress import EasedStress
 from rigidfx.flexible.internal_forces import Cells, InternalForces
 from rigidfx.flexible.kernels import integral
@@ -36,6 +35,7 @@ from rigidfx.step.equations.structure import BoundStructure
 from rigidfx.step.newton.first_guess import predict
 from rigidfx.step.newton.newton import Newton
 from rigidfx.step.newton.solution import Solution
+from rigidfx.step.system.linked import linked
 from rigidfx.step.system.supports import PrescribedDofs
 
 __all__ = ["System", "Work"]
@@ -145,7 +145,7 @@ class System:
             Prolongation(layout, scene.comm, dealt),
             self.actions,
         )
-        self.linkage = self.energies.linkage = self._linked(state) if scene.named(Joint) else None
+        self.linkage = self.energies.linkage = linked(self.structure, state, acting)
         self.equilibrium = (
             Equilibrium(*given)
             if self.linkage is None
@@ -153,14 +153,6 @@ class System:
         )
         self.newton = Newton(self.equilibrium, scene)
         self._v0 = rows.vector()
-
-    def _linked(self, state: State) -> Linkage:
-        """The joints, with the motors that act, bound to the division. Collective."""
-        scene, here = self._scene, {id(effect) for effect in self.acting}
-        motors = [motor for motor in scene.named(Motor) if id(motor) in here]
-        bound = scene, self.layout.rows, self.structure.own, state.bodies, state.u.x.array
-        elements = (*motors, *scene.named(JointSpring), *scene.named(Stop))
-        return Linkage(scene.named(Joint), elements, *bound, state.notes)
 
     def follow(self, acting: Sequence[Windowed]) -> bool:
         """Let dead loads begin and end; False if other effects do, which takes a new system.

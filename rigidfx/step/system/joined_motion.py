@@ -1,0 +1,59 @@
+"""What joints ask of small rigid motions of the connected parts of a mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.effects import Joint, Windowed
+from rigidfx.effects.joints.drives import prescribes
+from rigidfx.effects.joints.elements import JointSpring, coordinate_of
+from rigidfx.effects.joints.terms import Terms
+from rigidfx.step.system.linked import elements_of
+
+__all__ = ["joint_rows"]
+
+Array = npt.NDArray[np.float64]
+
+NOTHING = 1e-8  # of a motion of a part: a row that asks less asks nothing
+
+
+def joint_rows(
+    scene: Any, acting: Sequence[Windowed], motions: Callable[[npt.NDArray[np.int64]], Array]
+) -> Array:
+    """Rows that rigid motions fulfil which leave joints, locks and springs of joints. Collective.
+
+    Args:
+        scene: The problem.
+        acting: The effects with a time window that act.
+        motions: Displacements of owned nodes by the motions of all parts, shape (nodes, 3, n).
+
+    Returns:
+        Shape (rows, n), each of size one.
+    """
+    out: list[Array] = []
+    joints = {joint.title: joint for joint in scene.named(Joint)}
+    places, moved = {}, {}
+    for title, joint in joints.items():
+        averages = joint.pieces.averages
+        own = [a.weights @ scene.start_places[a.nodes] for a in averages]
+        by = [np.einsum("n,nim->im", a.weights, motions(a.nodes)) for a in averages]
+        places[title] = np.asarray(scene.sum(own)) + [a.constant for a in averages]
+        moved[title] = np.asarray(scene.sum(by))
+        terms = Terms([joint.pieces.rows], [0], len(averages))
+        gradient = terms.gradient(places[title]).toarray()
+        out.append(gradient @ moved[title].reshape(gradient.shape[1], -1))
+    for effect in elements_of(scene, acting):
+        stiff = isinstance(effect, JointSpring) and effect.stiffness > 0
+        if stiff or prescribes(effect):
+            joint, name = coordinate_of(scene, effect.owner, effect.joint, effect.acts_along)
+            coordinate = joint.pieces.coordinates[name]
+            at = list(coordinate.averages)
+            slope = coordinate.gradient(places[joint.title][at]).reshape(1, -1)
+            out.append(slope @ moved[joint.title][at].reshape(slope.size, -1))
+    rows = np.concatenate(out)
+    sizes = np.linalg.norm(rows, axis=1, keepdims=True)
+    return np.asarray(np.divide(rows, sizes, out=np.zeros_like(rows), where=sizes > NOTHING))

@@ -1,0 +1,41 @@
+"""The joints of a scene, with the motors that act, bound to a division."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from rigidfx.effects import Joint, JointSpring, Motor, Stop, Windowed
+from rigidfx.effects.joints.linkage import Linkage
+from rigidfx.state import State
+from rigidfx.step.equations.structure import BoundStructure
+
+__all__ = ["elements_of", "linked"]
+
+
+def elements_of(scene: Any, acting: Sequence[Windowed]) -> tuple[Motor | JointSpring | Stop, ...]:
+    """What acts along what joints leave free: motors that act, springs and stops.
+
+    Args:
+        scene: The problem.
+        acting: The effects with a time window that act.
+    """
+    here = {id(effect) for effect in acting}
+    motors = [motor for motor in scene.named(Motor) if id(motor) in here]
+    return (*motors, *scene.named(JointSpring), *scene.named(Stop))
+
+
+def linked(structure: BoundStructure, state: State, acting: Sequence[Windowed]) -> Linkage | None:
+    """The joints, bound to a division; None if there are none. Collective.
+
+    Args:
+        structure: The division.
+        state: The state.
+        acting: The effects with a time window that act.
+    """
+    scene, rows = structure.scene, structure.rows
+    joints = scene.named(Joint)
+    if not joints:
+        return None
+    bound = scene, rows, structure.own, state.bodies, state.u.x.array
+    return Linkage(joints, elements_of(scene, acting), *bound, structure.notes, structure.static)

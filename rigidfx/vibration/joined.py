@@ -1,0 +1,73 @@
+"""The stiffness of a structure with joints: stiff springs along the rows that joints hold.
+
+A spring of stiffness β along each row G y makes the eigenvalues λ of (K + β GᵀG) φ = λ M φ too low
+by β |G φ|² but for what is of second order in 1/β, so that this is added: joints are as stiff as
+they are exact. Springs of joints act as they are, locks as rows.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+from petsc4py import PETSc
+from scipy.sparse import csr_array, dia_array, vstack
+
+from rigidfx.coupling.condensed_tangent import CondensedMatrix
+from rigidfx.coupling.ports import Ports
+from rigidfx.effects.joints.drives import prescribes
+from rigidfx.effects.joints.linkage import Linkage
+from rigidfx.effects.joints.redundancy import independent
+from rigidfx.mechanics.bodies import Bodies
+from rigidfx.step.equations.equations import Equilibrium
+
+__all__ = ["JoinedStiffness"]
+
+Array = npt.NDArray[np.float64]
+
+STIFF = 1e3  # β over the stiffness of the joints' surroundings; what is left has its square
+
+
+class JoinedStiffness(Equilibrium):
+    """The balance of statics, whose tangent has springs along the rows of joints."""
+
+    def __init__(self, linkage: Linkage, bodies: Bodies, *given: Any) -> None:
+        """Find the rows. Collective.
+
+        Args:
+            linkage: The joints.
+            bodies: The bodies at the state.
+            given: See `Equilibrium`.
+        """
+        super().__init__(*given)
+        ports = Ports(self.prolongation, linkage)
+        linkage.begin(bodies)
+        rows, compliance = ports.resisted(linkage, bodies)
+        held = csr_array(rows[independent(rows, compliance)])
+        drives, columns = linkage.drives, 3 * linkage.averages
+        start = linkage.places(bodies)
+        drives.look(start, np.zeros_like(start), drives.multipliers)
+        along = csr_array(drives.test(columns) @ ports.lead(self.prolongation.increments.L))
+        laws = np.array([prescribes(effect) for effect in drives.effects], dtype=bool)
+        held = csr_array(vstack([held, along[np.flatnonzero(laws)]]))
+        self._beta = STIFF * linkage.typical[0]
+        self._own = csr_array(held @ ports.entries.T)
+        E = ports.everywhere()
+        G, T = csr_array(held @ E), csr_array(along @ E)
+        self._stiffness = csr_array(self._beta * (G.T @ G))
+        if len(drives):
+            k = dia_array((drives.stiffness()[None], [0]), shape=(len(drives),) * 2)
+            self._stiffness = csr_array(self._stiffness + T.T @ k @ T)
+
+    def _stiffen(self, K: CondensedMatrix) -> None:
+        """See `Equilibrium`."""
+        super()._stiffen(K)
+        K.add_coupling(self._stiffness)
+
+    def yielded(self, y: PETSc.Vec) -> float:
+        """β |G y|²: twice the energy in the springs along the rows [J]. Collective."""
+        moved = np.asarray(self._own @ y.array_r)
+        self.prolongation.comm.Allreduce(MPI.IN_PLACE, moved)
+        return self._beta * float(moved @ moved)
