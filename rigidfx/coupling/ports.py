@@ -76,7 +76,18 @@ class Ports:
         at = linkage.used[taken.coords[0]]
         kept = coo_array((taken.data[at], (taken.coords[0][at], taken.coords[1][at])), taken.shape)
         of, arm = np.divmod(kept.coords[1], 4)
-        self._held = kept, of, arm, np.searchsorted(self.bodies, of)
+        self._held = kept.data, of, arm
+        # The pattern of `lead`, and where in it its values go.
+        size = 3 * linkage.averages
+        rows = (3 * self.averages[:, None] + np.arange(3)).ravel()
+        place = np.searchsorted(self.bodies, of)
+        row = 3 * kept.coords[0][:, None, None] + np.arange(3)[:, None]
+        column = self._at[place][:, None, None] + np.arange(6)
+        row, column = (a.ravel() for a in np.broadcast_arrays(row, column))
+        numbers = np.r_[rows, row] * self.count + np.r_[np.arange(rows.size), column]
+        places, self._put = np.unique(numbers, return_inverse=True)
+        ends = np.searchsorted(places, self.count * np.arange(size + 1))
+        self._pattern = places % max(self.count, 1), ends
 
     def resisted(self, linkage: Linkage, bodies: Bodies) -> tuple[Array, Array]:
         """What tells which rows are independent, at the start of a step. Collective.
@@ -139,15 +150,9 @@ class Ports:
         Args:
             L: How the twelve numbers of bodies follow their six, shape (bodies, 12, 6).
         """
-        size = 3 * self._linkage.averages
-        rows = (3 * self.averages[:, None] + np.arange(3)).ravel()
-        out = csr_array((np.ones(rows.size), (rows, np.arange(rows.size))), (size, self.count))
-        if not self.bodies.size:
-            return out
-        held, of, arm, place = self._held
-        values = held.data[:, None, None] * L.reshape(-1, 4, 3, 6)[of, arm]
-        row = np.broadcast_to(
-            3 * held.coords[0][:, None, None] + np.arange(3)[:, None], values.shape
-        )
-        column = np.broadcast_to(self._at[place][:, None, None] + np.arange(6), values.shape)
-        return out + csr_array((values.ravel(), (row.ravel(), column.ravel())), out.shape)
+        data, of, arm = self._held
+        values = data[:, None, None] * L.reshape(-1, 4, 3, 6)[of, arm]
+        every = np.r_[np.ones(3 * self.averages.size), values.ravel()]
+        shape = 3 * self._linkage.averages, self.count
+        summed = np.bincount(self._put, every, self._pattern[0].size)
+        return csr_array((summed, *self._pattern), shape=shape)

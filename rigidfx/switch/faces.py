@@ -26,8 +26,6 @@ __all__ = ["face_bodies", "with_faces"]
 Array = npt.NDArray[np.float64]
 Nodes = npt.NDArray[np.int32]
 
-NO_CELLS: Nodes = np.empty(0, np.int32)
-
 
 def face_bodies(
     scene: Scene, forces: InternalForces, state: State, held: npt.NDArray[np.bool_], first: int
@@ -89,7 +87,7 @@ def _body(
     scene: Scene, forces: InternalForces, state: State, face: RigidFace, nodes: Nodes, number: int
 ) -> Body:
     """The body of a face, with the motion that fits its nodes. Collective."""
-    what = PlannedBody(NO_CELLS, nodes, face.name, number)
+    what = PlannedBody(np.empty(0, np.int32), nodes, face.name, number)
     body = freeze(scene, forces, state, what) if scene.mass == "lumped" else None
     if body is None:
         body = _without_mass(scene, forces, state, what)

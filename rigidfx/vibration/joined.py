@@ -27,8 +27,6 @@ __all__ = ["JoinedStiffness"]
 
 Array = npt.NDArray[np.float64]
 
-STIFF = 1e3  # β over the stiffness of the joints' surroundings; what is left has its square
-
 
 class JoinedStiffness(Equilibrium):
     """The balance of statics, whose tangent has springs along the rows of joints."""
@@ -52,7 +50,8 @@ class JoinedStiffness(Equilibrium):
         along = csr_array(drives.test(columns) @ ports.lead(self.prolongation.increments.L))
         laws = np.array([prescribes(effect) for effect in drives.effects], dtype=bool)
         held = csr_array(vstack([held, along[np.flatnonzero(laws)]]))
-        self._beta = STIFF * linkage.typical[0]
+        # Over the stiffness of what joints move: neither its inverse's square nor rounding counts.
+        self._beta = float(np.sqrt(np.sqrt(1 / np.finfo(np.float64).eps))) * linkage.typical[0]
         self._own = csr_array(held @ ports.entries.T)
         E = ports.everywhere()
         G, T = csr_array(held @ E), csr_array(along @ E)

@@ -285,7 +285,8 @@ class Linkage:
         Args:
             share: 0.5 for the middle of the step, 1 for its end.
         """
-        return self._terms.gradient(self._start + share * self._moved)[self.active]
+        every = self._terms.gradient(self._start + share * self._moved)
+        return every if self.active.size == self._every else every[self.active]
 
     def curvature(self) -> csr_array:
         """Derivative of the rows' forces on averages by these, shape (3 · averages,) * 2 [N/m]."""
@@ -338,6 +339,7 @@ class Linkage:
         vectors = self._start, self._moved, -self.forces
         if self.drives.static:  # forces are those at the end
             vectors = self._start + self._moved, np.zeros_like(self._moved), -self.forces
-        gaps = [float(np.abs(self.violation[own]).max(initial=0.0)) for own in self._known]
+        open_by = np.abs(self.violation)
+        gaps = [float(open_by[own].max(initial=0.0)) for own in self._known]
         efforts, total = self.drives.efforts(), float(np.abs(self.multipliers).sum())
         return reports(self._joints, self._firsts, vectors, (q, rates), efforts, gaps, total)

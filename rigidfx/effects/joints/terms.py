@@ -49,7 +49,15 @@ class Terms:
         self._row, self._first, self._second = pairs.T
         self._factor = np.array([c for *_, c in products], dtype=np.float64)
         columns = 3 * pairs[:, 1:, None] + np.arange(3)
-        self._at = np.broadcast_to(self._row[:, None, None], columns.shape).ravel(), columns.ravel()
+        of = np.broadcast_to(self._row[:, None, None], columns.shape).ravel()
+        # The pattern of gradients, and where in it each term's derivatives go.
+        fixed = self._linear.tocoo()
+        at_all = np.r_[fixed.coords[0], of], np.r_[fixed.coords[1], columns.ravel()]
+        places, put = np.unique(at_all[0] * shape[1] + at_all[1], return_inverse=True)
+        self._put, self._fixed = put[fixed.nnz :], np.zeros(places.size)
+        np.add.at(self._fixed, put[: fixed.nnz], fixed.data)
+        ends = np.searchsorted(places, shape[1] * np.arange(shape[0] + 1))
+        self._pattern = places % shape[1], ends
         self.averages = np.unique(np.r_[at[1] // 3, self._first, self._second])
 
     def _products(self, p: Array, q: Array) -> Array:
@@ -76,7 +84,8 @@ class Terms:
         if not self._row.size:
             return self._linear
         both = self._factor[:, None, None] * np.stack([p[self._second], p[self._first]], axis=1)
-        return self._linear + csr_array((both.ravel(), self._at), shape=self._linear.shape)
+        values = self._fixed + np.bincount(self._put, both.ravel(), self._fixed.size)
+        return csr_array((values, *self._pattern), shape=self._linear.shape)
 
     def curvature(self, multipliers: Array, share: float) -> csr_array:
         """Derivative of Σ λ ∂g/∂p after a part of a step by p at its end, (3 · averages,) * 2.

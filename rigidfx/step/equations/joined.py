@@ -146,13 +146,17 @@ class JoinedEquilibrium(Equilibrium):
         """
         increments, linkage = self.prolongation.increments, self.linkage
         test, trial = self.ports.lead(increments.L), self.ports.lead(increments.P)
-        scale = dia_array((self._scale[None], [0]), shape=(linkage.count,) * 2)
         own = self._scale**2 * linkage.compliance()
         within = dia_array((own[None], [0]), shape=(linkage.count,) * 2)
         H = test.T @ linkage.curvature() @ trial
         if self._sprung is not None:
             H = H - dia_array((self._springs[None], [0]), shape=(self.ports.count,) * 2)
-        return H, scale @ linkage.test() @ test, scale @ linkage.trial() @ trial, within
+        return H, self._scaled(linkage.test()) @ test, self._scaled(linkage.trial()) @ trial, within
+
+    def _scaled(self, rows: csr_array) -> csr_array:
+        """Rows times the scales of their multipliers."""
+        values = rows.data * np.repeat(self._scale, np.diff(rows.indptr))
+        return csr_array((values, rows.indices, rows.indptr), shape=rows.shape)
 
     def noise(self) -> float:
         """See `Equilibrium`."""

@@ -18,7 +18,7 @@ __all__ = ["joint_rows"]
 
 Array = npt.NDArray[np.float64]
 
-NOTHING = 1e-8  # of a motion of a part: a row that asks less asks nothing
+NOTHING = float(np.sqrt(np.finfo(np.float64).eps))  # of a motion: what asks less asks nothing
 
 
 def joint_rows(
