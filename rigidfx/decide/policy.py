@@ -185,14 +185,12 @@ class Policy:
             seen: The state before it.
             strained: What the error motion strains in cells of bodies.
         """
-        waking = self.rule.waking(strained, self._planner.free(seen))
-        above, self._springs = waking.cells, strained.spring
-        if not self._any(above | waking.stale):
+        above = self.rule.waking(strained, self._planner.free(seen))
+        self._springs = strained.spring
+        if not self._any(above):
             return None
         leaving = self._graph.touching(self._graph.largest_at_nodes(above.astype(np.float64)) > 0)
-        leaving |= self._planner.whole_bodies(
-            seen, waking.stale | (leaving & (strained.spring > 1))
-        )
+        leaving |= self._planner.whole_bodies(seen, leaving & (strained.spring > 1))
         decision = self._let_down(seen, CHECKED, leaving, strained.window)
         return replace(decision, woken=np.flatnonzero(above).astype(np.int32))
 

@@ -87,23 +87,18 @@ class Looks(Watch):
         known = limits()
         none: Array = np.zeros(self._owned)
         size = self._error.size() if np.isfinite(known.size) else 0.0
-        rate = spring = over = none
+        rate = spring = none
         if known.rates is not None:
             rate = part_of(self._of_all(self._error.rates(self._rigid)), known.rates)
             rate[self._beyond(known.rates * known.window)] = np.inf
-        strain: Array | None = None
-        if known.strains is not None:
-            strain = self._of_all(self._error.strains(self._rigid))
-            over = part_of(strain, known.strains)
-        here = max(float(rate.max(initial=0.0)), float(over.max(initial=0.0)), size / known.size)
+        here = max(float(rate.max(initial=0.0)), size / known.size)
         self._pace.ratio = self._stepper.scene.comm.allreduce(here, op=MPI.MAX)
         if not self._pace.ratio > 1:
             return None
-        if strain is None:
-            strain = self._of_all(self._error.strains(self._rigid))
+        strain = self._of_all(self._error.strains(self._rigid))
         if known.rates is not None:
             spring = part_of(strain, attempt.dt * known.rates)
-        return Strained(rate, over, spring, strain, known.window, size)
+        return Strained(rate, spring, strain, known.window)
 
     def _beyond(self, most: Array) -> Ints:
         """Rigid cells in which e is not small, and strains by more than `most` [-]. Collective."""

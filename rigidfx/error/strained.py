@@ -18,13 +18,11 @@ class Limits:
 
     Attributes:
         rates: Strain rate of e, of each owned cell [1/s]; None on all ranks if none wakes.
-        strains: Strain of e, likewise [-].
         window: Length of a window [s]; infinite while that is not known.
         size: Largest |e| of any node [m].
     """
 
     rates: Array | None = None
-    strains: Array | None = None
     window: float = np.inf
     size: float = np.inf
 
@@ -35,20 +33,16 @@ class Strained:
 
     Attributes:
         rate: Strain rate of each owned cell, over what wakes it.
-        sum: Strain of each owned cell, over what wakes it.
         spring: Strain rate at which it would spring into that in the step, were it released,
             over what wakes it.
         strain: Strain of each owned cell [-].
         window: Length of a window [s]; infinite while that is not known.
-        size: Largest |e| of any node [m].
     """
 
     rate: Array
-    sum: Array
     spring: Array
     strain: Array
     window: float = np.inf
-    size: float = 0.0
 
 
 def part_of(strain: Array, limit: Array) -> Array:

@@ -33,7 +33,6 @@ import numpy.typing as npt
 
 from rigidfx.base.remembered import ON_CELLS, PART, Remembered, same
 from rigidfx.decide.criteria.observation import Observation
-from rigidfx.decide.criteria.rule import Waking
 from rigidfx.decide.memory.memory import Memory
 from rigidfx.decide.memory.swings import Swings
 from rigidfx.error.strained import Limits, Strained
@@ -213,15 +212,14 @@ class BudgetRule:
         # Zero where strains are too small to be squared.
         self.tol = np.divide(worst * most, density, out=np.zeros_like(worst), where=density > 0)
 
-    def waking(self, strained: Strained, free: Bools) -> Waking:
+    def waking(self, strained: Strained, free: Bools) -> Bools:
         """Of what is above the budget half wakes, the largest contributions first. Collective."""
         s = np.where(free, strained.strain, 0.0)
         density = self._stiffness * np.maximum(self._strains, s) * s
         share = density * self._weights / self._stiffness
         (whole,) = self._scene.sum(np.array([share.sum()]))
         most = level(density, share, self._spending.freezing * float(whole), self._scene)
-        cells = (density >= most) & (s > 0)
-        return Waking(cells, np.zeros_like(cells))
+        return (density >= most) & (s > 0)
 
     def told(self) -> str:
         """What a user would set by hand to have the same. Collective."""

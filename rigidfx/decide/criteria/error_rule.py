@@ -13,7 +13,6 @@ import numpy.typing as npt
 
 from rigidfx.base.remembered import Remembered, same
 from rigidfx.decide.criteria.observation import Observation
-from rigidfx.decide.criteria.rule import Waking
 from rigidfx.decide.criteria.tolerances import Tolerances
 from rigidfx.decide.criteria.window_length import window_length
 from rigidfx.decide.memory.memory import Memory
@@ -61,7 +60,7 @@ class ErrorRule:
         """Strain rates that wake cells."""
         rates = self._kappa * np.maximum(self.tol, self._noise)
         length = self.length()
-        return Limits(rates, np.full_like(rates, inf), length if np.isfinite(length) else inf)
+        return Limits(rates, length if np.isfinite(length) else inf)
 
     @property
     def rigidity(self) -> None:
@@ -84,6 +83,6 @@ class ErrorRule:
         """Nothing that the user has not set."""
         return ""
 
-    def waking(self, strained: Strained, free: Bools) -> Waking:
+    def waking(self, strained: Strained, free: Bools) -> Bools:
         """Each cell that e strains too fast wakes."""
-        return Waking(free & (strained.rate > 1), np.zeros_like(free))
+        return free & (strained.rate > 1)

@@ -19,7 +19,7 @@ from rigidfx.base.inputs import shown
 from rigidfx.base.remembered import PART, Remembered
 from rigidfx.decide.criteria.judging import Criterion
 from rigidfx.decide.criteria.observation import Observation
-from rigidfx.decide.criteria.rule import Rule, Waking
+from rigidfx.decide.criteria.rule import Rule
 from rigidfx.decide.memory.memory import Memory
 from rigidfx.error.strained import Limits, Strained
 from rigidfx.flexible.indicator import Indicator
@@ -148,7 +148,7 @@ class _Rule(_Heeded):
     def limits(self) -> Limits:
         """See `Rule`. Collective."""
         no_limit = np.full(self._owned, np.inf)
-        return self._ask("limits", Limits(no_limit, no_limit, np.inf), of=self._a(Limits))
+        return self._ask("limits", Limits(no_limit), of=self._a(Limits))
 
     @property
     def rigidity(self) -> Rigidity | None:
@@ -171,10 +171,13 @@ class _Rule(_Heeded):
         """See `Rule`. Collective."""
         return self._ask("told", "", of=str)
 
-    def waking(self, strained: Strained, free: Bools) -> Waking:
+    def waking(self, strained: Strained, free: Bools) -> Bools:
         """See `Rule`. Collective."""
-        nothing = Waking(self._no_cells, self._no_cells)
-        return self._ask("waking", nothing, strained, free, of=self._a(Waking))
+        return self._ask("waking", self._no_cells, strained, free, of=self._which_cells)
+
+    def _which_cells(self, found: Any) -> Bools:
+        """A look at what is to say of each owned cell whether it wakes."""
+        return self._of_cells(found).astype(bool)
 
 
 class _Indicator(_Heeded):

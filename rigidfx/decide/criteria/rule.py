@@ -5,7 +5,6 @@ A policy asks one; it knows neither windows in a row nor connected cells nor rel
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -15,25 +14,10 @@ from rigidfx.decide.criteria.observation import Observation
 from rigidfx.error.strained import Limits, Strained
 from rigidfx.report.ledger import Rigidity
 
-__all__ = ["Rule", "Waking"]
+__all__ = ["Rule"]
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
-class Waking:
-    """Owned cells of bodies that forces would strain too much.
-
-    Attributes:
-        cells: Those that wake, with the cells round them.
-        stale: Those whose whole body is released: it has withheld too much, and is not in the
-            shape that its forces would give it. To let some of its cells spring into theirs would
-            be a blow that wakes others.
-    """
-
-    cells: Bools
-    stale: Bools
 
 
 class Rule(Protocol):
@@ -74,8 +58,8 @@ class Rule(Protocol):
         """What a user would set by hand to have the same. Collective."""
         ...
 
-    def waking(self, strained: Strained, free: Bools) -> Waking:
-        """Which cells wake. Collective.
+    def waking(self, strained: Strained, free: Bools) -> Bools:
+        """Which owned cells wake; those round them do as well. Collective.
 
         Args:
             strained: What cells of bodies would strain, over `limits`.
