@@ -1,4 +1,4 @@
-"""rigidfx: structural dynamics in which only what deforms is computed as flexible.
+"""rigidfx: structural dynamics in which only the parts that deform are computed as flexible.
 
 Geometrically nonlinear elastodynamics in 3D on top of FEniCSx, by the Energy-Momentum Method. A
 scene names a domain, materials and effects; `simulate` yields a report per step; a `Recorder`
@@ -183,5 +183,5 @@ __all__ = [
 
 
 def __dir__() -> list[str]:
-    """What is exported, and the version: folders of the package are imported by their names."""
+    """Exported names, and the version: folders of the package are imported by their names."""
     return [*__all__, "__doc__", "__version__"]

@@ -105,7 +105,7 @@ def _followed(
     probes: Probes,
     promise: Promise,
 ) -> tuple[ErrorMotion, Looks, BodyForces]:
-    """The error motion, what asks it which cells wake, and what knows ρ. Collective.
+    """The error motion, the look that asks it which cells wake, and the source of ρ. Collective.
 
     The stepper's watches have them.
 
@@ -114,7 +114,7 @@ def _followed(
         in_pieces: Parts named rigid whose cells are not connected through facets.
         measures: Makes a measure of cells.
         probes: Points that are reported.
-        promise: What e may be.
+        promise: Bounds of e.
     """
     forces = BodyForces(stepper, in_pieces)
     error = ErrorMotion(stepper, forces, probes.points, measures(), promise)

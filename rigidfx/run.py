@@ -1,4 +1,4 @@
-"""What takes part in a run, and what its parts do before and after a step."""
+"""The parts of a run, and their calls before and after a step."""
 
 from __future__ import annotations
 
@@ -34,21 +34,21 @@ __all__ = ["Run"]
 
 @dataclass(frozen=True)
 class Run:
-    """What takes part in a run.
+    """The parts of a run.
 
     Attributes:
         timeline: Where steps end.
         stepper: Makes steps.
         switch: Applies decisions, and follows effects that begin or end.
-        policy: Decides what becomes rigid and flexible; None if nothing does.
+        policy: Decides on rigid and flexible cells; None if nothing does.
         probes: Points that are reported.
-        recovery: What rigid parts would strain by; None if forces wake none.
-        touch: What foresees the first touch of a contact.
-        ledgers: What has been spent of accuracy; None if nothing estimates it.
+        recovery: Forces that would strain rigid parts; None if forces wake none.
+        touch: Foresees the first touch of a contact.
+        ledgers: Spent accuracy; None if nothing estimates it.
         error: The motion by which the run is off its flexible twin; None if it is not followed.
         corrected: Whether the error motion is added to displacements that are shown.
-        looks: What tells, by e, which cells wake; None if forces wake none.
-        idle: What rigidity does to the motion where nothing may become rigid, if that is told.
+        looks: Tells, by e, which cells wake; None if forces wake none.
+        idle: Error of the motion by rigid parts where nothing may become rigid, if that is told.
     """
 
     timeline: Timeline
@@ -70,7 +70,7 @@ class Run:
 
     @property
     def added(self) -> ErrorMotion | None:
-        """The error motion, where it is added to what is shown."""
+        """The error motion, where it is added to the results shown."""
         return self.error if self.corrected else None
 
     def target(self) -> float:
@@ -86,7 +86,7 @@ class Run:
             number: Of the step.
 
         Returns:
-            What the step did, and what happened in it.
+            The outcome of the step, with its events.
         """
         stepper, policy, looks = self.stepper, self.policy, self.looks
         attempt = stepper.attempt(target)
@@ -108,7 +108,7 @@ class Run:
         return stepper.accept(attempt), events
 
     def _asked(self, policy: Policy, attempt: Attempt, number: int) -> list[Event]:
-        """Release what a user's conditions ask for before the step is solved again. Collective."""
+        """Apply releases on a user's conditions before the step is solved again. Collective."""
         stepper = self.stepper
         with stepper.foreseen(attempt) as result:
             report = report_of(number, stepper, self.probes, result, None)
@@ -118,14 +118,14 @@ class Run:
         return self._switched(policy, policy.repeated(seen, cells), seen)
 
     def __enter__(self) -> Run:
-        """Nothing to do: what it has was made before."""
+        """Nothing to do: its values were made before."""
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *of_error: object) -> None:
-        """Free what the run has of PETSc. Collective, but for runs that are given up.
+        """Free PETSc's objects of the run. Collective, but for runs that are given up.
 
-        One rank alone may give up, as its script fails, and would wait here for the others. What
-        it has is PETSc's garbage then, until all ranks prepare a run again.
+        One rank alone may give up, as its script fails, and would wait here for the others. Its
+        objects are PETSc's garbage then, until all ranks prepare a run again.
         """
         if issubclass(kind or RigidfxError, RigidfxError) or self.stepper.scene.comm.size == 1:
             if self.recovery is not None:
@@ -137,7 +137,7 @@ class Run:
                     item.destroy()
 
     def ahead(self, target: float) -> list[Event]:
-        """Decide before a step and switch; what happened. Collective."""
+        """Decide before a step and switch; the events. Collective."""
         state, policy = self.stepper.state, self.policy
         if policy is None:
             return []
@@ -145,7 +145,7 @@ class Run:
         return self._switched(policy, policy.ahead(seen, (state.t + target) / 2), seen)
 
     def after(self, report: Report) -> tuple[list[Event], float]:
-        """Decide after a step and switch; what happened, and how close it was. Collective."""
+        """Decide after a step and switch; the events, and how close it was. Collective."""
         policy = self.policy
         if policy is None:
             return [], np.nan
@@ -184,7 +184,7 @@ class Run:
         return [] if event is None else [event]
 
     def _let_down(self, decision: Decision) -> Eased | None:
-        """What cells that a decision releases are to bear on. Collective."""
+        """Stresses that released cells are to bear on. Collective."""
         if self.error is None or not decision.easing > 0:
             return None
         stepper = self.stepper

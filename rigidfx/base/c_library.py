@@ -32,9 +32,9 @@ def c_library(
 
     Args:
         comm: Its rank 0 compiles.
-        name: What the library is called; a digest of the rest is added.
+        name: Name of the library; a digest of the rest is added.
         source: C source.
-        declarations: What of it Python may use, as cffi reads it.
+        declarations: Its declarations for Python, as cffi reads them.
         flags: The compiler's.
 
     Raises:

@@ -1,4 +1,5 @@
-"""FFCx's log tells what is compiled, and which file is waited for or cannot be loaded."""
+"""FFCx's log names the forms that are compiled, and files that are waited for or cannot be
+loaded."""
 
 from __future__ import annotations
 
@@ -30,7 +31,7 @@ class CacheLog(logging.Filter):
 
         Args:
             shown: Level from which on records go where they would go otherwise.
-            what: What is compiled, and how long that takes; said once by each process.
+            what: The form, and the seconds of its compilation; said once by each process.
         """
         super().__init__()
         self.source: Path | None = None
@@ -66,7 +67,7 @@ def listening(what: str = "") -> Iterator[CacheLog]:
     """Around a compilation, whose option verbosity must be logging.INFO.
 
     Args:
-        what: What is compiled, and how long that takes.
+        what: The form, and the seconds of its compilation.
     """
     logger, root = logging.getLogger("ffcx"), logging.getLogger()
     handlers = root.handlers.copy()  # FFCx takes them away, for good where the compiler fails

@@ -1,7 +1,7 @@
-"""What to do where the C compiler has failed, or its result cannot be kept.
+"""The remedy where the C compiler has failed, or its result cannot be kept.
 
 cffi says no more than "CompileError: command ... failed", on rank 0, and DOLFINx on the others that
-a form has not been compiled; what the compiler itself says goes to standard error.
+a form has not been compiled; the compiler's own messages go to standard error.
 """
 
 from __future__ import annotations
@@ -39,12 +39,11 @@ def compiles(comm: MPI.Intracomm) -> bool:
 
 
 def raise_uncompiled(comm: MPI.Intracomm, error: Exception | None, folder: str | Path) -> None:
-    """Raise, on all ranks, what a user can do about a compilation that has failed. Collective.
+    """Raise, on all ranks, the remedy for a compilation that has failed. Collective.
 
     Args:
         comm: Ranks that have compiled.
-        error: What it has raised on this rank, if anything; on several ranks a text that tells of
-            what rank 0 has raised.
+        error: Its exception on this rank, if any; on several ranks a text with that of rank 0.
         folder: The cache of compiled forms.
 
     Raises:
@@ -56,7 +55,7 @@ def raise_uncompiled(comm: MPI.Intracomm, error: Exception | None, folder: str |
 
 
 def _unwritten(error: Exception, folder: str | Path) -> str | None:
-    """What to do where the cache cannot be written to, None if that is not what has gone wrong."""
+    """The remedy where the cache cannot be written to, None if another cause has failed."""
     said = re.search(r"\[Errno \d+\] ([^:]*)", str(error))
     if said is None or COMPILING.search(str(error)):
         return None
@@ -68,7 +67,7 @@ def _unwritten(error: Exception, folder: str | Path) -> str | None:
 
 
 def _uncompiled(error: Exception, folder: str | Path) -> str | None:
-    """What to do about the compiler, None if it has not failed."""
+    """The remedy for the compiler, None if it has not failed."""
     said = COMPILING.search(str(error))
     if said is None:
         return None

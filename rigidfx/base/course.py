@@ -1,4 +1,4 @@
-"""The largest value so far, and what it was before."""
+"""The largest value so far, and its past values."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ APART = 1.02  # factor between values that are remembered
 
 
 class Course:
-    """Remembers how a largest value has come to be what it is.
+    """Remembers the growth of a largest value.
 
     Attributes:
         largest: The largest value so far.

@@ -1,4 +1,5 @@
-"""Makes DOLFINx ready to be imported, or says what to install; `rigidfx` imports this first.
+"""Makes DOLFINx ready to be imported, or names the packages to install; `rigidfx` imports this
+first.
 
 DOLFINx of the wheel `dolfinx-solver-real` can be imported once its module `dolfinx_solver` has
 loaded the MPI library that all its parts share. DOLFINx from elsewhere needs no such thing.
@@ -14,7 +15,7 @@ NEEDED = "dolfinx", "petsc4py", "mpi4py"
 
 
 def prepare() -> None:
-    """Import what has to be imported before DOLFINx.
+    """Import the modules that come before DOLFINx.
 
     Raises:
         ModuleNotFoundError: If there is no DOLFINx, or no PETSc or MPI for it.

@@ -47,8 +47,8 @@ class StepError(RigidfxError, RuntimeError):
     """A time step or a static solution did not converge, even after cutting.
 
     Attributes:
-        found: What happened, and where.
-        advice: What to try.
+        found: The event and its place.
+        advice: The remedy.
         halvings: How often the step is to be halved before it is tried again.
     """
 
@@ -56,8 +56,8 @@ class StepError(RigidfxError, RuntimeError):
         """Take both parts of the message.
 
         Args:
-            found: What happened, and where.
-            advice: What to try; part of the message already if empty.
+            found: The event and its place.
+            advice: The remedy; part of the message already if empty.
             halvings: How often the step is to be halved before it is tried again.
         """
         super().__init__(f"{found} {advice}".rstrip())
@@ -79,7 +79,7 @@ class OutputError(RigidfxError, OSError):
 class Trace(Exception):
     """Where an error has come from on some rank, as text, so that all ranks can show it.
 
-    An error itself would keep alive, on one rank only, what its traceback refers to. PETSc's
+    An error itself would keep alive, on one rank only, the objects of its traceback. PETSc's
     objects among that have to go on all ranks together: those made next would wait for ever.
     """
 

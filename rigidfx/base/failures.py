@@ -1,8 +1,9 @@
-"""What a user's own code raises in the middle of a step, said on all ranks where these meet anyway.
+"""Exceptions of a user's own code in the middle of a step, raised on all ranks where these meet
+anyway.
 
 Effects, obstacles and criteria of a user's own are asked on each rank about that rank's nodes and
 cells. One of them may fail on a single rank, while others are on their way to a collective call and
-would wait there for ever. So what it raises is kept, something neutral goes on in its place, and
+would wait there for ever. So its exceptions are kept, something neutral goes on in its place, and
 ranks look whether anything has been kept where they exchange numbers or change course in any case:
 in the sums over a state, and after an attempt at a step that is objected to. A step in which
 nothing fails pays for no more than that one number.
@@ -47,16 +48,15 @@ class Failures:
     def heeded(
         self, owner: str, what: str, function: Callable[..., T], instead: Callable[..., T]
     ) -> Callable[..., T]:
-        """A function that keeps what the given one raises, and goes on.
+        """A function that keeps exceptions of the given one, and goes on.
 
-        What is asked about numbers that are not finite, as those of an iteration that runs away,
-        may fail.
+        Functions may fail on numbers that are not finite, as those of an iteration that runs away.
 
         Args:
             owner: Whose function it is, for the message.
             what: Which of its functions, likewise.
             function: The function.
-            instead: What to go on with, of the same arguments.
+            instead: A neutral result, of the same arguments.
         """
 
         def call(*given: Any) -> T:
@@ -75,7 +75,7 @@ class Failures:
         Args:
             owner: Whose function has failed.
             what: Which of its functions.
-            error: What it has raised.
+            error: The exception.
         """
         if self._found is not None:
             return
@@ -88,7 +88,7 @@ class Failures:
         self._found = found, trace_of(error)
 
     def settle(self) -> None:
-        """Raise what any rank has kept. Collective.
+        """Raise an exception that any rank has kept. Collective.
 
         Raises:
             SceneError: On every rank, with the message and the traceback of the lowest rank that
@@ -99,6 +99,6 @@ class Failures:
 
 
 def _finite(given: Any) -> bool:
-    """Whether what a function is asked about is finite, as far as it is an array or a vector."""
+    """Whether the arguments of a function are finite, as far as they are arrays or vectors."""
     values = getattr(given, "array_r", given)
     return not isinstance(values, np.ndarray) or bool(np.isfinite(values).all())

@@ -126,7 +126,7 @@ def compile_values(
 
 
 def _announced(form: ufl.Form) -> str:
-    """What is compiled with a form of a scene, and about how long that takes."""
+    """The forms that are compiled for a scene, and about how long that takes."""
     elements = [w.ufl_element() for w in (*form.arguments(), *form.coefficients())]
     order = max((e.degree for e in elements), default=1)
     cell = form.ufl_domains()[0].ufl_coordinate_element().cell_type.name
@@ -143,7 +143,7 @@ def _announced(form: ufl.Form) -> str:
 def _past_the_cache(
     comm: MPI.Intracomm, options: dict[str, Any], compiled: Callable[..., Any], what: str = ""
 ) -> Any:
-    """What a compilation gives, repeated until nothing is in its way. Collective."""
+    """The result of a compilation, repeated until nothing is in its way. Collective."""
     while True:
         heard = {"verbosity": logging.INFO}  # what `listening` is to hear
         with _may_compile(comm, options), listening(what) as log:
@@ -176,7 +176,7 @@ def _may_compile(comm: MPI.Intracomm, options: dict[str, Any]) -> Iterator[None]
 
 
 def _cleared(source: Path, damaged: bool) -> str | None:
-    """Wait for a form, or remove what is in the way; what to do where that is not allowed."""
+    """Wait for a form, or remove obstacles to it; the remedy where that is not allowed."""
     try:
         if damaged:
             for file in list(source.parent.glob(f"{source.stem}.*")):
@@ -192,7 +192,7 @@ def _cleared(source: Path, damaged: bool) -> str | None:
 
 
 def wait_or_clear(source: Path) -> None:
-    """Wait until a form is compiled; if nobody compiles, remove what is in the way.
+    """Wait until a form is compiled; if nobody compiles, remove obstacles to it.
 
     Args:
         source: The C file without a result.

@@ -76,7 +76,7 @@ def whole(owner: str, name: str, value: Any, *, least: int) -> int:
     Args:
         owner: Whose number it is, for the message.
         name: Name of the number.
-        value: What was given.
+        value: The given value.
         least: The least that will do.
 
     Raises:
@@ -94,7 +94,7 @@ def communicator(owner: str, comm: Any) -> MPI.Intracomm:
 
     Args:
         owner: Whose it is, for the message.
-        comm: What was given.
+        comm: The given value.
 
     Raises:
         SceneError: If it is none, or the null communicator.
@@ -113,7 +113,7 @@ def path_of(owner: str, name: str, value: Any) -> Path:
     Args:
         owner: Whose it is, for the message.
         name: Name of the argument.
-        value: What was given.
+        value: The given value.
 
     Raises:
         SceneError: If it is no path, or an empty one.
@@ -126,7 +126,7 @@ def path_of(owner: str, name: str, value: Any) -> Path:
 
 
 def _real(value: Any) -> float:
-    """A real number as a float; what else could be cast into one is none.
+    """A real number as a float; other values that could be cast into one are refused.
 
     Raises:
         TypeError: If it is a truth value, a text, complex, masked, several or no number at all.
@@ -171,10 +171,10 @@ def _has_truth(value: Any) -> bool:
 
 
 def scalar(value: Any) -> float:
-    """What a function gave as a number; NaN if it is not one real number, such as a text.
+    """Result of a function as a number; NaN if it is not one real number, such as a text.
 
     Args:
-        value: What was given; a truth value, such as t < 1, is 1 or 0.
+        value: The given value; a truth value, such as t < 1, is 1 or 0.
     """
     if isinstance(value, (float, bool, np.bool_)):
         return float(value)
@@ -206,9 +206,9 @@ def names(owner: str, name: str, given: Any, of: str) -> tuple[str, ...]:
 
     Args:
         owner: Whose names these are, for the message.
-        name: What they are given as.
-        given: What was given.
-        of: What they are names of, for the message.
+        name: Name of the argument.
+        given: The given value.
+        of: Kind of the named things, for the message.
 
     Raises:
         SceneError: If it is anything else.
@@ -226,19 +226,19 @@ def names(owner: str, name: str, given: Any, of: str) -> tuple[str, ...]:
 def is_function(value: Any) -> TypeGuard[Callable[..., Any]]:
     """Whether a value can be a function of time.
 
-    What is a number as well, such as a constant of DOLFINx, which UFL lets be called, is a number.
+    A number that can be called, such as a constant of DOLFINx, is a number.
 
     Args:
-        value: What was given.
+        value: The given value.
     """
     return callable(value) and (isinstance(value, type) or not hasattr(value, "__float__"))
 
 
 def shown(value: Any) -> str:
-    """What was given, for a message, whatever it is.
+    """The given value, for a message, whatever it is.
 
     Args:
-        value: What was given.
+        value: The given value.
     """
     try:
         return repr(_plain(value))

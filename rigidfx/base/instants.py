@@ -1,6 +1,6 @@
 """When two times are the same instant, and two lengths of steps the same length.
 
-Ends of steps are sums, breakpoints and what is due are numbers that users write: they meet but for
+Ends of steps are sums, breakpoints and due times are numbers that users write: they meet but for
 rounding, and far closer than steps follow each other.
 """
 

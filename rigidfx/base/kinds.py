@@ -31,7 +31,7 @@ class Kind:
     """A value that is the same on all ranks."""
 
     def part(self, value: Any, order: MeshOrder) -> Any:
-        """What is gathered of a rank's value."""
+        """The gathered form of a rank's value."""
         return value if order.first else None
 
     def whole(self, value: Any, parts: Sequence[Any], orders: Sequence[MeshOrder]) -> Any:
@@ -39,7 +39,7 @@ class Kind:
 
         Args:
             value: Rank 0's value.
-            parts: What is gathered of each rank.
+            parts: The gathered values of all ranks.
             orders: Of each rank.
         """
         return parts[0]
@@ -149,7 +149,7 @@ class Record(Kind):
         *,
         ghosts: bool = False,
     ) -> None:
-        """Say what the fields are; those that are not named are the same on all ranks.
+        """Describe the fields; those that are not named are the same on all ranks.
 
         Args:
             made: The class.

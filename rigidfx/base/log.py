@@ -1,8 +1,8 @@
-"""What a run says of itself, through Python's logging, by the logger "rigidfx" on rank 0.
+"""Messages of a run, through Python's logging, by the logger "rigidfx" on rank 0.
 
-It says what is compiled, how large the run is, what becomes rigid and flexible, and how it ended,
-at the level INFO. Whoever wants to hear it gives that logger a handler, or has a run (`verbose`);
-a recorder keeps it in a file.
+It names compiled forms, the size of the run, switches, and how it ended, at the level INFO. Whoever
+wants to hear it gives that logger a handler, or has a run (`verbose`); a recorder keeps it in a
+file.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def announce(text: str) -> None:
     """Say on this rank why a first run waits, also before and without a run, unless it is silent.
 
     Args:
-        text: What is said.
+        text: The message.
     """
     LOGGER.log(FIRST, text)
     if not _runs:  # a scene is described, say, or its modes are sought
@@ -43,7 +43,7 @@ def tell(comm: MPI.Intracomm, text: str) -> None:
 
     Args:
         comm: Ranks that all know the text.
-        text: What is said.
+        text: The message.
     """
     if comm.rank == 0:
         LOGGER.info(text)
@@ -54,7 +54,7 @@ def remind(comm: MPI.Intracomm, text: str) -> None:
 
     Args:
         comm: Ranks of the run.
-        text: What is said.
+        text: The message.
     """
     if comm.rank == 0:
         LOGGER.log(FIRST, text)
@@ -62,12 +62,12 @@ def remind(comm: MPI.Intracomm, text: str) -> None:
 
 @contextmanager
 def heard(comm: MPI.Intracomm, verbose: bool | None) -> Iterator[None]:
-    """Show on standard error, on rank 0, what is said meanwhile.
+    """Show messages on standard error, on rank 0, meanwhile.
 
     Args:
         comm: Ranks of the run.
         verbose: Whether it is shown; if None, all of it where standard error is a terminal, and
-            elsewhere what is compiled, and once a minute how far the run is.
+            elsewhere compilations, and once a minute how far the run is.
     """
     level = logging.INFO if verbose or sys.stderr.isatty() else FIRST
     if verbose is False or comm.rank > 0:
@@ -97,14 +97,14 @@ def _under_way(comm: MPI.Intracomm) -> Iterator[None]:
 
 
 def folders() -> list[Path]:
-    """Folders of the files that hear what is said now: where results go."""
+    """Folders of the files that hear messages now: where results go."""
     files = (handler for handler in LOGGER.handlers if isinstance(handler, logging.FileHandler))
     return [Path(os.path.relpath(file.baseFilename)).parent for file in files]
 
 
 @contextmanager
 def hearing(handler: Any, least: int = logging.INFO) -> Iterator[None]:
-    """Have a handler hear what is said meanwhile; it is closed at the end.
+    """Have a handler hear messages meanwhile; it is closed at the end.
 
     Args:
         handler: A `logging.Handler`.

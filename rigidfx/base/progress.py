@@ -36,7 +36,7 @@ class _Lines:
     """
 
     def write(self, text: str) -> None:
-        """Write a state of the bar, without what moves a cursor."""
+        """Write a state of the bar, without control characters that move a cursor."""
         if text.strip():
             sys.stderr.write(text.strip() + "\n")
 

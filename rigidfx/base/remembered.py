@@ -1,11 +1,11 @@
-"""What objects remember from step to step.
+"""The state that objects keep from step to step.
 
 Each class says so itself, beside its fields:
 
     remembered: ClassVar[Remembered] = same("steps") | {"worst": ON_CELLS, "_swings": PART}
 
-A checkpoint asks the parts of a run, and they ask theirs. What a class does not name is made anew
-from the scene and from what is named: forms, factors, first guesses. A kind says how the ranks'
+A checkpoint asks the parts of a run, and they ask theirs. Other members are made anew
+from the scene and from named values: forms, factors, first guesses. A kind says how the ranks'
 values of a field become one value in the order of the mesh, and how each rank gets its own back.
 """
 
@@ -92,7 +92,7 @@ class ByObject(Kind):
 
 
 class Part(Kind):
-    """An object, or a sequence of objects, that say themselves what they remember."""
+    """An object, or a sequence of objects, with `remembered` of their own."""
 
     def part(self, value: Any, order: MeshOrder) -> Any:
         """See `Kind`."""
@@ -131,12 +131,12 @@ def same(*names: str) -> Remembered:
 
 
 def _kind_of(value: Any) -> Any:
-    """What says the parts and the whole of a value in a mapping: itself, if it does."""
+    """The part of a mapping's value that describes it: itself, if it does."""
     return Own() if hasattr(value, "whole") else SAME
 
 
 class Forgetful(Exception):
-    """A class does not say what it remembers; its argument is the name."""
+    """A class does not name its state; its argument is the name."""
 
 
 def _kinds(owner: Any) -> Remembered:
@@ -148,7 +148,7 @@ def _kinds(owner: Any) -> Remembered:
 
 
 def part_of(owner: Any, order: MeshOrder) -> dict[str, Any] | None:
-    """What a rank has of all that an object remembers; None of no object.
+    """A rank's part of the state of an object; None of no object.
 
     Args:
         owner: The object, whose class has `remembered`.
@@ -181,7 +181,7 @@ def joined(owner: Any, parts: Sequence[Any], orders: Sequence[MeshOrder]) -> dic
 
 
 def restore(owner: Any, whole: Mapping[str, Any] | None, order: MeshOrder) -> None:
-    """Have an object remember what another one of its class did. Collective.
+    """Give an object the state of another one of its class. Collective.
 
     Args:
         owner: The object.

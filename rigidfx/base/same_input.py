@@ -34,10 +34,10 @@ def check_same(comm: MPI.Intracomm, owner: str, given: Mapping[str, Any]) -> Non
     Args:
         comm: Communicator of the mesh.
         owner: To whom it was given, for the message.
-        given: What was given, by its name. A sequence is compared item by item.
+        given: The given value, by its name. A sequence is compared item by item.
 
     Raises:
-        SceneError: On every rank, if something differs; the message names it, and what a rank has.
+        SceneError: On every rank, if something differs; the message names it, and a rank's value.
     """
     if comm.size == 1:
         return
@@ -64,7 +64,7 @@ def _text(value: Any) -> str:
 
 
 def excerpts(first: str, second: str) -> tuple[str, str]:
-    """Of two texts what is around the place from which on they differ.
+    """The parts of two texts around the place from which on they differ.
 
     Args:
         first: One text.
@@ -97,12 +97,12 @@ def items(given: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
 
 
 def digest(value: Any) -> bytes:
-    """A hash of what can be compared of a value: numbers, names, times of kinks of functions."""
+    """A hash of the comparable content of a value: numbers, names, times of kinks of functions."""
     return hashlib.sha256(repr(_plain(value)).encode()).digest()
 
 
 def _plain(value: Any) -> Any:
-    """What can be compared of a value."""
+    """The comparable content of a value."""
     if value is None or isinstance(value, (bool, float, complex, str, bytes)):
         return value
     if isinstance(value, int):

@@ -1,8 +1,8 @@
 """Values of a user as they were when they were given, and arrays that nobody is to change.
 
 A record that is checked once must not change afterwards: what it was made from is copied when it is
-taken, and what it holds can be read only. A function of time is called later by its nature; what it
-gives is copied by `inputs.numbers`.
+taken, and what it holds can be read only. A function of time is called later by its nature;
+`inputs.numbers` copies its results.
 
 What is a number or an array of them to someone else, such as a constant of DOLFINx, an array of C
 or a tensor of another package, could be changed later too: it becomes a float, an array or a tuple.
@@ -29,14 +29,14 @@ ARRAY = ("__array__", "__array_interface__", "__array_struct__")  # what NumPy m
 
 
 def taken(value: Any) -> Any:
-    """A value that follows no later change of what was given.
+    """A value that follows no later change of the given one.
 
     Arrays become read-only copies, of no dimension a number; other kinds of numbers floats; lists
-    become tuples, dicts read-only ones, sets frozen ones, and so does what is in them. Functions,
-    records and whatever else there is stay what they are.
+    become tuples, dicts read-only ones, sets frozen ones, and their contents likewise. Functions,
+    records and other values stay as they are.
 
     Args:
-        value: What was given.
+        value: The given value.
     """
     try:
         return _taken(value)
@@ -94,7 +94,7 @@ def _float(value: Any) -> Any:
 
 
 def _items(value: Any) -> Any:
-    """What is numbered like a list, as a tuple."""
+    """A value that is numbered like a list, as a tuple."""
     try:
         return tuple(_taken(value[k]) for k in range(len(value)))
     except Exception:  # numbered in another way

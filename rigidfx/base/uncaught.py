@@ -1,9 +1,9 @@
 """An error that ends the script on one rank ends it on all.
 
-What rigidfx finds wrong it says on every rank. But a script may fail on a single one, in its own
-code or where it makes an effect from bad values, while the others wait in a collective call for a
-rank that is gone. `python3 -m mpi4py` is meant to end them, as Python ends on that rank; but before
-it comes to that, PETSc's own end waits there for all ranks.
+rigidfx raises its own errors on every rank. But a script may fail on a single one, in its own code
+or where it makes an effect from bad values, while the others wait in a collective call for a rank
+that is gone. `python3 -m mpi4py` is meant to end them, as Python ends on that rank; but before it
+comes to that, PETSc's own end waits there for all ranks.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ def warn(comm: MPI.Intracomm, message: str) -> None:
 
     Args:
         comm: Ranks that all know the message.
-        message: What may not be as wanted, and what to do.
+        message: The doubt, and the remedy.
     """
     if comm.rank != 0:
         return

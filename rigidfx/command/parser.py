@@ -1,4 +1,4 @@
-"""Options that all ranks read, of which rank 0 says what is wrong."""
+"""Options that all ranks read, of which rank 0 says the fault."""
 
 from __future__ import annotations
 

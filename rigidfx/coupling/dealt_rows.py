@@ -92,8 +92,8 @@ class DealtRows:
 class Dealing:
     """Deals flexible cells out where that pays; `destroy` frees what it has dealt.
 
-    Copies of cells are kept as bodies come and go: for as long as they hold what is flexible, and
-    no rank has too much of it, a new division chooses among them. To deal out 6300 cells anew takes
+    Copies of cells are kept as bodies come and go: for as long as they hold flexible parts, and no
+    rank has too much of it, a new division chooses among them. To deal out 6300 cells anew takes
     two ranks as long as four steps gain.
     """
 

@@ -1,4 +1,4 @@
-"""What a policy warns of, once each, and what helps."""
+"""Warnings of a policy, each given once, with their remedies."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ class Advice:
     """Warns on rank 0, of each thing once."""
 
     def __init__(self, comm: MPI.Intracomm, criterion: Criterion, said: set[str]) -> None:
-        """Take over what has been said.
+        """Take over the warnings given so far.
 
         Args:
             comm: Communicator of the mesh.
-            criterion: What the user states.
+            criterion: The criterion of the user.
             said: Kinds of warnings that were given; those of this one are added.
         """
         self._comm, self._criterion, self._said = comm, criterion, said

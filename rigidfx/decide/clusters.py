@@ -5,13 +5,13 @@ The rules of bodies that never form a hinge or a chain:
 1. Bodies are the connected components, through facets, of the cells that may be rigid. Existing
    bodies are kept whole: they can only grow or merge.
 2. Components of too few cells are no bodies, unless they hold an existing one.
-3. No two bodies share a node, which would be a hinge. One component keeps its cells there, the
-   new cells of all others round the node are taken out: what has a cell of an existing body at the
-   node goes before all else, then what holds an existing body anywhere, then what has more cells,
-   then what has the cell that comes first in the mesh file. A component that has to give up cells
-   itself takes none from others at the same time, unless nothing else is left to do. What is taken
-   out is so at once, so that no order of cells matters; then the rules are applied again, until
-   nothing changes. So what is large stays whole, and a splinter costs it nothing.
+3. No two bodies share a node, which would be a hinge. One component keeps its cells there, the new
+   cells of all others round the node are taken out. Priority: a cell of an existing body at the
+   node, then an existing body anywhere, then the number of cells, then the first cell in the mesh
+   file. A component that has to give up cells itself takes none from others at the same time,
+   unless nothing else is left to do. Cells are taken out at once, so that no order of cells
+   matters; then the rules are applied again, until nothing changes. So a large body stays whole,
+   and a splinter costs it nothing.
 4. A cell all of whose nodes belong to one body cannot strain: it joins it.
 
 Components are named by the least of their cells' numbers in the mesh file, so that neither the
@@ -245,7 +245,8 @@ def find_clusters(
 def _large_enough(
     graph: CellGraph, labels: Labels, old: Bools, min_cells: int
 ) -> tuple[Labels, Labels]:
-    """What is left without components of too few cells that hold no existing body. Collective.
+    """The cells that remain, without components of too few cells that hold no existing body.
+    Collective.
 
     Returns:
         Labels, and the labels that are left in the order of precedence, the last goes first.

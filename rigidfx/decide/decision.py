@@ -1,6 +1,6 @@
 """Decisions: pure functions of observed cells and of the clusters found.
 
-Deciding knows neither PETSc nor the motion; `rigidfx.switch` applies what is decided here.
+Deciding knows neither PETSc nor the motion; `rigidfx.switch` applies the decisions.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ class Easing:
         Args:
             window: Length of a window [s].
             dt: Length of the step [s].
-            spring: Rate at which released cells would spring in it, over what wakes cells.
+            spring: Rate at which released cells would spring in it, over the rate that wakes cells.
         """
         if not self.part > 0 or not isfinite(window):
             return 0.0

@@ -29,7 +29,7 @@ def round_enclosed(
         parts: Owned flexible cells that are to freeze, of each body that is to be.
         able: Owned cells that may freeze; others are in parts because these enclose them.
         loud: Strain rate of each owned cell over its tolerance.
-        most: What an enclosed cell may strain at, over its tolerance.
+        most: Permitted strain of an enclosed cell, over its tolerance.
     """
     inside = np.zeros(loud.size)
     for own in parts:

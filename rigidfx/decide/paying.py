@@ -27,15 +27,15 @@ Bools = npt.NDArray[np.bool_]
 
 
 class Paying:
-    """Knows what cells have been quiet for."""
+    """Knows for how long cells have been quiet."""
 
     def __init__(self, graph: CellGraph, criterion: Criterion, memory: Memory) -> None:
         """Take the memory over.
 
         Args:
             graph: Neighbours of the cells.
-            criterion: What the user states.
-            memory: What the policy remembers.
+            criterion: The criterion of the user.
+            memory: Memory of the policy.
         """
         self._graph, self._comm, self._memory = graph, graph.comm, memory
         self._waits, self._enclosing = criterion.patience > 1, criterion.enclosing

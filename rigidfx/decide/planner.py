@@ -70,7 +70,7 @@ class Planner:
         return Decision("freeze", reason, stay, self._named.apart, next_number)
 
     def release(self, seen: Observation, reason: str, cells: Bools, next_number: int) -> Decision:
-        """Release owned cells from their bodies; what is left of these stays rigid. Collective.
+        """Release owned cells from their bodies; the other cells stay rigid. Collective.
 
         Args:
             seen: The state.
@@ -105,7 +105,7 @@ class Planner:
         """Find the bodies. Collective.
 
         Args:
-            kind: What it is reported as.
+            kind: Its kind in the report.
             reason: Why, in words.
             seen: The state.
             able: Owned cells that may be rigid.

@@ -1,4 +1,4 @@
-"""The controlled run (Fig. 2): observe a window, freeze what qualifies, release at changes.
+"""The controlled run (Fig. 2): observe a window, freeze quiet cells, release at changes.
 
     steps of a window → qualify → find_clusters → plan_bodies → Decision
 
@@ -53,11 +53,11 @@ CHANGE = 0.1  # of its largest value so far, by which a load changes if nobody s
 
 
 class Policy:
-    """Decides, step by step, what becomes rigid or flexible.
+    """Decides, step by step, on rigid and flexible cells.
 
     Attributes:
         named: Parts that are rigid always.
-        memory: What it remembers.
+        memory: Memory of the policy.
         releases: Those that a user asks for.
         rule: Says which cells are quiet, and which bodies are not.
     """
@@ -75,9 +75,9 @@ class Policy:
 
         Args:
             scene: The problem.
-            criterion: What the user states.
+            criterion: The criterion of the user.
             timeline: Where steps end; planned releases are added to it.
-            failures: Keeps what the criterion's rule raises.
+            failures: Keeps exceptions of the criterion's rule.
 
         Raises:
             SceneError: If a name is unknown, or the mesh was distributed without ghost cells.
@@ -117,7 +117,7 @@ class Policy:
         return Window(self._graph.owned, max(t, float(self._criterion.since)))
 
     def spent(self, t: float) -> tuple[float, Rigidity | None]:
-        """Periods up to t [s], as far as can be told, and what rigidity does to the motion."""
+        """Periods up to t [s], as far as can be told, and the error of the motion by rigidity."""
         period = self.memory.signals.period()
         return (t / period if period > 0 else 0.0), self.rule.rigidity
 
@@ -142,7 +142,7 @@ class Policy:
 
         Args:
             seen: The state before it.
-            touches: What contacts did in it.
+            touches: Effects of contacts in it.
 
         Returns:
             The release; None if none closes or changes, or nothing can be released.
@@ -164,7 +164,7 @@ class Policy:
 
         Args:
             seen: The state after it.
-            report: What a user's condition is given.
+            report: The argument of a user's condition.
         """
         t = seen.t
         self.memory.contacts.follow(report.touches)
@@ -183,7 +183,7 @@ class Policy:
 
         Args:
             seen: The state before it.
-            strained: What the error motion strains in cells of bodies.
+            strained: Strains of the error motion in cells of bodies.
         """
         above = self.rule.waking(strained, self._planner.free(seen))
         self._springs = strained.spring
@@ -222,7 +222,7 @@ class Policy:
             return self._planner.unchanged(reason, seen, self.memory.next_number)
 
     def _freeze(self, seen: Observation) -> Decision:
-        """Freeze what has qualified in the window. Collective."""
+        """Freeze the cells that have qualified in the window. Collective."""
         memory, t = self.memory, seen.t
         flexible, tol = seen.flexible & memory.window.whole, self.rule.tol
         self._advice.of_window(memory.signals.period(), tol, seen.noise)
@@ -245,7 +245,7 @@ class Policy:
         return replace(decision, qualified=qualified, closeness=closeness, loads_at=t)
 
     def _release(self, seen: Observation, reason: str, cells: Bools) -> Decision:
-        """Release owned cells from their bodies; what is left of these stays rigid. Collective."""
+        """Release owned cells from their bodies; the other cells stay rigid. Collective."""
         return self._planner.release(seen, reason, cells, self.memory.next_number)
 
     def _any(self, cells: Bools) -> bool:
@@ -268,7 +268,7 @@ class Policy:
             self.rule.window_ends(seen, seen.flexible & memory.window.whole)
 
     def applied(self, decision: Decision, seen: Observation, changed: bool) -> None:
-        """Take notice of what has come of a decision. Collective.
+        """Take notice of the outcome of a decision. Collective.
 
         Args:
             decision: The decision.

@@ -57,7 +57,7 @@ class Releases:
 
         Args:
             t: Time [s].
-            report: What a user's condition is given.
+            report: The argument of a user's condition.
             bodies: The bodies at t.
             before: Whether the step has not been accepted yet.
 

@@ -135,7 +135,7 @@ def _cells(model: Any, volume: int) -> int:
 
 
 def _why_none(model: Any, entities: Mapping[tuple[int, str], list[int]]) -> str:
-    """Why no group holds cells, and what to do."""
+    """Why no group holds cells, and the remedy."""
     volumes = [e for _, e in model.getEntities(3)]
     if not volumes:
         return f"There is no volume at all, only {len(model.getEntities(2))} surfaces."

@@ -25,7 +25,7 @@ def of_place(function: Any) -> bool:
     """Whether a function is one of place and time: it has to be given two arguments by position.
 
     Args:
-        function: What was given.
+        function: The given value.
     """
     if not is_function(function):
         return False

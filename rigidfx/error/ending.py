@@ -60,7 +60,7 @@ class Ending:
         self._watched = self._left = 0.0  # time in this window, and until e is zero [s]
 
     def part(self, dt: float, response: Response) -> float:
-        """What is left of e after a step, as a part of what it was. Collective.
+        """What is left of e after a step, as a part of its former value. Collective.
 
         Args:
             dt: Length of the step [s].

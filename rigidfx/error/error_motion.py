@@ -14,8 +14,8 @@ time through freezes and releases.
 
 Parts named `Rigid` are rigid in the twin, too: they have many times their stiffness in K. Contacts
 of the twin act on u + e (`contacts`). Joints have the forces of the run. Parts that neither
-supports nor springs hold have an e without rigid motions, which is not added to what is shown; so
-it is where joints hold them.
+supports nor springs hold have an e without rigid motions, which is not added to the results shown;
+so it is where joints hold them.
 """
 
 from __future__ import annotations
@@ -112,7 +112,7 @@ class ErrorMotion(Watch):
 
     @property
     def all_shown(self) -> bool:
-        """Whether e is added to what is shown, in all parts."""
+        """Whether e is added to the results shown, in all parts."""
         return self.valid and not self._equations.loose.count
 
     def shown(self) -> Shown | None:

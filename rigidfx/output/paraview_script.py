@@ -193,7 +193,7 @@ def _colours(reader: Any, options: Any) -> list[str]:
 def _coloured(
     pv: Any, view: Any, body: Any, colour: str, times: Sequence[float], options: Any
 ) -> tuple[Any, Any]:
-    """Show the body coloured by a field, alike at all times; returns what is shown, and the key."""
+    """Show the body coloured by a field, alike at all times; returns its display and the key."""
     where = "CELLS" if colour in ON_CELLS else "POINTS"
     name, title, source, ends = colour, FLAGS.get(colour, colour), body, None
     if colour in SCALES:

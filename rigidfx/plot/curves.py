@@ -106,7 +106,7 @@ def check_time(owner: str, free_since: float | None) -> None:
 
     Args:
         owner: Who asks for it, for the message.
-        free_since: What was given.
+        free_since: The given value.
 
     Raises:
         SceneError: If it is neither a number nor None.

@@ -16,7 +16,7 @@ def check_scene(owner: str, scene: Any) -> None:
 
     Args:
         owner: Who asks for it, for the message.
-        scene: What was given.
+        scene: The given value.
 
     Raises:
         SceneError: If it is anything else.
@@ -31,7 +31,7 @@ def check_report(owner: str, scene: Scene, report: Any) -> None:
     Args:
         owner: Who uses it, for the message.
         scene: The problem that is run.
-        report: What was given.
+        report: The given value.
 
     Raises:
         SceneError: If it is no report, of another scene, or the run has gone on since.
@@ -53,7 +53,7 @@ def check_about(owner: str, scene: Scene, report: Any) -> None:
     Args:
         owner: Who uses it, for the message.
         scene: The problem.
-        report: What was given: a report of this scene, or of another one on the same mesh.
+        report: The given value: a report of this scene, or of another one on the same mesh.
 
     Raises:
         SceneError: If it is no report, of another mesh or order, or its run has gone on since.

@@ -72,7 +72,7 @@ NOTHING = Entry(nan, nan, nan, "m")
 
 @dataclass(frozen=True)
 class Rigidity:
-    """What rigidity does to the motion, as who decides about it estimates it.
+    """Error of the motion by rigid parts, as who decides about it estimates it.
 
     Attributes:
         motion: Its error so far, over the largest displacement.
@@ -103,7 +103,7 @@ class Ledger:
             so that twice the budget of `Accuracy` is allowed.
         periods: Periods N that the motion has gone through so far, as far as can be told.
         rejected: Steps that were repeated so far, as they erred by too much in time.
-        rigidity: Error of displacements by what is rigid so far, an estimate; of `Accuracy` only.
+        rigidity: Error of displacements by rigid parts so far, an estimate; of `Accuracy` only.
         sure: What that is now: an "estimate"; "unknown" where loads change as fast as the structure
             vibrates, as near a resonance or in a blow, and from then on if anything was rigid; and
             from the first contact on.
@@ -205,7 +205,7 @@ class Ledgers:
             taken: Energy that each kind of damping took in it [J].
             withheld: Strain energy that rigidity withholds [J]; NaN if nothing estimates it.
             periods: Periods so far.
-            rigidity: What rigidity does to the motion; None if nothing estimates that.
+            rigidity: Error of the motion by rigid parts; None if nothing estimates that.
         """
         stepper = self._stepper
         self._deformation.measure(stepper.system, stepper.state, measures)

@@ -174,7 +174,7 @@ def with_ledger(
         ledgers: Accounts of the run.
         withheld: Strain energy that rigidity withholds [J].
         periods: Periods that the motion has gone through.
-        rigidity: What rigidity does to the motion; None if nothing estimates that.
+        rigidity: Error of the motion by rigid parts; None if nothing estimates that.
         let_go: Largest error motion that has been let go so far [m].
     """
     measures = Measures(**{item.name: getattr(report, item.name) for item in fields(Measures)})

@@ -121,7 +121,7 @@ def probe_names(owner: str, at: Any) -> tuple[str, ...] | None:
 
     Args:
         owner: Whose names these are, for the message.
-        at: What was given.
+        at: The given value.
 
     Raises:
         SceneError: If it is anything else.

@@ -31,7 +31,7 @@ def in_words(record: Any) -> str:
 
 
 def description(scene: Any, step: float | None, periods: int | None = None) -> list[str]:
-    """What there is in a scene and when it acts, line by line. Collective.
+    """The content in a scene and when it acts, line by line. Collective.
 
     Args:
         scene: The scene.

@@ -1,1 +1,1 @@
-"""Criteria: what a user writes, and the rules by which cells are judged."""
+"""Criteria: the records of a user, and the rules by which cells are judged."""

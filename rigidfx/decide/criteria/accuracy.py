@@ -44,10 +44,10 @@ WATCHED = 1500
 class Accuracy(Criterion):
     """How far off a motion may be, for whatever reason a run decides about by itself.
 
-    Δt, what becomes rigid, and when it wakes follow from it: all of the budget is time
-    integration's (`rigidfx.scene.step_control.StepControl`) until something becomes rigid, and half
-    of what is left then is rigidity's (`rigidfx.decide.criteria.budget_rule`). What both have spent
-    is in each report's ledger. The error of the mesh is not estimated.
+    Δt, rigid parts and waking follow from it: time integration may use all of the budget
+    (`rigidfx.scene.step_control.StepControl`) until something becomes rigid, and rigidity half of
+    the rest then (`rigidfx.decide.criteria.budget_rule`). Each report's ledger has the amounts that
+    both have spent. The error of the mesh is not estimated.
 
     Attributes:
         budget: Error of the displacement over the largest one so far, such as 0.01.
@@ -112,7 +112,7 @@ class Accuracy(Criterion):
         Args:
             reports: The reports.
             scene: The problem.
-            rule: What judges cells by it; None if nothing is worth to be rigid.
+            rule: The rule that judges cells; None if nothing is worth to be rigid.
             twin: Begins the twin.
         """
         if self.check:
@@ -177,7 +177,7 @@ class Accuracy(Criterion):
 
     @property
     def idle(self) -> Rigidity:
-        """What rigidity does to a motion where nothing becomes rigid."""
+        """Error of a motion by rigidity where nothing becomes rigid."""
         return Rigidity(0.0, 0.0, float(self.budget), 0.0, True)
 
     def rule(self, scene: Scene, timeline: Timeline, memory: Memory) -> BudgetRule:
@@ -197,8 +197,8 @@ class Accuracy(Criterion):
 def _less(ledger: Ledger, scene: Scene, budget: float) -> str:
     """With which ξ numerical damping would keep to a budget, at steps as they are.
 
-    What it takes of a vibration that is left to itself is 1 - exp(-c ξ). Of one that loads keep
-    moving it may be more than all, and goes with ξ. Less than that, as what it takes less of lasts.
+    It takes 1 - exp(-c ξ) of a vibration that is left to itself. Of one that loads keep moving it
+    may be more than all, and goes with ξ. The losses of amplitude add up, so less is allowed.
     """
     xi = sum(effect.numerical_damping for effect in scene.named(NumericalDamping))
     part = ledger.damping.relative

@@ -1,12 +1,12 @@
-"""The rule of `Accuracy`: what u + e leaves of the flexible twin stays within a budget.
+"""The rule of `Accuracy`: the error of u + e against the flexible twin stays within a budget.
 
 The error motion e (`rigidfx.error`) tells by how much a run with rigid parts is off. Where it is
-shown, u + e is off by what is not linear in e, and by what e is known to:
+shown, u + e is off by terms that are not linear in e, and by the accuracy of e:
 
     a = max(|e|/U, LEFT) |e| ,     U the largest displacement,                               (1)
 
-and by all of |e| where it is not shown. Cells wake as soon as a is above half of what the budget
-has left beside the errors of time integration; those that e strains most come first.
+and by all of |e| where it is not shown. Cells wake as soon as a is above half of the budget that
+time integration has left; those that e strains most come first.
 
 Before a freeze nothing has an e. The displacement that withheld strains s take is estimated: it is
 a sum over cells, u = ∫ σ : ε dV, σ the stresses of a unit force there. With the largest strains so
@@ -19,7 +19,7 @@ frequency is off by E_w/2H (Rayleigh), so that a free vibration is off by (1 + �
 periods, and loads that change may amplify m by two. s is the strain that a flexible cell has swung
 by in the window while loads rest, and its largest strain rate times τ = √(∫ Σ w ε² dt/∫ Σ w ε̇² dt)
 while they change, which is 1/ω where all vibrates with ω. Cells freeze in the order of their part
-of (2), until it would make (1) half of what is allowed.
+of (2), until it would make (1) half of the allowed value.
 """
 
 from __future__ import annotations
@@ -50,14 +50,14 @@ PER_OCTAVE, OCTAVES = 4, 400  # levels between which contributions are told apar
 
 @dataclass(frozen=True)
 class Spending:
-    """What is chosen of the budget.
+    """The settings of the budget.
 
     Attributes:
         rigidity: Part of the budget that time integration has left, that rigid parts may spend.
         left: Part of |e| that u + e may be off by: told over true was 0.9 to 1.1 in scenes of
             demos/benchmarks/waking.py.
-        freezing: Part of what is allowed, that freezes use, and that waking leaves.
-        amplified: What rigid parts do to a motion under loads that change, over m.
+        freezing: Part of the allowed value, that freezes use, and that waking leaves.
+        amplified: Amplification of m by loads that change.
         window: Length of a window in halves of a period.
         fewest: Steps of a window, at least.
         at_rest: Steps in which loads have not changed where motions are free.
@@ -109,9 +109,9 @@ class BudgetRule:
         Args:
             scene: The problem.
             timeline: Where steps end.
-            memory: What the policy remembers.
+            memory: Memory of the policy.
             budget: Part of the largest displacement that rigidity and time integration may spend.
-            spending: What is chosen of it.
+            spending: The settings of the budget.
         """
         self._scene, self._timeline, self._memory, self._whole = scene, timeline, memory, budget
         self._spending = Spending() if spending is None else spending
@@ -132,7 +132,7 @@ class BudgetRule:
     # What is allowed ----------------------------------------------------------------------------
 
     def _off(self, size: float) -> float:
-        """What is left of u + e over the largest displacement, by (1)."""
+        """The error of u + e over the largest displacement, by (1)."""
         part = size / self._largest if self._largest > 0 else 0.0
         return part * (max(part, self._spending.left) if self._shown else 1.0)
 
@@ -155,7 +155,7 @@ class BudgetRule:
 
     @property
     def rigidity(self) -> Rigidity:
-        """What bodies do to the motion."""
+        """Error of the motion by bodies."""
         motion = self._off(self._size)
         kept = self._budget if self._rigid else min(motion, self._whole)
         return Rigidity(
@@ -167,7 +167,7 @@ class BudgetRule:
         )
 
     def limits(self) -> Limits:
-        """The size of e by which u + e may be off by what rigidity may spend."""
+        """The size of e by which u + e may be off by the share of rigidity."""
         length = self.length()
         size = self._room(self._budget) * self._largest
         return Limits(window=inf if isnan(length) else length, size=size if size > 0 else inf)
@@ -181,7 +181,7 @@ class BudgetRule:
     # What is seen -------------------------------------------------------------------------------
 
     def observe(self, seen: Observation) -> None:
-        """Remember the largest strains and rates, and what is left of the budget. Collective."""
+        """Remember the largest strains and rates, and the unspent budget. Collective."""
         indicator, control = seen.indicator, seen.stepper.control
         assert control is not None  # an `Accuracy` has one
         self._weights = w = self._stiffness * indicator.weights
@@ -203,7 +203,7 @@ class BudgetRule:
             self._budget = self._spending.rigidity * left
 
     def window_ends(self, seen: Observation, flexible: Bools) -> None:
-        """Find the tolerances with which what is allowed is used. Collective."""
+        """Find the tolerances that use the allowed value. Collective."""
         worst, swing = self._memory.window.worst, self._swings.end()
         s = swing if self._free else worst * self._period / (2 * pi)
         density = np.where(flexible, self._stiffness * np.maximum(self._strains, s) * s, 0.0)
@@ -213,7 +213,7 @@ class BudgetRule:
         self.tol = np.divide(worst * most, density, out=np.zeros_like(worst), where=density > 0)
 
     def waking(self, strained: Strained, free: Bools) -> Bools:
-        """Of what is above the budget half wakes, the largest contributions first. Collective."""
+        """Half of the excess over the budget wakes, the largest contributions first. Collective."""
         s = np.where(free, strained.strain, 0.0)
         density = self._stiffness * np.maximum(self._strains, s) * s
         share = density * self._weights / self._stiffness
@@ -222,7 +222,7 @@ class BudgetRule:
         return (density >= most) & (s > 0)
 
     def told(self) -> str:
-        """What a user would set by hand to have the same. Collective."""
+        """The settings by hand with the same result. Collective."""
         some = self.tol[self.tol > 0]
         ends = np.array([some.min(initial=np.inf), -some.max(initial=0.0)])
         ends = np.min(self._scene.comm.allgather(ends), axis=0)
@@ -244,7 +244,7 @@ def stiffness(scene: Scene) -> Array:
 
 
 def level(density: Array, share: Array, room: float, scene: Scene) -> float:
-    """The density below which cells' shares add up to what there is room for. Collective.
+    """The density below which cells' shares add up to the room. Collective.
 
     Args:
         density: Of each owned cell, ≥ 0.

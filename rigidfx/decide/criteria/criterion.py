@@ -54,17 +54,17 @@ class StrainRate(Criterion):
             those of its nodes that no other cell has, hardly saves anything.
         release: Releases at given times or on the user's conditions.
         load_change: Of wake="all", and refused with another: a load, the velocity of a support or
-            the force of a contact that differs from what it was at the last freeze by more than
-            this fraction of its largest value so far has changed. A tenth if None; infinity lets
-            only jumps, kinks and windows count.
+            the force of a contact has changed if it differs from its value at the last freeze by
+            more than this fraction of its largest value so far. A tenth if None; infinity lets only
+            jumps, kinks and windows count.
         wake: What ends a body. "local": the error motion, by which the run differs from its
             flexible twin, takes a step in each step; cells that it strains at more than `kappa`
             times their tolerance are released with a ring of cells round them, and the step is
             solved again; a body is released whole where cells of that ring would spring (see
             docs/rigid_parts.md). A change of a load releases nothing by itself. "all": any change
-            of a load or of a support releases all of them, the paper's rule. "none": nothing, but
-            what `release` asks for. In any case all bodies are released where a support begins or
-            ends. "local" if None, or "all" where load_change is given.
+            of a load or of a support releases all of them, the paper's rule. "none": nothing,
+            except by `release`. In any case all bodies are released where a support begins or ends.
+            "local" if None, or "all" where load_change is given.
         kappa: κ ≥ 1 of "local"; of no meaning with another.
         patience: Factor γ ≥ 1 by which cells have to qualify in more windows, one after the other,
             each time they are released sooner than they were observed, from the second time in a
@@ -72,10 +72,10 @@ class StrainRate(Criterion):
             until as much work has been done on them for nothing as their switches cost, some seven
             flexible steps of the whole structure. 1 lets them never wait, for neither.
         easing: Of wake="local", and refused with another: part of a window in which cells that
-            forces release are let down, at least. What their body withheld they bear on as a stress
-            that fades; so they do not ring about the shape that forces give them, and are quiet
-            again sooner. What that takes is under "Easing" in what is dissipated. 0 gives all
-            energy back at once, and lets it ring. A quarter if None.
+            forces release are let down, at least. The stress that their body withheld fades; so
+            they do not ring about the shape that forces give them, and are quiet again sooner. Its
+            work is under "Easing" in `dissipated`. 0 gives all energy back at once, and lets it
+            ring. A quarter if None.
         since: Time [s] at which observation begins.
         until: Time [s] from which on no more bodies are formed.
     """
@@ -167,19 +167,19 @@ class StrainRate(Criterion):
 
     @property
     def relative(self) -> bool:
-        """Whether tolerances are parts of what has been seen so far."""
+        """Whether tolerances are relative to the largest rate so far."""
         return isinstance(self.tol, Relative)
 
     @property
     def remedy(self) -> str:
-        """What keeps bodies from being released again and again."""
+        """Advice against repeated releases of bodies."""
         helps = {"all": "a larger load_change", "local": "a larger tol or kappa"}
         helps_here = helps.get(self.wake or "", "fewer releases")
         return f"Take a longer window, {helps_here}, or look at the conditions of Release."
 
     @property
     def enclosing(self) -> float:
-        """Half of what wakes cells."""
+        """Half of the rate that wakes cells."""
         return max(1.0, HALF * self.kappa)
 
     def allowed(self, peak: float) -> float:

@@ -42,7 +42,7 @@ class ErrorRule:
 
         Args:
             timeline: Where steps end.
-            memory: What the policy remembers.
+            memory: Memory of the policy.
             tolerances: Of each owned cell.
             window: Length of a window [s].
             kappa: Factor of waking.

@@ -42,14 +42,14 @@ def heeded_rule(
     memory: Memory,
     failures: Failures,
 ) -> Rule:
-    """The rule of a criterion; what it raises later is kept. Collective.
+    """The rule of a criterion; its later exceptions are kept. Collective.
 
     Args:
         criterion: The criterion.
         scene: The problem.
         timeline: Where steps end.
-        memory: What the policy remembers.
-        failures: Keeps what the rule raises.
+        memory: Memory of the policy.
+        failures: Keeps exceptions of the rule.
 
     Raises:
         SceneError: On every rank, if the criterion cannot make one.
@@ -64,13 +64,13 @@ def heeded_rule(
 def heeded_indicator(
     criterion: Criterion, scene: Scene, forces: InternalForces, failures: Failures
 ) -> Indicator:
-    """The indicator of a criterion; what it raises later is kept. Collective.
+    """The indicator of a criterion; its later exceptions are kept. Collective.
 
     Args:
         criterion: The criterion.
         scene: The problem.
         forces: Internal forces, whose u₀ and u₁ hold the ends of a step.
-        failures: Keeps what the indicator raises.
+        failures: Keeps exceptions of the indicator.
 
     Raises:
         SceneError: On every rank, if the criterion cannot make one.
@@ -91,17 +91,17 @@ class _Heeded:
         Args:
             given: The rule, or the indicator.
             owner: Name of the criterion.
-            failures: Keeps what is raised.
+            failures: Keeps exceptions.
             owned: Number of owned cells.
         """
         self._given, self._owner, self._failures, self._owned = given, owner, failures, owned
 
     def __getattr__(self, name: str) -> Any:
-        """What else it has."""
+        """Its other members."""
         return getattr(self._given, name)
 
     def _ask(self, name: str, instead: T, *given: Any, of: Callable[[Any], T] | None = None) -> T:
-        """What one of its functions or attributes is, looked at by `of`."""
+        """The value of one of its functions or attributes, checked by `of`."""
 
         def ask(*given: Any) -> T:
             found = getattr(self._given, name)
@@ -111,7 +111,7 @@ class _Heeded:
         return self._failures.heeded(self._owner, name, ask, lambda *given: instead)(*given)
 
     def _a(self, kind: type[T]) -> Callable[[Any], T]:
-        """A look at what is to be of a class."""
+        """A check that a value is of a class."""
 
         def checked(found: Any) -> T:
             if not isinstance(found, kind):
@@ -121,7 +121,7 @@ class _Heeded:
         return checked
 
     def _of_cells(self, found: Any) -> Array:
-        """A look at what is to be a number of each owned cell."""
+        """A check that a value is a number for each owned cell."""
         if np.shape(found) != (self._owned,) or np.isnan(found).any():
             raise SceneError(
                 f"{self._owner}: a number is expected of each of a rank's cells, in an array of "
@@ -176,7 +176,7 @@ class _Rule(_Heeded):
         return self._ask("waking", self._no_cells, strained, free, of=self._which_cells)
 
     def _which_cells(self, found: Any) -> Bools:
-        """A look at what is to say of each owned cell whether it wakes."""
+        """A check that a value is a truth value for each owned cell."""
         return self._of_cells(found).astype(bool)
 
 

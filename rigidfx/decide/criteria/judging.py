@@ -1,4 +1,4 @@
-"""What a policy asks of any criterion, and what it gets where a criterion says nothing."""
+"""The questions of a policy to any criterion, and their default answers."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ WORTH = 0.05  # of all cells: what is less saves less than its switches cost
 class Criterion:
     """Base of the records of criteria.
 
-    `rigidfx.decide.criteria.criterion.StrainRate` says what the attributes mean.
+    `rigidfx.decide.criteria.criterion.StrainRate` describes the attributes.
     """
 
     wake: Literal["all", "local", "none"] | None = "local"
@@ -52,12 +52,12 @@ class Criterion:
 
     @property
     def remedy(self) -> str:
-        """What keeps bodies from being released again and again."""
+        """Advice against repeated releases of bodies."""
         return "Take fewer releases."
 
     @property
     def relative(self) -> bool:
-        """Whether tolerances are parts of what has been seen so far."""
+        """Whether tolerances are relative to the largest rate so far."""
         return False
 
     def allowed(self, peak: float) -> float:
@@ -70,7 +70,7 @@ class Criterion:
 
     @property
     def enclosing(self) -> float:
-        """What cells may strain at that others enclose, over their tolerances.
+        """Rate over their tolerances up to which enclosed cells may strain.
 
         Infinite where forces wake no single cells.
         """
@@ -88,12 +88,12 @@ class Criterion:
         return max(LEAST, round(WORTH * every))
 
     def rule(self, scene: Scene, timeline: Timeline, memory: Memory) -> Rule:
-        """What judges cells by it. Collective.
+        """The rule that judges cells. Collective.
 
         Args:
             scene: The problem.
             timeline: Where steps end.
-            memory: What the policy remembers.
+            memory: Memory of the policy.
 
         Raises:
             SceneError: If a name of its own is unknown.
@@ -101,7 +101,7 @@ class Criterion:
         raise NotImplementedError
 
     def indicator(self, scene: Scene, forces: InternalForces) -> Indicator:
-        """What measures the cells. Collective.
+        """The indicator that measures the cells. Collective.
 
         Args:
             scene: The problem.
@@ -115,7 +115,7 @@ def never_rigid(owner: str, never: Any) -> tuple[str, ...]:
 
     Args:
         owner: Whose names these are, for the message.
-        never: What was given.
+        never: The given value.
 
     Raises:
         SceneError: If it is anything else.
@@ -128,7 +128,7 @@ def part_of_window(owner: str, given: Any) -> float:
 
     Args:
         owner: Whose number this is, for the message.
-        given: What was given.
+        given: The given value.
 
     Raises:
         SceneError: If it is none.

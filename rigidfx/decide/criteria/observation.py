@@ -21,7 +21,7 @@ class Observation:
     """The run around a step.
 
     Attributes:
-        stepper: What makes the steps.
+        stepper: The stepper.
         dt: Length of the step [s].
         shared: Strain rate of each owned cell by u + e [1/s]; None where that is not measured.
         motion: The error motion; None if it is not followed.
@@ -34,7 +34,7 @@ class Observation:
 
     @property
     def error(self) -> tuple[float, bool]:
-        """Largest |e| of any node [m], and whether e is added to what is shown. Collective."""
+        """Largest |e| of any node [m], and whether e is added to the results shown. Collective."""
         return (0.0, False) if self.motion is None else (self.motion.size(), self.motion.all_shown)
 
     @property

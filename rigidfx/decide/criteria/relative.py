@@ -15,8 +15,8 @@ class Relative:
     """A part of the largest strain rate that any cell has had so far.
 
     Nobody knows strain rates in 1/s beforehand, but two per cent of the largest means the same for
-    any structure. As long as no rate has been above noise, only what does not strain at all counts
-    as rigid.
+    any structure. As long as no rate has been above noise, only cells that do not strain at all
+    count as rigid.
 
     Attributes:
         part: Between 0 and 1.

@@ -17,8 +17,8 @@ __all__ = ["Release"]
 class Release:
     """Bodies become flexible again, at given times or on a condition.
 
-    What forces wake, and what a change of a support or, with wake="all", of a load releases, need
-    not be named here.
+    Waking by forces, and releases by a change of a support or, with wake="all", of a load, need not
+    be named here.
 
     Attributes:
         at: Times [s] at which steps end and bodies are released.
@@ -28,8 +28,8 @@ class Release:
             flexible, before it is accepted (Fig. 2), rather than released after it. So the
             condition is asked before each step is accepted, of a report without events, ledger and
             recovered stresses, and once more after it.
-        where: Name of a set of cells that are released, out of whatever body they are in; what is
-            left of it stays rigid. All cells if None.
+        where: Name of a set of cells that are released, out of whatever body they are in; the rest
+            of it stays rigid. All cells if None.
     """
 
     at: Sequence[float] | float = ()

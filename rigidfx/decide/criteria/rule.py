@@ -21,7 +21,7 @@ Bools = npt.NDArray[np.bool_]
 
 
 class Rule(Protocol):
-    """What a criterion judges cells by."""
+    """The measure by which a criterion judges cells."""
 
     @property
     def tol(self) -> Array:
@@ -29,12 +29,12 @@ class Rule(Protocol):
         ...
 
     def limits(self) -> Limits:
-        """What wakes cells in the step to come. Collective."""
+        """Rates that wake cells in the next step. Collective."""
         ...
 
     @property
     def rigidity(self) -> Rigidity | None:
-        """What bodies do to the motion; None if that is not estimated."""
+        """Error of the motion by bodies; None if that is not estimated."""
         ...
 
     def length(self) -> float:
@@ -55,14 +55,14 @@ class Rule(Protocol):
         ...
 
     def told(self) -> str:
-        """What a user would set by hand to have the same. Collective."""
+        """The settings by hand with the same result. Collective."""
         ...
 
     def waking(self, strained: Strained, free: Bools) -> Bools:
         """Which owned cells wake; those round them do as well. Collective.
 
         Args:
-            strained: What cells of bodies would strain, over `limits`.
+            strained: Strain of cells of bodies, over `limits`.
             free: Owned cells of bodies that may wake.
         """
         ...

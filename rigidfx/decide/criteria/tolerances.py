@@ -32,7 +32,7 @@ class Tolerances:
 
         Args:
             scene: The problem.
-            memory: What the policy remembers.
+            memory: Memory of the policy.
             tol: As of `rigidfx.decide.criteria.criterion.StrainRate`.
             of_sets: Tolerances of named sets of cells [1/s].
 

@@ -18,7 +18,7 @@ def window_length(given: float | Literal["auto"], memory: Memory) -> float:
 
     Args:
         given: Length [s], or "auto".
-        memory: What the policy remembers.
+        memory: Memory of the policy.
     """
     if not isinstance(given, str):
         return float(given)

@@ -1,1 +1,1 @@
-"""What a policy remembers."""
+"""Memory of a policy."""

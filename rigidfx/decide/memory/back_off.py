@@ -1,12 +1,12 @@
-"""What ends chatter: cells that were released too soon, again and again, have to wait longer.
+"""The end of chatter: cells that were released too soon, again and again, have to wait longer.
 
-A load that goes on changing, or a condition of the user's, may release what has just become rigid;
-a window later it would become rigid again, and be released again. Nothing is gained by that, and
-each time the phase of a vibration is lost. A release is *hasty* if a cell was rigid for less time
-than it had been observed for. The first one in a row is forgiven. With the n-th a cell has to
-qualify in γⁿ⁻¹ windows, one after the other, before it may become rigid again: of alternating
-switches a time T sees some log T/log γ instead of T/T_red. A cell that was rigid for longer than it
-was observed for has done well, and one window will do again.
+A load that goes on changing, or a condition of the user's, may release cells that have just become
+rigid; a window later they would become rigid again, and be released again. Nothing is gained by
+that, and each time the phase of a vibration is lost. A release is *hasty* if a cell was rigid for
+less time than it had been observed for. The first one in a row is forgiven. With the n-th a cell
+has to qualify in γⁿ⁻¹ windows, one after the other, before it may become rigid again: of
+alternating switches a time T sees some log T/log γ instead of T/T_red. A cell that was rigid for
+longer than it was observed for has done well, and one window will do again.
 """
 
 from __future__ import annotations

@@ -3,8 +3,8 @@
 The force of a contact is known when a step has been solved. If it differs from that under which the
 present bodies were frozen by more than a given fraction of its largest value so far, bodies are
 released and that step is solved again: what is struck is flexible in the step in which it is
-struck. A first touch is such a change; what rattles by less is none. Forces that add up to nothing,
-as of a surface that meets itself, tell of a change by the sum of their sizes.
+struck. A first touch is such a change; rattling by less is none. Forces that add up to nothing, as
+of a surface that meets itself, tell of a change by the sum of their sizes.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class ContactChanges:
         """The first contact that differs too much in a step that has been solved, "" if none.
 
         Args:
-            touches: What contacts did in it.
+            touches: Effects of contacts in it.
         """
         if not np.isfinite(self._fraction):
             return ""

@@ -3,7 +3,7 @@
 A change is a declared breakpoint (a jump, a kink, the end of a time window), at which steps end, or
 a load, or the velocity of a support, that differs from what it was when the present bodies were
 frozen by more than a given fraction of its largest value so far. Both are functions of time, so
-that is seen before the step in which it happens. An effect says by its `signal` what counts.
+that is seen before the step in which it happens. An effect says by its `signal` which part counts.
 """
 
 from __future__ import annotations

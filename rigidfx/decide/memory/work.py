@@ -1,8 +1,8 @@
 """Work in steps, by which it is told whether a freeze pays: not in seconds, which differ.
 
 A freeze, and the release that ends it, take new equations, tangents and factors, whatever their
-size. What it saves is the work on its cells in each step that they stay rigid, and nobody knows
-how many there will be. So it waits until as much work has been done for nothing on cells that were
+size. It saves the work on its cells in each step that they stay rigid, and the number of these
+steps is unknown. So it waits until as much work has been done for nothing on cells that were
 quiet as the two cost: as who hires skis until he has paid their price, one pays at most twice what
 one would have paid with foresight (A.R. Karlin, M.S. Manasse, L. Rudolph and D.D. Sleator,
 Algorithmica 3 (1988) 79-119).
@@ -11,7 +11,7 @@ The unit is a flexible step. At 7056 unknowns, with kept tangents and five itera
 freeze and a release took 12 of them, those of the error motion included; as bodies come and go
 together with others, less than the sum is asked for, and where steps take more iterations switches
 are the fewer of them. Iterations and tangents of the steps themselves are not counted: they depend
-on what solves, which depends on the ranks.
+on the solver, which depends on the ranks.
 """
 
 from __future__ import annotations

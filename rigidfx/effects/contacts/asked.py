@@ -72,7 +72,7 @@ class AskedObstacle:
         Args:
             owner: Whose it is, for messages.
             obstacle: What is asked.
-            failures: Keeps what it raises.
+            failures: Keeps exceptions of it.
         """
 
         def heeded(

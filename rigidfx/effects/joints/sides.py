@@ -89,7 +89,7 @@ def check_side(owner: str, name: str, side: Any) -> None:
     Args:
         owner: The joint, for messages.
         name: Which of its sides, likewise.
-        side: What was given.
+        side: The given value.
 
     Raises:
         SceneError: If it cannot.

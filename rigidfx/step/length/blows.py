@@ -78,7 +78,7 @@ class Blows:
         """By how much a step that has been solved errs once it shows [m].
 
         Args:
-            touches: What contacts did in it.
+            touches: Effects of contacts in it.
             t: Time at its start [s].
             dt: Its length [s].
             later: Time after which an error of velocity shows [s].

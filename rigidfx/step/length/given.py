@@ -115,7 +115,7 @@ class Given:
 
         Returns:
             All of them, shape (values, nodes, components); None if they are not finite, or not as
-            many: the step says what is wrong.
+            many: the step says the fault.
         """
         shapes = {value.shape for value in values}
         if len(shapes) > 1 or values[0].ndim != 2 or len(values[0]) != self._weights.size:

@@ -6,12 +6,12 @@ c Δt³ = r Δt gives Δt = 0.9 sqrt(r/c). What may be spent is
     r = max( δ [½ tol U - E exp(-δ(T - t))]/[1 - exp(-δ(T - t))] ,
              max[tol U' - 2 E, ¼ tol U']/(5 s) ) ,
 
-the rest of the budget evenly over the rest of the run, in bounds. E is what has been spent, all e
+the rest of the budget evenly over the rest of the run, in bounds. E is the amount spent, all e
 added up, of which damping lets a part δ per time be forgotten (`forgetting`; where fast motions are
-forgotten sooner, the least of several accounts' r counts); without it the first is
-[½ tol U - E]/(T - t). Of a single step no more than tol U/20 is allowed by it: where fast motion is
-bounded, little has been seen of slow one as all begins, and nine tenths went to a first long step.
-U is the largest displacement so far, and s the time in which it has grown to four times what it
+forgotten sooner, the least of several accounts' r counts); without it the first is [½ tol U - E]/(T
+- t). Of a single step no more than tol U/20 is allowed by it: where fast motion is bounded, little
+has been seen of slow one as all begins, and nine tenths went to a first long step. U is the largest
+displacement so far, and s the time in which it has grown to four times what it
 was, the step itself included: a single one may not spend all of that either. A motion that begins
 from rest would otherwise be computed to a part of what is next to nothing. So that it is not
 followed from its first instant on as closely as later, U' is what becomes of it as it moves now,

@@ -74,7 +74,7 @@ class TimeControl(WarnsOnce):
 
         Args:
             scene: The problem.
-            control: What the user states.
+            control: The criterion of the user.
             timeline: Breakpoints are added to it, but for kinks that may be stepped over.
         """
         super().__init__(scene.comm)

@@ -56,7 +56,7 @@ class Secants:
         self._of_step = 0
 
     def mend(self, z: Array, learning: bool) -> None:
-        """Have a correction mended by what is known, and learn from it. Collective.
+        """Have a correction mended by the known values, and learn from it. Collective.
 
         Args:
             z: What the kept tangent gives, shape (unknowns,); changed in place.
