@@ -1,5 +1,4 @@
-"""FFCx's log names the forms that are compiled, and files that are waited for or cannot be
-loaded."""
+"""FFCx names the forms that it compiles, and files that it waits for or cannot load."""
 
 from __future__ import annotations
 

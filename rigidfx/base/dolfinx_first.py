@@ -1,5 +1,4 @@
-"""Makes DOLFINx ready to be imported, or names the packages to install; `rigidfx` imports this
-first.
+"""Makes DOLFINx ready to be imported, or names the packages to install; imported first.
 
 DOLFINx of the wheel `dolfinx-solver-real` can be imported once its module `dolfinx_solver` has
 loaded the MPI library that all its parts share. DOLFINx from elsewhere needs no such thing.

@@ -1,5 +1,4 @@
-"""Exceptions of a user's own code in the middle of a step, raised on all ranks where these meet
-anyway.
+"""Exceptions of a user's own code in the middle of a step, raised on all ranks together.
 
 Effects, obstacles and criteria of a user's own are asked on each rank about that rank's nodes and
 cells. One of them may fail on a single rank, while others are on their way to a collective call and

@@ -245,8 +245,7 @@ def find_clusters(
 def _large_enough(
     graph: CellGraph, labels: Labels, old: Bools, min_cells: int
 ) -> tuple[Labels, Labels]:
-    """The cells that remain, without components of too few cells that hold no existing body.
-    Collective.
+    """The cells that remain, without small components that hold no existing body. Collective.
 
     Returns:
         Labels, and the labels that are left in the order of precedence, the last goes first.

@@ -1,4 +1,4 @@
-"""What a run says of itself as it goes on and at its end: see `rigidfx.base.log`."""
+"""Messages of a run as it goes on and at its end: see `rigidfx.base.log`."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def beginning(scene: Scene, unknowns: int, t_end: float, took: float) -> str:
 
 
 class Account:
-    """Says what becomes rigid and flexible, where steps are cut, and at the end what it took."""
+    """Tells of switches and cuts of steps, and at the end of the cost."""
 
     remembered: ClassVar[Remembered] = same("_steps", "_iterations", "_switches") | {"_pay": PART}
 
@@ -69,7 +69,7 @@ class Account:
         return self
 
     def __exit__(self, kind: object, *of_error: object) -> None:
-        """Say how the run ended, and what it took."""
+        """Say how the run ended, and its cost."""
         last, took = self._last, perf_counter() - self._began
         if last is None:
             return

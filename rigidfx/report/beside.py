@@ -32,7 +32,7 @@ def beside(
         reports: Of a run with ledgers.
         finer: Of the other run.
         names: Which probes count.
-        budget: What their distance may be, over the largest displacement.
+        budget: Their permitted distance, over the largest displacement.
     """
     known: deque[tuple[float, Array]] = deque(maxlen=KNOWN)
     worst = 0.0

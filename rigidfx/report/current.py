@@ -1,4 +1,4 @@
-"""Whether a report is what it is taken for: of this scene, and of its last step."""
+"""Whether a report is of this scene, and of its last step."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ ROUNDING = 1e3 * EPS  # of numbers near one that energies are made of
 
 
 class EnergyBalance:
-    """Follows the energy of a run and what is supplied to it.
+    """Follows the energy of a run and the energy supplied to it.
 
     It warns once where the balance is off, and once more where as much energy as was ever accounted
     for has come from nowhere.
@@ -121,7 +121,7 @@ class EnergyBalance:
         """The error with other advice, if the balance was lost before.
 
         Args:
-            error: What ended the run.
+            error: Cause of the end of the run.
         """
         if not self._lost:
             return error
@@ -130,13 +130,13 @@ class EnergyBalance:
 
 @dataclass(frozen=True)
 class _Rounding:
-    """What rounding may leave in the strain energy of a scene whatever moves.
+    """Rounding that may be left in the strain energy of a scene whatever moves.
 
     Attributes:
         all: With its materials as they are [J].
-        softest: If all were like the one whose energy is known best [J]: what is within that is
-            rounding wherever one looks.
-        known: What the machine precision leaves of the stiffest material's energy [J].
+        softest: If all were like the one whose energy is known best [J]: any difference within that
+            is rounding.
+        known: Machine precision times the stiffest material's energy [J].
         why: For a warning where the stiffest material alone is to blame.
     """
 
@@ -147,7 +147,7 @@ class _Rounding:
 
 
 def _rounding(scene: Scene) -> _Rounding:
-    """What rounding may leave. Collective.
+    """Size of rounding. Collective.
 
     An energy like neo-Hooke's, tr C - 3 - ln det C, is the small difference of numbers near one, so
     that it is known to ε E V only; one that is quadratic in the strain, to ε² E V at least. Parts

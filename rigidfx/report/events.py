@@ -41,7 +41,7 @@ class Event:
     Attributes:
         t: Time [s].
         kind: "freeze" if the window's cells became rigid, "release" if bodies were released.
-        reason: What caused it, in words.
+        reason: Its cause, in words.
         changes: The bodies that it changed.
         unknowns_before: Number of unknowns before it.
         unknowns_after: Number of unknowns after it.
@@ -50,7 +50,7 @@ class Event:
         energy_lost: Total energy before, and work of supports, less total energy after, everything
             stored counted [J].
         work_of_supports: Work of the impulse that supports exert at the event [J].
-        impulse: What supports exert on the structure at the event, shape (3,) [N s]: zero with a
+        impulse: Impulse of supports on the structure at the event, shape (3,) [N s]: zero with a
             lumped mass; a consistent one couples nodes that they hold to those of bodies.
         angular_impulse: Its moment about the origin, shape (3,) [N m s].
         linear_momentum_error: |L after - L before - impulse| [kg m/s].

@@ -1,14 +1,14 @@
-"""What a run has spent of accuracy so far, and on what: accounts that are never added up.
+"""Errors and energies that a run has spent so far: accounts that are never added up.
 
     withheld   strain energy that rigidity withholds now, ½ ρᵀe                       [J]
     frozen     kinetic energy of vibration that bodies keep for their release now    [J]
     time       estimated error of displacements by time integration, added up        [m]
-    rigidity   estimated error of displacements by what is rigid                     [m]
+    rigidity   estimated error of displacements by rigid parts                      [m]
     damping    energy that numerical damping has taken so far                         [J]
 
 Energies are relative to the largest energy of deformation so far
 (`rigidfx.step.length.deformation`), errors of displacements to the largest displacement so far of
-what is watched. The error of the mesh is not estimated.
+the points watched. The error of the mesh is not estimated.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ class Entry:
     """One account.
 
     Attributes:
-        spent: What has been spent, in its unit; NaN where nothing estimates it.
-        scale: What it is relative to, in the same unit.
-        allowed: What was allowed, in the same unit; NaN where nothing was asked.
+        spent: The amount, in its unit; NaN where nothing estimates it.
+        scale: Reference value, in the same unit.
+        allowed: The allowed amount, in the same unit; NaN where nothing was asked.
         unit: "J" or "m".
     """
 
@@ -51,12 +51,12 @@ class Entry:
 
     @property
     def relative(self) -> float:
-        """What has been spent, over the scale; zero where nothing has been."""
+        """The amount over the scale; zero where nothing has been spent."""
         return 0.0 if self.spent == 0 else self.spent / max(self.scale, TINY)
 
     @property
     def part(self) -> float:
-        """What was allowed, over the scale."""
+        """The allowed amount over the scale."""
         return self.allowed / max(self.scale, TINY)
 
     def __str__(self) -> str:
@@ -76,10 +76,10 @@ class Rigidity:
 
     Attributes:
         motion: Its error so far, over the largest displacement.
-        allowed: What that may be at the end of the run.
-        rest: What is left to time integration.
-        withheld: What bodies may withhold now, or keep of vibrations, over the largest energy of
-            deformation.
+        allowed: Its bound at the end of the run.
+        rest: The share of time integration.
+        withheld: Energy that bodies may withhold now, or keep of vibrations, over the largest
+            energy of deformation.
         free: Whether loads rest.
     """
 
@@ -92,26 +92,26 @@ class Rigidity:
 
 @dataclass(frozen=True)
 class Ledger:
-    """What a run has spent at the end of a step; equal on all ranks.
+    """The accounts of a run at the end of a step; equal on all ranks.
 
     Attributes:
         withheld: Strain energy that rigidity withholds now.
         frozen: Kinetic energy of vibration that bodies keep now, which would strain them by as
-            much; both may be what `Accuracy` allows bodies to withhold.
+            much; `Accuracy` may bound both.
         time: Error of displacements by time integration so far, an estimate.
         damping: Energy taken by numerical damping so far; half of that is missing of amplitudes,
             so that twice the budget of `Accuracy` is allowed.
         periods: Periods N that the motion has gone through so far, as far as can be told.
         rejected: Steps that were repeated so far, as they erred by too much in time.
         rigidity: Error of displacements by rigid parts so far, an estimate; of `Accuracy` only.
-        sure: What that is now: an "estimate"; "unknown" where loads change as fast as the structure
+        sure: Its meaning now: an "estimate"; "unknown" where loads change as fast as the structure
             vibrates, as near a resonance or in a blow, and from then on if anything was rigid; and
             from the first contact on.
-        struck: Whether a contact has closed: what time integration errs by is unknown from then on,
-            too, as small errors of a blow become large ones of where it sends what was struck.
+        struck: Whether a contact has closed: the error of time integration is unknown from then on,
+            too, as small errors of a blow grow on the flight after it.
         measured: Largest distance from a finer flexible twin so far, of `Accuracy(check=True)`.
         let_go: Largest |e| of an error motion that was let go so far, as nothing drove it and it
-            was below a twentieth of what is promised [m].
+            was below a twentieth of the promise [m].
     """
 
     MESH: ClassVar[str] = "not estimated: compare with a finer mesh"
@@ -234,7 +234,7 @@ class Ledgers:
         return Entry(rigidity.motion * U, U, rigidity.allowed * U, "m")
 
     def _sure(self, rigidity: Rigidity | None, measures: Measures) -> Sure:
-        """What the estimate is: where loads change, inertia tells how fast they do."""
+        """Meaning of the estimate: where loads change, inertia tells how fast they do."""
         if rigidity is None:
             return "unknown" if self._struck else "estimate"
         if not rigidity.free:

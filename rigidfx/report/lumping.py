@@ -1,8 +1,8 @@
 """Does the inertia of lumped masses spoil the motion of a body?
 
-Masses at the corners of cells turn harder than what they stand for, most of all about the axis of
-something one cell across. As long as a body hardly turns about such an axis that does no harm; so
-what counts is how much of the kinetic energy of a body is there for this reason only.
+Masses at the corners of cells turn harder than the mass they represent, most of all about the axis
+of something one cell across. As long as a body hardly turns about such an axis that does no harm;
+so the share of this error in the kinetic energy of a body counts.
 """
 
 from __future__ import annotations

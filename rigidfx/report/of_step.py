@@ -1,4 +1,4 @@
-"""Reports are made: of a step, after what was switched around it, and with its ledger."""
+"""Reports are made: of a step, after the switches around it, and with its ledger."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ Array = npt.NDArray[np.float64]
 
 
 class Reported(Protocol):
-    """What has made a step, or a load step."""
+    """The maker of a step, or a load step."""
 
     @property
     def scene(self) -> Scene:
@@ -44,7 +44,7 @@ class Reported(Protocol):
 
     @property
     def indicator(self) -> Indicator | None:
-        """What measures flexible cells, if anything."""
+        """Indicator of flexible cells, if any."""
 
     @property
     def unknowns(self) -> int:
@@ -67,11 +67,11 @@ def report_of(
 
     Args:
         step: Its number.
-        stepper: What has made it.
+        stepper: Its maker.
         probes: Points that are reported.
-        result: What the step did; None for the initial state.
-        impact: What the start of a support did at the start of the step.
-        recovery: What rigid parts would strain by, if that is known.
+        result: Result of the step; None for the initial state.
+        impact: Impact of a support at the start of the step.
+        recovery: Strains withheld from rigid parts, if known.
         error: The error motion, which is added to displacements of probes; None if it is not.
     """
     state, solution = stepper.state, result.solution if result else None
@@ -116,7 +116,7 @@ def report_of(
 
 
 def amended(report: Report, stepper: Stepper, events: Sequence[Event], closeness: float) -> Report:
-    """A report after what was switched around its step. Collective."""
+    """A report after the switches around its step. Collective."""
     changes = stepper.state.changes
     if not events and np.isnan(closeness) and report._changes == changes:
         return report
@@ -167,7 +167,7 @@ def with_ledger(
     rigidity: Rigidity | None = None,
     let_go: float = 0.0,
 ) -> Report:
-    """A report with what has been spent up to its end. Collective.
+    """A report with the ledger up to its end. Collective.
 
     Args:
         report: The report.

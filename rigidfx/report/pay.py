@@ -1,4 +1,4 @@
-"""What rigid parts have saved in a run, by the times of its steps."""
+"""Savings by rigid parts in a run, by the times of its steps."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
-"""Stress and strain at probes: what nodal values say there, from the cells around them alone.
+"""Stress and strain at probes: nodal values there, from the cells around them alone.
 
 The value at a probe is Σ Nᵢ of the values at the nodes of its cell, these are sums over the cells
 at them (`rigidfx.flexible.nodal_stress`), and all weights are constant: a probe is one fixed sum
 over integration points. So only the cells that share a node with the probe's own are evaluated.
-What rigid parts carry is recovered where one of these cells is rigid, and asked for there only.
+Stresses of rigid parts are recovered where one of these cells is rigid, and only there.
 """
 
 from __future__ import annotations
@@ -50,8 +50,8 @@ class StressAt:
     Attributes:
         stress: Cauchy stress, shape (3, 3) [Pa].
         strain: Green-Lagrange strain, in the axes of the undeformed body, shape (3, 3).
-        recovered: Whether a cell around the point is rigid and says what forces on it would
-            strain, see `rigidfx.report.recovered`.
+        recovered: Whether a cell around the point is rigid and its withheld strain is known, see
+            `rigidfx.report.recovered`.
     """
 
     stress: Array
@@ -121,9 +121,9 @@ class ProbeStress:
 
         Args:
             state: Where the structure is; nodes inside bodies need not be up to date.
-            strained: What rigid cells would strain, see `Recovery.recovered`; asked only where a
+            strained: Withheld strains of rigid cells, see `Recovery.recovered`; asked only where a
                 probe is at one. Collective.
-            added: What cells have besides.
+            added: Further strains of cells.
         """
         u: fem.Function = self._points.u
         now = state.positions(self._nodes) - state.X[self._nodes]
@@ -145,7 +145,7 @@ class ProbeStress:
     def _recovered(
         self, state: State, now: Array, strained: Strained, added: Added | None
     ) -> Recovered | None:
-        """What cells have instead of displacements, and besides; None if nothing. Collective."""
+        """Strains of cells in place of those of u, and further ones; None if none. Collective."""
         rigid = state.body_numbers() > 0
         instead = rigid if added is None else rigid & ~added.cells
         if not self._scene.sum(float(instead[self._cells].sum())):

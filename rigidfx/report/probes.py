@@ -64,8 +64,8 @@ class Probes:
 
         Args:
             state: Where the structure is.
-            strained: What rigid cells would strain, if that is known.
-            added: What cells have besides.
+            strained: Withheld strains of rigid cells, if known.
+            added: Further strains of cells.
         """
         return self._stress.measure(state, strained, added) if self._probes else {}
 

@@ -36,8 +36,8 @@ Array = npt.NDArray[np.float64]
 class Report:
     """One accepted step, a value that may be kept; numbers are equal on all ranks.
 
-    What is as large as the mesh, `state` and `strain_rate`, is not copied: it can be asked for
-    until the run goes on.
+    Arrays as large as the mesh, `state` and `strain_rate`, are not copied: they can be read until
+    the run goes on.
 
     Attributes:
         step: Number of the step; 0 is the initial state.
@@ -53,32 +53,31 @@ class Report:
         kinetic: Kinetic energy [J].
         strain: Strain energy of the flexible cells [J].
         stored: Energy that bodies keep for their release: their strain energy, and the kinetic
-            energy of what they vibrated when they were frozen [J].
+            energy of their vibration when they were frozen [J].
         springs: Potential energy of springs to ground [J].
         contact: Energy stored in contacts [J].
         linear_momentum: L, shape (3,) [kg m/s].
         angular_momentum: J about the origin, shape (3,) [kg m²/s].
-        momentum_scale: Σ |(M v)ᵢ| [kg m/s], what L is to be compared with; a body counts with
-            |m ṙ| + |π|/ℓ.
+        momentum_scale: Σ |(M v)ᵢ| [kg m/s], a scale for L; a body counts with |m ṙ| + |π|/ℓ.
         work_of_loads: Work of the loads in this step [J].
         work_of_supports: Work of the reactions in this step, and of supports at events [J].
         dissipated: Energy that damping took in this step [J], by the name of its kind, such as
-            "KelvinVoigt" (a spring's dashpot counts as "Spring"); "Easing" is what releases by
-            forces have let down, and may be less than nothing.
+            "KelvinVoigt" (a spring's dashpot counts as "Spring"); "Easing" is the energy of
+            released stresses that fade, and may be less than nothing.
         reactions: Force of each support on the structure at the step's midpoint, by the name of
             its set, shape (3,) [N]; in the initial state those of a static preload.
         reaction_moments: Its moment about the origin, likewise [N m].
-        touches: What each contact of the scene did in this step, by its title: see
+        touches: Force and impulse of each contact of the scene in this step, by its title: see
             `rigidfx.effects.action.Touch`; nothing in the initial state, and while it does not act.
-        joints: What each joint did in this step, by its title: see
+        joints: Force and motion of each joint in this step, by its title: see
             `rigidfx.effects.joints.joint_report.JointReport`; nothing in the initial state.
-        impact: What the start of a support, or a jump of its velocity, did at the step's start; at
-            t = 0 in the report of the initial state.
+        impact: Impact of a support that starts, or jumps in velocity, at the step's start; at t = 0
+            in the report of the initial state.
         rigid: The rigid bodies at its end, as arrays.
         clamped: Names of the parts named rigid that a support holds whole: they go with it, have
             no unknowns, and are none of the bodies.
-        events: What was frozen and released since the last report: right before the step, and at
-            its end. Energies, momenta and bodies of the report are those after them.
+        events: Freezes and releases since the last report: right before the step, and at its end.
+            Energies, momenta and bodies of the report are those after them.
         closeness: How close any cell's strain rate came to its tolerance at the end of a window,
             the least |e/tol - 1|; NaN if the step ended none.
         probes: Displacement of each probe, shape (3,) [m]: that of `state` and the error motion.
@@ -86,8 +85,8 @@ class Report:
             motion; in a rigid part that of the part.
         error_motion: The error motion e at each probe, shape (3,) [m]: the estimated difference
             to a run without rigid parts; zero where it is not followed.
-        ledger: What has been spent of accuracy; None in a run in which nothing estimates it: with
-            given Δt, and nothing that wakes by forces.
+        ledger: Errors and energies spent so far; None in a run in which nothing estimates them:
+            with given Δt, and nothing that wakes by forces.
         wall: Wall time of the step [s].
     """
 
@@ -141,10 +140,10 @@ class Report:
 
     @property
     def impulse(self) -> Array:
-        """What supports gave the structure at instants, shape (3,) [N s].
+        """Impulse of supports on the structure at instants, shape (3,) [N s].
 
-        By the impact at the step's start, and by the events; what they gave in the step itself is
-        Δt times their reactions.
+        By the impact at the step's start, and by the events; their impulse in the step itself is Δt
+        times their reactions.
         """
         return self._at_instants("impulse")
 
@@ -198,8 +197,8 @@ class Report:
         """Stress and strain at each probe, by its name. Collective.
 
         They are those at nodes, extrapolated and averaged within the material of the probe's cell
-        (`rigidfx.flexible.nodal_stress`). Computed when asked for, from the cells around the probes
-        only; the first time compiles what it needs. Those of the error motion are added, and those
+        (`rigidfx.flexible.nodal_stress`). Computed when read, from the cells around the probes
+        only; the first time compiles its forms. Those of the error motion are added, and those
         of rigid parts are recovered, if that is known: see `rigidfx.report.recovered`.
 
         Raises:
@@ -214,8 +213,8 @@ class Report:
         """Largest difference of velocities where flexible cells meet bodies [m/s]. Collective.
 
         With a consistent mass the two sides of an interface have velocities of their own; as
-        displacements are the same, these differ by what the time integration leaves, of second
-        order in Δt. Computed when it is asked for; zero with a lumped mass.
+        displacements are the same, these differ by second order in Δt. Computed when it is asked
+        for; zero with a lumped mass.
 
         Raises:
             SceneError: If the run has gone on.
@@ -225,11 +224,11 @@ class Report:
 
     @property
     def recovers(self) -> bool:
-        """Whether what rigid parts withhold is known: where forces wake cells."""
+        """Whether the withheld strain of rigid parts is known: where forces wake cells."""
         return self._recovery is not None
 
     def recovered(self) -> Recovered:
-        """The displacement with what rigid parts would strain under their loads. Collective.
+        """The displacement with the strain that loads would give rigid parts. Collective.
 
         No part of the motion or of its energy has that. Computed when it is asked for, by one
         solve; see `rigidfx.report.recovered`.
@@ -254,7 +253,7 @@ class Report:
         return Recovered(u, *carried.among(count), added)
 
     def _added(self) -> Added | None:
-        """What the error motion strains, but for parts named rigid; None if unknown. Collective."""
+        """Strains of the error motion, but for parts named rigid; None if unknown. Collective."""
         found, state = None if self._error is None else self._error.motion(), self._state
         if found is None:
             return None

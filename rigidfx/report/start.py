@@ -22,12 +22,12 @@ __all__ = ["Start", "start_of"]
 
 @dataclass(frozen=True)
 class Start:
-    """A copy of displacements, of the poses of parts named rigid, and of what effects remember.
+    """A copy of displacements, of the poses of parts named rigid, and of the memory of effects.
 
     Attributes:
         u: Displacement at all local dofs [m].
         bodies: Parts named rigid.
-        notes: What effects remember, by their identity.
+        notes: Memory of effects, by their identity.
     """
 
     u: npt.NDArray[np.float64]

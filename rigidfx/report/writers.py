@@ -1,4 +1,4 @@
-"""What writes the reports of a run into files, and where these files ended at a checkpoint."""
+"""Writers of a run's reports into files, and the ends of these files at a checkpoint."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Writer(Protocol):
         ...
 
     def ends(self) -> Mapping[str, Any] | None:
-        """Where its files end, and what it remembers; on rank 0, None elsewhere."""
+        """Where its files end, and its memory; on rank 0, None elsewhere."""
         ...
 
 

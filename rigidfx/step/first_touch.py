@@ -1,9 +1,9 @@
 """When a contact will close: the step before ends there.
 
 Nothing in a step tells of an obstacle that it runs into at its end. So the first touch is foreseen,
-from the gaps at constant velocity, and ends a step as a breakpoint does, after which what chooses
-Δt begins with short ones. That holds for a contact that has been open for some steps: where
-something rattles or rests, steps stay what they are.
+from the gaps at constant velocity, and ends a step as a breakpoint does, after which Δt by its
+error begins with short ones. That holds for a contact that has been open for some steps: where
+something rattles or rests, steps do not change.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class FirstTouch:
     remembered: ClassVar[Remembered] = same("_open")
 
     def __init__(self, stepper: Stepper) -> None:
-        """Take over what makes the steps."""
+        """Take over the stepper."""
         self._stepper = stepper
         self._any = bool(stepper.scene.named(Contact))
         self._open: dict[str, int] = {}  # steps that each contact has been open

@@ -35,7 +35,7 @@ def apply_preload(
         scene: The problem.
         forces: Internal forces.
         state: The state at rest; its displacement and its bodies are changed.
-        start: Time just after t = 0 [s], at which what begins there acts.
+        start: Time just after t = 0 [s], at which effects that begin there act.
         divide: Divides the cells under the effects that act.
 
     Returns:
@@ -98,6 +98,6 @@ def _check(scene: Scene, preload: Preload, holds: Sequence[Windowed], start: flo
 
 
 def _free(scene: Scene, holds: Sequence[Windowed], start: float) -> str:
-    """See `free_to_move`, of what holds at the start [s]. Collective."""
+    """See `free_to_move`, with the supports at the start [s]. Collective."""
     held = PrescribedDofs(scene, supports_of(holds))
     return free_to_move(scene, held, acting=scene.acting(start))

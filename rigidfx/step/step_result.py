@@ -1,4 +1,4 @@
-"""What one accepted step did."""
+"""Result of one accepted step."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["StepResult", "result_of"]
 
 @dataclass(frozen=True)
 class StepResult:
-    """What one accepted step did.
+    """Result of one accepted step.
 
     Attributes:
         dt: Its length [s].
@@ -29,8 +29,8 @@ class StepResult:
         dissipated: Energy taken by each kind of damping [J].
         reactions: Force each support exerts on the structure at the midpoint, shape (3,) [N].
         reaction_moments: Its moment about the origin, shape (3,) [N m].
-        touches: What each contact did, by its title.
-        joints: What each joint did, by its title.
+        touches: Touch of each contact, by its title.
+        joints: Force and motion of each joint, by its title.
     """
 
     dt: float
@@ -46,7 +46,7 @@ class StepResult:
 
 
 def result_of(attempt: Attempt, work: Work) -> StepResult:
-    """What a step did, or would do."""
+    """Result of a step, or of an attempt."""
     return StepResult(
         dt=attempt.dt,
         solution=attempt.solution,

@@ -48,12 +48,12 @@ class Stepper:
         scene: The problem.
         state: The state, changed by `advance`.
         forces: Internal forces of the scene's cells.
-        indicator: What measures flexible cells in each step; None if nothing does.
-        control: What chooses Δt by its error; None if nothing does.
-        failures: Keeps what a user's functions raise until all ranks are told.
+        indicator: Indicator of flexible cells in each step; None if there is none.
+        control: Chooses Δt by its error; None if nothing does.
+        failures: Keeps exceptions of a user's functions until all ranks are told.
         prescribed: Dofs that supports hold, of the division it is bound to.
         system: Everything that is bound to that division.
-        watches: What takes notice of attempts that become steps; more may be added.
+        watches: Observers of attempts that become steps; more may be added.
     """
 
     remembered: ClassVar[Remembered] = same("_trial", "_whole") | {"watches": PART}
@@ -73,9 +73,9 @@ class Stepper:
             scene: The problem.
             state: The state to be advanced.
             forces: Internal forces, whose u₀ is the state's displacement.
-            indicator: What measures flexible cells, if anything.
-            control: What chooses Δt by its error, if anything does.
-            failures: Keeps what a user's functions raise; its own if None.
+            indicator: Indicator of flexible cells, if any.
+            control: Chooses Δt by its error, if anything does.
+            failures: Keeps exceptions of a user's functions; its own if None.
         """
         self.scene, self.state, self.forces, self.indicator = scene, state, forces, indicator
         self.failures = Failures(scene.comm) if failures is None else failures
@@ -177,7 +177,7 @@ class Stepper:
         return self.system.energies.measure(self.state)
 
     def held_momenta(self) -> Momenta:
-        """What of the momenta is that of dofs which supports hold. Collective."""
+        """Momenta of dofs which supports hold. Collective."""
         return self.system.energies.held_momenta(self.state)
 
     def inverted(self) -> InvertedCells | None:
@@ -195,7 +195,7 @@ class Stepper:
         return system.actions.closing(v, state.t, dt, state.bodies)
 
     def touches(self) -> Mapping[str, Touch]:
-        """What contacts did in the last attempt, by their titles. Collective."""
+        """Touches of contacts in the last attempt, by their titles. Collective."""
         return self.system.actions.touches()
 
     # Steps --------------------------------------------------------------------------------------
@@ -252,9 +252,9 @@ class Stepper:
 
     @contextmanager
     def foreseen(self, attempt: Attempt) -> Iterator[StepResult]:
-        """What the step would do; the state is as it would be, in the context alone. Collective.
+        """The result of the step; the state is that after it, in the context alone. Collective.
 
-        What two surfaces remember of their contact is of before.
+        The memory of two surfaces of their contact is that of before.
         """
         if self.indicator is not None:
             self.indicator.measure(attempt.dt)

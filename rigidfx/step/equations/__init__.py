@@ -1,1 +1,1 @@
-"""The equations of a step: what acts, what it leaves out of balance, what rounding hides."""
+"""The equations of a step: forces, their imbalance, and rounding."""

@@ -1,7 +1,7 @@
 """The actions of a scene's effects on one division, added up.
 
-An action is asked for what its kind does, and for nothing else: which of them resist, stiffen or
-store energy is found once, when effects begin or end.
+Only methods of its kind are called: actions that resist, stiffen or store energy are found once,
+when effects begin or end.
 """
 
 from __future__ import annotations
@@ -40,11 +40,11 @@ class Actions:
         torques: Torques in space on the bodies as such, shape (bodies, 3) [N m].
         kinds: Names of the kinds of effects that act.
         stiffen: Whether any of them changes the tangent.
-        elastic: Kinds of these that store energy: what loads may rest on.
+        elastic: Kinds of these that store energy, on which loads may rest.
         rounding: Size of a force that the machine precision is to be multiplied with [N].
         dead: Whether none depends on the motion.
-        easing: What releases have let down.
-        failures: Keeps what they raise until all ranks are told.
+        easing: Stresses that releases have let down.
+        failures: Keeps their exceptions until all ranks are told.
     """
 
     def __init__(
@@ -57,11 +57,11 @@ class Actions:
         """Bind effects. Collective.
 
         Args:
-            structure: What they are bound to.
+            structure: The structure that they are bound to.
             effects: All effects; those that act now, or are dead loads and may act later, are
                 bound.
             acting: The effects with a time window that act now.
-            easing: What releases have let down, bound already; it is freed with the rest.
+            easing: Stresses that releases have let down, bound already; freed with the rest.
 
         Raises:
             SceneError: On every rank, if an effect cannot be bound on any.
@@ -212,11 +212,11 @@ class Actions:
         return dead + sum(work(increments) for work in self._work_on_bodies)
 
     def dissipated(self, d: PETSc.Vec, dt: float) -> list[tuple[str, float]]:
-        """What kinds of effects take from the nodes of this rank in a step [J]."""
+        """Energy that kinds of effects take from the nodes of this rank in a step [J]."""
         return [(kind, dissipated(d, dt)) for kind, dissipated in self._dissipated]
 
     def dissipated_by_bodies(self, increments: Increments) -> list[tuple[str, float]]:
-        """What kinds of effects take from the bodies in a step [J]."""
+        """Energy that kinds of effects take from the bodies in a step [J]."""
         return [(kind, dissipated(increments)) for kind, dissipated in self._dissipated_by_bodies]
 
     def potential(self, u: Array) -> float:
@@ -228,7 +228,7 @@ class Actions:
         return sum(potential(bodies) for potential in self._potential_of_bodies)
 
     def potential_of_links(self, u: Array, bodies: Bodies) -> float:
-        """Potential energy on this rank of what ties nodes and bodies together [J]. Collective."""
+        """Potential energy on this rank of ties of nodes and bodies [J]. Collective."""
         return sum(potential(u, bodies) for potential in self._potential_of_links)
 
     def accept(self) -> None:
@@ -286,7 +286,7 @@ class Actions:
     # Contacts -----------------------------------------------------------------------------------
 
     def touches(self) -> Mapping[str, Touch]:
-        """What contacts did in the step that has been solved, by their titles. Collective."""
+        """Touches of contacts in the step that has been solved, by their titles. Collective."""
         if self._touches is None:
             local = [touch() for touch in self._touch]
             every = self._comm.allgather(local) if local and self._comm.size > 1 else [local]
@@ -345,6 +345,6 @@ def _resting(actions: Sequence[Action]) -> set[str]:
 def _by_kind(
     actions: Sequence[Action], method: str, heeded: Heeded
 ) -> list[tuple[str, Callable[..., float]]]:
-    """What actions tell by a method, each with the kind of its effect."""
+    """Results of a method of actions, each with the kind of its effect."""
     kinds = [action.kind for action in doing(actions, method)]
     return list(zip(kinds, heeded.tells(actions, method), strict=True))

@@ -1,4 +1,4 @@
-"""The action of what releases have let down: stresses of flexible cells that fade."""
+"""Eased stresses as an action: stresses of flexible cells that fade."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Array = npt.NDArray[np.float64]
 
 
 class EasedForces(Action):
-    """What one release has eased, in the cells that are flexible still."""
+    """Stresses that one release has eased, in the cells that are flexible still."""
 
     kind = "Easing"
 
@@ -37,7 +37,7 @@ class EasedForces(Action):
 
         Args:
             stress: Form of G.
-            eased: What was released.
+            eased: The released cells.
             rows: Rows of the nodes that take part in a step.
             u0: Displacements of all local dofs at the start of a step [m], changed by each step.
             flexible: Owned flexible cells by subdomain id.
@@ -73,7 +73,7 @@ class EasedForces(Action):
         return self._part == 0.0
 
     def add_impulse(self, dt: float, out: Array) -> None:
-        """Add what the last step of length dt [s] has borne to impulses on owned dofs [N s]."""
+        """Add the impulse of the last step of length dt [s] to impulses on owned dofs [N s]."""
         out[self._dofs] += dt * self._part * self._f.array_r
 
     def _resistance(self, d: PETSc.Vec) -> PETSc.Vec:
@@ -83,11 +83,11 @@ class EasedForces(Action):
         return self._f
 
     def resist_nodes(self, d: Any, dt: float, f: Any) -> None:
-        """Add what is left of G x½, at nodes of bodies as well."""
+        """Add the remaining part of G x½, at nodes of bodies as well."""
         f.axpy(self._part, self._resistance(d))
 
     def stiffen_nodes(self, tangent: Any, dt: float, prolongation: Prolongation) -> None:
-        """Add half of what is left of G."""
+        """Add half of the remaining G."""
         if self._condensed is None:
             part, dealt = prolongation.layout, prolongation.dealt
             copies = None if dealt is None else dealt.cells
@@ -104,7 +104,7 @@ class EasedForces(Action):
         tangent.add(self._condensed, 0.5 * self._part)
 
     def dissipated(self, d: Any, dt: float) -> float:
-        """What is left of x½ᵀ G Δx: the work that fades away [J]."""
+        """Remaining part of x½ᵀ G Δx: the work that fades away [J]."""
         return self._part * float(self._resistance(d).array_r @ d.array_r)
 
     def destroy(self) -> None:

@@ -34,8 +34,7 @@ class Measures:
         contact: Energy stored in contacts [J].
         linear_momentum: L = Σ (M v)ᵢ, shape (3,) [kg m/s].
         angular_momentum: J = Σ xᵢ × (M v)ᵢ about the origin, shape (3,) [kg m²/s].
-        momentum_scale: Σ |(M v)ᵢ| [kg m/s], what L is to be compared with; a body counts with
-            |m ṙ| + |π|/ℓ.
+        momentum_scale: Σ |(M v)ᵢ| [kg m/s], a scale for L; a body counts with |m ṙ| + |π|/ℓ.
     """
 
     kinetic: float
@@ -131,7 +130,7 @@ class Energies:
         )
 
     def held_momenta(self, state: State) -> Momenta:
-        """What of the momenta is that of dofs which supports hold. Collective."""
+        """Momenta of dofs which supports hold. Collective."""
         p, x = self._momenta(state)
         held = np.where(self._held, p.reshape(-1), 0.0).reshape(-1, 3)
         total = np.asarray(self._scene.sum(np.concatenate([held.sum(axis=0), axial(x.T @ held)])))

@@ -47,8 +47,8 @@ class Equilibrium:
         inertial: Whether masses resist; not in statics.
         trial: The step that is being solved, frozen.
         d: Increments of the active nodes at the iterate of the last residual [m].
-        forces_out_of_balance: Residual at the active nodes there [N]; at held dofs it is what the
-            supports exert.
+        forces_out_of_balance: Residual at the active nodes there [N]; at held dofs it is the force
+            of the supports.
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class Equilibrium:
             bound: Forms over the flexible cells.
             mass: Mass operator, or None for statics.
             prolongation: Map between unknowns and dofs.
-            actions: What acts on nodes and bodies.
+            actions: Actions on nodes and bodies.
         """
         self.prolongation = prolongation
         self.inertial = mass is not None
@@ -207,11 +207,11 @@ class Equilibrium:
         K.finish(self._blocks() if self.prolongation.layout.bodies else None)
 
     def _stiffen(self, K: CondensedMatrix) -> None:
-        """Add what effects resist with to a tangent. Collective."""
+        """Add the resistance of effects to a tangent. Collective."""
         self._actions.stiffen_nodes(K, self.dt, self.prolongation)
 
     def outdated(self) -> bool:
-        """Whether what contacts resist with has jumped since the last tangent. Collective."""
+        """Whether the resistance of contacts has jumped since the last tangent. Collective."""
         return self._actions.outdated()
 
     def _blocks(self) -> Array:
@@ -252,7 +252,7 @@ class Equilibrium:
         return self.calm and self._rounding.fastest(self.dt) <= WELL_CONDITIONED
 
     def noise(self) -> float:
-        """Size of what the last residual is the small difference of [N]. Collective."""
+        """Size of the terms whose small difference the last residual is [N]. Collective."""
         external = self._actions.external
         momentum = None if self._mass is None else self._before
         return self._rounding.in_residual(self.dt, momentum, external, self.trial.bodies.start)
@@ -280,7 +280,7 @@ class Equilibrium:
         return self._lost.of_all(self.dt, y.array_r, r.array_r, x, energy, momentum)
 
     def left(self, residual: PETSc.Vec) -> float:
-        """How far what is left of R [N] moves an unknown by itself [m], at most. Collective."""
+        """Largest displacement of an unknown by the rest of R [N], by itself [m]. Collective."""
         return self._rounding.left(residual)
 
     def strain_error(self, residual: float) -> float:

@@ -1,7 +1,7 @@
-"""What a step asks of actions, one of which may be of a user's own: none raises in a step.
+"""Calls of a step to actions, one of which may be of a user's own: none raises in a step.
 
-An action is asked for what its kind does, and for nothing else. What it raises, or gives in place
-of a number, is kept for all ranks to be told.
+Only methods of its kind are called. An exception, or a result that is no number, is kept for all
+ranks.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Heeded:
 
         Args:
             owners: Names of actions in messages, by their identities.
-            failures: Keeps what they raise.
+            failures: Keeps their exceptions.
         """
         self._owners, self._failures = owners, failures
 
@@ -55,15 +55,15 @@ class Heeded:
         return [heeded(action) for action in doing(actions, method)]
 
     def does(self, actions: Sequence[Action], method: str) -> list[Callable[..., None]]:
-        """What changes arrays that it is given."""
+        """Methods that change arrays given to them."""
         return self._each(actions, method, lambda owner, function: function, None)
 
     def adds(self, actions: Sequence[Action], method: str) -> list[Callable[..., None]]:
-        """What gives an array; functions add it to their first argument, and take the others."""
+        """Methods that give an array; functions add it to their first argument."""
         return self._each(actions, method, lambda owner, function: partial(_add, function), None)
 
     def tells(self, actions: Sequence[Action], method: str) -> list[Callable[..., float]]:
-        """What gives a number."""
+        """Methods that give a number."""
 
         def made(owner: str, function: Callable[..., Any]) -> Callable[..., float]:
             return lambda *given: number(owner, method, function(*given))
@@ -71,11 +71,11 @@ class Heeded:
         return self._each(actions, method, made, 0.0)
 
     def answers(self, actions: Sequence[Action], method: str) -> list[Callable[..., bool]]:
-        """What says yes or no."""
+        """Methods that give a truth value."""
         return self._each(actions, method, lambda owner, function: function, False)
 
     def touches(self, contacts: Sequence[Action]) -> list[Callable[..., Touch]]:
-        """What each contact did."""
+        """Touches of each contact."""
 
         def heeded(contact: Action) -> Callable[..., Touch]:
             owner = self._owners[id(contact)]
@@ -95,7 +95,7 @@ class Heeded:
 
         Args:
             actions: Actions.
-            method: What is asked of them.
+            method: Methods called.
             given: Asks one of them, for its forces.
         """
 

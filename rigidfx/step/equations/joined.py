@@ -99,7 +99,7 @@ class JoinedEquilibrium(Equilibrium):
         return out
 
     def of_joints(self, y: Array) -> Array:
-        """What a vector of this rank has of joints, on all ranks. Collective."""
+        """The entries of joints in a vector of this rank, on all ranks. Collective."""
         values = y[self.prolongation.owned :].copy() if self._own else np.empty(self.linkage.count)
         if self.prolongation.comm.size > 1:
             self.prolongation.comm.Bcast(values)
@@ -137,7 +137,7 @@ class JoinedEquilibrium(Equilibrium):
             K.add_coupling(self._sprung)
 
     def border(self) -> tuple[csr_array, csr_array, csr_array, csr_array]:
-        """What joints add to the tangent at the last iterate.
+        """Addition of joints to the tangent at the last iterate.
 
         Returns:
             Derivative of forces at the ports by these, of rows by ports on the test and on the

@@ -1,7 +1,7 @@
-"""What a residual takes from energy and momenta: what a step is good for that ends with it.
+"""Loss of energy and momenta by a residual: whether a step may end with it.
 
-What a method conserves that conserves energy and momenta is off by what its equations are off by,
-and by nothing else. The balances of a step that ends with a residual R are off by exactly
+A method that conserves energy and momenta loses exactly the work and resultants of its residual.
+The balances of a step that ends with a residual R are off by exactly
 
     R·y,    Δt Σ R,    Δt Σ x½ × R,
 
@@ -32,7 +32,7 @@ class Lost:
     """Measures residuals of one division by its largest energy and momentum so far.
 
     Attributes:
-        of_momenta: Whether momenta are its own; what supports hold gives them to these.
+        of_momenta: Whether momenta are its own; forces of supports change them.
     """
 
     def __init__(self, scene: Scene, prolongation: Prolongation) -> None:
@@ -50,7 +50,7 @@ class Lost:
         self._each = np.ones(len(prolongation.free_of_nodes))
 
     def of_energy(self, y: Array, R: Array, energy: float) -> Array:
-        """What the energy of a step is off by that ends with a residual. Collective.
+        """Error of the energy of a step that ends with a residual. Collective.
 
         Args:
             y: Unknowns of this rank [m].
@@ -67,7 +67,7 @@ class Lost:
     def of_all(
         self, dt: float, y: Array, R: Array, x: Array, energy: float, momentum: float
     ) -> Array:
-        """What energy and momenta are off by where supports hold nothing. Collective.
+        """Errors of energy and momenta where supports hold nothing. Collective.
 
         Args:
             dt: Δt [s].

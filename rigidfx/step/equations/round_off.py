@@ -1,4 +1,4 @@
-"""What rounding leaves: in the residual of a step, and in the strains that its solution gives.
+"""Rounding: in the residual of a step, and in the strains that its solution gives.
 
 Both are judged by the stiffness of the undeformed scene, to which a viscous stress adds η/Δt. Not
 by that of the current state: near the collapse of a cell that one grows without bound, and any
@@ -46,7 +46,7 @@ class Rounding:
             undeformed: The tangent without deformation, over interior and interface cells.
             tangent: Matrix of such a form, overwritten; that of the steps later on.
             prolongation: Map between unknowns and dofs.
-            actions: What acts on nodes and bodies.
+            actions: Actions on nodes and bodies.
         """
         self._scene, self._forces, self._actions = scene, forces, actions
         self._tangent = tangent
@@ -81,7 +81,7 @@ class Rounding:
         f_ext: PETSc.Vec,
         start: Bodies,
     ) -> float:
-        """Size of what the residual at the present u₁ is the small difference of [N]. Collective.
+        """Size of the terms whose difference is the residual at the present u₁ [N]. Collective.
 
         Args:
             dt: Δt [s]; of no meaning in statics.

@@ -1,4 +1,4 @@
-"""How far what is left of the residual moves stiff parts as a whole.
+"""Rigid motion of stiff parts by the rest of the residual.
 
 A part that is much stiffer than all around it, and floats there, moves against the stiffness of its
 surroundings and its inertia, of which no diagonal entry of its own unknowns tells. Neither does the

@@ -32,9 +32,9 @@ class BoundStructure:
         mass: Mass operator of these nodes; None in statics.
         u: Displacements of all local dofs at the start of a step [m].
         surface: The deformed boundary.
-        failures: Keeps what a user's functions raise until all ranks are told.
-        notes: What effects remember from step to step; None where bodies are looked at as if they
-            were flexible.
+        failures: Keeps exceptions of a user's functions until all ranks are told.
+        notes: Memory of effects from step to step; None where bodies are treated as if they were
+            flexible.
         static: Whether forces are those at the end of a step, and nothing moves.
     """
 

@@ -1,4 +1,4 @@
-"""The data of one trial of a step: what its equations are given and do not change."""
+"""The data of one trial of a step, which its equations do not change."""
 
 from __future__ import annotations
 

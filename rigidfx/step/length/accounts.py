@@ -1,11 +1,10 @@
-"""What steps have erred by so far, in accounts that forget at rates of their own.
+"""Errors of steps so far, in accounts that forget at rates of their own.
 
 Each has a part of a step's error, E ← E exp(-δ Δt) + p e. Where they forget at different rates, the
-largest of them is the error, and what may be spent per time leads none above a limit. Where each
-is of motion slower than some cut, and what is faster errs by twice its amplitude A at most, the
-least E + 2 A is the error, and what may be spent is what leaves any of these below the limit. Each
-has the mean p of its last steps. They are a dozen or two: numbers, which Python handles sooner
-than arrays.
+largest of them is the error, and the rate of spending leads none above a limit. Where each is of
+motion slower than some cut, and faster motion errs by twice its amplitude A at most, the least E +
+2 A is the error, and the rate of spending leaves any of these below the limit. Each has the mean p
+of its last steps. They are a dozen or two: numbers, which Python handles sooner than arrays.
 """
 
 from __future__ import annotations
@@ -28,8 +27,8 @@ class Accounts:
 
     Attributes:
         rates: δ of each [1/s].
-        parts: What each has of a step's error.
-        beyond: What the rest of a motion errs by at most, by accounts [m].
+        parts: Part of a step's error in each.
+        beyond: Largest error of faster motion, by accounts [m].
         error: The error now [m].
     """
 
@@ -42,7 +41,7 @@ class Accounts:
 
         Args:
             count: How many.
-            bounds: Whether each with what is beyond it is a bound of the error, so that the least
+            bounds: Whether each with faster motion is a bound of the error, so that the least
                 counts, and not the largest.
         """
         self._counts, self._binds = (min, max) if bounds else (max, min)
@@ -56,7 +55,7 @@ class Accounts:
         self._shares = [1.0] * count
 
     def add(self, error: float, dt: float) -> None:
-        """Add the error of a step [m], of the length dt [s], to what is left of those before."""
+        """Add the error of a step [m], of the length dt [s], to those before."""
         kept = exp(-1 / STEPS)
         now = [error * part for part in self.parts]
         before = zip(self._errors, self.rates, strict=True)
@@ -68,12 +67,12 @@ class Accounts:
             self._shares = [max(lately / self._added, LEAST) for lately in self._lately]
 
     def left(self, time: float) -> float:
-        """What is left after a time [s] in which nothing is added [m]."""
+        """The rest after a time [s] in which nothing is added [m]."""
         accounts = zip(self._errors, self.rates, self.beyond, strict=True)
         return self._counts(e * exp(-d * time) + more for e, d, more in accounts)
 
     def rate(self, end: float, time: float, *, anew: bool = False) -> float:
-        """Error per time by which what counts comes to a limit [m/s].
+        """Error per time by which the error comes to a limit [m/s].
 
         Args:
             end: The limit [m].

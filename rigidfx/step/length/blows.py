@@ -1,10 +1,10 @@
-"""What a step errs by as the force of a contact changes in it: an impulse.
+"""Error of a step as the force of a contact changes in it: an impulse.
 
-The motion of a probe tells little of a blow: what was struck a little too hard errs by next to
-nothing while it is struck, and by more and more as it flies. A step takes the mean of a force for
-what it is at its middle, so that its impulse is off by Δt³/24 F'', the second derivative by what
-the force has gone beyond the line through the two steps before. Over the mass that is a velocity;
-and a motion of the size U and the speed V needs a time of U/V to come where that shows. So long a
+The motion of a probe tells little of a blow: a body that was struck a little too hard errs by next
+to nothing while it is struck, and by more and more as it flies. A step takes the force at its
+middle for the mean, so that its impulse is off by Δt³/24 F'', the second derivative by the distance
+of the force from the line through the two steps before. Over the mass that is a velocity; and a
+motion of the size U and the speed V needs a time of U/V to come where that shows. So long a
 blow is taken to last, too, from when a contact closes that has been open for some steps: where
 something rests or rattles nothing is sent off, and steps stay what they are.
 """

@@ -1,10 +1,10 @@
 """How fast damping takes vibrations of a frequency, at least: a M + b K is below all of it.
 
-What acts everywhere, drag or viscosity, damps a vibration of the angular frequency ω by
-½ (α + β ω²), whatever its shape; what acts in some cells only may leave others ringing, and counts
-for nothing. β is the least of all cells: of `StiffnessDamping` its own, of `KelvinVoigt` η over the
-largest modulus 3 λ + 2 μ of the material, of `NumericalDamping` ξ Δt. Springs make vibrations
-faster without damping them.
+Damping everywhere, drag or viscosity, damps a vibration of the angular frequency ω by ½ (α + β ω²),
+whatever its shape; damping in some cells only may leave others ringing, and counts for nothing. β
+is the least of all cells: of `StiffnessDamping` its own, of `KelvinVoigt` η over the largest
+modulus 3 λ + 2 μ of the material, of `NumericalDamping` ξ Δt. Springs make vibrations faster
+without damping them.
 """
 
 from __future__ import annotations

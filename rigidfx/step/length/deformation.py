@@ -1,8 +1,8 @@
-"""The energy of deformation: what a structure has beyond its rigid motion.
+"""The energy of deformation: energy of a structure beyond its rigid motion.
 
-Strain energy, what bodies keep, and the kinetic energy relative to the best rigid motion of each
-connected part, the one that has its momenta. What is relative to an energy is relative to this one:
-one per cent of the energy with which a body flies would let all of its vibration freeze. What
+Strain energy, energy of bodies, and the kinetic energy relative to the best rigid motion of each
+connected part, the one that has its momenta. Relative energies are relative to this one: one per
+cent of the energy with which a body flies would let all of its vibration freeze. What
 supports hold still has no rigid motion: all of its kinetic energy is of deformation.
 """
 
@@ -38,7 +38,7 @@ class Deformation:
         largest: The largest so far [J].
         kinetic: Kinetic energy beyond rigid motions at the last measure [J]; all of it where
             supports hold a structure still.
-        strain: Strain energy, and what bodies keep, at the last measure [J].
+        strain: Strain energy, and energy of bodies, at the last measure [J].
     """
 
     remembered: ClassVar[Remembered] = same("largest", "kinetic", "strain")

@@ -1,6 +1,6 @@
 """Errors that are made elsewhere in a structure, and come to the points that are asked for.
 
-What excites many modes at once shows at a point as their sum, which may vanish while each of them
+Excitation of many modes at once shows at a point as their sum, which may vanish while each of them
 errs: the tip of a cantilever moves freely until the wave from its root arrives, and its jerk tells
 nothing of it. Modes do not cancel in the mean square over a structure, as they are orthogonal. So
 the root mean square of the errors of nodes all over it counts as well, as a part of how they move:
@@ -8,8 +8,8 @@ the root mean square of the errors of nodes all over it counts as well, as a par
     e = max( e_p , e_s min(1, U_p/U_s) ) ,    e_s = sqrt(mean |e_k|²) ,    U_s² = max mean |u_k|² ,
 
 U_p being the largest displacement so far of the points that are asked for. Where these move more
-than others their own error tells what they do (without the bound a spin-up was told 5.7 times its
-error, with it 3.3).
+than others their own error counts (without the bound a spin-up was told 5.7 times its error, with
+it 3.3).
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class Elsewhere:
         return float(self.at_asked(errors[None])[0])
 
     def at_asked(self, lengths: Array) -> Array:
-        """What lengths at all points are worth at those that are asked for, shape (n,) [m].
+        """Lengths at all points, converted to those that are asked for, shape (n,) [m].
 
         Args:
             lengths: Shape (n, points) [m].

@@ -1,14 +1,14 @@
-"""How far points swing by what is faster than this and that.
+"""How far points swing by motion faster than each cut.
 
 Steps that do not resolve a vibration turn its phase, and by that displacements err by twice its
-amplitude at most, however long it goes on. So for any cut ω_b what steps have erred by is below
-what they have erred by in slower motion, added up, and twice the amplitude of what is faster. That
-bound is the best at some cut, mostly at the one where a phase is wrong by about two.
+amplitude at most, however long it goes on. So for any cut ω_b the error of steps is below the sum
+of their errors in slower motion and twice the amplitude of faster motion. That bound is the best at
+some cut, mostly at the one where a phase is wrong by about two.
 
-The amplitude is that of displacements high-passed four times, (x²/(1 + x²))² of a vibration with
-x = ω/½ω_b: an octave below what is low-passed at ω_b (`rigidfx.step.length.octaves`), so that the
-two together miss nothing. Four times, as a body flies and turns while it vibrates: of a path that
-goes with t³ nothing is left.
+The amplitude is that of displacements high-passed four times, (x²/(1 + x²))² of a vibration with x
+= ω/½ω_b: an octave below the low-pass at ω_b (`rigidfx.step.length.octaves`), so that the two
+together miss nothing. Four times, as a body flies and turns while it vibrates: of a path that goes
+with t³ nothing is left.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ class Fast:
     """High-passes the displacements of some points.
 
     Attributes:
-        amplitudes: Of what is faster than each cut, at the points that are asked for, shape (cuts,)
-            [m].
+        amplitudes: Amplitude of motion faster than each cut, at the points that are asked for,
+            shape (cuts,) [m].
     """
 
     remembered: ClassVar[Remembered] = same("_known", "amplitudes")

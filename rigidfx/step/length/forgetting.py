@@ -1,25 +1,26 @@
 """How fast errors of a motion are forgotten: at the rate at which damping takes its vibration.
 
 An error is a motion itself, and is damped as that is. A vibration with the energy H, of which
-damping takes the power D, decays with δ = D/2H, and so does what steps have erred by before:
+damping takes the power D, decays with δ = D/2H, and so do errors of earlier steps:
 
     dE/dt = e - δ E ,    e the error that is made per time.
 
 Without that, Σe of a structure that a load keeps moving grows for ever, while its error does not.
 δ is the mean of the run so far, ∫ D dt / 2 ∫ H dt. It holds for what always comes back to where it
-was: a structure of one part that supports hold against all rigid motions, from the start to the
-end as all its damping acts, and that touches nothing. What flies freely keeps an error of its place
-or its turn.
+was: a structure of one part that supports hold against all rigid motions, from the start to the end
+as all its damping acts, and that touches nothing. Free bodies keep an error of their place or their
+turn.
 
-Drag, α M v, takes up to twice as much of what a support moves as of a vibration, whose energy is
-kinetic for half of the time. It damps all vibrations by α/2, and counts for no more.
+Drag, α M v, takes up to twice as much from parts that a support moves as from a vibration, whose
+energy is kinetic for half of the time. It damps all vibrations by α/2, and counts for no more.
 
-That mean is one of what moves most. Viscosity takes fast vibrations and leaves slow ones: where an
-axial one dies out, bending rings on, and so do its errors. So there are several accounts, of which
+That mean is one of the largest motion. Viscosity takes fast vibrations and leaves slow ones: where
+an axial one dies out, bending rings on, and so do its errors. So there are several accounts, of
+which
 the largest counts: all errors, forgotten as above; and of each octave those that are slower than
 ω_b, which are forgotten no faster than a vibration of that frequency is damped at least
 (`rigidfx.step.length.damped`). Drag damps all alike, and needs the first only; there, and without
-damping, octaves tell what of the error is of slow motion, as what is faster has a bound of its own
+damping, octaves give the error of slow motion, as faster motion has a bound of its own
 (`rigidfx.step.length.fast`).
 """
 
@@ -48,13 +49,13 @@ OTHERWISE = MassDamping.__name__, EasedForces.kind  # counted apart, and no damp
 
 
 class Forgetting:
-    """Finds rates from energies, and what of an error they are of.
+    """Finds rates from energies, and the parts of an error to which they belong.
 
     Attributes:
         by_frequency: Whether accounts forget at different rates.
         cuts: ω_b of all accounts but the first, that of all errors [1/s].
         rates: δ of each account [1/s].
-        parts: What each account has of the error of the last step; one of the first.
+        parts: Part of each account in the error of the last step; one for the first.
     """
 
     remembered: ClassVar[Remembered] = same("parts", "rates", "_taken", "_dragged", "_stayed") | {
@@ -82,7 +83,7 @@ class Forgetting:
         self.parts: Array = np.ones(accounts)
 
     def look(self, jerk: Array, swinging: Array, dt: float) -> None:
-        """Find what accounts have of the error of a step that has been solved.
+        """Find the parts of accounts in the error of a step that has been solved.
 
         Args:
             jerk: Of each point, shape (points, 3); the error per time goes with Δt² of it.
@@ -103,7 +104,7 @@ class Forgetting:
 
         Args:
             energy: Kinetic and strain energy at its end [J].
-            dissipated: What each kind of damping took in it [J].
+            dissipated: Energy that each kind of damping took in it [J].
             dt: Its length [s].
         """
         if self._damped is None:

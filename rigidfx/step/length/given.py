@@ -32,7 +32,7 @@ LEAST = float(np.finfo(float).tiny / np.finfo(float).eps)  # numbers below have 
 
 
 class Given:
-    """A load, and what it has changed by so far.
+    """A load, and its change so far.
 
     Attributes:
         load: The load.
@@ -62,7 +62,7 @@ class Given:
             self._weights = np.concatenate(scene.comm.allgather(np.abs(weights[nodes[some]])))
 
     def at(self, t: float, dt: float) -> Array:
-        """Its value, shape (nodes, components); NaN where what it gives is no such thing.
+        """Its value, shape (nodes, components); NaN where the result has another shape.
 
         Args:
             t: Time [s].
@@ -83,7 +83,7 @@ class Given:
         Args:
             t: Time [s].
             dt: Length of a step [s].
-            before: What it gave.
+            before: The result.
 
         Raises:
             SceneError: On this rank, if not.
@@ -111,7 +111,7 @@ class Given:
         return load.signal(t, dt)
 
     def known(self, values: list[Array]) -> Array | None:
-        """Take values of a step into what it has changed by.
+        """Take values of a step into its change.
 
         Returns:
             All of them, shape (values, nodes, components); None if they are not finite, or not as
@@ -132,7 +132,7 @@ class Given:
         return every
 
     def part(self, off: Array) -> float:
-        """What something is of what the load has changed by: the most of any component.
+        """Ratio of a difference to the change of the load: the most of any component.
 
         Args:
             off: Of each node and component, shape (nodes, components).

@@ -25,7 +25,7 @@ class Onset:
     Attributes:
         t: Time [s]; just after a jump.
         jumps: Whether the load jumps there, in place of bending.
-        by: What it jumps by, in its shape; None if it bends.
+        by: Its jump, in its shape; None if it bends.
         led: Whether it is the velocity of a support's path that jumps.
     """
 

@@ -53,7 +53,7 @@ class Octaves:
         self._parts: Array = np.ones(count)
 
     def look(self, vectors: Array, sizes: Array, dt: float) -> Array:
-        """What each cut leaves of some vectors, the largest of all points over their sizes.
+        """The rest of some vectors above each cut, the largest of all points over their sizes.
 
         Args:
             vectors: Of each point, in a step that has been solved, shape (points, 3); NaN if
@@ -74,7 +74,7 @@ class Octaves:
         return np.asarray(np.sqrt(left) / size)
 
     def accept(self, parts: Array) -> None:
-        """Take note that the step that was looked at last is one, with what was left in it."""
+        """Take note that the step that was looked at last is one, with its rest."""
         self._known[:, 1:], self._parts = self._next, parts
 
 
@@ -82,7 +82,7 @@ def _means(taken: Array) -> Array:
     """New means, one of the other, of a signal and old ones, shape (cuts, STAGES, 1 + STAGES).
 
     Args:
-        taken: Part of what each is a mean of that comes into it, shape (cuts,).
+        taken: Part of its input that comes into each mean, shape (cuts,).
     """
     rows = [np.eye(1 + STAGES)[0] + np.zeros((taken.size, 1))]
     for own in np.eye(1 + STAGES)[1:]:

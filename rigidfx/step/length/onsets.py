@@ -1,19 +1,20 @@
 """Where loads jump, bend or swing within a step, at no breakpoint: found before the step is made.
 
 A step takes loads at its middle. Where one is smooth, its mean over the step differs from that by
-h²/24 q'', of which the motion's own jerk tells. What sets in after the middle is lost for good, up
-to half of q h, and nothing in the motion tells. So loads that are functions of a user's are asked
-at five times of a step. If their mean by Simpson's rule is off the middle by more than the
-tolerance's part of what they have changed by so far, the interval with the largest second
+h²/24 q'', of which the motion's own jerk tells. A load that sets in after the middle loses up to
+half of q h, and nothing in the motion tells. So loads that are functions of a user's are asked at
+five times of a step. If their mean by Simpson's rule is off the middle by more than the tolerance's
+part of what they have changed by so far, the interval with the largest second
 difference is halved again and again: that falls with the square of its width where the load is
 smooth, with its width over a kink, and not over a jump. The step ends where that has been found;
 after a jump steps begin anew, unless it is a small one.
 
-What swings to and fro in some three steps is smooth, and the motion, which is told the middles,
-knows nothing of it. So where a load turns within the step and its mean is off by more than a
-twentieth, the step is halved until it is not; by more than the tolerance's part where the load sets
-in, as a middle that lies before that tells nothing. A sine of two steps may have a mean of nothing
-in each, as its middles are. So what a load is at the five times is compared with the line through
+A load that swings to and fro in some three steps is smooth, and the motion, which is told the
+middles, knows nothing of it. So where a load turns within the step and its mean is off by more than
+a twentieth, the step is halved until it is not; by more than the tolerance's part where the load
+sets in, as a middle that lies before that tells nothing. A sine of two steps may have a mean of
+nothing in each, as its middles are. So what a load is at the five times is compared with the line
+through
 the middles of this step and the one before, too: the curvature that explains it would put the mean
 off by h²/24 of it, and where that is more than a tenth the step is halved as well. Windows, kinks
 of a `Table` and `breakpoints` are known without all that.
@@ -77,8 +78,8 @@ class Onsets:
         Args:
             t: Start of the step [s].
             end: Its end [s].
-            tol: Error of a load in the mean that does not matter, over what its components have
-                changed by so far.
+            tol: Error of a load in the mean that does not matter, over the change of its components
+                so far.
 
         Raises:
             SceneError: On every rank, if a load's function fails on any, or gives something else
@@ -150,7 +151,7 @@ class Onsets:
             q: The load.
             t: Start of the step [s].
             end: Its end [s].
-            off: By how much it swings unknown to the motion, over what it may, and `turns` of
+            off: Its swing that the motion does not know, over the permitted one, and `turns` of
                 `_off`.
         """
         whole, (swing, turns) = end, off
@@ -163,16 +164,16 @@ class Onsets:
         return Onset(end, jumps=False) if end < whole else None
 
     def _off(self, k: int, times: Array, values: list[Array], turns: float) -> tuple[float, float]:
-        """By how much the mean of a load is off its middle, over what it has changed by so far.
+        """By how much the mean of a load is off its middle, over its change so far.
 
         Args:
             k: Number of the load.
             times: Five times of a step [s].
-            values: What it is there.
-            turns: What its mean may be off by where it turns within the step, likewise.
+            values: Its value there.
+            turns: Permitted error of its mean where it turns within the step, likewise.
 
         Returns:
-            That; and by how much it swings unknown to the motion, over what it may.
+            The same; and its swing that the motion does not know, over the permitted one.
         """
         given, before = self._loads[k], self._middles[k]
         every = given.known(values)
@@ -189,7 +190,7 @@ class Onsets:
 
 
 def _untold(t: float, q: Array, times: Array, every: Array) -> Array:
-    """What a mean is off by with the curvature that the line through two middles does not tell.
+    """Error of a mean by the curvature that the line through two middles does not tell.
 
     Args:
         t: Middle of the step before [s].

@@ -1,7 +1,7 @@
-"""How long steps may be so that their errors add up to what is asked.
+"""Length of steps whose errors add up to the budget.
 
-With r the error per time that may be spent, and c the envelope of e/Δt³ over the last steps,
-c Δt³ = r Δt gives Δt = 0.9 sqrt(r/c). What may be spent is
+With r the error per time that may be spent, and c the envelope of e/Δt³ over the last steps, c Δt³
+= r Δt gives Δt = 0.9 sqrt(r/c). The rate of spending is
 
     r = max( δ [½ tol U - E exp(-δ(T - t))]/[1 - exp(-δ(T - t))] ,
              max[tol U' - 2 E, ¼ tol U']/(5 s) ) ,
@@ -13,14 +13,14 @@ forgotten sooner, the least of several accounts' r counts); without it the first
 has been seen of slow one as all begins, and nine tenths went to a first long step. U is the largest
 displacement so far, and s the time in which it has grown to four times what it
 was, the step itself included: a single one may not spend all of that either. A motion that begins
-from rest would otherwise be computed to a part of what is next to nothing. So that it is not
-followed from its first instant on as closely as later, U' is what becomes of it as it moves now,
+from rest would otherwise be computed to a part of almost nothing. So that it is not followed from
+its first instant on as closely as later, U' is the expected displacement,
 
     U' = U + |v| h + ½ |a| h² ,    h the longest step, or 4 s if that is less ,
 
-and no more than U times the factor by which it has grown in the last h: what swings stays.
+and no more than U times the factor by which it has grown in the last h: a swing stays.
 
-Δt changes only where it is worth it, as what is kept for one Δt has to be made anew for another.
+Δt changes only where it is worth it, as factors kept for one Δt have to be made anew for another.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ class StepLength:
         shortest: Δt that is always long enough [s].
         longest: Δt that is never exceeded [s].
         spent: Largest error so far [m].
-        accounts: What steps have erred by, and how that is forgotten.
+        accounts: Errors of steps, and how they are forgotten.
         changes: How often Δt was changed for the sake of the error.
     """
 
@@ -129,7 +129,7 @@ class StepLength:
 
     @property
     def displacement(self) -> float:
-        """Largest displacement so far, or what the user gave for it [m]."""
+        """Largest displacement so far, or the user's value for it [m]."""
         return self._course.largest
 
     def allowed(self, t: float, dt: float = 0.0) -> float:
@@ -142,7 +142,7 @@ class StepLength:
         return self._begun(self._left(t), t, dt)
 
     def _left(self, t: float) -> float:
-        """What is left over the rest of the run, in bounds [m/s]."""
+        """The rest of the budget over the rest of the run, in bounds [m/s]."""
         whole = self.tol * self.displacement
         if self._known[:2] != (t, whole):
             even = self.accounts.rate(whole, self._t_end, anew=True)
@@ -162,7 +162,7 @@ class StepLength:
 
     @property
     def used(self) -> float:
-        """What the end of the run will know of the error, over the largest displacement.
+        """The part of the error that lasts to the end, over the largest displacement.
 
         With the safety of estimates.
         """
@@ -170,14 +170,14 @@ class StepLength:
         return left / (SHARE * self.displacement)
 
     def _growing(self, t: float) -> float:
-        """Time in which the displacement has grown to what it is [s]."""
+        """Time in which the displacement has grown to its present size [s]."""
         return t - self._course.until(self.displacement / GROWN)
 
     def begins(self, t: float) -> bool:
         """Whether points have been on their way from rest for all of the time up to t [s].
 
-        However short the first steps are, they err by a good part of next to nothing, as the size
-        of what grows with a power of the time says nothing about Δt.
+        However short the first steps are, they err by a good part of next to nothing, as a
+        displacement that grows with a power of the time says nothing about Δt.
         """
         if self._of is not None:
             return False
@@ -193,7 +193,7 @@ class StepLength:
         self._foreseen = min(expected, U * (U / max(before, U / MOST_AHEAD)))
 
     def _spend(self, error: float, dt: float) -> None:
-        """Add the error of a step to what is left of those before."""
+        """Add the error of a step to those before."""
         self.accounts.add(error, dt)
         self._known = nan, 0.0, 0.0
         self.spent = max(self.spent, self.accounts.error)
@@ -217,7 +217,7 @@ class StepLength:
         return max(1, min(int(log2(much) / 2), int(log2(dt / self.shortest))))
 
     def _best(self, t: float) -> float:
-        """Length of a step from t [s] that errs by what is allowed [s]."""
+        """Length of a step from t [s] with the allowed error [s]."""
         if self._envelope == 0:
             return float("inf")
         left = self._left(t)

@@ -70,7 +70,7 @@ class TimeControl(WarnsOnce):
     )
 
     def __init__(self, scene: Scene, control: StepControl, timeline: Timeline) -> None:
-        """Find what is tracked. Collective.
+        """Find the tracked points. Collective.
 
         Args:
             scene: The problem.
@@ -108,7 +108,7 @@ class TimeControl(WarnsOnce):
 
     @property
     def tol(self) -> float:
-        """What is asked, over the largest displacement."""
+        """The budget, over the largest displacement."""
         return self.length.tol
 
     def follow(self, system: System, state: State) -> None:
@@ -127,11 +127,11 @@ class TimeControl(WarnsOnce):
     def learn(
         self, energy: float, dissipated: Mapping[str, float], dt: float, tol: float | None
     ) -> None:
-        """Take note of what has been found out about a step that was accepted.
+        """Take note of an accepted step.
 
         Args:
             energy: Kinetic and strain energy at its end [J].
-            dissipated: What each kind of damping took in it [J].
+            dissipated: Energy that each kind of damping took in it [J].
             dt: Its length [s].
             tol: Error that time integration may make from now on, over the largest displacement;
                 None if that stays as it is.
@@ -230,7 +230,7 @@ class TimeControl(WarnsOnce):
         )
 
     def _struck(self, t: float, dt: float) -> float:
-        """What a blow errs by in a step that has been solved, once that shows [m]. Collective."""
+        """Error of a blow in a step that has been solved, once that shows [m]. Collective."""
         touches, fastest = self._system.actions.touches(), max(self._fastest, self._end.speed)
         later = self.length.displacement / fastest if fastest > 0 else 0.0
         return self._blows.look(touches, t, dt, later)

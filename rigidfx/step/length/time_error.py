@@ -1,13 +1,13 @@
-"""What time integration errs by in a step, from the velocities at its ends.
+"""Error of time integration in a step, from the velocities at its ends.
 
 The local error of the midpoint rule is Δt³/12 times the jerk. With a = (v₁ - v₀)/Δt, which belongs
 to the middle of a step, and the divided differences j = Δa/Δt of two steps,
 
     ĵ = ¼ j_{n-2} + ½ j_{n-1} + ¼ j_n ,    â = ⅛ (a_{n-3} + 3 a_{n-2} + 3 a_{n-1} + a_n) .
 
-These means are blind to what changes its sign from step to step: a vibration that a step does not
-resolve rings like that, and is no error of the motion that it does. While there are fewer
-differences, ½ j_{n-1} + ½ j_n or j_n stand for ĵ, and the mean of their accelerations for â.
+These means are blind to a change of sign from step to step: a vibration that a step does not
+resolve rings like that, and is no error of the resolved motion. While there are fewer differences,
+½ j_{n-1} + ½ j_n or j_n stand for ĵ, and the mean of their accelerations for â.
 
 The jerk of a vibration is zero twice a period, and its error, which is one of its phase, goes on.
 So the root mean square of the jerk over a turn of the phase counts: where it is ĵ now it is ω â a
@@ -45,7 +45,7 @@ MEMORY = 3.0  # of 1/ω, in which squares are remembered that tell ω
 
 
 class Known(NamedTuple):
-    """What is known of the motion of some points.
+    """Knowledge of the motion of some points.
 
     Attributes:
         t: Times of the last accelerations, the newest last, up to four [s].
@@ -92,9 +92,9 @@ class TimeError:
         self._patient = False
 
     def switched(self) -> None:
-        """Bodies have changed: what follows is no error until three differences tell.
+        """Bodies have changed: jerks are no errors until three differences are known.
 
-        What wakes springs into the shape that its forces give it, faster than steps resolve: that
+        Cells that wake spring into the shape that forces give them, faster than steps resolve: that
         rings from step to step, and only the mean of three is blind to it.
         """
         self.forget()

@@ -3,8 +3,8 @@
 A body's nodes have its motion, whether they take part in a step or not; what moves with a support
 does what that does, and is where it says at the end of each step: no step errs there. The velocity
 of such a node, 2 Δu/Δt - v, swings to and fro from step to step once its path has bent, and for
-ever, as nothing damps it; that would be taken for an error whenever Δt changes. So what a support
-moves has the mean velocity of a step at both ends.
+ever, as nothing damps it; that would be taken for an error whenever Δt changes. So points that a
+support moves have the mean velocity of a step at both ends.
 """
 
 from __future__ import annotations

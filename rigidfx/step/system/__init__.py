@@ -1,1 +1,1 @@
-"""What is bound to one division of the cells: supports, equations, those of statics."""
+"""The parts bound to one division of the cells: supports, equations, those of statics."""

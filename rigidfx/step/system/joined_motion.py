@@ -1,4 +1,4 @@
-"""What joints ask of small rigid motions of the connected parts of a mesh."""
+"""Conditions of joints on small rigid motions of the connected parts of a mesh."""
 
 from __future__ import annotations
 

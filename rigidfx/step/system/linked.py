@@ -14,7 +14,7 @@ __all__ = ["elements_of", "linked"]
 
 
 def elements_of(scene: Any, acting: Sequence[Windowed]) -> tuple[Motor | JointSpring | Stop, ...]:
-    """What acts along what joints leave free: motors that act, springs and stops.
+    """Actions along free coordinates of joints: motors that act, springs and stops.
 
     Args:
         scene: The problem.

@@ -2,8 +2,9 @@
 
 Cells joined through facets move as one where nothing strains: six numbers each such part, about its
 own centre. Parts that share nodes only are hinged to each other, those that share none are loose.
-What is asked of the motions, to vanish at prescribed dofs and springs and to agree at hinges, is
-B y = 0; the eigenvalues of BᵀB tell whether y = 0 is all that fulfils it, and if not, what moves.
+The conditions on the motions, to vanish at prescribed dofs and springs and to agree at hinges, are
+B y = 0; the eigenvalues of BᵀB tell whether y = 0 is the only solution, and if not, which motion is
+free.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Static equilibrium of one division: what is bound to it, and the solve of one load step.
+"""Static equilibrium of one division: its parts, and the solve of one load step.
 
     R(u₁) = f_int(u₁) + f_contact(u₁) - f_ext(t₁) = 0
 
@@ -52,7 +52,7 @@ class StaticSystem:
     Attributes:
         acting: The effects with a time window that act.
         energies: Measures states.
-        actions: What effects do to nodes and bodies.
+        actions: Actions on nodes and bodies.
         prescribed: Dofs that supports hold.
         unknowns: Number of unknowns.
         share: Part of the loads that acts in the present load step.
@@ -78,7 +78,7 @@ class StaticSystem:
             effects: All effects that take part.
             acting: Those with a time window that act.
             division: Division of the cells.
-            failures: Keeps what a user's functions raise until all ranks are told.
+            failures: Keeps exceptions of a user's functions until all ranks are told.
             fixed: Time at which functions of time are taken [s]: then loads grow in proportion to
                 the path, supports and obstacles rest. The time of the path if None.
         """
@@ -159,7 +159,7 @@ class StaticSystem:
         return solution
 
     def _set_loads(self, t: float, dt: float) -> None:
-        """Evaluate what acts at the end t of a load step of length dt [s]. Collective."""
+        """Evaluate actions at the end t of a load step of length dt [s]. Collective."""
         at = nextafter(t, -1.0) if self._fixed is None else self._fixed
         self._forces.set_time(at, dt)
         self.actions.set_time(at, dt)
@@ -208,11 +208,11 @@ class StaticSystem:
         self._equations.accept()
 
     def joints(self) -> JointReports:
-        """What each joint does in the last solution, by its title."""
+        """Force and motion of each joint in the last solution, by its title."""
         return JointReports() if self._linkage is None else self._linkage.told()
 
     def reactions(self) -> tuple[Mapping[str, Array], Mapping[str, Array], float]:
-        """What supports exert in the last solution. Collective.
+        """Forces of supports in the last solution. Collective.
 
         Returns:
             Force of each on the structure [N] and its moment about the origin [N m], by the names

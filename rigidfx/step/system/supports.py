@@ -1,8 +1,8 @@
-"""Which dofs the supports hold at a time, how they move, and what happens where a support begins.
+"""Which dofs the supports hold at a time, how they move, and the impact where a support begins.
 
 A support that begins on a moving node, or a prescribed motion that jumps in velocity, is an
 impact: the update of the velocity would otherwise ring for ever. The velocity is projected, in the
-metric of the mass, on what the support allows; the energy and the impulse of that are reported.
+metric of the mass, on those that the support allows; energy and impulse of the impact are reported.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ class Impact:
     Attributes:
         t: Time [s].
         supports: Names of the supports that caused it, titles of the contacts.
-        energy: Change of kinetic energy, and of what a body has kept that a support takes over, and
-            of what contacts store [J]; negative is lost.
+        energy: Change of kinetic energy, and of the energy of bodies that a support takes over, and
+            of contacts [J]; negative is lost.
         impulse: Impulse exerted on the structure, shape (3,) [N s].
         angular_impulse: Its moment about the origin, shape (3,) [N m s].
         following: Kinetic energy of the parts on these supports, had they followed the change of
@@ -85,7 +85,7 @@ class PrescribedDofs:
             scene: The problem.
             active: Supports.
             driven: Further owned nodes, of bodies that a support moves, by its number.
-            jumps: What looks at the paths of steps, if anything.
+            jumps: Observer of the paths of steps, if any.
         """
         self._scene = scene
         self.active = active
@@ -150,7 +150,7 @@ class PrescribedDofs:
         return self._ask(lambda support, X, x: support.velocities_at(t, dt, X, x), t, u)
 
     def _ask(self, question: Callable[[Support, Array, Array], Array], t: float, u: Array) -> Array:
-        """Answers of each support, spread over its dofs; what a user's function does is checked.
+        """Answers of each support, spread over its dofs; results of a user's function are checked.
 
         Args:
             question: Function of a support, and of the reference positions and the places of its

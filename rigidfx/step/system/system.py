@@ -45,7 +45,7 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Work:
-    """What external forces did in a step.
+    """Effect of external forces in a step.
 
     Attributes:
         loads: Work of the loads [J].
@@ -53,8 +53,8 @@ class Work:
         dissipated: Energy taken by each kind of damping [J].
         reactions: Force of each support on the structure, by the name of its set, shape (3,) [N].
         reaction_moments: Its moment about the origin, at the midpoint, shape (3,) [N m].
-        touches: What each contact did, by its title.
-        joints: What each joint did, by its title.
+        touches: Touch of each contact, by its title.
+        joints: Force and motion of each joint, by its title.
     """
 
     loads: float
@@ -74,7 +74,7 @@ class System:
         layout: Division of cells and dofs.
         mass: Mass operator of the flexible cells.
         structure: The division as effects see it.
-        actions: What effects do to nodes and bodies.
+        actions: Actions on nodes and bodies.
         energies: Measures states.
         equilibrium: The equations of a step.
         newton: Solves them.
@@ -103,9 +103,9 @@ class System:
             acting: The effects with a time window that act from now on.
             flexible: Flexible owned cells by subdomain id.
             prescribed: Dofs held by supports.
-            failures: Keeps what a user's functions raise until all ranks are told.
+            failures: Keeps exceptions of a user's functions until all ranks are told.
             dealing: Deals flexible cells out among the ranks where that pays.
-            eased_stress: Form of what releases have let down.
+            eased_stress: Form of the stresses that releases have let down.
             driven: Owned cells by subdomain id that move with a support: not flexible, all their
                 dofs prescribed, their mass counted.
         """
@@ -181,7 +181,7 @@ class System:
         return self.newton.solve(predict(self._scene, self.layout, trial.start, v, bodies, dt))
 
     def explain(self, solution: Solution) -> None:
-        """Raise what a user's functions have done to a step that is objected to. Collective.
+        """Raise errors of a user's functions in a step that is objected to. Collective.
 
         Raises:
             SceneError: On every rank, if one has failed on any, or has given forces that are no
@@ -198,7 +198,7 @@ class System:
         return self.actions.dead and self.linkage is None
 
     def resist_at(self, nodes: npt.NDArray[np.int32], forces: Array) -> None:
-        """Add what resists at owned nodes, in bodies or not, and is not bound to bodies' nodes.
+        """Add resistance at owned nodes, in bodies or not, that is not bound to bodies' nodes.
 
         Args:
             nodes: The nodes, sorted.
@@ -210,7 +210,7 @@ class System:
 
     @property
     def increments(self) -> Increments:
-        """What the last solution moves the rigid bodies by."""
+        """Increment of the rigid bodies in the last solution."""
         return self.equilibrium.prolongation.increments
 
     def accept(self, state: State, dt: float, t: float) -> Work:
@@ -237,7 +237,7 @@ class System:
         return work
 
     def _work(self, state: State, dt: float) -> Work:
-        """What forces did in the step that has been solved. Collective."""
+        """Effect of forces in the step that has been solved. Collective."""
         prolongation, actions = self.equilibrium.prolongation, self.actions
         d, forces = self.equilibrium.d.array_r, self.equilibrium.forces_out_of_balance.array_r
         prescribed = prolongation.prescribed

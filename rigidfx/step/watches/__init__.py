@@ -1,1 +1,1 @@
-"""What looks at attempts: the judge, who may object, and watches, which take note."""
+"""Observers of attempts: the judge, who may object, and watches, which take note."""

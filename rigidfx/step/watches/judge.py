@@ -1,8 +1,8 @@
-"""The one judge of a step: whether what has been solved may become the state.
+"""The one judge of a step: whether an attempt may become the state.
 
 An attempt is looked at in a fixed order, and the first objection ends it: a new attempt begins with
-a shorter step. What remembers changes when one is accepted; a solver keeps the factors that it has
-made for one that is not.
+a shorter step. Memories change when one is accepted; a solver keeps the factors that it has made
+for one that is not.
 """
 
 from __future__ import annotations

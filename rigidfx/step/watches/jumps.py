@@ -1,10 +1,10 @@
 """Does the path of a support, or of an obstacle, jump?
 
-A step takes what a path gains for a motion. Of a jump by J it makes the velocity 2 J/Δt, which
-alternates in sign from then on, and an energy that grows as 1/Δt²: no shorter step ever helps. What
-tells a jump from all else, kinks and steep slopes among it, is that halving the interval does not
-halve it. That takes values of the path between the ends of steps, so it is looked at only where a
-path gains twice as much as in the step before.
+A step treats a change of a path as a motion. Of a jump by J it makes the velocity 2 J/Δt, which
+alternates in sign from then on, and an energy that grows as 1/Δt²: no shorter step ever helps.
+Halving the interval halves the change of kinks and steep slopes, and not that of a jump. That takes
+values of the path between the ends of steps, so it is looked at only where a path gains twice as
+much as in the step before.
 
 An obstacle that jumps does no harm where it stays clear of the nodes. Where it lands in them, or
 leaves them while they press it, the step works against all of the jump: an energy that a shorter
@@ -42,7 +42,7 @@ REMEDY = (
 
 
 class Gains:
-    """What paths gain from step to step, and whether that is by a jump."""
+    """Changes of paths from step to step, and whether by a jump."""
 
     remembered: ClassVar[Remembered] = {"_before": ByObject()}
 
@@ -64,7 +64,7 @@ class Gains:
 
         Args:
             owner: Whose path it is.
-            path: Function t → displacement, shape (n,) [m]; what it raises goes through.
+            path: Function t → displacement, shape (n,) [m]; its exceptions go through.
             t0: Start of the step [s].
             t1: End of the step [s].
             u0: The path at the start, shape (n,) [m].
@@ -98,7 +98,7 @@ class Jumps(WarnsOnce):
         self._gains, self._found = Gains(scene), ""
 
     def look(self, support: Support, t0: float, t1: float, u0: Array, u1: Array) -> None:
-        """Look at an attempt at a step of a support; what its path raises goes through.
+        """Look at an attempt at a step of a support; exceptions of its path go through.
 
         Args:
             support: A support that moves.
@@ -120,11 +120,11 @@ class Jumps(WarnsOnce):
             )
 
     def begin(self) -> None:
-        """Begin an attempt at a step: what the last one has found is forgotten."""
+        """Begin an attempt at a step: findings of the last one are forgotten."""
         self._found = ""
 
     def accept(self, attempt: Attempt) -> None:
-        """Take note that the last attempt becomes a step, and warn of what it has found."""
+        """Take note that the last attempt becomes a step, and warn of its findings."""
         self._gains.accept()
         if self._found and self.waits:
             self.say(self._found)
@@ -142,8 +142,8 @@ class JumpingObstacles(WarnsOnce):
 
         Args:
             scene: The problem.
-            touches: What contacts did in the last attempt, by their titles; collective.
-            failures: Keeps what paths raise.
+            touches: Touches of contacts in the last attempt, by their titles; collective.
+            failures: Keeps exceptions of paths.
         """
         super().__init__(scene.comm)
         every = ((c, c.against) for c in scene.named(Contact))
@@ -182,7 +182,7 @@ class JumpingObstacles(WarnsOnce):
 
 
 def _no_jump(obstacle: Obstacle, t0: float, t1: float) -> None:
-    """What is taken for the answer of a path that fails."""
+    """The stand-in for the answer of a path that fails."""
 
 
 def jump_of(path: Path, t0: float, t1: float, u0: Array, u1: Array) -> tuple[float, float] | None:

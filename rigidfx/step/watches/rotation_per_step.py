@@ -1,8 +1,8 @@
 """Does anything turn too far in one step?
 
-A step knows a rotation by its Cayley vector θ, x₁ - x₀ = θ × (x₀ + x₁)/2, and |θ| = ω Δt of what
-turns freely, so that it turns by 2 atan(ω Δt/2) whatever ω: 1 % too slow where ω Δt = 0.35, 7 %
-where it is 1, and by less than half a revolution always. All balances hold; the motion is wrong.
+A step knows a rotation by its Cayley vector θ, x₁ - x₀ = θ × (x₀ + x₁)/2, and |θ| = ω Δt of a free
+part, so that it turns by 2 atan(ω Δt/2) whatever ω: 1 % too slow where ω Δt = 0.35, 7 % where it is
+1, and by less than half a revolution always. All balances hold; the motion is wrong.
 """
 
 from __future__ import annotations

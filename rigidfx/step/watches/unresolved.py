@@ -26,7 +26,7 @@ NEGLIGIBLE = 1e-10  # of a cell's size: what rounding in displacements may be
 
 
 class Unresolved(WarnsOnce):
-    """Looks at what each accepted solution leaves; warns once."""
+    """Looks at the rest of each accepted solution; warns once."""
 
     remembered: ClassVar[Remembered] = WarnsOnce.remembered | same("_moved")
 

@@ -1,4 +1,4 @@
-"""What looks at attempts that become steps, and remembers them.
+"""Observers of attempts that become steps.
 
 All of it is in one list of the stepper, and takes notice in one call: an attempt that is not
 accepted leaves no trace anywhere.
@@ -32,7 +32,7 @@ class Watch:
         """
 
     def refresh(self) -> None:
-        """Be as one that a checkpoint has brought back: forget what is not `remembered`."""
+        """Be as one that a checkpoint has brought back: forget all but `remembered`."""
 
     def accept(self, attempt: Attempt) -> None:
         """Take note that an attempt becomes a step; the state is that at its start. Collective.
@@ -85,7 +85,7 @@ class WarnsOnce(Watch):
 
 
 def name_of_cell(comm: MPI.Intracomm, mesh: Any, cell: int | None) -> str:
-    """What to call a cell in a message; of several, that which comes first. Collective.
+    """Name of a cell in a message; of several, that which comes first. Collective.
 
     Args:
         comm: Communicator of the mesh.
