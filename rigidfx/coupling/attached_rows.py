@@ -1,4 +1,4 @@
-"""Rows of nodes that bodies hold: how a body's twelve numbers move them, and what they sum up to.
+"""Rows of nodes that bodies hold: how a body's twelve numbers move them, and their sums.
 
 The body-fixed coordinates [1, V] of a body's nodes never change; each node moves by them times a
 matrix of four rows, see `Increments`, which is all that turns. So the increments of these rows are
@@ -68,7 +68,7 @@ class AttachedRows:
         return self._at_rows.size
 
     def moved(self, numbers: Array) -> Array:
-        """What they have, in their order; to be used before the next call.
+        """Their values, in their order; to be used before the next call.
 
         Args:
             numbers: Twelve of each body.

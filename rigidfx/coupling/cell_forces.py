@@ -19,7 +19,7 @@ class CellForces:
     """A linear form of the cells' forces, evaluated at displacements of rows."""
 
     def __init__(self, prolongation: Prolongation, form: fem.Form, forces: InternalForces) -> None:
-        """Make room for what the cells tell. Collective.
+        """Make room for the results of cells. Collective.
 
         Args:
             prolongation: It knows whether cells are dealt.
@@ -39,7 +39,7 @@ class CellForces:
             self._copies, self._values = (u0.x.array, u1.x.array), np.zeros(u1.x.array.size)
 
     def begin(self, u: Array) -> None:
-        """Begin a step: coefficients have what they have in it. Collective.
+        """Begin a step: coefficients hold their values in it. Collective.
 
         Args:
             u: u₀, one number per row [m].

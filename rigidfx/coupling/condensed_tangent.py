@@ -4,8 +4,8 @@ The cells at the *interface* of rigid bodies are assembled into a matrix K of th
 MatPtAP condenses it by a master-slave prolongation to Lᵀ K P, test functions by L and trial ones by
 P, which is the consistent tangent: see `interface`. The *interior* cells, most of them as a rule,
 touch no body: their entries are only renumbered on the way into the reduced matrix, those of
-prescribed dofs being dropped, by PETSc's local-to-global map. So condensing costs what the
-interface costs. Where free dofs come in whole nodes the reduced matrix is blocked (BAIJ), in which
+prescribed dofs being dropped, by PETSc's local-to-global map. So condensing costs as much as the
+interface. Where free dofs come in whole nodes the reduced matrix is blocked (BAIJ), in which
 assembly takes two thirds and a Krylov iteration three fifths of the time of AIJ.
 """
 
@@ -87,7 +87,7 @@ class CondensedMatrix:
 
         Args:
             nodes: Owned nodes of flexible cells.
-            blocks: Shape (nodes, 3, 3); what belongs to prescribed dofs is dropped.
+            blocks: Shape (nodes, 3, 3); entries of prescribed dofs are dropped.
         """
         prolongation = self._prolongation
         offsets = np.arange(nodes.size + 1, dtype=PETSc.IntType)
@@ -127,7 +127,7 @@ class CondensedMatrix:
         """Condense the interface and complete the matrix. Collective.
 
         Args:
-            blocks: What the bodies themselves add, shape (bodies, 6, 6), equal on all ranks;
+            blocks: Addition of the bodies themselves, shape (bodies, 6, 6), equal on all ranks;
                 nothing if None.
         """
         if self._interface is not None:

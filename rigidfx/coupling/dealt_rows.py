@@ -61,7 +61,7 @@ class DealtRows:
         self._own = Exchange(rows.comm, rows.nodes.size, rank[self.nodes], place[self.nodes])
 
     def give(self, values: Array) -> Array:
-        """What rows' nodes have, at their own copies: shape (rows' nodes, k) to (nodes, k)."""
+        """Values of rows' nodes, at their own copies: shape (rows' nodes, k) to (nodes, k)."""
         return self._own.give(values)
 
     def take(self, values: Array) -> Array:
@@ -69,18 +69,18 @@ class DealtRows:
         return self._own.collect(values)
 
     def give_nodes(self, values: Array, otherwise: float = 0.0) -> Array:
-        """What rows' nodes have, at all local nodes of the cells' mesh. Collective.
+        """Values of rows' nodes, at all local nodes of the cells' mesh. Collective.
 
         Args:
             values: Shape (rows' nodes, k).
-            otherwise: What nodes have that are no row's: those of rigid cells alone.
+            otherwise: Values of nodes that are no row's: those of rigid cells alone.
         """
         out = np.full((self._count, values.shape[1]), otherwise)
         out[self._active] = self._all.give(values)
         return out
 
     def add_up(self, values: Array) -> Array:
-        """Sums of what all local nodes of the cells' meshes have, at rows' nodes. Collective."""
+        """Sums of values of all local nodes of the cells' meshes, at rows' nodes. Collective."""
         return self._all.collect(values[self._active])
 
     def destroy(self) -> None:
@@ -90,7 +90,7 @@ class DealtRows:
 
 
 class Dealing:
-    """Deals flexible cells out where that pays; `destroy` frees what it has dealt.
+    """Deals flexible cells out where that pays; `destroy` frees the dealt ones.
 
     Copies of cells are kept as bodies come and go: for as long as they hold flexible parts, and no
     rank has too much of it, a new division chooses among them. To deal out 6300 cells anew takes
@@ -126,11 +126,11 @@ class Dealing:
 
     @staticmethod
     def _serves(dealt: DealtCells, cells: Indices, flexible: Indices) -> bool:
-        """Whether what has been dealt holds cells, and the flexible ones divided. Collective."""
+        """Whether the dealt part holds cells, and the flexible ones divided. Collective."""
         return dealt.hold(cells) and not _lopsided(dealt.counts(flexible))
 
     def destroy(self) -> None:
-        """Free what has been dealt. Collective."""
+        """Free the dealt parts. Collective."""
         if self._cells is not None:
             self._cells.destroy()
             self._cells = None

@@ -40,8 +40,8 @@ class DofLayout:
         massive: For each owned node, whether its inertia is its own and not a body's.
         rows: Those of the active nodes, owned ones outside bodies or attached.
         masses: Lumped mass of each active node that is its own [kg].
-        reached: Local dofs, ghosts included, of flexible and driven cells of any rank: what forms
-            over these read and write.
+        reached: Local dofs, ghosts included, of flexible and driven cells of any rank: forms over
+            these read and write them.
         following: For each body, which of its nodes have its velocity: all of them with a lumped
             mass, else those that no flexible cell touches, as the flexible cells' side of an
             interface has a velocity of its own.

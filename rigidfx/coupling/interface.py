@@ -17,7 +17,7 @@ between two nodes that no body moves: A leaves them as they are, and they go str
 reduced matrix. Rows and columns of bodies are left to make smaller, see `product_blocks`.
 
 K is the sum of the matrices of all ranks' cells, and so is the product: each rank condenses its
-own, nodes of other ranks included, and PETSc adds up what they put into the reduced matrix.
+own, nodes of other ranks included, and PETSc adds up their entries in the reduced matrix.
 """
 
 from __future__ import annotations

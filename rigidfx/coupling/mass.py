@@ -114,7 +114,7 @@ class ConsistentMass:
         Args:
             scene: The problem.
             rows: Those of the nodes of the cells.
-            cells: Flexible cells: what is added to tangents.
+            cells: Flexible cells: the addition to tangents.
             driven: Further cells whose dofs are all prescribed: they count in products with
                 vectors.
             points: Point mass of each of the nodes [kg]; none if None.
@@ -176,9 +176,9 @@ class ConsistentMass:
 
 
 def without_zeros(A: PETSc.Mat) -> PETSc.Mat:
-    """A matrix that holds what is not zero of another, which is destroyed. Collective.
+    """A matrix of the nonzero entries of another, which is destroyed. Collective.
 
-    What does not couple directions, as masses, has two zeros in three assembled entries.
+    A matrix that does not couple directions, as masses, has two zeros in three assembled entries.
     """
     rows, columns = A.getSizes()
     offsets, places, values = A.getValuesCSR()

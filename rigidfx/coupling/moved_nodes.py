@@ -1,4 +1,4 @@
-"""What moves the nodes that a rank knows, its ghosts included: unknowns of their own, or a body."""
+"""Motion of the nodes that a rank knows, its ghosts included: unknowns of their own, or a body."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Ints = npt.NDArray[np.int64]
 
 @dataclass(frozen=True)
 class MovedNodes:
-    """What moves some nodes.
+    """The motion of some nodes.
 
     Attributes:
         unknowns: Number of each of a node's dofs as an unknown, -1 if it is none, shape (n, 3).
@@ -37,7 +37,7 @@ class MovedNodes:
 
 
 def moved_nodes(prolongation: Prolongation, known: Any) -> MovedNodes:
-    """What moves the nodes of an index map, ghosts included. Collective.
+    """The motion of the nodes of an index map, ghosts included. Collective.
 
     Args:
         prolongation: Map between unknowns and dofs.

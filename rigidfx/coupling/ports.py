@@ -90,7 +90,7 @@ class Ports:
         self._pattern = places % max(self.count, 1), ends
 
     def resisted(self, linkage: Linkage, bodies: Bodies) -> tuple[Array, Array]:
-        """What tells which rows are independent, at the start of a step. Collective.
+        """Knowledge of independent rows, at the start of a step. Collective.
 
         Args:
             linkage: The joints.

@@ -62,7 +62,7 @@ class BlockPlaces:
     """Where 3×3 blocks go in a reduced matrix."""
 
     def __init__(self, row: Ints, column: Ints, nodal: bool) -> None:
-        """Prepare what PETSc is told.
+        """Prepare the arguments of PETSc.
 
         Args:
             row: Unknowns of the rows of each block, shape (blocks, 3); values of those below zero

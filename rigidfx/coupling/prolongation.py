@@ -43,7 +43,7 @@ class Prolongation:
     """L and P of one layout.
 
     Attributes:
-        layout: What it is made for.
+        layout: Its layout.
         comm: Communicator of the mesh.
         dealt: Where unknowns of free dofs are that follow dealt cells; None where they are with
             their rows.
@@ -121,7 +121,7 @@ class Prolongation:
     # Vectors ------------------------------------------------------------------------------------
 
     def at_nodes(self, values: Array) -> Array:
-        """What active nodes have, at those of `free_of_nodes`, shape (n, k). Collective.
+        """Values of active nodes, at those of `free_of_nodes`, shape (n, k). Collective.
 
         Args:
             values: Shape (active nodes, k).
@@ -129,13 +129,13 @@ class Prolongation:
         return values[self._nodes] if self.dealt is None else self.dealt.give(values)
 
     def at_unknowns(self, d: Array) -> Array:
-        """What rows have, at this rank's unknowns. Collective."""
+        """Values of rows, at this rank's unknowns. Collective."""
         if self.dealt is None:
             return d[self._rows_of_free]
         return self.dealt.give(d.reshape(-1, 3)).reshape(-1)[self._places]
 
     def _at_rows(self, y: Array) -> Array:
-        """What unknowns of free dofs have, at this rank's rows of these. Collective."""
+        """Values of unknowns of free dofs, at this rank's rows of these. Collective."""
         if self.dealt is None:
             return y
         values = np.zeros(self.free_of_nodes.size)
@@ -235,7 +235,7 @@ class Prolongation:
     def moments(self, f: PETSc.Vec) -> Array:
         """Sum f and V fᵀ over each body's attached nodes, shape (bodies, 4, 3). Collective.
 
-        Their `Increments.resultant` is what Lᵀ f has in the bodies' rows.
+        Their `Increments.resultant` is the part of Lᵀ f in the bodies' rows.
         """
         if not self.touched:
             return np.zeros((len(self.layout.bodies), 4, 3))

@@ -1,7 +1,7 @@
 """How many entries the rows of a reduced matrix have.
 
 They are counted exactly without bodies, and with bodies somewhat too many where interior cells and
-cells at the interface share nodes. What is too much is given back in the first assembly.
+cells at the interface share nodes. Superfluous room is given back in the first assembly.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def condensed_row_lengths(
 
 
 def _add_coupled(lengths: Array, prolongation: Prolongation, form: fem.Form) -> None:
-    """Add what the cells of a form couple to the lengths of rows, shape (rows, 2). Collective."""
+    """Add couplings of the cells of a form to the lengths of rows, shape (rows, 2). Collective."""
     pattern, known = couplings(form)
     nodes = moved_nodes(prolongation, known)
     unknowns = np.count_nonzero(nodes.unknowns >= 0, axis=1)
@@ -75,7 +75,7 @@ def _summed(at_bodies: csr_array, widths: Any, ranks: Any, rank_of_body: Any) ->
     """Columns that each body's rows have, of its own rank and of others, shape (bodies, 2).
 
     Args:
-        at_bodies: What the rows couple with: bodies by nodes, or bodies by bodies.
+        at_bodies: Partners of the rows: bodies by nodes, or bodies by bodies.
         widths: Columns of each of these.
         ranks: And their rank.
         rank_of_body: Rank of each body's rows.

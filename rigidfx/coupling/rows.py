@@ -2,7 +2,7 @@
 
 PETSc's objects of a step have three rows for each node that takes part in it. DOLFINx's functions
 and forms know all nodes; values pass between the two by index, element matrices by PETSc's
-local-to-global map, which drops what is not wanted.
+local-to-global map, which drops unwanted entries.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What may act in a scene: loads, supports, damping, attachments, initial motion, rigid parts.
+"""Effects of a scene: loads, supports, damping, attachments, initial motion, rigid parts.
 
 Every effect is a frozen record in SI units, in a file of its own with its forces, and knows at
 which instants it changes abruptly; steps end exactly there. An effect that a scene does not name

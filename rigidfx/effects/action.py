@@ -27,7 +27,7 @@ Array = npt.NDArray[np.float64]
 
 
 class Structure(Protocol):
-    """What effects may ask of the structure that they are bound to.
+    """The structure as effects see it.
 
     Attributes:
         scene: The problem: its mesh, names and nodal weights.
@@ -36,10 +36,10 @@ class Structure(Protocol):
         bodies: The rigid bodies.
         mass: Mass operator of these nodes.
         u: Displacements of all local dofs at the start of a step [m], changed by each step.
-        notes: What effects remember from step to step, by their identity; None where bodies are
-            looked at as if they were flexible.
+        notes: Memory of effects from step to step, by their identity; None where bodies are treated
+            as if they were flexible.
         static: Whether forces are those at the end of a step, and nothing moves.
-        failures: Keeps what a user's functions raise until all ranks are told.
+        failures: Keeps exceptions of a user's functions until all ranks are told.
     """
 
     @property
@@ -110,7 +110,7 @@ class Structure(Protocol):
 
 @dataclass(frozen=True)
 class Touch:
-    """What a contact did in a step; those of ranks and parts add up.
+    """Force and impulse of a contact in a step; those of ranks and parts add up.
 
     Attributes:
         name: Title of the contact.
@@ -202,7 +202,7 @@ class Action:
     def outdated(self) -> bool:
         """Whether its derivative has jumped on this rank since a tangent was assembled.
 
-        A kept tangent is then renewed at once; what changes little by little shows in residuals.
+        A kept tangent is then renewed at once; a gradual change shows in residuals.
         """
         return False
 
@@ -217,7 +217,7 @@ class Action:
         return 0.0
 
     def potential_of_links(self, u: Array, bodies: Bodies) -> float:
-        """Potential energy on this rank of what ties nodes and bodies together [J]. Collective."""
+        """Potential energy on this rank of ties of nodes and bodies [J]. Collective."""
         return 0.0
 
     def work_on_bodies(self, increments: Increments) -> float:
@@ -240,7 +240,7 @@ class Action:
     def creep_for(self, time: float, u: Array, bodies: Bodies) -> None:
         """Have friction be that of a longer motion, until a time is set again.
 
-        A step that asks what forces move, and not how fast, has no Δt of its own.
+        A step that asks for forces by displacements, not by velocities, has no Δt of its own.
 
         Args:
             time: How long it takes in all [s].
@@ -260,7 +260,7 @@ class Action:
         return 0.0
 
     def touch(self) -> Touch:
-        """What the contact did on this rank in the step that has been solved."""
+        """Touch of the contact on this rank in the step that has been solved."""
         raise NotImplementedError
 
     def closes_after(self, v: Array, t: float, dt: float, bodies: Bodies) -> float:
@@ -287,7 +287,7 @@ class FormTerm:
     Attributes:
         kind: Name of the effect's class.
         boundary: Whether it is an integral over facets, those of `where`, instead of cells.
-        dissipates: Whether what it takes in a step is dissipated energy, and not work of a load.
+        dissipates: Whether its loss in a step is dissipated energy, and not work of a load.
         viscous: Whether it is a stress that grows with 1/Δt.
     """
 
@@ -315,7 +315,7 @@ class FormTerm:
         raise NotImplementedError
 
     def eliminated(self, element: Element, u0: Any, u1: Any, w: Any, du: Any) -> Any:
-        """What its tangent loses by elimination within a cell; None if nothing."""
+        """Loss of its tangent by elimination within a cell; None if nothing."""
         return None
 
     def taken(self, element: Element, u0: Any, u1: Any) -> Any:

@@ -42,7 +42,7 @@ class Table:
 
     Attributes:
         times: Strictly increasing instants [s].
-        values: Value at each instant, in the unit of what it multiplies.
+        values: Value at each instant, in the unit of its product.
     """
 
     times: Sequence[float]

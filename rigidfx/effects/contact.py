@@ -1,4 +1,4 @@
-"""Contact of a named surface: what it meets may not come in."""
+"""Contact of a named surface: other things stay outside of it."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Contact(Windowed):
     """Keeps a surface out of an obstacle, by a penalty that stores and gives back all it takes.
 
     The nodes of the surface press with ½ k A g₋², A being their areas and g their gaps. Energy,
-    with what is stored in the contact, is exact at any time step. A body is pressed at its nodes.
+    with the part stored in the contact, is exact at any time step. A body is pressed at its nodes.
 
     Attributes:
         where: Name of a set of boundary facets.
@@ -46,7 +46,7 @@ class Contact(Windowed):
             for a surface that may meet itself.
         stiffness: k [N/m³]; five times that of a layer of the cells behind if None.
         friction: Coefficient of Coulomb friction μ ≥ 0.
-        creep: Speed ε below which what sticks creeps [m/s]; to be given with friction.
+        creep: Speed ε below which sticking nodes creep [m/s]; to be given with friction.
         title: Name in reports and tables; made of both sides if None.
     """
 
@@ -180,7 +180,7 @@ class Contact(Windowed):
 
     @property
     def _other(self) -> str:
-        """What it meets, in a message."""
+        """Its partner, in a message."""
         other = self.against
         return f"'{other}'" if isinstance(other, str) else f"the {other.kind}"
 
@@ -193,8 +193,8 @@ class Contact(Windowed):
             t: Time [s].
 
         Returns:
-            These local nodes, their gaps [m] and their pressures [Pa]; of what meets another
-            surface, owned nodes that are near it.
+            These local nodes, their gaps [m] and their pressures [Pa]; with another surface, owned
+            nodes that are near it.
         """
         surface = surface_of(scene, self.where, self.stiffness, self.owner)
         on = np.flatnonzero(surface.area > 0) if self.acts(t) else np.empty(0, np.int64)

@@ -40,7 +40,7 @@ def of_place(function: Any) -> bool:
 def values_at(function: Callable[..., Any], X: Array, t: float) -> Array:
     """Vectors of a function of place and time at some points, shape (points, 3).
 
-    What cannot be used comes back as it is, an empty array where it is not of real numbers, to be
+    Unusable values come back as they are, an empty array where one is not of real numbers, to be
     told by its owner's check.
 
     Args:
@@ -65,7 +65,7 @@ def values_of(owner: str, function: Callable[[Array], npt.ArrayLike], scene: Any
 
     Args:
         owner: Whose function it is, for the message.
-        function: x of shape (3, n) [m] → (3, n), or what can be broadcast to that.
+        function: x of shape (3, n) [m] → (3, n), or an array that can be broadcast to that.
         scene: The scene.
 
     Raises:

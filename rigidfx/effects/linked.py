@@ -1,6 +1,6 @@
 """Nodes whose forces depend on each other, wherever they are: on any rank, flexible or in bodies.
 
-What meets or joins two places, such as a contact between surfaces, needs both of them at once. The
+An effect between two places, such as a contact between surfaces, needs both of them at once. The
 few nodes that take part are numbered, and their positions, displacements and forces are known on
 all ranks. A node of a body moves by a = [1, V] times the body's matrix of increments, so that
 forces on it enter the body's six unknowns by Σ f and Σ V fᵀ.

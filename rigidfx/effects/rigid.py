@@ -21,8 +21,8 @@ SYMMETRY = 1e-6  # of a given tensor, relative to its largest entry; the rest is
 class Rigid(Effect):
     """Cells that move as one rigid body from the beginning, whatever forces act on them.
 
-    Name only what in truth hardly bends: a part that does changes the motion of its neighbours too,
-    and nothing but a criterion by which forces wake cells, `StrainRate` or `Accuracy`, can tell.
+    Name only parts that in truth hardly bend: a part that does changes the motion of its neighbours
+    too, and only `rf.compliance` tells by how much.
 
     A body whose nodes a support holds is refused, unless all components of three or more of its
     nodes that do not lie on a line are held by one support: then it is fixed, or follows the

@@ -1,1 +1,1 @@
-"""What flexible cells do: internal forces, strain rates, stresses, inversion."""
+"""Flexible cells: internal forces, strain rates, stresses, inversion."""

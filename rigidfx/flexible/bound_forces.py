@@ -35,7 +35,7 @@ class Taken:
 
     Attributes:
         dissipated: By each kind of damping.
-        against_loads: What cells do against loads; no form if there are none.
+        against_loads: Forces of cells against loads; no form if there are none.
     """
 
     dissipated: Mapping[str, fem.Form]

@@ -112,7 +112,7 @@ class DealtCells:
         return self._copies[function]
 
     def refresh(self, known: Sequence[fem.Function]) -> None:
-        """Have copies hold what the coefficients hold. Collective.
+        """Have copies hold the values of the coefficients. Collective.
 
         Args:
             known: Those whose copies need nothing.
@@ -130,7 +130,7 @@ class DealtCells:
         to.x.array.reshape(-1, block)[there.reshape(-1)] = given.reshape(-1, block)
 
     def at_nodes(self, values: Array) -> Array:
-        """What nodes have, at their copies, ghosts included. Collective.
+        """Values of nodes, at their copies, ghosts included. Collective.
 
         Args:
             values: Shape (local nodes, k).

@@ -1,4 +1,4 @@
-"""The stress that eased cells bear on: what they would have in another shape, and lack in theirs.
+"""The stress that eased cells bear on: that of another shape, less their own.
 
 A stress S of cells resists a motion by ∫ F S : Grad w dV = Σ g_ab x_b, linear in places x, with
 g_ab = ∫ Grad N_a · S Grad N_b dV, symmetric and of rows that add up to nothing: it moves neither

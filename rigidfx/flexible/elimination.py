@@ -3,7 +3,7 @@
 FFCx compiles a form with enhancements as coefficients and eliminations as constants, see
 `rigidfx.mechanics.enhanced`, like any other. Its kernels are called by one of ours,
 `elimination.c`, which first computes the enhancements from the displacements among the
-coefficients, and at last takes off a matrix what the elimination costs it. DOLFINx sees the form
+coefficients, and at last subtracts the loss by elimination from a matrix. DOLFINx sees the form
 with these kernels in the place of FFCx's.
 
 Nothing is stored: λ, μ and the direction of the thickness come with the coefficients, all else is
@@ -88,12 +88,12 @@ def alive() -> int:
 def eliminate(mesh: Any, form: ufl.Form, compiled: Any, options: dict[str, Any]) -> Any:
     """A compiled form whose cell kernels eliminate; the same form if it has no enhancements.
 
-    Kernels live as long as what is returned, which any form bound from it has to hold.
+    Kernels live as long as the returned object, which any form bound from it has to hold.
 
     Args:
         mesh: Its mesh; collective on its communicator.
         form: The form that has been compiled.
-        compiled: What FFCx has made of it.
+        compiled: FFCx's form.
         options: Those of FFCx's compiler.
 
     Raises:
@@ -137,7 +137,7 @@ def eliminate(mesh: Any, form: ufl.Form, compiled: Any, options: dict[str, Any])
 
 
 def _fill(closure: Any, form: ufl.Form, compiled: Any, number: int) -> dict[int, bool]:
-    """Write down what the kernel of a subdomain id needs to know.
+    """Write down the data of the kernel of a subdomain id.
 
     Returns:
         Which coefficients have to be packed: displacements, and of enhancements one for each pair
@@ -195,7 +195,7 @@ def _fill(closure: Any, form: ufl.Form, compiled: Any, number: int) -> dict[int,
 
 
 def _only_notes(form: ufl.Form, number: int) -> bool:
-    """Whether nothing is left of the kernel of a subdomain id but what constants of zero tell."""
+    """Whether the kernel of a subdomain id has only constants of zero."""
     zeros = {c: ufl.zero() for c in extract_constants(form) if isinstance(c, Note)}
     parts = [i for i in form.integrals_by_type("cell") if number in np.atleast_1d(i.subdomain_id())]
     return all(isinstance(ufl.replace(i.integrand(), zeros), Zero) for i in parts)
@@ -215,10 +215,10 @@ def _values(
     compiled: Any,
     options: dict[str, Any],
 ) -> tuple[int, Any]:
-    """Compile what is needed at the points, and write down where it reads. Collective.
+    """Compile the kernels at the points, and write down where they read. Collective.
 
     Returns:
-        The kernel's address, and what is to be held as long as it is called.
+        The kernel's address, and the objects to be held as long as it is called.
     """
     values = note.at_points(compiled.rank == 2)
     points, _ = note.enhancements[0].ufl_element().custom_quadrature()

@@ -121,7 +121,7 @@ class InternalForces:
         return tuple(k for k, (effect, _) in enumerate(self._terms) if id(effect) in here)
 
     def set_time(self, t: float, dt: float) -> None:
-        """Set what in the forms depends on the step. Collective.
+        """Set the values of forms that depend on the step. Collective.
 
         Args:
             t: Its midpoint [s].

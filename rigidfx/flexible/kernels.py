@@ -51,10 +51,10 @@ def _processor() -> str:
 def jit_options() -> dict[str, Any]:
     """Options for FFCx's compiler, from the environment or the default.
 
-    The default's floating-point flags allow sums to be regrouped, which is what lets a tangent
-    kernel use the vector units (a third off its time), and products to be added without a rounding
-    between, which FFCx's -std=c17 rules out (a tenth off its time, and some of the compiler's);
-    they keep NaN and infinity meaningful and leave the handling of denormal numbers alone, unlike
+    The default's floating-point flags allow sums to be regrouped, which lets a tangent kernel use
+    the vector units (a third off its time), and products to be added without a rounding between,
+    which FFCx's -std=c17 rules out (a tenth off its time, and some of the compiler's); they keep
+    NaN and infinity meaningful and leave the handling of denormal numbers alone, unlike
     -ffast-math. Nothing is kept for debuggers (-g0), which took a quarter to a third of the
     compiler's time. -O1 takes half of the compiler's time, three times that of tangents and twice
     that of residuals and energies (hexahedra of second order); -O2 saves little.
@@ -99,7 +99,7 @@ class Kernel:
         mesh: Mesh of its coefficients. Compilation is collective on the mesh's communicator.
 
     Attributes:
-        form: What has been compiled.
+        form: The compiled form.
     """
 
     def __init__(self, form: ufl.Form, arguments: list[Any], mesh: Any) -> None:

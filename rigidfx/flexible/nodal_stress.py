@@ -80,7 +80,7 @@ class NodalStress:
 
         Args:
             u: Displacement, up to date inside bodies too: see `State.rebuild`.
-            recovered: What some cells have instead, see `PointStress`.
+            recovered: Strains of some cells in place of u, see `PointStress`.
         """
         self.points.take(u, recovered)
         corners, out = self._extrapolate.shape[0], np.zeros((self._shares.shape[0], 12))

@@ -14,8 +14,8 @@ over the height of a beam the mean is 0.47 of the bending peak, and of a single 
 is nothing. For peaks take values at nodes, `rigidfx.flexible.nodal_stress`.
 
 Cells of rigid bodies are no exception. Their nodes follow the body, F = R F_frozen, so they keep
-the stress they were frozen with, rotated with the body: σ = R σ_frozen Rᵀ; and their strain E.
-What the forces on them add comes by a displacement of their own, see `rigidfx.report.recovered`.
+the stress they were frozen with, rotated with the body: σ = R σ_frozen Rᵀ; and their strain E. The
+stress of the forces on them comes by a displacement of their own, see `rigidfx.report.recovered`.
 
 The stress is the elastic one at an instant, that of the stored energy W. It holds no stress of
 damping, and it is not the mean over a step by which the energy-momentum method balances forces.
@@ -73,14 +73,14 @@ class Added(NamedTuple):
 
 
 class Recovered(NamedTuple):
-    """What some cells have in place of a displacement, or besides it.
+    """Strains of some cells in place of a displacement, or besides it.
 
     Attributes:
         u: Displacement in them [m].
         cells: Which owned cells these are, shape (cells,).
         linear: In which of them it is the first derivative of a motion, and strains are to follow
             it as such: a bend turns nodes, and by its second order would stretch a slender part.
-        added: What cells have besides; those have nothing else in place of a displacement.
+        added: Further strains of cells; those have nothing else in place of a displacement.
     """
 
     u: fem.Function
@@ -96,7 +96,7 @@ class PointStress:
         points: Places of the points in the reference cell, shape (points, 3).
         weights: Their weights, shape (points,).
         u: Displacement that they are of: to be set, ghosts included, before `evaluate`.
-        recovered: What some cells have instead; None for none. To be set likewise.
+        recovered: Strains of some cells in place of u; None for none. To be set likewise.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -158,7 +158,7 @@ class PointStress:
         return out
 
     def _besides(self, cells: Cells, added: Added) -> Array:
-        """What a motion of a shape adds to stress and strain: it is linear, and turned with cells.
+        """Addition of a motion of a shape to stress and strain, linear and turned with cells.
 
         Strains are those in the axes of the undeformed body, the same in any frame.
         """
@@ -179,7 +179,7 @@ class PointStress:
         return np.asarray(out)
 
     def _displaced(self, cells: Cells, side: float) -> Array:
-        """See `evaluate`; all cells have u and so many times what is recovered."""
+        """See `evaluate`; all cells have u and so many times the recovered motion."""
         assert self.recovered is not None
         # Cells of both kinds share nodes. So these have the other displacement for a moment only.
         nodes = np.unique(self._nodes[cells])
@@ -230,7 +230,7 @@ class CauchyStress:
 
         Args:
             u: Displacement, up to date inside bodies too: see `State.rebuild`.
-            recovered: What some cells have instead, see `PointStress`.
+            recovered: Strains of some cells in place of u, see `PointStress`.
         """
         self._points.take(u, recovered)
         out = np.empty((self._owned, 6))

@@ -17,7 +17,7 @@ Array = npt.NDArray[np.float64]
 
 
 class Surface:
-    """The deformed boundary of a scene. What it needs is compiled when first asked for."""
+    """The deformed boundary of a scene. Its forms are compiled at first use."""
 
     def __init__(self, scene: Scene, u: fem.Function) -> None:
         """Take the displacement over.

@@ -69,7 +69,7 @@ class AssumedWork(Note):
     """Zero, and the virtual work of a stress by the rows of assumed strains.
 
     Attributes:
-        portions: What the stress is made of: law, numbers of displacements, factor and constant.
+        portions: The parts of the stress: law, numbers of displacements, factor and constant.
         middle: Numbers of displacements, at whose mean the rows are.
         by: Number of the displacement of the derivative.
     """
@@ -97,7 +97,7 @@ class AssumedElement(EnhancedElement):
     def virtual_work(
         self, stress: Any, portions: Sequence[Portion], at: Sequence[Any], w: Any
     ) -> Any:
-        """F S : Grad w, and what kernels of thin cells do instead."""
+        """F S : Grad w, and its stand-in in kernels of thin cells."""
         if self._projects(portions):
             return super().virtual_work(stress, portions, at, w)
         by = portions[-1].end

@@ -35,7 +35,7 @@ class Ensemble:
         records: The bodies' data, one by one.
         mass: m, shape (bodies,) [kg].
         inertia: J about the centres of mass, shape (bodies, 3, 3) [kg m²].
-        excess: What is in J only because masses are lumped, shape (bodies, 3, 3) [kg m²].
+        excess: The part of J due to lumped masses only, shape (bodies, 3, 3) [kg m²].
         excessive: Whether there is any.
         length: ℓ, shape (bodies,) [m].
         square_length: ℓ², shape (bodies, 1, 1) [m²].
@@ -180,7 +180,7 @@ class Bodies:
 
     @cached_property
     def moved(self) -> Array:
-        """What the pose has changed by since the freeze, shape (bodies, 4, 3) [m, 1].
+        """Change of the pose since the freeze, shape (bodies, 4, 3) [m, 1].
 
         [1, V] times it is a node's displacement since then, so rounded as that is: a body that has
         not moved is at rest, and strains nothing beside it.
@@ -236,7 +236,7 @@ class _Bodies(Kind):
     """The bodies of a run, as a checkpoint keeps them: data over cells and nodes, and motions."""
 
     def __init__(self) -> None:
-        """Say what their data are."""
+        """Describe their data."""
         frozen = Record(Frozen, "nodes", ["velocities"])
         arrays = "offsets", "displacement"
         self._data = Each(Record(RigidBody, "nodes", arrays, ["cells"], {"frozen": frozen}))

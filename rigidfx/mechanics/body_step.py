@@ -63,7 +63,7 @@ def prepare(comm: MPI.Intracomm) -> None:
     """Have the C code ready, for whom trials of bodies come next. Collective.
 
     Args:
-        comm: Its rank 0 compiles what no process has yet.
+        comm: Its rank 0 compiles code that no process has yet.
 
     Raises:
         CompilerError: On every rank, if the C compiler cannot be run, or fails.
@@ -90,7 +90,7 @@ class Step:
     share = 0.5
 
     def __init__(self, start: Bodies, dt: float) -> None:
-        """Prepare what every trial needs.
+        """Prepare data of every trial.
 
         Args:
             start: The bodies at the start of the step.
@@ -100,19 +100,19 @@ class Step:
 
     @cached_property
     def _code(self) -> tuple[Any, Any]:
-        """The C code, and what arrays are to it."""
+        """The C code, and its view of arrays."""
         code = _code()
         return code.lib, partial(code.ffi.from_buffer, "double[]")
 
     @cached_property
     def _given(self) -> tuple[Any, ...]:
-        """What the C code is told of the start, as it takes it."""
+        """Data of the start for the C code."""
         of, start, (_, at) = self.start.of, self.start, self._code
         arrays = (of.mass, of.inertia, of.length, start.pose, start.velocity)
         return tuple(map(at, (*arrays, start.own_momentum, start.angular_momentum)))
 
     def trial(self, six: Array) -> Array:
-        """What a trial with these unknowns tells, one kind of `SHAPES` after the other."""
+        """Results of a trial with these unknowns, one kind of `SHAPES` after the other."""
         out = np.empty(ALL * len(six))
         if len(six):
             code, at = self._code
@@ -120,11 +120,11 @@ class Step:
         return out
 
     def resultant(self, told: Array, moments: Array) -> Array:
-        """See `Increments.resultant`; by what the trial has told."""
+        """See `Increments.resultant`; by the results of the trial."""
         return self._collected("resultant", told, moments)
 
     def balance(self, told: Array, moments: Array, torques: Array) -> Array:
-        """See `Increments.balance`; by what the trial has told."""
+        """See `Increments.balance`; by the results of the trial."""
         return self._collected("balance", told, moments, torques)
 
     def _collected(self, what: str, *arrays: Array) -> Array:
@@ -148,7 +148,7 @@ class Step:
 
     @cached_property
     def block(self) -> Array:
-        """What in `Increments.tangent` is the same in all trials."""
+        """The part of `Increments.tangent` that is the same in all trials."""
         out = np.zeros((len(self.start), 6, 6))
         out[:, :3, :3] = (2 / self.dt**2 * self.start.of.mass)[:, None, None] * IDENTITY
         return out
@@ -160,7 +160,7 @@ class StaticStep(Step):
     share = 1.0
 
     def __init__(self, start: Bodies) -> None:
-        """Prepare what every trial needs."""
+        """Prepare data of every trial."""
         super().__init__(start, 1.0)
 
     def trial(self, six: Array) -> Array:

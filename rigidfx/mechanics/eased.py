@@ -1,7 +1,7 @@
-"""What a release lets down in place of cutting it: a stress that fades.
+"""Stress that a release lets down in place of cutting it: it fades.
 
-Rigidity bears what the forces on a body would strain. Cut at once, its cells ring about the shape
-that these forces give them. So they bear on for a while the stress that they lack of that shape,
+Rigidity bears the forces that would strain a body. Cut at once, its cells ring about the shape that
+these forces give them. So they bear on for a while the stress that they lack of that shape,
 less and less of it: they begin with the acceleration of the error motion, and nothing jumps.
 """
 
@@ -29,7 +29,7 @@ class Eased:
         cells: These owned cells, sorted.
         nodes: Their local nodes, sorted.
         shape: Displacements of these at the release, shape (nodes, 3) [m].
-        strained: What they would be as forces would strain the cells, likewise.
+        strained: Their shape as forces would strain the cells, likewise.
         since: Time of the release [s].
         span: How long the stress takes to fade [s].
     """
@@ -46,7 +46,7 @@ class Eased:
         return replace(self, cells=np.setdiff1d(self.cells, cells))
 
     def part(self, t: float) -> float:
-        """What part of the stress is left at t [s]: ½ (1 + cos π(t - t₀)/T)."""
+        """Remaining part of the stress at t [s]: ½ (1 + cos π(t - t₀)/T)."""
         return 0.0 if self.over(t) else 0.5 * (1 + cos(pi * (t - self.since) / self.span))
 
     def over(self, t: float) -> bool:

@@ -2,7 +2,7 @@
 
 Schemes, strain rates, stresses, the look for inverted cells and follower pressure ask an element
 for them and form none of their own. An element whose strain depends on more than the gradient of
-the displacement says besides what tangents lose by what is eliminated within a cell.
+the displacement gives the loss of tangents by elimination within a cell besides.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Element(Protocol):
     """The kinematics of a cell.
 
     Attributes:
-        name: What a scene calls it.
+        name: Its name in a scene.
         locks: Whether first-order cells of it lock in bending and at ν near ½.
         buckles: Whether its cells may buckle under compression before their material does.
     """
@@ -73,7 +73,7 @@ class Element(Protocol):
 
         Args:
             stress: S.
-            portions: What it is made of, the one with the displacement of derivatives last.
+            portions: Its parts, the one with the displacement of derivatives last.
             at: Displacements, one or two, at whose mean F is.
             w: Test function.
         """

@@ -27,8 +27,8 @@ Its tangent is
 A viscous stress has an enhancement of its own, with the identity in the place of ℂ, so that it is
 orthogonal to M too, takes η ∫ ΔẼ:ΔẼ/Δt ≥ 0, and does not lock either.
 
-In UFL an enhancement η = M α is a coefficient, and what a tangent loses a constant that is zero:
-`rigidfx.flexible.elimination` computes what they stand for, within the kernel of a form.
+In UFL an enhancement η = M α is a coefficient, and the loss of a tangent a constant that is zero:
+`rigidfx.flexible.elimination` computes their values, within the kernel of a form.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class EnhancedElement:
     buckles: ClassVar[bool] = True
 
     def __init__(self, elastic: Any, viscous: Any, linear: bool = True) -> None:
-        """Take over what the modes are eliminated with.
+        """Take over the data of the elimination of modes.
 
         Args:
             elastic: Function on the integration points with six components, whose first two values
@@ -115,7 +115,7 @@ class EnhancedElement:
     def virtual_work(
         self, stress: Any, portions: Sequence[Portion], at: Sequence[Any], w: Any
     ) -> Any:
-        """F S : Grad w, or what it is by stresses that are no linear functions of strains."""
+        """F S : Grad w, or its stand-in by stresses that are no linear functions of strains."""
         if self._projects(portions):
             return projected_work(stress, portions[-1].end, at, w)
         return _STANDARD.virtual_work(stress, portions, at, w)

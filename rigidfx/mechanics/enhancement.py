@@ -1,4 +1,4 @@
-"""What forms know of enhanced strains: a coefficient for M α, constants that tell the rest."""
+"""Enhanced strains in forms: a coefficient for M α, constants for the rest."""
 
 from __future__ import annotations
 
@@ -31,4 +31,4 @@ class Enhancement(ufl.Coefficient):
 
 
 class Note(ufl.Constant):
-    """Zero in a form, and what it tells the form's kernel."""
+    """Zero in a form, and data for the form's kernel."""

@@ -58,7 +58,7 @@ class ProjectedWork(Note):
         self.stress, self.enhancements, self.middle, self.by = stress, of, middle, by
 
     def at_points(self, tangent: bool) -> Any:
-        """What is to be found at the points: S, shape (6,); for a tangent ∂S/∂Ẽ behind it, (42,).
+        """To be found at the points: S, shape (6,); for a tangent ∂S/∂Ẽ behind it, (42,).
 
         In columns of ∂S/∂Ẽ the strain's shears count twice.
         """
@@ -75,7 +75,7 @@ class ProjectedWork(Note):
 
 
 def projected_work(stress: Any, by: Any, at: Sequence[Any], w: Any) -> Any:
-    """A term that vanishes, and brings the stress and what it depends on into a form.
+    """A term that vanishes, and brings the stress and its arguments into a form.
 
     Args:
         stress: S.

@@ -66,8 +66,8 @@ class RigidBody:
         size: Number of its cells over all ranks.
         named: Sets of cells in it that are rigid always.
         given: Whether mass or inertia are given in place of those of its cells.
-        frozen: What it keeps for its release.
-        excess: What is in J only because masses are lumped, shape (3, 3) [kg m²].
+        frozen: Energy and velocities kept for its release.
+        excess: The part of J due to lumped masses only, shape (3, 3) [kg m²].
         extent: ℓ of a body without mass: a rigid face whose nodes' mass is in the cells beside it
             [m]; None where the body's own mass tells ℓ.
     """
@@ -106,7 +106,7 @@ class RigidBody:
 
     @cached_property
     def inertia_ratio(self) -> float:
-        """Largest ratio, about any axis, of J to what it were without lumping."""
+        """Largest ratio, about any axis, of J to that without lumping."""
         if not self.excess.any():
             return 1.0
         L = np.linalg.inv(np.linalg.cholesky(self.inertia))

@@ -3,7 +3,7 @@
 An energy may be the small difference of large numbers, and of how large ones only its formula
 tells: neo-Hooke's tr C - 3 is known to 3 ε however small the strain, E:E to ε of itself. The
 formula is followed as by N. J. Higham, Accuracy and Stability of Numerical Algorithms (2002),
-section 3.3: a result has the errors of what it is made from, times derivatives, and ε of itself.
+section 3.3: a result has the errors of its arguments, times derivatives, and ε of itself.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ __all__ = ["rounding_of_energy"]
 
 
 def rounding_of_energy(energy: Energy, C: Any, p: dict[str, Any]) -> Any:
-    """What rounding may make of W(C), in units of the machine precision [J/m³].
+    """Rounding of W(C), in units of the machine precision [J/m³].
 
     C and the parameters count as exact: those are compared that know the same ones.
 

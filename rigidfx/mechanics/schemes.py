@@ -158,7 +158,7 @@ class Scheme(Protocol):
         ...
 
     def eliminated(self, element: Element, u0: Any, u1: Any, w: Any, du: Any, xi: Any) -> Any:
-        """What the tangent of it loses by elimination within a cell; None if nothing.
+        """Loss of its tangent by elimination within a cell; None if nothing.
 
         Asked only of conserving schemes, for elements with enhanced strains.
         """

@@ -54,7 +54,7 @@ class Closing:
         return values
 
     def correction(self, y: Array, fixed: Array) -> Array:
-        """What is to be added to velocities of this rank's unknowns [m/s]. Collective.
+        """Addition to velocities of this rank's unknowns [m/s]. Collective.
 
         Args:
             y: These velocities.

@@ -6,8 +6,8 @@ of the mass, on the fields P y that are rigid in the bodies:
 
     Pᵀ M P y = Pᵀ p,    p the momenta of all nodes.
 
-What is projected out has no momenta, for rigid motions of the whole are among the P y, and its
-energy is exactly the difference; both are kept by the new body. Supports that move do work on the
+The removed part has no momenta, for rigid motions of the whole are among the P y, and its energy is
+exactly the difference; both are kept by the new body. Supports that move do work on the
 way: nodes that they hold keep their velocity v_s by an impulse, the change of (M v)_s. The flexible
 side of an interface, which has a velocity of its own between switches, gets that of the body:
 otherwise the difference would ring, with the other sign after each step. At a release the kept
@@ -163,14 +163,14 @@ class ConsistentExchange:
         named: bool = False,
         faces: Set[int] = frozenset(),
     ) -> float:
-        """Have one more body, which keeps what it takes out of the motion. Collective.
+        """Have one more body, which keeps the part removed from the motion. Collective.
 
         Args:
             state: Gains the body.
             body: The body.
             prescribed: For each owned dof, whether a support prescribes it.
             named: Whether it is none that is ever released, and keeps the work of supports as well.
-            faces: Numbers of rigid faces that it takes over, with what these have kept.
+            faces: Numbers of rigid faces that it takes over, with their kept velocities.
 
         Returns:
             Work of supports [J].
@@ -244,7 +244,7 @@ def _scale(square: float, mixed: float, missing: float) -> float:
 
     Args:
         square: mode·M mode ≥ 0 [J].
-        mixed: What mode and the other motion have in common, beside the work of supports [J].
+        mixed: Common part of mode and the other motion, beside the work of supports [J].
         missing: Energy that is to be given back [J].
     """
     discriminant = mixed**2 + 2 * square * missing

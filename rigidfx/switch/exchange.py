@@ -7,9 +7,9 @@ difference, exactly, because the latter has no momenta. At the release the nodes
 
     v = ṙ + ω × R V + R ΔV                                                                  (41)
 
-and momenta and total energy are what they were, however the body moved in between (42), (43). Any
-change of a body (growth, merging, loss of some cells) is a release of all bodies concerned and a
-new freeze in the same instant; handing ΔV to some of the nodes only would break all three balances.
+and momenta and total energy do not change, however the body moved in between (42), (43). Any change
+of a body (growth, merging, loss of some cells) is a release of all bodies concerned and a new
+freeze in the same instant; handing ΔV to some of the nodes only would break all three balances.
 
 This holds for a lumped mass; with a consistent one velocities inside a body and outside are coupled
 by the mass, see `consistent_exchange`.

@@ -5,7 +5,7 @@ mass, centre and inertia tensor: of the lumped masses of the body's nodes, or of
 matrix of its cells, whichever the flexible cells use. Momenta are conserved only if both are the
 same.
 
-Lumped masses sit at the corners of the cells, farther out than what they stand for: moments of
+Lumped masses sit at the corners of the cells, farther out than the mass they represent: moments of
 inertia come out too large, threefold about the axis of a bar one cell across, by 1 + 2/n² of a
 block of n cells across (the paper remarks on it in Section 6.1). `excess_of_lumping` tells by how
 much, exactly; it costs a loop over the points of the cells in NumPy, at a freeze only.
@@ -114,7 +114,7 @@ def _project(
 
 
 def excess_of_lumping(scene: Scene, cells: npt.NDArray[np.int32], x: Array) -> Array:
-    """What lumped masses of cells add to their inertia tensor, shape (3, 3) [kg m²]. Collective.
+    """Addition of lumped masses of cells to their inertia tensor, shape (3, 3) [kg m²]. Collective.
 
     A cell's lumped masses have its mass and its centre of mass, so that the excess is the same
     about any point and adds up over cells. With second-order hexahedra it is nearly nothing: their

@@ -76,7 +76,7 @@ class RigidFields:
     def _closing_of(
         self, scene: Scene, state: State, layout: DofLayout, joints: Sequence[Joint]
     ) -> Closing:
-        """What closes joints at the present places. Collective."""
+        """Closes joints at the present places. Collective."""
         bodies, u = state.bodies, state.u.x.array
         linkage = Linkage(joints, (), scene, layout.rows, layout.massive, bodies, u)
         linkage.begin(bodies)

@@ -1,4 +1,4 @@
-"""Apply what is decided, and what effects that begin or end bring with them.
+"""Apply a decision, with releases by effects that begin or end.
 
 Decision → exchange of momenta and energy → inventory of bodies → stepper bound anew → Event
 """
@@ -190,7 +190,7 @@ class Switch:
         return impact + begun if impact and begun else impact or begun
 
     def _closed(self, impact: Impact | None) -> Impact | None:
-        """What joints do after an impact, by impulses that keep them closed, and it. Collective."""
+        """Impact with impulses of joints that keep them closed. Collective."""
         if self._joints is None:
             return impact
         stepper = self._stepper
@@ -221,10 +221,10 @@ class Switch:
 
         Args:
             decision: The decision.
-            eased: What of a release is let down.
+            eased: The part of a release that is let down.
 
         Returns:
-            What happened; None if nothing did.
+            The event; None if there was none.
         """
         stepper = self._stepper
         state = stepper.state
@@ -274,7 +274,7 @@ class Switch:
 
 
 def _changes_with(body: RigidBody, decision: Decision) -> bool:
-    """Whether a decision says what becomes of a body: not of those apart, nor of rigid faces."""
+    """Whether a decision tells the fate of a body: not of those apart, nor of rigid faces."""
     return not body.is_face and body.name not in decision.apart
 
 

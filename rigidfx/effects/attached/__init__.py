@@ -1,1 +1,1 @@
-"""What is attached to nodes: springs, dashpots, masses."""
+"""Attachments of nodes: springs, dashpots, masses."""

@@ -94,7 +94,7 @@ class SpringForces(Grounded):
 
         Args:
             spring: The effect.
-            structure: What it acts on; displacements are up to date at all nodes of bodies.
+            structure: Its nodes and bodies; displacements are up to date at all nodes of bodies.
         """
         scene, rows, bodies = structure.scene, structure.rows, structure.bodies
         n = scene.owned_nodes

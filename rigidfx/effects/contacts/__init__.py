@@ -1,1 +1,1 @@
-"""What contact is made of: penalty, obstacles, surfaces, friction, and the forces of them."""
+"""Parts of contact: penalty, obstacles, surfaces, friction, and the forces of them."""

@@ -42,9 +42,9 @@ class ObstacleForces(Action):
 
         Args:
             effect: The contact.
-            obstacle: What it is with.
+            obstacle: Its partner.
             surface: Nodal stiffnesses.
-            structure: What it acts on.
+            structure: Its nodes and bodies.
         """
         self.kind, self.title = effect.kind, effect.title
         self._effect, self._obstacle = effect, obstacle
@@ -74,7 +74,7 @@ class ObstacleForces(Action):
         self.rounding = self._rounding(k, structure)
 
     def _rounding(self, k: Array, structure: Structure) -> float:
-        """Size of what forces are the small difference of [N]. Collective."""
+        """Size of the terms whose small difference forces are [N]. Collective."""
         n = k.size
         X = structure.scene.space.tabulate_dof_coordinates()[:n]
         far = np.abs(X + structure.u[: 3 * n].reshape(-1, 3))[k > 0].max(initial=0.0)

@@ -71,7 +71,7 @@ class AskedObstacle:
 
         Args:
             owner: Whose it is, for messages.
-            obstacle: What is asked.
+            obstacle: The question.
             failures: Keeps exceptions of it.
         """
 

@@ -56,7 +56,7 @@ def warn_of_facets(scene: Any, where: str, owner: str, hollow: float = np.inf) -
 
 
 def _round(scene: Any, where: str, owner: str) -> tuple[float, float]:
-    """Angle between neighbouring facets of what is round, and its radius [m]. Collective.
+    """Angle between neighbouring facets of a round surface, and its radius [m]. Collective.
 
     Half of all turning is at angles as large or larger: sides around an axis, that hardly turn, do
     not count.

@@ -1,4 +1,4 @@
-"""Obstacles: what is in the way and does not deform, at rest or moving along a path.
+"""Obstacles: things in the way that do not deform, at rest or moving along a path.
 
 The gap of a point is taken in a variable that is at most quadratic in its position, so that the
 increment of the gap in a step is an exact product m·Δy, with y the position relative to the
@@ -140,7 +140,7 @@ class Plane(Obstacle):
 
 @dataclass(frozen=True)
 class Round(Obstacle):
-    """What sphere and cylinder have in common: a centre, a radius and an inside.
+    """The common part of sphere and cylinder: a centre, a radius and an inside.
 
     Attributes:
         centre: Centre of the sphere, or any point of the axis [m].

@@ -1,6 +1,6 @@
 """Where a mesh overlaps itself at a surface that may meet itself.
 
-There the gap tells nothing: what is behind a triangle in the reference is taken for the other side
+There the gap tells nothing: a node behind a triangle in the reference is taken for the other side
 of a thin wall. But a point inside a cell is in no other cell of a sound mesh.
 """
 

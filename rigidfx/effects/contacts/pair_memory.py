@@ -1,4 +1,4 @@
-"""What two surfaces remember of their contact, and how a checkpoint keeps that."""
+"""Memory of two surfaces of their contact, and its form in a checkpoint."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Ints = npt.NDArray[np.int64]
 
 @dataclass
 class PairMemory:
-    """What a pair remembers from step to step, of each node that is kept out.
+    """Memory of a pair from step to step, of each node that is kept out.
 
     Attributes:
         gap: ḡ [m]; infinite while it meets nothing.
@@ -38,12 +38,12 @@ class PairMemory:
         return replace(self, gap=self.gap.copy(), mate=self.mate.copy())
 
     def part(self, order: MeshOrder) -> Any:
-        """A rank's part of what a checkpoint keeps: where its nodes are in the mesh."""
+        """A rank's part of a checkpoint: where its nodes are in the mesh."""
         surface = self.surface
         return surface.numbers, order.nodes[surface.nodes]
 
     def whole(self, parts: Sequence[Any], orders: Sequence[MeshOrder]) -> PairNote:
-        """What a checkpoint keeps, by numbers of nodes in the mesh."""
+        """The part of a checkpoint, by numbers of nodes in the mesh."""
         surface = self.surface
         number = np.empty(surface.size, np.int64)
         for own, in_mesh in parts:

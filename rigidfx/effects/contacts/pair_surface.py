@@ -1,11 +1,11 @@
 """Two surfaces that may meet: nodes of one, flat triangles between the nodes of the other.
 
-A surface may meet itself: then a node meets only what faces it, and not what was near and behind it
-in the reference, which is the other side of a thin wall.
+A surface may meet itself: then a node meets only facets that face it, and not those near and behind
+it in the reference, which are the other side of a thin wall.
 
 All ranks know both, by numbers that are the same everywhere: a contact couples nodes of any two
-ranks, and surfaces are small beside what they bound. Which triangle a node may meet is found by
-SciPy's cKDTree over their centres.
+ranks, and surfaces are small beside their parts. Which triangle a node may meet is found by SciPy's
+cKDTree over their centres.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ class PairSurface:
 
         Args:
             x: Positions of all nodes, shape (size, 3) [m].
-            bodies: Body of each, -1 if none; what is of one body does not meet.
+            bodies: Body of each, -1 if none; surfaces of one body do not meet.
         """
         out = np.full(self.slaves.size, -1)
         node, triangle = self._nearest(x)

@@ -8,7 +8,7 @@ those of the node over the triangle's plane at the midpoint, so that n is along 
 So both momenta are kept exactly, and energy with U(ḡ) by construction, whatever the step (T. A.
 Laursen and V. Chawla, IJNME 40 (1997) 863). ḡ is carried on while a node is pressed, and the
 distance from the plane, or zero, while it is free: a negative one would make energy. It drifts from
-the distance by what the normal turns in a step, of second order in Δt.
+the distance by the turn of the normal in a step, of second order in Δt.
 
 The derivative leaves out how n and N turn, some penetration by the size of a facet: Newton's method
 takes an iteration or two more for that.
@@ -42,7 +42,7 @@ _SEARCH = PETSc.Log.Event("rigidfxSearch")  # what PETSc's log calls the look fo
 
 
 class PairForces(Action):
-    """The forces between two surfaces; what it computes is equal on all ranks."""
+    """The forces between two surfaces; its results are equal on all ranks."""
 
     def __init__(self, effect: Any, surface: PairSurface, structure: Structure) -> None:
         """Find which nodes are whose. Collective.
@@ -50,7 +50,7 @@ class PairForces(Action):
         Args:
             effect: The contact.
             surface: Both surfaces.
-            structure: What it acts on.
+            structure: Its nodes and bodies.
         """
         self.kind, self.title = effect.kind, effect.title
         scene = structure.scene
@@ -81,7 +81,7 @@ class PairForces(Action):
         )
 
     def set_time(self, t: float, dt: float) -> None:
-        """A new attempt at a step: what the last one has found is forgotten."""
+        """A new attempt at a step: findings of the last one are forgotten."""
         self._forget()
 
     # In each iteration --------------------------------------------------------------------------
@@ -189,7 +189,7 @@ class PairForces(Action):
         return float(stored(self._surface.stiffness, g).sum())
 
     def touch(self) -> Touch:
-        """See `Action`; what is pressed within one body has no force, but keeps its energy."""
+        """See `Action`; a node pressed within one body has no force, but keeps its energy."""
         if self._comm.rank:
             return Touch(self.title)
         if self._nodes.in_one_body:

@@ -41,8 +41,8 @@ class Friction:
     Attributes:
         mu: Coefficient μ.
         slip: Displacement ε Δt below which points creep [m].
-        beside: How far each slides beside what it moves, shape (points, 3) [m]; None for nothing.
-        part: What part of its motion counts as a slide.
+        beside: How far each slides beside its partner, shape (points, 3) [m]; None for nothing.
+        part: Part of its motion that counts as a slide.
     """
 
     mu: float
@@ -121,8 +121,8 @@ class Sliding:
         length: |m|, shape (n,).
         slid: Δg_T, shape (n, 3) [m].
         root: √(|Δg_T|² + (ε Δt)²), shape (n,) [m].
-        t: What stands for Δg_T over that in derivatives, shape (n, 3).
-        part: What part of Δy is in it.
+        t: Stand-in for Δg_T over that in derivatives, shape (n, 3).
+        part: Part of Δy in it.
     """
 
     mu: float
@@ -145,7 +145,7 @@ NOTHING = Pressed(
 
 
 class Points:
-    """Points that an obstacle may press; what they remember belongs to one step.
+    """Points that an obstacle may press; their memory belongs to one step.
 
     Attributes:
         k: Stiffnesses, shape (n,) [N/m].
@@ -158,7 +158,7 @@ class Points:
         """Take the stiffnesses over.
 
         Args:
-            obstacle: What presses.
+            obstacle: The obstacle.
             k: Stiffnesses, shape (n,) [N/m].
             static: Whether forces are those at the end of a step, -U'(g₁) m(y₁).
         """

@@ -62,7 +62,7 @@ class Drag(Grounded):
 
         Args:
             alpha: α [1/s].
-            structure: What it acts on.
+            structure: Its nodes and bodies.
         """
         self._alpha, self._mass = alpha, structure.mass
         self._image = structure.rows.vector()

@@ -1,4 +1,4 @@
-"""What viscous stresses have in common as terms of the compiled forms."""
+"""The common part of viscous stresses as terms of the compiled forms."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What a motion begins with."""
+"""Initial motion and shape."""

@@ -62,7 +62,7 @@ class InitialVelocity(Effect):
             raise SceneError("InitialVelocity: function must be callable.")
 
     def check(self, scene: Any) -> None:
-        """See whether what is held from the start has no velocity. Collective.
+        """See whether parts that are held from the start have no velocity. Collective.
 
         Supports that move are looked at when a run starts: their velocity may be a difference
         quotient, over a part of Δt.

@@ -159,7 +159,7 @@ class Averages:
 
 
 class Face:
-    """A flat surface as a side: what its nodes do not span, those of the cells behind it do.
+    """A flat surface as a side: cells behind it span the directions that its nodes do not.
 
     Attributes:
         size: That of the surface [m].

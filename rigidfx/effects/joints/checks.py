@@ -1,4 +1,4 @@
-"""What a joint may not join: one part with itself, what a support holds, surfaces far away."""
+"""Sides that a joint may not join: one part with itself, held parts, surfaces far away."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ FAR = 20.0  # times its own size, that a surface may be away from its joint
 def check_sides(
     scene: Any, owner: str, names: tuple[Side, Side], sides: tuple[Sided, Sided], at: Array
 ) -> None:
-    """Check what can be known of the sides of a joint. Collective.
+    """Check the sides of a joint as far as possible. Collective.
 
     Args:
         scene: The problem.
         owner: The joint, for messages.
-        names: What the sides were given as.
+        names: The sides as given.
         sides: The sides.
         at: Place of the joint at the start [m].
 

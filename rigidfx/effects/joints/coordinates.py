@@ -1,7 +1,7 @@
-"""What joints leave free, as numbers: angle and travel, with their gradients.
+"""Free coordinates of joints: angle and travel, with their gradients.
 
 A force of a coordinate q acts along ∇q at the middle of a step, scaled so that its product with the
-increments is exactly what q gains (O. Gonzalez, J. Nonlinear Sci. 6 (1996) 449):
+increments is exactly the gain of q (O. Gonzalez, J. Nonlinear Sci. 6 (1996) 449):
 
     ∇̄q = ∇q(p½) · (q₁ - q₀) / (∇q(p½) · Δp).
 

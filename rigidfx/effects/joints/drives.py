@@ -43,7 +43,7 @@ class _Drive:
         coordinate: The coordinate.
         averages: Numbers of its averages among those of all joints.
         size: ℓ, 1 of a travel [m].
-        large: What of the coordinate counts as large, in its unit.
+        large: Size of the coordinate that counts as large, in its unit.
         mass: Mass that the joint moves, in order of magnitude [kg].
         joint_size: Size of the joint [m].
         wanted: q that is prescribed, at the start and at the end of the step.
@@ -133,7 +133,7 @@ class Drives:
         return [d.effect.owner for d in self._all if prescribes(d.effect)]
 
     def remember(self, notes: dict[int, Any]) -> None:
-        """Take over what earlier divisions knew."""
+        """Take over the memory of earlier divisions."""
         for drive in self._all:
             known = notes.get(id(drive.effect))
             if known is not None:
@@ -141,7 +141,7 @@ class Drives:
                 drive.wanted = None if wanted is None else (wanted, wanted)
 
     def note(self, notes: dict[int, Any]) -> None:
-        """Leave what later divisions want to know: λ, and q that is prescribed at the end."""
+        """Leave the memory for later divisions: λ, and q that is prescribed at the end."""
         for drive in self._all:
             wanted = None if drive.wanted is None else drive.wanted[1]
             notes[id(drive.effect)] = drive.multiplier, wanted
@@ -240,7 +240,7 @@ class Drives:
         return out
 
     def _rows(self, rows: Sequence[Array], columns: int) -> csr_array:
-        """A matrix of what drives have at their averages."""
+        """A matrix of values of drives at their averages."""
         at = [(3 * drive.averages[:, None] + np.arange(3)).ravel() for drive in self._all]
         number = np.repeat(np.arange(len(at)), [own.size for own in at])
         every = np.concatenate([np.empty(0, int), *at])
@@ -273,7 +273,7 @@ class Drives:
     # After a step ---------------------------------------------------------------------------------
 
     def work(self) -> tuple[float, dict[str, float]]:
-        """Work of motors in the step, and what dampers have taken by their kind [J]."""
+        """Work of motors in the step, and loss by dampers by their kind [J]."""
         done, taken = 0.0, dict[str, float]()
         for drive in self._all:
             q0, q1 = self.ends(drive)

@@ -1,4 +1,4 @@
-"""What acts along what a joint leaves free: motors, springs and dampers."""
+"""Actions along free coordinates of a joint: motors, springs and dampers."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ KINDS = {
 
 @dataclass(frozen=True)
 class Motor(Windowed):
-    """Drives a joint along what it leaves free, the second side against the first.
+    """Drives a joint along a free coordinate, the second side against the first.
 
     Give exactly one of the six, a number or a function of time. `speed=0.0`, or `rate=0.0`, locks
     the joint for the time of the window.
@@ -79,7 +79,7 @@ class Motor(Windowed):
 
     @property
     def coordinate(self) -> str:
-        """What it drives: "angle" or "travel"."""
+        """Its coordinate: "angle" or "travel"."""
         return KINDS[self.by][0]
 
     @property
@@ -128,7 +128,7 @@ class Motor(Windowed):
 
 @dataclass(frozen=True)
 class JointSpring(Effect):
-    """A spring and a damper along what a joint leaves free: a torsion spring about a hinge's axis.
+    """A spring and a damper along a free coordinate of a joint, as a hinge's torsion spring.
 
     Attributes:
         joint: Name of the joint.
@@ -172,7 +172,7 @@ class JointSpring(Effect):
 
     @property
     def acts_along(self) -> str | None:
-        """What it acts along, "angle" or "travel"; the only one that is free if None."""
+        """Its coordinate, "angle" or "travel"; the only one that is free if None."""
         return self.along
 
     def check(self, scene: Any) -> None:
@@ -204,7 +204,7 @@ class JointSpring(Effect):
 
 
 def coordinate_of(scene: Any, owner: str, name: str, along: str | None) -> tuple[Joint, str]:
-    """A joint by its name, and what of it is meant.
+    """A joint by its name, and the coordinate meant.
 
     Args:
         scene: The problem.

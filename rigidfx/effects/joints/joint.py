@@ -129,7 +129,7 @@ class Joint(Effect):
         return () if self.at is not None else ("at",)
 
     def _found(self, scene: Any, missing: tuple[str, ...]) -> Joint:
-        """The joint with what the surface of a side tells. Collective.
+        """The joint with the place and axis that the surface of a side tells. Collective.
 
         Raises:
             SceneError: If no side is a surface, or it is no cylinder.
@@ -148,12 +148,12 @@ class Joint(Effect):
         """Add its averages and rows.
 
         Args:
-            pieces: What they are added to.
+            pieces: The target of the addition.
             a: First side.
             b: Second side.
 
         Raises:
-            SceneError: If a side does not know what a row needs of it.
+            SceneError: If a side does not know a direction that a row needs.
         """
         raise NotImplementedError
 
@@ -170,7 +170,7 @@ class Joint(Effect):
         """Add that an axis of one side is perpendicular to two directions of the other.
 
         Args:
-            pieces: What that is added to.
+            pieces: The target of the addition.
             a: First side.
             b: Second side.
             axis: The axis at the start, of unit length.

@@ -1,4 +1,4 @@
-"""What a joint did in a step."""
+"""Force and motion of a joint in a step."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class JointReport:
-    """What a joint did in a step; forces are those at its midpoint, in space.
+    """Force and motion of a joint in a step; forces are those at its midpoint, in space.
 
     Attributes:
         place: Place of the joint on its first side at the end of the step, shape (3,) [m].

@@ -72,7 +72,7 @@ class Linkage:
             own: For each of these nodes, whether it belongs to no body.
             bodies: The rigid bodies.
             u: Displacements of all local dofs at the start of a step [m], changed by each step.
-            notes: What joints remember from division to division, by their identity.
+            notes: Memory of joints from division to division, by their identity.
             static: Whether forces are those at the end of a step, and nothing moves.
         """
         self._share = 1.0 if static else 0.5
@@ -115,7 +115,7 @@ class Linkage:
         self._g0: Array = np.zeros(self._every)
 
     def _remember(self) -> None:
-        """Take over what earlier divisions knew."""
+        """Take over the memory of earlier divisions."""
         for k, (joint, place) in enumerate(zip(self._joints, self._known, strict=True)):
             before = (self._notes or {}).get(id(joint))
             if before is not None:
@@ -147,12 +147,12 @@ class Linkage:
 
     @property
     def typical(self) -> tuple[float, float]:
-        """A stiffness of what joints move, and a size of these [N/m, m]."""
+        """A stiffness of the parts that joints move, and a size of these [N/m, m]."""
         size = float(np.mean(self._sizes))
         return self._stiffness * size, size
 
     def scale(self, dt: float) -> Array:
-        """κ of each active row: force over displacement of what it moves [N/m].
+        """κ of each active row: force over displacement of its parts [N/m].
 
         Args:
             dt: Length of a step [s]; of no meaning in statics.
@@ -266,7 +266,7 @@ class Linkage:
         return csr_array(vstack([rows, of_drives(rows.shape[1])], format="csr"))
 
     def residual(self) -> Array:
-        """What is to vanish at the end of the step, of each active row [m]."""
+        """Gap that is to vanish at the end of the step, of each active row [m]."""
         return np.concatenate([self.violation[self.active], self.drives.residual()])
 
     def compliance(self) -> Array:
@@ -332,7 +332,7 @@ class Linkage:
         )
 
     def told(self) -> JointReports:
-        """What each joint did in the step that has been solved, by its title."""
+        """Force and motion of each joint in the step that has been solved, by its title."""
         q = self.coordinates(self._start + self._moved)
         dt = np.inf if self.drives.static else self._dt
         rates = {key: (value - self._q[key]) / dt for key, value in q.items()}

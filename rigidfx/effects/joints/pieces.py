@@ -50,7 +50,7 @@ class Pieces:
         sides: Side that each of them is of, 0 or 1.
         places: Whether each of them is a place, not a direction.
         rows: The rows.
-        coordinates: What the joint leaves free, by its name: "angle", "travel".
+        coordinates: Free coordinates of the joint, by name: "angle", "travel".
     """
 
     size: float

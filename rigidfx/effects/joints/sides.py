@@ -1,4 +1,4 @@
-"""What a joint may join: rigid parts, averaged faces, rigid faces, the ground."""
+"""Sides of a joint: rigid parts, averaged faces, rigid faces, the ground."""
 
 from __future__ import annotations
 

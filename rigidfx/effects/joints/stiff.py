@@ -87,7 +87,7 @@ class Stiff:
     is_place: bool
 
     def coordinates(self, centre: Array, Q: Array) -> Array:
-        """What of [1, V] of the body it is, shape (4,).
+        """Its coefficients of [1, V] of the body, shape (4,).
 
         Args:
             centre: V̄ [m].

@@ -81,7 +81,7 @@ class Stop(Effect):
 
     @property
     def acts_along(self) -> str | None:
-        """What it acts along, "angle" or "travel"; the only one that is free if None."""
+        """Its coordinate, "angle" or "travel"; the only one that is free if None."""
         return self.along
 
     @property

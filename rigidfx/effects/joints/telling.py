@@ -1,4 +1,4 @@
-"""What a joint did in a step, from the averages of its sides and the forces on them."""
+"""Force and motion of a joint in a step, from the averages of its sides and the forces on them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class JointReports(Mapping[str, JointReport]):
         of: Callable[[int], JointReport] | None = None,
         total: float = 0.0,
     ) -> None:
-        """Take what makes them.
+        """Take their maker.
 
         Args:
             titles: Titles of the joints.
@@ -72,7 +72,7 @@ def told_of(
         joint: The joint.
         step: Its averages at the start of the step, their increments, and forces on them, shape
             (averages, 3) each.
-        free: What it leaves free: value at the end and mean rate, by name.
+        free: Free coordinates: value at the end and mean rate, by name.
         efforts: Torque or force of each motor and spring, by its owner.
         gap: Largest violation of its rows [m].
     """
@@ -113,7 +113,7 @@ def reports(
         joints: The joints.
         firsts: Number of each joint's first average, and of all averages.
         step: As of `told_of`, for all averages.
-        coordinates: What joints leave free at the end, and its mean rate, by joint and name.
+        coordinates: Free coordinates of joints at the end, and their mean rates, by joint and name.
         efforts: Torque or force of each motor and spring, by the number of its joint.
         gaps: Largest violation of each joint's rows [m].
         total: Sum of the sizes of all multipliers [N].

@@ -70,7 +70,7 @@ class Terms:
         return np.asarray(self._linear @ p.ravel() + self._products(p, p))
 
     def gained(self, middle: Array, d: Array) -> Array:
-        """What g gains exactly where averages move by d, shape (rows,).
+        """Exact gain of g where averages move by d, shape (rows,).
 
         Args:
             middle: Averages half-way.

@@ -50,7 +50,7 @@ class CentrifugalForces(Action):
 
         Args:
             load: The effect.
-            structure: What it acts on.
+            structure: Its nodes and bodies.
         """
         spin, rows = np.asarray(load.spin, dtype=np.float64), structure.rows
         self._S, self._share = spin @ spin * np.eye(3) - np.outer(spin, spin), load.share

@@ -146,7 +146,7 @@ class DeadForces(Action):
 
         Args:
             load: The effect.
-            structure: What it acts on.
+            structure: Its nodes and bodies.
         """
         self.kind, self._load = load.kind, load
         weights = load.weights(structure.scene)[: structure.scene.owned_nodes]
@@ -155,7 +155,7 @@ class DeadForces(Action):
         self._q: Array = np.zeros(3)
 
     def set_time(self, t: float, dt: float) -> None:
-        """Evaluate q; what a user's function does is checked.
+        """Evaluate q; the result of a user's function is checked.
 
         Raises:
             SceneError: On this rank, if it fails or is not three finite numbers.
@@ -182,7 +182,7 @@ class FieldForces(Action):
 
         Args:
             load: The effect.
-            structure: What it acts on.
+            structure: Its nodes and bodies.
         """
         self.kind, self._load, self._structure = load.kind, load, structure
         owned = structure.scene.owned_nodes
@@ -194,7 +194,7 @@ class FieldForces(Action):
         self._own = structure.own[:, None]
 
     def set_time(self, t: float, dt: float) -> None:
-        """Evaluate q at the nodes; what a user's function does is checked.
+        """Evaluate q at the nodes; the result of a user's function is checked.
 
         Raises:
             SceneError: On this rank, if it fails or gives anything but finite vectors.

@@ -54,7 +54,7 @@ class Gravity(DeadLoad):
                 )
 
     def moments(self, structure: Structure, weights: Array) -> Array:
-        """As of any dead load, but bodies whose mass is given weigh what that says."""
+        """As of any dead load, but bodies whose mass is given weigh that mass."""
         out = super().moments(structure, weights)
         for k, body in enumerate(structure.bodies.of.records):
             if body.given:
@@ -65,8 +65,8 @@ class Gravity(DeadLoad):
         """Σ w and Σ w V of a body whose mass is given, shape (4,) [kg, kg m]. Collective.
 
         The loaded fraction of its cells' weight, scaled to the given mass, acts at the centre of
-        mass. It stands for all lumped mass on its nodes; of a consistent one what flexible cells
-        have there comes on top.
+        mass. It stands for all lumped mass on its nodes; with a consistent one the mass of flexible
+        cells there comes on top.
         """
         where, own = scene.owned_cells(self.where, self.kind), body.cells
         beside = np.setdiff1d(where, own) if scene.mass == "consistent" else own[:0]

@@ -185,7 +185,7 @@ class RotatedPressure(Action):
 
 
 def _intensity(effect: Pressure, t: float) -> float:
-    """Pressure at t [Pa]; what a user's function does is told with its name.
+    """Pressure at t [Pa]; exceptions of a user's function are told with its name.
 
     Raises:
         SceneError: On this rank, if it fails or is not finite.

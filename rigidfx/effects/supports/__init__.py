@@ -1,1 +1,1 @@
-"""Supports: what holds or moves nodes."""
+"""Supports: effects that hold or move nodes."""

@@ -21,7 +21,7 @@ class GuidedSupport(Support):
 
     @property
     def path_and_velocity(self) -> PathAndVelocity | None:
-        """Path and given velocity, of what is held; None without such a velocity."""
+        """Path and given velocity, of held nodes; None without such a velocity."""
         raise NotImplementedError
 
     def check(self, scene: Any) -> None:

@@ -44,7 +44,7 @@ class PathAndVelocity:
     unit: str = "m"
 
     def contradiction_at(self, t: float, end: float) -> str:
-        """In what the velocity contradicts the path just after t; "" if in nothing.
+        """Contradiction of the velocity and the path just after t; "" if none.
 
         It is right if a one-sided quotient over any of several spans comes near it.
 
@@ -71,7 +71,7 @@ class PathAndVelocity:
         return self._words(t, v, told[int(np.argmin(apart)) if len(apart) else 0])
 
     def contradiction_within(self, start: float, end: float, kinks: Sequence[float]) -> str:
-        """In what the velocity contradicts the path at several instants; "" if in nothing.
+        """Contradiction of the velocity and the path at several instants; "" if none.
 
         At one instant alone an unnamed kink may be the cause, so that takes two of them.
 
@@ -116,7 +116,7 @@ class PathAndVelocity:
         return max(sizes)
 
     def _central(self, t: float, most: float, u: Array) -> tuple[Array, float]:
-        """The central quotient that is known best, and what it is known to [m/s]."""
+        """The central quotient that is known best, and its uncertainty [m/s]."""
         found: list[tuple[Array, float]] = []
         for k in range(LEVELS):
             h = most / FINER**k
@@ -148,6 +148,6 @@ class PathAndVelocity:
 
 
 def _noise(h: float, t: float, u: Array, further: Array) -> float:
-    """What rounding of displacements and of times leaves of a quotient over a span h [m/s]."""
+    """Rounding of displacements and of times in a quotient over a span h [m/s]."""
     gained = float(np.abs(further - u).max())
     return ROUNDING * (float(np.abs(u).max()) + gained * (1 + abs(t) / h)) / h

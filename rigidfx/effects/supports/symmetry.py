@@ -21,8 +21,8 @@ class Symmetry(Fixed):
 
     It is the plane in which they lie at the start, displaced by an `InitialDisplacement`.
 
-    What lies on the other side is the mirror image: loads, reactions and energies are those of the
-    half that there is. Of a force in the plane itself half is to be given.
+    The other side is the mirror image: loads, reactions and energies are those of the half that
+    there is. Of a force in the plane itself half is to be given.
 
     Attributes:
         components: The normal: found by the scene.

@@ -27,7 +27,7 @@ def exists() -> bool:
 
 
 def solver(comm: PETSc.Comm, prefix: str) -> PETSc.KSP:
-    """What solves with its factors once there are any; the caller destroys it.
+    """The solver with its factors once there are any; the caller destroys it.
 
     Args:
         comm: Communicator of one rank.

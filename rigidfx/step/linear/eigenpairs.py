@@ -186,7 +186,7 @@ class _Search:
         return [v for v, yes in zip(vectors, still, strict=True) if yes]
 
     def _found(self, count: int) -> tuple[Array, list[PETSc.Vec]]:
-        """Enough of the lowest pairs, with what a first iteration may have missed."""
+        """Enough of the lowest pairs, with those that a first iteration may have missed."""
         size = self._size - len(self._still)
         whole = self._size <= self._control.dense
         asked = size if whole else min(count + self._control.extra, size)

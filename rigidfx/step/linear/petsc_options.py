@@ -7,7 +7,7 @@ one that has it, from
 2. the environment: PETSC_OPTIONS="-rigidfx_ksp_type bcgs";
 3. `simulate(…, petsc_options={"ksp_type": "bcgs"})`, without the prefix, for this run only.
 
-What is known to be ignored, or ends in an error of PETSc's own, is refused by name. Of other
+Options known to be ignored, or to end in an error of PETSc's own, are refused by name. Of other
 options from Python a run warns if none of PETSc's objects has asked for them once it has solved.
 """
 
@@ -61,7 +61,7 @@ LATE = ("mat_mumps_", "pc_factor_")  # asked for by LU, to which a later step ma
 
 @dataclass(frozen=True)
 class SolverOptions:
-    """What a run is told of its solver.
+    """A user's options for the solver of a run.
 
     Attributes:
         options: PETSc's options by name, without a prefix; None or "" for those without a value.
@@ -95,7 +95,7 @@ class SolverOptions:
 
     @contextmanager
     def at_work(self) -> Iterator[None]:
-        """Around all that makes solvers and solves in this run; not around what users do.
+        """Around all code that makes solvers and solves in this run; not around a user's code.
 
         Raises:
             SceneError: If PETSc cannot solve with the user's options.
@@ -166,7 +166,7 @@ def loose_solves_allowed() -> bool:
 
 
 def _named(error: PETSc.Error) -> Exception:
-    """What to raise for an error of PETSc's own: the user's options, where there are any."""
+    """The error to raise for an error of PETSc's own: the user's options, where there are any."""
     given = PETSc.Options(PREFIX).getAll()
     if not given:
         return error
@@ -215,7 +215,7 @@ def _text(name: Any, value: Any) -> str:
 
 
 def _number(value: str) -> float:
-    """What PETSc reads as a number; others it refuses itself."""
+    """Text that PETSc reads as a number; others it refuses itself."""
     try:
         return float(value)
     except ValueError:

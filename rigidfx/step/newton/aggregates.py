@@ -1,9 +1,9 @@
 """Aggregates of nodes that lie together, and the rigid motions of each as columns of a matrix.
 
-What smoothing of a coarse problem can represent is what smoothing leaves of the fine one: motions
-that hardly strain over some cells. Here they are those in which each aggregate moves like a rigid
-body (R. A. Nicolaides, doi:10.1137/0724027, of constants). Aggregates are the leaves of a k-d tree
-of this rank's nodes, boxes of about as many nodes each; a rigid body is one by itself.
+Smoothing leaves motions of the fine problem that hardly strain over some cells, and a coarse
+problem has to represent these. Here they are those in which each aggregate moves like a rigid body
+(R. A. Nicolaides, doi:10.1137/0724027, of constants). Aggregates are the leaves of a k-d tree of
+this rank's nodes, boxes of about as many nodes each; a rigid body is one by itself.
 """
 
 from __future__ import annotations

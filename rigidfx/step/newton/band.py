@@ -2,8 +2,8 @@
 
 With the rows of a sparse matrix in the order of Cuthill and McKee, reversed (A. George and J. W. H.
 Liu, Computer Solution of Large Sparse Positive Definite Systems, Prentice-Hall 1981), factors fill
-no more than each row's part from its first entry to the diagonal. What is long, or thin, has few of
-them however large it is, and so has what is small.
+no more than each row's part from its first entry to the diagonal. Long and thin structures have few
+of them however large they are, and so have small ones.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ R what springs of joints yield, the tangent of a step is
     [D₁ Eᵀ         R   ],
 
 A is solved for each port once with each new tangent, Y = A⁻¹ E; C = Eᵀ Y is the compliance at the
-ports. What is left of a solve is a small system in what the ports move by, q, and in the
+ports. The rest of a solve is a small system in the displacements of the ports, q, and in the
 multipliers,
 
     [I + C H    C Dᵀ] [q]   [Eᵀ A⁻¹ r]
@@ -40,7 +40,7 @@ Solve = Callable[[PETSc.Vec, PETSc.Vec], None]
 
 
 class Border:
-    """Joints around what solves without them; `destroy` frees its vectors.
+    """Joints around a solver without them; `destroy` frees its vectors.
 
     Attributes:
         ports: Number of ports: solves that a new tangent takes beside its factors.

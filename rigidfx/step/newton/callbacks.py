@@ -1,4 +1,4 @@
-"""What Python functions raise that PETSc calls, in place of PETSc's error about it.
+"""Exceptions of Python functions that PETSc calls, in place of PETSc's error about it.
 
 A Ctrl-C is heard as soon as Python runs, which is mostly in a function that SNES has called. PETSc
 turns whatever leaves such a function into an error of its own (number -1), whose cause it is.
@@ -19,7 +19,7 @@ def errors_of_callbacks() -> Iterator[None]:
     """Around a call of PETSc that calls back.
 
     Raises:
-        BaseException: What a function called by PETSc has raised.
+        BaseException: The exception of a function called by PETSc.
     """
     try:
         yield

@@ -2,9 +2,9 @@
 
 The forces of a step act at its middle, its strains are measured at its end: a tangent is as far
 from symmetric as the structure turns and strains in between, next to nothing where it vibrates.
-Newton's iteration with a kept tangent removes what its skew part leaves, as it does whatever else
-does not fit. The factors of the symmetric part are half of those of LU, which is what a solve reads
-and what a tangent costs. A matrix that is not definite, near buckling, has none of these.
+Newton's iteration with a kept tangent removes the error of its skew part, as any other error. The
+factors of the symmetric part are half of those of LU, which halves reading in a solve and the cost
+of a tangent. A matrix that is not definite, near buckling, has none of these.
 """
 
 from __future__ import annotations

@@ -3,8 +3,8 @@
 Parts of metal, with the time steps that their slow motions need, take a factorisation in any case,
 and that costs more than some iterations with kept factors. Soft parts, whose inertia is large, have
 GMRES with incomplete factors, and these are kept as well; in large systems in which waves get far,
-a coarse grid stands by them. Large strains end what a soft part's tangent is good
-for. So its cost is counted, and where it is not worth it, Newton's method takes over for a while.
+a coarse grid stands by them. Large strains make a soft part's tangent useless. So its cost is
+counted, and where it is not worth it, Newton's method takes over for a while.
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ class Chord:
         return self._kept.iterations
 
     def _suited(self, dt: float) -> type[Factors | IncompleteFactors | TwoLevels]:
-        """What is to solve with the tangents of steps of Δt [s]."""
+        """The solver for the tangents of steps of Δt [s]."""
         size = self._equilibrium.prolongation.size
         if self._stiff(dt):
             full = size <= FACTORS_UP_TO or (size <= SLENDER_UP_TO and self._slender)
@@ -119,14 +119,14 @@ class Chord:
     def _stiff(self, dt: float) -> bool:
         """Whether waves get so far in a step of Δt [s] that incomplete factors do not do.
 
-        What has had one such step counts as stiff in shorter ones as well.
+        A structure with one such step counts as stiff in shorter ones as well.
         """
         waves = self._equilibrium.waves(dt)
         self._once_stiff |= waves >= STIFF_FROM
         return self._once_stiff and waves >= STIFF_DOWN_TO
 
     def go_on(self, before: Chord) -> None:
-        """Take over what has been found of the division before, which may have been freed."""
+        """Take over findings of the division before, which may have been freed."""
         self._once_stiff = before._once_stiff
 
     @cached_property
@@ -157,7 +157,7 @@ class Chord:
         self.tangents = 0
 
     def look(self) -> None:
-        """Take note of the last iterate: what rounding makes of it tells nothing of the tangent."""
+        """Take note of the last iterate: its rounding tells nothing of the tangent."""
         self._kept.learning = self.stop.history[-1] > CLEAR * self.stop.target
 
     def renew(self) -> None:

@@ -2,9 +2,9 @@
 
 With a kept tangent the residual falls by one factor in each iteration, and a small factor is no
 stall: the tangent may not fit. Only where a tangent of the same step does no better has rounding
-been met. Where that was is remembered, relative to the size of what R is the difference of: later
-solves stop as soon as they are there. What such an iterate takes from energy and momenta is
-measured in any case, see `conserving`.
+been met. Its place is remembered, relative to the size of the terms whose difference R is: later
+solves stop as soon as they are there. Its loss of energy and momenta is measured in any case, see
+`conserving`.
 """
 
 from __future__ import annotations

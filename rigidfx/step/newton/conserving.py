@@ -2,11 +2,11 @@
 
 Newton's method often ends a step with a residual many orders below where it may stop; iterations
 with a kept tangent end just there. In steps in which waves get far that may be energy and momenta,
-which drift: by 2e-10 in 300 steps of a bar of steel whose Δt changed from step to step. So what a
-solution takes from them is measured. Where that is too much the iteration goes on, for as long as
-it falls by half. Where it does not, with a new tangent neither, it is rounding: its size is
-remembered, by later divisions too, and later steps are not asked for less. What an iteration has
-made worse is taken back.
+which drift: by 2e-10 in 300 steps of a bar of steel whose Δt changed from step to step. So the loss
+of a solution is measured. Where that is too much the iteration goes on, for as long as it falls by
+half. Where it does not, with a new tangent neither, it is rounding: its size is remembered, by
+later divisions too, and later steps are not asked for less. An iteration that has made it worse is
+taken back.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Conserving:
     """Follows the iterates of a step from the first one that is good enough as a solution.
 
     Attributes:
-        rounding: What rounding takes of each quantity, as far as it has been met, relative.
+        rounding: Rounding of each quantity, as far as it has been met, relative.
         best: Whether no iterate before the last one, of those that were followed, was better.
         doubtful: Whether the next iteration wants a new tangent, to tell rounding from a tangent
             that does not fit.
@@ -40,7 +40,7 @@ class Conserving:
         """Begin without a step.
 
         Args:
-            tolerance: What a step may take from energy and momenta, relative.
+            tolerance: Permitted loss of energy and momenta in a step, relative.
         """
         self._tolerance = tolerance
         self.rounding: float | Array = 0.0
@@ -71,7 +71,7 @@ class Conserving:
 
         Args:
             residual: ‖R‖ there [N].
-            lost: What it takes of each quantity, relative.
+            lost: Loss of each quantity, relative.
             kept: Whether tangents are kept: that of the last iteration was an earlier one, unless
                 this one was in doubt.
         """

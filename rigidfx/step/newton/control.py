@@ -14,7 +14,7 @@ iteration then has a tangent of its own, all of it and not its symmetric part.
 
 Between steps a tangent is due when a step took more iterations than the mean step since the last
 renewal, that included: from then on each further step would only raise the mean. It is made at the
-step's first iterate. The first guess lies on a straight line, which stretches what bends; the
+step's first iterate. The first guess lies on a straight line, which stretches parts that bend; the
 tangent there has the stress of that stretch.
 
 Where steps cost more in the mean than by Newton's method, or fail one after another, Newton's
@@ -33,7 +33,7 @@ __all__ = ["Control", "ControlNumbers"]
 
 @dataclass(frozen=True)
 class ControlNumbers:
-    """What decides between an old tangent, a new one, and Newton's method.
+    """The choice between an old tangent, a new one, and Newton's method.
 
     Attributes:
         own: Iterations that a new tangent needs as well (docs/notes/solver_ablation.md).
@@ -56,10 +56,10 @@ class ControlNumbers:
 
 
 class Control:
-    """Counts what steps cost.
+    """Counts the cost of steps.
 
     Attributes:
-        price: What a new tangent costs, in iterations with a kept one.
+        price: Cost of a new tangent, in iterations with a kept one.
         due: Whether the next step makes a new tangent.
     """
 

@@ -2,7 +2,7 @@
 
 Small systems, and those whose factors have few entries, have LU by PETSc itself where inertia makes
 pivots needless; others Cholesky's factors of the symmetric part on one rank, until a tangent has
-been found to be too far from that; what is left LU by MUMPS.
+been found to be too far from that; all others LU by MUMPS.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class Factors:
     """LU of a tangent, or Cholesky's factors; `destroy` frees them.
 
     Attributes:
-        renewal: What a new tangent costs, its factors included, in iterations with these; 0 before
+        renewal: Cost of a new tangent, its factors included, in iterations with these; 0 before
             there are some.
         iterations: How many the last solve counts as.
     """
@@ -60,7 +60,7 @@ class Factors:
 
     @property
     def _present(self) -> PETSc.KSP:
-        """What solves."""
+        """The solver."""
         return self._ksp if self._quick or self._cholesky is None else self._cholesky.ksp
 
     @property
@@ -69,7 +69,7 @@ class Factors:
         return f"{self._present.getType()}+{self._present.getPC().getType()}"
 
     def renew(self) -> None:
-        """Factor a new tangent, and choose by what. Collective."""
+        """Factor a new tangent, and choose the solver. Collective."""
         if self._pivots == self._equilibrium.well_conditioned:
             self._take_pivots(not self._pivots)
         self.renewal = price(self._equilibrium.tangent_matrix, self._made())

@@ -9,7 +9,7 @@ as R₁ = (I - ½θ̂)⁻¹ (I + ½θ̂), is
     J θ + ½ θ × J θ = Δt J ω.
 
 Δt ω is that only where ω is a principal axis; a stiff body that rotates by a wrong angle, even a
-little, is strained by its square. What moves relative to it goes on along a straight line if it is
+little, is strained by its square. Other motion goes on along a straight line if it is
 slow, and hardly at all if it vibrates faster than the step can see: both are offered, and the
 smaller residual decides.
 """
@@ -77,7 +77,7 @@ def predict(
     spin = skew(omega)
 
     def parts(arms: Array, relative: Array) -> tuple[Array, Array]:
-        """Increments by the mean motion, and by what goes along relative to it."""
+        """Increments by the mean motion, and by motion that goes along relative to it."""
         going = relative - arms @ spin.T
         return arms @ turn.T + dt * mean.velocity, going @ half.T
 
@@ -135,7 +135,7 @@ def _six(start: Bodies, translations: Array, turns: Array) -> Array:
 
 @dataclass(frozen=True)
 class _MeanMotion:
-    """What nodes and bodies do together, by their momenta, and what nodes do relative to that.
+    """Common motion of nodes and bodies, by their momenta, and motion of nodes relative to that.
 
     Attributes:
         centre: Their centre of mass, shape (3,) [m].

@@ -1,10 +1,10 @@
 """How nodes and bodies have turned, and unknowns turned along with them.
 
 A tangent belongs to directions in space. Where the surroundings of a node have turned by Q since it
-was assembled, its rows and columns are turned: A ≈ Q A₀ Qᵀ with a block of Q for each node and
-each body, exactly so for what moves like a rigid body in steady rotation, and up to curvature times
-cell size in what bends. Increments of a node and residuals at it turn as vectors, and so do Δr and
-ℓθ of a body. A node that supports hold in part keeps its directions.
+was assembled, its rows and columns are turned: A ≈ Q A₀ Qᵀ with a block of Q for each node and each
+body, exactly so for parts in steady rigid rotation, and up to curvature times cell size in parts
+that bend. Increments of a node and residuals at it turn as vectors, and so do Δr and ℓθ of a body.
+A node that supports hold in part keeps its directions.
 """
 
 from __future__ import annotations

@@ -1,18 +1,18 @@
 """Solve with a tangent by GMRES and incomplete factors, both of a tangent that is kept.
 
 Where inertia is large, GMRES takes a handful of iterations to a hundredth, and each costs a third
-of a solve with full factors, or less. Newton's iteration with a kept tangent removes what a solve
-leaves, as it does the tangent's own error.
+of a solve with full factors, or less. Newton's iteration with a kept tangent removes the error of a
+solve, as it does the tangent's own error.
 
-But what GMRES leaves is neither rounding nor a stress: it has a resultant force and moment, by
+But the error of GMRES is neither rounding nor a stress: it has a resultant force and moment, by
 which momenta would drift, and with full factors there is none. So the rigid motions N are solved
 for exactly after it,
 
     z ← z + N (Nᵀ A N)⁻¹ (Nᵀ r - (Aᵀ N)ᵀ z),
 
-of what is free, where that makes ‖r - A z‖ hardly larger. Aᵀ N is made with the tangent, as another
-product with A in each solve would be one in five. Beside a support, and where a heavy body
-takes the resultant of many nodes, it would be larger many times, and Newton's iteration slow.
+of free parts, where that makes ‖r - A z‖ hardly larger. Aᵀ N is made with the tangent, as another
+product with A in each solve would be one in five. Beside a support, and where a heavy body takes
+the resultant of many nodes, it would be larger many times, and Newton's iteration slow.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class IncompleteFactors:
     Options of PETSc's are understood under the prefix `rigidfx_incomplete_`.
 
     Attributes:
-        renewal: What a new tangent costs, its factors included, in iterations with these.
+        renewal: Cost of a new tangent, its factors included, in iterations with these.
     """
 
     renewal = 5.0  # 3 at 700 unknowns, 7 at 4000, 4 at 27 000
@@ -99,7 +99,7 @@ class IncompleteFactors:
         self._motions, self._resultants, self._gram = N, resultants, gram
 
     def solve(self, r: PETSc.Vec, z: PETSc.Vec) -> None:
-        """A z = r: to a hundredth, but for motions of what is free exactly. Collective."""
+        """A z = r: to a hundredth, but for motions of free parts exactly. Collective."""
         self._ksp.solve(r, z)
         if not self._gram.size:
             return

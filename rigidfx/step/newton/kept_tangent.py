@@ -1,7 +1,7 @@
 """Solve linear systems by a tangent of an earlier iterate, turned along with the structure.
 
-To assemble a tangent and to factor it costs ten times what a residual and a solve with the factors
-do. A structure that vibrates has nearly the same tangent in all steps, one that turns has it in its
+To assemble a tangent and to factor it costs ten times a residual and a solve with the factors. A
+structure that vibrates has nearly the same tangent in all steps, one that turns has it in its
 own frame: corrections are
 
     z = Q A₀⁻¹ Qᵀ r,    Q = R R₀ᵀ,
@@ -31,11 +31,11 @@ NEAR = 0.1  # change of Δt that a tangent survives
 
 
 class Inverse(Protocol):
-    """What solves with a tangent that has been assembled once, exactly or nearly so."""
+    """Solvers with a tangent that has been assembled once, exactly or nearly so."""
 
     @property
     def renewal(self) -> float:
-        """What a new tangent costs, in iterations with a kept one."""
+        """Cost of a new tangent, in iterations with a kept one."""
         ...
 
     @property
@@ -57,12 +57,12 @@ class Inverse(Protocol):
         ...
 
     def destroy(self) -> None:
-        """Free what it has made. Collective."""
+        """Free its objects. Collective."""
         ...
 
 
 class KeptTangent:
-    """A preconditioner of PETSc's in Python: all of a linear solve, by what has been kept.
+    """A preconditioner of PETSc's in Python: all of a linear solve, by kept factors.
 
     Attributes:
         inverse: Solves with the tangent.
@@ -73,7 +73,7 @@ class KeptTangent:
     def __init__(
         self, inverse: Inverse, frames: Frames, y: PETSc.Vec, border: Border | None = None
     ) -> None:
-        """Take over what solves with a matrix that others fill.
+        """Take over the solver of a matrix that others fill.
 
         Args:
             inverse: Solves with it.
@@ -95,14 +95,14 @@ class KeptTangent:
         """Take another inverse, which has no tangent yet. Collective.
 
         Args:
-            inverse: Solves with what others fill.
+            inverse: Solves with a matrix that others fill.
         """
         self.inverse.destroy()
         self.inverse, self._assembled_for = inverse, 0.0
 
     @property
     def renewal(self) -> float:
-        """What a new tangent costs, in iterations with a kept one."""
+        """Cost of a new tangent, in iterations with a kept one."""
         return self.inverse.renewal + (0 if self._border is None else self._border.ports)
 
     def fits(self, dt: float) -> bool:

@@ -1,4 +1,4 @@
-"""The rigid motions of what a layout leaves to move: what hardly strains, and momenta belong to."""
+"""The rigid motions of the free parts of a layout: they hardly strain."""
 
 from __future__ import annotations
 

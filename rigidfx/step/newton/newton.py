@@ -73,7 +73,7 @@ class Newton:
     Attributes:
         equilibrium: The equations.
         stop: The stopping test, with the history of the last solve.
-        conserving: Whether what stops is enough for energy and momenta.
+        conserving: Whether the last iterate is enough for energy and momenta.
         known: Whether the residual at the first guess has been evaluated already.
     """
 
@@ -115,7 +115,7 @@ class Newton:
         self._began = 0.0  # ‖R‖ at the first guess, where Newton's method goes on from another [N]
 
     def go_on(self, before: Newton) -> None:
-        """Take over what has been found of the division before, which may have been freed."""
+        """Take over findings of the division before, which may have been freed."""
         self.conserving.rounding = before.conserving.rounding
         if self._chord is None:
             self._experience = before._experience
@@ -230,7 +230,7 @@ class Newton:
             self._configure(self._snes.getKSP(), True)
 
     def _solution(self, reason: int, tangents: int, linear: int, solver: str) -> Solution:
-        """What has been found. Collective."""
+        """The findings. Collective."""
         self.equilibrium.return_to(self._y, self._r)
         return Solution(
             reason > 0,

@@ -1,9 +1,9 @@
-"""What a new tangent costs, in iterations with the factors of a kept one.
+"""Cost of a new tangent, in iterations with the factors of a kept one.
 
-All is in units of what an iteration takes for each entry of the tangent beside its solve, 1.8 ns.
-Counts tell it and no clock does, so that runs are the same each time. Of 20 systems of 160 to
-19 000 unknowns, bars, plates and blocks, soft and of steel, second order and enhanced, a frame and
-the block with a cantilever, the sum by LU was .8 to 1.6 times what was measured, 2 to 47.
+All is in units of the time of an iteration for each entry of the tangent beside its solve, 1.8 ns.
+Counts tell it and no clock does, so that runs are the same each time. Of 20 systems of 160 to 19
+000 unknowns, bars, plates and blocks, soft and of steel, second order and enhanced, a frame and the
+block with a cantilever, the sum by LU was .8 to 1.6 times the measured cost, 2 to 47.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ ASSEMBLED, CALLS = 13.0, 65e3  # to assemble an entry of a tangent, and all call
 
 @dataclass(frozen=True)
 class Held:
-    """What factors take.
+    """Cost of factors.
 
     Attributes:
         making: To make them.
@@ -54,11 +54,11 @@ def held_by_cholmod(factors: PETSc.Mat) -> Held:
 
 
 def price(A: PETSc.Mat, held: Held) -> float:
-    """What a new tangent costs in iterations with a kept one. Collective.
+    """Cost of a new tangent in iterations with a kept one. Collective.
 
     Args:
         A: The tangent.
-        held: What its factors take.
+        held: Cost of its factors.
     """
     entries = entries_of(A)
     iteration = entries + CALLS + held.solving

@@ -1,4 +1,4 @@
-"""What the iterates of a kept tangent tell of the true one: secants, after D. G. Anderson.
+"""Knowledge of the true tangent in the iterates of a kept one: secants, after D. G. Anderson.
 
 From one iterate to the next a correction s moves the unknowns, and the residual changes by J s. So
 the correction that the kept tangent gives, z = A₀⁻¹ r, changes by A₀⁻¹ J s: as many of these pairs
@@ -6,8 +6,8 @@ as are known say how z is to be mended (D. G. Anderson, J. ACM 12 (1965) 547-560
 
     J⁻¹ r ≈ z + Σ c (s − Δz) ,    c by the least squares of z − Σ c Δz .
 
-What bends stays near the shape it was in a step before. So pairs are kept over steps, in the frame
-of the tangent, until there is a new one.
+Parts that bend stay near the shape of a step before. So pairs are kept over steps, in the frame of
+the tangent, until there is a new one.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ INDEPENDENT = 1e-4  # square of the part in which pairs have to differ
 
 
 class Secants:
-    """Mends what a kept tangent gives.
+    """Mends the corrections of a kept tangent.
 
     Attributes:
         known: How many pairs are kept.
@@ -59,9 +59,9 @@ class Secants:
         """Have a correction mended by the known values, and learn from it. Collective.
 
         Args:
-            z: What the kept tangent gives, shape (unknowns,); changed in place.
+            z: The kept tangent's correction, shape (unknowns,); changed in place.
             learning: Whether it is no rounding: that would be found where it is as large again, in
-                what is softest, and steps of a plate that hardly strains fail.
+                the softest parts, and steps of a plate that hardly strains fail.
         """
         given = z.copy()
         if learning and self._last is not None and self._of_step < OF_STEP:

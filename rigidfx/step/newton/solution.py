@@ -25,8 +25,8 @@ class Solution:
         solver: Linear solver used, with a remark where it is a fall-back.
         place: Reference position of the largest residual [m], shape (3,), if not converged.
         moved: Largest increment of an unknown [m].
-        left: How far what is left of the residual moves an unknown against its own stiffness and
-            inertia, the largest of all [m]; 0 if Newton has met its relative tolerance.
+        left: Largest displacement of an unknown by the rest of the residual against its own
+            stiffness and inertia [m]; 0 if Newton has met its relative tolerance.
         rounding: Size of ‖R‖ below which rounding may be all of it [N].
         given_up: Iterations of a solve with a kept tangent that came to nothing before; its
             tangents and Krylov iterations are among those above.
@@ -50,7 +50,7 @@ class Solution:
         return len(self.residuals) - 1 + self.given_up
 
     def after(self, failed: Solution) -> Solution:
-        """The same, with what another solve of the step has cost before."""
+        """The same, with the cost of an earlier solve of the step."""
         return replace(
             self,
             tangents=self.tangents + failed.tangents,

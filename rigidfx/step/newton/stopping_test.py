@@ -1,11 +1,12 @@
 """When Newton stops: at a relative tolerance, or where only rounding is left.
 
-‖R‖ ≤ 1e-12 ‖R_first‖ ends a step as a rule (-rigidfx_snes_rtol is another factor); of a motion
-that needs next to no force (rest, free flight of a stiff body) that is below what rounding in the
-strains leaves, whose size is estimated. There two things differ.
+‖R‖ ≤ 1e-12 ‖R_first‖ ends a step as a rule (-rigidfx_snes_rtol is another factor); of a motion that
+needs next to no force (rest, free flight of a stiff body) that is below rounding in the strains,
+whose size is estimated. There two things differ.
 
-The residual no longer tells what a linear solve has left. Rounding in the strains makes stresses,
-which move no body as a whole; what a loose solve leaves is no stress. A needle that rolls about its
+The residual no longer tells the error of a linear solve. Rounding in the strains makes stresses,
+which move no body as a whole; the error of a loose solve is no stress. A needle that rolls about
+its
 axis has next to no inertia against it: a solve to 3e-3 of a residual of rounding turned it by 1e-4
 rad, the next iterate was a thousand times worse, and a step took 18 iterations. Where such growth
 is seen, linear solves are to leave 1e-12 ‖R_first‖ of a residual of rounding from then on.
@@ -69,7 +70,7 @@ class StoppingTest:
         return max(self.history[0], self._before)
 
     def expect_rounding(self, noise: float) -> None:
-        """Take over the size of what R is the small difference of [N]."""
+        """Take over the size of the terms whose difference R is [N]."""
         self._noise = noise
         self.rounding = ROUNDING * float(np.finfo(np.float64).eps) * noise
 
@@ -105,7 +106,7 @@ class StoppingTest:
         """Relative residual that the next linear solve may leave.
 
         Args:
-            loosest: What it may leave unless more has been found to be needed.
+            loosest: The permitted rest unless more has been found to be needed.
         """
         if not self._too_loose or self.rounding == 0.0:
             return loosest
@@ -116,8 +117,8 @@ class StoppingTest:
 
         To be below the estimated level is not enough: in a stiff body that level is far above the
         forces that move it as a whole, and momenta would drift. Either Newton no longer gets
-        anywhere, now or when it was there before, or what its quadratic convergence must have left
-        is negligible.
+        anywhere, now or when it was there before, or the rest after its quadratic convergence is
+        negligible.
         """
         *earlier, last, norm = self.history
         stalled = norm > STALL * last

@@ -1,10 +1,10 @@
 """GMRES with incomplete factors and a coarse grid, of a tangent that is kept.
 
-Incomplete factors pass what they know on by some cells. The farther waves get in a step, the more
-iterations GMRES needs with them alone: 4 to a hundredth in an L of 27 000 unknowns, 8 at 197 000
-in the same Δt. What they leave hardly strains over some cells, and a coarse grid removes it, whose
+Incomplete factors pass information on by some cells. The farther waves get in a step, the more
+iterations GMRES needs with them alone: 4 to a hundredth in an L of 27 000 unknowns, 8 at 197 000 in
+the same Δt. Their error hardly strains over some cells, and a coarse grid removes it, whose
 unknowns are the rigid motions P of aggregates of nodes. Its correction comes first, and theirs of
-what that leaves,
+the rest,
 
     z_c = P (Pᵀ A P)⁻¹ Pᵀ r,    z = z_c + M⁻¹ (r - A z_c),
 
@@ -67,7 +67,7 @@ class CoarseGrid:
         self._grid.extend([self._P, self._image, coarse, self._motion, self._resultant])
 
     def _solver(self, coarse: PETSc.Mat) -> PETSc.KSP:
-        """What solves with a coarse matrix, or with its symmetric part. Collective."""
+        """The solver of a coarse matrix, or of its symmetric part. Collective."""
         if self._symmetric:
             cholesky = Cholesky(coarse, COARSE + "cholesky_", SKEW)
             self._grid.append(cholesky)
@@ -107,7 +107,7 @@ class TwoLevels(IncompleteFactors):
     """As `IncompleteFactors`, with a coarse grid; `destroy` frees it.
 
     Attributes:
-        renewal: What a new tangent costs, factors and grid included, in iterations with these.
+        renewal: Cost of a new tangent, factors and grid included, in iterations with these.
     """
 
     renewal = 10.0  # 12 in an L of 196 875 unknowns, 8 in a bar of steel of 353 220
