@@ -77,8 +77,8 @@ def simulate(
             or a `StepControl`, which chooses it by the error that it makes.
         t_end: End of the simulation [s].
         rigidify: When parts become rigid and flexible again; no part does if None.
-        accuracy: How far off the motion may be: chooses Δt, of which dt is the largest, and what
-            becomes rigid; in place of rigidify.
+        accuracy: Permitted error of the motion: chooses Δt, of which dt is the largest, and rigid
+            parts; in place of rigidify.
         corrected: Whether the error motion, where it is known, is added to the displacements and
             velocities that are shown, and to stresses and strains: of probes, in files and in
             pictures. That is with a `StrainRate` of wake="local"; `report.state`, energies, momenta
@@ -94,9 +94,9 @@ def simulate(
         petsc_options: Options of PETSc's solvers for this run, by name without a prefix:
             {"ksp_type": "bcgs", "pc_type": "asm"}. Those of the command line and of the
             environment win; see `rigidfx.step.linear.petsc_options`.
-        monitor: Called with the number of each Newton iterate and ‖R‖ [N] there, on every rank
-            that gives one; what it raises ends the run on all ranks.
-        checkpoint: When and where the run leaves what `resume` goes on from; none if None.
+        monitor: Called with the number of each Newton iterate and ‖R‖ [N] there, on every rank that
+            gives one; an exception ends the run on all ranks.
+        checkpoint: When and where the run leaves checkpoints for `resume`; none if None.
 
     Returns:
         A generator of reports, the first of them of the initial state. Everything it holds is
@@ -148,8 +148,8 @@ def resume(
         folder: The folder of its `Checkpoint`.
         scene: The problem, made as for the first run.
         t_end: Another end of the simulation [s]; not with a `StepControl` or an `Accuracy`.
-        dt: What the run was given, where no file keeps it, as a function or a class of one's own;
-            it is told by an error ...
+        dt: Arguments that no file keeps, as a function or a class of one's own; they are told by an
+            error ...
         rigidify: ... likewise ...
         accuracy: ... likewise.
         checkpoint: When and where the run leaves checkpoints from now on; as before, in this
@@ -251,7 +251,7 @@ def _timeline(scene: Scene, dt: Any, t_end: float) -> Timeline:
 
 
 def _looks(run: Run) -> tuple[Any, ...]:
-    """What looks at reports; the last is the account of a run. Collective."""
+    """The readers of reports; the last is the account of a run. Collective."""
     scene = run.stepper.scene
     brief = BriefContacts(scene, run.stepper.control is None)
     of_motion = EnergyBalance(scene), LumpedInertia(scene), Jolts(scene), brief

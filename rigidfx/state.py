@@ -31,7 +31,7 @@ Nodes = npt.NDArray[np.int32]
 
 
 class Snapshot(NamedTuple):
-    """What a step changes of a state.
+    """The part of a state that a step changes.
 
     Attributes:
         t: Time [s].
@@ -57,8 +57,8 @@ class State:
         v: Velocity [m/s].
         bodies: Rigid bodies that move freely.
         clamped: Owned cells of each named part that a support moves, by the part's number.
-        eased: What releases have let down, and has not faded yet.
-        notes: What effects remember from step to step, by their identity.
+        eased: Stresses that releases have let down, and that have not faded yet.
+        notes: Memory of effects from step to step, by their identity.
         changes: How often it has been written into.
         X: Reference positions of the local nodes, shape (nodes, 3) [m].
 
@@ -202,12 +202,12 @@ class State:
         self.u.x.array[:] = u
 
     def snapshot(self) -> Snapshot:
-        """What a step or a `shift` changes, to be had back by `restore`."""
+        """The changes of a step or a `shift`, to be taken back by `restore`."""
         u, v = self.u.x.array.copy(), self.v.x.array.copy()
         return Snapshot(self.t, u, v, self.bodies, self.changes)
 
     def restore(self, kept: Snapshot) -> None:
-        """Be again what it was when that was taken."""
+        """Be again the state when that was taken."""
         self.t, self.bodies, self.changes = kept.t, kept.bodies, kept.changes
         self.u.x.array[:], self.v.x.array[:] = kept.u, kept.v
 
@@ -232,7 +232,7 @@ class State:
     def group(self, bodies: Bodies) -> None:
         """Have these bodies from now on, or the same with other velocities.
 
-        What becomes of their nodes is for the caller to say.
+        The caller decides on their nodes.
         """
         self.changes += 1
         self.bodies = bodies
@@ -286,7 +286,7 @@ def initial_velocity(scene: Scene, x: Array, dt: float, start: float) -> Array:
         scene: The problem.
         x: Places of the local nodes, shape (nodes, 3) [m].
         dt: Nominal Δt [s], the scale for velocities of supports that are known by their path only.
-        start: Time just after t = 0 [s], at which what begins there acts.
+        start: Time just after t = 0 [s], at which effects that begin there act.
 
     Raises:
         SceneError: If a given velocity is not finite, or contradicts a support that acts at the

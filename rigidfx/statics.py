@@ -77,7 +77,7 @@ def static(
         steps: Number of equal load steps, or the times at which they end, increasing; the last one
             is the end of the path then.
         t_end: Time at which loads are whole [s].
-        verbose: Whether rank 0 says on standard error what is solved; see `simulate`.
+        verbose: Whether rank 0 says on standard error how it solves; see `simulate`.
         petsc_options: Options of PETSc's solvers, as of `simulate`.
 
     Returns:
@@ -122,7 +122,7 @@ class Compliance:
 
     @property
     def taken(self) -> Mapping[str, float]:
-        """By what part of its displacement without rigid parts each probe is off; NaN at rest."""
+        """By which part of its displacement without rigid parts each probe is off; NaN at rest."""
         sizes = {name: float(np.linalg.norm(u)) for name, u in self.flexible.items()}
         return {
             name: float(np.linalg.norm(self.rigid[name] - u)) / sizes[name] if sizes[name] else nan
@@ -135,9 +135,10 @@ class Compliance:
 
 
 def compliance(scene: Scene, steps: int | Sequence[float] = 1, *, t_end: float = 1.0) -> Compliance:
-    """Tell what parts named `Rigid` take from the compliance: two static solves.
+    """Compliance of the parts named `Rigid`, taken out of the structure: two static solves.
 
-    The error motion of a run takes such parts as rigid in the twin, too. This is what they change.
+    The error motion of a run takes such parts as rigid in the twin, too. Their change of
+    displacements.
 
     Example:
         >>> print(compliance(scene))   # doctest: +SKIP

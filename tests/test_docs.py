@@ -1,10 +1,11 @@
 """Docstrings render as pages, without a warning (warnings are errors in this suite).
 
-What stands beside the pages agrees: the changelog is grouped, the citation is of this version.
+The changelog is grouped, the citation is of this version, pages are short and name their subjects.
 """
 
 from __future__ import annotations
 
+import ast
 import re
 from pathlib import Path
 
@@ -58,3 +59,30 @@ def test_citation_is_of_this_version():
     assert found("CITATION.cff", r"^  - name: (.*)") == found(
         "pyproject.toml", r'name = "(The .*?)"'
     )
+
+
+# Words of each page; notes, the lab book, have no limit.
+LIMITS = {"README.md": 700, "theory.md": 2100, "glossary.md": 1800}
+LIMIT = 1550
+# "what" in 1000 words: it stands for a noun that a reader would have to find.
+WHAT = 3.0
+
+
+def told(text):
+    """How often "what" stands in 1000 words."""
+    return 1000 * len(re.findall(r"\bwhat\b(?!:)", text, re.I)) / len(text.split())
+
+
+def test_pages_are_short_and_name_their_subjects():
+    pages = [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
+    pages = {p: p.read_text(encoding="utf-8") for p in pages if p.parent.name != "notes"}
+    for page, text in pages.items():
+        assert len(text.split()) <= LIMITS.get(page.name, LIMIT), page.name
+    assert told("\n".join(pages.values())) <= WHAT
+
+
+def test_docstrings_name_their_subjects():
+    documented = ast.Module, ast.ClassDef, ast.FunctionDef
+    files = [ast.parse(path.read_text(encoding="utf-8")) for path in PACKAGE.rglob("*.py")]
+    nodes = [node for file in files for node in ast.walk(file) if isinstance(node, documented)]
+    assert told("\n".join(ast.get_docstring(node) or "" for node in nodes)) <= WHAT

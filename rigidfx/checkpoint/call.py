@@ -1,4 +1,4 @@
-"""What a run was asked for, as its checkpoints keep it, and whether a scene is the same."""
+"""The call of a run, as its checkpoints keep it, and whether a scene is the same."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["asked", "check_scene_of", "given_again", "head_of"]
 
 
 def head_of(scene: Scene) -> dict[str, Any]:
-    """What tells a checkpoint's version, mesh and scene. Collective.
+    """Version, mesh and scene of a checkpoint. Collective.
 
     Args:
         scene: The problem.

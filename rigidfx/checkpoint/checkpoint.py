@@ -31,7 +31,7 @@ class Checkpoint:
     time: float | None = None
 
     def __post_init__(self) -> None:
-        """Check what is given.
+        """Check the values.
 
         Raises:
             SceneError: If the folder is no path, an interval is not positive, or two are given.

@@ -105,7 +105,7 @@ def write(folder: Path, head: Mapping[str, Any], kept: Any) -> Path:
     Args:
         folder: The folder, which exists.
         head: What is known of the checkpoint before it is read.
-        kept: What it holds.
+        kept: Its content.
 
     Returns:
         Its path.
@@ -135,7 +135,7 @@ def write(folder: Path, head: Mapping[str, Any], kept: Any) -> Path:
 
 
 def newest(folder: Path) -> tuple[Mapping[str, Any], bytes, Path]:
-    """The newest checkpoint of a folder that is whole: its head, what it holds, its path.
+    """The newest checkpoint of a folder that is whole: its head, content, path.
 
     Raises:
         SceneError: If there is none, or the newest is of another version.

@@ -33,13 +33,13 @@ SIGNALS = signal.SIGINT, signal.SIGTERM
 
 @dataclass(frozen=True)
 class Kept:
-    """What a checkpoint holds.
+    """Content of a checkpoint.
 
     Attributes:
         step: Number of its step.
-        call: What the run was asked for; see `rigidfx.checkpoint.call`.
-        state: What the state and the switch remember.
-        memory: What all else remembers.
+        call: The call of the run; see `rigidfx.checkpoint.call`.
+        state: Memory of the state and the switch.
+        memory: Memory of all other parts.
     """
 
     step: int
@@ -50,7 +50,7 @@ class Kept:
 
 @dataclass(frozen=True)
 class _First:
-    """What a division is made of."""
+    """The parts of a division."""
 
     state: Any
     switch: Any
@@ -60,7 +60,7 @@ class _First:
 
 @dataclass(frozen=True)
 class _All:
-    """What remembers more than a division."""
+    """Parts that remember more than a division."""
 
     run: Run
     looks: Sequence[Any]
@@ -114,7 +114,7 @@ class Keeper:
         Args:
             scene: The problem.
             checkpoint: When and where.
-            call: What the run was asked for.
+            call: The call of the run.
             kept: The checkpoint from which it goes on, if it does.
         """
         self._comm, self._given = scene.comm, checkpoint
@@ -130,11 +130,11 @@ class Keeper:
         """Refuse a run that no checkpoint keeps, or a folder that takes none. Collective.
 
         Args:
-            run: What takes part in it.
-            looks: What looks at its reports.
+            run: Its parts.
+            looks: The readers of its reports.
 
         Raises:
-            SceneError: On every rank, if a class does not say what it remembers.
+            SceneError: On every rank, if a class does not name its memory.
             OutputError: On every rank, if the folder cannot be made or written to.
         """
         problem = None
@@ -155,8 +155,8 @@ class Keeper:
         Args:
             step: Number of the last step.
             t: Time at its end [s].
-            run: What takes part in the run.
-            looks: What looks at its reports.
+            run: The parts of the run.
+            looks: The readers of its reports.
             over: Whether the run is over.
 
         Raises:
@@ -196,7 +196,7 @@ class Keeper:
         self._step, self._t, self._began = step, t, perf_counter()
 
     def _on_disk(self, action: Callable[[Path], object]) -> None:
-        """Do something in the folder on rank 0; raise what goes wrong on all ranks. Collective."""
+        """Do something in the folder on rank 0; raise its errors on all ranks. Collective."""
         problem, folder = None, Path(self._given.folder)
         if self._comm.rank == 0:
             try:
@@ -232,7 +232,7 @@ class Keeper:
 
 
 def _problem(folder: Path, error: OSError, begun: bool) -> str:
-    """What a user is told where a checkpoint cannot be written."""
+    """The message where a checkpoint cannot be written."""
     if begun and isinstance(error, FileNotFoundError) and not folder.exists():
         return (
             f"Checkpoint: the folder '{folder}' is gone since the run began, with its checkpoints. "
@@ -265,8 +265,8 @@ def remember(kept: Kept, run: Run, looks: Sequence[Any]) -> None:
 
     Args:
         kept: The checkpoint.
-        run: What takes part in the run.
-        looks: What looks at its reports.
+        run: The parts of the run.
+        looks: The readers of its reports.
 
     Raises:
         SceneError: On every rank, if the checkpoint is of another version.

@@ -1,4 +1,4 @@
-"""What acts on a geometry of one's own: supports, loads, gravity, damping."""
+"""Effects on a geometry of one's own: supports, loads, gravity, damping."""
 
 from __future__ import annotations
 

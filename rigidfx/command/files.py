@@ -15,7 +15,7 @@ __all__ = ["conclude", "write_json"]
 
 
 def write_json(path: Path, content: Any, indent: int | None = 2) -> str:
-    """Write numbers and names as JSON, and return what was written. Collective.
+    """Write numbers and names as JSON, and return them. Collective.
 
     Raises:
         OutputError: On every rank, if the file cannot be written.

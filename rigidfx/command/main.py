@@ -1,7 +1,7 @@
 """What the command does: reads a geometry, runs it with parts that become rigid, draws pictures.
 
-The tolerance of the criterion is a strain rate, and what is small depends on the motion. Unless it
-is given, the time of the load is run once without rigid parts, and a fiftieth of the largest strain
+The tolerance of the criterion is a strain rate, and its size depends on the motion. Unless it is
+given, the time of the load is run once without rigid parts, and a fiftieth of the largest strain
 rate is taken.
 """
 
@@ -41,10 +41,10 @@ def main(prog: str | None = None, example: Example | None = None) -> dict[str, A
 
     Args:
         prog: Its name in messages; that of the script if None.
-        example: What is run without a file, if anything.
+        example: The example that is run without a file, if any.
 
     Returns:
-        What `summary.json` holds.
+        Content of `summary.json`.
     """
     parser, options = ask(prog, example)
     found = options.tol is None
@@ -72,7 +72,7 @@ def run() -> None:
 
 
 def _scene(domain: Domain, options: Namespace) -> Scene:
-    """The geometry with its materials and what acts; second-order cells have a consistent mass."""
+    """The geometry with its materials and effects; second-order cells have a consistent mass."""
     return Scene(
         domain,
         materials(options),

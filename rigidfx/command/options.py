@@ -19,7 +19,7 @@ CAD = (".step", ".stp", ".brep", ".iges", ".igs")
 
 @dataclass(frozen=True)
 class Example:
-    """A script of gmsh that is run without a file: what it holds is named "wall" and "end".
+    """A script of gmsh that is run without a file: its support is named "wall", its load "end".
 
     Attributes:
         file: The script.
@@ -38,7 +38,7 @@ def ask(prog: str | None, example: Example | None) -> tuple[RankParser, Namespac
 
     Args:
         prog: The command's name in messages; that of the script if None.
-        example: What is run without a file; a file has to be given if None.
+        example: The example that is run without a file; a file has to be given if None.
     """
     parser = RankParser(
         prog,
@@ -146,7 +146,7 @@ def _length(text: str) -> float | str:
 
 
 def _complete(options: Namespace, example: Example) -> None:
-    """Take from the example what is not given: a block on a thin arm at a wall, pushed down."""
+    """Take missing options from the example: a block on a thin arm at a wall, pushed down."""
     if options.short:
         options.order = options.order or 1
     if not options.example:
@@ -164,7 +164,7 @@ def _complete(options: Namespace, example: Example) -> None:
 def _pairs(
     parser: RankParser, options: Namespace, option: str, suits: tuple[str, ...]
 ) -> dict[str, str]:
-    """What an option says as NAME=VALUE, as a dict."""
+    """The values of an option NAME=VALUE, as a dict."""
     texts = getattr(options, option)
     if texts and options.kind not in suits:
         parser.error(f"--{option} is for {', '.join(suits)} only, not for '{options.file.name}'")

@@ -1,4 +1,4 @@
-"""The domain of a file, and what there is in it."""
+"""The domain of a file, and its content."""
 
 from __future__ import annotations
 

@@ -125,7 +125,7 @@ def from_arrays(
 
 
 def _repeated(given: Sequence[bytes]) -> str | None:
-    """What is wrong with the cells of ranks, by their digests, empty where there are none."""
+    """Faults of the cells of ranks, by their digests, empty where there are none."""
     some = [rank for rank, digest in enumerate(given) if digest]
     if not some:
         return "from_arrays: there are no cells."
@@ -139,7 +139,7 @@ def _repeated(given: Sequence[bytes]) -> str | None:
 
 
 def _misfit(points: npt.ArrayLike, cells: npt.ArrayLike, cell: str) -> str | None:
-    """What is wrong with the arrays of this rank, None if nothing."""
+    """Faults of the arrays of this rank, None if none."""
     try:
         x, rows = np.asarray(points), np.asarray(cells)
     except ValueError:

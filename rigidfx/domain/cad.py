@@ -82,9 +82,9 @@ def read_cad(
 ) -> Domain:
     """Mesh a CAD file by tetrahedra. Collective.
 
-    A name stands for what its value picks: a number, a label of the file, a function that is True
-    for the right `CadEntity`, or a list of these. `list_cad` shows the choice.
-    Labels of the file are names as well, unless a name given here is the same.
+    A name stands for the choice of its value: a number, a label of the file, a function that is
+    True for the right `CadEntity`, or a list of these. `list_cad` shows the choice. Labels of the
+    file are names as well, unless a name given here is the same.
 
     Example:
         >>> domain = read_cad(                                # doctest: +SKIP
@@ -156,7 +156,7 @@ def _refine_circles(gmsh: Any, cad: Cad, length: float, metres: float) -> None:
 
     Args:
         gmsh: The module; its model is named.
-        cad: What is in the model.
+        cad: The content of the model.
         length: Largest edge of a cell [m].
         metres: Those of the model's unit of length.
     """
@@ -189,7 +189,7 @@ def _name(
     surfaces: Mapping[str, Which],
     leave_out: Which,
 ) -> set[int]:
-    """Leave volumes out, and make physical groups of what names pick; the numbers left out."""
+    """Leave volumes out, and make physical groups of named entities; the numbers left out."""
     nothing = isinstance(leave_out, Sequence) and not leave_out
     out = set() if nothing else set(numbers_of(cad, 3, "leave_out", leave_out))
     gmsh.model.removeEntities([(3, tag) for tag in out])
@@ -201,7 +201,7 @@ def _name(
 
 
 def _check_wanted(called: str, wanted: object) -> None:
-    """Refuse what is no dict of names; what they stand for is looked at in the file."""
+    """Refuse anything but a dict of names; their values are looked at in the file."""
     if wanted is None:
         return
     if not isinstance(wanted, Mapping) or not all(
@@ -289,7 +289,7 @@ def _entity(
 
 
 def _shape(gmsh: Any, tag: int) -> tuple[Array, float]:
-    """Outward normal of what is flat and radius of a cylinder or a sphere; NaN of anything else.
+    """Outward normal of a plane and radius of a cylinder or a sphere; NaN of anything else.
 
     Curvature tells, whatever kind of surface the file has: programs write splines for all.
     """

@@ -30,7 +30,7 @@ class CadEntity:
         centre: Centre of mass, shape (3,) [m].
         lower: Least coordinates, shape (3,) [m].
         upper: Greatest coordinates, shape (3,) [m].
-        normal: Outward unit normal of what is flat, shape (3,); NaN for anything else.
+        normal: Outward unit normal of a plane, shape (3,); NaN for anything else.
         radius: Radius of a cylinder or a sphere [m], written as a spline or not; NaN for anything
             else.
         volumes: Numbers of the volumes that a surface bounds: two where they are glued.

@@ -1,4 +1,4 @@
-"""Names for what is in a CAD file: which volumes and surfaces each of them stands for."""
+"""Names for the content of a CAD file: which volumes and surfaces each of them stands for."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ def named_volumes(
     """Numbers of the volumes of each name, without those left out.
 
     Args:
-        cad: What is in the file.
-        wanted: What each name picks, besides the labels of the file; all volumes are named "body"
-            if None.
+        cad: The content of the file.
+        wanted: The choice of each name, besides the labels of the file; all volumes are named
+            "body" if None.
         out: Numbers of volumes that are left out.
 
     Raises:
@@ -47,12 +47,12 @@ def named_surfaces(cad: Cad, wanted: Mapping[str, Which], out: set[int]) -> dict
     """Numbers of the surfaces of each name that bound a volume which is not left out.
 
     Args:
-        cad: What is in the file.
-        wanted: What each name picks.
+        cad: The content of the file.
+        wanted: The choice of each name.
         out: Numbers of volumes that are left out.
 
     Raises:
-        SceneError: If a name picks nothing, or only what bounds none of these volumes.
+        SceneError: If a name picks nothing, or only entities that bound none of these volumes.
     """
     bounding = {s.number for s in cad.surfaces if set(s.volumes) - out}
     picked = _groups(cad, 2, wanted)
@@ -79,10 +79,10 @@ def numbers_of(cad: Cad, dim: int, name: str, which: Which) -> list[int]:
     """Numbers of the entities that a name stands for.
 
     Args:
-        cad: What is in the file.
+        cad: The content of the file.
         dim: 3 for volumes, 2 for surfaces.
         name: The name, for messages.
-        which: What it picks.
+        which: Its choice.
 
     Raises:
         SceneError: If that is nothing, or no way to pick.

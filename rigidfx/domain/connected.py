@@ -1,8 +1,8 @@
 """Connected parts of a mesh: cells joined through facets, or through vertices alone.
 
-Each rank finds the parts of what it knows; an entity that two ranks share ties a part of one to a
-part of the other. Parts are numbered by the least of their cells' numbers in the mesh file, so that
-the partition of the mesh cannot be seen in the result.
+Each rank finds the parts of the entities it knows; an entity that two ranks share ties a part of
+one to a part of the other. Parts are numbered by the least of their cells' numbers in the mesh
+file, so that the partition of the mesh cannot be seen in the result.
 """
 
 from __future__ import annotations

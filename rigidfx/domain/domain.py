@@ -255,7 +255,7 @@ class Domain:
 
 
 def _check_name(name: object) -> None:
-    """Refuse what cannot be the name of a set."""
+    """Refuse anything that cannot be the name of a set."""
     if not isinstance(name, str) or not name or not name.isprintable():
         raise SceneError(
             f"The name of a set must be a text that is not empty, and can be printed, "

@@ -36,7 +36,7 @@ class Exchange:
         self._units: dict[int, MPI.Datatype] = {1: MPI.DOUBLE}
 
     def give(self, values: Array) -> Array:
-        """What the items have, at their copies. Collective.
+        """Values of the items, at their copies. Collective.
 
         Args:
             values: Shape (items, k).
@@ -51,7 +51,7 @@ class Exchange:
         return out
 
     def collect(self, values: Array) -> Array:
-        """The sum of what its copies have, for each item. Collective.
+        """The sum of the values of its copies, for each item. Collective.
 
         Args:
             values: Shape (copies, k).

@@ -1,4 +1,4 @@
-"""Physical groups of gmsh's models: what their names stand for.
+"""Physical groups of gmsh's models: the meaning of their names.
 
 gmsh lets a face or a volume be in several groups, DOLFINx's tags hold one number per cell or facet.
 So the groups are replaced, before the mesh is handed over, by one for each elementary entity, and a
@@ -153,7 +153,7 @@ def _why_none(model: Any, entities: Mapping[tuple[int, str], list[int]]) -> str:
 
 
 def _advice(kinds: set[int]) -> str:
-    """What to do about wedges, which gmsh makes where it extrudes triangles; empty without any."""
+    """The remedy for wedges, which gmsh makes where it extrudes triangles; empty without any."""
     if not kinds & WEDGES:
         return ""
     return (

@@ -28,7 +28,7 @@ class Hinge:
     nodes: npt.NDArray[np.float64]
 
     def __str__(self) -> str:
-        """How many vertices, of what shape, and where."""
+        """How many vertices, of which shape, and where."""
         arms = self.nodes - self.nodes.mean(axis=0)
         middle = ", ".join(f"{x:.4g}" for x in self.nodes.mean(axis=0))
         sizes = np.linalg.svd(arms, compute_uv=False)

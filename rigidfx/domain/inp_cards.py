@@ -42,7 +42,7 @@ class Card:
         """The error that names the place.
 
         Args:
-            problem: What is wrong there, and the remedy.
+            problem: The fault there, and the remedy.
             number: The line; that of the card if None.
         """
         line = self.number if number is None else number

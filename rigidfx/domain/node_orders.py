@@ -38,7 +38,7 @@ def widths(cell: str) -> tuple[int, int]:
 
 
 def advice_on(cell: str, width: int) -> str:
-    """What to do with cells of so many nodes, which are not of this kind; empty if unknown."""
+    """The remedy for cells of so many nodes, which are not of this kind; empty if unknown."""
     other = next((kind for kind in CORNERS if kind != cell and width in widths(kind)), "")
     advice = ADVICE.get(width, f"Cells of {width} nodes are of another kind: cell={other!r}.")
     return f" {advice}" if other or width in ADVICE else ""
@@ -50,7 +50,7 @@ def degree_of(cell: str, width: int) -> int:
 
 
 def in_dolfinx_order(x: Array, rows: Ints, cell: str) -> tuple[Ints, str | None]:
-    """Cells with their nodes in DOLFINx's order, and what is wrong with the given one, or None.
+    """Cells with their nodes in DOLFINx's order, and the fault of the given one, or None.
 
     Args:
         x: Points, shape (points, 3) [m].

@@ -1,9 +1,9 @@
 """Cells handed out to the ranks anew, so that named sets, and the rest, are shared alike.
 
 A mesh is divided among ranks by all of its cells. Where a part of them is rigid, all that is left
-to compute may be on one rank. If each named set is divided equally, and so is what is in none, then
-whichever of these are rigid, all ranks have as many flexible cells. Each is cut by DOLFINx's graph
-partitioner, and its pieces go to the ranks that have most of their neighbours already.
+to compute may be on one rank. If each named set is divided equally, and the cells in none as well,
+then whichever of these are rigid, all ranks have as many flexible cells. Each is cut by DOLFINx's
+graph partitioner, and its pieces go to the ranks that have most of their neighbours already.
 
 As with `from_arrays`, one rank has the whole mesh for a moment.
 """
@@ -60,7 +60,7 @@ def redistribute(domain: Domain, sets: Sequence[str]) -> Domain:
     cells, points, groups = _whole_mesh(mesh, found)
 
     def share(comm: Any, parts: int, kinds: Any, corners: Any) -> Any:
-        """What DOLFINx asks for the ranks that get each cell of this rank, its owner first."""
+        """DOLFINx's function for the ranks that get each cell of this rank, its owner first."""
         return compat.adjacency(*_destinations(cells, groups, mesh.topology.cell_type, parts))
 
     element = mesh.ufl_domain().ufl_coordinate_element()

@@ -1,4 +1,4 @@
-"""Which way hexahedra are thin: through the facets of a surface, and on through what is behind."""
+"""Which way hexahedra are thin: through the facets of a surface, and on behind it."""
 
 from __future__ import annotations
 

@@ -58,7 +58,7 @@ class ThinPart:
 
     @property
     def deflection(self) -> float:
-        """About what part of its deflection in bending hexahedra leave: 1/(1 + ½ (ℓ/t)²)."""
+        """Rough part of its deflection in bending that hexahedra leave: 1/(1 + ½ (ℓ/t)²)."""
         return 1 / (1 + 0.5 * (self.length / self.thickness) ** 2)
 
 

@@ -18,7 +18,7 @@ Ints = npt.NDArray[np.int64]
 class Columns:
     """Changes of e at the end of a step by unit forces; columns are made as they are asked for.
 
-    Nodes have global numbers; what is of all ranks is equal on all.
+    Nodes have global numbers; values of all ranks are equal on all.
 
     Attributes:
         nodes: Nodes that have columns, three each, in the order in which they were asked for.
@@ -104,7 +104,7 @@ class Columns:
         return out
 
     def moved(self, end: Array, forces: Array) -> Array:
-        """e where it is wanted, as forces change what it is without them, shape (nodes, 3) [m].
+        """e where it is wanted, as forces change it from that without them, shape (nodes, 3) [m].
 
         Args:
             end: e without them, of the owned nodes, likewise.

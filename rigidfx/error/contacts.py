@@ -92,7 +92,7 @@ class Bound:
     """The contacts of a scene bound to all nodes; `destroy` frees their PETSc objects.
 
     Attributes:
-        notes: What they remember.
+        notes: Their memory.
     """
 
     remembered: ClassVar[Remembered] = {"notes": ByObject()}
@@ -103,7 +103,7 @@ class Bound:
         Args:
             stepper: Solves the steps.
             rows: Rows of all nodes.
-            notes: What they remember.
+            notes: Their memory.
         """
         scene = stepper.scene
         self._stepper, self._rows, self.notes = stepper, rows, notes
@@ -124,7 +124,7 @@ class Bound:
         self._moved, self._f = rows.vector(), rows.vector()
 
     def force(self, attempt: Attempt, start: Array, moved: Array) -> Array:
-        """What they resist in a step, shape (nodes, 3) [N]. Collective.
+        """Their resistance in a step, shape (nodes, 3) [N]. Collective.
 
         Args:
             attempt: The step.
@@ -266,7 +266,7 @@ class Contacts:
             self._twin.accept()
 
     def kept(self) -> object:
-        """What `restore` needs."""
+        """The data of `restore`."""
         return self._lambda, self._as_run
 
     def restore(self, kept: Any) -> None:

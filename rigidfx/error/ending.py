@@ -27,7 +27,7 @@ LITTLE = 0.04  # a twentieth of 0.8: of what is allowed, that is let go
 
 @dataclass(frozen=True)
 class Promise:
-    """What a criterion allows e to be.
+    """The bound on e by a criterion.
 
     Attributes:
         part: Of the largest displacement, for the peak strain rate so far [1/s]. Collective.
@@ -52,7 +52,7 @@ class Ending:
 
         Args:
             stepper: Makes the steps.
-            promise: What e may be.
+            promise: Bounds of e.
         """
         self._stepper, self._promise = stepper, promise
         self.let_go = 0.0
@@ -60,7 +60,7 @@ class Ending:
         self._watched = self._left = 0.0  # time in this window, and until e is zero [s]
 
     def part(self, dt: float, response: Response) -> float:
-        """What is left of e after a step, as a part of its former value. Collective.
+        """The rest of e after a step, as a part of its former value. Collective.
 
         Args:
             dt: Length of the step [s].

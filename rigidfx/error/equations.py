@@ -174,7 +174,7 @@ def about(
 
 
 def _given_mass(scene: Scene) -> Array | None:
-    """What nodes of parts of given mass have besides that of their cells [kg]. Collective.
+    """Additional mass of nodes of parts of given mass [kg]. Collective.
 
     It is spread as the mass of the cells is; a given inertia is not looked at.
 

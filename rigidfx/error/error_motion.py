@@ -90,7 +90,7 @@ class ErrorMotion(Watch):
             forces: Knows ρ.
             points: Points at which e is asked for, by name.
             indicator: A measure of its own for strains of e.
-            promise: What e may be.
+            promise: Bounds of e.
         """
         self._stepper = stepper
         self._scene = scene = stepper.scene
@@ -107,7 +107,7 @@ class ErrorMotion(Watch):
 
     @property
     def valid(self) -> bool:
-        """Whether e is known, and small enough for what is linear; it is shown where it is."""
+        """Whether e is known, and small enough for a linear equation; it is shown where it is."""
         return self.validity.holds and (self._response is None or self._response.valid)
 
     @property
@@ -197,7 +197,7 @@ class ErrorMotion(Watch):
         return self._equations.response
 
     def moved(self) -> tuple[Array, Cells]:
-        """What bodies have withheld: e without their rigid motions, in space. Collective.
+        """Withheld motion of bodies: e without their rigid motions, in space. Collective.
 
         Returns:
             Displacements of the owned nodes, zero outside, shape (nodes, 3) [m]; the bodies' cells.
@@ -294,7 +294,7 @@ class ErrorMotion(Watch):
             self._response.scale(self._left(self.ending.part(attempt.dt, self._response)))
 
     def _left(self, part: float) -> Array:
-        """What part of e is left at each owned node: of parts that nothing holds none. Collective.
+        """Shown part of e at each owned node: of parts that nothing holds none. Collective.
 
         While none of it is rigid, such a part is its own twin from then on: it is shown without e.
         """

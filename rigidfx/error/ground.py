@@ -18,7 +18,7 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Ground:
-    """What ties nodes to the ground.
+    """Ties of nodes to the ground.
 
     Attributes:
         K: Stiffness, shape (nodes, 3, 3) [N/m].

@@ -1,4 +1,4 @@
-"""What drives the error motion: forces at bodies' nodes, and velocities that switches take out.
+"""Sources of the error motion: forces at bodies' nodes, and velocities that switches take out.
 
 Both are in the frame of one shape: forces of a body by the body's own frame, r⁰ = Q_bᵀ r.
 """

@@ -1,4 +1,4 @@
-"""What released cells bear on: the stress by which the error motion strains them."""
+"""Stress that released cells bear on: that of the error motion's strain."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["let_down"]
 def let_down(
     error: ErrorMotion, stepper: Stepper, leaving: npt.NDArray[np.integer], span: float
 ) -> Eased | None:
-    """Cells with what they are to bear on, before they are released. Collective.
+    """Cells with the stress that they are to bear on, before they are released. Collective.
 
     Args:
         error: The error motion.

@@ -53,7 +53,7 @@ class LinearMotion:
             linear: Forms, whose shape is theirs.
             mass: Mass operator of the rows, owned from now on.
             supported: Rows of this rank that supports hold.
-            ground: What springs do at the nodes, if there are any.
+            ground: Forces of springs at the nodes, if there are any.
             rigid: Those of the cells that belong to parts named rigid.
             more: Mass that each node has besides, shape (nodes,) [kg].
         """
@@ -86,7 +86,7 @@ class LinearMotion:
 
     @property
     def matrices(self) -> tuple[PETSc.Mat, PETSc.Mat, PETSc.Mat | None]:
-        """K, M and what is viscous of C; freed with the rest."""
+        """K, M and the viscous part of C; freed with the rest."""
         return self._K, self._M, self._viscosity
 
     def _tie(self, rows: Rows, ground: Ground) -> None:

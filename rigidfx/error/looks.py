@@ -28,7 +28,7 @@ Ints = npt.NDArray[np.int32]
 
 
 class Looks(Watch):
-    """Asks e which rigid cells it strains too fast, and what flexible ones strain in u + e.
+    """Asks e which rigid cells it strains too fast, and the strains of flexible ones in u + e.
 
     Attributes:
         withheld: Strain energy that bodies withhold, at the last look [J].
@@ -68,15 +68,15 @@ class Looks(Watch):
         self._pace.refresh()
 
     def look(self, attempt: Attempt, limits: Callable[[], Limits] | None = None) -> Strained | None:
-        """What e strains in rigid cells in a step that has been solved. Collective.
+        """Strains of e in rigid cells in a step that has been solved. Collective.
 
         Args:
             attempt: The step.
-            limits: Says what wakes cells; None where none may wake any more in this step.
+            limits: Gives the rates that wake cells; None where none may wake any more in this step.
 
         Returns:
-            Over what wakes cells; None where none wakes. Infinite where e is not small and strains
-            a cell by more than a window at the rate that wakes it.
+            Over the rate that wakes cells; None where none wakes. Infinite where e is not small and
+            strains a cell by more than a window at the rate that wakes it.
         """
         self._forces.bear(attempt.t, attempt.dt)
         self._pace.follow()

@@ -2,7 +2,7 @@
 
 A part that neither a support nor springs hold would drift off in e, as a phase that is lost. So
 forces on e and velocities that it gets are taken without their rigid motions, by masses: with the
-motions Φ of a part, r - MΦ(ΦᵀMΦ)⁻¹Φᵀr and v - Φ(ΦᵀMΦ)⁻¹ΦᵀM v. What is left strains.
+motions Φ of a part, r - MΦ(ΦᵀMΦ)⁻¹Φᵀr and v - Φ(ΦᵀMΦ)⁻¹ΦᵀM v. The rest strains.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Loose:
         return int(self.motions.shape[1])
 
     def balanced(self, force: Array) -> Array:
-        """Forces without what moves parts as a whole, shape (nodes, 3) [N]. Collective."""
+        """Forces without those that move parts as a whole, shape (nodes, 3) [N]. Collective."""
         return self._without(force, self.motions, self.momenta)
 
     def still(self, motion: Array) -> Array:

@@ -36,7 +36,7 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Modes:
-    """What is chosen of a solution by modes.
+    """Settings of a solution by modes.
 
     Attributes:
         count: Number of modes, at least: 12 to 24 told a tip's error to 6 % in bars of 7000 to
@@ -80,7 +80,7 @@ class Modal:
             points: Points at which e will be asked for.
             e: At the start, shape (nodes, 3) [m].
             rate: Its rate, likewise [m/s].
-            modes: What is chosen.
+            modes: The settings.
         """
         self._scene, self._modes = scene, Modes() if modes is None else modes
         (K, M, C), scale = motion.matrices, motion.scale
@@ -159,7 +159,7 @@ class Modal:
 
     @property
     def valid(self) -> bool:
-        """Whether r changes slowly enough for the static response of what modes leave out."""
+        """Whether r changes slowly enough for the static response of the modes left out."""
         if not self._bound:
             return False
         rate = np.sqrt(self._change / self._level) if self._level > 0 else 0.0
@@ -196,13 +196,13 @@ class Modal:
         return e, rate
 
     def _amplitudes(self) -> Array:
-        """η less what the static response of r has of the modes."""
+        """η less the part of the modes in the static response of r."""
         return np.asarray(self._eta - self._loads / self._squares)
 
     # What changes -------------------------------------------------------------------------------
 
     def kick(self, change: Array) -> None:
-        """See `Response`; what modes leave out is lost."""
+        """See `Response`; the part of modes left out is lost."""
         self._rate = self._rate + self._summed(self._m_phi @ change.reshape(-1)[self._free])
 
     def step(self, force: Array, dt: float, drag: float, xi: float) -> None:

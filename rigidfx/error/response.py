@@ -58,7 +58,7 @@ class Response(Protocol):
         ...
 
     def coarse(self) -> Array:
-        """e without what follows forces without inertia, shape (nodes, 3) [m]. Collective."""
+        """e without its static part, shape (nodes, 3) [m]. Collective."""
         ...
 
     def change(self) -> tuple[Array, float]:
@@ -73,7 +73,7 @@ class Response(Protocol):
         ...
 
     def kept(self) -> object:
-        """What `restore` needs to take steps and kicks from now on back."""
+        """The data by which `restore` takes steps and kicks from now on back."""
         ...
 
     def restore(self, kept: Any) -> None:

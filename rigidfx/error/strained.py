@@ -1,4 +1,4 @@
-"""What the error motion strains in rigid cells, and what of that wakes them."""
+"""Strains of the error motion in rigid cells, and those that wake them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Limits:
-    """What wakes cells.
+    """Rates that wake cells.
 
     Attributes:
         rates: Strain rate of e, of each owned cell [1/s]; None on all ranks if none wakes.
@@ -29,12 +29,12 @@ class Limits:
 
 @dataclass(frozen=True)
 class Strained:
-    """What the error motion strains in rigid cells; zero in flexible ones.
+    """Strains of the error motion in rigid cells; zero in flexible ones.
 
     Attributes:
-        rate: Strain rate of each owned cell, over what wakes it.
-        spring: Strain rate at which it would spring into that in the step, were it released,
-            over what wakes it.
+        rate: Strain rate of each owned cell, over the rate that wakes it.
+        spring: Strain rate at which it would spring into that in the step, were it released, over
+            the rate that wakes it.
         strain: Strain of each owned cell [-].
         window: Length of a window [s]; infinite while that is not known.
     """
@@ -46,7 +46,7 @@ class Strained:
 
 
 def part_of(strain: Array, limit: Array) -> Array:
-    """What part of a limit it is; nothing is no part of any, and a failed solve exceeds all."""
+    """Ratio to a limit; zero is no part of any, and a failed solve exceeds all."""
     out = np.zeros_like(strain)
     some = ~(strain == 0)
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -87,7 +87,7 @@ class Validity:
             )
 
     def _measured(self, e: Array, x: Array, shape: Array) -> str:
-        """What is too large, in words; "" where e is small. Collective."""
+        """The quantity that is too large, in words; "" where e is small. Collective."""
         G, F, F0 = (
             np.einsum("cai,caj->cij", self._in_cells(a), self._gradients) for a in (e, x, shape)
         )

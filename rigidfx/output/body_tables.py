@@ -39,7 +39,7 @@ BODY_COLUMNS = ("t", *BODY, *(f"{v}_{axis}" for v in VECTORS for axis in "xyz"),
 
 
 def event_rows(report: Report) -> Iterator[dict[str, Any]]:
-    """Rows of events.csv for what was switched around a step."""
+    """Rows of events.csv for the switches around a step."""
     for event in report.events:
         of_event = {name: getattr(event, name) for name in EVENT}
         for name in IMPULSES:

@@ -87,7 +87,7 @@ class CsvFile:
         """Close the file, which ends its lock.
 
         Raises:
-            OSError: If the file system has not been able to keep what it took.
+            OSError: If the file system has not been able to keep all data.
         """
         self._file.close()
 

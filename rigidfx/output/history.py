@@ -213,7 +213,7 @@ def _of_joints(joints: Sequence[str], told: Mapping[str, JointReport]) -> dict[s
 
 
 def _spent(report: Report) -> dict[str, float]:
-    """What the ledger says, by the names of the columns."""
+    """Values of the ledger, by the names of the columns."""
     ledger = report.ledger
     if ledger is None:
         return dict.fromkeys(LEDGER, nan)

@@ -1,4 +1,4 @@
-"""The file with what a run says of itself."""
+"""The file with the messages of a run."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class _LogFile(logging.FileHandler):
 
 
 def log_file(path: Path, *, anew: bool) -> logging.Handler:
-    """A handler that writes a file, with times; anew, or behind what is there."""
+    """A handler that writes a file, with times; anew, or behind its content."""
     handler = _LogFile(path, mode="w" if anew else "a", encoding="utf-8")
     handler.setFormatter(logging.Formatter("%(asctime)s %(message)s"))
     return handler

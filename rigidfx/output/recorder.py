@@ -93,7 +93,7 @@ class Recorder:
                 all times, of less than half the size, which ParaView 5.12 and h5py can read; or
                 "both".
             resume: Whether files of the folder go on with the run of `resume`, from where they
-                ended at its checkpoint: what was written later is cut off.
+                ended at its checkpoint: rows written later are cut off.
             peaks: Names of sets of facets, cells, edges or vertices: history.csv tells the largest
                 von Mises stress over each, and where it is, at the cost of the cells there.
 
@@ -157,7 +157,7 @@ class Recorder:
         return str(self.folder)
 
     def ends(self) -> Mapping[str, Any] | None:
-        """Where files end, and what is remembered, for checkpoints; on rank 0, else None."""
+        """Where files end, and their memory, for checkpoints; on rank 0, else None."""
         if self._comm.rank:
             return None
         own = {"next": self._next, "fields_at": self._fields_at, "before": self._before}
@@ -210,7 +210,7 @@ class Recorder:
         Raises:
             OutputError: On every rank, if rank 0 cannot write.
             SceneError: If it is no report, of another scene, of a step that is not the last one any
-                more, or earlier than what has been written.
+                more, or earlier than the last row.
         """
         self._check(report)
         if self._waits:
@@ -236,8 +236,8 @@ class Recorder:
         """Close the files, and let other recorders have the folder. Collective.
 
         Raises:
-            OutputError: On every rank, if the file system has not been able to keep what it took;
-                the files are closed all the same.
+            OutputError: On every rank, if the file system has not been able to keep all data; the
+                files are closed all the same.
         """
         self._closed = True
         self._on_first_rank(self._shut)
@@ -309,7 +309,7 @@ class Recorder:
         self._on_first_rank(write)
 
     def _on_first_rank(self, action: Callable[[], None]) -> None:
-        """Write on rank 0, and raise on all ranks what goes wrong there. Collective."""
+        """Write on rank 0, and raise its errors on all ranks. Collective."""
         problem = None
         if self._comm.rank == 0:
             try:

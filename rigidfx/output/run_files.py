@@ -104,6 +104,6 @@ class RunFiles:
         """Close them.
 
         Raises:
-            OSError: If the file system has not been able to keep what it took.
+            OSError: If the file system has not been able to keep all data.
         """
         self._open.close()

@@ -11,7 +11,7 @@ __all__ = ["main"]
 
 
 def main() -> None:
-    """Draw what the command line asks for."""
+    """Draw the pictures that the command line asks for."""
     parser = argparse.ArgumentParser(
         prog="python3 -m rigidfx.plot", description="Standard pictures of a run, in its folder."
     )

@@ -1,4 +1,4 @@
-"""What a run has spent of accuracy, against what was allowed, as curves."""
+"""Spent accuracy of a run, against the allowed one, as curves."""
 
 from __future__ import annotations
 

@@ -109,7 +109,7 @@ def pictures(
 
 
 def _of_numbers(history: Path, free_since: float | None, title: str) -> list[Path]:
-    """Draw what a table tells; the files written, on this rank."""
+    """Draw the content of a table; the files written, on this rank."""
     place, h = history.parent, columns_of(history)
     made = [place / "histories.png"]
     histories(history, made[0], free_since=free_since, title=title, comm=MPI.COMM_SELF)
@@ -148,7 +148,7 @@ class _Look:
 
 
 def _of_shapes(folder: Path, shapes: int, frames: int, look: _Look) -> list[Path]:
-    """Draw what the fields of a run tell; the files written, on this rank."""
+    """Draw the fields of a run; the files written, on this rank."""
     run, made = _Run(folder), []
     as_asked = {**vars(look), "edges": run.edges}
     first = "rigid" if run.was_rigid() else "displacement"

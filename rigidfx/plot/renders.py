@@ -61,7 +61,7 @@ class Photograph:
     Attributes:
         t: Time [s].
         surface: Deformed surface, from `surface_of`.
-        caption: What stands above it; the time if None.
+        caption: Text above it; the time if None.
     """
 
     t: float
@@ -70,7 +70,7 @@ class Photograph:
 
 
 def check_camera(owner: str, view: Sequence[float], up: Sequence[float]) -> None:
-    """Check where a camera looks from, and what is up for it.
+    """Check where a camera looks from, and its upward direction.
 
     Args:
         owner: Whose camera it is, for the message.
@@ -152,7 +152,7 @@ def sheet(
         up: Direction that points upwards in the picture.
         title: Heading.
         edges: Whether edges of cells are drawn.
-        scale: By what their displacements are multiplied, to be told on the picture.
+        scale: Factor of their displacements, to be told on the picture.
     """
     wide = min(columns, len(photographs))
     rows = -(-len(photographs) // wide)

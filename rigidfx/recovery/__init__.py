@@ -1,1 +1,1 @@
-"""What parts named rigid strain by: asked for by stresses, and by nothing in a run."""
+"""Strains of parts named rigid: asked for by stresses, and by nothing in a run."""

@@ -1,7 +1,7 @@
 """Parts named rigid that supports hold, and the forces on their nodes.
 
 A part that supports hold is no body of its own: each of its nodes is driven, and has an equation of
-its own in a step. What is out of balance there is what a support would have to exert at the node,
+its own in a step. A support would have to exert the imbalance at the node,
 and stiffness does: as on a body, but for the nodes that supports hold in truth. The part strains
 between these and the forces on the rest of it; no rigid motion of it is left.
 """
@@ -37,8 +37,8 @@ class HeldParts(Watch):
 
         Args:
             stepper: Solves the steps.
-            in_pieces: Parts named rigid whose cells are not connected through facets: nothing
-                tells what goes from piece to piece.
+            in_pieces: Parts named rigid whose cells are not connected through facets: forces from
+                piece to piece are unknown.
         """
         self._stepper, self._in_pieces = stepper, in_pieces
         self._known: dict[int, RigidBody] = {}  # by their numbers
@@ -116,7 +116,7 @@ class HeldParts(Watch):
         return held
 
     def borne(self, data: RigidBody) -> Array:
-        """What a part's nodes have to resist in the step that was solved last. Collective.
+        """Forces that a part's nodes have to resist in the step that was solved last. Collective.
 
         Returns:
             Forces in its frame, shape (nodes, 3) [N].
@@ -139,7 +139,7 @@ class HeldParts(Watch):
         return known[data.number]
 
     def loaded(self) -> list[tuple[RigidBody, Array]]:
-        """The parts, and what their nodes resisted in the last step. Collective.
+        """The parts, and the resistance of their nodes in the last step. Collective.
 
         Returns:
             Forces in the parts' frames, shape (nodes, 3) [N]; nothing before a step.

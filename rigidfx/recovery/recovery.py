@@ -1,8 +1,8 @@
-"""What rigid parts would strain by, for stresses that are asked for.
+"""Strains of rigid parts, for stresses that are asked for.
 
 Bodies that were found have the strains of the error motion. A part named rigid has none there, as
 it is rigid in the twin, too: it is strained by the forces on its nodes, by its own stiffness. Where
-more than what holds it bears the loads, or where it would bend by so much that a linear response
+more than its own supports bear the loads, or where it would bend by so much that a linear response
 does not balance the forces (stresses of a bar whose tip went 4 % of its length were 4 % off, by
 turns alone), the whole structure is solved with it.
 """
@@ -36,7 +36,7 @@ BENDS = 0.02  # part of its length that a part may move within itself by a linea
 
 
 class Carried(NamedTuple):
-    """What forces on rigid parts would move there.
+    """Motion by forces on rigid parts there.
 
     Attributes:
         u: Displacements of the owned nodes in space, zero outside, shape (nodes, 3) [m].
@@ -58,10 +58,10 @@ class Carried(NamedTuple):
 
 
 class Recovery:
-    """Knows what rigid parts strain by; solves for those named rigid once for each state.
+    """Knows strains of rigid parts; solves for those named rigid once for each state.
 
-    The whole structure's equations and factors serve for as long as the division is the same, and
-    what acts on it; factors that have become too old are found out by what a solve leaves.
+    The whole structure's equations and factors serve for as long as the division and its effects
+    are the same; factors that have become too old are found out by the rest of a solve.
     """
 
     def __init__(
@@ -89,7 +89,7 @@ class Recovery:
         self._ended = False
 
     def recovered(self) -> Carried:
-        """What rigid parts strain by after the last step. Collective."""
+        """Strains of rigid parts after the last step. Collective."""
         if self._known is None or self._asked != self._stepper.state.changes:
             self._asked, self._known = self._stepper.state.changes, self._recovered()
             if self._ended:
@@ -134,7 +134,7 @@ class Recovery:
         return self._rest[held]
 
     def _balanced(self, u: Array, loaded: Sequence[tuple[RigidBody, Array]]) -> Int32s:
-        """Put in what parts strain in the whole structure, where that is another. Collective.
+        """Put in strains of parts in the whole structure, where these differ. Collective.
 
         Args:
             u: Displacements of owned nodes, written where parts are, shape (nodes, 3) [m].
@@ -162,7 +162,7 @@ class Recovery:
         return np.concatenate([data.cells for data in parts])
 
     def remember(self) -> None:
-        """Have what is known of the last step outlast its equations. Collective."""
+        """Have findings of the last step outlast its equations. Collective."""
         if self._held is not None:
             self._held.remember()
 
@@ -190,7 +190,7 @@ class Recovery:
         self._whole, self._of, self._rest = None, (), {}
 
     def destroy(self) -> None:
-        """Free the PETSc objects; what is asked for later is made for that alone. Collective."""
+        """Free the PETSc objects; later requests make their own. Collective."""
         self._free()
         self._ended = True
 

@@ -1,4 +1,4 @@
-"""The structure as it is now, some of its rigid parts flexible: what forces on these move there.
+"""The structure as it is now, some of its rigid parts flexible: its motion by forces on these.
 
 The difference of two motions, e = ũ - u, obeys the equations of the whole structure under ρ: all of
 it as it is now, other bodies condensed, springs and contacts as they are, in a step so long that
@@ -52,7 +52,7 @@ def small_enough(stepper: Stepper) -> bool:
 class Whole:
     """The equations of the structure, some rigid parts flexible; `destroy` frees them.
 
-    They stay what they are for a division and what acts on it; a state is taken over by `take`.
+    They serve for a division and its effects; a state is taken over by `take`.
     """
 
     def __init__(self, stepper: Stepper, parts: Sequence[RigidBody]) -> None:

@@ -15,7 +15,7 @@ __all__ = ["check_together", "overlap"]
 
 
 def check_together(effects: Sequence[fx.Effect], scheme: Scheme) -> None:
-    """Check what can be judged without the mesh: which effects go together, and with the scheme.
+    """Check effects as far as possible without the mesh: which go together, and with the scheme.
 
     Args:
         effects: All effects of a scene.

@@ -72,7 +72,7 @@ def _laws(scene: Any, moduli: Moduli, axes: Any) -> tuple[fem.Function, fem.Func
 
 
 def _check_enhanced(scene: Any, asked: str) -> Moduli:
-    """λ and μ of materials at rest; what enhanced and assumed strains cannot do with is refused.
+    """λ and μ of materials at rest; unsuitable ones for such strains are refused.
 
     Raises:
         SceneError: If there is any.

@@ -1,7 +1,7 @@
 """The whole problem, immutable and validated: mesh, materials, effects, discretisation.
 
-What can be known to be wrong without a run is raised when a scene is made, the rest before the
-first step, as it takes bodies and supports together in time; on all ranks alike.
+Faults that are known without a run are raised when a scene is made, the rest before the first step,
+as it takes bodies and supports together in time; on all ranks alike.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ class Scene:
         supports: Pairs of a support and its local nodes, ghosts included.
         probes: Named points [m] whose histories are recorded.
         probe_cells: Rank and local number of the cell that holds each of them.
-        given: What it was made of, by its name.
+        given: The arguments it was made of, by name.
     """
 
     def __init__(
@@ -99,7 +99,7 @@ class Scene:
         Args:
             domain: Mesh and names.
             material: One material, or one for each of the named cell sets that make up the mesh.
-            effects: What acts, in any order.
+            effects: The effects, in any order.
             order: 1 or 2. Sound with lumped mass: hexahedra of both orders (their nodal masses
                 are those of a Gauss-Lobatto rule, which keeps the order) and tetrahedra of order
                 1. Tetrahedra of order 2 have negative lumped masses at their vertices and need
@@ -326,7 +326,7 @@ class Scene:
         return in_a_line(self)
 
     def describe(self, dt: float | None = None, periods: int | None = None) -> str:
-        """Print, on rank 0, what there is in the scene and when it acts. Collective.
+        """Print, on rank 0, the content of the scene and when it acts. Collective.
 
         Args:
             dt: Time step that is thought of [s]: it is told how many cells a wave passes in it, if

@@ -1,4 +1,4 @@
-"""Steps as long as an error lets them be: what the user states."""
+"""Steps as long as an error lets them be: the record of a user."""
 
 from __future__ import annotations
 
@@ -55,8 +55,8 @@ class StepControl:
         at: Names of the probes whose displacements count, the one with the largest error each
             time; some nodes far from each other if None. Of what they are connected to nodes count
             in the mean square, as errors made there come to them.
-        largest: Largest Δt [s]; to be given. What is over in less and is not declared as a time
-            window, a `Table` or `breakpoints` may be stepped over.
+        largest: Largest Δt [s]; to be given. A load that is over in less and is not declared as a
+            time window, a `Table` or `breakpoints` may be stepped over.
         smallest: Smallest Δt [s]; a thousandth of the largest if None.
         of: Displacement that `tol` is a part of [m]; the largest so far if None.
     """

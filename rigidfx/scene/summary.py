@@ -162,8 +162,8 @@ def effects_table(effects: Sequence[Effect]) -> list[str]:
 def phases(effects: Sequence[Effect]) -> list[str]:
     """A line for each span of time in which the same effects act, from t = 0 on.
 
-    What has no time window and acts, such as a spring, does so in all of them. None if nothing of
-    the kind is there.
+    An effect that has no time window and acts, such as a spring, does so in all of them. None if
+    nothing of the kind is there.
     """
     windowed = [e for e in effects if isinstance(e, Windowed)]
     if not windowed and not any(e.is_lasting for e in effects):

@@ -95,7 +95,7 @@ class Timeline:
         return abs(a - b) <= self.resolution
 
     def after(self, t: float) -> float:
-        """A time just after t [s], at which what begins at t acts."""
+        """A time just after t [s], at which effects that begin at t act."""
         return t + self.resolution
 
     def over(self, t: float) -> bool:

@@ -1,4 +1,4 @@
-"""What each node has of an integral over cells or facets: masses, areas, forces of a load."""
+"""Share of each node in an integral over cells or facets: masses, areas, forces of a load."""
 
 from __future__ import annotations
 

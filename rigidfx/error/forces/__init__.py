@@ -1,1 +1,1 @@
-"""What drives the error motion: the forces that rigidity takes over at the nodes of bodies."""
+"""Forces on the error motion: those that rigidity takes over at the nodes of bodies."""

@@ -1,4 +1,4 @@
-"""ρ of the bodies that there are: what their nodes would have to resist by straining."""
+"""ρ of the bodies that there are: forces that their nodes would have to resist by straining."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ class BodyForces(Watch):
 
         Args:
             stepper: Solves the steps.
-            in_pieces: Parts named rigid whose cells are not connected through facets: nothing
-                tells what goes from piece to piece, and ρ of their bodies is not known.
+            in_pieces: Parts named rigid whose cells are not connected through facets: forces from
+                piece to piece are unknown, and ρ of their bodies is not known.
         """
         self._stepper, self._in_pieces = stepper, in_pieces
         self._linear = LinearForms(stepper.scene, stepper.forces)

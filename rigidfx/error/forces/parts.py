@@ -115,7 +115,7 @@ class Parts:
         return out
 
     def balance(self, force: Array) -> None:
-        """Take out of forces, in place, what moves the bodies as a whole: by masses. Collective.
+        """Take forces that move the bodies as a whole out, in place: by masses. Collective.
 
         Args:
             force: On the nodes of the rows, in the bodies' frames, shape (nodes, 3) [N].
@@ -140,7 +140,7 @@ class Parts:
             free: Of each body, those that are: see `free_motions`.
 
         Returns:
-            What it is by `linear`, shape (bodies, 4, 3).
+            Its value by `linear`, shape (bodies, 4, 3).
         """
         each = zip(self._inertia, free, strict=True)
         inverses = [F @ np.linalg.pinv(F.T @ inertia @ F) @ F.T for inertia, F in each]
@@ -157,7 +157,7 @@ class Parts:
             inverses: Velocities that such sums are of, shape (6, 6) of each body; all if None.
 
         Returns:
-            What it is by `linear`, shape (bodies, 4, 3).
+            Its value by `linear`, shape (bodies, 4, 3).
         """
         local = np.zeros((len(self.bodies), 4, 3))
         for total, own in zip(local, self._spans, strict=True):

@@ -39,7 +39,7 @@ class _Turning:
     """How bodies turn in a step: numbers of each, by which forces of inertia are linear in places.
 
     Attributes:
-        gained: What their velocities gain [m/s², 1/s²], shape (bodies, 4, 3), as of `_momentary`.
+        gained: Gain of their velocities [m/s², 1/s²], shape (bodies, 4, 3), as of `_momentary`.
         R: Rotations halfway, shape (bodies, 3, 3).
         shorter: Of their means in these frames, likewise.
     """
@@ -119,7 +119,8 @@ class Withheld:
             dt: Its length [s].
 
         Returns:
-            Forces on the nodes of the rows, without what would move a body, shape (nodes, 3) [N].
+            Forces on the nodes of the rows, without those that would move a body, shape (nodes, 3)
+            [N].
         """
         system = self._stepper.system
         increments = system.equilibrium.prolongation.increments
