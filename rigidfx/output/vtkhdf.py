@@ -32,7 +32,7 @@ __all__ = ["HdfSeries", "hdf"]
 Array = npt.NDArray[Any]
 
 DOUBLE = ("displacement", "error_motion")  # small strains are differences of large displacements
-ROWS = 64  # times in a chunk of their table
+ROWS = 64  # times in a chunk of their table, and for which datasets are made longer at once
 
 
 def hdf(owner: str) -> Any:
@@ -56,27 +56,36 @@ def hdf(owner: str) -> Any:
 class _Table:
     """A table with a row for each time; its chunks are written as they are.
 
-    All other ways of h5py take ten times as long, which counts where there are few cells.
+    All other ways of h5py take ten times as long, which counts where there are few cells. Some rows
+    that are still empty follow the last one, as each change of its length is written, too.
     """
 
     def __init__(
-        self, group: Any, name: str, rest: tuple[int, ...] = (), kind: Any = np.int64
+        self, group: Any, name: str, rest: tuple[int, ...] = (), kind: Any = np.int64, all: int = 0
     ) -> None:
-        """Make it, empty."""
+        """Make it, empty; `all` is the value of rows that nothing is put into."""
         self.data = group.create_dataset(
-            name, (0, *rest), kind, maxshape=(None, *rest), chunks=(ROWS, *rest)
+            name, (0, *rest), kind, maxshape=(None, *rest), chunks=(ROWS, *rest), fillvalue=all
         )
         self._chunk = np.zeros((ROWS, *rest), kind)
         self.rows = 0
 
     def enter(self, row: int, value: float) -> None:
         """Put a value into the last row."""
-        self.rows = row + 1
+        self.more(row)
         self._chunk[row % ROWS] = value
-        rest = self._chunk.shape[1:]
-        self.data.id.set_extent((self.rows, *rest))
-        first = row - row % ROWS, *(0 for _ in rest)
-        self.data.id.write_direct_chunk(first, self._chunk.tobytes())
+        first = row - row % ROWS, *(0 for _ in self._chunk.shape[1:])
+        self.data.id.write_direct_chunk(first, self._chunk)
+
+    def more(self, row: int) -> None:
+        """Have a last row."""
+        self.rows = row + 1
+        if row % ROWS == 0:
+            self.data.id.set_extent((row + ROWS, *self._chunk.shape[1:]))
+
+    def cut(self) -> None:
+        """Leave out what follows the last row."""
+        self.data.id.set_extent((self.rows, *self._chunk.shape[1:]))
 
 
 @dataclass
@@ -90,6 +99,7 @@ class _Field:
         last: The last values that were added, then ...
         place: ... where they begin ...
         rows: ... and end.
+        length: Of the data, with empty rows behind.
     """
 
     data: Any
@@ -98,16 +108,24 @@ class _Field:
     last: Array | None
     place: int
     rows: int
+    length: int
 
     def add(self, values: Array) -> None:
         """Add the values of a time behind all others: a chunk of their own."""
         self.last = values if self.may_stay else None
         self.place, self.rows = self.rows, self.rows + len(values)
         rest = values.shape[1:]
-        self.data.id.set_extent((self.rows, *rest))
+        if self.rows > self.length:
+            self.length = self.place + ROWS * len(values)
+            self.data.id.set_extent((self.length, *rest))
         if len(values):
             first = self.place, *(0 for _ in rest)
-            self.data.id.write_direct_chunk(first, values.tobytes())
+            self.data.id.write_direct_chunk(first, values)
+
+    def cut(self) -> None:
+        """Leave out what follows the last values."""
+        self.data.id.set_extent((self.rows, *self.data.shape[1:]))
+        self.places.cut()
 
 
 class HdfSeries:
@@ -165,7 +183,7 @@ class HdfSeries:
         # Tables with the same numbers are one table by several names.
         nought, of_cells = _Table(steps, "PartOffsets"), _Table(steps, "CellOffsets", (1,))
         steps["PointOffsets"], steps["ConnectivityIdOffsets"] = nought.data, of_cells.data
-        self._alike = {nought: 0, of_cells: 0, _Table(steps, "NumberOfParts"): 1}
+        self._alike = nought, of_cells, _Table(steps, "NumberOfParts", all=1)
         for kind in ("Point", "Cell"):
             root.create_group(f"{kind}Data")
             steps.create_group(f"{kind}DataOffsets")
@@ -207,8 +225,9 @@ class HdfSeries:
         for kind, fields in (("Point", points), ("Cell", cells)):
             for name, values in fields.items():
                 self._add(kind, name, values)
-        for table, value in {self._times: t, **self._alike}.items():
-            table.enter(self._count, value)
+        self._times.enter(self._count, t)
+        for table in self._alike:
+            table.more(self._count)
         self._written.write(np.array(self._count + 1))
         self._commit()
         self._count += 1
@@ -235,7 +254,7 @@ class HdfSeries:
             places, offsets[name] = shared[0], shared[0].data
         else:
             places = _Table(offsets, name)
-        return self._fields.setdefault((kind, name), _Field(data, places, may_stay, None, 0, 0))
+        return self._fields.setdefault((kind, name), _Field(data, places, may_stay, None, 0, 0, 0))
 
     def _commit(self) -> None:
         self._file.flush()
@@ -247,6 +266,9 @@ class HdfSeries:
         Raises:
             OSError: If it cannot be written to its end.
         """
+        if self._end.alive:
+            for table in (self._times, *self._alike, *self._fields.values()):
+                table.cut()
         self._end()
 
 
@@ -266,5 +288,5 @@ def _stored(name: str, values: Array) -> Array:
         i, j = np.transpose(SYMMETRIC)
         values = values[:, i, j]
     if values.dtype.kind == "f" and name not in DOUBLE:
-        return values.astype(np.float32)
+        values = values.astype(np.float32)
     return np.ascontiguousarray(values)

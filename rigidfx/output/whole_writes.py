@@ -128,7 +128,8 @@ class WholeWrites(io.RawIOBase):
     def write(self, buffer: Any) -> int:
         """See `io.RawIOBase`."""
         data = memoryview(buffer).cast("B")
-        here, rest = data[: max(self._size - self._at, 0)], data[max(self._size - self._at, 0) :]
+        seen = max(self._size - self._at, 0)  # by readers
+        here, rest = data[:seen], data[seen:]
         if here:
             before = self._changed.pop(self._at, b"")
             self._changed[self._at] = bytes(here) + before[len(here) :]

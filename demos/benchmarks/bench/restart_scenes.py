@@ -22,12 +22,12 @@ def bouncing() -> tuple[rf.Scene, dict[str, Any]]:
     box = rf.box((0, 0, 0), (8, 1, 1), (16, 1, 1))
     box = box.with_cells("stalk", lambda x: x[0] <= 2 + 1e-9)
     box = box.with_cells("block", lambda x: x[0] >= 2 - 1e-9)
-    pulls = rf.Table([0, 1, 1.5, 2, 4, 4.5, 5], [0.0, 60, 60, 0, 0, 60, 0])
-    wall = rf.Contact("z1", against=rf.Plane((0, 0, 1.004), (0, 0, -1)))
+    pulls = rf.Table([0, 1, 1.2, 1.6, 1.8, 4.4, 4.6, 5, 5.2], [0.0, 0, 60, 60, 0, 0, 60, 60, 0])
+    wall = rf.Contact("z1", against=rf.Plane((0, 0, 1.004), (0, 0, -1)), stiffness=1e6)
     pull = rf.Traction("x1", (0, 0, 1.0), time=pulls)
-    effects = [rf.Fixed("x0"), pull, wall, rf.MassDamping(2.0)]
+    effects = [rf.Fixed("x0"), pull, wall, rf.MassDamping(4.0)]
     scene = rf.Scene(box, {"stalk": SOFT, "block": STIFF}, effects, probes={"tip": (8, 0.5, 0.5)})
-    return scene, {"dt": 0.02, "t_end": 8.0, "rigidify": rf.StrainRate(9e-4, 0.3)}
+    return scene, {"dt": 0.02, "t_end": 8.0, "rigidify": rf.StrainRate(1e-4, 0.3)}
 
 
 def linked() -> tuple[rf.Scene, dict[str, Any]]:
