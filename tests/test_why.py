@@ -52,3 +52,15 @@ def test_each_material_counts_where_the_pressure_is():
     of = {"soft": MATERIAL, "hard": steel}
     scenes = [rf.Scene(box, of, [rf.Pressure(name, 3e3)]) for name in ("x1", "x0")]
     assert [bool(overload(scene, 0.1)) for scene in scenes] == [False, True]
+
+
+def test_a_step_at_rounding_is_told():
+    """A bar of steel that 1 N pulls, of which one iteration leaves rounding; in statics, too."""
+    box = rf.box((0, 0, 0), (4, 1, 1), (4, 1, 1))
+    steel = rf.StVenantKirchhoff(E=2e11, nu=0.3, rho=1000.0)
+    scene = rf.Scene(box, steel, [rf.Fixed("x0"), rf.Traction("x1", (0, 0, 1.0))])
+    once = {"petsc_options": {"snes_max_it": 1}}
+    told = r"all that is left is rounding: forces are known to \d\.\de-04 N at best"
+    for steps in (rf.static(scene, 2, **once), rf.simulate(scene, 0.01, 0.02, **once)):
+        with pytest.raises(rf.StepError, match=told):
+            list(steps)
