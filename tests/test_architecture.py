@@ -36,11 +36,10 @@ FLOW = [
     "vibration",
     "command",
 ]
-MOVED = ["files", "shapes", "stress"]  # of one release: they warn, and point to where they are
 
 PACKAGE = Path(rigidfx.__file__).parent
 OFFERS = sorted(PACKAGE.glob("*/**/__init__.py"))
-FILES = sorted(path for path in PACKAGE.rglob("*.py") if path.stem not in ("__init__", *MOVED))
+FILES = sorted(path for path in PACKAGE.rglob("*.py") if path.stem != "__init__")
 
 TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in [*FILES, *OFFERS]}
 
@@ -147,12 +146,6 @@ def test_modules_name_what_they_offer():
 def test_what_the_package_exports_is_offered_by_a_module():
     offered = {item for path in FILES for item in importlib.import_module(_name(path)).__all__}
     assert set(rigidfx.__all__) <= offered
-
-
-@pytest.mark.parametrize("name", MOVED)
-def test_what_has_moved_says_where(name):
-    with pytest.warns(DeprecationWarning, match=rf"rigidfx\.{name} has moved to rigidfx\.\w+\."):
-        importlib.reload(importlib.import_module(f"rigidfx.{name}"))
 
 
 # What of a state can be written into. The displacement goes by other names too: forms read it as

@@ -256,7 +256,7 @@ def test_folder_without_permission(tmp_path):
 
 
 def test_package_is_imported_without_graphics():
-    code = "import sys, rigidfx.plot, rigidfx.shapes; print(*sys.modules)"
+    code = "import sys, rigidfx.plot, rigidfx.plot.shapes; print(*sys.modules)"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     known = {"matplotlib", "paraview", "pyvista", "vtkmodules", "meshio"}
     assert not known & set(out.stdout.split())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 import runpy
 import sys
 from pathlib import Path
@@ -17,6 +18,7 @@ from rigidfx.plot.curves import figure_of
 from rigidfx.plot.pictures import pictures
 from rigidfx.plot.renders import Photograph, images, key, pyvista, surface_of
 from rigidfx.plot.shapes import Shapes
+from rigidfx.plot.show import show
 
 pytest.importorskip("pyvista")
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its ranks itself")
@@ -159,3 +161,29 @@ if __name__ == "__main__":
         answers = MPI.COMM_WORLD.gather((made, str(error)))
         if answers is not None:
             tell(answers)
+
+
+def test_a_notebook_shows_scene_report_and_ledger(monkeypatch):
+    """Short lines, tables, and the deformed body by pyvista, coloured and to scale."""
+    pv = pytest.importorskip("pyvista")
+    bar = rf.box((0, 0, 0), (4, 1, 1), (8, 2, 2))
+    effects = [rf.Fixed("x0"), rf.Traction("x1", (0, 0, 2e3))]
+    steel = rf.StVenantKirchhoff(E=2e7, nu=0.3, rho=1000.0)
+    scene = rf.Scene(bar, steel, effects, probes={"<tip>": (4, 0.5, 0.5)})
+    control = rf.StepControl(0.05, "<tip>", largest=0.1)
+    *_, last = rf.simulate(scene, control, 0.1, progress=False)
+    html = operator.methodcaller("_repr_html_")  # as a notebook asks for it
+    assert len(repr(scene)) < 120
+    assert len(repr(last)) < 120
+    assert f"time {last.ledger.time.relative:.2%}" in repr(last.ledger)
+    assert "Traction" in html(scene)
+    assert "u of &lt;tip&gt; [m]" in html(last)
+    assert str(last.ledger).split("\n")[0] in html(last.ledger)
+    drawn = []
+    monkeypatch.setattr(pv.Plotter, "show", lambda plotter: drawn.append(plotter))
+    for colour in ("displacement", "rigid"):
+        show(last, colour, scale=10.0)
+    highest = drawn[0].mesh.points[:, 2].max()
+    assert highest == pytest.approx(1 + 10 * last.probes["<tip>"][2], rel=0.05)
+    with pytest.raises(rf.SceneError, match="colour must be one of"):
+        show(last, "red")

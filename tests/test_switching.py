@@ -701,9 +701,9 @@ def test_cells_at_supports_stay_flexible(components):
 
 
 @short_windows
-@pytest.mark.parametrize("measure", ["rms", "printed"])
+@pytest.mark.parametrize("measure", ["rms", "paper"])
 def test_measures_of_the_strain_rate(measure):
-    """Of a homogeneous stretch: |Ė|, or |Ė|/V^½ as printed, whatever the mesh."""
+    """Of a homogeneous stretch: |Ė|, or |Ė|/V^½ as in the paper, whatever the mesh."""
     rate, size = 1e-3, 0.5
     scene = rf.Scene(
         rf.box((0, 0, 0), (2, 1, 1), (4, 2, 2)),

@@ -65,7 +65,7 @@ _criteria = st.fixed_dictionaries(
     {
         "tol": _choice(0.0, 1e-6, 1e-2, 0.3, 10.0, ANY, ANY),
         "window": _choice("auto", 2, 5),
-        "measure": _choice("rms", "printed"),
+        "measure": _choice("rms", "paper"),
         "tolerances": st.dictionaries(_sets, _choice(0.0, ANY), max_size=2),
         "never": st.lists(_sets, max_size=1),
         "release": st.lists(_number(1, 20), max_size=2),

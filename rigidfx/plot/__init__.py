@@ -6,12 +6,14 @@
     python3 -m rigidfx.plot out/bar
 
 `pictures` makes the standard ones from the files of a `Recorder`; `Shapes` collects the deformed
-body while a run goes on; `Curve`, `curves` and `histories` draw numbers of any runs.
+body while a run goes on; `show` shows that of a report in a notebook or a window; `Curve`, `curves`
+and `histories` draw numbers of any runs.
 """
 
 from rigidfx.plot.curves import Curve, curves, figure_of, histories, on_first_rank, save
 from rigidfx.plot.pictures import pictures
 from rigidfx.plot.shapes import Shapes
+from rigidfx.plot.show import show
 
 __all__ = [
     "Curve",
@@ -22,4 +24,5 @@ __all__ = [
     "on_first_rank",
     "pictures",
     "save",
+    "show",
 ]

@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 from math import isnan, nan, pi
 from typing import ClassVar, Literal
 
+from rigidfx.base.in_notebook import as_text
 from rigidfx.base.remembered import PART, Remembered, same
 from rigidfx.effects import NumericalDamping
 from rigidfx.step.equations.energies import Measures
@@ -27,6 +28,7 @@ from rigidfx.step.stepper import Stepper
 __all__ = ["Entry", "Ledger", "Ledgers", "Rigidity"]
 
 TINY = 1e-300
+ACCOUNTS = "withheld", "frozen", "time", "damping", "rigidity", "measured"
 Sure = Literal["estimate", "unknown"]
 NOISE = 1e-9  # of a kinetic energy: rounding of what of it is of deformation
 OF_AMPLITUDE = 2.0  # parts of an energy that go with one of an amplitude
@@ -158,6 +160,16 @@ class Ledger:
         if self.let_go > 0:
             lines.append(f"{'error let go':{width}s} {self.let_go:.3g} m")
         return "\n".join([*lines, f"{'mesh':{width}s} {self.MESH}"])
+
+    def __repr__(self) -> str:
+        """The accounts that have been spent from, in a line."""
+        entries = {name: getattr(self, name) for name in ACCOUNTS}
+        told = [f"{k} {e.relative:.2%}" for k, e in entries.items() if not isnan(e.spent)]
+        return f"<Ledger: {', '.join(told)}>"
+
+    def _repr_html_(self) -> str:
+        """All accounts in a notebook."""
+        return as_text(str(self))
 
 
 class Ledgers:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from rigidfx.base.errors import SceneError
+from rigidfx.base.in_notebook import as_table, in_short
 from rigidfx.base.taken import read_only
 from rigidfx.effects import JointReports, Touch
 from rigidfx.error.error_motion import ErrorMotion
@@ -132,6 +133,26 @@ class Report:
     _recovery: Recovery | None = None
     _error: ErrorMotion | None = None
     _writers: Writers = field(default_factory=Writers, repr=False, compare=False)
+
+    def __repr__(self) -> str:
+        """Step, time, size and energy, in a line."""
+        return (
+            f"<Report: step {self.step}, t = {self.t:.6g} s, {self.unknowns} unknowns, "
+            f"{self.iterations} iterations, {self.energy:.4g} J>"
+        )
+
+    def _repr_html_(self) -> str:
+        """The step in a notebook: sizes, energies, probes and reactions."""
+        rows = {
+            "unknowns": f"{self.unknowns}, {len(self.bodies)} rigid bodies",
+            "solver": f"{self.iterations} iterations, {self.solver}",
+            "energy [J]": f"{self.energy:.6g} = kinetic {self.kinetic:.4g} + strain "
+            f"{self.strain:.4g} + stored {self.stored:.4g} + springs {self.springs:.4g} "
+            f"+ contact {self.contact:.4g}",
+        }
+        rows |= {f"u of {name} [m]": in_short(u) for name, u in self.probes.items()}
+        rows |= {f"reaction of {name} [N]": in_short(f) for name, f in self.reactions.items()}
+        return as_table(f"step {self.step}, t = {self.t:.6g} s", rows)
 
     @property
     def energy(self) -> float:

@@ -1,7 +1,6 @@
 """The whole problem, immutable and validated: mesh, materials, effects, discretisation.
 
-Faults that are known without a run are raised when a scene is made, the rest before the first step,
-as it takes bodies and supports together in time; on all ranks alike.
+Faults known without a run are raised as a scene is made, the rest before the first step.
 """
 
 from __future__ import annotations
@@ -21,6 +20,7 @@ from mpi4py import MPI
 from rigidfx import effects as fx
 from rigidfx.base import compat
 from rigidfx.base.errors import SceneError
+from rigidfx.base.in_notebook import as_text
 from rigidfx.base.inputs import positive, whole
 from rigidfx.base.same_input import check_same
 from rigidfx.base.taken import read_only
@@ -159,7 +159,7 @@ class Scene:
         warn_of_pieces(self.domain, self.effects)
         warn_of_mesh(self.domain, self.effects)
 
-    # What is asked of a scene -------------------------------------------------------------------
+    # Questions to a scene -----------------------------------------------------------------------
 
     @property
     def comm(self) -> MPI.Intracomm:
@@ -180,10 +180,7 @@ class Scene:
     def quadrature_degree(self) -> int:
         """Degree of the rule of W, H and the residual: full integration of the stiffness.
 
-        In first-order tetrahedra the strain is constant, and so is all that depends on it: one
-        point gives what four do. At 27 783 unknowns displacements are the same to 5e-16, and a step
-        by Newton's method and GMRES takes a quarter less (.260 s, not .342; neo-Hooke .45, not .55,
-        the same to 1e-13, as its stress is rounded by as much); by kept factors 4 % less.
+        In first-order tetrahedra the strain is constant, and one point is enough.
         """
         return 1 if self.simplex and self.order == 1 else STIFFNESS_DEGREE[self.order]
 
@@ -325,12 +322,15 @@ class Scene:
         """Size and number of effects, in a line."""
         return in_a_line(self)
 
+    def _repr_html_(self) -> str:
+        """Its description, in a notebook."""
+        return as_text("\n".join(description(self, None, 0)))
+
     def describe(self, dt: float | None = None, periods: int | None = None) -> str:
         """Print, on rank 0, the content of the scene and when it acts. Collective.
 
         Args:
-            dt: Time step that is thought of [s]: it is told how many cells a wave passes in it, if
-                given. About one resolves waves; a swing takes a twentieth of its period.
+            dt: Time step [s], for the number of cells that a wave passes in it; one resolves waves.
             periods: How many of the longest `rigidfx.periods`; three where they are cheap if None.
 
         Returns:

@@ -110,8 +110,6 @@ class StrainRate(Criterion):
                     f"StrainRate: window must be a time in s or 'auto', got {shown(self.window)}."
                 )
             positive(owner, "window", self.window)
-        if self.measure == "printed":  # its former name
-            object.__setattr__(self, "measure", "paper")
         if self.measure not in ("rms", "paper"):
             raise SceneError(
                 f"StrainRate: measure must be 'rms' or 'paper', got {shown(self.measure)}."
