@@ -14,7 +14,7 @@ effects = [spin(), rf.Rigid("end"), rf.NumericalDamping(0.05)]
 rows = []
 for element in ("enhanced", rf.AssumedStrains("outside")):
     scene = rf.Scene(domain, SOFT, effects, element=element)
-    for r in rf.simulate(scene, 0.02, 0.2):
+    for r in rf.simulate(scene, 0.02, 0.1):
         rows.append([r.kinetic, r.strain, *r.linear_momentum, *r.angular_momentum])
 if scene.comm.rank == 0:
     report(np.array(rows).tolist())

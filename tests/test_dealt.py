@@ -85,7 +85,7 @@ def alone():
 
 
 @pytest.mark.parallel
-@pytest.mark.parametrize("ranks", [2, 3])
+@pytest.mark.parametrize("ranks", [3])
 def test_dealt_between_freeze_and_release(alone, ranks):
     """On several ranks only, once for all freezes, and the motion is that of one rank."""
     several = parallel.run(__file__, ranks, timeout=300)

@@ -31,6 +31,7 @@ SOME = {
     "budgets": ("--only", "tumbling", "--no-hand", "--budgets", "0.05"),
     "impact": ("--only", "wall"),
     "mechanisms": ("--only", "Bricard"),
+    "locking": ("--only", "c"),
     "how_fast": ("--materials", "steel", "--elements", "hexahedra"),
 }
 # Long ones, whose steps, switches, contacts and files others have on two ranks.
@@ -103,7 +104,7 @@ BENCHMARK_SUMMARY = {
         *("wall_best_by_hand", "mean_unknowns", "steps", "rejected"),
     },
     "flexible_step": {"ratio_to_plain_dolfinx", "unknowns"},
-    "locking": {"cases", "cost_ratio_to_standard", "speedup_over_second_order_at_one_percent"},
+    "locking": {"cases", "cost_ratio_to_standard"},
     "effects": {"ratio_per_step", "ratio_per_iteration", "newton_per_step", "unknowns"},
     "observation": {"observed_to_plain", "freeze_in_steps", "release_in_steps", "unknowns"},
     "output": {"flexible", "rigid"},
@@ -192,7 +193,9 @@ def on_ranks(demo, ranks, *arguments):
 )
 def test_demo(tmp_path, demo, ranks):
     # On one rank each hard case has a test of its own, and those about ranks have one on three.
-    some = ["--only", "failure"] if demo.stem == "hard_cases" else []
+    some = {"hard_cases": ["--only", "failure"], "accuracy_vs_time": ["--only", "f"]}.get(
+        demo.stem, []
+    )
     on_ranks(demo, ranks, "--short", *some, "--out", tmp_path / "out")
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     if demo.stem == "hard_cases":  # a list with an entry per run

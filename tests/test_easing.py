@@ -239,7 +239,7 @@ def history(comm):
     """A struck block that freezes, and is let down: tips, works and events."""
     tips, told = [], []
     rule = rf.StrainRate(6e-4, WINDOW * DT)
-    for report in rf.simulate(struck(comm), DT, 8.0, rigidify=rule, progress=False):
+    for report in rf.simulate(struck(comm), DT, 5.0, rigidify=rule, progress=False):
         tips.append([*report.probes["tip"], report.dissipated.get("Easing", 0.0)])
         told += [[e.t, e.reason, len(e.changes), e.unknowns_after] for e in report.events]
     return tips, told
@@ -253,7 +253,7 @@ def test_three_ranks_let_the_same_down():
     tips, told = parallel.run(__file__, 3, 300)
     alone, events = history(MPI.COMM_SELF)
     assert told == events
-    assert len(events) >= 5
+    assert len(events) >= 3
     assert np.abs(np.array(tips) - alone).max() <= 1e-9 * np.abs(alone).max()
 
 

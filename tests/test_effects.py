@@ -79,7 +79,7 @@ def test_balances_of_each_effect(name, mass, rigid):
     assert books.iterations <= 6
 
 
-@settings(max_examples=40)
+@settings(max_examples=16)
 @given(
     names=st.sets(st.sampled_from(sorted(EFFECTS)), min_size=2, max_size=6),
     rigid=st.booleans(),

@@ -90,9 +90,9 @@ def test_a_damped_start_free_flight_and_a_cycle(element):
     """Energy, momenta and what is dissipated, through a freeze and a release; all tangents."""
     scene = rf.Scene(tube(), SOFT, [spin(), *damped(0.2)], element=ELEMENTS[element])
     criterion = rf.StrainRate(
-        1e9, 0.1, patience=1, since=0.4, release=rf.Release(at=[0.7]), until=0.6
+        1e9, 0.1, patience=1, since=0.3, release=rf.Release(at=[0.6]), until=0.5
     )
-    reports = list(rf.simulate(scene, 0.02, 1.2, rigidify=criterion))
+    reports = list(rf.simulate(scene, 0.02, 0.8, rigidify=criterion))
     assert [e.kind for r in reports for e in r.events] == ["freeze", "release"]
     H = np.array([r.energy for r in reports])
     lost = np.array([sum(r.dissipated.values()) for r in reports])

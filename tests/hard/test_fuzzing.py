@@ -95,8 +95,8 @@ FAILED = {
     },
 }
 
-EXAMPLES = 12
-ON_RANKS = 5
+EXAMPLES = 8
+ON_RANKS = 4
 
 pytestmark = [
     pytest.mark.slow,
