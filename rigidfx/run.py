@@ -164,10 +164,8 @@ class Run:
             return report
         withheld = np.nan if self.looks is None else self.looks.withheld
         periods, rigidity = (0.0, self.idle) if self.policy is None else self.policy.spent(report.t)
-        if self.stepper.control is not None:
-            energy = report.energy - report.contact
-            rest = None if rigidity is None else rigidity.rest
-            self.stepper.control.learn(energy, report.dissipated, report.dt, rest)
+        if self.stepper.control is not None and rigidity is not None:
+            self.stepper.control.allow(rigidity.rest)
         let_go = 0.0 if self.error is None else self.error.ending.let_go
         return with_ledger(report, self.ledgers, withheld, periods, rigidity, let_go)
 

@@ -7,7 +7,7 @@
     damping    energy that numerical damping has taken so far                         [J]
 
 Energies are relative to the largest energy of deformation so far
-(`rigidfx.step.length.deformation`), errors of displacements to the largest displacement so far of
+(`rigidfx.report.deformation`), errors of displacements to the largest displacement so far of
 the points watched. The error of the mesh is not estimated.
 """
 
@@ -21,8 +21,8 @@ from typing import ClassVar, Literal
 from rigidfx.base.in_notebook import as_text
 from rigidfx.base.remembered import PART, Remembered, same
 from rigidfx.effects import NumericalDamping
+from rigidfx.report.deformation import Deformation
 from rigidfx.step.equations.energies import Measures
-from rigidfx.step.length.deformation import Deformation
 from rigidfx.step.stepper import Stepper
 
 __all__ = ["Entry", "Ledger", "Ledgers", "Rigidity"]

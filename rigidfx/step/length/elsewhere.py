@@ -1,20 +1,18 @@
 """Errors that are made elsewhere in a structure, and come to the points that are asked for.
 
-Excitation of many modes at once shows at a point as their sum, which may vanish while each of them
-errs: the tip of a cantilever moves freely until the wave from its root arrives, and its jerk tells
-nothing of it. Modes do not cancel in the mean square over a structure, as they are orthogonal. So
-the root mean square of the errors of nodes all over it counts as well, as a part of how they move:
+The tip of a cantilever moves freely until the wave from its root arrives: its jerk is the sum of
+those of many modes, which cancel there while each of them errs. Modes are orthogonal, and do not
+cancel in the mean square over a structure. So the root mean square over nodes counts besides, as a
+part of how they move:
 
     e = max( e_p , e_s min(1, U_p/U_s) ) ,    e_s = sqrt(mean |e_k|²) ,    U_s² = max mean |u_k|² ,
 
 U_p being the largest displacement so far of the points that are asked for. Where these move more
-than others their own error counts (without the bound a spin-up was told 5.7 times its error, with
-it 3.3).
+than others their own error counts.
 """
 
 from __future__ import annotations
 
-from math import sqrt
 from typing import ClassVar
 
 import numpy as np
@@ -41,39 +39,23 @@ class Elsewhere:
         self._asked = asked
         self._moved = self._next = 0.0, 0.0
 
-    def look(self, errors: Array, u: Array) -> float:
-        """Error of a step that has been solved at the points that are asked for [m].
+    def look(self, u: Array) -> None:
+        """See how far points have moved at the end of a step, shape (points, 3) [m]."""
+        moved, others = self._both(np.linalg.norm(u, axis=1)[None])
+        self._next = max(self._moved[0], float(moved[0])), max(self._moved[1], float(others[0]))
 
-        Args:
-            errors: Of each point in it, shape (points,) [m]; NaN if unknown, of all alike.
-            u: Displacements at its end, shape (points, 3) [m].
+    def worth(self, lengths: Array) -> Array:
+        """Lengths at all points, shape (n, points), as those that are asked for, shape (n,) [m]."""
+        own, others = self._both(lengths)
+        here, there = self._next
+        return np.maximum(own, others * min(1.0, here / there)) if there > 0 else own
 
-        Returns:
-            NaN if nothing is known.
-        """
-        n, squares = self._asked, np.einsum("ij,ij->i", u, u)
-        moved, others = sqrt(squares[:n].max()), _mean(squares[n:])
-        self._next = max(self._moved[0], moved), max(self._moved[1], others)
-        return float(self.at_asked(errors[None])[0])
-
-    def at_asked(self, lengths: Array) -> Array:
-        """Lengths at all points, converted to those that are asked for, shape (n,) [m].
-
-        Args:
-            lengths: Shape (n, points) [m].
-        """
-        n, (here, there) = self._asked, self._next
-        found: Array = lengths[:, :n].max(axis=1)
-        if lengths.shape[1] > n and there > 0:
-            mean = np.sqrt(np.mean(lengths[:, n:] ** 2, axis=1))
-            found = np.maximum(found, mean * min(1.0, here / there))
-        return found
+    def _both(self, lengths: Array) -> tuple[Array, Array]:
+        """The largest at the points that are asked for, and the root mean square at others."""
+        n = self._asked
+        others = np.sqrt(np.sum(lengths[:, n:] ** 2, axis=1) / max(lengths.shape[1] - n, 1))
+        return lengths[:, :n].max(axis=1), others
 
     def accept(self) -> None:
         """Take note that the step that was looked at last is one."""
         self._moved = self._next
-
-
-def _mean(squares: Array) -> float:
-    """Root of a mean."""
-    return sqrt(squares.sum() / squares.size) if squares.size else 0.0

@@ -1,10 +1,9 @@
 """Points whose motion is tracked while steps are tried: displacements, and velocities at both ends.
 
-A body's nodes have its motion, whether they take part in a step or not; what moves with a support
-does what that does, and is where it says at the end of each step: no step errs there. The velocity
-of such a node, 2 Δu/Δt - v, swings to and fro from step to step once its path has bent, and for
-ever, as nothing damps it; that would be taken for an error whenever Δt changes. So points that a
-support moves have the mean velocity of a step at both ends.
+A body's nodes have its motion, whether they take part in a step or not. A node that a support moves
+is where that says at the end of each step: no step errs there. The velocity of such a node,
+2 Δu/Δt - v, swings to and fro for ever once its path has bent, which would be taken for an error
+whenever Δt changes. So such nodes have the mean velocity of a step at both ends.
 """
 
 from __future__ import annotations
@@ -26,7 +25,6 @@ Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
 NODES = 32  # of its own choice
-NONE = -1
 ROUNDING = 1e-9  # of a probe's weights of nodes, which add up to one
 
 
@@ -47,23 +45,20 @@ class Tracked:
             scene: The problem.
             names: Names of probes.
         """
-        self._scene = scene
-        probes = find_probes(scene) if names else {}
+        self._scene, probes = scene, find_probes(scene) if names else {}
         points = [probes[name] for name in names]
         own = np.concatenate([np.empty(0, np.int64), *(p.nodes for p in points)])
-        weights = np.concatenate([np.empty(0), *(p.weights for p in points)])
-        of = np.repeat(np.arange(len(points)), [p.nodes.size for p in points])
         nodes, places = far_apart(scene, NODES, _parts_of(scene, own) if names else None)
+        self.count, self.asked = len(points) + NODES, len(points) or NODES
         self.nodes: Ints = np.concatenate([own, nodes]).astype(np.int64)
-        weights = np.concatenate([weights, np.ones(nodes.size)])
-        of = np.concatenate([of, len(points) + places])
-        self.count = len(points) + NODES
-        self.asked = len(points) or NODES
+        of = np.repeat(np.arange(len(points)), [p.nodes.size for p in points])
         self._sums = np.zeros((self.count, self.nodes.size))
-        self._sums[of, np.arange(self.nodes.size)] = weights
+        self._sums[np.concatenate([of, len(points) + places]), np.arange(self.nodes.size)] = (
+            np.concatenate([*(p.weights for p in points), np.ones(nodes.size)])
+        )
         self._X = scene.space.tabulate_dof_coordinates()[self.nodes]
         self._dofs = 3 * self.nodes[:, None] + np.arange(3)
-        self._body: Ints = np.full(self.nodes.size, NONE)
+        self._body: Ints = np.full(self.nodes.size, -1)
         self._arms: Array = np.zeros((self.nodes.size, 3))
         self._free: Ints = np.empty(0, np.int64)  # those that take part in a step ...
         self._rows: Ints = np.empty((0, 3), np.int64)  # ... and where in its increments
@@ -80,21 +75,15 @@ class Tracked:
         Returns:
             Whether there are other bodies than before.
         """
-        before = self._bodies
-        self._body[:] = NONE
-        self._bodies = bodies.of.records
+        before, self._bodies = self._bodies, bodies.of.records
+        self._body[:] = -1
         for k, body in enumerate(bodies.of.records):
-            place = np.searchsorted(body.nodes, self.nodes)
-            inside = place < body.nodes.size
-            inside[inside] = body.nodes[place[inside]] == self.nodes[inside]
-            self._body[inside] = k
-            self._arms[inside] = body.offsets[place[inside]]
-        rows = system.layout.rows.nodes
-        place = np.searchsorted(rows, self.nodes)
-        known = (place < rows.size) & (self._body == NONE)
-        known[known] = rows[place[known]] == self.nodes[known]
-        self._free = np.flatnonzero(known)
-        self._rows = 3 * place[known, None] + np.arange(3)
+            inside, place = _found(body.nodes, self.nodes)
+            self._body[inside], self._arms[inside] = k, body.offsets[place]
+        known, place = _found(system.layout.rows.nodes, self.nodes)
+        taking = self._body[known] < 0
+        self._free = known[taking]
+        self._rows = 3 * place[taking, None] + np.arange(3)
         self._held = system.layout.prescribed[self._dofs]
         return [*map(id, before)] != [*map(id, self._bodies)]
 
@@ -117,7 +106,7 @@ class Tracked:
         Returns:
             Shape (points, 3) each [m/s, m/s, m].
         """
-        free, inside = self._free, self._body != NONE
+        free, inside = self._free, self._body >= 0
         local: Array = np.empty((self.nodes.size, 9))
         v0, v1, moved = local[:, :3], local[:, 3:6], local[:, 6:]
         v0[:] = v1[:] = state.v.x.array[self._dofs]
@@ -135,6 +124,14 @@ class Tracked:
             moved[inside] = end - self._X[inside]
         total = np.asarray(self._scene.sum(self._sums @ local))
         return total[:, :3], total[:, 3:6], total[:, 6:]
+
+
+def _found(among: Ints, nodes: Ints) -> tuple[Ints, Ints]:
+    """Which of some nodes are among sorted ones, and their places there."""
+    place = np.searchsorted(among, nodes)
+    place[place == among.size] = 0
+    inside = np.flatnonzero(among[place] == nodes) if among.size else np.empty(0, np.int64)
+    return inside, place[inside]
 
 
 def _parts_of(scene: Scene, nodes: Ints) -> npt.NDArray[np.bool_]:

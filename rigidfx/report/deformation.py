@@ -16,15 +16,14 @@ from mpi4py import MPI
 
 from rigidfx.base.remembered import Remembered, same
 from rigidfx.mechanics.bodies import Bodies
+from rigidfx.scene.held import holding
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.equations.energies import Measures
-from rigidfx.step.length.held import holding
 from rigidfx.step.system.system import System
 
 __all__ = ["Deformation"]
 
-NEXT, LAST = [1, 2, 0], [2, 0, 1]  # of three components
 THIN = 1e-9  # of the largest moment of inertia: about that axis a line turns with no energy
 
 Array = npt.NDArray[np.float64]
@@ -127,7 +126,7 @@ def _rigid_energies(sums: Array) -> Array:
     spread = sums[:, 7:16].reshape(-1, 3, 3) - mx[:, :, None] * c[:, None, :]
     moments, axes = np.linalg.eigh(spread)
     moments = moments.sum(axis=1, keepdims=True) - moments
-    J = sums[:, 16:] - (c[:, NEXT] * p[:, LAST] - c[:, LAST] * p[:, NEXT])
+    J = sums[:, 16:] - np.cross(c, p)
     along = np.einsum("ki,kij->kj", J, axes)
     known = moments > THIN * moments.max(axis=1, keepdims=True)
     turning = np.divide(along**2, moments, out=np.zeros_like(along), where=known).sum(axis=1)

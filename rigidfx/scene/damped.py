@@ -1,10 +1,12 @@
-"""How fast damping takes vibrations of a frequency, at least: a M + b K is below all of it.
+"""The least damping of a structure: α M + β K is below all of it.
 
 Damping everywhere, drag or viscosity, damps a vibration of the angular frequency ω by ½ (α + β ω²),
-whatever its shape; damping in some cells only may leave others ringing, and counts for nothing. β
-is the least of all cells: of `StiffnessDamping` its own, of `KelvinVoigt` η over the largest
-modulus 3 λ + 2 μ of the material, of `NumericalDamping` ξ Δt. Springs make vibrations faster
-without damping them.
+whatever its shape. Damping in some cells only may leave others ringing, and counts for nothing. β is the least of all cells: of `StiffnessDamping` its own, of `KelvinVoigt` η over the
+largest modulus 3 λ + 2 μ of the material, of `NumericalDamping` ξ Δt. Springs make vibrations
+faster without damping them.
+
+Both are zero where a structure may come to rest elsewhere, as errors of its place stay. One comes
+back if it is of one part, is held by supports, touches nothing, and is damped for the whole run.
 """
 
 from __future__ import annotations
@@ -16,14 +18,24 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from rigidfx.effects import KelvinVoigt, MassDamping, NumericalDamping, Spring, StiffnessDamping
+from rigidfx.effects import (
+    Contact,
+    KelvinVoigt,
+    MassDamping,
+    NumericalDamping,
+    Spring,
+    StiffnessDamping,
+)
 from rigidfx.mechanics.materials import Isotropic
 from rigidfx.mechanics.rest import rest_moduli
+from rigidfx.scene.held import always, holding
 from rigidfx.scene.scene import Scene
 
-__all__ = ["Damped"]
+__all__ = ["Damped", "comes_back"]
 
 Array = npt.NDArray[np.float64]
+
+DAMPING = KelvinVoigt, MassDamping, NumericalDamping, StiffnessDamping
 
 
 class Damped:
@@ -36,11 +48,10 @@ class Damped:
     """
 
     def __init__(self, scene: Scene) -> None:
-        """Look the damping of each cell up. Collective.
-
-        Args:
-            scene: The problem.
-        """
+        """Look the damping of each cell up. Collective."""
+        self.drag = self.viscous = self.numerical = 0.0
+        if not comes_back(scene):
+            return
         self.drag = float(sum(effect.mass_damping for effect in scene.named(MassDamping)))
         self.numerical = float(sum(e.numerical_damping for e in scene.named(NumericalDamping)))
         beta: Array = np.zeros(scene.owned_cells(None, "").size)
@@ -53,11 +64,6 @@ class Damped:
         self.viscous = float(scene.comm.allreduce(beta.min(initial=np.inf), op=MPI.MIN))
         if scene.named(Spring):
             self.viscous = self.numerical = 0.0
-
-    @property
-    def by_frequency(self) -> bool:
-        """Whether fast vibrations are damped more than slow ones."""
-        return self.viscous > 0 or self.numerical > 0
 
     def rates(self, frequencies: Array, dt: float) -> Array:
         """Parts of vibrations' sizes that are taken per time [1/s].
@@ -76,3 +82,11 @@ def _moduli(scene: Scene) -> Iterator[tuple[float, Any]]:
         moduli = rest_moduli(material) if isinstance(material, Isotropic) else None
         lmbda, mu = moduli or (0.0, np.inf)
         yield max(3 * lmbda, 0.0) + 2 * mu, cells
+
+
+def comes_back(scene: Scene) -> bool:
+    """Whether a structure has but one place to come to rest in. Collective."""
+    damping = [effect for kind in DAMPING for effect in scene.named(kind)]
+    if scene.named(Contact) or not all(map(always, damping)):
+        return False
+    return bool(holding(scene))
