@@ -1,8 +1,8 @@
 """Error of a step as the force of a contact changes in it: an impulse.
 
-The motion of a probe tells little of a blow: a body that was struck too hard errs by next to nothing
-while it is struck, and by more and more as it flies. A step takes the force at its middle for its mean,
-so that its impulse is off by
+The motion of a probe tells little of a blow: a body that was struck too hard errs by next to
+nothing while it is struck, and by more and more as it flies. A step takes the force at its middle
+for its mean, so that its impulse is off by
 
     Δt³/24 F'' ≈ Δt/24 |F - F*| ,
 

@@ -8,9 +8,9 @@ error of motion slower than ω_b,
     E = min_b ( max_{a ≤ b} E_a + 2 A_b ) .
 
 p_b is the part of the local error per time that passes four exponential means, each of the one
-before. α and β are the least damping of all cells (`rigidfx.scene.damped`). A_b is the amplitude of motion
-faster than ω_b: of displacements high-passed four times at ½ω_b, so that the two together miss
-nothing. The last ω_b is infinite, and the only one beside contacts, which make fast motion slow.
+before. α and β are the least damping of all cells (`rigidfx.scene.damped`). A_b is the amplitude of
+motion faster than ω_b: of displacements high-passed four times at ½ω_b, so that the two together
+miss nothing. The last ω_b is infinite, and the only one beside contacts, which make fast motion slow.
 
 Four means pass 1/(1 + ω²/ω_b²)². Over δ_b that is largest at ω_b = ω, where it is right for one
 vibration: 0.9 to 1 between octaves.
@@ -41,7 +41,7 @@ LEAST = 1e-3  # of e, that the mean part of any account is at least
 
 
 class RunError:
-    """Adds up what steps err by.
+    """Adds up the errors of steps.
 
     Attributes:
         cuts: ω_b [1/s].
@@ -71,7 +71,7 @@ class RunError:
         self._parts, self._sizes, self._errors = np.ones(count), np.zeros(count), np.zeros(count)
         self._low: Array = np.zeros((1 + STAGES, count, 3 * points))
         self._high: Array = np.zeros((1 + STAGES, count, 3 * points))
-        self._shares: Array = np.zeros((2, count))  # what each has had lately, and of how much
+        self._shares: Array = np.zeros((2, count))  # lately: of each, and of all
         self._next_low, self._next_high = self._low, self._high
         self._next_sizes, self._next_parts = self._sizes, self._parts
         self.error = self.largest = 0.0
