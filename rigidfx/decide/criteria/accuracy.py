@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
-from math import ceil, log1p
+from math import ceil, floor, log10, log1p
 from typing import Any
 
 import numpy as np
@@ -204,7 +204,9 @@ def _less(ledger: Ledger, scene: Scene, budget: float) -> str:
     part = ledger.damping.relative
     gone = -log1p(-part) if part < ALL else max(-log1p(-ALL), part)
     kept = -log1p(-2 * budget) if budget < ALL / 2 else gone
-    return f"xi = {xi * OF_XI * min(kept / gone, 1.0):.1g} in place of {xi:g} would do"
+    enough = xi * OF_XI * min(kept / gone, 1.0)
+    digit = 10 ** floor(log10(enough))  # one digit of it, rounded down
+    return f"xi = {floor(enough / digit) * digit:.1g} in place of {xi:g} would do"
 
 
 def controlled(accuracy: Any, scene: Scene, dt: Any, rigidify: Any) -> StepControl:

@@ -10,7 +10,8 @@ error of motion slower than ω_b,
 p_b is the part of the local error per time that passes four exponential means, each of the one
 before. α and β are the least damping of all cells (`rigidfx.scene.damped`). A_b is the amplitude of
 motion faster than ω_b: of displacements high-passed four times at ½ω_b, so that the two together
-miss nothing. The last ω_b is infinite, and the only one beside contacts, which make fast motion slow.
+miss nothing. The last ω_b is infinite. It is the only one beside contacts, which make fast motion
+slow.
 
 Four means pass 1/(1 + ω²/ω_b²)². Over δ_b that is largest at ω_b = ω, where it is right for one
 vibration: 0.9 to 1 between octaves.

@@ -60,6 +60,7 @@ class TimeError:
         self._a: Array = np.empty((0, points, 3))
         self._squares = 0.0, 0.0  # ∫ Σ |ĵ|² dt and ∫ Σ |â|² dt
         self._patient = False
+        self._next: tuple[tuple[float, ...], Array, tuple[float, float]]
         self._next = self._times, self._a, self._squares
 
     def forget(self) -> None:

@@ -9,6 +9,7 @@ whenever Δt changes. So such nodes have the mean velocity of a step at both end
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -126,11 +127,10 @@ class Tracked:
         return total[:, :3], total[:, 3:6], total[:, 6:]
 
 
-def _found(among: Ints, nodes: Ints) -> tuple[Ints, Ints]:
+def _found(among: npt.NDArray[np.integer[Any]], nodes: Ints) -> tuple[Ints, Ints]:
     """Which of some nodes are among sorted ones, and their places there."""
     place = np.searchsorted(among, nodes)
-    place[place == among.size] = 0
-    inside = np.flatnonzero(among[place] == nodes) if among.size else np.empty(0, np.int64)
+    inside = np.flatnonzero(np.isin(nodes, among))
     return inside, place[inside]
 
 
