@@ -60,13 +60,12 @@ def test_a_run_goes_on_bit_by_bit(name, tmp_path, monkeypatch):
 # What objects change and do not remember: of an attempt, found anew, or for messages alone.
 FOUND_ANEW = {
     "Account": "_last",
-    "Blows": "_next",
+    "Blows": "_next _speed",
     "BodyForces": "_ended _force _known _linear _mass _parts _still _system borne",
     "Compression": "_cells _gradients _nodes",
     "Deformation": "_bodies_alone _of_body _system",
     "Elsewhere": "_next",
     "ErrorMotion": "_before _rotations",
-    "Fast": "_lasting _next",
     "Gains": "_now",
     "Impulse": "_of_bodies",
     "Jumps": "_found",
@@ -74,10 +73,10 @@ FOUND_ANEW = {
     "Looks": "_rates _rigid",
     "LumpedInertia": "_seen",
     "Modal": "_asked _force _m_phi _phi _points _right _still",  # by `at_nodes`
-    "Octaves": "_dt _next _step",
     "Pace": "_changes _last",
     "Policy": "_springs",
     "RotationPerStep": "_cells _nodes",
+    "RunError": "_next_high _next_low _next_parts _next_sizes",
     "SharedStrains": "_start",
     "State": "_following changes clamped",
     "Stepper": "_bound _division failures forces prescribed system",

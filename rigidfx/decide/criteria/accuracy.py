@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
-from math import ceil, floor, log10, log1p
+from math import ceil, floor, log1p, log10
 from typing import Any
 
 import numpy as np
