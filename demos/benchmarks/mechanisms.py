@@ -7,6 +7,8 @@
   121): x(2 s) = (-0.15042, -0.72417, -0.67302) m.
 * *double pendulum*: against SciPy's DOP853 in angles.
 * *slider-crank*: a flexible rod between mean faces; the balance of energy with the motor's work.
+* *rod, rigid and mean faces*: a connecting rod held by its two holes: stiffness [N/m, N m/rad] and
+  frequencies between two pins [Hz], a line for each kind of face.
 
 The error is that of the end point [m] at the smaller Δt; the order is measured from two Δt.
 
@@ -30,6 +32,7 @@ from bench.mechanism_scenes import (
     heavy_top,
     slider_crank,
 )
+from bench.rod import rod_numbers
 from scipy.integrate import solve_ivp
 
 import rigidfx as rf
@@ -164,6 +167,19 @@ def crank(short: bool) -> list[Row]:
     return [run.row("slider-crank")]
 
 
+def rod(short: bool) -> list[Row]:
+    """A rod between faces of each kind: the rigid ones are stiffer."""
+    kinds = {"mean faces": rf.MeanFace, "rigid faces": rf.RigidFace}
+    rows = {name: rod_numbers(face, 0.012 if short else 0.008) for name, face in kinds.items()}
+    mean, rigid = rows.values()
+    assert all(rigid[key] > mean[key] for key in ("tension", "sideways", "torsion"))
+    assert np.all(np.array(rigid["frequencies"]) > mean["frequencies"])
+    none = dict.fromkeys(
+        ("energy_drift", "constraint", "error", "order", "seconds_per_step"), None
+    ) | {"redundant": 0, "peer": None, "peer_seconds_per_step": None}
+    return [{"case": f"rod, {name}"} | none | row for name, row in rows.items()]
+
+
 CASES: dict[str, Callable[[bool], list[Row]]] = {
     "four-bar 2": two,
     "four-bar 40": forty,
@@ -171,6 +187,7 @@ CASES: dict[str, Callable[[bool], list[Row]]] = {
     "heavy top": top,
     "double pendulum": pendulum,
     "slider-crank": crank,
+    "rod, rigid and mean faces": rod,
 }
 
 

@@ -38,6 +38,7 @@ class Ports:
             p: Map between unknowns and dofs.
             linkage: The joints, bound to the same division.
         """
+        self._anchors: Ints = np.empty(0, np.int64)  # unknowns that are ports by themselves
         columns: list[list[csr_array]] = []
         alive: list[bool] = []
         f, r = p.layout.rows.vector(), p.unknowns()
@@ -129,20 +130,39 @@ class Ports:
         )
         return csr_array((values, (ports, unknowns)), shape=(self.count, self._p.size))
 
-    def stiffness(self, scale: float, size: float) -> Array:
-        """Stiffness of springs on all ports, of like energies, shape (ports,) [N/m].
+    def anchor(self) -> None:
+        """Add ports at three nodes of each place that free nodes tell. Collective.
 
-        Args:
-            scale: Of places [N/m].
-            size: Size of joints: an average of a direction moves by one where places do by it [m].
+        With springs on these, and on the bodies' ports, no part that joints take hold of is loose.
         """
-        of = [scale if self._linkage.is_place[k] else scale * size**2 for k in self.averages]
-        return np.concatenate([np.repeat(of, 3), np.full(6 * len(self.bodies), scale)])
+        p, linkage = self._p, self._linkage
+        numbers = p.numbers.reshape(-1, 3)[linkage.at]
+        found: set[tuple[int, ...]] = set()
+        for k in self.averages:
+            if not linkage.is_place[k]:
+                continue
+            own = (linkage.own[[k]].toarray()[0] != 0.0) & (numbers >= 0).all(axis=1)
+            mine = p.layout.rows.X[linkage.at[own]], numbers[own]
+            X, unknowns = (np.concatenate(a) for a in zip(*p.comm.allgather(mine), strict=True))
+            found |= {tuple(map(int, unknowns[n])) for n in _spread(X)}
+        at = np.array(sorted(found), dtype=np.int64).ravel()
+        mine = (at >= p.first_column) & (at < p.first_column + p.owned)
+        rows, columns = at[mine] - p.first_column, np.flatnonzero(mine)
+        more = csr_array((np.ones(rows.size), (rows, columns)), shape=(p.owned, at.size))
+        self.entries = csr_array(hstack([self.entries, more], format="csr"))
+        self._anchors = at
+
+    def anchors(self) -> tuple[Ints, Ints]:
+        """Ports that springs may be on, those of bodies and anchors, and their unknowns."""
+        bodies = self._p.body_columns[self.bodies].ravel()
+        first = 3 * len(self.averages)
+        ports = np.arange(first, first + bodies.size + self._anchors.size)
+        return ports, np.r_[bodies, self._anchors]
 
     @property
     def count(self) -> int:
         """Number of ports."""
-        return 3 * len(self.averages) + 6 * len(self.bodies)
+        return 3 * len(self.averages) + 6 * len(self.bodies) + self._anchors.size
 
     def lead(self, L: Array) -> csr_array:
         """How averages follow ports, shape (3 · averages, ports).
@@ -156,3 +176,14 @@ class Ports:
         shape = 3 * self._linkage.averages, self.count
         summed = np.bincount(self._put, every, self._pattern[0].size)
         return csr_array((summed, *self._pattern), shape=shape)
+
+
+def _spread(X: Array) -> list[int]:
+    """Three of some points that are far apart; fewer where there are fewer."""
+    if not len(X):
+        return []
+    first = int(np.argmax(np.linalg.norm(X - X.mean(axis=0), axis=1)))
+    second = int(np.argmax(np.linalg.norm(X - X[first], axis=1)))
+    line = X[second] - X[first]
+    third = int(np.argmax(np.linalg.norm(np.cross(X - X[first], line), axis=1)))
+    return sorted({first, second, third})

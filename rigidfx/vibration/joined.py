@@ -7,47 +7,44 @@ they are exact. Springs of joints act as they are, locks as rows.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_array, dia_array, vstack
 
-from rigidfx.coupling.condensed_tangent import CondensedMatrix
 from rigidfx.coupling.ports import Ports
+from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects.joints.drives import prescribes
 from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.effects.joints.redundancy import independent
 from rigidfx.mechanics.bodies import Bodies
-from rigidfx.step.equations.equations import Equilibrium
 
 __all__ = ["JoinedStiffness"]
 
 Array = npt.NDArray[np.float64]
 
 
-class JoinedStiffness(Equilibrium):
-    """The balance of statics, whose tangent has springs along the rows of joints."""
+class JoinedStiffness:
+    """Springs along the rows of joints."""
 
-    def __init__(self, linkage: Linkage, bodies: Bodies, *given: Any) -> None:
+    def __init__(self, linkage: Linkage, bodies: Bodies, prolongation: Prolongation) -> None:
         """Find the rows. Collective.
 
         Args:
             linkage: The joints.
             bodies: The bodies at the state.
-            given: See `Equilibrium`.
+            prolongation: Map between unknowns and dofs, in the pose of the bodies.
         """
-        super().__init__(*given)
-        ports = Ports(self.prolongation, linkage)
+        self._comm = prolongation.comm
+        ports = Ports(prolongation, linkage)
         linkage.begin(bodies)
         rows, compliance = ports.resisted(linkage, bodies)
         held = csr_array(rows[independent(rows, compliance)])
         drives, columns = linkage.drives, 3 * linkage.averages
         start = linkage.places(bodies)
         drives.look(start, np.zeros_like(start), drives.multipliers)
-        along = csr_array(drives.test(columns) @ ports.lead(self.prolongation.increments.L))
+        along = csr_array(drives.test(columns) @ ports.lead(prolongation.increments.L))
         laws = np.array([prescribes(effect) for effect in drives.effects], dtype=bool)
         held = csr_array(vstack([held, along[np.flatnonzero(laws)]]))
         # Over the stiffness of what joints move: neither its inverse's square nor rounding counts.
@@ -60,13 +57,19 @@ class JoinedStiffness(Equilibrium):
             k = dia_array((drives.stiffness()[None], [0]), shape=(len(drives),) * 2)
             self._stiffness = csr_array(self._stiffness + T.T @ k @ T)
 
-    def _stiffen(self, K: CondensedMatrix) -> None:
-        """See `Equilibrium`."""
-        super()._stiffen(K)
-        K.add_coupling(self._stiffness)
+    def added_to(self, K: PETSc.Mat) -> PETSc.Mat:
+        """A stiffness with the springs, as a new matrix; the caller destroys it. Collective."""
+        out = K.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
+        own = self._stiffness[slice(*K.getOwnershipRange())]
+        kind = PETSc.IntType
+        csr = own.indptr.astype(kind), own.indices.astype(kind), own.data
+        more = PETSc.Mat().createAIJ(K.getSizes(), csr=csr, comm=K.comm)
+        out.axpy(1.0, more, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        more.destroy()
+        return out
 
     def yielded(self, y: PETSc.Vec) -> float:
         """β |G y|²: twice the energy in the springs along the rows [J]. Collective."""
         moved = np.asarray(self._own @ y.array_r)
-        self.prolongation.comm.Allreduce(MPI.IN_PLACE, moved)
+        self._comm.Allreduce(MPI.IN_PLACE, moved)
         return self._beta * float(moved @ moved)

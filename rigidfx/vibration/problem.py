@@ -86,13 +86,12 @@ class Problem:
         self._actions.set_time(t, 1.0)
         self._prolongation = Prolongation(layout, scene.comm)
         bound = static_forces(scene, forces, cells, layout.interior, layout.interface)
-        given = scene, forces, bound, None, self._prolongation, self._actions
+        self._statics = Equilibrium(scene, forces, bound, None, self._prolongation, self._actions)
         linkage = linked(structure, state, acting)
-        self._statics = (
-            Equilibrium(*given)
-            if linkage is None
-            else JoinedStiffness(linkage, state.bodies, *given)
-        )
+        self._joints = None
+        if linkage is not None:
+            self._prolongation.pose(state.bodies)
+            self._joints = JoinedStiffness(linkage, state.bodies, self._prolongation)
         self._mass = mass_operator(scene, layout.rows, cells, own, driven)
         self._scene, self._layout = scene, layout
         self.K, self.M = self._stiffness(), self._masses()
@@ -112,7 +111,8 @@ class Problem:
         statics.tangent()
         y.destroy()
         r.destroy()
-        return statics.tangent_matrix
+        K = statics.tangent_matrix
+        return K if self._joints is None else self._joints.added_to(K)
 
     def squares(self, values: Array, vectors: list[PETSc.Vec]) -> Array:
         """Eigenvalues with joints that do not yield, from those of `K` [1/s²]. Collective.
@@ -121,9 +121,9 @@ class Problem:
             values: Eigenvalues.
             vectors: φ of each, φᵀMφ = 1.
         """
-        if not isinstance(self._statics, JoinedStiffness):
+        if self._joints is None:
             return values
-        return values + [self._statics.yielded(vector) for vector in vectors]
+        return values + [self._joints.yielded(vector) for vector in vectors]
 
     def _masses(self) -> PETSc.Mat:
         """PᵀMP with the bodies' own. Collective."""
@@ -213,6 +213,8 @@ class Problem:
 
     def destroy(self) -> None:
         """Free all PETSc objects. Collective."""
+        if self._joints is not None:
+            self.K.destroy()
         for item in (*self.motions, self.M, self._statics, self._mass, self._actions):
             item.destroy()
 

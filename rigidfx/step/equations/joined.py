@@ -55,18 +55,22 @@ class JoinedEquilibrium(Equilibrium):
         super().__init__(*given)
         self.linkage = linkage
         self.ports = Ports(self.prolongation, linkage)
+        if not self.inertial:
+            self.ports.anchor()
         linkage.begin(bodies)
         linkage.keep(independent(*self.ports.resisted(linkage, bodies)))
         self._own = linkage.count if self.prolongation.comm.rank == 0 else 0
         self._inner, self._rest = self.prolongation.unknowns(), self.prolongation.unknowns()
         self._scale: Array = np.ones(linkage.count)
-        # Springs on the ports that the tangent has, and the border takes out again.
+        # Springs on some ports, which the tangent has, and the border takes out again.
         self._springs: Array = np.zeros(self.ports.count)
         self._sprung: csr_array | None = None
         if not self.inertial:
-            self._springs = self.ports.stiffness(*linkage.typical)
-            E = self.ports.everywhere()
-            self._sprung = csr_array(E.T @ (self._springs[:, None] * E))
+            ports, unknowns = self.ports.anchors()
+            self._springs[ports] = linkage.typical[0]
+            values = np.full(unknowns.size, linkage.typical[0])
+            size = self.prolongation.size
+            self._sprung = csr_array((values, (unknowns, unknowns)), shape=(size, size))
 
     def unknowns(self) -> PETSc.Vec:
         """See `Equilibrium`."""
