@@ -146,8 +146,8 @@ class Ports:
             X, unknowns = (np.concatenate(a) for a in zip(*p.comm.allgather(mine), strict=True))
             found |= {tuple(map(int, unknowns[n])) for n in _spread(X)}
         at = np.array(sorted(found), dtype=np.int64).ravel()
-        mine = (at >= p.first_column) & (at < p.first_column + p.owned)
-        rows, columns = at[mine] - p.first_column, np.flatnonzero(mine)
+        here = (at >= p.first_column) & (at < p.first_column + p.owned)
+        rows, columns = at[here] - p.first_column, np.flatnonzero(here)
         more = csr_array((np.ones(rows.size), (rows, columns)), shape=(p.owned, at.size))
         self.entries = csr_array(hstack([self.entries, more], format="csr"))
         self._anchors = at
