@@ -79,6 +79,7 @@ from rigidfx.mechanics.schemes import EnergyMomentum, Midpoint, Trapezoidal
 from rigidfx.output.bodies_file import read_bodies, write_bodies
 from rigidfx.output.field_reader import read_fields
 from rigidfx.output.history import read_history
+from rigidfx.output.joints_file import read_joints
 from rigidfx.output.recorder import Recorder
 from rigidfx.report.recovered import recovered_stress
 from rigidfx.report.report import Report
@@ -172,6 +173,7 @@ __all__ = [
     "read_geo",
     "read_history",
     "read_inp",
+    "read_joints",
     "read_msh",
     "recovered_stress",
     "redistribute",

@@ -320,6 +320,7 @@ def test_a_motor_that_fails_says_when():
 def test_history_and_description_have_the_joints(tmp_path):
     scene = bar(HINGE, rf.Motor("joint", torque=5.0))
     assert "1 joints hold 5 directions" in str(scene.describe())
+    assert "6 degrees of freedom without them. At least 1 are left." in str(scene.describe())
     assert "'ground' - 'bar'" in str(scene.describe())
     with rf.Recorder(scene, tmp_path / "bar") as recorder:
         for report in rf.simulate(scene, 0.01, 0.05):
@@ -327,6 +328,23 @@ def test_history_and_description_have_the_joints(tmp_path):
     columns = rf.read_history(recorder.history)
     assert columns["joint_joint_angle"][-1] == pytest.approx(report.joints["joint"].angle)
     assert columns["joint_joint_force_x"][-1] == pytest.approx(report.joints["joint"].force[0])
+
+
+@NO_WARNINGS
+def test_the_multibody_file_has_the_joints(tmp_path):
+    """As they were placed, to be read back; a rigid face is none of its bodies."""
+    hinge = rf.Revolute(rf.RigidFace("hole"), "ground", name="axle")
+    scene = rf.Scene(washer(), SOFT, [hinge])
+    *_, report = rf.simulate(scene, 0.01, 0.01)
+    rf.write_bodies(tmp_path / "bodies.json", scene, report)
+    (read,) = rf.read_joints(tmp_path / "bodies.json")
+    placed = scene.named(rf.Revolute)[0]
+    assert read == placed
+    assert read.at == pytest.approx((0.3, 0.02, 0.1))
+    assert rf.read_bodies(tmp_path / "bodies.json", scene.domain)[1] == ()
+    (tmp_path / "bodies.json").write_text("{}")
+    with pytest.raises(rf.SceneError, match=r"read_joints: .* cannot be read"):
+        rf.read_joints(tmp_path / "bodies.json")
 
 
 @NO_WARNINGS
@@ -505,6 +523,13 @@ def history(mass):
         scene = bars(*effects, sides=sides, mass=mass, probes={"tip": (2.02, 0.2, 0.2)})
         for r in rf.simulate(scene, 0.01, 0.15):
             rows.append([r.energy, r.kinetic, *r.angular_momentum, *r.probes["tip"]])
+    sides = rf.RigidFace("a"), rf.RigidFace("b")
+    scene = bars(sides=sides, mass=mass, probes={"tip": (2.02, 0.2, 0.2)})
+    for r in rf.simulate(scene, 0.01, 0.05):
+        rows.append([r.energy, r.kinetic, *r.angular_momentum, *r.probes["tip"]])
+    *_, last = rf.static(hung(END), 1)
+    force = last.joints["end"].force
+    rows.append([last.energy, last.strain, *force, *last.probes["end"]])
     title = "Revolute MeanFace 'a' - MeanFace 'b'"
     driven = rf.JointSpring(title, 50.0, damping=1.0), rf.Motor(title, torque=lambda t: 20 * t)
     scene = bars(*driven, mass=mass, probes={"tip": (2.02, 0.2, 0.2)})

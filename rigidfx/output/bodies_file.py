@@ -24,6 +24,7 @@ from rigidfx.base.text_files import write_text
 from rigidfx.coupling.dof_layout import nodes_of
 from rigidfx.domain.domain import Domain
 from rigidfx.effects import Rigid
+from rigidfx.output.joints_file import joints_as_data
 from rigidfx.report.current import check_report, check_scene
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
@@ -36,7 +37,8 @@ READ_ME = (
     "are those at time t; orientation is the rotation since the body became rigid. cells are "
     "numbered as in the mesh file, from 0; place is the mean of their middles in the reference "
     "shape. Row i of interface_nodes is where a node was in the reference shape; it is now at "
-    "centre + orientation @ interface_offsets[i]. given: mass or inertia are not those of cells."
+    "centre + orientation @ interface_offsets[i]. given: mass or inertia are not those of cells. "
+    "joints have their places and axes at the start of the run."
 )
 
 
@@ -65,6 +67,8 @@ def write_bodies(path: str | Path, scene: Scene, report: Report) -> None:
     bodies = []
     for each in state.bodies:
         body, motion = each.data, each.motion
+        if body.is_face:  # it belongs to its joint
+            continue
         at = attached[body.nodes]
         interface = _sorted(comm, np.c_[state.X[body.nodes[at]], body.offsets[at]])
         bodies.append(
@@ -91,6 +95,7 @@ def write_bodies(path: str | Path, scene: Scene, report: Report) -> None:
         "cells": int(scene.mesh.topology.index_map(3).size_global),
         "box": _box(scene.domain).tolist(),
         "bodies": bodies,
+        "joints": joints_as_data(scene),
     }
     write_text(comm, path, _json(content))
 

@@ -70,9 +70,13 @@ def _freedom(scene: Any) -> list[str]:
     if not joints:
         return []
     held, parts = sum(len(joint.pieces.rows) for joint in joints), len(scene.named(Rigid))
+    loose = scene.parts.count - parts
+    left = 6 * parts - held
+    counted = f" At least {max(left, 0)} are left." if loose <= 0 else ""
     return [
         f"  {len(joints)} joints hold {held} directions; the {parts} parts named rigid have "
-        f"{6 * parts} degrees of freedom without them. A run tells which directions are held twice."
+        f"{6 * parts} degrees of freedom without them.{counted} A run tells which directions are "
+        "held twice."
     ]
 
 
