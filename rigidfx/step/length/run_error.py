@@ -4,14 +4,14 @@ An error is a motion itself. It decays as its vibration does, and a vibration of
 by 2 A at most, however wrong its phase is. So steps' errors e are split by octaves: E_b is the
 error of motion slower than ω_b,
 
-    E_b ← E_b exp(-δ_b Δt) + p_b e ,    δ_b = ½ (α + β (½ω_b)²) ,
+    E_b ← E_b exp(-δ_b Δt) + p_b e ,    δ_b = ½ (α + β min(½ω_b, ω)²) ,
     E = min_b ( max_{a ≤ b} E_a + 2 A_b ) .
 
 p_b is the part of the local error per time that passes four exponential means, each of the one
-before. α and β are the least damping of all cells (`rigidfx.scene.damped`). A_b is the amplitude of
-motion faster than ω_b: of displacements high-passed four times at ½ω_b, so that the two together
-miss nothing. The last ω_b is infinite. It is the only one beside contacts, which make fast motion
-slow.
+before, ω the frequency at which errors turn (`rigidfx.step.length.time_error`). α and β are the
+least damping of all cells (`rigidfx.scene.damped`). A_b is the amplitude of motion faster than ω_b:
+of displacements high-passed four times at ½ω_b, so that the two together miss nothing. The last ω_b
+is infinite. It is the only one beside contacts, which make fast motion slow.
 
 Four means pass 1/(1 + ω²/ω_b²)². Over δ_b that is largest at ω_b = ω, where it is right for one
 vibration: 0.9 to 1 between octaves.
@@ -66,8 +66,8 @@ class RunError:
         """
         octaves = 0 if scene.named(Contact) else max(int(np.ceil(log2(time / step))), 1)
         self.cuts: Array = np.append(np.exp2(np.arange(octaves)) / time, np.inf)
-        self._damped, self._turning = Damped(scene), np.minimum(OF_CUT * self.cuts, 1 / step)
-        self.rates: Array = self._damped.rates(self._turning, 0.0)
+        self._damped = Damped(scene)
+        self.rates: Array = np.zeros(self.cuts.size)
         count = self.cuts.size
         self._parts, self._sizes, self._errors = np.ones(count), np.zeros(count), np.zeros(count)
         self._low: Array = np.zeros((1 + STAGES, count, 3 * points))
@@ -77,15 +77,19 @@ class RunError:
         self._next_sizes, self._next_parts = self._sizes, self._parts
         self.error = self.largest = 0.0
 
-    def look(self, jerk: Array, swinging: Array, amplitudes: Array, dt: float) -> None:
+    def look(
+        self, jerk: Array, swinging: Array, amplitudes: Array, omega: float, dt: float
+    ) -> None:
         """Split the error of a step that has been solved.
 
         Args:
             jerk: Of each point, shape (points, 3) [m/s³]; NaN if unknown, of all alike.
             swinging: Root mean square of it over a turn, shape (points,) [m/s³]; NaN likewise.
             amplitudes: What `swings` gives, at the points that are asked for, shape (cuts,) [m].
+            omega: Frequency at which errors turn [1/s].
             dt: Its length [s].
         """
+        self.rates = self._damped.rates(np.minimum(OF_CUT * self.cuts, omega), dt)
         faded = self._sizes * np.exp(-OF_CUT * self.cuts * dt / PERIODS)
         self._next_sizes = np.maximum(faded, amplitudes)
         size = dt**2 * float(swinging.max(initial=0.0))
@@ -116,7 +120,6 @@ class RunError:
         """Add the error of the step that was looked at last [m], of the length dt [s]."""
         self._low, self._high = self._next_low, self._next_high
         self._sizes, self._parts = self._next_sizes, self._next_parts
-        self.rates = self._damped.rates(self._turning, dt)
         now = error * self._parts
         self._errors = self._errors * np.exp(-self.rates * dt) + now
         self._shares = self._shares * exp(-1 / STEPS) + [now, np.full_like(now, error)]

@@ -99,14 +99,7 @@ class TimeControl(WarnsOnce):
         self._breakpoints.expect(event)
 
     def target(self, t: float) -> float:
-        """End of the step that begins at t [s]. Collective.
-
-        Args:
-            t: Time [s].
-
-        Raises:
-            SceneError: On every rank, if a load's function fails on any.
-        """
+        """End of the step that begins at t [s]. Collective; see `Onsets.within` for errors."""
         length = self.length
         if self._fresh:
             self._fresh = False
@@ -133,7 +126,8 @@ class TimeControl(WarnsOnce):
         self._elsewhere.look(u)
         self._found = float(self._elsewhere.worth(self._error.look(v0, v1, t, dt)[None])[0])
         swings = self._elsewhere.worth(self._run_error.swings(u, dt))
-        self._run_error.look(self._error.jerk, self._error.swinging, swings, dt)
+        error = self._error
+        self._run_error.look(error.jerk, error.swinging, swings, error.omega, dt)
         asked = slice(self._tracked.asked)
         v0, v1, u = v0[asked], v1[asked], u[asked]
         self._end = Moves(*_longest(u, v1, (v1 - v0) / dt))

@@ -81,6 +81,12 @@ class TimeError:
         """Whether three differences are not known yet, since something began anew."""
         return not self._patient and len(self._times) <= DIFFERENCES
 
+    @property
+    def omega(self) -> float:
+        """ω [1/s]; zero while nothing has moved."""
+        of_j, of_a = self._squares
+        return sqrt(of_j / of_a) if of_a > 0 else 0.0
+
     def look(self, v0: Array, v1: Array, t: float, dt: float) -> Array:
         """Error of each point in a step that has been solved, shape (points,) [m]; NaN if unknown.
 
@@ -101,7 +107,7 @@ class TimeError:
         mean = np.tensordot(_binomial(differences + 1), a, 1)
         jerks, accelerations = ((x**2).sum(axis=1) for x in (self.jerk, mean))
         of_j, of_a = self._squares
-        kept = exp(-sqrt(of_j / of_a) * dt / TURN) if of_a > 0 else 1.0
+        kept = exp(-self.omega * dt / TURN)
         of_j, of_a = of_j * kept + jerks.sum() * dt, of_a * kept + accelerations.sum() * dt
         self._next = times, a, (float(of_j), float(of_a))
         self.swinging = np.sqrt((jerks + (of_j / of_a if of_a > 0 else 0.0) * accelerations) / 2)
