@@ -26,12 +26,9 @@ CLOSE = 1e-5  # of a step, to which bisection finds its end
 
 
 class Onset(NamedTuple):
-    """Where a step has to end.
+    """Time t [s] at which a step has to end.
 
-    Attributes:
-        t: Time [s].
-        jumps: Whether a load jumps just before it.
-        led: Whether it is the velocity of a support's path that does.
+    `jumps` if a load jumps just before it, `led` if that is the velocity of a support's path.
     """
 
     t: float
