@@ -14,7 +14,7 @@
 
 # +
 import numpy as np
-from common import Pair, Parser, conclude, curve, events_of, positive, say
+from common import Pair, Parser, conclude, curve, draw, events_of, positive, say
 
 import rigidfx as rf
 from meshes.device import device
@@ -26,6 +26,7 @@ parser.add_argument("--size", type=positive, default=0.02, help="largest edge of
 parser.add_argument("--tol", type=positive, default=0.7, help="rigid below this rate [1/s]")
 parser.add_argument("--height", type=positive, default=0.5, help="of the corner at first [m]")
 parser.add_argument("--after", type=positive, default=0.1, help="time after the touch [s]")
+parser.add_resume()
 options = parser.read(height=0.01, after=0.006, tol=5.0)
 # -
 
@@ -65,9 +66,10 @@ criterion = rf.StrainRate(options.tol, 20 * DT, wake="all", min_cells=20)
 shots = np.array([-1e-3, 5e-4, 4e-3, 0.012, 0.03, 0.06, 0.075, 0.1])  # s after the touch
 shapes = Shapes(scene, touch + shots[shots <= options.after], colour="rigid")
 say(f"Δt = {DT:g} s to t = {t_end:.4g} s on {scene.comm.size} rank(s)")
+kept = {"folder": options.out, "resume": options.resume}
 with (
-    rf.Recorder(scene, options.out, every=10) as recorder,
-    Pair(scene, {0.0: 1e-3, closer: DT}, t_end, criterion, compare=options.compare) as run,
+    rf.Recorder(scene, options.out, every=10, resume=options.resume) as recorder,
+    Pair(scene, {0.0: 1e-3, closer: DT}, t_end, criterion, options.compare, **kept) as run,
 ):
     for report in run:
         recorder.write(report)
@@ -158,7 +160,8 @@ curves(
     ylabel=["force (N)", "number", "energy (J)"],
     title="A device falls on its corner",
 )
-shapes.draw(
+draw(
+    shapes,
     options.out / "rigid_parts.png",
     view=(0.3, -1.0, 0.4),
     title="Drop test: rigid and flexible parts",

@@ -23,7 +23,18 @@
 
 # +
 import numpy as np
-from common import Pair, Parser, conclude, curve, energy_jump, events_of, freezes_of, positive, say
+from common import (
+    Pair,
+    Parser,
+    conclude,
+    curve,
+    draw,
+    energy_jump,
+    events_of,
+    freezes_of,
+    positive,
+    say,
+)
 
 import rigidfx as rf
 from meshes.block_with_cantilever import block_with_cantilever
@@ -36,6 +47,7 @@ parser.add_argument("--dt", type=positive, default=0.1, help="time step [s]")
 parser.add_argument("--t-end", type=positive, default=520.0, help="end of the run [s] (520)")
 parser.add_argument("--mass", choices=["lumped", "consistent"], default="lumped")
 parser.add_argument("--element", choices=["standard", "enhanced"], default="standard")
+parser.add_resume()
 options = parser.read(tol=5e-3, dt=0.2, t_end=65.0)
 # -
 
@@ -114,9 +126,10 @@ snapshots = min(RELEASE, t_end) * np.array([0.32, 0.38, 0.44, 0.5, 0.74, 0.8, 0.
 evolution = Shapes(scene, snapshots, colour="rigid")
 swings = Shapes(scene, [0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0, snapshots[-1]], colour="velocity")
 say(f"Δt = {dt:g} s to t = {t_end:g} s on {scene.comm.size} rank(s), tolerance {tol:g} 1/s")
+kept = {"folder": options.out, "resume": options.resume}
 with (
-    rf.Recorder(scene, options.out, interval=t_end / 104) as recorder,
-    Pair(scene, steps, t_end, criterion, compare=options.compare) as run,
+    rf.Recorder(scene, options.out, interval=t_end / 104, resume=options.resume) as recorder,
+    Pair(scene, steps, t_end, criterion, options.compare, **kept) as run,
 ):
     for report in run:
         recorder.write(report)
@@ -229,10 +242,13 @@ curves(
     ylabel=["$J_y$ (kg m²/s)", "number"],
     title="Free-flying body: momentum and size of the problem",
 )
-evolution.draw(
-    options.out / "evolution.png", view=(0.0, -1.0, 0.25), title="Rigid and flexible parts"
+draw(
+    evolution,
+    options.out / "evolution.png",
+    view=(0.0, -1.0, 0.25),
+    title="Rigid and flexible parts",
 )
-swings.draw(options.out / "shapes.png", view=(0.0, -1.0, 0.25), title="Deformed shapes")
+draw(swings, options.out / "shapes.png", view=(0.0, -1.0, 0.25), title="Deformed shapes")
 # -
 
 # ## What has to hold

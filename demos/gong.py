@@ -15,8 +15,7 @@
 from functools import partial
 
 import numpy as np
-from common import Pair, Parser, conclude, curve, events_of, positive, say
-from mpi4py import MPI
+from common import Pair, Parser, conclude, curve, draw, events_of, positive, say
 
 import rigidfx as rf
 from meshes.gong import HUB, MALLET, SIDE, gong
@@ -27,6 +26,7 @@ parser.add_argument("--compare", action="store_true", help="run the flexible twi
 parser.add_argument("--across", type=int, default=32, help="cells along a side, in sixteens")
 parser.add_argument("--tol", type=positive, default=8e-4, help="rigid below this rate [1/s]")
 parser.add_argument("--t-end", type=positive, default=0.6, help="end [s]")
+parser.add_resume()
 options = parser.read(across=16, t_end=0.42)
 # -
 
@@ -72,10 +72,6 @@ DT, WINDOW = 2e-3, 20  # s, steps
 rule = rf.StrainRate(options.tol, WINDOW * DT)
 measuring = rf.StrainRate(0.0, 1e9, wake="none")
 owned = scene.mesh.topology.index_map(3).size_local
-cells = float(scene.sum(owned))
-rigid: dict[str, list[float]] = {"plate": [], "hub": []}  # shares of their cells in each step
-struck: dict[str, float] = {}  # rigid share of what is below the mallet when a blow begins
-rates: list[np.ndarray] = []  # of the twin's owned cells in each step [1/s]
 
 
 def share(name: str, of: rf.Report) -> float:
@@ -86,25 +82,38 @@ def share(name: str, of: rf.Report) -> float:
     return float(scene.sum(float(inside)) / scene.sum(float(own.size)))
 
 
+def shares(report: rf.Report) -> dict[str, float]:
+    """Rigid shares in a step, and of what is below the mallet where a blow begins in it."""
+    if not report.step:
+        return {}
+    below = [name for name, t in BLOWS.items() if t < report.t < t + 1.5 * DT]
+    return {name: share(name, report) for name in ("plate", "hub", *(f"under {n}" for n in below))}
+
+
+def all_rates(report: rf.Report) -> np.ndarray | None:
+    """Strain rates of all cells in a step of the twin, on rank 0 [1/s]."""
+    if not report.step:
+        return None
+    numbers = scene.mesh.topology.original_cell_index[:owned]
+    parts = scene.comm.gather((numbers, report.strain_rate[:owned]))
+    if parts is None:
+        return None
+    order, rates = (np.concatenate(both) for both in zip(*parts, strict=True))
+    return rates[np.argsort(order)]
+
+
 times = [0.08, 0.102, 0.18, 0.3, 0.402, 0.42, 0.46, 0.5]  # s
 shapes = Shapes(scene, [t for t in times if t <= options.t_end], colour="rigid")
 say(f"Δt = {DT:g} s to t = {options.t_end:g} s on {scene.comm.size} rank(s)")
+kept = {"folder": options.out, "resume": options.resume}
+kept |= {"note": shares, "note_beside": all_rates}
 with (
-    rf.Recorder(scene, options.out, every=10) as recorder,
-    Pair(scene, DT, options.t_end, rule, options.compare, beside=measuring) as run,
+    rf.Recorder(scene, options.out, every=10, resume=options.resume) as recorder,
+    Pair(scene, DT, options.t_end, rule, options.compare, measuring, **kept) as run,
 ):
     for report in run:
         recorder.write(report)
         shapes.add(report)
-        if not report.step:
-            continue
-        for part, shares in rigid.items():
-            shares.append(share(part, report))
-        for name, t in BLOWS.items():
-            if t < report.t < t + 1.5 * DT:
-                struck[name] = share(f"under {name}", report)
-        if options.compare:
-            rates.append(run.flexible[-1].strain_rate[:owned].copy())
 # -
 
 # ## What came of it
@@ -114,7 +123,10 @@ with (
 # of the swing, and by the bend of a diagonal, in which a swing has no part.
 
 # +
-reports = run.adaptive
+reports, notes = run.adaptive, run.notes[1:]
+rigid = {part: [found[part] for found in notes] for part in ("plate", "hub")}
+struck = {name: n[f"under {name}"] for name in BLOWS for n in notes if f"under {name}" in n}
+rates = scene.comm.bcast(run.notes_beside[1:])
 books = np.cumsum([r.work_of_loads - sum(r.dissipated.values()) for r in reports])
 balance = np.array([r.energy for r in reports]) - books
 summary = {
@@ -134,7 +146,7 @@ def quiet_share() -> float:
     """Share of time × cells that might have been rigid."""
     windows = [np.array(rates[k : k + WINDOW]) for k in range(0, len(rates), WINDOW)]
     quiet = sum(np.count_nonzero((w <= options.tol).all(axis=0)) * len(w) for w in windows)
-    return float(scene.sum(float(quiet))) / (cells * len(rates))
+    return quiet / (rates[0].size * len(rates))
 
 
 def way(of: list[rf.Report]) -> np.ndarray:
@@ -155,7 +167,7 @@ def deviation(ours: np.ndarray, twin: np.ndarray) -> float:
 
 
 if options.compare:
-    peak = scene.comm.allreduce(max(float(r.max(initial=0.0)) for r in rates), op=MPI.MAX)
+    peak = max(float(of_step.max()) for of_step in rates)
     summary |= {
         "tol_over_peak": options.tol / peak,
         "quiet_share": quiet_share(),
@@ -178,7 +190,8 @@ curves(
     ylabel=["displacement (mm)", "energy (J)", "number"],
     title="A gong is struck twice",
 )
-shapes.draw(
+draw(
+    shapes,
     options.out / "rigid_parts.png",
     view=(0.3, -0.8, 0.9),
     title="Gong: rigid and flexible parts",

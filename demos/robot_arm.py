@@ -18,7 +18,18 @@
 from functools import partial
 
 import numpy as np
-from common import Pair, Parser, conclude, curve, energy_jump, events_of, freezes_of, positive, say
+from common import (
+    Pair,
+    Parser,
+    conclude,
+    curve,
+    draw,
+    energy_jump,
+    events_of,
+    freezes_of,
+    positive,
+    say,
+)
 
 import rigidfx as rf
 from meshes.robot_arm import HEIGHT, TIP, robot_arm
@@ -29,6 +40,7 @@ parser = Parser(
 )
 parser.add_argument("--size", type=positive, default=0.016, help="largest edge of a cell [m]")
 parser.add_argument("--tol", type=positive, default=0.03, help="rigid below this rate [1/s]")
+parser.add_resume()
 options = parser.read(size=0.02, tol=1e-3)
 # -
 
@@ -88,7 +100,6 @@ times = [0.02, 0.04, 0.06, 0.09]  # s
 if not options.short:
     times = [0.02, 0.05, 0.09, 0.13, 0.16, 0.19, 0.225, 0.25]
 shapes = Shapes(scene, times, colour="rigid")
-shares: dict[str, float] = {}
 
 
 def share(name: str, report: rf.Report) -> float:
@@ -100,16 +111,24 @@ def share(name: str, report: rf.Report) -> float:
     return float(scene.sum(float(rigid)) / scene.sum(float(cells.size)))
 
 
+def frozen(report: rf.Report) -> dict[str, float]:
+    """These parts of some sets where something has been frozen."""
+    if not any(event.kind == "freeze" for event in report.events):
+        return {}
+    return {name: share(name, report) for name in ("arm", "link", "leaf", "head")}
+
+
 say(f"Δt = {DT:g} s to t = {t_end:g} s on {scene.comm.size} rank(s), tolerance {tol:g} 1/s")
 with (
-    rf.Recorder(scene, options.out, interval=2 * DT) as recorder,
-    Pair(scene, DT, t_end, criterion) as run,
+    rf.Recorder(scene, options.out, interval=2 * DT, resume=options.resume) as recorder,
+    Pair(
+        scene, DT, t_end, criterion, folder=options.out, resume=options.resume, note=frozen
+    ) as run,
 ):
     for report in run:
         recorder.write(report)
         shapes.add(report)
-        if any(event.kind == "freeze" for event in report.events):
-            shares = {name: share(name, report) for name in ("arm", "link", "leaf", "head")}
+shares = next((found for found in reversed(run.notes) if found), {})
 # -
 
 # ## What came of it
@@ -191,7 +210,8 @@ curves(
     ylabel=["displacement (mm)", "energy (J)", "number"],
     title="Robot's arm: a move there and a move back",
 )
-shapes.draw(
+draw(
+    shapes,
     options.out / "rigid_parts.png",
     view=(0.45, -1.0, 0.55),
     title="Robot's arm: rigid and flexible parts",

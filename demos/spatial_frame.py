@@ -16,10 +16,22 @@
 # found, `bodies.json`; and `summary.json`.
 
 # +
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
-from common import Parser, comm, conclude, curve, energy_jump, events_of, freezes_of, positive, say
+from common import (
+    KeptRun,
+    Parser,
+    comm,
+    conclude,
+    curve,
+    draw,
+    energy_jump,
+    events_of,
+    freezes_of,
+    positive,
+    say,
+)
 from scipy.optimize import curve_fit
 
 import rigidfx as rf
@@ -29,6 +41,7 @@ from rigidfx.plot import Curve, Shapes, curves
 parser = Parser(__file__, "A frame under a shock: what the tolerance buys.", "one tolerance, 2 s")
 parser.add_argument("--tol", type=positive, nargs="+", help="tolerances besides 0 [m^-1.5/s]")
 parser.add_argument("--element", choices=["standard", "enhanced"], default="standard")
+parser.add_resume()
 options = parser.read()
 # -
 
@@ -97,6 +110,18 @@ PARTS = 2 if options.short else 4  # of the spectrum's time, whose fits are comp
 
 
 # +
+def in_turn(runs: Mapping[float, KeptRun]) -> Iterator[tuple[float, rf.Report]]:
+    """The next report of each run, step by step; of those that are behind first."""
+    left = dict(runs)
+    while left:
+        tol = min(left, key=lambda k: len(left[k].reports))
+        report = next(left[tol], None)
+        if report is None:
+            del left[tol]
+        else:
+            yield tol, report
+
+
 def side_by_side(
     scene: rf.Scene,
     dt: float | Mapping[float, float],
@@ -108,39 +133,41 @@ def side_by_side(
     label = f"{end:g} s, tolerances {', '.join(f'{tol:g}' for tol in wanted)}"
     say(f"To t = {label}, on {comm.size} rank(s)")
     runs = {
-        tol: rf.simulate(
+        tol: KeptRun(
+            options.out / f"{end:g}s_tol_{tol:g}",
             scene,
             dt,
             end,
             rigidify=rf.StrainRate(tol, until=until, **CRITERION) if tol > 0 else None,
             progress=tol == wanted[0],
+            resume=options.resume,
         )
         for tol in wanted
     }
-    out: dict[float, list[rf.Report]] = {tol: [] for tol in wanted}
     recorders = {
-        tol: rf.Recorder(scene, options.out / f"{end:g}s_tol_{tol:g}", interval=end / 24)
-        for tol in wanted
+        tol: rf.Recorder(
+            scene, options.out / f"{end:g}s_tol_{tol:g}", interval=end / 24, resume=run.goes_on
+        )
+        for tol, run in runs.items()
     }
     shapes = {tol: Shapes(scene, [1.2, 1.8, 2.2, end], colour="rigid") for tol in wanted if tol > 0}
     try:
-        for reports in zip(*runs.values(), strict=True):
-            for tol, report in zip(runs, reports, strict=True):
-                recorders[tol].write(report)
-                if tol in shapes:
-                    shapes[tol].add(report)
-                out[tol].append(report)
+        for tol, report in in_turn(runs):
+            recorders[tol].write(report)
+            if tol in shapes:
+                shapes[tol].add(report)
     finally:
         for tol, run in runs.items():
             run.close()
             recorders[tol].close()
     for tol, collected in shapes.items():
-        collected.draw(
+        draw(
+            collected,
             options.out / f"evolution_{end:g}s_tol_{tol:g}.png",
             view=(-0.8, -1.6, 0.35),
             title=f"Rigid and flexible parts, tolerance {tol:g}",
         )
-    return out
+    return {tol: run.reports for tol, run in runs.items()}
 
 
 scene = frame(np.inf)
@@ -148,7 +175,8 @@ damped = side_by_side(scene, 0.01, T_END, tolerances)
 fine = {0.0: 0.01, UNDAMPED: FINE}
 scene = frame(UNDAMPED)
 free = side_by_side(scene, fine, spectrum_end, tolerances, until=UNDAMPED)
-rf.write_bodies(options.out / "bodies.json", scene, free[middle][-1])
+if free[middle][-1].current:  # else it was written before the run went on
+    rf.write_bodies(options.out / "bodies.json", scene, free[middle][-1])
 # -
 
 # ## Times as the paper compares them
@@ -251,14 +279,15 @@ def harmonic(reports: list[rf.Report]) -> dict[str, float]:
 
 # +
 domain, rigid = rf.read_bodies(options.out / "bodies.json", MESH)
-reduced = list(
-    rf.simulate(
-        frame(UNDAMPED, *rigid, domain=domain),
-        fine,
-        spectrum_end,
-        progress=True,
-    )
+multibody_run = KeptRun(
+    options.out / "multibody",
+    frame(UNDAMPED, *rigid, domain=domain),
+    fine,
+    spectrum_end,
+    resume=options.resume,
+    progress=True,
 )
+reduced = [*multibody_run.reports, *multibody_run]
 fits = {tol: harmonic(run) for tol, run in free.items()}
 multibody = harmonic(reduced)
 

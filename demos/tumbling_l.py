@@ -18,7 +18,7 @@
 from contextlib import closing
 
 import numpy as np
-from common import Parser, conclude, positive, say
+from common import Parser, conclude, draw, positive, say
 
 import rigidfx as rf
 from meshes.tumbling_l import tumbling_l
@@ -37,7 +37,7 @@ parser.add_argument("--cell", choices=["hexahedron", "tetrahedron"], default="he
 parser.add_argument("--order", type=int, choices=[1, 2], default=1)
 parser.add_argument("--mass", choices=["lumped", "consistent"], default="lumped")
 parser.add_argument("--material", choices=list(MATERIALS), default="svk")
-parser.add_argument("--resume", action="store_true", help="go on from the last checkpoint")
+parser.add_resume()
 options = parser.read(t_end=25.0)
 # -
 
@@ -215,7 +215,8 @@ histories(
     free_since=FREE,
     title=f"Tumbling L, energy-momentum method, Δt = {options.dt:g} s",
 )
-shapes.draw(
+draw(
+    shapes,
     options.out / "shapes.png",
     view=(0.45, -0.5, 1.0),
     up=(0.0, 1.0, 0.0),

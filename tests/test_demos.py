@@ -23,6 +23,7 @@ from rigidfx.output.history import read_history
 
 ROOT = Path(__file__).resolve().parent.parent
 DEMOS = sorted((ROOT / "demos").glob("*.py"))
+FIRST = sorted((ROOT / "demos" / "first").glob("*.py"))
 BENCHMARKS = sorted((ROOT / "demos" / "benchmarks").glob("*.py"))
 # Benchmarks of many scenes, of which one is run.
 SOME = {
@@ -211,6 +212,16 @@ def test_demo(tmp_path, demo, ranks):
     pictures = list((tmp_path / "out").glob("*.png"))
     assert pictures
     assert all(picture.read_bytes().startswith(b"\x89PNG") for picture in pictures)
+
+
+@pytest.mark.parametrize("script", FIRST, ids=lambda script: script.stem)
+def test_first_example(script):
+    """Short, and what it asserts holds; on the ranks that its command names."""
+    text = script.read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= 60
+    assert "\nassert " in text
+    assert f"python3 demos/first/{script.name}\n" in text
+    on_ranks(script, 2 if "mpirun -n 2" in text else 1)
 
 
 CUSTOM = ROOT / "demos" / "custom_geometry.py"

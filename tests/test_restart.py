@@ -19,6 +19,7 @@ from restarted import DRAG, HELD, QUIET, SCENES, SINE, SOFT, bar, row, seen
 
 import rigidfx as rf
 import rigidfx.error.equations
+from rigidfx.command.pair import Pair
 
 NO_WARNINGS = pytest.mark.filterwarnings("ignore::rigidfx.base.errors.RigidfxWarning")
 
@@ -203,6 +204,37 @@ def test_files_go_on_without_a_row_lost_or_doubled(tmp_path):
         rf.Recorder(scene, tmp_path / "other", resume=True).write(first)
 
 
+@NO_WARNINGS
+def test_a_pair_goes_on_with_all_its_reports(tmp_path):
+    """Two runs side by side, as of the demos: after a signal, with what was noted before it."""
+    make, dt, _, more = SCENES["error"]
+
+    def pair(folder, resume=False):
+        kept = {"folder": folder, "resume": resume, "note": lambda r: r.strain_rate is not None}
+        return Pair(make(), dt, 0.8, more["rigidify"], **kept)
+
+    with pair(tmp_path / "whole") as whole:
+        assert len(list(whole)) == 41
+    with pair(tmp_path / "cut") as cut:
+        steps = iter(cut)
+        while next(steps).step < 25:
+            pass
+        os.kill(os.getpid(), signal.SIGTERM)
+        with pytest.raises(SystemExit):
+            next(steps)
+    with pair(tmp_path / "cut", resume=True) as again:
+        assert [report.step for report in again] == [*range(26, 41)]
+    assert again.notes == whole.notes
+    for ours, theirs in ((again.adaptive, whole.adaptive), (again.flexible, whole.flexible)):
+        one, other = (np.nan_to_num([row(r) for r in reports]) for reports in (ours, theirs))
+        for group in (slice(7, 8), slice(8, 14), slice(14, 17), slice(17, 20)):
+            off = np.abs(one[:, group] - other[:, group]).max()
+            assert off <= 1e-9 * np.abs(other[:, group]).max()
+        assert [r.bodies != () for r in ours] == [r.bodies != () for r in theirs]
+    with pytest.raises(rf.SceneError, match="There is no checkpoint"):
+        pair(tmp_path / "elsewhere", resume=True)
+
+
 def test_a_disk_that_is_full_leaves_what_was_there(tmp_path, monkeypatch):
     make, dt, t_end, _ = SCENES["damped"]
     run = rf.simulate(make(), dt, t_end, checkpoint=rf.Checkpoint(tmp_path, steps=4))
@@ -224,7 +256,9 @@ def test_a_disk_that_is_full_leaves_what_was_there(tmp_path, monkeypatch):
 
 def test_the_newest_that_is_whole_goes_on(tmp_path):
     make, dt, t_end, _ = SCENES["damped"]
-    list(rf.simulate(make(), dt, t_end, checkpoint=rf.Checkpoint(tmp_path, steps=8)))
+    *_, last = rf.simulate(make(), dt, t_end, checkpoint=rf.Checkpoint(tmp_path, steps=8))
+    assert last.current  # its fields are still to be written
+    assert last.step == 20
     old, new = sorted(tmp_path.glob("*.rfx"))
     assert list(rf.resume(tmp_path, make())) == []
     new.write_bytes(new.read_bytes()[:-1])

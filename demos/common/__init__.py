@@ -9,16 +9,17 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from rigidfx.command.files import conclude, write_json
+from rigidfx.command.kept_run import KeptRun
 from rigidfx.command.numbers import nonnegative, number, positive
 from rigidfx.command.pair import Pair
 from rigidfx.command.parser import say
 from rigidfx.command.reports import curve, energy_jump, events_of, freezes_of
 
-from .finish import write
+from .finish import draw, write
 from .start import ROOT, Parser, chosen, comm
 
 __all__ = [
-    "ROOT", "Pair", "Parser", "chosen", "comm", "conclude", "curve", "energy_jump",
-    "events_of", "freezes_of", "nonnegative", "number", "positive", "say", "write",
+    "ROOT", "KeptRun", "Pair", "Parser", "chosen", "comm", "conclude", "curve", "draw",
+    "energy_jump", "events_of", "freezes_of", "nonnegative", "number", "positive", "say", "write",
     "write_json",
 ]  # fmt: skip

@@ -35,6 +35,10 @@ class Parser(RankParser):
         folder = ROOT / "out" / Path(script).stem
         self.add_argument("--out", type=Path, default=folder, help="folder")
 
+    def add_resume(self) -> None:
+        """Have an option --resume, for a run that was cut."""
+        self.add_argument("--resume", action="store_true", help="go on from the last checkpoint")
+
     def add_only(self, of: str) -> None:
         """Have an option --only, for some of what there is; see `chosen`."""
         self.add_argument("--only", default="", help=f"{of} whose names contain this")

@@ -166,7 +166,10 @@ class Keeper:
         """
         due, heard = self._due(step, t, over)
         if (due or heard) and step > self._step:
+            last = run.stepper.state.snapshot() if over else None
             self._leave(step, t, run, looks)
+            if last is not None:  # nothing follows, and the last report may still be asked
+                run.stepper.state.restore(last)
         if heard == signal.SIGINT:
             raise KeyboardInterrupt(f"a checkpoint of step {step} is in '{self._given.folder}'")
         if heard:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
+from rigidfx.base.errors import SceneError
+from rigidfx.command.kept_run import KeptRun
 from rigidfx.command.parser import say
 from rigidfx.command.reports import line_of
 from rigidfx.decide.criteria.criterion import StrainRate
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
-from rigidfx.simulation import simulate
 
 __all__ = ["Pair"]
 
@@ -26,6 +28,8 @@ class Pair:
     Attributes:
         adaptive: Reports so far.
         flexible: Those of the fully flexible run, which is never behind; none if not wanted.
+        notes: What is noted of each report of the adaptive run ...
+        notes_beside: ... and of the flexible one.
     """
 
     def __init__(
@@ -36,17 +40,34 @@ class Pair:
         rigidify: StrainRate,
         compare: bool = True,
         beside: StrainRate | None = None,
+        *,
+        folder: Path | None = None,
+        resume: bool = False,
+        note: Callable[[Report], Any] = lambda report: None,
+        note_beside: Callable[[Report], Any] = lambda report: None,
     ) -> None:
         """Set the runs up, as of `rigidfx.simulate`; without `compare` there is one only.
 
-        One of tolerance zero in `beside` has the strain rates of the flexible run measured.
+        One of tolerance zero in `beside` has the strain rates of the flexible run measured. With a
+        folder both leave checkpoints there, and may `resume`; see `KeptRun` for this and for notes.
+
+        Raises:
+            SceneError: On every rank, if there is nothing to go on from.
         """
-        self.adaptive: list[Report] = []
-        self.flexible: list[Report] = []
-        self._ahead: Any = simulate(scene, dt, t_end, rigidify=rigidify, progress=True)
-        self._beside: Any = None
+        kept: dict[str, Any] = {"resume": resume, "rigidify": rigidify, "progress": True}
+        self._ahead = KeptRun(folder, scene, dt, t_end, note=note, **kept)
+        if resume and not self._ahead.goes_on:
+            self._ahead.close()
+            raise SceneError(f"There is no checkpoint in '{folder}'. Begin without going on.")
+        self._beside: KeptRun | None = None
         if compare:
-            self._beside = simulate(scene, dt, t_end, rigidify=beside, progress=False)
+            place = None if folder is None else folder / "flexible"
+            kept |= {"rigidify": beside, "progress": False}
+            self._beside = KeptRun(place, scene, dt, t_end, note=note_beside, **kept)
+        self.adaptive, self.notes = self._ahead.reports, self._ahead.notes
+        none: tuple[list[Report], list[Any]] = [], []
+        twin = self._beside
+        self.flexible, self.notes_beside = (twin.reports, twin.notes) if twin else none
 
     def __enter__(self) -> Pair:
         """The two runs."""
@@ -61,10 +82,9 @@ class Pair:
     def __iter__(self) -> Iterator[Report]:
         """Reports of the adaptive run; the other one goes on beside it."""
         for report in self._ahead:
-            self.adaptive.append(report)
             # A step that was cut has reports at times that the other run has not.
             while self._beside is not None and self._is_behind(report.t):
-                self.flexible.append(next(self._beside))
+                next(self._beside)
             for event in report.events:
                 say(line_of(event))
             yield report

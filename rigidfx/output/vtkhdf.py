@@ -267,8 +267,10 @@ class HdfSeries:
             OSError: If it cannot be written to its end.
         """
         if self._end.alive:
-            for table in (self._times, *self._alike, *self._fields.values()):
+            for table in (self._times, *self._alike):
                 table.cut()
+            for field in self._fields.values():
+                field.cut()
         self._end()
 
 

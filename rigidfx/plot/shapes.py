@@ -5,10 +5,10 @@ pyvista and matplotlib are imported where they are used, not with the package.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -44,6 +44,8 @@ class _Shape:
 class Shapes:
     """Collects the deformed body at several times and draws it, always by the same camera.
 
+    In a run that goes on from a checkpoint, those of before are there.
+
     Example:
         >>> shapes = Shapes(scene, times=(0, 1, 2))   # doctest: +SKIP
         >>> for report in simulate(scene, dt=0.01, t_end=2.0):
@@ -73,6 +75,7 @@ class Shapes:
         if not isinstance(times, Iterable) or isinstance(times, str):
             raise SceneError(f"Shapes: times must be a list of times, got {shown(times)}.")
         self._times = sorted(number("Shapes", "times", t) for t in times)
+        self.name = f"shapes by {colour} at {self._times}"
         if not self._times:
             raise SceneError("Shapes: times must name at least one time.")
         if colour not in get_args(Colour):
@@ -85,6 +88,26 @@ class Shapes:
         self._body = Body(scene.space, material_groups(scene) if stressed else None)
         self._stress = NodalStress(scene) if stressed else None
         self._shapes: list[_Shape] = []
+        self._joined = False
+
+    @property
+    def count(self) -> int:
+        """How many shapes have been kept."""
+        return len(self._shapes)
+
+    def ends(self) -> Mapping[str, Any] | None:
+        """What a checkpoint keeps; on rank 0, else None."""
+        if self._comm.rank:
+            return None
+        return {"times": list(self._times), "shapes": list(self._shapes)}
+
+    def _go_on(self, report: Report) -> None:
+        """Join the run, with what its checkpoint keeps of these shapes."""
+        known = report._writers.known.get(self.name)
+        if known is not None:
+            self._times, self._shapes = list(known["times"]), list(known["shapes"])
+        report._writers.join(self)
+        self._joined = True
 
     def add(self, report: Report) -> None:
         """Keep the shape if its time has come. Collective.
@@ -96,6 +119,8 @@ class Shapes:
             SceneError: If it is none, of another scene, or the run has gone on since.
         """
         check_report("Shapes.add", self._scene, report)
+        if not self._joined:
+            self._go_on(report)
         due = 0
         while due < len(self._times) and reached(report.t, self._times[due], report.dt):
             due += 1
