@@ -22,8 +22,9 @@ from mpi4py import MPI
 
 from rigidfx.base.crowding import tell_of_crowding
 from rigidfx.base.errors import SceneError, StepError, together
-from rigidfx.base.inputs import path_of
+from rigidfx.base.inputs import number, path_of
 from rigidfx.base.inputs import shown as show
+from rigidfx.base.instants import longer
 from rigidfx.base.log import heard, tell
 from rigidfx.base.progress import progress_bar
 from rigidfx.base.same_input import check_same
@@ -170,6 +171,10 @@ def resume(
         raise SceneError(f"resume: scene must be a Scene, got {type(scene).__name__}.")
     again = {"dt": dt, "rigidify": rigidify, "accuracy": accuracy}
     check_same(scene.comm, "resume", {**again, "t_end": t_end, "checkpoint": checkpoint})
+    if not isinstance(checkpoint, Checkpoint | None):
+        raise SceneError(f"resume: checkpoint must be a Checkpoint, got {show(checkpoint)}.")
+    if t_end is not None:
+        t_end = number("resume", "t_end", t_end)
     own = together(scene.comm, "resume", lambda: path_of("resume", "folder", folder))
     place: Path = scene.comm.bcast(own)
     kept = read(place, scene)
@@ -177,6 +182,11 @@ def resume(
     if t_end is not None:
         if isinstance(call["dt"], StepControl) or call["accuracy"] is not None:
             raise SceneError("resume: t_end cannot change where errors add up to it. Leave it out.")
+        if longer(kept.state["state"]["t"], t_end):
+            raise SceneError(
+                f"resume: t_end = {t_end:g} s is before the checkpoint, which is at t = "
+                f"{kept.state['state']['t']:g} s. Give a later end, or leave it out."
+            )
         call["t_end"] = t_end
     left = call.pop("checkpoint")
     checkpoint = replace(left, folder=place) if checkpoint is None else checkpoint

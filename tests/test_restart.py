@@ -283,6 +283,13 @@ def test_other_scenes_meshes_and_versions_are_refused(tmp_path, monkeypatch):
             rf.resume(tmp_path, other)
     with pytest.raises(rf.SceneError, match="dt is not what the run had"):
         rf.resume(tmp_path, make(), dt=0.02)
+    for given, found in (
+        ({"t_end": t_end / 2}, r"t_end = 0.5 s is before the checkpoint, which is at t = 1 s"),
+        ({"t_end": "late"}, "resume: t_end must be a finite number"),
+        ({"checkpoint": "out"}, "resume: checkpoint must be a Checkpoint"),
+    ):
+        with pytest.raises(rf.SceneError, match=found):
+            rf.resume(tmp_path, make(), **given)
     assert [r.step for r in rf.resume(tmp_path, make(), t_end=t_end + 2 * dt)] == [21, 22]
     monkeypatch.setattr(rf, "__version__", "0.0.1")
     with pytest.raises(rf.SceneError, match=r"written by rigidfx .*, this is 0.0.1"):
