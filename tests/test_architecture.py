@@ -392,7 +392,7 @@ PLAIN = {0, 1, 2, 0.5}  # in bodies, as are integers up to 12: dimensions and in
 CEILINGS = {
     ".": 1,
     "base": 24,
-    "checkpoint": 2,
+    "checkpoint": 4,
     "command": 24,
     "coupling": 3,
     "decide": 5,
