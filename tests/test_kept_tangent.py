@@ -18,7 +18,7 @@ from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.step.newton import aggregates, chord, factors
 from rigidfx.step.newton.chord_test import ChordTest
-from rigidfx.step.newton.control import Control, ControlNumbers
+from rigidfx.step.newton.control import Control
 from rigidfx.step.newton.frames import Frames
 from rigidfx.step.newton.kept_tangent import KeptTangent
 from rigidfx.step.newton.secants import Secants
@@ -101,61 +101,48 @@ def test_growth_by_new_tangents_ends_the_method_for_a_step():
     assert not control.ended
 
 
-def test_newtons_method_has_its_turn_where_it_is_cheaper():
-    control, numbers = rule(), ControlNumbers()
-    for _ in range(40):
-        control.accepted(20, 0, 1)
-        assert not control.pausing  # 28 of the 36 that four iterations cost
-    for turn in (numbers.trial, numbers.turn):
-        while not control.pausing:
-            control.accepted(24, 0, 2)
-        for _ in range(turn):
-            assert control.pausing
-            control.passed(3)
-        assert not control.pausing
+def _cost_of(steps, kept, newton):
+    """Cost of steps relative to Newton's method, which takes so many iterations a step.
 
-
-def test_newtons_iterations_are_counted():
-    """Where Newton's method takes six, kept tangents at the cost of five are the better."""
-    control, numbers = rule(), ControlNumbers()
-    while not control.pausing:
-        control.accepted(29, 0, 2)
-    while control.pausing:
-        control.passed(6)
-    for _ in range(100):
-        control.accepted(29, 0, 2)
-        assert not control.pausing
-    assert numbers.newton * 9 < 29 + 2 * 8 < 6 * 9
-
-
-def test_what_fails_pauses_and_is_tried_again():
-    """Not for good, as a contact that opens and closes goes by; once is enough the next time.
-
-    What fails at once again is tried half as often, and as often as ever once it has served.
+    Args:
+        steps: How many.
+        kept: Iterations and new tangents of a step by kept tangents, by its number.
+        newton: Iterations of Newton's method in a step.
     """
-    control, numbers = rule(), ControlNumbers()
-    turns = []
-    for failures in (numbers.failures, 1, 1):
-        for _ in range(failures):
-            assert not control.pausing
-            control.failed()
-        turns.append(_turn_of(control))
-    assert turns == [numbers.turn, 2 * numbers.turn, 4 * numbers.turn]
-    for _ in range(4 * numbers.turn):
-        control.accepted(3, 0, 0)
-    control.failed()
-    assert not control.pausing
-    control.failed()
-    assert _turn_of(control) == numbers.turn
+    control, spent, served = rule(), 0.0, []
+    for k in range(steps):
+        if not control.indebted:
+            iterations, tangents = kept(k)
+            control.accepted(iterations, 0, tangents)
+            spent += iterations + tangents * control.price
+            served.append(k)
+        else:
+            control.passed(newton)
+            spent += newton * (1 + control.price)
+    return spent / (steps * newton * (1 + control.price)), served
 
 
-def _turn_of(control):
-    """Steps that Newton's method takes before kept tangents are tried again."""
-    steps = 0
-    while control.pausing:
-        control.passed(4)
-        steps += 1
-    return steps
+@pytest.mark.parametrize("newton", [3, 6])
+def test_kept_tangents_never_cost_more_than_newtons_method_by_a_tenth(newton):
+    """In a motion that they never fit, they are tried in fewer and fewer steps."""
+    cost, served = _cost_of(300, lambda _: (8, 2 * newton), newton)
+    assert 1 < cost <= 1.1
+    assert len(served) <= 40
+
+
+def test_kept_tangents_come_back_where_they_fit_again():
+    cost, served = _cost_of(300, lambda k: (8, 8) if 50 < k < 100 else (6, 0), 4)
+    assert cost < 0.5
+    assert served[-150:] == list(range(150, 300))
+
+
+def test_an_attempt_that_fails_is_paid_as_well():
+    control = rule()
+    for _ in range(20):
+        control.accepted(6, 0, 0)
+    assert not control.indebted
+    control.failed(25, 12)
+    assert control.indebted
 
 
 # Where it ends ---------------------------------------------------------------------------------

@@ -184,7 +184,7 @@ class Chord:
 
     def fail(self) -> None:
         """Take note that Newton's method takes over, and makes tangents of its own."""
-        self._control.failed()
+        self._control.failed(len(self.stop.history) - 1, self.tangents)
 
     def accept(self, asked: int) -> None:
         """Take note that the last solve has become a step.
@@ -202,7 +202,7 @@ class Chord:
 
     def serves(self, dt: float) -> bool:
         """Whether tangents are worth keeping in steps of Δt [s]."""
-        return not self._control.pausing and self._equilibrium.waves(dt) <= STIFF_UP_TO
+        return not self._control.indebted and self._equilibrium.waves(dt) <= STIFF_UP_TO
 
     def destroy(self) -> None:
         """Free the solvers. Collective."""

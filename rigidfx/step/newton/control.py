@@ -17,9 +17,10 @@ renewal, that included: from then on each further step would only raise the mean
 step's first iterate. The first guess lies on a straight line, which stretches parts that bend; the
 tangent there has the stress of that stretch.
 
-Where steps cost more in the mean than by Newton's method, or fail one after another, Newton's
-method has its turn for some steps, for twice as many as the last time if kept tangents have not
-served for as long as that: in a motion that they never fit, trials of them become rare.
+What steps have cost beyond Newton's method, whose iterations are counted wherever it serves, is kept
+as a debt that cheap steps pay back. While the debt is more than a small part of what Newton's method
+would have cost from the start, that method serves. Savings count up to the same part. So steps by kept tangents never cost more than it
+by more than this part, and in a motion that tangents never fit, trials of them become rare.
 """
 
 from __future__ import annotations
@@ -38,21 +39,17 @@ class ControlNumbers:
     Attributes:
         own: Iterations that a new tangent needs as well (docs/notes/solver_ablation.md).
         growths: Growths of the residual by tangents of the same step that end the method for it.
-        failures: Steps in a row that kept tangents fail, or are given up in, after which Newton's
-            method has its turn.
-        turn: Steps that such a turn lasts, unless it comes soon after another one.
-        trial: Steps that the first turn lasts, in which iterations of Newton's method are counted.
-        newton: Iterations that a step by Newton's method takes, before any has been counted.
-        memory: Steps that the mean cost of a step goes over.
+        debt: Cost beyond Newton's method that is lent, as a part of all that this would have cost;
+            a step's cost is lent in any case. As much may be saved up in steps that cost less, as
+            an arm whose steps cost 0.4 has single ones that cost 2.6 (docs/notes/solver_ablation.md).
+        newton: Iterations that a step by Newton's method takes, before any has been counted; in
+            twelve scenes it took 2.5 to 6.2.
     """
 
     own: int = 3
     growths: int = 2
-    failures: int = 2
-    turn: int = 30
-    trial: int = 3
+    debt: float = 0.05
     newton: float = 4.0
-    memory: float = 10.0
 
 
 class Control:
@@ -69,9 +66,8 @@ class Control:
         self.price, self.due = 0.0, True
         self._missing = True  # whether there is no tangent that could serve meanwhile
         self._spent, self._steps, self._since, self._growths = 0.0, 0, 0, 0
-        self._mean, self._left, self._failures = 0.0, 0, 0
-        self._newton, self._turn = numbers.newton, numbers.trial
-        self._last_turn = self._served = 0  # steps of Newton's last turn, and by kept ones since
+        self._newton, self._passed = numbers.newton, 0
+        self._debt = self._whole = 0.0  # beyond Newton's cost, and all of that, in iterations
 
     def begin(self) -> None:
         """Begin a step, or an attempt at it."""
@@ -122,29 +118,22 @@ class Control:
             asked: How many of them energy and momenta asked for, which tell nothing of the tangent.
             tangents: How many new ones it made.
         """
-        self._failures = self._failures + 1 if self.ended else 0
         self._spent += iterations - asked
         self._steps += 1
         self.due = iterations - asked - self._since > self._spent / self._steps
-        cost = (iterations + self.price * tangents) / (self._newton * (1 + self.price))
-        self._mean += (cost - self._mean) / self._numbers.memory
-        self._served += 1
-        if self._mean > 1.0 or self._failures >= self._numbers.failures:
-            self._failures = 0
-            self._rest(self._turn)
+        self._pay(iterations, tangents)
+        self._whole += self._of_newton
 
-    def failed(self) -> None:
-        """Take note of a step in which kept tangents have failed."""
+    def failed(self, iterations: int, tangents: int) -> None:
+        """Take note of an attempt by kept tangents that has failed.
+
+        Args:
+            iterations: How many it took.
+            tangents: How many new ones it made.
+        """
         self.lose()
-        self._failures += 1
-        if self._failures >= self._numbers.failures:
-            self._rest(self._numbers.turn)
-
-    def _rest(self, steps: int) -> None:
-        """Let Newton's method have its turn, for so many steps at least."""
-        again = self._served < self._last_turn
-        self._left = self._last_turn = max(steps, 2 * self._last_turn if again else 0)
-        self._mean, self._served = 0.0, 0
+        self._debt += self._of_newton
+        self._pay(iterations, tangents)
 
     def passed(self, iterations: int) -> None:
         """Take note of a step by Newton's method.
@@ -153,9 +142,24 @@ class Control:
             iterations: How many it took.
         """
         self.lose()
-        self._newton += (iterations - self._newton) / self._numbers.trial
-        self._turn = self._numbers.turn
-        self._left = max(0, self._left - 1)
+        self._passed += 1
+        self._newton += (iterations - self._newton) / (1 + self._passed)
+        self._whole += self._of_newton
+
+    def _pay(self, iterations: int, tangents: int) -> None:
+        """Take note of what kept tangents have cost in place of a step by Newton's method."""
+        cost = iterations + self.price * tangents
+        self._debt = max(-self._lent, self._debt + cost - self._of_newton)
+
+    @property
+    def _lent(self) -> float:
+        """What kept tangents may cost beyond Newton's method, and may save up."""
+        return max(self._numbers.debt * self._whole, self._of_newton)
+
+    @property
+    def _of_newton(self) -> float:
+        """What a step by Newton's method costs, in iterations with a kept tangent."""
+        return self._newton * (1 + self.price)
 
     @property
     def ended(self) -> bool:
@@ -163,6 +167,6 @@ class Control:
         return self._growths >= self._numbers.growths
 
     @property
-    def pausing(self) -> bool:
-        """Whether Newton's method has its turn."""
-        return self._left > 0
+    def indebted(self) -> bool:
+        """Whether Newton's method serves, as kept tangents have cost more than it."""
+        return self._debt > self._lent
