@@ -43,20 +43,9 @@ FACTORS_UP_TO = 100_000
 # second-order hexahedra (130 680, waves that pass 1800 cells) steps with them took .39 of the time.
 SLENDER_UP_TO = 300_000
 SLENDER = 25.0  # fill at most; that plate has 20, a bar five times as long as thick 31
-# Of soft parts whose tangents serve long, on one rank; 17 kB for each unknown.
-SOFT_FACTORS_UP_TO = 80_000
 # Cells that a wave passes in a step, as the diagonals of stiffness and mass estimate them. From a
 # prototype that counted them by the material's wave speed; not measured again for the diagonals.
 STIFF_FROM = 15.0
-# With shorter steps after a breakpoint incomplete factors may do, but GMRES then took 60 to 120
-# iterations a step at 3 to 13 cells (a frame of 4914 unknowns, 130 ms; 13 by full factors, and 90
-# to make these): what once was stiff keeps full ones down to this, and what is left of it as stiff
-# parts become rigid: in a plate in springs whose body came and went runs took .6 of the time.
-STIFF_DOWN_TO = 2.0
-# From here on, and beyond as many unknowns as full factors are kept for, a coarse grid stands by
-# incomplete ones: at 9 cells (the L of 85 557 unknowns) that hardly paid, at 12, 24 and 49 cells
-# solves took .63, .36 and .24 of the time (196 875 unknowns).
-COARSE_FROM = 9.0
 # Beyond, solves with kept factors turn a slender part about its axis by rounding, for good: at
 # 2·10⁵ a needle of 1107 unknowns lost 8e-4 of its energy in 500 steps.
 STIFF_UP_TO = 5e3
@@ -106,24 +95,22 @@ class Chord:
         return self._kept.iterations
 
     def _suited(self, dt: float) -> type[Factors | IncompleteFactors | TwoLevels]:
-        """The solver for the tangents of steps of Δt [s]."""
-        size = self._equilibrium.prolongation.size
-        if self._stiff(dt):
-            full = size <= FACTORS_UP_TO or (size <= SLENDER_UP_TO and self._slender)
-            return Factors if full else TwoLevels
-        if size < FULL_UP_TO or (self._equilibrium.calm and self._few_entries):
-            return Factors
-        far = size > SOFT_FACTORS_UP_TO and self._equilibrium.waves(dt) >= COARSE_FROM
-        return TwoLevels if far else IncompleteFactors
+        """The solver for the tangents of steps of Δt [s].
 
-    def _stiff(self, dt: float) -> bool:
-        """Whether waves get so far in a step of Δt [s] that incomplete factors do not do.
-
-        A structure with one such step counts as stiff in shorter ones as well.
+        A structure with one step in which waves get far counts as stiff in shorter ones: there
+        GMRES took 60 to 120 iterations a step at 3 to 13 cells (a frame of 4914 unknowns, 130 ms;
+        13 by full factors). The flexible rest of it counts as stiff after parts have become rigid:
+        in a plate in springs whose body came and went runs took .6 of the time.
         """
-        waves = self._equilibrium.waves(dt)
-        self._once_stiff |= waves >= STIFF_FROM
-        return self._once_stiff and waves >= STIFF_DOWN_TO
+        size = self._equilibrium.prolongation.size
+        self._once_stiff |= self._equilibrium.waves(dt) >= STIFF_FROM
+        if self._once_stiff:
+            full = size <= FACTORS_UP_TO or (size <= SLENDER_UP_TO and self._slender)
+        else:
+            full = size < FULL_UP_TO or (self._equilibrium.calm and self._few_entries)
+        if full:
+            return Factors
+        return TwoLevels if size > FACTORS_UP_TO else IncompleteFactors
 
     def go_on(self, before: Chord) -> None:
         """Take over findings of the division before, which may have been freed."""

@@ -22,7 +22,6 @@ Array = npt.NDArray[np.float64]
 
 SLOW = 0.5  # factor by which what falls in an iteration is no rounding
 GROWN = 2.0  # a residual that has grown by that belongs to no solution any more
-MOST = 10  # iterations
 
 
 class Conserving:
@@ -93,8 +92,8 @@ class Conserving:
             stays = much & (lost > SLOW * before)
             self.doubtful = older and bool(stays.any())
             if self.doubtful:
-                return len(self._lost) > MOST
+                return False
             met = np.where(stays, np.minimum(lost, before), 0.0)
             self.rounding = np.maximum(self.rounding, met)
             much &= ~stays
-        return not much.any() or len(self._lost) > MOST
+        return not much.any()

@@ -17,15 +17,17 @@ renewal, that included: from then on each further step would only raise the mean
 step's first iterate. The first guess lies on a straight line, which stretches parts that bend; the
 tangent there has the stress of that stretch.
 
-What steps have cost beyond Newton's method, whose iterations are counted wherever it serves, is kept
-as a debt that cheap steps pay back. While the debt is more than a small part of what Newton's method
-would have cost from the start, that method serves. Savings count up to the same part. So steps by kept tangents never cost more than it
-by more than this part, and in a motion that tangents never fit, trials of them become rare.
+What steps have cost beyond Newton's method is a debt, which cheaper steps pay back. While the debt
+is more than a small part of all that Newton's method would have cost, that method serves, and its
+iterations are counted. Savings count up to the same part. So kept tangents never cost more than
+Newton's method by more than this part and one step. In a motion that they never fit, trials of them
+become rare.
 """
 
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -40,8 +42,8 @@ class ControlNumbers:
         own: Iterations that a new tangent needs as well (docs/notes/solver_ablation.md).
         growths: Growths of the residual by tangents of the same step that end the method for it.
         debt: Cost beyond Newton's method that is lent, as a part of all that this would have cost;
-            a step's cost is lent in any case. As much may be saved up in steps that cost less, as
-            an arm whose steps cost 0.4 has single ones that cost 2.6 (docs/notes/solver_ablation.md).
+            a step's cost is lent in any case. As much may be saved up in cheaper steps: an arm
+            whose steps cost 0.4 has single ones that cost 2.6 (docs/notes/solver_ablation.md).
         newton: Iterations that a step by Newton's method takes, before any has been counted; in
             twelve scenes it took 2.5 to 6.2.
     """
@@ -101,7 +103,7 @@ class Control:
         contraction = math.sqrt(norm / history[-3])
         if not contraction < 1:
             return True
-        left = math.log(max(target, 1e-300) / norm) / math.log(contraction)
+        left = math.log(max(target, sys.float_info.min) / norm) / math.log(contraction)
         return self.due or left > self.price + self._numbers.own or taken + left > limit
 
     def renewed(self, history: Sequence[float]) -> None:
@@ -147,18 +149,18 @@ class Control:
         self._whole += self._of_newton
 
     def _pay(self, iterations: int, tangents: int) -> None:
-        """Take note of what kept tangents have cost in place of a step by Newton's method."""
+        """Take note of the cost of kept tangents in place of a step by Newton's method."""
         cost = iterations + self.price * tangents
         self._debt = max(-self._lent, self._debt + cost - self._of_newton)
 
     @property
     def _lent(self) -> float:
-        """What kept tangents may cost beyond Newton's method, and may save up."""
+        """Limit of the debt and of savings, in iterations."""
         return max(self._numbers.debt * self._whole, self._of_newton)
 
     @property
     def _of_newton(self) -> float:
-        """What a step by Newton's method costs, in iterations with a kept tangent."""
+        """Cost of a step by Newton's method, in iterations with a kept tangent."""
         return self._newton * (1 + self.price)
 
     @property

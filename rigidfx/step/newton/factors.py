@@ -14,7 +14,7 @@ from rigidfx.step.linear import cholmod
 from rigidfx.step.linear.linear_solver import QUICK_UP_TO, configure
 from rigidfx.step.newton.band import few_entries
 from rigidfx.step.newton.cholesky import Cholesky
-from rigidfx.step.newton.price import Held, held_by_cholmod, held_by_mumps, held_by_petsc, price
+from rigidfx.step.newton.price import price
 
 __all__ = ["Factors"]
 
@@ -80,16 +80,14 @@ class Factors:
             self._cholesky.destroy()
             self._cholesky = None
 
-    def _made(self) -> Held:
+    def _made(self) -> PETSc.Mat:
         """Make the factors. Collective."""
         if not self._quick and self._cholesky is not None:
             if self._cholesky.renew():
-                return held_by_cholmod(self._cholesky.ksp.getPC().getFactorMatrix())
+                return self._cholesky.ksp.getPC().getFactorMatrix()
             self.take_all()
         self._ksp.setUp()
-        pc = self._ksp.getPC()
-        own = pc.getFactorSolverType() == PETSc.Mat.SolverType.PETSC
-        return (held_by_petsc if own else held_by_mumps)(pc.getFactorMatrix())
+        return self._ksp.getPC().getFactorMatrix()
 
     def solve(self, r: PETSc.Vec, z: PETSc.Vec) -> None:
         """A z = r, or nearly so. Collective."""
