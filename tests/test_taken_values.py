@@ -83,6 +83,8 @@ RECORDS = {
         **_window(),
     },
     rf.MeanFace: lambda: {"where": "x0"},
+    rf.RigidFace: lambda: {"where": "x0"},
+    rf.Stop: lambda: {"joint": "hinge", "high": np.array(1.0), "stiffness": np.array(3.0)},
     rf.Spherical: lambda: {"a": "ground", "b": "x0", "at": np.array([1.0, 0, 0])},
     **dict.fromkeys(
         (rf.Revolute, rf.Cylindrical, rf.Prismatic),

@@ -174,6 +174,10 @@ class Controller:
         """Whether a step from t of the length dt [s] that errs [m] by so much is repeated."""
         return error > GAINS.reject * self.allowed(t, dt) * dt
 
+    def overspends(self, error: float) -> bool:
+        """Whether the run errs by more than its budget with a step that errs by so much [m]."""
+        return self.error.error + error > GAINS.share * self.tol * self.displacement
+
     def halvings(self, error: float, t: float, dt: float) -> int:
         """How often a step that errs by too much has to be halved, by its error per Δt³."""
         much = error / (GAINS.reject * self.allowed(t, dt) * dt)

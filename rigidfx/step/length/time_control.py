@@ -137,7 +137,7 @@ class TimeControl(WarnsOnce):
         if attempt.final or not self.length.too_much(self._found, t, dt):
             return None
         if dt < 2 * self.length.shortest:
-            if self.waits and not self.length.begins(t):
+            if self.waits and self.length.overspends(self._found) and not self.length.begins(t):
                 self.say(
                     f"StepControl: steps of {dt:.3g} s, as short as they may be, err by more than "
                     f"tol = {self.tol:g} allows. Take a smaller `smallest`, or a larger tol; the "
