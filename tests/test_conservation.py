@@ -105,7 +105,7 @@ def test_a_stiff_exponential_energy_conserves_in_short_steps(b, speed, dt, steps
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", MATERIALS)
+@pytest.mark.parametrize("name", ["StVenantKirchhoff", "NeoHooke"])
 def test_free_motion_to_50_s(name):
     """12 % strain at Δt = 0.2 s, where Newmark and the midpoint rule break down earlier."""
     scene = tumbling(MATERIALS[name], load=4.0)

@@ -159,8 +159,8 @@ MOTIONS = {
 }
 
 
-RUNS = [("free", {}, 1000), ("free", NEWTON, 300)]
-RUNS += [(name, {}, 300) for name in MOTIONS if name != "free"]
+RUNS = [("free", {}, 500), ("free", NEWTON, 150)]
+RUNS += [(name, {}, 150) for name in MOTIONS if name != "free"]
 
 
 @pytest.mark.parametrize(("name", "method", "steps"), RUNS)

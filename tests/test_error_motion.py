@@ -279,7 +279,7 @@ def made(monkeypatch):
     return every
 
 
-@pytest.mark.parametrize(("speed", "t_end"), [(0.15, 8.0), (0.2, 17.0)])
+@pytest.mark.parametrize(("speed", "t_end"), [(0.2, 17.0)])
 def test_one_stiffness_serves_an_arm_that_turns(speed, t_end, followed, made):
     """Through 69° at 0.22 ω₁ and 195° at 0.3 ω₁, beside a motion of its tip that is withheld."""
     turn = rf.PrescribedRotation(
@@ -410,7 +410,7 @@ def test_what_is_shown_is_smooth_through_switches(followed):
 
 @pytest.mark.parallel
 @pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its ranks itself")
-@pytest.mark.parametrize("ranks", [2, 3])
+@pytest.mark.parametrize("ranks", [3])
 def test_histories_are_those_on_one_rank(ranks):
     script = Path(__file__).parent / "error_on_ranks.py"
     one, several = (parallel.run(script, n, 300) for n in (1, ranks))

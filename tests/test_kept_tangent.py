@@ -475,7 +475,7 @@ def test_what_a_tangent_costs_is_told_by_its_factors(monkeypatch):
 
 
 @pytest.mark.parallel
-@pytest.mark.parametrize("ranks", [2, 3])
+@pytest.mark.parametrize("ranks", [3])
 def test_several_ranks_move_as_one(ranks):
     one, several = histories(), parallel.run(__file__, ranks, 300)
     for name, found in several.items():

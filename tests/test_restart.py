@@ -125,7 +125,7 @@ def test_all_that_changes_is_remembered_or_found_anew(monkeypatch):
 
 @NO_WARNINGS
 @pytest.mark.parallel
-@pytest.mark.parametrize("name", ["error", "modes", "pair", "joined"])
+@pytest.mark.parametrize("name", ["modes", "joined"])
 def test_other_ranks_go_on(name, tmp_path, monkeypatch):
     """One rank begins, three go on, two end: rows and switches are those of one rank."""
     if name == "modes":

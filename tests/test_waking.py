@@ -563,8 +563,8 @@ def cases():
 
 # Both masses are tried on two and on three ranks, the others on either.
 ON_RANKS = {
-    2: ("lumped", "consistent", "grown", "condition", "window opens"),
-    3: ("lumped", "consistent", "automatic window", "support begins"),
+    2: ("lumped", "grown", "window opens"),
+    3: ("consistent", "automatic window", "support begins", "condition"),
 }
 
 
