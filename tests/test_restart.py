@@ -9,6 +9,7 @@ from contextlib import suppress
 from errno import ENOSPC
 from functools import partial
 from pathlib import Path
+from pickle import UnpicklingError
 
 import h5py
 import numpy as np
@@ -19,6 +20,7 @@ from restarted import DRAG, HELD, QUIET, SCENES, SINE, SOFT, bar, row, seen
 
 import rigidfx as rf
 import rigidfx.error.equations
+from rigidfx.checkpoint.files import loaded
 from rigidfx.command.pair import Pair
 
 NO_WARNINGS = pytest.mark.filterwarnings("ignore::rigidfx.base.errors.RigidfxWarning")
@@ -332,3 +334,22 @@ def test_a_signal_leaves_a_checkpoint(number, tmp_path):
 def test_intervals_that_cannot_be_used(given):
     with pytest.raises(rf.SceneError, match="Checkpoint"):
         rf.Checkpoint("out", **given)
+
+
+def test_a_set_of_as_many_other_facets_is_another_scene(tmp_path):
+    def made(end):
+        bar = rf.box((0, 0, 0), (4, 1, 1), (4, 1, 1)).with_facets("held", lambda x: x[0] == end)
+        return rf.Scene(bar, SOFT, [rf.Fixed("held"), rf.Gravity()])
+
+    kept = rf.Checkpoint(tmp_path, steps=1)
+    list(rf.simulate(made(0.0), 0.1, 0.2, checkpoint=kept, progress=False))
+    with pytest.raises(rf.SceneError, match="the set 'held' differs"):
+        rf.resume(tmp_path, made(4.0), t_end=0.3)
+
+
+def test_a_checkpoint_makes_nothing_of_other_packages():
+    """Not by a module of this one, either, that has it under a dotted name."""
+    module, name = b"rigidfx.base.compiler", b"subprocess.Popen"
+    text = [b"\x8c" + bytes([len(word)]) + word for word in (module, name)]
+    with pytest.raises(UnpicklingError, match="nothing that a checkpoint holds"):
+        loaded(b"\x80\x05" + b"".join(text) + b"\x93.")

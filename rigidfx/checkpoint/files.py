@@ -43,7 +43,8 @@ class _Reader(pickle.Unpickler):
         """The class of a name."""
         known = module in NUMPY.get(name, ()) or PYTHON.get(name) == module
         found = super().find_class(module, name) if known or _ours(module) else None
-        if found is None or (not known and not isinstance(found, type)):
+        own = isinstance(found, type) and _ours(found.__module__)  # a dotted name leads elsewhere
+        if found is None or not (known or own):
             raise pickle.UnpicklingError(f"{module}.{name} is nothing that a checkpoint holds")
         return found
 

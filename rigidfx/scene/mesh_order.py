@@ -11,10 +11,12 @@ import hashlib
 
 import numpy as np
 import numpy.typing as npt
+from dolfinx import mesh as dmesh
 
 from rigidfx.base import compat
 from rigidfx.base.mesh_order import MeshOrder
 from rigidfx.base.same_input import digest, items
+from rigidfx.domain.domain import EntitySet
 from rigidfx.effects import Contact
 from rigidfx.scene.scene import Scene
 
@@ -70,7 +72,7 @@ def mesh_hash(scene: Scene) -> str:
 
 
 def scene_hashes(scene: Scene) -> dict[str, str]:
-    """Hashes of all that a scene was made of, by its name, and sizes of its sets. Collective.
+    """Hashes of all that a scene was made of, by its name, its sets included. Collective.
 
     Functions cannot be compared; of them only their breakpoints are.
 
@@ -83,8 +85,29 @@ def scene_hashes(scene: Scene) -> dict[str, str]:
         out[name + of] = digest(value).hex()
     sets = scene.domain.sets
     for name, dim in sorted(sets):
-        out[f"the set '{name}'"] = str(int(scene.domain.count(sets[name, dim])))
+        out[f"the set '{name}'"] = _set_hash(scene, sets[name, dim])
     return out
+
+
+def _set_hash(scene: Scene, entities: EntitySet) -> str:
+    """A hash of the corners of a set's entities, on all ranks. Collective."""
+    mesh, dim = scene.mesh, entities.dim
+    own = entities.entities[entities.entities < mesh.topology.index_map(dim).size_local]
+    mesh.topology.create_connectivity(dim, 3)
+    mesh.topology.create_connectivity(3, dim)
+    rows: list[npt.NDArray[np.float64]] = []  # none where a rank owns none of them
+    if own.size:
+        corners = mesh.geometry.x[dmesh.entities_to_geometry(mesh, dim, own)]
+        order = np.lexsort(np.moveaxis(corners, 2, 0)[::-1], axis=-1)
+        sorted_corners = np.take_along_axis(corners, order[:, :, None], axis=1)
+        rows = [sorted_corners.reshape(own.size, -1)]
+    gathered = scene.comm.gather(rows)
+    found = None
+    if gathered is not None:
+        every = np.concatenate([one for rows in gathered for one in rows] or [np.empty((0, 3))])
+        every = np.ascontiguousarray(every[np.lexsort(every.T[::-1])])
+        found = hashlib.sha256(every.tobytes()).hexdigest()
+    return str(scene.comm.bcast(found))
 
 
 def _owned_cells(scene: Scene) -> Ints:
