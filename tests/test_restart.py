@@ -353,3 +353,13 @@ def test_a_checkpoint_makes_nothing_of_other_packages():
     text = [b"\x8c" + bytes([len(word)]) + word for word in (module, name)]
     with pytest.raises(UnpicklingError, match="nothing that a checkpoint holds"):
         loaded(b"\x80\x05" + b"".join(text) + b"\x93.")
+
+
+def test_a_recorder_that_is_closed_hinders_no_checkpoint(tmp_path):
+    scene = bar()
+    steps = rf.simulate(
+        scene, 0.1, 0.5, checkpoint=rf.Checkpoint(tmp_path, steps=2), progress=False
+    )
+    with rf.Recorder(scene, tmp_path, stress=False) as recorder:
+        recorder.write(next(steps))
+    assert len(list(steps)) == 5

@@ -52,6 +52,7 @@ class RunFiles:
         folder.mkdir(parents=True, exist_ok=True)
         self._folder, self._kinds, self._ends = folder, kinds, ends
         self._tables: dict[str, CsvFile] = {}
+        self._ended: dict[str, Any] | None = None
         with ExitStack() as self._open:
             self.rows("history", columns)
             self._open.enter_context(hearing(log_file(folder / "log.txt", anew=not ends)))
@@ -94,7 +95,9 @@ class RunFiles:
         return self._tables[name]
 
     def ends(self) -> dict[str, Any]:
-        """Where each file ends, once the disk has it."""
+        """Where each file ends, once the disk has it; of closed files, where they ended."""
+        if self._ended is not None:
+            return self._ended
         found: dict[str, Any] = {name: table.kept() for name, table in self._tables.items()}
         for name, made in self._fields.items():
             found[name] = {k: s.kept() for k, s in zip(self._kinds, made, strict=True)}
@@ -106,4 +109,8 @@ class RunFiles:
         Raises:
             OSError: If the file system has not been able to keep all data.
         """
-        self._open.close()
+        try:
+            self._ended = self.ends()
+        finally:
+            self._ended = self._ended or {}
+            self._open.close()
