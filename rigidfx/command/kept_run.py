@@ -78,7 +78,8 @@ class KeptRun(Iterator[Report]):
             return
         left = None if folder is None else Checkpoint(folder)
         self._steps = simulate(scene, dt, t_end, progress=progress, checkpoint=left, **how)
-        self._write(bytes, "wb")
+        if self._path is not None:
+            self._write(self._path, bytes, "wb")
 
     def __next__(self) -> Report:
         """The report of the next step."""
@@ -86,22 +87,23 @@ class KeptRun(Iterator[Report]):
         self._first = None
         self.reports.append(report)
         self.notes.append(self._note(report))
-        self._write(lambda: _record(report, self.notes[-1]), "ab")
+        if self._path is not None:
+            self._write(self._path, lambda: _record(report, self.notes[-1]), "ab")
         return report
 
     def close(self) -> None:
         """Free what the run holds."""
         cast(Any, self._steps).close()
 
-    def _write(self, data: Callable[[], bytes], mode: str) -> None:
+    def _write(self, path: Path, data: Callable[[], bytes], mode: str) -> None:
         """Write to the file on rank 0. Collective."""
         problem = None
-        if self._path is not None and self._comm.rank == 0:
+        if self._comm.rank == 0:
             try:
-                with self._path.open(mode) as file:
+                with path.open(mode) as file:
                     file.write(data())
             except (OSError, ValueError) as error:
-                problem = f"cannot write '{self._path}' ({error})."
+                problem = f"cannot write '{path}' ({error})."
         agree(self._comm, problem, OutputError)
 
     def _read(self) -> None:

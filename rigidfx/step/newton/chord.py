@@ -46,6 +46,10 @@ SLENDER = 25.0  # fill at most; that plate has 20, a bar five times as long as t
 # Cells that a wave passes in a step, as the diagonals of stiffness and mass estimate them. From a
 # prototype that counted them by the material's wave speed; not measured again for the diagonals.
 STIFF_FROM = 15.0
+# From here on, and beyond as many unknowns as full factors are kept for, a coarse grid stands by
+# incomplete ones in soft parts: at 12, 24 and 49 cells (the L of 196 875 unknowns) solves took .63,
+# .36 and .24 of the time; steps of a block of 114 444 took 1.3 of it at 3 cells, as much at 6.
+COARSE_FROM = 9.0
 # Beyond, solves with kept factors turn a slender part about its axis by rounding, for good: at
 # 2·10⁵ a needle of 1107 unknowns lost 8e-4 of its energy in 500 steps.
 STIFF_UP_TO = 5e3
@@ -110,7 +114,8 @@ class Chord:
             full = size < FULL_UP_TO or (self._equilibrium.calm and self._few_entries)
         if full:
             return Factors
-        return TwoLevels if size > FACTORS_UP_TO else IncompleteFactors
+        far = self._once_stiff or self._equilibrium.waves(dt) >= COARSE_FROM
+        return TwoLevels if size > FACTORS_UP_TO and far else IncompleteFactors
 
     def go_on(self, before: Chord) -> None:
         """Take over findings of the division before, which may have been freed."""
