@@ -20,7 +20,7 @@ from rigidfx.plot.ledger import spent
 from rigidfx.scene.damped import Damped, comes_back
 from rigidfx.scene.points import far_apart
 from rigidfx.scene.timeline import Timeline
-from rigidfx.step.length.controller import GAINS, Controller, Moves
+from rigidfx.step.length.controller import NUMBERS, Controller, Moves
 from rigidfx.step.length.elsewhere import Elsewhere
 from rigidfx.step.length.onsets import Onsets
 from rigidfx.step.length.run_error import RunError
@@ -278,7 +278,7 @@ def test_what_swings_is_not_expected_to_grow():
 def test_what_errs_by_much_is_halved_more_than_once():
     """By its error per Δt³, over what is allowed per Δt; at most down to the shortest step."""
     length = controller(10.0)
-    errors = [much * GAINS.reject * length.allowed(0.0) for much in (1.1, 17.0, 1e12)]
+    errors = [much * NUMBERS.reject * length.allowed(0.0) for much in (1.1, 17.0, 1e12)]
     assert [length.halvings(error, 0.0, 1.0) for error in errors] == [1, 2, 9]
 
 

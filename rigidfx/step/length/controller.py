@@ -32,11 +32,11 @@ from rigidfx.base.course import Course
 from rigidfx.base.remembered import PART, Remembered, same
 from rigidfx.step.length.run_error import RunError
 
-__all__ = ["GAINS", "Controller", "Gains", "Moves"]
+__all__ = ["NUMBERS", "Controller", "ControllerNumbers", "Moves"]
 
 
 @dataclass(frozen=True)
-class Gains:
+class ControllerNumbers:
     """Numbers of the controller, found by the scenes of `demos/benchmarks/step_control.py`.
 
     Attributes:
@@ -74,7 +74,7 @@ class Gains:
     price: float = 0.2
 
 
-GAINS = Gains()
+NUMBERS = ControllerNumbers()
 REST = 1e-7  # of the size of a cell: less than that is no displacement
 
 
@@ -142,26 +142,26 @@ class Controller:
         With the safety of estimates.
         """
         left = self.error.left(max(self._t_end - self._t, 0.0))
-        return left / (GAINS.share * self.displacement)
+        return left / (NUMBERS.share * self.displacement)
 
     def allowed(self, t: float, dt: float = 0.0) -> float:
         """Error per time that a step from t of the length dt [s] may spend, r of (2) [m/s]."""
-        rest = max(self._t_end - t, GAINS.rest * self._t_end)
+        rest = max(self._t_end - t, NUMBERS.rest * self._t_end)
         even = self._spend(self.displacement, rest, self._t_end)
         growing = self._growing(t) + dt
         if self._of is not None or growing <= 0:
             return even
-        time = GAINS.spread * growing
+        time = NUMBERS.spread * growing
         return max(even, self._spend(self._foreseen, time, time))
 
     def _spend(self, displacement: float, time: float, whole: float) -> float:
         """Error per time that spends a displacement's budget [m] in a time of a whole [s]."""
-        budget = GAINS.share * self.tol * displacement
-        return max(self.error.rate(budget, time), GAINS.poorest * budget / whole)
+        budget = NUMBERS.share * self.tol * displacement
+        return max(self.error.rate(budget, time), NUMBERS.poorest * budget / whole)
 
     def _growing(self, t: float) -> float:
         """s: time in which the displacement has grown to its present size [s]."""
-        return t - self._course.until(self.displacement / GAINS.growth)
+        return t - self._course.until(self.displacement / NUMBERS.growth)
 
     def begins(self, t: float) -> bool:
         """Whether points are on their way from rest at t [s]: all steps err by much of nothing."""
@@ -172,20 +172,20 @@ class Controller:
 
     def too_much(self, error: float, t: float, dt: float) -> bool:
         """Whether a step from t of the length dt [s] that errs [m] by so much is repeated."""
-        return error > GAINS.reject * self.allowed(t, dt) * dt
+        return error > NUMBERS.reject * self.allowed(t, dt) * dt
 
     def overspends(self, error: float) -> bool:
         """Whether the run errs by more than its budget with a step that errs by so much [m]."""
-        return self.error.error + error > GAINS.share * self.tol * self.displacement
+        return self.error.error + error > NUMBERS.share * self.tol * self.displacement
 
     def halvings(self, error: float, t: float, dt: float) -> int:
         """How often a step that errs by too much has to be halved, by its error per Δt³."""
-        much = error / (GAINS.reject * self.allowed(t, dt) * dt)
+        much = error / (NUMBERS.reject * self.allowed(t, dt) * dt)
         return max(1, min(int(log2(much) / 2), int(log2(dt / self.shortest))))
 
     def begin(self) -> None:
         """Begin anew after a breakpoint."""
-        self.wanted = max(self.wanted / GAINS.first, self.shortest)
+        self.wanted = max(self.wanted / NUMBERS.first, self.shortest)
 
     def accept(
         self, error: float, t: float, dt: float, now: Moves, young: bool, unknowns: int = 0
@@ -211,14 +211,14 @@ class Controller:
         if not known:
             return
         self._last = error / dt**3
-        self._envelope = max(self._last, self._envelope * exp(-1 / GAINS.memory))
+        self._envelope = max(self._last, self._envelope * exp(-1 / NUMBERS.memory))
         factor = min(
-            max(GAINS.safety * self._best(t, dt) / dt, GAINS.least),
-            GAINS.young if young else GAINS.most,
+            max(NUMBERS.safety * self._best(t, dt) / dt, NUMBERS.least),
+            NUMBERS.young if young else NUMBERS.most,
         )
         self._lost = self._lost + 1 - 1 / factor if factor > 1 else 0.0
-        price = GAINS.price * unknowns ** (1 / 3)
-        if factor < GAINS.shorter or (factor > GAINS.longer and (young or self._lost >= price)):
+        price = NUMBERS.price * unknowns ** (1 / 3)
+        if factor < NUMBERS.shorter or (factor > NUMBERS.longer and (young or self._lost >= price)):
             self._lost = 0.0
             kept = self.wanted if factor > 1 else self.shortest  # a step may end at a breakpoint
             self.wanted = min(max(factor * dt, kept), self.longest)
@@ -231,7 +231,7 @@ class Controller:
 
     def _foresee(self, t: float, now: Moves) -> float:
         """U' at a time [m]."""
-        h, U = min(self.longest, GAINS.growth * self._growing(t)), self.displacement
+        h, U = min(self.longest, NUMBERS.growth * self._growing(t)), self.displacement
         known = self._course.begun and t - h > self._course.until(0.0)
-        before = max(self._course.at(t - h) if known else 0.0, U / GAINS.growth)
+        before = max(self._course.at(t - h) if known else 0.0, U / NUMBERS.growth)
         return min(U + now.speed * h + now.acceleration * h**2 / 2, U * U / before)
