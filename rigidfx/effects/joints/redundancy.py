@@ -27,8 +27,12 @@ def independent(D: Array, compliance: Array) -> npt.NDArray[np.int64]:
     """
     if not D.size:
         return np.arange(0)
-    values, vectors = np.linalg.eigh(compliance)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    own = np.sqrt(np.diagonal(compliance))
+    own = np.where(own > 0, own, 1.0)
+    values, vectors = np.linalg.eigh(compliance / np.outer(own, own))
+    # A root would make 1e-8 of rounding in directions that ports do not have: more than RANK.
+    seen = values > own.size * np.finfo(np.float64).eps * values[-1]
+    root = own[:, None] * vectors[:, seen] * np.sqrt(values[seen])
     columns = (D @ root).T
     sizes = np.linalg.norm(columns, axis=0)
     columns /= np.where(sizes > RANK * sizes.max(), sizes, 1.0)
