@@ -25,8 +25,8 @@ LONG = "parallel", "demo", "slow", "convergence"  # markers of tests that come f
 # Ranks that wait for each other let others work meanwhile. Beside a busy process two ranks that did
 # not took five times the processor time and six times as long.
 os.environ.setdefault("OMPI_MCA_mpi_yield_when_idle", "1")
-os.environ.setdefault("MPIR_CVAR_CH4_PROGRESS_THROTTLE", "1")  # MPICH's, and how many looks before
-os.environ.setdefault("MPIR_CVAR_CH4_PROGRESS_THROTTLE_NO_PROGRESS_COUNT", "16")
+os.environ.setdefault("MPIR_CVAR_ENABLE_HEAVY_YIELD", "1")  # MPICH: to sleep, not to ask again
+os.environ.setdefault("MPIR_CVAR_POLLS_BEFORE_YIELD", "1")
 
 # Tests compile hundreds of forms, and run each on few cells: these flags take two thirds of the
 # compiler's time that the default takes, and up to 1.5 times the kernels'. Unoptimised sums would
@@ -141,7 +141,7 @@ def pytest_collection_finish() -> None:
 def _free_petsc_objects() -> Iterator[None]:
     """Free PETSc objects at the same place on all ranks, not whenever Python collects them."""
     yield
-    if MPI.COMM_WORLD.size > 1 or any(gc.get_count()[1:]):  # a scene is some thousand objects
+    if MPI.COMM_WORLD.size > 1 or gc.get_count()[2]:  # a scene is some thousand objects
         gc.collect()
     MPI.COMM_WORLD.barrier()
 

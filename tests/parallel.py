@@ -28,7 +28,8 @@ import pytest
 from mpi4py import MPI
 
 RESULT = "RIGIDFX_TEST_RESULT"  # names the file; standard output mixes what the ranks print
-NAP = 0.01  # s, between two looks for what the other side has left in their folder
+SHARE = 0.1  # of a time of waiting that may pass until the end of it is seen
+NAPS = 0.002, 0.1  # s, shortest and longest time between two looks
 on_1_to_3_ranks = pytest.mark.parametrize(
     "ranks", [1, *(pytest.param(n, marks=pytest.mark.parallel) for n in (2, 3))]
 )
@@ -121,14 +122,14 @@ class Ranks:
         job, done, result = (self._folder / f"{self._jobs}.{k}" for k in ("job", "done", "result"))
         asked = {"argv": [script, *arguments], "result": str(result)}
         _written_at_once(job, json.dumps(asked))
-        end = time.monotonic() + timeout
+        began = time.monotonic()
         while not done.exists():
-            problem = f"hangs after {timeout} s" if time.monotonic() > end else ""
+            problem = f"hangs after {timeout} s" if time.monotonic() > began + timeout else ""
             if self._process.poll() is not None:
                 problem = f"fails with {self._process.returncode}"
             if problem:
                 raise AssertionError(f"{script} {problem}\n{told.read_text()[before:]}")
-            time.sleep(NAP)
+            _nap(began)
         return json.loads(result.read_text(encoding="utf-8")) if result.exists() else None
 
     def end(self) -> None:
@@ -159,13 +160,20 @@ def _awaited(job: Path, starter: int) -> bool:
     Returns:
         Whether there is one; False as soon as who starts jobs is gone.
     """
+    began = time.monotonic()
     while not job.exists():
         try:
             os.kill(starter, 0)  # asks only
         except ProcessLookupError:
             return False
-        time.sleep(NAP)
+        _nap(began)
     return True
+
+
+def _nap(began: float) -> None:
+    """Sleep the longer, the longer one has waited for what the other side leaves in the folder."""
+    shortest, longest = NAPS
+    time.sleep(min(max(shortest, SHARE * (time.monotonic() - began)), longest))
 
 
 def _run_scripts(folder: Path, starter: int) -> None:
@@ -189,6 +197,7 @@ def _run_scripts(folder: Path, starter: int) -> None:
         os.environ.clear()
         os.environ.update(environment)
         gc.collect()  # PETSc's objects at the same place on all ranks
+        gc.freeze()  # what is left is modules, which later collections need not look through
         comm.barrier()
         if comm.rank == 0:
             _written_at_once(folder / f"{number}.done", "")

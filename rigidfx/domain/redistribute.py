@@ -18,7 +18,6 @@ import dolfinx.mesh as dmesh
 import numpy as np
 import numpy.typing as npt
 import ufl
-from scipy.optimize import linear_sum_assignment
 from scipy.sparse import coo_array
 
 from rigidfx.base import compat
@@ -139,6 +138,8 @@ def _ranks_of_pieces(
     own: Ints, piece: Ints, owner: Ints, a: Ints, b: Ints, ranks: int
 ) -> npt.NDArray[Any]:
     """A rank for each piece: with as many facets between those of a rank as can be."""
+    from scipy.optimize import linear_sum_assignment  # takes 0.1 s to import
+
     of_cell = np.full(owner.size, NOWHERE)
     of_cell[own] = piece
     shared = np.zeros((ranks, ranks))

@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import CubicHermiteSpline
 
 from rigidfx.report.ledger import Entry
 from rigidfx.report.report import Report
@@ -59,4 +58,6 @@ def _at(t: float, known: deque[tuple[float, Array]]) -> Array:
     times, u = np.array([s for s, _ in known]), np.array([place for _, place in known])
     if len(times) < 3:
         return np.asarray(u[int(np.argmin(np.abs(times - t)))])
+    from scipy.interpolate import CubicHermiteSpline  # takes 0.1 s to import
+
     return np.asarray(CubicHermiteSpline(times, u, np.gradient(u, times, axis=0))(t))

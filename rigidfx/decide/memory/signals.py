@@ -12,7 +12,6 @@ from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
-from scipy.signal import find_peaks, periodogram
 from scipy.spatial.distance import pdist
 
 from rigidfx.base.remembered import Remembered, same
@@ -119,6 +118,8 @@ def longest_period(t: Array, signals: Array) -> float:
     moving = swings > max(rest, EXCITED * float(swings.max()))
     if not moving.any():
         return 0.0
+    from scipy.signal import find_peaks, periodogram  # takes 0.2 s to import
+
     frequency, power = periodogram(
         values[:, moving],
         fs=1 / (even[1] - even[0]),

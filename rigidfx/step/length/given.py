@@ -14,7 +14,6 @@ from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
-from scipy.integrate import simpson
 
 from rigidfx.base.errors import SceneError, by_name
 from rigidfx.base.inputs import is_function
@@ -76,6 +75,8 @@ class Given:
         """
         length = end - t
         dt = AHEAD * length if self.led else length
+        from scipy.integrate import simpson  # takes 0.1 s to import, and few loads need it
+
         times = t + length * np.linspace(INSIDE, 1 - INSIDE, PLACES)
         values = [self._at(float(time), dt) for time in times]
         if not self._asked and self._load.acts(float(times[0])):
