@@ -246,7 +246,12 @@ def _ramped(effect: Effect, t_end: float) -> Effect:
     if is_function(getattr(effect, "value", None)):
         return effect
     start, end = effect.start, min(t_end, effect.until)
-    return replace(effect, time=Table((start, end), (0.0, 1.0))) if start < end else effect
+    if not start < end:
+        return effect
+    table = Table((start, end), (0.0, 1.0))
+    if isinstance(effect, Resultant) and effect.face is not None:
+        return replace(effect, time=table).with_point(effect.remote)
+    return replace(effect, time=table)
 
 
 def _ramped_motor(motor: Motor, t_end: float) -> Motor:

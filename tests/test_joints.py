@@ -525,6 +525,9 @@ def history(mass):
     rows.append([last.energy, last.strain, *force, *last.probes["end"]])
     title = "Revolute MeanFace 'a' - MeanFace 'b'"
     driven = rf.JointSpring(title, 50.0, damping=1.0), rf.Motor(title, torque=lambda t: 20 * t)
+    far = rf.MeanFace("b")
+    driven += rf.Spring(far, 500.0, at=(1.5, 0.3, 0.1)), rf.Resultant(far, torque=(0.0, 1.0, 2.0))
+    driven += rf.PointMass(far, 3.0, at=(1.4, 0.3, 0.1)), rf.Resultant(far, force=(5.0, 0.0, 0.0))
     scene = bars(*driven, mass=mass, probes={"tip": (2.02, 0.2, 0.2)})
     release = rf.Release(at=(0.1,))
     criterion = rf.StrainRate(1e9, 0.05, patience=1, wake="none", release=release)

@@ -1,4 +1,4 @@
-"""The two mass operators: diagonal, and consistent. Point masses are diagonal in both.
+"""The two mass operators: diagonal, and consistent. Point masses at nodes are diagonal in both.
 
 Both act on PETSc vectors over some of the nodes and add themselves to a condensed tangent. A run
 uses one of them throughout: mixing them breaks the conservation of angular momentum.
@@ -17,6 +17,7 @@ from scipy.sparse import csr_matrix
 
 from rigidfx.coupling.condensed_tangent import CondensedMatrix
 from rigidfx.coupling.prolongation import Prolongation
+from rigidfx.coupling.remote_mass import with_remote_masses
 from rigidfx.coupling.rows import Rows
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.flexible.kernels import Kernel
@@ -205,7 +206,11 @@ def mass_operator(
         own: For each of the nodes, whether lumped and point masses count here.
         driven: Owned cells that a support moves; their mass counts too.
     """
+    mass: Mass
     if scene.mass == "lumped":
-        return LumpedMass(rows, np.where(own, scene.nodal_mass[rows.nodes], 0.0))
-    points = np.where(own, scene.point_masses[rows.nodes], 0.0)
-    return ConsistentMass(scene, rows, cells, driven, points)
+        mass = LumpedMass(rows, np.where(own, scene.nodal_mass[rows.nodes], 0.0))
+    else:
+        points = np.where(own, scene.point_masses[rows.nodes], 0.0)
+        mass = ConsistentMass(scene, rows, cells, driven, points)
+    operator: Mass = with_remote_masses(scene, mass, rows, own)
+    return operator

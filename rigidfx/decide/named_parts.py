@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.decide.clusters import NONE, CellGraph, Cluster, find_clusters
-from rigidfx.effects import Resultant, Rigid, rigid_faces
+from rigidfx.effects import PointMass, Resultant, Rigid, rigid_faces
 from rigidfx.scene.scene import Scene
 
 __all__ = ["NamedParts"]
@@ -25,7 +25,8 @@ class NamedParts:
             cell may join their bodies.
         cells: Owned cells of the others, by name.
         mask: For each owned cell, whether it is in one of these.
-        rings: Owned cells round each rigid face that is in none of the parts.
+        rings: Owned cells round each rigid face that is in none of the parts, and round the nodes
+            that move a `PointMass` at a face.
     """
 
     def __init__(self, scene: Scene, graph: CellGraph) -> None:
@@ -55,8 +56,9 @@ class NamedParts:
             at = slice(None) if part.where is None else scene.nodes(part.where, part.kind, (3,))
             parted[at] = True
         self.rings: list[npt.NDArray[np.bool_]] = []
-        for face in faces:
-            nodes = scene.nodes(face.where, face.name, (2,))
+        masses = (e for e in scene.named(PointMass) if e.face is not None)
+        together = [scene.nodes(face.where, face.name, (2,)) for face in faces]
+        for nodes in (*together, *(mass.remote.place.nodes for mass in masses)):
             marks = np.zeros(parted.size, dtype=bool)
             marks[nodes] = True
             if scene.sum(np.count_nonzero(parted[nodes])) == 0:

@@ -93,6 +93,7 @@ class Effect:
     is_lasting: ClassVar[bool] = False  # whether its forces act at all times, in statics too
     holds: ClassVar[bool] = False  # whether what it acts on cannot drift away
     is_rigid: ClassVar[bool] = False  # whether the cells it names never strain
+    places: ClassVar[tuple[type, ...]] = (str,)  # kinds of places that it may act on
 
     def __post_init__(self) -> None:
         """Take its values, and check where it acts, if it acts somewhere.
@@ -103,7 +104,7 @@ class Effect:
         take_fields(self)
         for place in (f for f in fields(self) if f.name == "where"):
             where = getattr(self, "where", None)
-            if not isinstance(where, str) and (where is not None or place.default is not None):
+            if not (isinstance(where, self.places) or where is place.default is None):
                 raise SceneError(
                     f"{self.kind}: where must be the name of a set, got {shown(where)}."
                 )

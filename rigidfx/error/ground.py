@@ -31,7 +31,7 @@ class Ground:
 
 def ground_of(scene: Scene, rows: Rows) -> Ground | None:
     """The springs of a scene at the nodes of some rows; None if it has none. Collective."""
-    springs = scene.named(Spring)
+    springs = [spring for spring in scene.named(Spring) if spring.face is None]
     if not springs:
         return None
     K, C = np.zeros((2, rows.nodes.size, 3, 3))

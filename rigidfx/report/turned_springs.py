@@ -43,7 +43,7 @@ class TurnedSprings:
         n = scene.owned_nodes
         self._X: Array = scene.space.tabulate_dof_coordinates()[:n]
         self._springs = []
-        for spring in scene.named(Spring):
+        for spring in (s for s in scene.named(Spring) if s.face is None):
             weights = scene.shares(spring.where, spring.kind)[:n]
             on = np.flatnonzero(weights)
             rest = scene.start_places[on] if spring.relaxed == "start" else self._X[on]

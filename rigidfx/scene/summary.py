@@ -191,8 +191,12 @@ def _kind(effect: Any) -> str:
 
 
 def _short(effect: Effect) -> str:
-    where = getattr(effect, "where", None)
-    return _kind(effect) + (f" '{where}'" if where else "")
+    where: Any = getattr(effect, "where", None)
+    return _kind(effect) + (f" {_place(where)}" if where else "")
+
+
+def _place(where: Any) -> str:
+    return f"'{where}'" if isinstance(where, str) else str(where.name)
 
 
 def _where(effect: Any) -> str:
@@ -202,7 +206,7 @@ def _where(effect: Any) -> str:
         return "everywhere"
     components = getattr(effect, "components", "xyz")
     axes = "" if components == "xyz" else f" ({components})"
-    return "everywhere" if effect.where is None else f"on '{effect.where}'{axes}"
+    return "everywhere" if effect.where is None else f"on {_place(effect.where)}{axes}"
 
 
 def _values(effect: Any) -> str:

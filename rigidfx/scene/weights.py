@@ -10,6 +10,7 @@ import ufl
 from dolfinx import fem, la
 
 from rigidfx.base.form_cache import form_on
+from rigidfx.effects import PointMass
 
 __all__ = ["inertial_masses", "nodal_weights", "point_masses"]
 
@@ -73,4 +74,7 @@ def inertial_masses(scene: Any) -> npt.NDArray[np.float64]:
             points = np.where(own != 0.0, scene.point_masses, 0.0)
             own = scene.cell_weights(scene.density(), cells) + points
         total += own[:n] * (float(effect.mass) / scene.sum(own[:n].sum()) - 1.0)
+    for effect in scene.effects:
+        if isinstance(effect, PointMass) and effect.face is not None:
+            total[effect.remote.place.nodes] += effect.mass * effect.remote.place.weights
     return np.asarray(total)

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.coupling.dof_layout import nodes_of
-from rigidfx.coupling.mass import ConsistentMass, LumpedMass
+from rigidfx.coupling.mass import mass_operator
 from rigidfx.coupling.rows import Rows
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.scene.scene import Scene
@@ -39,26 +39,13 @@ class Present:
         counted = np.setdiff1d(every, given)
         rows = Rows(scene.space, np.arange(scene.owned_nodes, dtype=np.int32))
         # A point mass moves with the body that holds its node.
-        points = scene.point_masses[: scene.owned_nodes]
-        counting, outside_bodies = points.copy(), points.copy()
+        free: npt.NDArray[np.bool_] = np.ones((2, scene.owned_nodes), dtype=bool)
         for body in records:
-            outside_bodies[body.nodes] = 0.0
-            if body.given:
-                counting[body.nodes] = 0.0
+            free[:, body.nodes] = [[not body.given], [False]]
         lumped = scene.mass == "lumped"
-        flexible: LumpedMass | ConsistentMass
-        self._all: LumpedMass | ConsistentMass
-        if lumped:
-            masses = scene.nodal_mass[: scene.owned_nodes]
-            held = np.zeros((2, masses.size), dtype=bool)
-            for body in records:
-                held[:, body.nodes] = [[body.given], [True]]
-            self._all, flexible = (LumpedMass(rows, np.where(of, 0.0, masses)) for of in held)
-        else:
-            self._all = ConsistentMass(scene, rows, forces.cells(counted), points=counting)
-            flexible = ConsistentMass(
-                scene, rows, forces.cells(np.setdiff1d(every, inside)), points=outside_bodies
-            )
+        cells = forces.cells(counted), forces.cells(np.setdiff1d(every, inside))
+        self._all = mass_operator(scene, rows, cells[0], free[0])
+        flexible = mass_operator(scene, rows, cells[1], free[1])
         self.mass = self._all.matrix()
         n = 3 * scene.owned_nodes
         outside = state.v.x.array[:n].copy()

@@ -15,7 +15,7 @@ from rigidfx.base.errors import InversionError
 from rigidfx.base.remembered import OBJECTS, Remembered, same
 from rigidfx.base.warning import warn
 from rigidfx.decide.decision import Decision
-from rigidfx.effects import Contact, InitialDisplacement, Joint, Preload, Windowed
+from rigidfx.effects import Contact, InitialDisplacement, Joint, Preload, Windowed, rigid_faces
 from rigidfx.mechanics.eased import Eased
 from rigidfx.mechanics.rigid_body import Body, RigidBody
 from rigidfx.report.events import BodyChange, Event
@@ -59,9 +59,10 @@ class Switch:
         scene = stepper.scene
         joints = scene.named(Joint)
         self._joints = ConsistentExchange(scene, stepper.forces) if joints else None
+        grouped = scene.mass == "lumped" and not rigid_faces(scene.effects)
         self._told: set[str] = set()  # rows of joints that others imply
         self._grounded = any(joint.holds for joint in joints)
-        kind = LumpedExchange if scene.mass == "lumped" else ConsistentExchange
+        kind = LumpedExchange if grouped else ConsistentExchange
         self._exchange: Exchange = self._joints or kind(scene, stepper.forces)
         self.acting = scene.acting(timeline.after(0.0))
         self._pending = self._breakpoints_after(0.0)

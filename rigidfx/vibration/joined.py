@@ -26,7 +26,7 @@ Array = npt.NDArray[np.float64]
 
 
 class JoinedStiffness:
-    """Springs along the rows of joints."""
+    """Springs along the rows of joints, and those of remote points."""
 
     def __init__(self, linkage: Linkage, bodies: Bodies, prolongation: Prolongation) -> None:
         """Find the rows. Collective.
@@ -56,6 +56,11 @@ class JoinedStiffness:
         if len(drives):
             k = dia_array((drives.stiffness()[None], [0]), shape=(len(drives),) * 2)
             self._stiffness = csr_array(self._stiffness + T.T @ k @ T)
+        if len(linkage.points):
+            linkage.points.look(start, np.zeros_like(start))
+            P = csr_array(ports.lead(prolongation.increments.L) @ E)
+            K = linkage.points.stiffness()  # of torques, which have no energy, the symmetric part
+            self._stiffness = csr_array(self._stiffness + 0.5 * (P.T @ (K + K.T) @ P))
 
     def added_to(self, K: PETSc.Mat) -> PETSc.Mat:
         """A stiffness with the springs, as a new matrix; the caller destroys it. Collective."""

@@ -2,39 +2,111 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
+from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import positive
-from rigidfx.effects.base import Array, Effect
+from rigidfx.effects.action import Structure
+from rigidfx.effects.base import Array, Vector
+from rigidfx.effects.joints.on_face import OnFace, PointLaw
+from rigidfx.effects.joints.sides import Surface
 
 __all__ = ["PointMass"]
 
 
 @dataclass(frozen=True)
-class PointMass(Effect):
-    """A mass without size, spread in equal parts over the nodes of a named set.
+class PointMass(OnFace):
+    """A mass without size, spread in equal parts over the nodes of a set, or at a point of a face.
 
     It counts in inertia and momenta, in the mass and inertia of a body that holds its nodes, and in
-    `Gravity` everywhere or on a set that holds its nodes.
+    `Gravity` everywhere or on a set that holds its nodes. At a point of a face cells round its
+    nodes become rigid all together or not at all.
 
     Attributes:
-        where: Name of a set of any dimension; all nodes in its closure take part.
+        where: Name of a set of any dimension; all nodes in its closure take part. Or a `MeanFace`
+            or a `RigidFace`.
         mass: *Total* mass > 0 [kg].
+        at: Place of the mass of a face, at the start [m]; the middle of the face if None.
     """
 
-    where: str
+    where: str | Surface
     mass: float
+    at: Vector | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        """Check the mass.
+        """Check mass and place.
 
         Raises:
-            SceneError: If it is not a finite number > 0.
+            SceneError: If the mass is not a finite number > 0, or the place is none.
         """
         super().__post_init__()
         positive("PointMass", "mass", self.mass)
+        self.check_at()
 
-    def nodal_mass(self, scene: Any) -> Array:
-        """Mass of each local node, ghosts included, shape (nodes,) [kg]. Collective."""
+    def nodal_mass(self, scene: Any) -> Array | None:
+        """Mass of each local node, ghosts included, shape (nodes,) [kg]. Collective.
+
+        None of a mass at a point of a face, which moves with an average of its nodes.
+        """
+        if isinstance(self.where, Surface):
+            return None
         return float(self.mass) * scene.shares(self.where, self.kind)
+
+    def check(self, scene: Any) -> None:
+        """See whether what moves its point is flexible, or in one rigid part. Collective."""
+        if self.face is None:
+            return
+        if self.remote.flat:
+            raise SceneError(
+                f"{self.owner}: the face is flat, and the mass at {self.remote.start} m beside its "
+                "plane. Place it in the plane, take a MeanFace, or a face that is not flat."
+            )
+        place, n = self.remote.place, scene.owned_nodes
+        total = scene.sum(place.nodes.size)
+        for rigid in (effect for effect in scene.effects if effect.is_rigid):
+            held = scene.members(rigid.where, rigid.kind)[:n, 0] if rigid.where else np.ones(n)
+            inside = scene.sum(np.count_nonzero(held[place.nodes]))
+            if 0 < inside < total:
+                raise SceneError(
+                    f"{self.owner}: {rigid.owner} has some of the nodes that move the mass, and "
+                    "not all. Name a face that is within the part, or beside it."
+                )
+
+    def law(self, structure: Structure) -> PointLaw | None:
+        """Its inertia where its nodes are in no body: the mass of a body counts by itself."""
+        if self.face is None or structure.static:
+            return None
+        place, rows = self.remote.place, structure.rows
+        free = np.isin(place.nodes, rows.nodes[structure.own])
+        missing = structure.scene.sum(np.count_nonzero(~free))
+        return None if missing else PointInertia(self)
+
+
+class PointInertia(PointLaw):
+    """The derivative of the inertial force of a mass at a point; `Mass` has the force itself."""
+
+    kind = PointMass.__name__
+
+    def __init__(self, mass: PointMass) -> None:
+        """Take it over.
+
+        Args:
+            mass: The effect.
+        """
+        self.averages = (mass.remote.place,)
+        self._mass, self._dt = float(mass.mass), 1.0
+
+    def set_time(self, t: float, dt: float) -> None:
+        """See `PointLaw`."""
+        self._dt = dt
+
+    def resistance(self, start: Array, moved: Array) -> Array:
+        """See `PointLaw`."""
+        return np.zeros((1, 3))
+
+    def stiffness(self, start: Array, moved: Array) -> Array:
+        """See `PointLaw`: of M (2 Δp/Δt - 2 v₀)/Δt."""
+        return 2 * self._mass / self._dt**2 * np.eye(3)[None, :, None, :]

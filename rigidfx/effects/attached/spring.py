@@ -13,7 +13,9 @@ from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import numbers, shown
 from rigidfx.effects.action import Action, Array, Structure
 from rigidfx.effects.attached.grounded import Grounded, GroundedBodies
-from rigidfx.effects.base import Effect
+from rigidfx.effects.base import Vector
+from rigidfx.effects.joints.on_face import OnFace, PointLaw
+from rigidfx.effects.joints.sides import Surface
 from rigidfx.mechanics.bodies import Bodies
 
 __all__ = ["Spring"]
@@ -22,29 +24,32 @@ Stiffness = float | Sequence[float] | Sequence[Sequence[float]]
 
 
 @dataclass(frozen=True)
-class Spring(Effect):
+class Spring(OnFace):
     """Linear springs, and dashpots if asked for, between nodes and the ground.
 
     The force -(K (u - u₀)½ + C Δu/Δt) is spread in equal parts over the nodes. It acts during the
     whole run, in a static preload too.
 
     Attributes:
-        where: Name of a set of any dimension; all nodes in its closure take part.
+        where: Name of a set of any dimension; all nodes in its closure take part. Or a `MeanFace`
+            or a `RigidFace`: one spring at a point of it.
         stiffness: *Total* K [N/m]: a number for all directions, three for x, y and z, or a
             symmetric 3×3 matrix without negative eigenvalue.
         damping: *Total* C [N s/m], likewise; none by default.
         relaxed: Place at which it has no force: "mesh", the reference positions of its nodes
             (u₀ = 0), so that an `InitialDisplacement` strains it as it strains cells, or "start",
             where an `InitialDisplacement` puts them (u₀ is that displacement).
+        at: Place of the spring of a face, at the start [m]; the middle of the face if None.
     """
 
     is_lasting: ClassVar[bool] = True
     holds: ClassVar[bool] = True
 
-    where: str
+    where: str | Surface
     stiffness: Stiffness
     damping: Stiffness = 0.0
     relaxed: Literal["start", "mesh"] = field(default="mesh", kw_only=True)
+    at: Vector | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         """Check both tensors.
@@ -54,7 +59,8 @@ class Spring(Effect):
         """
         super().__post_init__()
         for name in ("stiffness", "damping"):
-            _tensor(self.where, name, getattr(self, name))
+            _tensor(self.owner, name, getattr(self, name))
+        self.check_at()
         if self.relaxed not in ("start", "mesh"):
             raise SceneError(
                 f"{self.owner}: relaxed must be 'start' or 'mesh', got {shown(self.relaxed)}."
@@ -63,12 +69,12 @@ class Spring(Effect):
     @property
     def K(self) -> npt.NDArray[np.float64]:
         """Total stiffness, shape (3, 3) [N/m]."""
-        return _tensor(self.where, "stiffness", self.stiffness)
+        return _tensor(self.owner, "stiffness", self.stiffness)
 
     @property
     def C(self) -> npt.NDArray[np.float64]:
         """Total damping, shape (3, 3) [N s/m]."""
-        return _tensor(self.where, "damping", self.damping)
+        return _tensor(self.owner, "damping", self.damping)
 
     @property
     def ground_stiffness(self) -> npt.NDArray[np.float64]:
@@ -77,11 +83,16 @@ class Spring(Effect):
 
     def check(self, scene: Any) -> None:
         """Look its nodes up."""
-        scene.nodes(self.where, self.kind)
+        if self.face is None:
+            scene.nodes(self.where, self.kind)
 
-    def bind(self, structure: Structure) -> Action:
-        """The forces on nodes and bodies."""
-        return SpringForces(self, structure)
+    def bind(self, structure: Structure) -> Action | None:
+        """The forces on nodes and bodies; None of a spring of a face, which has a law."""
+        return SpringForces(self, structure) if self.face is None else None
+
+    def law(self, structure: Structure) -> PointLaw | None:
+        """Its force at a point of a face."""
+        return PointSpring(self, structure.scene, structure.static) if self.face else None
 
 
 class SpringForces(Grounded):
@@ -159,7 +170,51 @@ class SpringForces(Grounded):
         return float(np.vdot(self._weights[:, None] * step, step @ self._C)) / dt
 
 
-def _tensor(where: str, name: str, value: Stiffness) -> npt.NDArray[np.float64]:
+class PointSpring(PointLaw):
+    """A spring, and a dashpot, at a point of a face."""
+
+    kind = Spring.__name__
+
+    def __init__(self, spring: Spring, scene: Any, static: bool) -> None:
+        """Find where it has no force. Collective.
+
+        Args:
+            spring: The effect.
+            scene: The problem.
+            static: Whether forces are those at the end of a step.
+        """
+        place = spring.remote.place
+        self.averages = (place,)
+        self._share, self._K = (1.0 if static else 0.5), spring.K
+        self._C, self._dt = np.zeros((3, 3)) if static else spring.C, 1.0
+        X = scene.space.tabulate_dof_coordinates()
+        at = scene.start_places if spring.relaxed == "start" else X
+        self._rest = np.asarray(scene.sum(place.weights @ at[place.nodes]))
+
+    def set_time(self, t: float, dt: float) -> None:
+        """See `PointLaw`."""
+        self._dt = dt
+
+    def resistance(self, start: Array, moved: Array) -> Array:
+        """See `PointLaw`: K (p - p₀)½ + C Δp/Δt."""
+        strained = start - self._rest + self._share * moved
+        return np.asarray(strained @ self._K + moved @ self._C / self._dt)
+
+    def stiffness(self, start: Array, moved: Array) -> Array:
+        """See `PointLaw`."""
+        return (self._share * self._K + self._C / self._dt)[None, :, None, :]
+
+    def taken(self, start: Array, moved: Array) -> float:
+        """See `PointLaw`."""
+        return float(np.vdot(moved, moved @ self._C)) / self._dt
+
+    def stored(self, p: Array) -> float:
+        """See `PointLaw`."""
+        strained = p - self._rest
+        return 0.5 * float(np.vdot(strained, strained @ self._K))
+
+
+def _tensor(owner: str, name: str, value: Stiffness) -> npt.NDArray[np.float64]:
     """A symmetric positive semidefinite tensor from one, three or nine numbers, shape (3, 3)."""
     given = numbers(value)
     if given.shape == (3, 3):
@@ -175,7 +230,7 @@ def _tensor(where: str, name: str, value: Stiffness) -> npt.NDArray[np.float64]:
         good = bool(np.linalg.eigvalsh(tensor)[0] >= -1e-12 * size)
     if not good:
         raise SceneError(
-            f"Spring on '{where}': {name} must be a number ≥ 0, three of them, or a symmetric 3×3 "
+            f"{owner}: {name} must be a number ≥ 0, three of them, or a symmetric 3×3 "
             f"matrix without negative eigenvalue, got {shown(value)}."
         )
     return tensor

@@ -183,9 +183,13 @@ class Face:
         """Whether the nodes span a direction."""
         return self._behind.knows(direction)
 
+    def holds(self, point: Array) -> bool:
+        """Whether the nodes of the surface span the place of a point."""
+        return self._surface.holds(point)
+
     def place(self, point: Array) -> Average:
         """Where a point of the side is."""
-        return (self._surface if self._surface.holds(point) else self._behind).place(point)
+        return (self._surface if self.holds(point) else self._behind).place(point)
 
     def direction(self, a: Array) -> Average:
         """Where a direction of the side points."""
@@ -221,6 +225,10 @@ class StiffFace:
     def knows(self, direction: Array) -> bool:
         """Whether it has such a direction: any."""
         return True
+
+    def holds(self, point: Array) -> bool:
+        """Whether the nodes of the surface span the place of a point."""
+        return not isinstance(self._side, Face) or self._side.holds(point)
 
     def place(self, point: Array) -> Average:
         """Where a point of the side is."""

@@ -20,13 +20,13 @@ FAR = 20.0  # times its own size, that a surface may be away from its joint
 
 
 def check_sides(
-    scene: Any, owner: str, names: tuple[Side, Side], sides: tuple[Sided, Sided], at: Array
+    scene: Any, owner: str, names: tuple[Side, ...], sides: tuple[Sided, ...], at: Array
 ) -> None:
-    """Check the sides of a joint as far as possible. Collective.
+    """Check the sides of a joint, or the face of a remote point, as far as possible. Collective.
 
     Args:
         scene: The problem.
-        owner: The joint, for messages.
+        owner: The joint or effect, for messages.
         names: The sides as given.
         sides: The sides.
         at: Place of the joint at the start [m].
@@ -40,8 +40,9 @@ def check_sides(
             continue
         away = float(np.linalg.norm(at - side.centre))
         if isinstance(name, Surface) and away > FAR * side.size:
+            apart = "its sides do not meet: " if len(sides) > 1 else ""
             raise SceneError(
-                f"{owner}: its sides do not meet: it is at {at} m, and {side_name(name)} is around "
+                f"{owner}: {apart}it is at {at} m, and {side_name(name)} is around "
                 f"{side.centre} m, {away:.3g} m away and {side.size:.3g} m large."
             )
         for support in scene.named(Support):
@@ -50,7 +51,7 @@ def check_sides(
                     f"{owner}: {support.owner} holds all of {side_name(name)}. Join the 'ground' "
                     "in its place, or hold less."
                 )
-    grounded = any(isinstance(side, Grounded) for side in sides)
+    grounded = len(sides) == 1 or any(isinstance(side, Grounded) for side in sides)
     for rigid in () if grounded else (e for e in scene.effects if e.is_rigid):
         if all(_among(scene, side, rigid.where, rigid.kind) for side in sides):
             raise SceneError(

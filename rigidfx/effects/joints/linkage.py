@@ -13,7 +13,7 @@ is the same in all iterates of a step.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from itertools import accumulate
+from itertools import accumulate, pairwise
 from typing import Any
 
 import numpy as np
@@ -21,10 +21,12 @@ import numpy.typing as npt
 from mpi4py import MPI
 from scipy.sparse import csr_array, vstack
 
+from rigidfx.effects.joints.bound_averages import BoundAverages
 from rigidfx.effects.joints.coordinates import Coordinates
 from rigidfx.effects.joints.drives import Drives, Element
 from rigidfx.effects.joints.joint import Joint
-from rigidfx.effects.joints.stiff import weights_of
+from rigidfx.effects.joints.on_face import PointLaw
+from rigidfx.effects.joints.points import Points
 from rigidfx.effects.joints.telling import JointReports, reports
 from rigidfx.effects.joints.terms import Terms
 from rigidfx.mechanics.bodies import Bodies
@@ -45,6 +47,7 @@ class Linkage:
         is_place: Whether each is a place, not a direction.
         used: Which of them have forces; others are measured only.
         drives: Motors and springs.
+        points: Remote points.
         own: Weights of nodes that are no body's, shape (averages, places among these nodes).
         held: Weights of the bodies' [1, V], shape (averages, 4 · bodies).
         at: Places of the nodes of `own` among the rows of the division.
@@ -61,6 +64,7 @@ class Linkage:
         u: Array,
         notes: dict[int, Any] | None = None,
         static: bool = False,
+        points: Sequence[PointLaw] = (),
     ) -> None:
         """Bind joints to nodes and bodies. Collective.
 
@@ -74,31 +78,32 @@ class Linkage:
             u: Displacements of all local dofs at the start of a step [m], changed by each step.
             notes: Memory of joints from division to division, by their identity.
             static: Whether forces are those at the end of a step, and nothing moves.
+            points: Laws of remote points.
         """
         self._share = 1.0 if static else 0.5
         self._stiffness = max(material.stiffness for material, _ in scene.materials)
+        self._length = float(scene.mean_cell_size)
         self._comm: MPI.Intracomm = scene.comm
         self._joints, self._notes = tuple(joints), notes
         pieces = [joint.pieces for joint in joints]
         firsts = [0, *accumulate(len(own.averages) for own in pieces)]
         averages = [average for own in pieces for average in own.averages]
+        self.points = Points(points, len(averages))
+        averages += self.points.averages
         self.averages, self._every = len(averages), sum(len(own.rows) for own in pieces)
         rows_of_each = [len(own.rows) for own in pieces]
         self._masses = np.repeat([own.mass for own in pieces], rows_of_each)
         self._sizes = np.repeat([own.size for own in pieces], rows_of_each)
         self.active: Ints = np.arange(self._every)
         self.is_place = [average.is_place for average in averages]
-        self._constant = np.reshape([average.constant for average in averages], (-1, 3))
-        W, self.held = weights_of(scene, bodies.of.records, averages)
-        self.at = np.flatnonzero(own & (np.diff(W.tocsc().indptr)[rows.nodes] > 0))
-        self.own = W[:, rows.nodes[self.at]].tocsr()
-        self._X, self._dofs = rows.X[self.at], rows.dofs.reshape(-1, 3)[self.at]
-        self._u0 = u
+        self._bound = BoundAverages(averages, scene, rows, own, bodies, u)
+        self.at, self.own, self.held = self._bound.at, self._bound.own, self._bound.held
         self._terms = Terms([own.rows for own in pieces], firsts, self.averages)
         self._firsts = firsts
         self.drives = Drives(scene, elements, firsts, static)
         self.used = np.zeros(self.averages, dtype=bool)
         self.used[[*self._terms.averages, *self.drives.averages]] = True
+        self.used[self.averages - len(self.points.averages) :] = True
         self._known = [slice(*pair) for pair in self._ends()]
         self._multipliers: Array = np.zeros(self._every)
         free = {
@@ -148,7 +153,7 @@ class Linkage:
     @property
     def typical(self) -> tuple[float, float]:
         """A stiffness of the parts that joints move, and a size of these [N/m, m]."""
-        size = float(np.mean(self._sizes))
+        size = float(np.mean(self._sizes)) if self._sizes.size else self._length
         return self._stiffness * size, size
 
     def scale(self, dt: float) -> Array:
@@ -171,22 +176,10 @@ class Linkage:
 
     def _ends(self) -> list[tuple[int, int]]:
         """First and last row of each joint."""
-        last = np.cumsum([len(joint.pieces.rows) for joint in self._joints])
-        return list(zip([0, *last[:-1]], last, strict=True))
+        ends = accumulate((len(joint.pieces.rows) for joint in self._joints), initial=0)
+        return list(pairwise(ends))
 
     # Where averages are ---------------------------------------------------------------------------
-
-    def _average(self, of_nodes: Array, of_bodies: Array) -> Array:
-        """Averages of vectors at nodes and of matrices of bodies, shape (averages, 3). Collective.
-
-        Args:
-            of_nodes: Of the nodes of `own`, shape (nodes, 3).
-            of_bodies: Shape (bodies, 4, 3).
-        """
-        out = np.asarray(self.own @ of_nodes)
-        if self._comm.size > 1:
-            self._comm.Allreduce(MPI.IN_PLACE, out)
-        return out + self.held @ of_bodies.reshape(-1, 3)
 
     def rates(self, v: Array) -> Array:
         """ġ of nodes that are no body's, at the start of a step, shape (rows,) [m/s]. Collective.
@@ -195,8 +188,7 @@ class Linkage:
             v: Velocities of the division's rows, one number each [m/s].
         """
         at_nodes = v.reshape(-1, 3)[self.at]
-        none: Array = np.zeros((self.held.shape[1], 3))
-        return np.asarray(self.gradient(0.0) @ self._average(at_nodes, none).ravel())
+        return np.asarray(self.gradient(0.0) @ self._bound.mean(at_nodes).ravel())
 
     def places(self, bodies: Bodies) -> Array:
         """Where averages are now, shape (averages, 3). Collective.
@@ -204,8 +196,7 @@ class Linkage:
         Args:
             bodies: The bodies now.
         """
-        x = self._X + self._u0[self._dofs]
-        return self._average(x, bodies.pose) + self._constant
+        return self._bound.places(bodies)
 
     def coordinates(self, p: Array) -> dict[tuple[int, str], float]:
         """Angles [rad] and travels [m] where averages are there, by joint and name."""
@@ -224,6 +215,7 @@ class Linkage:
         """
         self._dt = dt
         self.drives.begin(t, dt, self._q)
+        self.points.set_time(t + (dt if self._share == 1.0 else 0.5 * dt), dt)
 
     def begin(self, bodies: Bodies) -> None:
         """Begin a step: find where averages are. Collective.
@@ -248,9 +240,11 @@ class Linkage:
         n = self.active.size
         self._multipliers[self.active] = multipliers[:n]
         moved = d.array_r.reshape(-1, 3)[self.at]
-        self._moved = self._average(moved, increments.displacement)
+        self._moved = self._bound.mean(moved, increments.displacement)
         self.drives.look(self._start, self._moved, multipliers[n:])
         self.forces = (self.test().T @ multipliers).reshape(-1, 3)
+        self.points.look(self._start, self._moved)
+        self.points.add_to(self.forces)
 
     def test(self) -> csr_array:
         """Forces on averages per multiplier, transposed, shape (rows, 3 · averages)."""
@@ -289,14 +283,15 @@ class Linkage:
         return every if self.active.size == self._every else every[self.active]
 
     def curvature(self) -> csr_array:
-        """Derivative of the rows' forces on averages by these, shape (3 · averages,) * 2 [N/m]."""
-        return self._terms.curvature(self._multipliers, self._share)
+        """Derivative of forces on averages by these, shape (3 · averages,) * 2 [N/m]."""
+        rows = self._terms.curvature(self._multipliers, self._share)
+        return csr_array(rows + self.points.stiffness()) if len(self.points) else rows
 
     # Forces ---------------------------------------------------------------------------------------
 
     def resist_nodes(self, f: Any) -> None:
         """Add the forces on nodes that are no body's."""
-        f.array.reshape(-1, 3)[self.at] += self.own.T @ self.forces
+        self._bound.resist_nodes(self.forces, f)
 
     def moments(self, bodies: int) -> Array:
         """Σ f and Σ V fᵀ on each body, shape (bodies, 4, 3)."""
@@ -309,12 +304,7 @@ class Linkage:
             nodes: The nodes, sorted.
             forces: Shape (nodes, 3).
         """
-        averages = (a for joint in self._joints for a in joint.pieces.averages)
-        for average, force in zip(averages, self.forces, strict=True):
-            place = np.searchsorted(nodes, average.nodes)
-            place[place == nodes.size] = 0
-            here = nodes[place] == average.nodes if nodes.size else np.zeros(0, dtype=bool)
-            forces[place[here]] += average.weights[here, None] * force
+        self._bound.resistance_at(nodes, self.forces, forces)
 
     def accept(self) -> None:
         """Remember multipliers and coordinates for later steps and divisions."""
@@ -326,10 +316,19 @@ class Linkage:
             self.drives.note(self._notes)
 
     def stored(self, bodies: Bodies) -> float:
-        """Energy of the springs of joints now [J]. Collective."""
-        return (
-            self.drives.stored(self.coordinates(self.places(bodies))) if len(self.drives) else 0.0
-        )
+        """Energy of the springs of joints and remote points now [J]. Collective."""
+        if not (len(self.drives) or len(self.points)):
+            return 0.0
+        p = self.places(bodies)
+        return self.drives.stored(self.coordinates(p)) + self.points.stored(p)
+
+    def work(self) -> tuple[float, dict[str, float]]:
+        """Work of motors and torques in the step, and loss by dampers by their kind [J]."""
+        done, taken = self.drives.work()
+        more, lost = self.points.work()
+        for kind, energy in lost.items():
+            taken[kind] = taken.get(kind, 0.0) + energy
+        return done + more, taken
 
     def told(self) -> JointReports:
         """Force and motion of each joint in the step that has been solved, by its title."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from rigidfx.base.errors import SceneError
 from rigidfx.effects.action import Structure
+from rigidfx.effects.attached.point_mass import PointMass
 from rigidfx.effects.base import Array, Vector
 from rigidfx.effects.loads.dead_load import DeadLoad
 from rigidfx.mechanics.rigid_body import RigidBody
@@ -35,7 +36,17 @@ class Gravity(DeadLoad):
     def weights(self, scene: Any) -> Array:
         """Mass of the loaded cells at each node, and its point masses [kg]. Collective."""
         weights = scene.cell_weights(scene.density(), scene.owned_cells(self.where, self.kind))
-        return weights + scene.point_masses * self._members(scene)
+        return weights + scene.point_masses * self._members(scene) + self._at_faces(scene)
+
+    def _at_faces(self, scene: Any) -> Array | float:
+        """Masses at points of faces, by the weights of the nodes that move them. Collective."""
+        out, inside = np.zeros(len(scene.point_masses)), self._members(scene)
+        for effect in (e for e in scene.named(PointMass) if e.face is not None):
+            place = effect.remote.place
+            missing = np.count_nonzero(np.broadcast_to(inside, out.shape)[place.nodes] == 0.0)
+            if scene.sum(missing) == 0:
+                out[place.nodes] += float(effect.mass) * place.weights
+        return out
 
     def _members(self, scene: Any) -> Array | float:
         """1 at the nodes of its cells, 0 elsewhere, per local node. Collective."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import shown, vector, whole
+from rigidfx.effects.attached.point_mass import PointMass
 from rigidfx.effects.base import Array, Effect, Vector
 from rigidfx.effects.loads.centrifugal import Centrifugal
 from rigidfx.effects.loads.dead_load import DeadLoad
@@ -67,6 +68,12 @@ class Preload(Effect):
         """Check its loads."""
         for load in self.loads:
             load.check(scene)
+        masses = [m for m in scene.named(PointMass) if m.face is not None and self.turns]
+        if masses:
+            raise SceneError(
+                f"Preload: a spin takes no masses at points of faces, as {masses[0].owner}. Name a "
+                "set of nodes in place of the face, or leave the spin out."
+            )
 
     @property
     def turns(self) -> bool:

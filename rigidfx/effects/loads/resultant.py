@@ -1,4 +1,4 @@
-"""Force and torque on a rigid body as such."""
+"""Force and torque on a rigid body as such, or at a point of a face."""
 
 from __future__ import annotations
 
@@ -12,31 +12,41 @@ from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import check_factor, scalar, vector
 from rigidfx.effects.action import Action, Array, Structure
 from rigidfx.effects.base import WHOLE, TimeFunction, Vector, Windowed, check_vector
+from rigidfx.effects.joints.on_face import OnFace, PointLaw
+from rigidfx.effects.joints.sides import Surface
+from rigidfx.effects.joints.stiff import weights_of
+from rigidfx.mechanics.rotation import skew
 
 __all__ = ["Resultant"]
 
 
 @dataclass(frozen=True)
-class Resultant(Windowed):
-    """A force through the centre of mass and a torque on a rigid body; both keep their direction.
+class Resultant(OnFace, Windowed):
+    """A force and a torque on a rigid body or at a point of a face; both keep their direction.
+
+    The force on a body goes through its centre of mass. Of a `MeanFace` the torque is conjugate to
+    the turn of the affine mean.
 
     Attributes:
-        where: Name of the body's set of cells; None for the body of all cells.
+        where: Name of the body's set of cells; None for the body of all cells; a `MeanFace` or a
+            `RigidFace`.
+        at: Place of the force on a face, at the start [m]; the middle of the face if None.
         force: Three components [N].
         torque: Three components [N m].
         time: Factor as a function of time, such as a `Table`; 1 if None.
     """
 
     is_load: ClassVar[bool] = True
-    is_dead: ClassVar[bool] = True
+    turns: ClassVar[bool] = True
 
-    where: str | None = None
+    where: str | Surface | None = None
     force: Vector = (0.0, 0.0, 0.0)
     torque: Vector = (0.0, 0.0, 0.0)
     time: TimeFunction | None = field(default=None, kw_only=True)
+    at: Vector | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        """Check window, vectors and time function.
+        """Check window, place, vectors and time function.
 
         Raises:
             SceneError: If one of them cannot be used.
@@ -45,11 +55,17 @@ class Resultant(Windowed):
         vector(self, "force", self.force)
         vector(self, "torque", self.torque)
         check_factor(self, self.time)
+        self.check_at()
 
     @property
-    def body(self) -> str:
-        """Name of the body it acts on."""
-        return self.where or WHOLE
+    def is_dead(self) -> bool:  # type: ignore[override]
+        """Whether the motion does not change it."""
+        return self.face is None or not any(self.torque)
+
+    @property
+    def body(self) -> str | None:
+        """Name of the body it acts on; None if it acts on a face."""
+        return None if isinstance(self.where, Surface) else self.where or WHOLE
 
     def _factor(self, t: float) -> float:
         return 0.0 if not self.acts(t) else 1.0 if self.time is None else scalar(self.time(t))
@@ -62,10 +78,29 @@ class Resultant(Windowed):
         """Torque at t, shape (3,) [N m]."""
         return self._factor(t) * np.asarray(self.torque, dtype=np.float64)
 
+    def both_at(self, t: float) -> tuple[Array, Array]:
+        """Force [N] and torque [N m] at t.
+
+        Raises:
+            SceneError: On this rank, if one is not finite.
+        """
+        with np.errstate(invalid="ignore"):  # what is not finite is met below
+            force, torque = self.force_at(t), self.torque_at(t)
+        if not np.isfinite([force, torque]).all():
+            raise SceneError(
+                f"{self.owner}: at t = {t:g} s force and torque are {force} N and {torque} N m; "
+                "check its time function."
+            )
+        return force, torque
+
+    def law(self, structure: Structure) -> PointLaw | None:
+        """Its torque on a face."""
+        return FaceTorque(self, structure.static) if self.face and any(self.torque) else None
+
     def check(self, scene: Any) -> None:
         """See whether its body is there, and its function of time can be used."""
         bodies = [effect.where for effect in scene.effects if effect.is_rigid]
-        if self.where not in bodies:
+        if self.face is None and self.where not in bodies:
             pieces = scene.pieces.get(self.body, 0)
             instead = f"its {pieces} pieces are a body each" if pieces else "there are"
             raise SceneError(
@@ -81,6 +116,8 @@ class Resultant(Windowed):
 
     def bind(self, structure: Structure) -> Action | None:
         """Force and torque on the body of its name; nothing while a support clamps that."""
+        if self.body is None:
+            return FaceLoad(self, structure) if any(self.force) else None
         names = [body.name for body in structure.bodies.of.records]
         return BodyLoad(self, names.index(self.body)) if self.body in names else None
 
@@ -107,15 +144,85 @@ class BodyLoad(Action):
         Raises:
             SceneError: On this rank, if one is not finite.
         """
-        with np.errstate(invalid="ignore"):  # what is not finite is met below
-            self._force, self._torque = self._load.force_at(t), self._load.torque_at(t)
-        if not np.isfinite([self._force, self._torque]).all():
-            raise SceneError(
-                f"{self._load.owner}: at t = {t:g} s force and torque are {self._force} N and "
-                f"{self._torque} N m; check its time function."
-            )
+        self._force, self._torque = self._load.both_at(t)
 
     def load_bodies(self, moments: Array, torques: Array) -> None:
         """Add force and torque."""
         moments[self._place, 0] += self._force
         torques[self._place] += self._torque
+
+
+class FaceLoad(Action):
+    """The force of a resultant at a point of a face, on nodes and bodies of a division."""
+
+    kind = Resultant.__name__
+
+    def __init__(self, load: Resultant, structure: Structure) -> None:
+        """Find what moves the point. Collective.
+
+        Args:
+            load: The effect.
+            structure: Its nodes and bodies.
+        """
+        self._load = load
+        place = load.remote.place
+        W, held = weights_of(structure.scene, structure.bodies.of.records, [place])
+        weights = np.asarray(W.toarray()[0])[structure.rows.nodes]
+        self._weights = np.where(structure.own, weights, 0.0)[:, None]
+        self._moments = np.asarray(held.toarray()).reshape(-1, 4)[:, :, None]
+        self._force: Array = np.zeros(3)
+
+    def set_time(self, t: float, dt: float) -> None:
+        """Evaluate the force.
+
+        Raises:
+            SceneError: On this rank, if it is not finite.
+        """
+        self._force, _ = self._load.both_at(t)
+
+    def load_nodes(self, forces: Array) -> None:
+        """Add the force."""
+        forces += self._weights * self._force
+
+    def load_bodies(self, moments: Array, torques: Array) -> None:
+        """Add Σ f and Σ V fᵀ."""
+        moments += self._moments * self._force
+
+
+class FaceTorque(PointLaw):
+    """The torque of a resultant at a face: ½ M × d^k on each of three directions."""
+
+    kind = Resultant.__name__
+
+    def __init__(self, load: Resultant, static: bool) -> None:
+        """Take it over.
+
+        Args:
+            load: The effect.
+            static: Whether forces are those at the end of a step.
+        """
+        self._load, self._share = load, 1.0 if static else 0.5
+        self.averages = load.remote.directions
+        self._torque: Array = np.zeros(3)
+
+    def set_time(self, t: float, dt: float) -> None:
+        """See `PointLaw`."""
+        self._torque = self._load.both_at(t)[1]
+
+    def _duals(self, start: Array, moved: Array) -> Array:
+        """The dual basis d^k, a row each."""
+        return np.asarray(np.linalg.inv((start + self._share * moved).T))
+
+    def resistance(self, start: Array, moved: Array) -> Array:
+        """See `PointLaw`."""
+        return np.asarray(-0.5 * np.cross(self._torque, self._duals(start, moved)))
+
+    def stiffness(self, start: Array, moved: Array) -> Array:
+        """See `PointLaw`: δd^k = -Σ_a (d^k · δd_a) d^a."""
+        E = self._duals(start, moved)
+        turned = -0.5 * E @ skew(self._torque).T
+        return np.asarray(-self._share * np.einsum("ai,kb->kiab", turned, E))
+
+    def work(self, start: Array, moved: Array) -> float:
+        """See `PointLaw`."""
+        return -float(np.vdot(self.resistance(start, moved), moved))

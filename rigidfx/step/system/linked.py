@@ -7,6 +7,7 @@ from typing import Any
 
 from rigidfx.effects import Joint, JointSpring, Motor, Stop, Windowed
 from rigidfx.effects.joints.linkage import Linkage
+from rigidfx.effects.joints.on_face import OnFace, PointLaw
 from rigidfx.state import State
 from rigidfx.step.equations.structure import BoundStructure
 
@@ -26,7 +27,7 @@ def elements_of(scene: Any, acting: Sequence[Windowed]) -> tuple[Motor | JointSp
 
 
 def linked(structure: BoundStructure, state: State, acting: Sequence[Windowed]) -> Linkage | None:
-    """The joints, bound to a division; None if there are none. Collective.
+    """Joints and remote points, bound to a division; None if there are none. Collective.
 
     Args:
         structure: The division.
@@ -35,7 +36,17 @@ def linked(structure: BoundStructure, state: State, acting: Sequence[Windowed]) 
     """
     scene, rows = structure.scene, structure.rows
     joints = scene.named(Joint)
-    if not joints:
+    laws = _laws_of(structure, acting)
+    if not joints and not laws:
         return None
     bound = scene, rows, structure.own, state.bodies, state.u.x.array
-    return Linkage(joints, elements_of(scene, acting), *bound, structure.notes, structure.static)
+    others = structure.notes, structure.static, laws
+    return Linkage(joints, elements_of(scene, acting), *bound, *others)
+
+
+def _laws_of(structure: BoundStructure, acting: Sequence[Windowed]) -> list[PointLaw]:
+    """Forces of remote points that depend on the motion. Collective."""
+    here = {id(effect) for effect in acting}
+    every = structure.scene.named(OnFace)
+    points = (e for e in every if not isinstance(e, Windowed) or id(e) in here)
+    return [law for point in points if (law := point.law(structure)) is not None]

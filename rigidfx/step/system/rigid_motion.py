@@ -17,6 +17,8 @@ import numpy.typing as npt
 
 from rigidfx.domain.connected import ConnectedParts, connected_parts
 from rigidfx.effects import Joint, Windowed
+from rigidfx.effects.joints.averages import Average
+from rigidfx.effects.joints.on_face import OnFace
 from rigidfx.scene.scene import Scene
 from rigidfx.step.system.joined_motion import joint_rows
 from rigidfx.step.system.supports import PrescribedDofs
@@ -54,17 +56,25 @@ def free_to_move(
     held = np.flatnonzero(prescribed.mask)
     rows = rigid_motions(X[held // 3], part[held // 3], parts)[np.arange(held.size), held % 3]
     _add(gram, rows[:, None], part[held // 3])
+    at_points: list[tuple[Array, Average]] = []
     for effect in scene.effects:
         K = effect.ground_stiffness
         if K is None:
             continue
-        own = np.flatnonzero(scene.shares(getattr(effect, "where", ""), effect.kind)[:n] > 0)
         values, vectors = np.linalg.eigh(K / max(float(np.linalg.norm(K)), 1e-300))
         root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
+        if isinstance(effect, OnFace) and effect.face is not None:
+            at_points.append((root, effect.remote.place))
+            continue
+        own = np.flatnonzero(scene.shares(getattr(effect, "where", ""), effect.kind)[:n] > 0)
         _add(gram, root @ rigid_motions(X[own], part[own], parts), part[own])
     for own, directions in further:
         _add(gram, directions @ rigid_motions(X[own], part[own], parts), part[own])
     gram = np.asarray(scene.sum(gram))
+    for root, place in at_points:
+        moved = _every_motion(X, part, parts, place.nodes)
+        rows = root @ np.asarray(scene.sum(np.einsum("n,nim->im", place.weights, moved)))
+        gram += rows.T @ rows
     if scene.named(Joint):
         rows = joint_rows(scene, acting, partial(_every_motion, X, part, parts))
         gram += rows.T @ rows

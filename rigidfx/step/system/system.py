@@ -270,9 +270,10 @@ class System:
         joints = JointReports()
         if self.linkage is not None:
             joints = self.linkage.told()
-            driven, damped = self.linkage.drives.work()
+            driven, damped = self.linkage.work()
             loads += driven
-            dissipated |= damped
+            for kind, energy in damped.items():
+                dissipated[kind] = dissipated.get(kind, 0.0) + energy
         return Work(loads, supports, dissipated, reactions, moments, touches, joints)
 
     def _reactions(

@@ -1,0 +1,95 @@
+"""Averages bound to the nodes and bodies of a division: where they are, and forces on them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from rigidfx.effects.joints.averages import Average
+from rigidfx.effects.joints.stiff import weights_of
+from rigidfx.mechanics.bodies import Bodies
+
+__all__ = ["BoundAverages"]
+
+Array = npt.NDArray[np.float64]
+
+
+class BoundAverages:
+    """Averages of nodes, which are free or in bodies; arrays are equal on all ranks.
+
+    Attributes:
+        own: Weights of nodes that are no body's, shape (averages, places among these nodes).
+        held: Weights of the bodies' [1, V], shape (averages, 4 · bodies).
+        at: Places of the nodes of `own` among the rows of the division.
+    """
+
+    def __init__(
+        self,
+        averages: Sequence[Average],
+        scene: Any,
+        rows: Any,
+        own: npt.NDArray[np.bool_],
+        bodies: Bodies,
+        u: Array,
+    ) -> None:
+        """Find whose nodes they are. Collective.
+
+        Args:
+            averages: The averages.
+            scene: The problem.
+            rows: Rows of the nodes that take part.
+            own: For each of these nodes, whether it belongs to no body.
+            bodies: The rigid bodies.
+            u: Displacements of all local dofs at the start of a step [m], changed by each step.
+        """
+        self._comm: MPI.Intracomm = scene.comm
+        self._every, self._u0 = tuple(averages), u
+        self._constant = np.reshape([average.constant for average in averages], (-1, 3))
+        W, self.held = weights_of(scene, bodies.of.records, averages)
+        self.at = np.flatnonzero(own & (np.diff(W.tocsc().indptr)[rows.nodes] > 0))
+        self.own = W[:, rows.nodes[self.at]].tocsr()
+        self._X, self._dofs = rows.X[self.at], rows.dofs.reshape(-1, 3)[self.at]
+
+    def mean(self, of_nodes: Array, of_bodies: Array | None = None) -> Array:
+        """Averages of vectors at nodes and of matrices of bodies, shape (averages, 3). Collective.
+
+        Args:
+            of_nodes: Of the nodes of `own`, shape (nodes, 3).
+            of_bodies: Shape (bodies, 4, 3); zero if None.
+        """
+        out = np.asarray(self.own @ of_nodes)
+        if self._comm.size > 1:
+            self._comm.Allreduce(MPI.IN_PLACE, out)
+        return out if of_bodies is None else out + self.held @ of_bodies.reshape(-1, 3)
+
+    def places(self, bodies: Bodies) -> Array:
+        """Where averages are now, shape (averages, 3). Collective.
+
+        Args:
+            bodies: The bodies now.
+        """
+        return self.mean(self._X + self._u0[self._dofs], bodies.pose) + self._constant
+
+    def resist_nodes(self, forces: Array, f: Any) -> None:
+        """Add forces on averages, shape (averages, 3) [N], to those on nodes that are no body's."""
+        f.array.reshape(-1, 3)[self.at] += self.own.T @ forces
+
+    def resistance_at(
+        self, nodes: npt.NDArray[np.int32], on_averages: Array, forces: Array
+    ) -> None:
+        """Add the forces on owned nodes, in bodies or not, to those that are given [N].
+
+        Args:
+            nodes: The nodes, sorted.
+            on_averages: Forces on averages, shape (averages, 3).
+            forces: Shape (nodes, 3), added to.
+        """
+        for average, force in zip(self._every, on_averages, strict=True):
+            place = np.searchsorted(nodes, average.nodes)
+            place[place == nodes.size] = 0
+            here = nodes[place] == average.nodes if nodes.size else np.zeros(0, dtype=bool)
+            forces[place[here]] += average.weights[here, None] * force

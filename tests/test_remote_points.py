@@ -1,0 +1,115 @@
+"""Remote points: forces, torques, springs and masses at points of mean and rigid faces."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from joints import SOFT
+
+import rigidfx as rf
+
+NO_WARNINGS = pytest.mark.filterwarnings("ignore:Body")  # of few cells, whose lumped mass shows
+BESIDE = 1.3, 0.1, 0.25  # m
+FACES = {"mean": rf.MeanFace("ring"), "flat": rf.MeanFace("x1"), "rigid": rf.RigidFace("ring")}
+
+
+def bar(*effects, **options):
+    """A bar that tumbles, with the skin of its last cells as a face."""
+    domain = rf.box((0, 0, 0), (1, 0.2, 0.2), (5, 2, 2))
+    domain = domain.with_facets("ring", lambda x: x[0] > 0.8 - 1e-6)
+    start = rf.InitialVelocity(linear=(0.1, 0, 0), angular=(0.3, 0.5, 1.5))
+    return rf.Scene(domain, SOFT, [start, *effects], **options)
+
+
+@NO_WARNINGS
+@pytest.mark.parametrize("face", FACES)
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+def test_what_acts_at_a_point_keeps_energy_and_momenta(face, mass):
+    """While cells become rigid and flexible, too; the point lies beside the face."""
+    at = FACES[face]
+    force, torque = np.array([30.0, 20.0, -10.0]), np.array([5.0, -8.0, 3.0])
+    release = rf.Release(at=(0.15,))
+    criterion = rf.StrainRate(1e9, 0.05, patience=1, wake="none", release=release)
+    loads = [rf.Resultant(at, force=force, at=BESIDE), rf.Resultant(at, torque=torque)]
+    weight = rf.PointMass(at, 7.0, at=BESIDE)
+    scene = bar(*loads, weight, mass=mass)
+    reports = list(rf.simulate(scene, 0.01, 0.25, rigidify=criterion))
+    kinds = [event.kind for report in reports for event in report.events]
+    assert kinds == ["freeze", "release", "freeze"]
+    energies = np.array([r.energy for r in reports])
+    work = np.cumsum([r.work_of_loads for r in reports])
+    assert np.abs(energies - energies[0] - work).max() <= 1e-12 * energies.max()
+    for report in reports:
+        gained = report.linear_momentum - reports[0].linear_momentum
+        assert gained == pytest.approx(report.t * force, abs=1e-11)
+    assert reports[0].linear_momentum[0] == pytest.approx(0.1 * 47.0)
+    turned = list(rf.simulate(bar(loads[1], weight, mass=mass), 0.01, 0.1))
+    gained = turned[-1].angular_momentum - turned[0].angular_momentum
+    assert gained == pytest.approx(0.1 * torque, abs=1e-11)
+    spring = rf.Spring(at, 2000.0, damping=3.0, at=BESIDE)
+    reports = list(rf.simulate(bar(spring, weight, mass=mass), 0.01, 0.1))
+    taken = np.cumsum([r.dissipated.get("Spring", 0.0) for r in reports])
+    energies = np.array([r.energy for r in reports])
+    assert np.abs(energies + taken - energies[0]).max() <= 1e-12 * energies[0]
+    assert reports[-1].springs > 1.0
+
+
+def test_a_body_has_the_mass_at_its_face():
+    """Mass, centre and inertia of a bar and a point."""
+    scene = bar(rf.PointMass(rf.MeanFace("x1"), 7.0, at=BESIDE))
+    domain = scene.domain.with_cells("all", lambda x: x[0] > -1)
+    *_, report = rf.simulate(rf.Scene(domain, SOFT, [rf.Rigid("all"), *scene.effects]), 0.01, 0.01)
+    (body,) = report.rigid
+    arm = np.array(BESIDE) - (0.5, 0.1, 0.1)
+    alone, *_ = rf.simulate(rf.Scene(domain, SOFT, [rf.Rigid("all")]), 0.01, 0.01)
+    (without,) = alone.rigid
+    assert body.data.mass == pytest.approx(47.0)
+    assert body.data.origin == pytest.approx(np.array([0.5, 0.1, 0.1]) + 7 / 47 * arm)
+    added = 40 * 7 / 47 * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    assert body.data.inertia == pytest.approx(without.data.inertia + added, abs=1e-12)
+
+
+@NO_WARNINGS
+@pytest.mark.parametrize("face", [rf.MeanFace("x1"), rf.RigidFace("x1")])
+def test_points_bend_a_cantilever_as_theory_has_it(face):
+    """An end moment rolls it up; a mass beyond its end makes its first frequencies."""
+    b, E = 0.1, 1e6
+    domain = rf.box((0, 0, 0), (1, b, b), (20, 2, 2))
+    material = rf.StVenantKirchhoff(rho=1.0, E=E, nu=0.0)
+
+    def scene(*effects):
+        held = rf.Fixed("x0"), *effects
+        probes = {"end": (1, b / 2, b / 2)}
+        return rf.Scene(domain, material, held, element="enhanced", probes=probes)
+
+    stiffness, torque = E * b**4 / 12, 8.0
+    *_, rolled = rf.static(scene(rf.Resultant(face, torque=(0, 0, torque))), 2)
+    k = torque / stiffness
+    exact = np.array([np.sin(k) / k - 1, (1 - np.cos(k)) / k, 0])
+    assert rolled.probes["end"] == pytest.approx(exact, abs=5e-3)
+    assert rolled.reaction_moments["x0"] == pytest.approx([0, 0, -torque], abs=1e-9)
+    if face == rf.MeanFace("x1"):
+        heavy = rf.modes(scene(rf.PointMass(face, 10.0, at=(2, b / 2, b / 2))), 1)
+        assert heavy.squares[0] == pytest.approx(stiffness * 3 / 7 / 10, rel=1e-2)
+    sprung = rf.modes(scene(rf.Spring(face, 1e4, at=(1, b / 2, b / 2))), 1)
+    assert sprung.squares[0] > 5 * rf.modes(scene(), 1).squares[0]
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: rf.Resultant("x1", at=(0, 0, 0)), "on 'x1': at is the place of a remote point"),
+        (lambda: rf.Resultant(rf.MeanFace("end")), "MeanFace 'end': there are no facets named"),
+        (lambda: rf.Spring(rf.MeanFace("x1"), 1.0, at=(0, 0)), "at must be three finite numbers"),
+        (lambda: rf.Spring(rf.MeanFace("x1"), 1.0, at=(99, 0, 0)), "it is at .99.*m away"),
+        (lambda: rf.Spring(rf.MeanFace("x1"), -1.0), "MeanFace 'x1': stiffness must be"),
+        (lambda: rf.Traction(rf.MeanFace("x1"), (1, 0, 0)), "Traction: where must be the name"),
+        (
+            lambda: rf.PointMass(rf.RigidFace("x1"), 1.0, at=BESIDE),
+            "PointMass on RigidFace 'x1': the face is flat, and the mass at .* beside its plane",
+        ),
+    ],
+)
+def test_a_remote_point_that_cannot_be_is_refused(make, message):
+    with pytest.raises(rf.SceneError, match=message):
+        bar(make())
