@@ -68,7 +68,7 @@ shapes = Shapes(scene, touch + shots[shots <= options.after], colour="rigid")
 say(f"Δt = {DT:g} s to t = {t_end:.4g} s on {scene.comm.size} rank(s)")
 kept = {"folder": options.out, "resume": options.resume}
 with (
-    rf.Recorder(scene, options.out, every=10, resume=options.resume) as recorder,
+    rf.Recorder(scene, options.out, every=10) as recorder,
     Pair(scene, {0.0: 1e-3, closer: DT}, t_end, criterion, options.compare, **kept) as run,
 ):
     for report in run:

@@ -128,7 +128,7 @@ swings = Shapes(scene, [0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0, snapshots[-1]], col
 say(f"Δt = {dt:g} s to t = {t_end:g} s on {scene.comm.size} rank(s), tolerance {tol:g} 1/s")
 kept = {"folder": options.out, "resume": options.resume}
 with (
-    rf.Recorder(scene, options.out, interval=t_end / 104, resume=options.resume) as recorder,
+    rf.Recorder(scene, options.out, interval=t_end / 104) as recorder,
     Pair(scene, steps, t_end, criterion, options.compare, **kept) as run,
 ):
     for report in run:

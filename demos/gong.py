@@ -108,7 +108,7 @@ say(f"Δt = {DT:g} s to t = {options.t_end:g} s on {scene.comm.size} rank(s)")
 kept = {"folder": options.out, "resume": options.resume}
 kept |= {"note": shares, "note_beside": all_rates}
 with (
-    rf.Recorder(scene, options.out, every=10, resume=options.resume) as recorder,
+    rf.Recorder(scene, options.out, every=10) as recorder,
     Pair(scene, DT, options.t_end, rule, options.compare, measuring, **kept) as run,
 ):
     for report in run:

@@ -120,7 +120,7 @@ def frozen(report: rf.Report) -> dict[str, float]:
 
 say(f"Δt = {DT:g} s to t = {t_end:g} s on {scene.comm.size} rank(s), tolerance {tol:g} 1/s")
 with (
-    rf.Recorder(scene, options.out, interval=2 * DT, resume=options.resume) as recorder,
+    rf.Recorder(scene, options.out, interval=2 * DT) as recorder,
     Pair(
         scene, DT, t_end, criterion, folder=options.out, resume=options.resume, note=frozen
     ) as run,

@@ -16,7 +16,7 @@
 # found, `bodies.json`; and `summary.json`.
 
 # +
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 from common import (
@@ -128,8 +128,12 @@ def side_by_side(
     end: float,
     wanted: list[float],
     until: float = np.inf,
+    last: Callable[[float, rf.Report], None] = lambda tol, report: None,
 ) -> dict[float, list[rf.Report]]:
-    """Reports of runs with several tolerances, 0 for none; no bodies are formed after `until`."""
+    """Reports of runs with several tolerances, 0 for none; no bodies are formed after `until`.
+
+    `last` is called with the last report of each, before there is a checkpoint of it.
+    """
     label = f"{end:g} s, tolerances {', '.join(f'{tol:g}' for tol in wanted)}"
     say(f"To t = {label}, on {comm.size} rank(s)")
     runs = {
@@ -145,9 +149,7 @@ def side_by_side(
         for tol in wanted
     }
     recorders = {
-        tol: rf.Recorder(
-            scene, options.out / f"{end:g}s_tol_{tol:g}", interval=end / 24, resume=run.goes_on
-        )
+        tol: rf.Recorder(scene, options.out / f"{end:g}s_tol_{tol:g}", interval=end / 24)
         for tol, run in runs.items()
     }
     shapes = {tol: Shapes(scene, [1.2, 1.8, 2.2, end], colour="rigid") for tol in wanted if tol > 0}
@@ -156,6 +158,8 @@ def side_by_side(
             recorders[tol].write(report)
             if tol in shapes:
                 shapes[tol].add(report)
+            if np.isclose(report.t, end):
+                last(tol, report)
     finally:
         for tol, run in runs.items():
             run.close()
@@ -174,9 +178,15 @@ scene = frame(np.inf)
 damped = side_by_side(scene, 0.01, T_END, tolerances)
 fine = {0.0: 0.01, UNDAMPED: FINE}
 scene = frame(UNDAMPED)
-free = side_by_side(scene, fine, spectrum_end, tolerances, until=UNDAMPED)
-if free[middle][-1].current:  # else it was written before the run went on
-    rf.write_bodies(options.out / "bodies.json", scene, free[middle][-1])
+
+
+def keep_bodies(tol: float, report: rf.Report) -> None:
+    """Write the bodies of the sharp tolerance."""
+    if tol == middle:
+        rf.write_bodies(options.out / "bodies.json", scene, report)
+
+
+free = side_by_side(scene, fine, spectrum_end, tolerances, until=UNDAMPED, last=keep_bodies)
 # -
 
 # ## Times as the paper compares them

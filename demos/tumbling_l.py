@@ -110,7 +110,7 @@ if options.resume:
 else:
     left = rf.Checkpoint(options.out)
     reports = rf.simulate(scene, options.dt, t_end, progress=True, checkpoint=left)
-with rf.Recorder(scene, options.out, interval=0.5, resume=options.resume) as recorder:
+with rf.Recorder(scene, options.out, interval=0.5) as recorder:
     say(f"Main run: Δt = {options.dt:g} s to t = {t_end:g} s on {scene.comm.size} rank(s)")
     for report in reports:
         recorder.write(report)

@@ -180,7 +180,8 @@ def resume(
     kept = read(place, scene)
     call = given_again(kept.call, {**again, "checkpoint": None})
     if t_end is not None:
-        if isinstance(call["dt"], StepControl) or call["accuracy"] is not None:
+        fixed = isinstance(call["dt"], StepControl) or call["accuracy"] is not None
+        if fixed and t_end != call["t_end"]:
             raise SceneError("resume: t_end cannot change where errors add up to it. Leave it out.")
         if longer(kept.state["state"]["t"], t_end):
             raise SceneError(
@@ -192,7 +193,7 @@ def resume(
     checkpoint = replace(left, folder=place) if checkpoint is None else checkpoint
     if scene.comm.allreduce(monitor is not None, op=MPI.LOR) and monitor is None:
         monitor = _unheard
-    return _begun(scene, call, (progress, verbose), monitor, None, checkpoint, kept)
+    return _begun(scene, call, (progress, verbose), monitor, None, checkpoint, kept, place)
 
 
 def _begun(
@@ -203,6 +204,7 @@ def _begun(
     start: Start | None,
     checkpoint: Checkpoint | None,
     kept: Kept | None = None,
+    before: Path | None = None,
 ) -> Iterator[Report]:
     """A run that was prepared, at its start or at a checkpoint. Collective."""
     dt, t_end, accuracy = call["dt"], call["t_end"], call["accuracy"]
@@ -232,12 +234,13 @@ def _begun(
         run, impact = prepare(scene, timeline, criterion, control, start, back)
         idle = None if accuracy is None else accuracy.idle
         run = replace(run, idle=idle, corrected=call["corrected"])
-        looks, writers = _looks(run), Writers()
+        left = None if checkpoint is None else checkpoint.folder
+        looks, writers = _looks(run), Writers(scene.comm, left, before)
         if kept is not None:
             remember(kept, run, (*looks, writers))
         keeper = None
         if checkpoint is not None:
-            keeper = Keeper(scene, checkpoint, {**call, "checkpoint": checkpoint}, kept)
+            keeper = Keeper(scene, checkpoint, {**call, "checkpoint": checkpoint}, kept, before)
             keeper.check(run, (*looks, writers))
         tell(scene.comm, beginning(scene, run.stepper.unknowns, t_end, perf_counter() - began))
     first = 0 if kept is None else kept.step

@@ -5,11 +5,15 @@ from __future__ import annotations
 import os
 import shutil
 import signal
+from collections import OrderedDict
 from contextlib import suppress
 from errno import ENOSPC
+from fractions import Fraction
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from pickle import UnpicklingError
+from time import sleep
 
 import h5py
 import numpy as np
@@ -88,7 +92,7 @@ FOUND_ANEW = {
     "TimeError": "_next jerk swinging",
     "Whereabouts": "_first _told",
     "Withholding": "_memory",
-    "Writers": "_joined known",
+    "Writers": "_joined _known _was",
 }
 # Made anew with a division, or from the scene.
 OF_DIVISIONS = "coupling", "effects", "flexible", "step.equations", "step.newton", "step.system"
@@ -180,7 +184,7 @@ def test_files_go_on_without_a_row_lost_or_doubled(tmp_path):
             if resume
             else rf.simulate(scene, dt, 3.2, checkpoint=rf.Checkpoint(folder, steps=25), **more)
         )
-        form = {"format": "both", "interval": 0.3, "stress": False, "resume": resume}
+        form = {"format": "both", "interval": 0.3, "stress": False}
         with suppress(rf.StepError), rf.Recorder(scene, folder, **form) as recorder:
             for report in steps:
                 recorder.write(report)
@@ -202,8 +206,9 @@ def test_files_go_on_without_a_row_lost_or_doubled(tmp_path):
     assert len(rf.read_fields(tmp_path / "cut").times) > 10
     scene = make()
     first = next(rf.simulate(scene, dt, 0.1))
-    with pytest.raises(rf.SceneError, match="resume=True goes on"):
-        rf.Recorder(scene, tmp_path / "other", resume=True).write(first)
+    other = rf.Recorder(scene, tmp_path / "other", resume=True)
+    with pytest.raises(rf.SceneError, match="resume=True goes on"), other:
+        other.write(first)
 
 
 @NO_WARNINGS
@@ -316,7 +321,7 @@ def test_what_cannot_be_kept_is_refused_at_the_start(tmp_path, monkeypatch):
         rf.simulate(make(), 0.1, 1.0, rigidify=QUIET, checkpoint=rf.Checkpoint(tmp_path))
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGUSR1])
 def test_a_signal_leaves_a_checkpoint(number, tmp_path):
     make, dt, t_end, _ = SCENES["damped"]
     run = rf.simulate(make(), dt, t_end, checkpoint=rf.Checkpoint(tmp_path))
@@ -363,3 +368,98 @@ def test_a_recorder_that_is_closed_hinders_no_checkpoint(tmp_path):
     with rf.Recorder(scene, tmp_path, stress=False) as recorder:
         recorder.write(next(steps))
     assert len(list(steps)) == 5
+
+
+def recorded(folder, scene, steps, last=10**6, **more):
+    """Have a run's reports written up to a step; how many rows there are then."""
+    with rf.Recorder(scene, folder, stress=False, **more) as recorder:
+        for report in steps:
+            recorder.write(report)
+            if report.step == last:
+                break
+    steps.close()
+    return len(rf.read_history(folder)["t"])
+
+
+def test_nothing_goes_on_with_the_run_before(tmp_path):
+    """A run that ends before its first checkpoint, in the folder of another one."""
+    make, dt, t_end, _ = SCENES["damped"]
+
+    def begun(every):
+        kept = rf.Checkpoint(tmp_path, steps=every)
+        return rf.simulate(scene, dt, t_end, checkpoint=kept, progress=False)
+
+    scene = make()
+    assert recorded(tmp_path, scene, begun(3), last=10) == 11
+    assert recorded(tmp_path, scene, begun(100), last=12) == 13
+    with pytest.raises(rf.SceneError, match="none of the run that began there last"):
+        rf.resume(tmp_path, make())
+    (tmp_path / "former-000003.rfx").rename(tmp_path / "checkpoint-000003.rfx")
+    with pytest.raises(rf.OutputError, match="rows that were there are gone"):
+        recorded(tmp_path, scene, rf.resume(tmp_path, scene))
+    assert recorded(tmp_path, scene, begun(3), last=10) == 11
+    assert not list(tmp_path.glob("former-*"))
+
+
+def test_a_folder_is_of_one_run(tmp_path):
+    make, dt, t_end, _ = SCENES["damped"]
+    run = rf.simulate(make(), dt, t_end, checkpoint=rf.Checkpoint(tmp_path, steps=2))
+    while next(run).step < 5:
+        pass
+    for other in (
+        lambda: rf.resume(tmp_path, make()),
+        lambda: rf.simulate(make(), dt, t_end, checkpoint=rf.Checkpoint(tmp_path)),
+    ):
+        with pytest.raises(rf.OutputError, match="another run has the folder"):
+            other()
+    run.close()
+    assert next(rf.resume(tmp_path, make())).step == 5
+
+
+def test_a_recorder_knows_by_itself_that_a_run_goes_on(tmp_path, monkeypatch):
+    """In a folder that was moved, named from elsewhere; elsewhere it spoils no results."""
+    make, dt, t_end, _ = SCENES["damped"]
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    scene = make()
+    left = rf.Checkpoint("out/run", steps=3)
+    recorded("out/run", scene, rf.simulate(scene, dt, t_end, checkpoint=left), last=7)
+    assert recorded("other", scene, rf.simulate(scene, dt, t_end), last=5) == 6
+    moved = tmp_path / "moved"
+    shutil.copytree("out/run", moved)
+    with pytest.raises(rf.SceneError, match="does not know 'other'"):
+        recorded("other", scene, rf.resume(moved, scene))
+    assert len(rf.read_history("other")["t"]) == 6
+    assert recorded(moved, scene, rf.resume(moved, scene)) == 21
+    assert recorded("other", scene, rf.resume("out/run", scene), resume=False) == 14
+    (moved / "fields.pvd").write_bytes(b"")
+    with pytest.raises(rf.OutputError, match="times that were there are gone"):
+        recorded(moved, scene, rf.resume(moved, scene, t_end=2 * t_end))
+
+
+@pytest.mark.parametrize(
+    ("dt", "t_end", "again"),
+    [
+        (1, Fraction(5, 2), {"dt": 1.0, "t_end": 3}),
+        ({0: 1, 1: Fraction(1, 2)}, 2.5, {"dt": {0.0: 1.0, 1.0: 0.5}}),
+        (rf.StepControl(0.1, largest=1), 2, {"dt": rf.StepControl(0.1, largest=1.0), "t_end": 2}),
+    ],
+)
+def test_numbers_of_any_kind_are_kept(dt, t_end, again, tmp_path):
+    options = OrderedDict(ksp_type="gmres")
+    kept = rf.Checkpoint(tmp_path, steps=1)
+    run = rf.simulate(bar(HELD), dt, t_end, checkpoint=kept, petsc_options=options)
+    list(islice(run, 3))
+    run.close()
+    list(rf.resume(tmp_path, bar(HELD), **again))
+
+
+def test_a_signal_is_not_lost_where_a_run_is_left(tmp_path):
+    """In the body of a loop that is then left: no step is there to end after."""
+    make, dt, t_end, _ = SCENES["damped"]
+    for report in rf.simulate(make(), dt, t_end, checkpoint=rf.Checkpoint(tmp_path)):
+        if report.step == 3:
+            os.kill(os.getpid(), signal.SIGINT)
+            break
+    with pytest.raises(KeyboardInterrupt):
+        sleep(5)

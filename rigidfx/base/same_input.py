@@ -103,14 +103,16 @@ def digest(value: Any) -> bytes:
 
 def _plain(value: Any) -> Any:
     """The comparable content of a value."""
-    if value is None or isinstance(value, (bool, float, complex, str, bytes)):
+    if value is None or isinstance(value, (bool, complex, str, bytes)):
         return value
-    if isinstance(value, int):
-        return hex(value)  # Python writes no more than 4300 decimal digits
+    if isinstance(value, (float, int)):
+        return _number(value)
     if isinstance(value, os.PathLike):
         return os.fspath(value)
     if isinstance(value, (np.ndarray, np.generic)):
         array = np.asarray(value)
+        if not array.ndim and array.dtype.kind in "iuf":
+            return _number(array.item())
         kind = str(array.dtype)
         if array.dtype.kind in "fc":  # a wide float has bytes that mean nothing
             array = array.astype(np.float64 if array.dtype.kind == "f" else np.complex128)
@@ -123,12 +125,21 @@ def _plain(value: Any) -> Any:
         own = [(f.name, _plain(getattr(value, f.name, None))) for f in fields(value)]
         return name, own, _breakpoints(value)
     if isinstance(value, Mapping):
-        return name, [(_plain(key), _plain(item)) for key, item in value.items()]
+        return "mapping", [(_plain(key), _plain(item)) for key, item in value.items()]
     if isinstance(value, Sequence):
-        return name, [_plain(item) for item in value]
+        return "sequence", [_plain(item) for item in value]
     if isinstance(value, Set):
         return name, sorted(repr(_plain(item)) for item in value)
     return name, _breakpoints(value)
+
+
+def _number(value: float) -> Any:
+    """One form of a number, whatever its kind: 1 is 1.0."""
+    try:
+        whole = isinstance(value, int) and float(value) != value
+    except OverflowError:
+        whole = True
+    return hex(int(value)) if whole else float(value)  # Python writes no more than 4300 digits
 
 
 def _breakpoints(value: Any) -> list[float]:

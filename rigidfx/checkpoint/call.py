@@ -8,6 +8,7 @@ from typing import Any
 from rigidfx.base.compat import package_version
 from rigidfx.base.errors import SceneError
 from rigidfx.base.same_input import digest
+from rigidfx.base.taken import taken
 from rigidfx.checkpoint.files import dumped, loaded
 from rigidfx.scene.mesh_order import mesh_hash, scene_hashes
 from rigidfx.scene.scene import Scene
@@ -61,7 +62,14 @@ def asked(given: Mapping[str, Any]) -> dict[str, tuple[bytes, bytes | None]]:
     Args:
         given: Arguments by name.
     """
-    return {name: (digest(value), dumped(value)) for name, value in given.items()}
+    plain = {name: _plain(value) for name, value in given.items()}
+    return {name: (digest(value), dumped(value)) for name, value in plain.items()}
+
+
+def _plain(value: Any) -> Any:
+    """A value with numbers and mappings of Python's own kinds."""
+    value = taken(value)
+    return dict(value) if isinstance(value, Mapping) else value
 
 
 def given_again(
@@ -84,7 +92,7 @@ def given_again(
                 f"resume: {name} holds a function, or a class of your own, which no file keeps. "
                 f"Give it again: resume(…, {name}=…)."
             )
-        if value is not None and digest(value) != known:
+        if value is not None and digest(_plain(value)) != known:
             raise SceneError(
                 f"resume: {name} is not what the run had. Leave it out, or give the same."
             )

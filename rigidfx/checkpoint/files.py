@@ -5,6 +5,10 @@
 A file is written beside its place, and put there once the disk has it. Only then the oldest of
 three is removed. All of it happens on rank 0. The folder is made when a run begins, and never
 again: the place of a disk that is gone is an empty folder, too.
+
+One run at a time has a folder, by a lock that ends with its process. A new run sets checkpoints of
+a former one aside, as former-000012.rfx, so that nothing goes on with these by mistake; they are
+removed when it has left one of its own.
 """
 
 from __future__ import annotations
@@ -19,10 +23,12 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
+from weakref import finalize
 
 from rigidfx.base.errors import OutputError, SceneError
+from rigidfx.base.file_lock import lock
 
-__all__ = ["FORMAT", "dumped", "loaded", "newest", "prepare", "write"]
+__all__ = ["FORMAT", "Claim", "dumped", "loaded", "newest", "write"]
 
 FORMAT = 1  # of the files
 KEPT = 2
@@ -86,18 +92,47 @@ def loaded(data: bytes) -> Any:
     return _Reader(io.BytesIO(data)).load()
 
 
-def prepare(folder: Path) -> None:
-    """Make a folder if it does not exist, and see that files can be made there; on rank 0.
+class Claim:
+    """A run has a folder to itself; on rank 0."""
 
-    Args:
-        folder: The folder.
+    def __init__(self, folder: Path, *, goes_on: bool) -> None:
+        """Make the folder if it does not exist, and see that files can be made there.
 
-    Raises:
-        OSError: If they cannot.
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryFile(dir=folder):
-        pass
+        Args:
+            folder: The folder.
+            goes_on: Whether its checkpoints are those of the run.
+
+        Raises:
+            BlockingIOError: If another run has it.
+            OSError: If they cannot.
+        """
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+        file = open(folder / "checkpoint.lock", "ab", buffering=0)  # noqa: SIM115 - it stays open
+        self._end = finalize(self, file.close)
+        try:
+            lock(file.fileno())
+            if not goes_on:
+                _set_aside(folder)
+        except OSError:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Let other runs have it."""
+        self._end()
+
+
+def _set_aside(folder: Path) -> None:
+    """Rename all checkpoints, the newest last: until then it is the one to go on from."""
+    found = sorted(_numbers(folder).items())
+    names = {folder / f"former-{number:06d}.rfx": file for number, file in found}
+    for aside, file in names.items():
+        file.replace(aside)
+    for older in folder.glob("former-*.rfx") if found else ():
+        if older not in names:
+            older.unlink(missing_ok=True)
 
 
 def write(folder: Path, head: Mapping[str, Any], kept: Any) -> Path:
@@ -132,6 +167,8 @@ def write(folder: Path, head: Mapping[str, Any], kept: Any) -> Path:
     _sync(folder)
     for number in sorted(before, reverse=True)[KEPT - 1 :]:
         before[number].unlink(missing_ok=True)
+    for older in folder.glob("former-*.rfx"):
+        older.unlink(missing_ok=True)
     return file
 
 
@@ -161,6 +198,8 @@ def newest(folder: Path) -> tuple[Mapping[str, Any], bytes, Path]:
             f"resume: cannot read the folder '{folder}' ({error.strerror or error})."
         ) from None
     what = f"only damaged ones ({', '.join(damaged)})" if damaged else "none"
+    if not damaged and any(folder.glob("former-*.rfx")):
+        what = "none of the run that began there last, only former-*.rfx of the one before"
     raise SceneError(
         f"resume: a checkpoint is expected in the folder '{folder}', and there is {what}. "
         "simulate(…, checkpoint=Checkpoint(folder)) leaves them."

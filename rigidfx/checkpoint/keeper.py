@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
@@ -19,7 +21,7 @@ from rigidfx.base.log import tell
 from rigidfx.base.remembered import PART, Forgetful, Remembered, joined, part_of, restore
 from rigidfx.checkpoint.call import asked, check_scene_of, head_of
 from rigidfx.checkpoint.checkpoint import Checkpoint
-from rigidfx.checkpoint.files import loaded, newest, prepare, write
+from rigidfx.checkpoint.files import Claim, loaded, newest, write
 from rigidfx.run import Run
 from rigidfx.scene.mesh_order import mesh_order
 from rigidfx.scene.scene import Scene
@@ -28,7 +30,7 @@ from rigidfx.switch.switch import Switch
 
 __all__ = ["Keeper", "Kept", "bring_back", "read", "remember"]
 
-SIGNALS = signal.SIGINT, signal.SIGTERM
+SIGNALS = signal.SIGINT, signal.SIGTERM, signal.SIGUSR1  # mpirun hands the last one on
 
 
 @dataclass(frozen=True)
@@ -107,7 +109,12 @@ class Keeper:
     """Leaves checkpoints; a context manager that hears signals."""
 
     def __init__(
-        self, scene: Scene, checkpoint: Checkpoint, call: Mapping[str, Any], kept: Kept | None
+        self,
+        scene: Scene,
+        checkpoint: Checkpoint,
+        call: Mapping[str, Any],
+        kept: Kept | None,
+        before: Path | None,
     ) -> None:
         """Nothing has been left. Collective.
 
@@ -115,7 +122,8 @@ class Keeper:
             scene: The problem.
             checkpoint: When and where.
             call: The call of the run.
-            kept: The checkpoint from which it goes on, if it does.
+            kept: The checkpoint from which it goes on, if it does, ...
+            before: ... and its folder.
         """
         self._comm, self._given = scene.comm, checkpoint
         self._step: int = 0 if kept is None else kept.step
@@ -124,10 +132,12 @@ class Keeper:
         self._orders = self._order.of_all_ranks()
         self._call = asked(call)
         self._began, self._heard = perf_counter(), 0
-        self._before: dict[int, Any] = {}
+        self._handlers: dict[int, Any] = {}
+        self._before = before
+        self._claim: Claim | None = None
 
     def check(self, run: Run, looks: Sequence[Any]) -> None:
-        """Refuse a run that no checkpoint keeps, or a folder that takes none. Collective.
+        """Refuse a run that no checkpoint keeps, or a folder that takes none; have it. Collective.
 
         Args:
             run: Its parts.
@@ -147,7 +157,13 @@ class Keeper:
                 "checkpoint can keep it. Leave the checkpoint out, or give that class the field."
             )
         agree(self._comm, problem)
-        self._on_disk(prepare)
+        self._on_disk(self._have)
+
+    def _have(self, folder: Path) -> None:
+        """Have the folder, on rank 0."""
+        before = self._before
+        goes_on = before is not None and folder.exists() and before.samefile(folder)
+        self._claim = Claim(folder, goes_on=goes_on)
 
     def look(self, step: int, t: float, run: Run, looks: Sequence[Any], over: bool) -> None:
         """Leave a checkpoint if one is due. Collective.
@@ -162,7 +178,7 @@ class Keeper:
         Raises:
             OutputError: On every rank, if it cannot be written; those before are there still.
             KeyboardInterrupt: On every rank, after Ctrl-C on any.
-            SystemExit: Likewise, after a SIGTERM.
+            SystemExit: Likewise, after a SIGTERM or SIGUSR1.
         """
         due, heard = self._due(step, t, over)
         if (due or heard) and step > self._step:
@@ -170,6 +186,7 @@ class Keeper:
             self._leave(step, t, run, looks)
             if last is not None:  # nothing follows, and the last report may still be asked
                 run.stepper.state.restore(last)
+        self._heard = 0 if heard else self._heard
         if heard == signal.SIGINT:
             raise KeyboardInterrupt(f"a checkpoint of step {step} is in '{self._given.folder}'")
         if heard:
@@ -205,7 +222,7 @@ class Keeper:
             try:
                 action(folder)
             except OSError as error:
-                problem = _problem(folder, error, action is not prepare)
+                problem = _problem(folder, error, self._claim is not None)
         agree(self._comm, problem, OutputError)
 
     def _gathered(self, owner: Any) -> Any:
@@ -219,23 +236,40 @@ class Keeper:
             for number in SIGNALS:
                 before = signal.getsignal(number)
                 if before in (signal.SIG_DFL, signal.default_int_handler):
-                    self._before[number] = signal.signal(number, self._hear)
+                    self._handlers[number] = signal.signal(number, self._hear)
         return self
 
     def _hear(self, number: int, frame: Any) -> None:
         """Have the run end after this step; at once if it was told before."""
         if self._heard:
+            self._heard = 0
             raise KeyboardInterrupt
         self._heard = number
+        if self._comm.rank == 0:
+            with suppress(OSError):
+                os.write(2, b"\nrigidfx: the run ends after this step; once more ends it at once\n")
 
     def __exit__(self, *of_error: object) -> None:
-        """Hear them no more."""
-        for number, handler in self._before.items():
+        """Hear them no more, and let other runs have the folder.
+
+        A signal that was heard since the last look has ended nothing. It is sent again, a little
+        later: while a generator is closed Python ignores all exceptions.
+        """
+        for number, handler in self._handlers.items():
             signal.signal(number, handler)
+        if self._claim is not None:
+            self._claim.close()
+        if self._heard:
+            threading.Timer(0.5, os.kill, (os.getpid(), self._heard)).start()
 
 
 def _problem(folder: Path, error: OSError, begun: bool) -> str:
     """The message where a checkpoint cannot be written."""
+    if isinstance(error, BlockingIOError):
+        return (
+            f"Checkpoint: another run has the folder '{folder}', in this process or in another. "
+            "Wait for its end, or close it, or name another folder."
+        )
     if begun and isinstance(error, FileNotFoundError) and not folder.exists():
         return (
             f"Checkpoint: the folder '{folder}' is gone since the run began, with its checkpoints. "

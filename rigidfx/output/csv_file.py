@@ -10,46 +10,71 @@ ends.
 from __future__ import annotations
 
 import csv
-import fcntl
 import io
 import os
+import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from errno import EIO, ENOENT, ENOSPC
 from pathlib import Path
 from typing import Any
 
+from rigidfx.base.file_lock import lock
+
 __all__ = ["CsvFile"]
 
 
 class CsvFile:
-    """A CSV file that takes the place of a former one, or goes on; used on rank 0 only."""
+    """A CSV file that takes the place of a former one, or goes on; used on rank 0 only.
 
-    def __init__(self, path: Path, columns: Sequence[str], end: int = 0) -> None:
-        """Lock the file, empty it and write its header; or cut it off at an end.
+    Attributes:
+        former: Whether it has rows of a former run.
+    """
+
+    def __init__(self, path: Path, columns: Sequence[str]) -> None:
+        """Lock the file; one without rows gets its header.
 
         Args:
             path: The file.
             columns: Names of the columns.
-            end: Length up to which its rows stay [bytes]; 0 for none.
 
         Raises:
             BlockingIOError: If it is open here already, or in another process.
-            OSError: If it cannot be written, or has not so many bytes.
+            OSError: If it cannot be written.
         """
-        self._columns, self._path, self._end = columns, path, 0
-        self._file = open(path, "ab", buffering=0)  # noqa: SIM115 - it stays open
+        self._columns, self._path, self._end, self._sum = columns, path, 0, 0
+        self._file = open(path, "a+b", buffering=0)  # noqa: SIM115 - it stays open
         try:
-            _lock(self._file.fileno())
-            if end > os.fstat(self._file.fileno()).st_size:
-                raise OSError(EIO, "rows that were there are gone", str(path))
-            self._file.truncate(end)
-            self._end = end
-            self._named = bool(os.fstat(self._file.fileno()).st_nlink)  # some systems count none
-            if not end:
-                self._append(dict(zip(columns, columns, strict=True)))
+            lock(self._file.fileno())
+            status = os.fstat(self._file.fileno())
+            self._named = bool(status.st_nlink)  # some systems count none
+            self.former = status.st_size > len(self._text(dict(zip(columns, columns, strict=True))))
+            if not self.former:
+                self.begin(None)
         except OSError:
             self._file.close()
             raise
+
+    def begin(self, kept: tuple[int, int] | None) -> None:
+        """Empty the file but for its header, or cut it off where it ended.
+
+        Args:
+            kept: Of `kept`, if rows stay.
+
+        Raises:
+            OSError: If it cannot be written, or has other rows.
+        """
+        end, known = kept or (0, 0)
+        header = dict(zip(self._columns, self._columns, strict=True))
+        self._file.seek(0)
+        there = self._file.read(end)
+        if zlib.crc32(there) != known:
+            raise OSError(EIO, "rows that were there are gone", str(self._path))
+        if end and not there.startswith(self._text(header)):
+            raise OSError(EIO, "other columns than the recorder's options make", str(self._path))
+        self._file.truncate(end)
+        self._end, self._sum = end, known
+        if not end:
+            self._append(header)
 
     def add(self, rows: Iterable[Mapping[str, Any]]) -> None:
         """Add rows.
@@ -67,21 +92,24 @@ class CsvFile:
     def _append(self, *rows: Mapping[str, Any]) -> None:
         if not rows:
             return
-        text = io.StringIO(newline="")
-        csv.DictWriter(text, self._columns).writerows(rows)
-        data = text.getvalue().encode()
+        data = self._text(*rows)
         try:
             if self._file.write(data) < len(data):
                 raise OSError(ENOSPC, "No space left on device", str(self._path))
         except OSError as error:
             self._file.truncate(self._end)
             raise OSError(error.errno, error.strerror, str(self._path)) from error
-        self._end += len(data)
+        self._end, self._sum = self._end + len(data), zlib.crc32(data, self._sum)
 
-    def kept(self) -> int:
-        """Its length, once the disk has it [bytes]."""
+    def _text(self, *rows: Mapping[str, Any]) -> bytes:
+        text = io.StringIO(newline="")
+        csv.DictWriter(text, self._columns).writerows(rows)
+        return text.getvalue().encode()
+
+    def kept(self) -> tuple[int, int]:
+        """Its length [bytes] and a sum over its content, once the disk has it."""
         os.fsync(self._file.fileno())
-        return self._end
+        return self._end, self._sum
 
     def close(self) -> None:
         """Close the file, which ends its lock.
@@ -90,12 +118,3 @@ class CsvFile:
             OSError: If the file system has not been able to keep all data.
         """
         self._file.close()
-
-
-def _lock(file: int) -> None:
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        raise
-    except OSError:  # a file system without locks: better no lock than no run
-        pass

@@ -14,7 +14,7 @@ import os
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from errno import ENOSPC
+from errno import EIO, ENOSPC
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
@@ -138,7 +138,7 @@ class Series:
             kept: Of `kept`, what stays of a former series.
 
         Raises:
-            OSError: If something is in the way.
+            OSError: If something is in the way, or times are gone that stay.
         """
         self.path = path
         self._files = path.with_suffix("")
@@ -152,6 +152,8 @@ class Series:
         self._size = len(body.points), len(body.cells)
         self._files.mkdir(exist_ok=True)
         if self._count:
+            if path.stat().st_size < self._end:
+                raise OSError(EIO, "times that were there are gone", str(path))
             os.truncate(path, self._end)
             with path.open("ab") as file:
                 file.write(END)

@@ -20,6 +20,7 @@ that was written. While it goes on no other recorder gets the folder.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from math import floor
@@ -39,8 +40,7 @@ from rigidfx.output.fields import Fields
 from rigidfx.output.history import Written, history_columns, history_row
 from rigidfx.output.paraview import Body, Cloud
 from rigidfx.output.point_fields import PointFields
-from rigidfx.output.run_files import KINDS, RunFiles
-from rigidfx.output.vtkhdf import hdf
+from rigidfx.output.run_files import RunFiles, kinds_of
 from rigidfx.report.current import check_report, check_scene
 from rigidfx.report.peaks import Peaks
 from rigidfx.report.report import Report
@@ -52,7 +52,9 @@ __all__ = ["Recorder"]
 class Recorder:
     """Writes the reports of a run into a folder; a context manager.
 
-    Only rank 0 writes. Files of a former run under the same names are replaced.
+    Only rank 0 writes. With the first report, files of a former run under the same names are
+    replaced; where the run goes on from a checkpoint (`resume`), the files that it had written go
+    on from where they ended there, without rows written later.
 
     Example:
         >>> with Recorder(scene, "out/frame", interval=0.1) as recorder:   # doctest: +SKIP
@@ -74,9 +76,9 @@ class Recorder:
         integration_points: bool = False,
         format: Literal["pvd", "vtkhdf", "both"] = "pvd",
         peaks: Sequence[str] = (),
-        resume: bool = False,
+        resume: bool | None = None,
     ) -> None:
-        """Make the folder and open history.csv. Collective.
+        """Make the folder and lock history.csv. Collective.
 
         Args:
             scene: The problem that is run.
@@ -92,8 +94,8 @@ class Recorder:
             format: Which files have the fields: "pvd", a .vtu for each time; "vtkhdf", one file for
                 all times, of less than half the size, which ParaView 5.12 and h5py can read; or
                 "both".
-            resume: Whether files of the folder go on with the run of `resume`, from where they
-                ended at its checkpoint: rows written later are cut off.
+            resume: Whether files go on, if they are not to do so where the run does: True refuses a
+                run that goes on from no checkpoint, False begins anew in any case.
             peaks: Names of sets of facets, cells, edges or vertices: history.csv tells the largest
                 von Mises stress over each, and where it is, at the cost of the cells there.
 
@@ -110,9 +112,9 @@ class Recorder:
         check_same(scene.comm, "Recorder", given)
         for name in ("stress", "integration_points", "resume"):
             value = given[name]
-            if not isinstance(value, (bool, np.bool_)):
+            if not (isinstance(value, (bool, np.bool_)) or (name == "resume" and value is None)):
                 raise SceneError(f"Recorder: {name} must be True or False, got {shown(value)}.")
-        self._kinds = _kinds_of(format)
+        self._kinds = kinds_of(format)
         over = tuple(dict.fromkeys(names("Recorder", "peaks", peaks, "sets of the mesh")))
         if over and not stress:
             raise SceneError("Recorder: peaks are of stresses, which stress=False leaves out.")
@@ -132,14 +134,13 @@ class Recorder:
         self._peaks = Peaks(scene, over, "Recorder") if over else None
         self._last: Report | None = None
         self._before: Written | None = None
-        self._fields_at, self._closed, self._waits = -1, False, bool(resume)
+        self._fields_at, self._closed = -1, False
+        self._begun, self._resume = False, resume
         self._files: RunFiles  # on rank 0
-        if not resume:
-            self._open({})
+        self._open(over)
 
-    def _open(self, ends: Mapping[str, Any]) -> None:
-        """Open the files, those that go on where they ended. Collective."""
-        over = () if self._peaks is None else self._peaks.names
+    def _open(self, over: tuple[str, ...]) -> None:
+        """Open the files; none changes yet. Collective."""
         named = self._contacts, self._stress, self._joints, over
         columns = history_columns(self._supports, list(self._scene.probes), *named)
         bodies: dict[str, Body | Cloud] = {"fields": self._fields.body}
@@ -147,14 +148,16 @@ class Recorder:
             bodies["points"] = self._cloud.body
 
         def opened() -> None:
-            self._files = RunFiles(self.folder, self._kinds, columns, bodies, ends)
+            self._files = RunFiles(self.folder, self._kinds, columns, bodies)
 
         self._on_first_rank(opened)
+        own = os.path.realpath(self.folder), self._comm.rank == 0 and self._files.former
+        self._place, self._former = self._comm.bcast(own)
 
     @property
     def name(self) -> str:
         """The folder, for checkpoints."""
-        return str(self.folder)
+        return self._place
 
     def ends(self) -> Mapping[str, Any] | None:
         """Where files end, and their memory, for checkpoints; on rank 0, else None."""
@@ -163,23 +166,32 @@ class Recorder:
         own = {"next": self._next, "fields_at": self._fields_at, "before": self._before}
         return self._files.ends() | own
 
-    def _go_on(self, report: Report) -> None:
-        """Open files where they ended at the checkpoint. Collective.
+    def _begin(self, report: Report) -> None:
+        """Begin the files, or go on where they ended at the checkpoint. Collective.
 
         Raises:
-            SceneError: If the run goes on from no checkpoint, or wrote none of these files.
+            SceneError: If they are to go on and the checkpoint does not know them.
         """
-        ends = report._writers.known.get(self.name)
-        if ends is None:
+        writers = report._writers
+        ends = None if self._resume is False else writers.known(self.name)
+        if ends is None and self._resume:
             raise SceneError(
                 f"Recorder: resume=True goes on with the files of a run of `resume` that a "
                 f"recorder of '{self.folder}' had written before the checkpoint. Leave resume out, "
                 "or name that folder."
             )
-        self._next, self._fields_at, self._before = (
-            ends[name] for name in ("next", "fields_at", "before")
-        )
-        self._open(ends)
+        if ends is None and self._resume is None and writers.goes_on and self._former:
+            raise SceneError(
+                f"Recorder: the run goes on from a checkpoint that does not know '{self.folder}', "
+                "where there are results. Name the folder that the run had, or a new one; "
+                "resume=False replaces these results."
+            )
+        if ends is not None:
+            self._next, self._fields_at, self._before = (
+                ends[name] for name in ("next", "fields_at", "before")
+            )
+        self._on_first_rank(lambda: self._files.begin(ends or {}))
+        self._begun = True
 
     @property
     def history(self) -> Path:
@@ -213,9 +225,8 @@ class Recorder:
                 more, or earlier than the last row.
         """
         self._check(report)
-        if self._waits:
-            self._go_on(report)
-            self._waits = False
+        if not self._begun:
+            self._begin(report)
         report._writers.join(self)
         self._last, before = report, self._before
         self._before = Written(report.step, report.t, dict(report.velocities))
@@ -331,18 +342,3 @@ class Recorder:
             f"({error.strerror or error}: '{error.filename or self.history}'). Name a folder that "
             "you may write to and where no file is in the way, and check the space left there."
         )
-
-
-def _kinds_of(format: str) -> tuple[str, ...]:
-    """The kinds of files that a recorder writes.
-
-    Raises:
-        SceneError: If there is none of that name, or no h5py for it.
-    """
-    every = {kind: (kind,) for kind in KINDS} | {"both": tuple(KINDS)}
-    if not isinstance(format, str) or format not in every:
-        choice = ", ".join(f"'{kind}'" for kind in every)
-        raise SceneError(f"Recorder: format must be one of {choice}, got {shown(format)}.")
-    if "vtkhdf" in every[format]:
-        hdf("Recorder")
-    return every[format]

@@ -1,4 +1,4 @@
-"""The files of a run in their folder, opened anew or where they ended at a checkpoint."""
+"""The files of a run in their folder, which begin anew or where they ended at a checkpoint."""
 
 from __future__ import annotations
 
@@ -7,27 +7,24 @@ from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any
 
+from rigidfx.base.errors import SceneError
+from rigidfx.base.inputs import shown
 from rigidfx.base.log import hearing
 from rigidfx.output.body_tables import BODY_COLUMNS, EVENT_COLUMNS
 from rigidfx.output.csv_file import CsvFile
-from rigidfx.output.log_file import log_file
+from rigidfx.output.log_file import LogFile
 from rigidfx.output.paraview import Body, Cloud, Series
 from rigidfx.output.paraview_script import write as write_view
-from rigidfx.output.vtkhdf import HdfSeries
+from rigidfx.output.vtkhdf import HdfSeries, hdf
 
-__all__ = ["KINDS", "RunFiles"]
+__all__ = ["RunFiles", "kinds_of"]
 
 KINDS: dict[str, type[Series] | type[HdfSeries]] = {"pvd": Series, "vtkhdf": HdfSeries}
 LATER = {"events": EVENT_COLUMNS, "bodies": BODY_COLUMNS}  # tables that begin with their first row
 
 
 class RunFiles:
-    """Tables, fields and log of a run; used on rank 0 only.
-
-    Attributes:
-        fields: Files of fields at nodes and cells ...
-        points: ... and at integration points.
-    """
+    """Tables, fields and log of a run; used on rank 0 only."""
 
     def __init__(
         self,
@@ -35,37 +32,68 @@ class RunFiles:
         kinds: Sequence[str],
         columns: Sequence[str],
         bodies: Mapping[str, Body | Cloud],
-        ends: Mapping[str, Any],
     ) -> None:
-        """Open them.
+        """Lock the folder, and hear messages; files of a former run are as they were.
 
         Args:
             folder: The folder, which is made if it does not exist.
             kinds: Of files of fields.
             columns: Of history.csv.
             bodies: Meshes of files of fields by name.
-            ends: Of `ends`, where they go on; empty if they begin.
 
         Raises:
             OSError: If one cannot be written.
         """
         folder.mkdir(parents=True, exist_ok=True)
-        self._folder, self._kinds, self._ends = folder, kinds, ends
+        self._folder, self._kinds, self._bodies = folder, kinds, bodies
+        self._ends: Mapping[str, Any] = {}
         self._tables: dict[str, CsvFile] = {}
+        self._fields: dict[str, list[Series | HdfSeries]] = {}
         self._ended: dict[str, Any] | None = None
         with ExitStack() as self._open:
             self.rows("history", columns)
-            self._open.enter_context(hearing(log_file(folder / "log.txt", anew=not ends)))
-            for name in LATER:
-                if name in ends:
-                    self.rows(name)
-                else:
-                    (folder / f"{name}.csv").unlink(missing_ok=True)
-            made = {name: self._made(name, body) for name, body in bodies.items()}
+            self._log = LogFile(folder / "log.txt")
+            self._open.enter_context(hearing(self._log))
+            for name in bodies if "pvd" in kinds else ():
+                (folder / name).mkdir(exist_ok=True)
             write_view(folder)
             self._open = self._open.pop_all()
-        self._fields = made
-        self.fields, self.points = made["fields"], made.get("points", [])
+
+    @property
+    def former(self) -> bool:
+        """Whether there are rows of a former run."""
+        return self._tables["history"].former
+
+    @property
+    def fields(self) -> Sequence[Series | HdfSeries]:
+        """Files of fields at nodes and cells; none before they begin."""
+        return self._fields.get("fields", ())
+
+    @property
+    def points(self) -> Sequence[Series | HdfSeries]:
+        """Files of fields at integration points, likewise."""
+        return self._fields.get("points", ())
+
+    def begin(self, ends: Mapping[str, Any]) -> None:
+        """Begin in the place of files of a former run, or go on.
+
+        Args:
+            ends: Of `ends`, where they go on; empty if they begin.
+
+        Raises:
+            OSError: If one cannot be written, or is not as it was.
+        """
+        self._ends = ends
+        self.rows("history").begin(ends.get("history"))
+        if not ends:
+            self._log.begin()
+        for name in LATER:
+            if name in ends:
+                self.rows(name).begin(ends[name])
+            else:
+                (self._folder / f"{name}.csv").unlink(missing_ok=True)
+        for name, body in self._bodies.items():
+            self._fields[name] = self._made(name, body)
 
     def _made(self, name: str, body: Body | Cloud) -> list[Series | HdfSeries]:
         known = self._ends.get(name, {})
@@ -90,8 +118,7 @@ class RunFiles:
         """
         if name not in self._tables:
             path, own = self._folder / f"{name}.csv", LATER.get(name, columns)
-            table = CsvFile(path, [*own], self._ends.get(name, 0))
-            self._tables[name] = self._open.enter_context(closing(table))
+            self._tables[name] = self._open.enter_context(closing(CsvFile(path, [*own])))
         return self._tables[name]
 
     def ends(self) -> dict[str, Any]:
@@ -114,3 +141,21 @@ class RunFiles:
         finally:
             self._ended = self._ended or {}
             self._open.close()
+
+
+def kinds_of(format: str) -> tuple[str, ...]:
+    """The kinds of files that a recorder writes.
+
+    Args:
+        format: As a user names them.
+
+    Raises:
+        SceneError: If there is none of that name, or no h5py for it.
+    """
+    every = {kind: (kind,) for kind in KINDS} | {"both": tuple(KINDS)}
+    if not isinstance(format, str) or format not in every:
+        choice = ", ".join(f"'{kind}'" for kind in every)
+        raise SceneError(f"Recorder: format must be one of {choice}, got {shown(format)}.")
+    if "vtkhdf" in every[format]:
+        hdf("Recorder")
+    return every[format]

@@ -103,7 +103,7 @@ class Shapes:
 
     def _go_on(self, report: Report) -> None:
         """Join the run, with what its checkpoint keeps of these shapes."""
-        known = report._writers.known.get(self.name)
+        known = report._writers.known(self.name)
         if known is not None:
             self._times, self._shapes = list(known["times"]), list(known["shapes"])
         report._writers.join(self)

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, ClassVar, Protocol
+
+from mpi4py import MPI
 
 from rigidfx.base.remembered import Remembered, same
 
@@ -15,7 +19,7 @@ class Writer(Protocol):
 
     @property
     def name(self) -> str:
-        """The folder."""
+        """The folder, from the root on; or another name."""
         ...
 
     def ends(self) -> Mapping[str, Any] | None:
@@ -27,26 +31,62 @@ class Writers:
     """The writers of a run; each joins as it writes its first report.
 
     Attributes:
-        known: Where files ended at the checkpoint from which the run goes on, by folder.
+        goes_on: Whether the run goes on from a checkpoint.
     """
 
-    remembered: ClassVar[Remembered] = same("ends")
+    remembered: ClassVar[Remembered] = same("ends", "_folder")
 
-    def __init__(self) -> None:
-        """There are none."""
+    def __init__(
+        self,
+        comm: MPI.Intracomm = MPI.COMM_SELF,
+        folder: str | Path | None = None,
+        before: str | Path | None = None,
+    ) -> None:
+        """There are none. Collective.
+
+        Args:
+            comm: Communicator of the run.
+            folder: Of the run's checkpoints, if it leaves some.
+            before: Of the checkpoint from which it goes on, if it does.
+        """
         self._joined: list[Writer] = []
-        self.known: Mapping[str, Any] = {}
+        self._known: Mapping[str, Any] = {}
+        self.goes_on = before is not None
+        own = [None if place is None else os.path.realpath(place) for place in (folder, before)]
+        self._own, self._before = comm.bcast(own)
+        self._was: str | None = None
 
     def join(self, writer: Writer) -> None:
         """Have a writer among them."""
         if writer not in self._joined:
             self._joined.append(writer)
 
+    def known(self, name: str) -> Any:
+        """Where files of a writer ended at the checkpoint; None if it knows none.
+
+        They may have moved together with the checkpoint.
+
+        Args:
+            name: Of the writer.
+        """
+        if name not in self._known and self._was is not None and os.path.isabs(name):
+            name = os.path.normpath(os.path.join(self._was, os.path.relpath(name, self._before)))
+        return self._known.get(name)
+
     @property
     def ends(self) -> Mapping[str, Any]:
-        """Where files end now, by folder; on rank 0. To set it is to go on from there."""
+        """Where files end now, by name; on rank 0. To set it is to go on from there."""
         return {writer.name: writer.ends() for writer in self._joined}
 
     @ends.setter
     def ends(self, known: Mapping[str, Any]) -> None:
-        self.known = known
+        self._known = known
+
+    @property
+    def _folder(self) -> str | None:
+        """The folder of checkpoints; that of before once it is set."""
+        return self._own
+
+    @_folder.setter
+    def _folder(self, was: str | None) -> None:
+        self._was = was

@@ -83,7 +83,7 @@ def go_on(case: str, folder: Path, part: float) -> None:
         call["t_end"] *= part
         steps = rf.simulate(scene, checkpoint=rf.Checkpoint(folder, steps=EVERY), **call)
     began = 0.0
-    with rf.Recorder(scene, folder, every=100, stress=False, resume=again) as recorder:
+    with rf.Recorder(scene, folder, every=100, stress=False) as recorder:
         for report in steps:
             recorder.write(report)
             began = began or perf_counter()
