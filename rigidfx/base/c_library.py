@@ -10,6 +10,7 @@ import hashlib
 import importlib.util
 import os
 import sys
+import sysconfig
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -63,7 +64,8 @@ def c_library(
 
 
 def _found(folder: Path, name: str) -> Path | None:
-    return next(iter(folder.glob(f"{name}.*.so")), None)
+    path = folder / f"{name}{sysconfig.get_config_var('EXT_SUFFIX')}"  # ffi.compile's
+    return path if path.exists() else None
 
 
 def _compiled(

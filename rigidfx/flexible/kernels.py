@@ -82,12 +82,18 @@ def jit_options() -> dict[str, Any]:
 def _flags_given() -> list[str]:
     given = os.environ.get(FLAGS, "")
     try:
-        return shlex.split(given)
+        return [*_split(given)]
     except ValueError as error:
         raise SceneError(
             f"The environment variable {FLAGS} must hold the C compiler's flags as in a shell, "
             f"such as '-O2 -g0', got {shown(given)}: {error}."
         ) from None
+
+
+@cache
+def _split(text: str) -> tuple[str, ...]:
+    """Words as a shell finds them."""
+    return tuple(shlex.split(text))
 
 
 class Kernel:

@@ -95,6 +95,9 @@ class Secants:
         sizes = np.sqrt(products.diagonal())
         if not (np.isfinite(sizes).all() and sizes.all()):
             return np.zeros(self.known)  # what overflows is no step
-        inverse = np.linalg.pinv(products / np.outer(sizes, sizes), INDEPENDENT, hermitian=True)
-        out: Array = inverse @ (self._sums(given) / sizes) / sizes
+        # As numpy's pinv, of whose time this takes a quarter: an eighth of small models' steps.
+        squares, parts = np.linalg.eigh(products / np.outer(sizes, sizes))
+        differ = squares > INDEPENDENT * squares[-1]
+        parts = parts[:, differ]
+        out: Array = parts @ ((self._sums(given) / sizes) @ parts / squares[differ]) / sizes
         return out
