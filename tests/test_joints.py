@@ -186,7 +186,12 @@ def test_a_given_speed_turns_a_hinge_many_times():
 def test_a_motor_that_starts_with_a_jolt_is_told():
     """At full speed from rest it throws the bar to and fro."""
     with pytest.warns(rf.RigidfxWarning, match="Motor of 'joint' acts with a jolt before t"):
-        list(rf.simulate(bar(HINGE, rf.Motor("joint", speed=5.0)), 0.01, 0.05))
+        list(rf.simulate(bar(HINGE, rf.Motor("joint", angle=lambda t: 5.0 * t)), 0.01, 0.05))
+    with pytest.warns(rf.RigidfxWarning, match="Motor of 'joint'' acts with a jolt: an impact b"):
+        reports = list(rf.simulate(bar(HINGE, rf.Motor("joint", speed=5.0)), 0.01, 0.05))
+    assert reports[0].impact.energy == pytest.approx(0.5 * ABOUT_END * 25)
+    effort = reports[-1].joints["joint"].efforts["Motor of 'joint'"]
+    assert abs(effort) <= 1e-3 * 2 * ABOUT_END * 5.0 / 0.01  # of second order in Δt
 
 
 def test_a_given_angle_is_followed_under_gravity():
@@ -204,6 +209,29 @@ def test_a_lock_ends_with_its_window():
     assert np.abs(angles[:30]).max() <= 1e-12
     assert reports[20].joints["joint"].efforts["Motor of 'joint'"] == pytest.approx(49.05)
     assert angles[-1] == pytest.approx(-0.5 * 49.05 / ABOUT_END * 0.2**2, rel=0.02)
+
+
+@NO_WARNINGS
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+def test_a_lock_in_motion_takes_what_is_told(mass):
+    """Momenta stay, the effort is smooth; parts become rigid and flexible while it acts."""
+    title = "Revolute MeanFace 'a' - MeanFace 'b'"
+    scene = bars(rf.Motor(title, speed=0.0, since=0.1, until=0.3), mass=mass)
+    release = rf.Release(at=(0.2,))
+    criterion = rf.StrainRate(1e9, 0.15, patience=1, wake="none", release=release)
+    reports = list(rf.simulate(scene, 0.01, 0.35, rigidify=criterion))
+    taken = np.cumsum([r.impact.energy if r.impact else 0.0 for r in reports])
+    assert -0.1 * reports[0].energy < taken[-1] < -1e-4 * reports[0].energy
+    energies = np.array([r.energy for r in reports])
+    assert np.abs(energies - energies[0] - taken).max() <= 1e-12 * energies[0]
+    J, size = np.array([r.angular_momentum for r in reports]), reports[0].momentum_scale
+    assert np.abs(J - J[0]).max() <= 1e-12 * size
+    told = [r.joints[title] for r in reports[1:]]
+    assert np.ptp([joint.angle for joint in told[10:30]]) <= 1e-12
+    efforts = np.array([joint.efforts[f"Motor of '{title}'"] for joint in told[10:30]])
+    assert (efforts[:5] < -5).all()  # not thrown to and fro
+    assert efforts[5:9] == pytest.approx(efforts[5], rel=0.01)  # of one rigid body
+    assert abs(told[-1].angle - told[29].angle) > 0.01
 
 
 def test_a_spring_about_a_hinge_swings_and_its_damper_takes():

@@ -6,6 +6,7 @@ the mass differ from them by impulses Λ of the joints,
     y - M⁻¹ E Dᵀ Λ,    (D Eᵀ M⁻¹ E Dᵀ) Λ = D Eᵀ y,
 
 with the ports Eᵀ of `rigidfx.coupling.ports`. Rows that others imply are no harm: Λ is the least.
+Motors that prescribe a speed, locks among them, have a row each with that speed on the right.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
+from rigidfx.base.errors import together
 from rigidfx.coupling.ports import Ports
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects.joints.linkage import Linkage
@@ -29,7 +31,11 @@ class Closing:
     """Corrects velocities for the joints, at fixed places."""
 
     def __init__(
-        self, linkage: Linkage, prolongation: Prolongation, solve: Callable[[Array], Array]
+        self,
+        linkage: Linkage,
+        prolongation: Prolongation,
+        solve: Callable[[Array], Array],
+        t: float,
     ) -> None:
         """Find the effects of unit impulses. Collective.
 
@@ -37,15 +43,21 @@ class Closing:
             linkage: The joints, at the places in question.
             prolongation: Map between unknowns and dofs there.
             solve: M⁻¹ of momenta of this rank's unknowns.
+            t: Time that motors have their speeds of [s].
+
+        Raises:
+            SceneError: On every rank, if the function of a motor cannot be used.
         """
         self._linkage, self._comm = linkage, prolongation.comm
         ports = Ports(prolongation, linkage)
         self._E = ports.entries
-        self._D = linkage.gradient(0.0) @ ports.lead(prolongation.increments.L)
+        self._D = linkage.test() @ ports.lead(prolongation.increments.L)
         columns = (solve(self._E[:, [k]].toarray()[:, 0]) for k in range(ports.count))
         Y = np.stack(list(columns), axis=1)
         self._by_impulses = Y @ self._D.T.toarray()
         resisted = self._D @ self._sum(self._E.T @ Y) @ self._D.T
+        speeds = together(prolongation.comm, "A motor", lambda: linkage.drives.speeds(t))
+        self._wanted = np.r_[np.zeros(resisted.shape[0] - speeds.size), speeds]
         self._inverse = np.linalg.pinv(resisted, hermitian=True)
 
     def _sum(self, values: Array) -> Array:
@@ -53,12 +65,15 @@ class Closing:
         self._comm.Allreduce(MPI.IN_PLACE, values)
         return values
 
-    def correction(self, y: Array, fixed: Array) -> Array:
+    def correction(self, y: Array, fixed: Array, driven: bool) -> Array:
         """Addition to velocities of this rank's unknowns [m/s]. Collective.
 
         Args:
             y: These velocities.
             fixed: Velocities of nodes that supports give, zero elsewhere, one per row [m/s].
+            driven: Whether motors have their speeds; they rest otherwise.
         """
         rates = self._D @ self._sum(self._E.T @ y) + self._linkage.rates(fixed)
+        if driven:
+            rates -= self._wanted
         return np.asarray(-self._by_impulses @ (self._inverse @ rates))

@@ -30,6 +30,7 @@ from mpi4py import MPI
 
 from rigidfx.coupling.dof_layout import nodes_of
 from rigidfx.decide.decision import PlannedBody
+from rigidfx.effects import Motor
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body, Frozen
@@ -52,7 +53,11 @@ ROUNDING = 1e-13  # of the energy: what is too little to find the scale of a fie
 
 
 class ConsistentExchange:
-    """The exchange with a consistent mass, or with joints."""
+    """The exchange with a consistent mass, or with joints.
+
+    Attributes:
+        motors: Motors that act and prescribe a speed, which velocities after a switch have.
+    """
 
     def __init__(self, scene: Scene, forces: InternalForces) -> None:
         """Take the problem over.
@@ -62,18 +67,22 @@ class ConsistentExchange:
             forces: Internal forces.
         """
         self._scene, self._forces = scene, forces
+        self.motors: tuple[Motor, ...] = ()
+
+    def _fields(self, state: State, prescribed: Bools, present: Present) -> RigidFields:
+        return RigidFields(self._scene, state, prescribed, present.mass, self.motors)
 
     def release(self, state: State, numbers: Set[int], prescribed: Bools) -> float:
         """See `rigidfx.switch.exchange.Exchange`."""
         if not numbers:
             return 0.0
         present = self._present(state)
-        before = RigidFields(self._scene, state, prescribed, present.mass)
+        before = self._fields(state, prescribed, present)
         of_given = before.given_momenta(present.bodies)
         row = {body.number: k for k, body in enumerate(state.bodies.of.records)}
         gone = state.take_out(numbers)
         faces = with_faces(self._scene, self._forces, state)
-        after = RigidFields(self._scene, state, prescribed, present.mass)
+        after = self._fields(state, prescribed, present)
         # Bodies before and after: those that stay, and rigid faces that are bodies again.
         records = enumerate(state.bodies.of.records)
         pairs = [(k, row[body.number]) for k, body in records if body.number in row]
@@ -90,10 +99,10 @@ class ConsistentExchange:
             frozen = body.data.frozen
             kept[frozen.nodes] += frozen.velocities @ body.motion.R.T
         at_rest = np.zeros(int(np.count_nonzero(prescribed)))
-        possible = after.project(after.momenta(kept.reshape(-1)), none, at_rest)
+        possible = after.project(after.momenta(kept.reshape(-1)), none, at_rest, False)
         own = np.zeros_like(of_given)
         own[was] = after.given_momenta(possible.bodies)[now]
-        rigid = before.project(before.momenta(possible.nodal), own, at_rest)
+        rigid = before.project(before.momenta(possible.nodal), own, at_rest, False)
         rigid_bodies[now] = rigid.bodies[was]
         mode = possible.plus(-1.0, Field(rigid.nodal, rigid_bodies))
         work = self._work(present, prescribed, after.momenta(merged.nodal) - present.momenta)
@@ -136,7 +145,7 @@ class ConsistentExchange:
         state.group(Bodies.of_each(first))
         if given:
             present = self._present(state)
-            fields = RigidFields(self._scene, state, prescribed, present.mass)
+            fields = self._fields(state, prescribed, present)
             of_given = fields.given_momenta(present.bodies)
             _take(state, fields.project(present.momenta, of_given, present.nodal[prescribed]))
             fields.destroy()
@@ -181,7 +190,7 @@ class ConsistentExchange:
         of_given = np.einsum("kij,kj->ki", state.bodies.given_mass_blocks, state.bodies.six)
         others = list(state.bodies)
         state.group(Bodies.of_each([*others, body]))
-        fields = RigidFields(self._scene, state, prescribed, present.mass)
+        fields = self._fields(state, prescribed, present)
         new = fields.project(
             present.momenta, np.vstack([of_given, np.zeros(6)]), present.nodal[prescribed]
         )
@@ -216,7 +225,7 @@ class ConsistentExchange:
             rounding [J].
         """
         present = self._present(state)
-        fields = RigidFields(self._scene, state, prescribed, present.mass)
+        fields = self._fields(state, prescribed, present)
         own = fields.given_momenta(present.bodies)
         new = fields.project(present.momenta, own, present.nodal[prescribed])
         gained = 0.5 * fields.product(new, new) - present.energy

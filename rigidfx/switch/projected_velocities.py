@@ -14,7 +14,7 @@ from petsc4py import PETSc
 
 from rigidfx.coupling.dof_layout import DofLayout, rigid_fields
 from rigidfx.coupling.prolongation import Prolongation
-from rigidfx.effects import Joint
+from rigidfx.effects import Joint, Motor
 from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
@@ -50,7 +50,14 @@ class RigidFields:
     Bodies whose mass is given, and is not that of their cells, count by their own 6×6 matrix.
     """
 
-    def __init__(self, scene: Scene, state: State, prescribed: Bools, mass: PETSc.Mat) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        state: State,
+        prescribed: Bools,
+        mass: PETSc.Mat,
+        motors: Sequence[Motor] = (),
+    ) -> None:
         """Make P and the reduced mass matrix. Collective.
 
         Args:
@@ -58,6 +65,7 @@ class RigidFields:
             state: Its rigid bodies are in their present pose, displacements outside of them known.
             prescribed: For each owned dof, whether a support prescribes it.
             mass: M of all cells but those in bodies whose mass is given.
+            motors: Motors that act and prescribe a speed.
         """
         self._mass, bodies = mass, state.bodies
         layout = rigid_fields(scene, bodies.of, prescribed)
@@ -71,14 +79,19 @@ class RigidFields:
         self._full = mass.createVecRight()
         self._image = mass.createVecLeft()
         joints = scene.named(Joint)
-        self._closing = self._closing_of(scene, state, layout, joints) if joints else None
+        self._closing = self._closing_of(scene, state, layout, joints, motors) if joints else None
 
     def _closing_of(
-        self, scene: Scene, state: State, layout: DofLayout, joints: Sequence[Joint]
+        self,
+        scene: Scene,
+        state: State,
+        layout: DofLayout,
+        joints: Sequence[Joint],
+        motors: Sequence[Motor],
     ) -> Closing:
         """Closes joints at the present places. Collective."""
         bodies, u = state.bodies, state.u.x.array
-        linkage = Linkage(joints, (), scene, layout.rows, layout.massive, bodies, u)
+        linkage = Linkage(joints, motors, scene, layout.rows, layout.massive, bodies, u)
         linkage.begin(bodies)
 
         def solve(r: Array) -> Array:
@@ -88,7 +101,7 @@ class RigidFields:
                 conjugate_gradients(self._reduced, self._r, self._y)
             return self._y.array_r.copy()
 
-        return Closing(linkage, self._prolongation, solve)
+        return Closing(linkage, self._prolongation, solve, state.t)
 
     def momenta(self, v: Array) -> Array:
         """M v at the owned dofs [kg m/s]. Collective."""
@@ -96,13 +109,16 @@ class RigidFields:
         self._mass.mult(self._full, self._image)
         return self._image.array_r.copy()
 
-    def project(self, momenta: Array, of_given: Array, v_prescribed: Array) -> Field:
+    def project(
+        self, momenta: Array, of_given: Array, v_prescribed: Array, driven: bool = True
+    ) -> Field:
         """The field with given momenta in all its directions. Collective.
 
         Args:
             momenta: At all owned dofs [kg m/s].
             of_given: Six of each body, those of its own mass where that is given [kg m/s].
             v_prescribed: Velocity of the held dofs [m/s].
+            driven: Whether motors have their speeds; they rest otherwise.
 
         Raises:
             StepError: If conjugate gradients do not converge.
@@ -116,7 +132,7 @@ class RigidFields:
         if self._r.norm() > 0.0:
             conjugate_gradients(self._reduced, self._r, self._y)
         if self._closing is not None:
-            self._y.array[:] += self._closing.correction(self._y.array_r, fixed)
+            self._y.array[:] += self._closing.correction(self._y.array_r, fixed, driven)
         six = self._prolongation.bodies_part(self._y)
         self._prolongation.apply(self._y, six, v_prescribed, self._full)
         return Field(self._full.array_r.copy(), six)

@@ -5,7 +5,7 @@ Decision → exchange of momenta and energy → inventory of bodies → stepper 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import replace
 from typing import ClassVar
 
@@ -15,7 +15,15 @@ from rigidfx.base.errors import InversionError
 from rigidfx.base.remembered import OBJECTS, Remembered, same
 from rigidfx.base.warning import warn
 from rigidfx.decide.decision import Decision
-from rigidfx.effects import Contact, InitialDisplacement, Joint, Preload, Windowed, rigid_faces
+from rigidfx.effects import (
+    Contact,
+    InitialDisplacement,
+    Joint,
+    Motor,
+    Preload,
+    Windowed,
+    rigid_faces,
+)
 from rigidfx.mechanics.eased import Eased
 from rigidfx.mechanics.rigid_body import Body, RigidBody
 from rigidfx.report.events import BodyChange, Event
@@ -85,6 +93,17 @@ class Switch:
             self._told |= new
             warn(scene.comm, implied_rows(linkage.redundant))
 
+    def _started(self, known: Set[int] = frozenset()) -> tuple[Motor, ...]:
+        """Have velocities follow motors that prescribe a speed; those that start to do so.
+
+        Args:
+            known: Identities of the effects that act already.
+        """
+        motors = tuple(e for e in self.acting if isinstance(e, Motor) and e.by_speed)
+        if self._joints is not None:
+            self._joints.motors = motors
+        return tuple(motor for motor in motors if id(motor) not in known)
+
     @property
     def scene(self) -> Scene:
         """The problem."""
@@ -94,6 +113,7 @@ class Switch:
         """Bind the stepper anew as it is: nothing is known of equations and factors. Collective."""
         self.clamps = check_clamps(self._stepper.scene, self._timeline)
         self._stepper.renew()
+        self._started()
         self._bind(list(self._stepper.state.bodies))
 
     def begin(self) -> Impact | None:
@@ -126,6 +146,8 @@ class Switch:
         self._set_moving()
         self._bind([])
         impact = self._closed(stepper.meet(supports, dt, stepper.measure()))
+        if started := self._started():
+            impact = self._closed(impact, started)
         placed = {Preload: "The static preload", InitialDisplacement: "The InitialDisplacement"}
         by = "".join(words for kind, words in placed.items() if scene.named(kind))
         if by and (turned := stepper.inverted()) is not None:
@@ -174,7 +196,8 @@ class Switch:
         # A body that a support takes over must count as the body here: interface nodes of the
         # flexible side have velocities of their own.
         contacts = _in_one_only(before, self.acting)
-        measures = stepper.measure() if jumping or contacts else None
+        started = self._started(known)
+        measures = stepper.measure() if jumping or contacts or started else None
         for contact in contacts:
             state.notes.pop(id(contact), None)  # what it remembers ends with it
         if not stepper.follow(self.acting):
@@ -186,12 +209,17 @@ class Switch:
             return None
         begun = stepper.press(contacts, measures)
         impact = stepper.meet(jumping, dt, measures)
-        if impact is not None:
-            impact = self._closed(impact)
+        if impact is not None or started:
+            impact = self._closed(impact, started)
         return impact + begun if impact and begun else impact or begun
 
-    def _closed(self, impact: Impact | None) -> Impact | None:
-        """Impact with impulses of joints that keep them closed. Collective."""
+    def _closed(self, impact: Impact | None, started: Sequence[Motor] = ()) -> Impact | None:
+        """Impact with impulses of joints that keep them closed, and of motors. Collective.
+
+        Args:
+            impact: That of supports.
+            started: Motors that prescribe a speed from now on, as locks do.
+        """
         if self._joints is None:
             return impact
         stepper = self._stepper
@@ -201,6 +229,8 @@ class Switch:
         if gained == 0.0:
             return impact
         after, titles = stepper.measure(), tuple(j.title for j in scene.named(Joint))
+        if started:
+            titles = tuple(motor.owner for motor in started)
         own = Impact(
             state.t,
             titles,
@@ -209,12 +239,13 @@ class Switch:
             after.angular_momentum - before.angular_momentum,
             0.0,
         )
-        warn(
-            scene.comm,
-            f"At t = {state.t:g} s velocities do not fit the joints ({', '.join(titles)}): "
-            f"impulses of these change the kinetic energy from {before.kinetic:.6g} to "
-            f"{before.kinetic + gained:.6g} J. Give velocities that leave joints closed.",
-        )
+        if not started:
+            warn(
+                scene.comm,
+                f"At t = {state.t:g} s velocities do not fit the joints ({', '.join(titles)}): "
+                f"impulses of these change the kinetic energy from {before.kinetic:.6g} to "
+                f"{before.kinetic + gained:.6g} J. Give velocities that leave joints closed.",
+            )
         return own if impact is None else impact + own
 
     def apply(self, decision: Decision, eased: Eased | None = None) -> Event | None:

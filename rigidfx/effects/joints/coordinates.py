@@ -1,11 +1,13 @@
 """Free coordinates of joints: angle and travel, with their gradients.
 
-A force of a coordinate q acts along ∇q at the middle of a step, scaled so that its product with the
-increments is exactly the gain of q (O. Gonzalez, J. Nonlinear Sci. 6 (1996) 449):
+A coordinate is a function q(z) of two invariants z, products of averages p, whose gains are
+exactly ∇z(p½) · Δp. A force of it acts along the discrete gradient (O. Gonzalez, J. Nonlinear Sci.
+6 (1996) 449)
 
-    ∇̄q = ∇q(p½) · (q₁ - q₀) / (∇q(p½) · Δp).
+    ∇̄q = [∂q(z½) + (q₁ - q₀ - ∂q(z½) · Δz) Δz/|Δz|²] · ∇z(p½),
 
-As q does not see rigid motions, such forces have no resultant.
+so that ∇̄q · Δp = q₁ - q₀ exactly, where q stays too, as in a lock. As z does not see rigid motions,
+such forces have no resultant.
 """
 
 from __future__ import annotations
@@ -22,7 +24,7 @@ __all__ = ["Angle", "Coordinate", "Coordinates", "Travel", "secant"]
 Array = npt.NDArray[np.float64]
 Key = tuple[int, str]
 
-SMALL = 1e-5  # gain, in rad or lengths of a joint, whose square is rounding
+SMALL = 1e-5  # gain of invariants, in lengths of a joint or none, whose cube is rounding
 
 
 @dataclass(frozen=True)
@@ -46,11 +48,25 @@ class Angle:
         u, e, f = p
         return self.sign * float(np.arctan2(u @ f, u @ e))
 
+    def invariants(self, p: Array) -> Array:
+        """Cosine and sine, times lengths of directions, shape (2,)."""
+        u, e, f = p
+        return np.array([u @ e, u @ f])
+
+    def slopes(self, p: Array) -> Array:
+        """Derivatives of these by the averages, shape (2, 3, 3)."""
+        u, e, f = p
+        none = np.zeros(3)
+        return np.array([[e, u, none], [f, none, u]])
+
+    def slope(self, z: Array) -> Array:
+        """Derivatives of the angle by the invariants, shape (2,)."""
+        c, s = z
+        return np.asarray(self.sign / (c * c + s * s) * np.array([-s, c]))
+
     def gradient(self, p: Array) -> Array:
         """Its derivatives by the averages, shape (3, 3)."""
-        u, e, f = p
-        c, s = u @ e, u @ f
-        return np.asarray(self.sign / (c * c + s * s) * np.stack([c * f - s * e, -s * u, c * u]))
+        return np.asarray(np.tensordot(self.slope(self.invariants(p)), self.slopes(p), 1))
 
     def continued(self, value: float, before: float) -> float:
         """The angle with the turns that it has made, nearest to an earlier one."""
@@ -81,13 +97,26 @@ class Travel:
         a, b, axis = p
         return float((b - a) @ axis / np.linalg.norm(axis))
 
+    def invariants(self, p: Array) -> Array:
+        """The travel times the axis' length [m], and the square of that, shape (2,)."""
+        a, b, axis = p
+        return np.array([(b - a) @ axis, axis @ axis])
+
+    def slopes(self, p: Array) -> Array:
+        """Derivatives of these by the averages, shape (2, 3, 3)."""
+        a, b, axis = p
+        none = np.zeros(3)
+        return np.array([[-axis, axis, b - a], [none, none, 2 * axis]])
+
+    def slope(self, z: Array) -> Array:
+        """Derivatives of the travel by the invariants, shape (2,)."""
+        along, square = z
+        length = np.sqrt(square)
+        return np.array([1 / length, -0.5 * along / (square * length)])
+
     def gradient(self, p: Array) -> Array:
         """Its derivatives by the averages, shape (3, 3)."""
-        a, b, axis = p
-        length = np.linalg.norm(axis)
-        n = axis / length
-        across = (b - a) - ((b - a) @ n) * n
-        return np.stack([-n, n, across / length])
+        return np.asarray(np.tensordot(self.slope(self.invariants(p)), self.slopes(p), 1))
 
     def continued(self, value: float, before: float) -> float:
         """The travel itself."""
@@ -140,6 +169,10 @@ def secant(coordinate: Coordinate, start: Array, moved: Array, gained: float, si
         gained: q₁ - q₀.
         size: Size of q that counts as large.
     """
-    middle = coordinate.gradient(start + 0.5 * moved)
-    along = float(np.vdot(middle, moved))
-    return middle if abs(along) <= SMALL * size else middle * (gained / along)
+    slopes = coordinate.slopes(start + 0.5 * moved)
+    dz = np.tensordot(slopes, moved, 2)
+    slope = coordinate.slope(coordinate.invariants(start) + 0.5 * dz)
+    scaled = dz / np.array([size, 1.0])
+    if (square := float(scaled @ scaled)) > SMALL**2:
+        slope = slope + (gained - slope @ dz) / square * scaled / np.array([size, 1.0])
+    return np.asarray(np.tensordot(slope, slopes, 1))

@@ -132,6 +132,15 @@ class Drives:
         """Names of those that prescribe a coordinate."""
         return [d.effect.owner for d in self._all if prescribes(d.effect)]
 
+    def speeds(self, t: float) -> Array:
+        """Rates of change of F that motors prescribe by a speed at t [s], shape (drives,) [m/s].
+
+        Raises:
+            SceneError: On this rank, if a function cannot be used.
+        """
+        given = [(d.size, d.effect) for d in self._all if isinstance(d.effect, Motor)]
+        return np.array([-size * motor.at(t) for size, motor in given], dtype=np.float64)
+
     def remember(self, notes: dict[int, Any]) -> None:
         """Take over the memory of earlier divisions."""
         for drive in self._all:

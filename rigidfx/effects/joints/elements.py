@@ -92,6 +92,11 @@ class Motor(Windowed):
         """Whether it prescribes that, and not its force."""
         return KINDS[self.by][1]
 
+    @property
+    def by_speed(self) -> bool:
+        """Whether it prescribes a speed or a rate."""
+        return self.by in ("speed", "rate")
+
     def at(self, t: float) -> float:
         """Its value at t [s].
 

@@ -182,13 +182,13 @@ class Linkage:
     # Where averages are ---------------------------------------------------------------------------
 
     def rates(self, v: Array) -> Array:
-        """ġ of nodes that are no body's, at the start of a step, shape (rows,) [m/s]. Collective.
+        """Rates of rows by nodes in no body, at a step's start, shape (rows,) [m/s]. Collective.
 
         Args:
             v: Velocities of the division's rows, one number each [m/s].
         """
         at_nodes = v.reshape(-1, 3)[self.at]
-        return np.asarray(self.gradient(0.0) @ self._bound.mean(at_nodes).ravel())
+        return np.asarray(self.test() @ self._bound.mean(at_nodes).ravel())
 
     def places(self, bodies: Bodies) -> Array:
         """Where averages are now, shape (averages, 3). Collective.
@@ -227,6 +227,7 @@ class Linkage:
         self._moved = np.zeros_like(p)
         self._q = self.coordinates(p)
         self.drives.begin_at(self._q)
+        self.drives.look(p, self._moved, self.drives.multipliers)
         self._g0 = self._terms.value(p)
 
     def look(self, d: Any, increments: Increments, multipliers: Array) -> None:
