@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from errno import EIO
 from io import DEFAULT_BUFFER_SIZE
 from pathlib import Path
 from typing import Any
@@ -53,39 +54,79 @@ def hdf(owner: str) -> Any:
     return h5py
 
 
-class _Table:
-    """A table with a row for each time; its chunks are written as they are.
+class _Chunks:
+    """Rows of a dataset, in chunks that are written as they are.
 
-    All other ways of h5py take ten times as long, which counts where there are few cells. Some rows
-    that are still empty follow the last one, as each change of its length is written, too.
+    The first rows of a chunk make it. Others are put where it lies, without h5py, whose ways take
+    several times as long; that counts where there are few cells.
+    """
+
+    def __init__(self, disk: WholeWrites, data: Any) -> None:
+        """There are no rows."""
+        self._disk, self._data = disk, data
+        self._rows, *self.rest = data.chunks
+        self._none = (0,) * len(self.rest)
+        self._place: int | None = None  # of the last chunk in the file
+
+    def put(self, row: int, values: Array) -> None:
+        """Put rows behind all others, all of them in one chunk; those between stay empty."""
+        at, size = row % self._rows, values.nbytes // len(values)
+        if at and self._place is not None:
+            self._disk.put(self._place + at * size, values)
+            return
+        first = row - at, *self._none
+        if self._rows == len(values):
+            self._data.id.write_direct_chunk(first, values)
+            return
+        chunk = np.zeros(self._data.chunks, values.dtype)
+        chunk[at : at + len(values)] = values
+        self._data.id.write_direct_chunk(first, chunk)
+        self._place = self._data.id.get_chunk_info_by_coord(first).byte_offset
+
+    def resize(self, rows: int) -> None:
+        """Have as many rows."""
+        self._data.id.set_extent((rows, *self.rest))
+
+
+class _Table:
+    """A table with a row for each time, with or without a number.
+
+    Some rows that are still empty follow the last one, as each change of its length is written,
+    too.
     """
 
     def __init__(
-        self, group: Any, name: str, rest: tuple[int, ...] = (), kind: Any = np.int64, all: int = 0
+        self,
+        disk: WholeWrites,
+        group: Any,
+        name: str,
+        rest: tuple[int, ...] = (),
+        kind: Any = np.int64,
+        all: int = 0,
     ) -> None:
         """Make it, empty; `all` is the value of rows that nothing is put into."""
         self.data = group.create_dataset(
             name, (0, *rest), kind, maxshape=(None, *rest), chunks=(ROWS, *rest), fillvalue=all
         )
-        self._chunk = np.zeros((ROWS, *rest), kind)
+        self._chunks, self._kind, self._only_noughts = _Chunks(disk, self.data), kind, True
         self.rows = 0
 
     def enter(self, row: int, value: float) -> None:
-        """Put a value into the last row."""
+        """Put a value into the last row; nought is there already until there is another one."""
         self.more(row)
-        self._chunk[row % ROWS] = value
-        first = row - row % ROWS, *(0 for _ in self._chunk.shape[1:])
-        self.data.id.write_direct_chunk(first, self._chunk)
+        self._only_noughts &= value == 0
+        if not self._only_noughts:
+            self._chunks.put(row, np.array([value], self._kind))
 
     def more(self, row: int) -> None:
         """Have a last row."""
         self.rows = row + 1
         if row % ROWS == 0:
-            self.data.id.set_extent((row + ROWS, *self._chunk.shape[1:]))
+            self._chunks.resize(row + ROWS)
 
     def cut(self) -> None:
         """Leave out what follows the last row."""
-        self.data.id.set_extent((self.rows, *self._chunk.shape[1:]))
+        self._chunks.resize(self.rows)
 
 
 @dataclass
@@ -93,16 +134,16 @@ class _Field:
     """A field in the file.
 
     Attributes:
-        data: Its values, those of a time behind those of the time before.
+        chunks: Its values, those of a time behind those of the time before.
         places: Where the values of each time begin.
         may_stay: Whether values that have not changed are not added again.
         last: The last values that were added, then ...
         place: ... where they begin ...
         rows: ... and end.
-        length: Of the data, with empty rows behind.
+        length: Of the values, with empty rows behind.
     """
 
-    data: Any
+    chunks: _Chunks
     places: _Table
     may_stay: bool
     last: Array | None
@@ -111,20 +152,18 @@ class _Field:
     length: int
 
     def add(self, values: Array) -> None:
-        """Add the values of a time behind all others: a chunk of their own."""
+        """Add the values of a time behind all others."""
         self.last = values if self.may_stay else None
         self.place, self.rows = self.rows, self.rows + len(values)
-        rest = values.shape[1:]
         if self.rows > self.length:
             self.length = self.place + ROWS * len(values)
-            self.data.id.set_extent((self.length, *rest))
+            self.chunks.resize(self.length)
         if len(values):
-            first = self.place, *(0 for _ in rest)
-            self.data.id.write_direct_chunk(first, values)
+            self.chunks.put(self.place, values)
 
     def cut(self) -> None:
         """Leave out what follows the last values."""
-        self.data.id.set_extent((self.rows, *self.data.shape[1:]))
+        self.chunks.resize(self.rows)
         self.places.cut()
 
 
@@ -153,6 +192,7 @@ class HdfSeries:
         self._count = 0
         former = path.with_suffix(".former.vtkhdf")
         if kept[0] and not former.exists():  # else a kill has come while it was copied
+            _check(h5py, path, kept[0])
             path.rename(former)
         self._fields: dict[tuple[str, str], _Field] = {}
         self._disk = WholeWrites(path)
@@ -179,11 +219,12 @@ class HdfSeries:
         self._steps = steps = root.create_group("Steps")
         steps.attrs["NSteps"] = np.int64(0)
         self._written = h5py.h5a.open(steps.id, b"NSteps")
-        self._times = _Table(steps, "Values", (), np.float64)
+        self._times = _Table(self._disk, steps, "Values", (), np.float64)
         # Tables with the same numbers are one table by several names.
-        nought, of_cells = _Table(steps, "PartOffsets"), _Table(steps, "CellOffsets", (1,))
+        nought = _Table(self._disk, steps, "PartOffsets")
+        of_cells = _Table(self._disk, steps, "CellOffsets", (1,))
         steps["PointOffsets"], steps["ConnectivityIdOffsets"] = nought.data, of_cells.data
-        self._alike = nought, of_cells, _Table(steps, "NumberOfParts", all=1)
+        self._alike = nought, of_cells, _Table(self._disk, steps, "NumberOfParts", all=1)
         for kind in ("Point", "Cell"):
             root.create_group(f"{kind}Data")
             steps.create_group(f"{kind}DataOffsets")
@@ -244,7 +285,8 @@ class HdfSeries:
     def _made(self, kind: str, name: str, values: Array) -> _Field:
         """A new field; those of real numbers share a table of places, as all change."""
         rest = values.shape[1:]
-        chunk = (max(len(values), 1), *rest)  # the values of a time
+        times = max(DEFAULT_BUFFER_SIZE // max(values.nbytes, 1), 1)  # a new chunk takes longer
+        chunk = (max(min(times, ROWS) * len(values), 1), *rest)
         data = self._root[f"{kind}Data"].create_dataset(
             name, (0, *rest), values.dtype, maxshape=(None, *rest), chunks=chunk
         )
@@ -253,8 +295,10 @@ class HdfSeries:
         if shared and not may_stay:
             places, offsets[name] = shared[0], shared[0].data
         else:
-            places = _Table(offsets, name)
-        return self._fields.setdefault((kind, name), _Field(data, places, may_stay, None, 0, 0, 0))
+            places = _Table(self._disk, offsets, name)
+        return self._fields.setdefault(
+            (kind, name), _Field(_Chunks(self._disk, data), places, may_stay, None, 0, 0, 0)
+        )
 
     def _commit(self) -> None:
         self._file.flush()
@@ -274,6 +318,17 @@ class HdfSeries:
         self._end()
 
 
+def _check(h5py: Any, path: Path, count: int) -> None:
+    """Refuse a file that has fewer times, or is none."""
+    try:
+        with h5py.File(path, "r") as file:
+            there = int(file["VTKHDF/Steps"].attrs["NSteps"])
+    except (KeyError, ValueError):
+        there = 0
+    if there < count:
+        raise OSError(EIO, "times that were there are gone", str(path))
+
+
 @uninterrupted()
 def _ended(file: Any, disk: WholeWrites) -> None:
     """Close a file of h5py, and its bytes."""
@@ -287,8 +342,7 @@ def _ended(file: Any, disk: WholeWrites) -> None:
 def _stored(name: str, values: Array) -> Array:
     """Values as the file has them."""
     if values.ndim == 3:  # symmetric tensors
-        i, j = np.transpose(SYMMETRIC)
-        values = values[:, i, j]
+        values = values.reshape(-1, 9).take([3 * i + j for i, j in SYMMETRIC], axis=1)
     if values.dtype.kind == "f" and name not in DOUBLE:
         values = values.astype(np.float32)
     return np.ascontiguousarray(values)

@@ -55,6 +55,20 @@ class WholeWrites(io.RawIOBase):
         self._size = self._end
         self._changed.clear()
 
+    def put(self, place: int, data: Any) -> None:
+        """Write bytes of a library's where readers may look, but of which nothing tells yet.
+
+        Args:
+            place: Of the first one, in space that the library has written.
+            data: The bytes.
+        """
+        try:
+            if self._late:
+                raise OSError
+            self._put(place, data)
+        except OSError:
+            self._late[place] = bytes(data)
+
     def _put(self, place: int, data: Any) -> None:
         view = memoryview(data).cast("B")
         while view:
@@ -66,16 +80,21 @@ class WholeWrites(io.RawIOBase):
     def _joined(self) -> list[tuple[int, bytes]]:
         """Changes from the file's end on, near ones with the bytes between."""
         runs: list[tuple[int, int, list[int]]] = []  # places of bytes, and of the changes there
+        first, last, members = -1, -1, list[int]()
         for place in sorted(self._changed):
             end = place + len(self._changed[place])
-            if runs and place - runs[-1][1] <= io.DEFAULT_BUFFER_SIZE:
-                first, before, members = runs.pop()
-                runs.append((first, max(before, end), [*members, place]))
-            else:
-                runs.append((place, end, [place]))
+            if not members or place - last > io.DEFAULT_BUFFER_SIZE:
+                first, last, members = place, end, []
+                runs.append((first, last, members))
+            members.append(place)
+            last = max(last, end)
+            runs[-1] = first, last, members
         order = {place: k for k, place in enumerate(self._changed)}
         found = []
         for first, end, members in reversed(runs):
+            if len(members) == 1:
+                found.append((first, self._changed[first]))
+                continue
             out = bytearray(os.pread(self._file, end - first, first))
             for place in sorted(members, key=order.__getitem__):
                 data = self._changed[place]
@@ -127,21 +146,21 @@ class WholeWrites(io.RawIOBase):
 
     def write(self, buffer: Any) -> int:
         """See `io.RawIOBase`."""
-        data = memoryview(buffer).cast("B")
-        seen = max(self._size - self._at, 0)  # by readers
-        here, rest = data[:seen], data[seen:]
-        if here:
-            before = self._changed.pop(self._at, b"")
-            self._changed[self._at] = bytes(here) + before[len(here) :]
-        if rest:
-            place = self._at + len(here)
+        data, place = memoryview(buffer).cast("B"), self._at
+        count = len(data)
+        self._at = place + count
+        if place < self._size:  # readers look there
+            here = bytes(data[: self._size - place])
+            before = self._changed.pop(place, b"")
+            self._changed[place] = here + before[len(here) :]
+            data, place = data[len(here) :], place + len(here)
+        if data:
             try:
-                self._put(place, rest)
+                self._put(place, data)
             except OSError:  # a library must not be left in the middle: it comes out at the commit
-                self._late[place] = bytes(rest)
-            self._end = max(self._end, place + len(rest))
-        self._at += len(data)
-        return len(data)
+                self._late[place] = bytes(data)
+            self._end = max(self._end, self._at)
+        return count
 
     def truncate(self, size: int | None = None) -> int:
         """See `io.RawIOBase`: it gets longer only; bytes that are not used stay at its end."""
