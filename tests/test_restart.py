@@ -75,6 +75,7 @@ FOUND_ANEW = {
     "ErrorMotion": "_before _rotations",
     "Gains": "_now",
     "Impulse": "_of_bodies",
+    "Joints": "_C _E _Y _kind _led _step free",
     "Jumps": "_found",
     "LoadChanges": "_idle",
     "Looks": "_rates _rigid",

@@ -24,6 +24,7 @@ from rigidfx.coupling.rows import Rows
 from rigidfx.effects import Contact
 from rigidfx.error.columns import Columns
 from rigidfx.error.frames import to_shape, to_space
+from rigidfx.error.increments import increments_of
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.step.equations.actions import Actions
 from rigidfx.step.equations.structure import BoundStructure
@@ -199,15 +200,9 @@ class Contacts:
     def follow(self, attempt: Attempt) -> None:
         """Have the forces of the run in a step that has been solved. Collective."""
         self._attempt = attempt
-        state, system = self._stepper.state, self._stepper.system
-        n = self._nodes.size
-        self._start = state.positions(self._nodes) - state.X[:n]
-        self._moved = d = np.zeros((n, 3))
-        layout, equilibrium = system.layout, system.equilibrium
-        d[layout.rows.nodes] = equilibrium.d.array_r.reshape(-1, 3)
-        moves: Any = attempt.increments.displacement
-        for body, matrix in zip(layout.bodies, moves, strict=True):
-            d[body.nodes] = matrix[0] + body.offsets @ matrix[1:]
+        state = self._stepper.state
+        self._start = state.positions(self._nodes) - state.X[: self._nodes.size]
+        self._moved = increments_of(self._stepper, attempt)
         self._force = self._own.force(attempt, self._start, self._moved)
 
     def solved(self, start: Array, step: Step, kind: object, Q: Array) -> None:

@@ -12,10 +12,11 @@ from mpi4py import MPI
 from rigidfx.base.mesh_order import MeshOrder
 from rigidfx.base.remembered import ON_DOFS, Kind, joined, part_of, restore
 from rigidfx.coupling.rows import Rows
-from rigidfx.effects import Rigid
+from rigidfx.effects import Joint, Rigid
 from rigidfx.error.forces.parts import mass_of
 from rigidfx.error.frames import Frames
 from rigidfx.error.ground import ground_of
+from rigidfx.error.joints import Joints, joined_parts
 from rigidfx.error.linear_motion import LinearMotion
 from rigidfx.error.loose import Loose, loose_parts
 from rigidfx.error.modal import Modal
@@ -24,13 +25,15 @@ from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.scene.points import Point
 from rigidfx.scene.scene import Scene
 from rigidfx.step.stepper import Stepper
+from rigidfx.step.watches.judge import Attempt
 
 __all__ = ["LARGEST", "SOLUTION", "Equations"]
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
-LARGEST = 12_000  # unknowns up to which e is solved for all of them; beyond, by modes
+# Unknowns up to which e is solved for all of them; beyond, by modes where there are no joints.
+LARGEST = 12_000
 
 
 class Equations:
@@ -39,6 +42,7 @@ class Equations:
     Attributes:
         response: The solution; None before the first step of e.
         loose: Rigid motions that nothing holds; none likewise.
+        joints: The joints of the twin; None before the first step of e, and without joints.
         shape: Displacement that makes the shape [m].
     """
 
@@ -52,12 +56,14 @@ class Equations:
         scene = stepper.scene
         self._stepper, self._points = stepper, points
         self._forms = LinearForms(scene, stepper.forces)
-        self._few = 3 * scene.space.dofmap.index_map.size_global <= LARGEST
+        few = 3 * scene.space.dofmap.index_map.size_global <= LARGEST
+        self._few = few or bool(scene.named(Joint))
         self._held: Bools = np.zeros(3 * scene.owned_nodes, dtype=bool)
         self._viscous: list[int] = []  # terms of viscosity in these equations
         self.response: Response | None = None
         n = scene.owned_nodes
         self.loose = Loose(scene, np.zeros(n, dtype=bool), *np.empty((2, 3 * n, 0)))
+        self.joints: Joints | None = None
         self.shape = self._forms.shape
 
     def have(self, dt: float, frames: Frames) -> None:
@@ -85,13 +91,46 @@ class Equations:
         scene, forces = self._stepper.scene, self._stepper.forces
         with PREPARING:
             forces.set_rate(1.0)
-            motion, self.loose = about(self._stepper, self._forms, frames, self._held)
+            found = about(self._stepper, self._forms, frames, self._held)
+        motion, self.loose, joined = found
+        self.joints = Joints(self._stepper, frames, joined) if scene.named(Joint) else None
         e, rate = self.loose.still(e), self.loose.still(rate)
         if self._few:
             self.response = AllUnknowns(motion, e, rate)
         else:
             supported = np.flatnonzero(self._held)
             self.response = Modal(scene, motion, supported, self.loose, self._points, e, rate)
+
+    @property
+    def all_held(self) -> bool:
+        """Whether something holds all motions of all parts as a whole."""
+        of_joints = 0 if self.joints is None else self.joints.free.shape[1]
+        return not self.loose.count + of_joints
+
+    @property
+    def unheld(self) -> Bools:
+        """Owned nodes of parts that nothing holds, or not all their motions. Collective."""
+        return self.loose.nodes if self.joints is None else self.loose.nodes | self.joints.unheld()
+
+    def follow(self, attempt: Attempt) -> None:
+        """Find the joints at the end of a step that has been solved. Collective."""
+        if self.joints is not None:
+            self.joints.follow(attempt)
+
+    def step(self, force: Array, given: tuple[float, float, float]) -> None:
+        """Take a step of e, and have joints hold it. Collective.
+
+        Args:
+            force: Mean force, shape (nodes, 3) [N].
+            given: Length of the step [s], and the damping: see `Response.step`.
+        """
+        response = self.response
+        assert response is not None
+        start = None if self.joints is None else response.fields()[0]
+        response.step(force, *given)
+        if self.joints is not None and start is not None:
+            assert isinstance(response, AllUnknowns)
+            self.joints.close(response, start, given)
 
     def resume(self, frames: Frames, known: Mapping[str, Any], order: MeshOrder) -> None:
         """Have the solution that a checkpoint knows. Collective.
@@ -144,7 +183,7 @@ SOLUTION = _Solution()
 
 def about(
     stepper: Stepper, forms: LinearForms, frames: Frames, held: Bools
-) -> tuple[LinearMotion, Loose]:
+) -> tuple[LinearMotion, Loose, Loose]:
     """M, C and K of all cells about a shape, with springs; parts named rigid are stiff. Collective.
 
     Args:
@@ -154,7 +193,7 @@ def about(
         held: Which owned dofs supports hold.
 
     Returns:
-        The equations, and the rigid motions that nothing holds.
+        The equations, the rigid motions that nothing holds, and those that only joints do.
     """
     places = frames.shape
     scene, forces, shape = stepper.scene, stepper.forces, forms.shape.x
@@ -170,7 +209,12 @@ def about(
     more = _given_mass(scene)
     motion = LinearMotion(rows, cells, forms, mass, supported, ground, rigid, more)
     springs = None if ground is None else ground.K
-    return motion, loose_parts(scene, frames, held, springs, motion.matrices[1])
+    joined = joined_parts(scene)
+    loose, held_by_joints = (
+        loose_parts(scene, frames, held, springs, motion.matrices[1], among)
+        for among in (~joined, joined)
+    )
+    return motion, loose, held_by_joints
 
 
 def _given_mass(scene: Scene) -> Array | None:

@@ -13,9 +13,8 @@ A shown place is x + Q_p e with one rotation Q_p of each connected part (3), so 
 time through freezes and releases.
 
 Parts named `Rigid` are rigid in the twin, too: they have many times their stiffness in K. Contacts
-of the twin act on u + e (`contacts`). Joints have the forces of the run. Parts that neither
-supports nor springs hold have an e without rigid motions, which is not added to the results shown;
-so it is where joints hold them.
+of the twin act on u + e (`contacts`), and its joints hold u + e (`joints`). Parts that nothing
+holds have an e without rigid motions, which is not added to the results shown.
 """
 
 from __future__ import annotations
@@ -58,6 +57,7 @@ _FOLLOWING = PETSc.Log.Event("rigidfxErrorMotion")
 
 LOOKS = 4  # steps from look to look: at the size of e, and at cells that it hardly strains
 
+Given = tuple[float, float, float]  # length of a step, and its damping: see `Response.step`
 # An attempt; kicks, response and contacts, and how many steps there were, as they were before it.
 _Before = tuple[Attempt, tuple[Array, object, object], int]
 
@@ -113,7 +113,7 @@ class ErrorMotion(Watch):
     @property
     def all_shown(self) -> bool:
         """Whether e is added to the results shown, in all parts."""
-        return self.valid and not self._equations.loose.count
+        return self.valid and self._equations.all_held
 
     def shown(self) -> Shown | None:
         """e in space at the present time; None while it is zero, or not known. Collective.
@@ -124,7 +124,7 @@ class ErrorMotion(Watch):
             return None
         Q = self._turned(self._frames)[self._frames.part]
         e, rate = response.fields()
-        e, rate = (np.where(self._equations.loose.nodes[:, None], 0.0, a) for a in (e, rate))
+        e, rate = (np.where(self._equations.unheld[:, None], 0.0, a) for a in (e, rate))
         return Shown(to_space(e, Q), to_space(rate, Q))
 
     def at(self, points: Mapping[str, Point]) -> Mapping[str, Shown]:
@@ -137,7 +137,7 @@ class ErrorMotion(Watch):
             return {}
         Q = self._turned(self._frames)
         part = self._frames.parts_at([point.nodes for point in points.values()])
-        own, loose = np.stack(response.at([*points.values()])), self._equations.loose.nodes
+        own, loose = np.stack(response.at([*points.values()])), self._equations.unheld
         own[:, [loose[point.nodes].any() for point in points.values()]] = 0.0
         e, rate = self._scene.sum(own)
         rate = to_space(rate, Q[part])
@@ -298,10 +298,10 @@ class ErrorMotion(Watch):
 
         While none of it is rigid, such a part is its own twin from then on: it is shown without e.
         """
-        loose, eased = self._equations.loose, self._stepper.system.actions.easing
+        equations, eased = self._equations, self._stepper.system.actions.easing
         left = np.full(len(self._nodes), part)
-        if loose.count and not eased and not len(self._stepper.state.bodies):
-            left[loose.nodes] = 0.0
+        if not equations.all_held and not eased and not len(self._stepper.state.bodies):
+            left[equations.unheld] = 0.0
         return left
 
     def _take(self, attempt: Attempt, frames: Frames) -> None:
@@ -320,27 +320,27 @@ class ErrorMotion(Watch):
         self._response.kick(loose.still(impulse.kick))
         impulse.kick = np.zeros_like(impulse.kick)
         given = dt, *self._scene.damping(self._stepper.state.t)
+        self._equations.follow(attempt)
+        force = loose.balanced(force)
         if self._contacts is None:
-            self._response.step(loose.balanced(force), *given)
+            self._equations.step(force, given)
         else:
-            Q = self._turned(frames)[frames.part]
-            self._pressed(self._contacts, force, given, Q)
+            self._press(self._contacts, force, given, self._turned(frames)[frames.part])
         self.steps += 1
 
-    def _pressed(
-        self, contacts: Contacts, force: Array, given: tuple[float, float, float], Q: Array
-    ) -> None:
+    def _press(self, contacts: Contacts, force: Array, given: Given, Q: Array) -> None:
         """Take a step while contacts are closed, with each node's part turned by Q. Collective."""
-        response, loose = self._response, self._equations.loose
+        response = self._response
         assert response is not None
         kept, start = response.kept(), response.fields()[0]
 
         def step(more: Array) -> Array:
             response.restore(kept)
-            response.step(loose.balanced(force) + more, *given)
+            self._equations.step(force + more, given)
             return response.fields()[0]
 
-        contacts.solved(start, step, (response, *given), Q)
+        # Joints couple parts as they stand in this step.
+        contacts.solved(start, step, (response, *given, self._equations.joints and self.steps), Q)
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""

@@ -71,7 +71,12 @@ class Loose:
 
 
 def loose_parts(
-    scene: Scene, frames: Frames, held: Bools, springs: Array | None, M: PETSc.Mat
+    scene: Scene,
+    frames: Frames,
+    held: Bools,
+    springs: Array | None,
+    M: PETSc.Mat,
+    among: Bools | None = None,
 ) -> Loose:
     """The rigid motions that neither supports nor springs resist. Collective.
 
@@ -81,8 +86,9 @@ def loose_parts(
         held: Which owned dofs supports hold.
         springs: Stiffness to the ground at the owned nodes, shape (nodes, 3, 3) [N/m], if any.
         M: Mass matrix of the owned nodes.
+        among: Which connected parts are asked for; all if None.
     """
-    nodes, motions = unresisted(scene, frames, held, springs)
+    nodes, motions = unresisted(scene, frames, held, springs, among)
     momenta = np.empty_like(motions)
     x, y = M.createVecs()
     for k in range(motions.shape[1]):
@@ -98,7 +104,7 @@ def loose_parts(
 
 
 def unresisted(
-    scene: Scene, frames: Frames, held: Bools, springs: Array | None
+    scene: Scene, frames: Frames, held: Bools, springs: Array | None, among: Bools | None = None
 ) -> tuple[Bools, Array]:
     """The same as they are, not normalized. Collective; arguments as of `loose_parts`.
 
@@ -106,6 +112,8 @@ def unresisted(
         Which owned nodes belong to such parts; the motions, shape (3 nodes, motions).
     """
     free = _unsupported(scene, frames, held)
+    if among is not None:
+        free = free & among
     n, columns = len(frames.shape), []
     nodes: Bools = np.zeros(n, dtype=bool)
     for k in np.flatnonzero(free):

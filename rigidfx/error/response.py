@@ -137,6 +137,20 @@ class AllUnknowns:
         """See `Response`."""
         return self._change
 
+    def shift(self, more: Array, dt: float) -> None:
+        """Have more of e at the end of the last step.
+
+        Args:
+            more: Shape (nodes, 3) [m].
+            dt: Length of that step [s].
+        """
+        self._e, self._rate = self._e + more, self._rate + 2 / dt * more
+        self._change = self._change[0] + more, dt
+
+    def rest(self) -> None:
+        """Have no e and no ė."""
+        self._e = self._rate = np.zeros_like(self._e)
+
     def scale(self, part: Array) -> None:
         """See `Response`."""
         self._e, self._rate = part[:, None] * self._e, part[:, None] * self._rate

@@ -2,7 +2,8 @@
 
 Strains of e are linear in it. The part of second order, ½ ∇eᵀ∇e, is that of its rotation: where it
 is above a tenth of the largest strain that its connected part has shown, or a rotation above a
-tenth, e does not tell the twin. Gradients are those at the middles of cells.
+tenth, e does not tell the twin. Gradients are those at the middles of cells. A part that joints
+hold turns in e as its neighbours bend: its mean rotation strains nothing, and is left out.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from mpi4py import MPI
 
 from rigidfx.base.log import tell
 from rigidfx.base.remembered import CELLS, PART, Remembered, same
+from rigidfx.error.joints import joined_parts
 from rigidfx.error.response import Response
 from rigidfx.scene.scene import Scene
 from rigidfx.step.watches.watch import WarnsOnce
@@ -55,6 +57,7 @@ class Validity:
         J = np.einsum("da,cai->cid", table, self._X[self._nodes])
         self._gradients = np.einsum("da,cdi->cai", table, np.linalg.inv(J))
         self._part = scene.parts.of_cell[:owned]
+        self._joined = np.flatnonzero(joined_parts(scene))
         self._largest: Array = np.zeros(scene.parts.count)  # strain of each part so far
         self._field = fem.Function(scene.space)
         self.concerned: Cells = np.empty(0, np.int32)
@@ -93,10 +96,16 @@ class Validity:
         )
         linear = np.einsum("cki,ckj->cij", F0, G)
         E = 0.5 * (np.einsum("cki,ckj->cij", F, F) - np.eye(3) + linear + linear.swapaxes(1, 2))
+        G = G @ np.linalg.inv(F0)  # by places in the shape
+        turned = np.linalg.norm(G - G.swapaxes(1, 2), axis=(1, 2)) / np.sqrt(8)
         np.maximum.at(self._largest, self._part, np.linalg.norm(E, axis=(1, 2)))
         self._scene.comm.Allreduce(MPI.IN_PLACE, self._largest, op=MPI.MAX)
+        for part in self._joined:
+            own = self._part == part
+            sums = self._scene.sum(np.r_[G[own].sum(axis=0).reshape(-1), own.sum()])
+            mean = sums[:9].reshape(3, 3) / sums[9]
+            G[own] -= 0.5 * (mean - mean.T)
         square = 0.5 * np.linalg.norm(np.einsum("cki,ckj->cij", G, G), axis=(1, 2))
-        turned = np.linalg.norm(G - G.swapaxes(1, 2), axis=(1, 2)) / np.sqrt(8)
         far = turned > SMALL
         bent = square > SMALL * self._largest[self._part]
         self.concerned = np.flatnonzero(far | bent).astype(np.int32)

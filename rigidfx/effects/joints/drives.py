@@ -108,6 +108,11 @@ class Drives:
         return len(self._all)
 
     @property
+    def each(self) -> tuple[_Drive, ...]:
+        """All of them."""
+        return tuple(self._all)
+
+    @property
     def masses(self) -> Array:
         """Mass that each one's joint moves [kg]."""
         return np.array([drive.mass for drive in self._all], dtype=np.float64)

@@ -1,0 +1,279 @@
+"""Joints of the twin: what they exert on u + e, less what they exert on u, pushes e.
+
+    M ë + C ė + K e = r + Bᵀ μ ,     B e = 0 ,     B = D Q W
+
+W takes the averages that joints are made of from the nodes, Q turns those of each part from the
+frame of the shape into space, D are the derivatives of the joints' rows, and of angles and travels
+that motors prescribe, where averages of the run are at the end of the step. A spring of a joint or
+a stop has its law in place of a row: μ is what it exerts on u + e, less that on u.
+
+e of each part stays in that part's frame, and so does the step's inverse A⁻¹. With its columns
+Y = A⁻¹ Wᵀ, found once for steps of one length, e = e₀ + Y Qᵀ Dᵀ μ, and a step takes one solve, for
+e₀, and one of the small matrix D Q (W Y) Qᵀ Dᵀ, which alone depends on the pose.
+
+Motions of all parts that neither supports, nor springs, nor joints resist are a phase that would be
+lost. With such motions N, NᵀM e = 0 are rows, too (`loose`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import accumulate
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+from scipy.linalg import null_space
+from scipy.sparse import csr_array, vstack
+
+from rigidfx.effects import Joint, JointSpring, Motor, Stop
+from rigidfx.effects.joints.drives import prescribes
+from rigidfx.effects.joints.terms import Terms
+from rigidfx.error.contacts import Search
+from rigidfx.error.forces.rigid_motions import RIGID
+from rigidfx.error.frames import Frames
+from rigidfx.error.increments import increments_of
+from rigidfx.error.loose import Loose
+from rigidfx.error.response import AllUnknowns
+from rigidfx.scene.scene import Scene
+from rigidfx.step.stepper import Stepper
+from rigidfx.step.watches.judge import Attempt
+
+__all__ = ["Joints", "joined_parts"]
+
+Array = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class _Held:
+    """Rows and laws of a step, on ports.
+
+    Attributes:
+        rows: What is zero at its end, shape (rows, ports).
+        along: Coordinates of laws, shape (laws, ports).
+        laws: Force along each of them on u + e, less that on u.
+    """
+
+    rows: Array
+    along: Array
+    laws: Sequence[_Law]
+
+
+class Joints:
+    """The joints of the twin. Arrays are equal on all ranks but for those of nodes.
+
+    Ports are what rows are made of: averages of e, three each, and momenta of parts.
+    """
+
+    def __init__(self, stepper: Stepper, frames: Frames, loose: Loose) -> None:
+        """Take the averages. Collective.
+
+        Args:
+            stepper: Solves the steps.
+            frames: The shape.
+            loose: Motions that parts have as a whole which only joints hold.
+        """
+        self._stepper, self._frames, self._search = stepper, frames, Search()
+        self._loose = loose
+        self._scene = scene = stepper.scene
+        joints = scene.named(Joint)
+        averages = [average for joint in joints for average in joint.pieces.averages]
+        numbers = [len(joint.pieces.averages) for joint in joints]
+        rows = [joint.pieces.rows for joint in joints]
+        self._terms = Terms(rows, [0, *accumulate(numbers)], len(averages))
+        at = np.concatenate([[0], np.cumsum([a.nodes.size for a in averages])])
+        own = np.concatenate([np.empty(0), *(a.weights for a in averages)])
+        nodes = np.concatenate([np.empty(0, np.int64), *(a.nodes for a in averages)])
+        self._W = csr_array((own, nodes, at), shape=(len(averages), scene.owned_nodes))
+        self._constant = np.reshape([a.constant for a in averages], (-1, 3))
+        self._part = frames.parts_at([a.nodes for a in averages])
+        self._E = csr_array((0, 0))  # ports of e
+        self._Y: Array = np.empty((0, 0))  # e by unit forces at ports
+        self._C: Array = np.empty((0, 0))  # E Y
+        self._led: Array = np.empty((0, 0))  # averages by motions that parts have as a whole
+        self._kind: tuple[float, ...] = ()
+        self._step: tuple[Array, Array] = np.empty((0, 3, 3)), np.empty((0, 3))
+        # Motions of all parts that nothing holds, by columns, of those that parts have as a whole.
+        self.free: Array = np.empty((loose.count, 0))
+
+    def follow(self, attempt: Attempt) -> None:
+        """Find parts and averages at the end of a step that has been solved. Collective."""
+        state = self._stepper.state
+        x = state.positions(np.arange(self._scene.owned_nodes))
+        x = x + increments_of(self._stepper, attempt)
+        turned = np.concatenate([self._frames.of_parts(x), np.eye(3)[None]])  # the ground is last
+        p = np.asarray(self._scene.sum(self._W @ x)) + self._constant
+        self._step = turned[self._part], p
+
+    def close(self, response: AllUnknowns, start: Array, given: tuple[float, float, float]) -> None:
+        """Have e at the end of a step that it has taken without joints held by these. Collective.
+
+        Args:
+            response: Has e.
+            start: e at the start of the step, shape (nodes, 3) [m].
+            given: Length of the step [s], and its damping.
+        """
+        self._have_columns(response, given)
+        dt = given[0]
+        held = self._held(self._ports(start), dt)
+        mu = self._multipliers(held, self._ports(response.fields()[0]))
+        more = self._Y @ (mu @ np.concatenate([held.rows, held.along]))
+        response.shift(more.reshape(-1, 3), dt)
+
+    def unheld(self) -> Bools:
+        """Owned nodes of parts that joints leave free to move as a whole. Collective."""
+        part = self._frames.part
+        if not self.free.shape[1]:
+            return np.zeros(part.size, dtype=bool)
+        moved = np.abs(self._loose.motions @ self.free).max(axis=1).reshape(-1, 3).max(axis=1)
+        of_parts = np.zeros(self._scene.parts.count)
+        np.maximum.at(of_parts, part, moved)
+        self._scene.comm.Allreduce(MPI.IN_PLACE, of_parts, op=MPI.MAX)
+        return np.asarray((of_parts > RIGID * of_parts.max())[part])
+
+    def _ports(self, e: Array) -> Array:
+        """Ports of e, shape (ports,). Collective."""
+        return np.asarray(self._scene.sum(self._E @ e.reshape(-1)))
+
+    def _have_columns(self, response: AllUnknowns, given: tuple[float, float, float]) -> None:
+        """Have the response at all nodes to unit forces at ports. Collective."""
+        if self._kind == given:
+            return
+        self._kind = given
+        n = 3 * self._scene.owned_nodes
+        W = self._W.tocoo()
+        at = [(3 * k[:, None] + np.arange(3)).ravel() for k in W.coords]
+        shape = 3 * W.shape[0], n
+        averages = csr_array((np.repeat(W.data, 3), at), shape=shape)
+        self._E = csr_array(vstack([averages, csr_array(self._loose.momenta.T)], format="csr"))
+        self._led = np.asarray(self._scene.sum(averages @ self._loose.motions))
+        kept, rest = response.kept(), np.zeros((n // 3, 3))
+        response.rest()
+        alone = response.kept()
+        self._Y = np.zeros((n, self._E.shape[0]))
+        for k in range(self._Y.shape[1]):
+            response.restore(alone)
+            response.step(rest + self._E[[k]].toarray().reshape(-1, 3), *given)
+            self._Y[:, k] = response.fields()[0].reshape(-1)
+        response.restore(kept)
+        self._C = np.asarray(self._scene.sum(self._E @ self._Y))
+
+    # Rows -----------------------------------------------------------------------------------------
+
+    def _held(self, start: Array, dt: float) -> _Held:
+        """Rows and laws of the step that is followed.
+
+        Args:
+            start: Ports of e at the start of the step.
+            dt: Length of the step [s].
+        """
+        p, motions = self._step[1], self._loose.count
+        linkage = self._stepper.system.linkage
+        assert linkage is not None
+        rows, along, laws = [], [], []
+        for drive in linkage.drives.each:
+            own = np.zeros_like(p)
+            np.add.at(own, drive.averages, drive.coordinate.gradient(p[drive.averages]))
+            if prescribes(drive.effect):
+                rows.append(drive.size * own)
+            elif not isinstance(drive.effect, Motor):
+                along.append(own)
+                laws.append((drive.effect, *linkage.drives.ends(drive)))
+        of_joints = self._terms.gradient(p).toarray().reshape(-1, *p.shape)
+        B = self._turned(np.concatenate([of_joints, *(row[None] for row in rows)]))
+        self.free = _kernel(B @ self._led)
+        none, lost = np.zeros((len(B), motions)), np.zeros((self.free.shape[1], B.shape[1]))
+        B = np.block([[B, none], [lost, self.free.T]])
+        of_laws = self._turned(np.reshape(along, (len(laws), *p.shape)))
+        of_laws = np.concatenate([of_laws, np.zeros((len(laws), motions))], axis=1)
+        began = of_laws @ start
+        return _Held(B, of_laws, [_Law(*law, q, dt) for law, q in zip(laws, began, strict=True)])
+
+    def _turned(self, rows: Array) -> Array:
+        """Derivatives by averages in space as those by averages in the frames of parts."""
+        return np.asarray(np.einsum("rai,aij->raj", rows, self._step[0])).reshape(
+            len(rows), self._led.shape[0]
+        )
+
+    def _multipliers(self, held: _Held, e: Array) -> Array:
+        """μ of the rows and of the laws.
+
+        Args:
+            held: Both.
+            e: Ports of e without joints.
+        """
+        rows, along = held.rows, held.along
+        inverse = _inverse(rows @ self._C @ rows.T)
+        open_by, across = rows @ e, rows @ self._C @ along.T
+        # Coordinates of laws where the rows are held: e without laws, and its derivative by these.
+        alone = along @ e - across.T @ inverse @ open_by
+        S = along @ self._C @ along.T - across.T @ inverse @ across
+        mu = np.zeros(len(held.laws))
+        for _ in range(self._search.iterations if mu.size else 0):
+            found = alone + S @ mu
+            force, slope = np.array(
+                [own.more(q) for own, q in zip(held.laws, found, strict=True)]
+            ).T
+            change = np.linalg.solve(np.eye(mu.size) - slope[:, None] * S, force - mu)
+            mu = mu + change
+            if np.abs(change).max() <= self._search.tolerance * np.abs(mu).max():
+                break
+        return np.concatenate([-inverse @ (open_by + across @ mu), mu])
+
+
+@dataclass(frozen=True)
+class _Law:
+    """The law of a spring of a joint, or of a stop, on u + e.
+
+    Attributes:
+        effect: It.
+        start: Angle or travel of u at the start of the step [rad or m].
+        end: The same at its end.
+        began: That of e at the start.
+        dt: Length of the step [s].
+    """
+
+    effect: JointSpring | Stop
+    start: float
+    end: float
+    began: float
+    dt: float
+
+    def more(self, e: float) -> tuple[float, float]:
+        """Force or torque on u + e less that on u, and its derivative by e at the end."""
+        own, _ = self.effect.law(self.start, self.end, self.dt)
+        force, slope = self.effect.law(self.start + self.began, self.end + e, self.dt)
+        return force - own, slope
+
+
+def joined_parts(scene: Scene) -> Bools:
+    """Which connected parts joints take hold of, shape (parts,). Collective."""
+    on = np.zeros(len(scene.start_places), dtype=bool)
+    for joint in scene.named(Joint):
+        for average in joint.pieces.averages:
+            on[average.nodes] = True
+    cells = on[scene.space.dofmap.list].any(axis=1)
+    counts = np.bincount(scene.parts.of_cell[cells], minlength=scene.parts.count)
+    return np.asarray(scene.sum(counts.astype(np.float64)) > 0)
+
+
+def _inverse(S: Array) -> Array:
+    """A pseudo-inverse: rows that others imply have no force of their own."""
+    own = np.sqrt(np.diagonal(S))
+    own = np.divide(1.0, own, out=np.zeros_like(own), where=own > 0)
+    values, vectors = np.linalg.eigh(own[:, None] * S * own)
+    # Of solves with factors of parts a thousand times as stiff as others.
+    seen = values > np.finfo(np.float64).eps ** (2 / 3) * values.max(initial=0.0)
+    root = own[:, None] * vectors[:, seen]
+    return np.asarray(root / values[seen] @ root.T)
+
+
+def _kernel(rows: Array) -> Array:
+    """Motions that no row resists, by columns."""
+    if not rows.shape[1]:
+        return np.empty((0, 0))
+    sizes = np.linalg.norm(rows, axis=1, keepdims=True)
+    rows = np.divide(rows, sizes, out=np.zeros_like(rows), where=sizes > 0)
+    return np.asarray(null_space(rows, rcond=RIGID))

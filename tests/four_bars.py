@@ -1,0 +1,57 @@
+"""A four-bar linkage of flexible bars between mean faces."""
+
+from __future__ import annotations
+
+import numpy as np
+from test_contact_pairs import boxes
+
+import rigidfx as rf
+
+Z = 0.0, 0.0, 1.0
+# Crank, rocker and coupler: corners [m] and cells.
+BARS = {
+    "crank": ((-0.03, 0.03, -0.03), (0.03, 0.37, 0.03), (1, 2, 1)),
+    "rocker": ((0.97, -0.46, -0.03), (1.03, 0.36, 0.03), (1, 4, 1)),
+    "coupler": ((0.07, 0.37, -0.03), (0.93, 0.43, 0.03), (4, 1, 1)),
+}
+PLACES = (0, 0, 0), (0, 0.4, 0), (1, 0.4, 0), (1, -0.5, 0)
+
+
+def four_bars(*effects, **options):
+    """The crank turns right round; a motor drives it where one is given."""
+    domain = boxes(*BARS.values())
+    for name, (low, high, cells) in BARS.items():
+        axis, ends = int(np.argmax(cells)), (np.array(low) - 1e-9, np.array(high) + 1e-9)
+        h = (high[axis] - low[axis]) / max(cells) + 1e-9
+
+        def of(x, ends=ends):
+            return ((x >= ends[0][:, None]) & (x <= ends[1][:, None])).all(axis=0)
+
+        def first(x, of=of, axis=axis, least=ends[0][axis] + h):
+            return of(x) & (x[axis] <= least)
+
+        def last(x, of=of, axis=axis, most=ends[1][axis] - h):
+            return of(x) & (x[axis] >= most)
+
+        domain = domain.with_facets(f"{name} 1", first).with_facets(f"{name} 2", last)
+    face, (A, B, C, D) = rf.MeanFace, PLACES
+    joints = [
+        rf.Revolute("ground", face("crank 1"), A, Z, name="A"),
+        rf.Revolute(face("crank 2"), face("coupler 1"), B, Z, name="B"),
+        rf.Revolute(face("coupler 2"), face("rocker 2"), C, Z, name="C"),
+        rf.Revolute("ground", face("rocker 1"), D, Z, name="D"),
+    ]
+    metal = rf.StVenantKirchhoff(rho=2700.0, E=2e10, nu=0.3)
+    probes = {"tip": (0.5, 0.43, 0.03)}
+    return rf.Scene(
+        domain, metal, [*joints, *effects], element="enhanced", probes=probes, **options
+    )
+
+
+def driven(t):
+    """A crank's speed that is there after 0.2 s [rad/s]."""
+    s = min(t / 0.2, 1.0)
+    return -12.0 * s * s * (3 - 2 * s)
+
+
+MOTOR = rf.Motor("A", speed=driven)
