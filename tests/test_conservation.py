@@ -119,14 +119,14 @@ def test_free_motion_to_50_s(name):
 @pytest.mark.parametrize("mass", ["lumped", "consistent"])
 @pytest.mark.parametrize("name", ["StVenantKirchhoff", "NeoHooke"])
 def test_free_motion_of_all_discretisations(name, mass, order, cell):
-    """A bar set tumbling, for every pair of mass, cell and order, to 20 s."""
+    """A bar set tumbling, for every pair of mass, cell and order, to 10 s."""
     if (mass, order, cell) == ("lumped", 2, "tetrahedron"):
         pytest.skip("refused: negative lumped masses")
     domain = rf.box((0, 0, 0), (8, 2, 2), (3, 1, 1), cell)
     time = rf.Table((0.0, 1.0, 2.0), (0.0, 10.0, 0.0))
     loads = pair_of_tractions("x0", "x1", np.array([3.0, 12.0, 6.0]), time)
     scene = rf.Scene(domain, MATERIALS[name], loads, order=order, mass=mass)
-    free = since(list(rf.simulate(scene, 0.1, 20.0)), 2.0)
+    free = since(list(rf.simulate(scene, 0.1, 10.0)), 2.0)
     assert free[0].strain > 1e-3 * free[0].energy  # it does vibrate
     assert max(drifts(free).values()) <= DRIFT
 
@@ -155,7 +155,7 @@ DAMPED = {
 def test_damping_never_adds_energy(name, dt):
     """ξ > 0 at 12 % strain: H falls in every step, L and J stay."""
     scene = tumbling(DAMPED[name], rf.NumericalDamping(0.1), load=4.0)
-    free = since(list(rf.simulate(scene, dt, 50.0 if dt > 0.2 else 30.0)), 5.0)
+    free = since(list(rf.simulate(scene, dt, 25.0 if dt > 0.2 else 10.0)), 5.0)
     H = column(free, "energy")
     show(largest_gain=np.diff(H).max() / H[0], lost=1 - H[-1] / H[0])
     assert np.diff(H).max() <= NEWTON * H[0]

@@ -418,7 +418,7 @@ def test_an_action_is_asked_for_what_it_does_only():
 
 
 @pytest.mark.parallel
-@pytest.mark.parametrize("ranks", [2, 3])
+@pytest.mark.parametrize("ranks", [3])
 def test_on_several_ranks(ranks):
     """Powers and work are those of the nodes of all ranks; what one refuses, all do."""
     found = parallel.run(__file__, ranks, timeout=300)

@@ -214,7 +214,14 @@ def test_demo(tmp_path, demo, ranks):
     assert all(picture.read_bytes().startswith(b"\x89PNG") for picture in pictures)
 
 
-@pytest.mark.parametrize("script", FIRST, ids=lambda script: script.stem)
+@pytest.mark.parametrize(
+    "script",
+    [
+        pytest.param(script, marks=pytest.mark.parallel) if script.stem == "two_ranks" else script
+        for script in FIRST
+    ],
+    ids=lambda script: script.stem,
+)
 def test_first_example(script):
     """Short, and what it asserts holds; on the ranks that its command names."""
     text = script.read_text(encoding="utf-8")

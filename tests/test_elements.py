@@ -270,7 +270,7 @@ def alone():
 
 @pytest.mark.parallel
 @pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its ranks itself")
-@pytest.mark.parametrize("ranks", [2, 3])
+@pytest.mark.parametrize("ranks", [3])
 def test_ranks_agree(ranks):
     """On which way cells are thin, and on histories with a body."""
     (ways, *several), (expected, *ones) = parallel.run(__file__, ranks, 300), alone()

@@ -470,7 +470,7 @@ def test_supports_that_move(name):
 
 
 @pytest.mark.parallel
-@pytest.mark.parametrize("ranks", [2, 3])
+@pytest.mark.parametrize("ranks", [3])
 def test_on_several_ranks(ranks):
     """With bodies that span them."""
     found = parallel.run(__file__, ranks, timeout=300)

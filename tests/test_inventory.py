@@ -330,7 +330,7 @@ def test_look_ahead_lets_pass(name):
 
 
 @pytest.mark.parallel
-@pytest.mark.parametrize("ranks", [2, 3])
+@pytest.mark.parametrize("ranks", [3])
 def test_on_several_ranks(ranks):
     """Divisions are those on one; what is refused, is so on all ranks by the same words."""
     found = parallel.run(__file__, ranks, timeout=300)

@@ -102,6 +102,7 @@ def test_equal_periods_come_as_often_as_they_are():
     np.testing.assert_allclose(found[[0, 2, 3, 5, 6]], found[[1, 3, 4, 6, 7]], rtol=1e-7)
 
 
+@pytest.mark.parallel
 @pytest.mark.parametrize("ranks", [3])
 def test_ranks_find_the_same(ranks):
     """To 1e-8, with the shapes of a cantilever and of a cube's equal modes."""

@@ -394,7 +394,7 @@ CASES = list(itertools.product(["by component", "point", "moving"], ["lumped", "
 
 
 @pytest.mark.parallel
-@pytest.mark.parametrize("ranks", [2, 3])
+@pytest.mark.parametrize("ranks", [3])
 def test_on_several_ranks(ranks):
     """The body at the right spans some, and the point that is held is one rank's."""
     found = parallel.run(__file__, ranks, timeout=300)

@@ -290,6 +290,7 @@ def on_ranks():
     return [*found.probes["tip"], *found.reactions["x0"], *force, found.energy, *both]
 
 
+@pytest.mark.parallel
 @pytest.mark.parametrize("ranks", [3])
 def test_ranks_find_the_same(ranks):
     mine = np.array(on_ranks())

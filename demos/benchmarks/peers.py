@@ -107,7 +107,7 @@ def row(name: str, case: Case, outcome: Outcome, reference: Outcome) -> dict[str
 
 def main() -> None:
     """Run all and write their summary."""
-    parser = Parser(__file__, __doc__.splitlines()[0], short="700 and 4000 unknowns")
+    parser = Parser(__file__, __doc__.splitlines()[0], short="700 and 2000 unknowns")
     parser.add_argument("--ccx", help="CalculiX: path of its program")
     parser.add_argument("--kratos", help="Kratos: path of the Python that has it")
     options = parser.read()
@@ -116,7 +116,7 @@ def main() -> None:
         if path and not Path(path).is_file():
             parser.error(f"--{option} must be the path of a program, got {path}")
     if options.short:
-        cases = [soft_l(1, 70), metal_bracket(0.02, 30)]
+        cases = [soft_l(1, 60), metal_bracket(0.03, 24)]
     else:
         cases = [soft_l(1, 400), soft_l(2, 100), soft_l(4, 60), metal_bracket(0.009, 60)]
     summary = []
