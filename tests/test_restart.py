@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import shutil
 import signal
@@ -407,14 +408,21 @@ def test_a_folder_is_of_one_run(tmp_path):
     run = rf.simulate(make(), dt, t_end, checkpoint=rf.Checkpoint(tmp_path, steps=2))
     while next(run).step < 5:
         pass
-    for other in (
-        lambda: rf.resume(tmp_path, make()),
-        lambda: rf.simulate(make(), dt, t_end, checkpoint=rf.Checkpoint(tmp_path)),
-    ):
-        with pytest.raises(rf.OutputError, match="another run has the folder"):
-            other()
-    run.close()
-    assert next(rf.resume(tmp_path, make())).step == 5
+    again = rf.resume(tmp_path, make())  # as after an error in the loop's body
+    assert next(again).step == 5
+    next(run)
+    with pytest.raises(rf.OutputError, match="another run has the folder"):
+        next(run)
+    assert next(again).step == 6
+    again.close()
+    with (tmp_path / "checkpoint.lock").open("ab") as other:  # as of another process
+        fcntl.flock(other, fcntl.LOCK_EX)
+        for begin in (
+            lambda: rf.resume(tmp_path, make()),
+            lambda: rf.simulate(make(), dt, t_end, checkpoint=rf.Checkpoint(tmp_path)),
+        ):
+            with pytest.raises(rf.OutputError, match="another run has the folder"):
+                begin()
 
 
 def test_a_recorder_knows_by_itself_that_a_run_goes_on(tmp_path, monkeypatch):

@@ -6,9 +6,10 @@ A file is written beside its place, and put there once the disk has it. Only the
 three is removed. All of it happens on rank 0. The folder is made when a run begins, and never
 again: the place of a disk that is gone is an empty folder, too.
 
-One run at a time has a folder, by a lock that ends with its process. A new run sets checkpoints of
-a former one aside, as former-000012.rfx, so that nothing goes on with these by mistake; they are
-removed when it has left one of its own.
+One run at a time has a folder, by a lock that ends with its process; in a process it is the last
+one, as a run whose loop was left by an error may not be known to anybody any more. A new run sets
+checkpoints of a former one aside, as former-000012.rfx, so that nothing goes on with these by
+mistake; they are removed when it has left one of its own.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
-from weakref import finalize
+from weakref import WeakValueDictionary, finalize
 
 from rigidfx.base.errors import OutputError, SceneError
 from rigidfx.base.file_lock import lock
@@ -109,6 +110,9 @@ class Claim:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             pass
+        place = os.path.realpath(folder)
+        if place in CLAIMS:
+            CLAIMS[place].close()
         file = open(folder / "checkpoint.lock", "ab", buffering=0)  # noqa: SIM115 - it stays open
         self._end = finalize(self, file.close)
         try:
@@ -118,10 +122,23 @@ class Claim:
         except OSError:
             self.close()
             raise
+        CLAIMS[place] = self
+
+    def check(self) -> None:
+        """See that no other run of this process has it.
+
+        Raises:
+            BlockingIOError: If one has.
+        """
+        if not self._end.alive:
+            raise BlockingIOError
 
     def close(self) -> None:
         """Let other runs have it."""
         self._end()
+
+
+CLAIMS: WeakValueDictionary[str, Claim] = WeakValueDictionary()  # of this process, by folder
 
 
 def _set_aside(folder: Path) -> None:

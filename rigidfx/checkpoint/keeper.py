@@ -212,7 +212,13 @@ class Keeper:
         run.switch.again()
         memory = self._gathered(_All(run, looks))
         head, kept = {**self._head, "step": step, "t": t}, Kept(step, self._call, state, memory)
-        self._on_disk(lambda folder: write(folder, head, kept))
+
+        def write_next(folder: Path) -> None:
+            if self._claim is not None:
+                self._claim.check()
+            write(folder, head, kept)
+
+        self._on_disk(write_next)
         self._step, self._t, self._began = step, t, perf_counter()
 
     def _on_disk(self, action: Callable[[Path], object]) -> None:
@@ -267,8 +273,8 @@ def _problem(folder: Path, error: OSError, begun: bool) -> str:
     """The message where a checkpoint cannot be written."""
     if isinstance(error, BlockingIOError):
         return (
-            f"Checkpoint: another run has the folder '{folder}', in this process or in another. "
-            "Wait for its end, or close it, or name another folder."
+            f"Checkpoint: another run has the folder '{folder}'. Wait for its end, end it, or name "
+            "another folder."
         )
     if begun and isinstance(error, FileNotFoundError) and not folder.exists():
         return (
