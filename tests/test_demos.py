@@ -83,6 +83,7 @@ SUMMARY = {
         "time_ratio_window",
     },
     "drop_test": {"unknowns_before_touch", "unknowns_at_touch", "hits", "energy_drift"},
+    "mechanism": {"rigid_share", "joints_open_by_m", "energy_gap", "energy_jump", "freezes"},
     "gong": {"steps_of_six_unknowns", "rigid_share", "rigid_when_struck", "energy_drift"},
     "custom_geometry": {
         "unknowns_start",
@@ -149,6 +150,7 @@ FILES = {
     ],
     "robot_arm": ["events.csv", "fields.pvd", "motion.png", "rigid_parts.png"],
     "drop_test": ["events.csv", "fields.pvd", "motion.png", "rigid_parts.png"],
+    "mechanism": ["events.csv", "fields.pvd", "motion.png", "rigid_parts.png"],
     "gong": ["events.csv", "fields.pvd", "motion.png", "rigid_parts.png"],
     "custom_geometry": ["events.csv", "fields.pvd", "energy_unknowns.png", "rigid_parts.png"],
 }

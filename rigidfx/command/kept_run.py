@@ -137,7 +137,7 @@ def _record(report: Report, note: Any) -> bytes:
     """The numbers of a report, and what is noted of it, behind their length."""
     names = (field.name for field in fields(report))
     out = {name: getattr(report, name) for name in names if not name.startswith("_")}
-    out["rigid"] = None
+    out |= {"rigid": None, "joints": dict(report.joints)}
     data = dumped((out, report.bodies, note))
     if data is None:
         data = dumped((out | {"ledger": None}, report.bodies, note))
