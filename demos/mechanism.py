@@ -37,7 +37,7 @@ parser = Parser(
 )
 parser.add_argument("--compare", action="store_true", help="run the flexible twin beside it")
 parser.add_argument("--size", type=positive, default=0.03, help="largest edge of a cell [m]")
-parser.add_argument("--tol", type=positive, default=0.03, help="rigid below this rate [1/s]")
+parser.add_argument("--tol", type=positive, default=0.06, help="rigid below this rate [1/s]")
 parser.add_argument("--turns", type=positive, default=3.0, help="until the brake begins")
 parser.add_resume()
 options = parser.read(turns=0.75)
@@ -95,7 +95,7 @@ scene = rf.Scene(
 # all parts, coupled by their joints, tells what they would strain.
 
 # +
-DT, WINDOW = (5e-4 if options.short else 2e-4), 0.008  # s
+DT, WINDOW = (5e-4 if options.short else 2e-4), 0.005  # s
 t_end = BRAKE + (0.0 if options.short else RAMP + 0.01)  # s
 rule = rf.StrainRate(options.tol, WINDOW)
 stops = [0.043 + k * 2 * np.pi / SPEED for k in range(3)]  # s

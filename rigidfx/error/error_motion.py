@@ -37,6 +37,7 @@ from rigidfx.error.equations import SOLUTION, Equations
 from rigidfx.error.forces.body_forces import BodyForces
 from rigidfx.error.frames import FRAMES, Frames, to_space
 from rigidfx.error.impulse import Impulse
+from rigidfx.error.linear_motion import step_kind
 from rigidfx.error.response import Response
 from rigidfx.error.shown import Shown
 from rigidfx.error.validity import Validity
@@ -319,7 +320,7 @@ class ErrorMotion(Watch):
         loose = self._equations.loose
         self._response.kick(loose.still(impulse.kick))
         impulse.kick = np.zeros_like(impulse.kick)
-        given = dt, *self._scene.damping(self._stepper.state.t)
+        given = step_kind(dt, *self._scene.damping(self._stepper.state.t))
         self._equations.follow(attempt)
         force = loose.balanced(force)
         if self._contacts is None:
@@ -329,7 +330,7 @@ class ErrorMotion(Watch):
         self.steps += 1
 
     def _press(self, contacts: Contacts, force: Array, given: Given, Q: Array) -> None:
-        """Take a step while contacts are closed, with each node's part turned by Q. Collective."""
+        """Take a step while contacts are closed, each node's part turned by Q, joints or not."""
         response = self._response
         assert response is not None
         kept, start = response.kept(), response.fields()[0]
@@ -339,7 +340,6 @@ class ErrorMotion(Watch):
             self._equations.step(force + more, given)
             return response.fields()[0]
 
-        # Joints couple parts as they stand in this step.
         contacts.solved(start, step, (response, *given, self._equations.joints and self.steps), Q)
 
     def destroy(self) -> None:

@@ -16,7 +16,7 @@ from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.step.linear import cholmod
 from rigidfx.step.linear.linear_solver import default_options
 
-__all__ = ["PREFIX", "LinearMotion", "assembled", "solver_of"]
+__all__ = ["PREFIX", "LinearMotion", "assembled", "solver_of", "step_kind"]
 
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -129,14 +129,14 @@ class LinearMotion:
 
     def has_factors(self, dt: float, drag: float, xi: float) -> bool:
         """Whether the factors of a step are kept. Arguments as of `increment`."""
-        return _kind(dt, drag, xi) in self._dynamic
+        return step_kind(dt, drag, xi) in self._dynamic
 
     def factored(self, dt: float, drag: float, xi: float) -> PETSc.KSP:
         """The factors of a step; those of few kinds of steps are kept. Arguments as of `increment`.
 
         Collective.
         """
-        kind = _kind(dt, drag, xi)
+        kind = step_kind(dt, drag, xi)
         if kind not in self._dynamic:
             dt = kind[0]  # alike, whichever step of a kind comes first
             if len(self._dynamic) == KINDS:
@@ -158,8 +158,8 @@ class LinearMotion:
                 item.destroy()
 
 
-def _kind(dt: float, drag: float, xi: float) -> tuple[float, float, float]:
-    """Key of a step's factors: times at the ends of steps are rounded."""
+def step_kind(dt: float, drag: float, xi: float) -> tuple[float, float, float]:
+    """Key of a step's factors, and what it takes: times at the ends of steps are rounded."""
     return float(f"{dt:.9g}"), drag, xi
 
 

@@ -76,7 +76,9 @@ class Border:
         columns = self._E.tocsc()
         self._Y = np.empty((self._owned, self.ports), order="F")
         for k in range(self.ports):
-            self._r.array[:] = columns[:, [k]].toarray()[:, 0]
+            own = slice(columns.indptr[k], columns.indptr[k + 1])
+            self._r.set(0.0)
+            self._r.array[columns.indices[own]] = columns.data[own]
             solve(self._r, self._z)
             self._Y[:, k] = self._z.array_r
         self._C = csc_array(self._sum(np.ascontiguousarray(self._E.T @ self._Y)))
