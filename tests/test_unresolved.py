@@ -120,6 +120,6 @@ def test_rest_passes():
 if __name__ == "__main__":
     with warnings.catch_warnings(record=True) as heard:
         warnings.simplefilter("always")
-        floating(middle=ratio(1e12), cells=(12, 2, 2))
+        floating(middle=ratio(1e13), cells=(12, 2, 2))
     if MPI.COMM_WORLD.rank == 0:
         parallel.report([str(w.message) for w in heard if "In the step" in str(w.message)])
