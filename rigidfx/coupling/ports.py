@@ -78,6 +78,7 @@ class Ports:
         kept = coo_array((taken.data[at], (taken.coords[0][at], taken.coords[1][at])), taken.shape)
         of, arm = np.divmod(kept.coords[1], 4)
         self._held = kept.data, of, arm
+        self._free: csr_array | None = None
         # The pattern of `lead`, and where in it its values go.
         size = 3 * linkage.averages
         rows = (3 * self.averages[:, None] + np.arange(3)).ravel()
@@ -150,7 +151,7 @@ class Ports:
         rows, columns = at[here] - p.first_column, np.flatnonzero(here)
         more = csr_array((np.ones(rows.size), (rows, columns)), shape=(p.owned, at.size))
         self.entries = csr_array(hstack([self.entries, more], format="csr"))
-        self._anchors = at
+        self._anchors, self._free = at, None
 
     def anchors(self) -> tuple[Ints, Ints]:
         """Ports that springs may be on, those of bodies and anchors, and their unknowns."""
@@ -170,12 +171,17 @@ class Ports:
         Args:
             L: How the twelve numbers of bodies follow their six, shape (bodies, 12, 6).
         """
+        if self._free is not None:
+            return self._free
         data, of, arm = self._held
         values = data[:, None, None] * L.reshape(-1, 4, 3, 6)[of, arm]
         every = np.r_[np.ones(3 * self.averages.size), values.ravel()]
         shape = 3 * self._linkage.averages, self.count
         summed = np.bincount(self._put, every, self._pattern[0].size)
-        return csr_array((summed, *self._pattern), shape=shape)
+        out = csr_array((summed, *self._pattern), shape=shape)
+        if not self.bodies.size:  # then it is always the same
+            self._free = out
+        return out
 
 
 def _spread(X: Array) -> list[int]:

@@ -52,6 +52,7 @@ class BoundAverages:
         W, self.held = weights_of(scene, bodies.of.records, averages)
         self.at = np.flatnonzero(own & (np.diff(W.tocsc().indptr)[rows.nodes] > 0))
         self.own = W[:, rows.nodes[self.at]].tocsr()
+        self._spread = self.own.T.tocsr()
         self._X, self._dofs = rows.X[self.at], rows.dofs.reshape(-1, 3)[self.at]
 
     def mean(self, of_nodes: Array, of_bodies: Array | None = None) -> Array:
@@ -76,7 +77,7 @@ class BoundAverages:
 
     def resist_nodes(self, forces: Array, f: Any) -> None:
         """Add forces on averages, shape (averages, 3) [N], to those on nodes that are no body's."""
-        f.array.reshape(-1, 3)[self.at] += self.own.T @ forces
+        f.array.reshape(-1, 3)[self.at] += self._spread @ forces
 
     def resistance_at(
         self, nodes: npt.NDArray[np.int32], on_averages: Array, forces: Array

@@ -149,10 +149,11 @@ class JoinedEquilibrium(Equilibrium):
             twice, and (rows, rows).
         """
         increments, linkage = self.prolongation.increments, self.linkage
-        test, trial = self.ports.lead(increments.L), self.ports.lead(increments.P)
+        test = self.ports.lead(increments.L)
+        trial = self.ports.lead(increments.P) if self.ports.bodies.size else test
         own = self._scale**2 * linkage.compliance()
         within = dia_array((own[None], [0]), shape=(linkage.count,) * 2)
-        H = test.T @ linkage.curvature() @ trial
+        H = csr_array(test.T) @ linkage.curvature() @ trial
         if self._sprung is not None:
             H = H - dia_array((self._springs[None], [0]), shape=(self.ports.count,) * 2)
         return H, self._scaled(linkage.test()) @ test, self._scaled(linkage.trial()) @ trial, within

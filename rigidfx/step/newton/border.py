@@ -6,16 +6,19 @@ R what springs of joints yield, the tangent of a step is
     [A + E H Eᵀ    E Dᵀ]
     [D₁ Eᵀ         R   ],
 
-A is solved for each port once with each new tangent, Y = A⁻¹ E; C = Eᵀ Y is the compliance at the
-ports. The rest of a solve is a small system in the displacements of the ports, q, and in the
-multipliers,
+Y = A⁻¹ E comes with each new tangent, and C = Eᵀ Y, the compliance at the ports. A does not couple
+parts that joints alone connect: ports of different parts share a solve, and Y has entries in the
+part of each port only, see `parted`. The rest of a solve is a small system in the displacements of
+the ports, q, the forces on them, f, and the multipliers,
 
-    [I + C H    C Dᵀ] [q]   [Eᵀ A⁻¹ r]
-    [D₁         R   ] [μ] = [s       ],    z = A⁻¹ r - Y (H q + Dᵀ μ).
+    [I   C   0 ] [q]   [Eᵀ A⁻¹ r]
+    [H  -I   Dᵀ] [f] = [0       ],    z = A⁻¹ r - Y f.
+    [D₁  0   R ] [μ]   [s       ]
 
 No joint is ever inside incomplete factors. Of a tangent that is kept, ports turn along with the
-nodes and bodies that they belong to, as Y and C do; H, D and D₁ are always those of the last
-iterate, so that rows are met as by Newton's method.
+nodes and bodies that they belong to, as Y and C do. H, D and D₁ are those of the last iterate where
+tangents are new in each, so that rows are met as by Newton's method, and of the first one of a
+step where they are kept.
 """
 
 from __future__ import annotations
@@ -26,12 +29,12 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.linalg import block_diag
-from scipy.sparse import block_array, csc_array, eye_array
-from scipy.sparse.linalg import splu
+from scipy.sparse import coo_array, csc_array, csr_array
+from scipy.sparse.linalg import SuperLU, splu
 
 from rigidfx.base.errors import StepError
 from rigidfx.step.equations.joined import JoinedEquilibrium
+from rigidfx.step.newton.parted import parted
 
 __all__ = ["Border", "BorderedFactors"]
 
@@ -43,7 +46,8 @@ class Border:
     """Joints around a solver without them; `destroy` frees its vectors.
 
     Attributes:
-        ports: Number of ports: solves that a new tangent takes beside its factors.
+        ports: Number of ports.
+        solves: How many solves a new tangent takes beside its factors.
     """
 
     def __init__(self, equilibrium: JoinedEquilibrium) -> None:
@@ -54,12 +58,15 @@ class Border:
         """
         self._equilibrium, ports = equilibrium, equilibrium.ports
         self.ports = ports.count
-        self._E = ports.entries
+        self._E, self._ET = ports.entries, csr_array(ports.entries.T)
         self._owned = equilibrium.prolongation.owned
         self._r, self._z = (equilibrium.prolongation.unknowns() for _ in range(2))
-        self._Y: Array = np.empty((self._owned, 0))
-        self._C = csc_array((0, 0))
-        self._turned: csc_array | None = None
+        self.solves = self.ports
+        self._Y = csr_array((self._owned, self.ports))
+        self._C = coo_array((0, 0))
+        self._turned: csr_array | None = None  # rotations of the ports, 3×3 each
+        self._weights: csr_array | None = None  # squares of shares of vectors in ports
+        self._factors: SuperLU | None = None  # of the small system
 
     def _sum(self, values: Array) -> Array:
         comm = self._equilibrium.prolongation.comm
@@ -73,55 +80,58 @@ class Border:
         Args:
             solve: Solves with it, A z = r.
         """
-        columns = self._E.tocsc()
-        self._Y = np.empty((self._owned, self.ports), order="F")
-        for k in range(self.ports):
-            own = slice(columns.indptr[k], columns.indptr[k + 1])
-            self._r.set(0.0)
-            self._r.array[columns.indices[own]] = columns.data[own]
+        shared = parted(self._equilibrium.tangent_matrix, self._E)
+        self.solves = len(shared.ports)
+        found = np.empty((self.solves, self._owned))
+        for ports, z in zip(shared.ports, found, strict=True):
+            self._r.array[:] = self._E[:, ports].sum(axis=1)
             solve(self._r, self._z)
-            self._Y[:, k] = self._z.array_r
-        self._C = csc_array(self._sum(np.ascontiguousarray(self._E.T @ self._Y)))
-        self._turned = None
+            z[:] = self._z.array_r
+        self._Y = shared.spread(found)
+        self._C = self._compliance(self._Y)
+        self._turned = self._factors = None
+
+    def _compliance(self, Y: csr_array) -> coo_array:
+        own = self._ET @ Y
+        if self._equilibrium.prolongation.comm.size == 1:
+            return coo_array(own)
+        return coo_array(self._sum(np.ascontiguousarray(own.toarray())))
 
     def turn(self, starts: npt.NDArray[np.int32], Q: Array | None) -> None:
-        """Take note of how nodes and bodies have turned since the tangent was made. Collective.
+        """Begin a step: take note of how nodes and bodies have turned since. Collective.
 
         Args:
             starts: Where vectors among this rank's unknowns begin.
             Q: Rotation of each, shape (vectors, 3, 3); None if none has.
         """
-        self._turned = None
+        self._turned = self._factors = None
         if Q is None:
             return
-        weights = self._E[starts][:, ::3]
-        sums = self._sum(np.asarray(weights.power(2).T @ Q.reshape(-1, 9))).reshape(-1, 3, 3)
+        if self._weights is None:
+            self._weights = csr_array(self._E[starts][:, ::3].power(2).T)
+        sums = self._sum(np.asarray(self._weights @ Q.reshape(-1, 9))).reshape(-1, 3, 3)
         sums[np.abs(sums).max(axis=(1, 2)) == 0.0] = np.eye(3)  # nodes that are held in part
         W, _, Vt = np.linalg.svd(sums)
-        self._turned = csc_array(block_diag(*(W @ Vt)))
+        columns = np.repeat(np.arange(self.ports).reshape(-1, 3), 3, axis=0)
+        ends = 3 * np.arange(self.ports + 1)
+        self._turned = csr_array(((W @ Vt).ravel(), columns.ravel(), ends))
 
-    def solve(self, solve: Solve, r: PETSc.Vec, z: PETSc.Vec) -> None:
-        """Solve with joints. Collective.
-
-        Args:
-            solve: Solves without them.
-            r: Right-hand side, in the frame of the tangent.
-            z: Solution, overwritten.
-        """
-        equilibrium = self._equilibrium
-        self._r.array[:] = r.array_r[: self._owned]
-        solve(self._r, self._z)
-        q = self._sum(np.asarray(self._E.T @ self._z.array_r))
-        H, D, D1, R = equilibrium.border()
+    def _factor(self) -> SuperLU:
+        """Factors of the small system at the last iterate. Collective."""
+        H, D, D1, R = (part.tocoo() for part in self._equilibrium.border())
+        C, n = self._C, self.ports
         if self._turned is not None:
-            B = self._turned
-            H, D, D1 = B.T @ H @ B, D @ B, D1 @ B
-        right = np.r_[q, equilibrium.of_joints(r.array_r)]
-        n = self.ports
-        C = self._C
-        matrix = block_array([[eye_array(n) + C @ H, C @ D.T], [D1, R]], format="csc")
+            C = coo_array(self._turned @ csr_array(C) @ self._turned.T)
+        k, ones = np.arange(n), np.ones(n)
+        (hi, hj), (di, dj), (ei, ej) = H.coords, D.coords, D1.coords
+        (ri, rj), (ci, cj) = R.coords, C.coords
+        rows = k, ci, n + hi, n + k, n + dj, 2 * n + ei, 2 * n + ri
+        columns = k, n + cj, hj, n + k, 2 * n + di, ej, 2 * n + rj
+        values = ones, C.data, H.data, -ones, D.data, D1.data, R.data
+        at = np.concatenate(rows), np.concatenate(columns)
+        shape = (2 * n + D.shape[0],) * 2
         try:
-            found = splu(matrix).solve(right)
+            return splu(csc_array((np.concatenate(values), at), shape=shape))
         except RuntimeError:  # SuperLU's word for a singular matrix
             raise StepError(
                 "The joints and motors leave no motion, or hold what they hold already: their "
@@ -129,9 +139,29 @@ class Border:
                 "Look for motors that drive the same parts, or for a pose in which the mechanism "
                 "locks; smaller steps may pass that.",
             ) from None
+
+    def solve(self, solve: Solve, r: PETSc.Vec, z: PETSc.Vec, kept: bool = False) -> None:
+        """Solve with joints. Collective.
+
+        Args:
+            solve: Solves without them.
+            r: Right-hand side, in the frame of the tangent.
+            z: Solution, overwritten.
+            kept: Whether factors of the small system serve that this step has made already.
+        """
+        n, turned = self.ports, self._turned
+        self._r.array[:] = r.array_r[: self._owned]
+        solve(self._r, self._z)
+        q = self._sum(np.asarray(self._ET @ self._z.array_r))
+        if turned is not None:
+            q = turned @ q
+        if self._factors is None or not kept:
+            self._factors = self._factor()
+        found = self._factors.solve(np.r_[q, np.zeros(n), self._equilibrium.of_joints(r.array_r)])
+        f = found[n : 2 * n] if turned is None else turned.T @ found[n : 2 * n]
         out = z.array
-        out[: self._owned] = self._z.array_r - self._Y @ (H @ found[:n] + D.T @ found[n:])
-        out[self._owned :] = found[n:][: out.size - self._owned]
+        out[: self._owned] = self._z.array_r - self._Y @ f
+        out[self._owned :] = found[2 * n :][: out.size - self._owned]
 
     def destroy(self) -> None:
         """Free the vectors. Collective."""

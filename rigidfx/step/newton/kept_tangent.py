@@ -103,7 +103,7 @@ class KeptTangent:
     @property
     def renewal(self) -> float:
         """Cost of a new tangent, in iterations with a kept one."""
-        return self.inverse.renewal + (0 if self._border is None else self._border.ports)
+        return self.inverse.renewal + (0 if self._border is None else self._border.solves)
 
     def fits(self, dt: float) -> bool:
         """Whether a step of Δt [s] is near enough to the one that the tangent was assembled for."""
@@ -146,7 +146,7 @@ class KeptTangent:
         if self._border is None:
             self.inverse.solve(self._right, z)
         else:
-            self._border.solve(self.inverse.solve, self._right, z)
+            self._border.solve(self.inverse.solve, self._right, z, kept=True)
         if self._factor != 1.0:
             z.scale(self._factor)
         self._secants.mend(z.array, self.learning)
