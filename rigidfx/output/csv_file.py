@@ -14,11 +14,12 @@ import io
 import os
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
-from errno import EIO, ENOENT, ENOSPC
+from errno import ENOENT, ENOSPC
 from pathlib import Path
 from typing import Any
 
 from rigidfx.base.file_lock import lock
+from rigidfx.output.changed import ChangedFile
 
 __all__ = ["CsvFile"]
 
@@ -68,9 +69,9 @@ class CsvFile:
         self._file.seek(0)
         there = self._file.read(end)
         if zlib.crc32(there) != known:
-            raise OSError(EIO, "rows that were there are gone", str(self._path))
+            raise ChangedFile(self._path, "rows that were there are gone")
         if end and not there.startswith(self._text(header)):
-            raise OSError(EIO, "other columns than the recorder's options make", str(self._path))
+            raise ChangedFile(self._path, "its columns are not those of the recorder's options")
         self._file.truncate(end)
         self._end, self._sum = end, known
         if not end:

@@ -14,7 +14,7 @@ import os
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from errno import EIO, ENOSPC
+from errno import ENOSPC
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
@@ -22,6 +22,8 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, plot
+
+from rigidfx.output.changed import ChangedFile
 
 __all__ = ["Body", "Cloud", "Series"]
 
@@ -153,7 +155,7 @@ class Series:
         self._files.mkdir(exist_ok=True)
         if self._count:
             if path.stat().st_size < self._end:
-                raise OSError(EIO, "times that were there are gone", str(path))
+                raise ChangedFile(path, "times that were there are gone")
             os.truncate(path, self._end)
             with path.open("ab") as file:
                 file.write(END)

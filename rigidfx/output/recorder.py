@@ -36,6 +36,7 @@ from rigidfx.base.instants import at_latest
 from rigidfx.base.same_input import check_same
 from rigidfx.effects import Contact, Joint
 from rigidfx.output.body_tables import body_rows, event_rows
+from rigidfx.output.changed import ChangedFile
 from rigidfx.output.fields import Fields
 from rigidfx.output.history import Written, history_columns, history_row
 from rigidfx.output.paraview import Body, Cloud
@@ -336,6 +337,11 @@ class Recorder:
             return (
                 f"Recorder: another recorder writes to the folder '{self.folder}', in this process "
                 "or in another. Close that one, wait for its run to end, or name another folder."
+            )
+        if isinstance(error, ChangedFile):
+            return (
+                f"Recorder: '{error.filename}' has changed since the checkpoint: {error.strerror}. "
+                "Bring it back, name another folder, or begin anew with resume=False."
             )
         return (
             f"Recorder: cannot write to the folder '{self.folder}' "

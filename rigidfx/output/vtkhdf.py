@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from errno import EIO
 from io import DEFAULT_BUFFER_SIZE
 from pathlib import Path
 from typing import Any
@@ -25,6 +24,7 @@ import numpy.typing as npt
 from rigidfx.base.errors import SceneError
 from rigidfx.base.interrupts import uninterrupted
 from rigidfx.flexible.stress import SYMMETRIC
+from rigidfx.output.changed import ChangedFile
 from rigidfx.output.paraview import Body, Cloud
 from rigidfx.output.whole_writes import WholeWrites
 
@@ -323,10 +323,10 @@ def _check(h5py: Any, path: Path, count: int) -> None:
     try:
         with h5py.File(path, "r") as file:
             there = int(file["VTKHDF/Steps"].attrs["NSteps"])
-    except (KeyError, ValueError):
+    except (OSError, KeyError, ValueError):
         there = 0
     if there < count:
-        raise OSError(EIO, "times that were there are gone", str(path))
+        raise ChangedFile(path, "times that were there are gone")
 
 
 @uninterrupted()
