@@ -6,7 +6,10 @@ import warnings
 from functools import partial
 
 import numpy as np
+import pytest
 from four_bars import MOTOR, four_bars
+from joints import follow
+from test_contact_pairs import boxes
 
 import rigidfx as rf
 
@@ -43,3 +46,57 @@ def test_what_joints_leave_free_is_not_shown():
     run, unknowns = tips(four_bars(rf.Gravity((0, -9.81, 0))), 0.2, rf.StrainRate(1e9, 0.06))
     assert unknowns < 156
     np.testing.assert_array_equal(run[:, 1], 0.0)
+
+
+def closed_chain(mass):
+    """Four flexible bars in a square that folds while it tumbles; nothing holds it.
+
+    Bent out of its plane a chain of hinges alone would lock while it is rigid.
+    """
+    n, w, g = (4, 1, 1), 0.05, 0.08
+    corners = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], dtype=float)
+    own = []
+    for k in range(4):
+        a, b = sorted((corners[k], corners[(k + 1) % 4]), key=tuple)
+        along = (b - a) @ (b - a) * (b - a)
+        low, high = a + g * along - w * (1 - along), b - g * along + w * (1 - along)
+        own.append((tuple(low), tuple(high), n if along[0] else (1, 4, 1)))
+    domain = boxes(*own)
+    joints = []
+    for k in range(4):
+        for j, bar in ((k, k), (k, (k - 1) % 4)):
+            low, high, _ = (np.array(of) for of in own[bar])
+            near = partial(_near, low, high, corners[j])
+            domain = domain.with_facets(f"{bar} at {j}", near)
+        sides = rf.MeanFace(f"{k} at {k}"), rf.MeanFace(f"{(k - 1) % 4} at {k}")
+        axis = () if k == 2 else ((0, 0, 1),)
+        kind = (rf.Revolute, rf.Cylindrical, rf.Spherical, rf.Revolute)[k]  # 17 rows of 24
+        joints.append(kind(*sides, tuple(corners[k]), *axis))
+
+    def folding(x):
+        spin = np.cross((0.4, -0.3, 1.0), x.T - 0.5).T
+        return spin + 0.5 * np.stack([x[1] - 0.5, x[0] - 0.5, 0 * x[0]])
+
+    soft = rf.StVenantKirchhoff(rho=1000.0, E=1e7, nu=0.3)
+    start = rf.InitialVelocity(function=folding)
+    return rf.Scene(domain, soft, [*joints, start], mass=mass, element="enhanced")
+
+
+def _near(low, high, corner, x):
+    """Nodes of a bar's last layer of cells at a corner."""
+    inside = ((x >= low[:, None] - 1e-9) & (x <= high[:, None] + 1e-9)).all(axis=0)
+    return inside & (np.abs(x - corner[:, None]).max(axis=0) <= 0.08 + 0.21 + 1e-9)
+
+
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+def test_a_closed_chain_keeps_energy_and_momenta_through_switches(mass):
+    """All four bars freeze, are released and freeze anew."""
+    release = rf.Release(at=(0.15,))
+    rule = rf.StrainRate(1e9, 0.06, patience=1, wake="none", release=release)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        reports, H, L, J, held = follow(closed_chain(mass), 0.01, 25, rigidify=rule)
+    assert [e.kind for r in reports for e in r.events] == ["freeze", "release", "freeze"]
+    assert reports[-1].unknowns == 24
+    assert max(H, L, J) <= 1e-11
+    assert held[0] <= 1e-13
