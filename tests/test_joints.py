@@ -354,6 +354,10 @@ def test_history_and_description_have_the_joints(tmp_path):
     columns = rf.read_history(recorder.history)
     assert columns["joint_joint_angle"][-1] == pytest.approx(report.joints["joint"].angle)
     assert columns["joint_joint_force_x"][-1] == pytest.approx(report.joints["joint"].force[0])
+    drawn = rf.read_fields(tmp_path / "bar" / "joints.pvd")  # points for arrows in ParaView
+    assert drawn.points == pytest.approx(np.array([AT]))
+    assert drawn["force"][-1] == pytest.approx(report.joints["joint"].force[None])
+    assert drawn["moment"][-1] == pytest.approx(report.joints["joint"].moment[None])
 
 
 @NO_WARNINGS

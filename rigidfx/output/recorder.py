@@ -39,6 +39,7 @@ from rigidfx.output.body_tables import body_rows, event_rows
 from rigidfx.output.changed import ChangedFile
 from rigidfx.output.fields import Fields
 from rigidfx.output.history import Written, history_columns, history_row
+from rigidfx.output.joint_fields import JointFields
 from rigidfx.output.paraview import Body, Cloud
 from rigidfx.output.point_fields import PointFields
 from rigidfx.output.run_files import RunFiles, kinds_of
@@ -131,7 +132,11 @@ class Recorder:
         self._joints = tuple(joint.title for joint in scene.named(Joint))
         self._stress = bool(stress)
         self._fields = Fields(scene, self._stress)
-        self._cloud = PointFields(scene) if integration_points else None
+        self._clouds: dict[str, PointFields | JointFields] = {}
+        if integration_points:
+            self._clouds["points"] = PointFields(scene)
+        if self._joints:
+            self._clouds["joints"] = JointFields(scene)
         self._peaks = Peaks(scene, over, "Recorder") if over else None
         self._last: Report | None = None
         self._before: Written | None = None
@@ -145,8 +150,7 @@ class Recorder:
         named = self._contacts, self._stress, self._joints, over
         columns = history_columns(self._supports, list(self._scene.probes), *named)
         bodies: dict[str, Body | Cloud] = {"fields": self._fields.body}
-        if self._cloud:
-            bodies["points"] = self._cloud.body
+        bodies |= {name: cloud.body for name, cloud in self._clouds.items()}
 
         def opened() -> None:
             self._files = RunFiles(self.folder, self._kinds, columns, bodies)
@@ -307,14 +311,15 @@ class Recorder:
 
     def _write_fields(self, report: Report) -> None:
         points, cells = self._fields.on_nodes(report), self._fields.on_cells(report)
-        cloud = self._cloud.values(report) if self._cloud else {}
+        clouds = {name: cloud.values(report) for name, cloud in self._clouds.items()}
         self._fields_at = report.step
 
         def write() -> None:
-            for series in self._files.fields:
+            for series in self._files.series("fields"):
                 series.write(report.t, points, cells)
-            for series in self._files.points:
-                series.write(report.t, cloud, {})
+            for name, values in clouds.items():
+                for series in self._files.series(name):
+                    series.write(report.t, values, {})
             if self._fields.may_have_bodies(report):
                 self._files.rows("bodies").add(body_rows(report))
 

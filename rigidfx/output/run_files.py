@@ -64,15 +64,13 @@ class RunFiles:
         """Whether there are rows of a former run."""
         return self._tables["history"].former
 
-    @property
-    def fields(self) -> Sequence[Series | HdfSeries]:
-        """Files of fields at nodes and cells; none before they begin."""
-        return self._fields.get("fields", ())
+    def series(self, name: str) -> Sequence[Series | HdfSeries]:
+        """Files of the fields of a mesh; none before they begin.
 
-    @property
-    def points(self) -> Sequence[Series | HdfSeries]:
-        """Files of fields at integration points, likewise."""
-        return self._fields.get("points", ())
+        Args:
+            name: "fields" at nodes and cells, "points" at integration points, "joints".
+        """
+        return self._fields.get(name, ())
 
     def begin(self, ends: Mapping[str, Any]) -> None:
         """Begin in the place of files of a former run, or go on.
