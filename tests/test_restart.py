@@ -89,7 +89,7 @@ FOUND_ANEW = {
     "SharedStrains": "_start",
     "State": "_following changes clamped",
     "Stepper": "_bound _division failures forces prescribed system",
-    "Switch": "clamps held",
+    "Switch": "_joints clamps held",  # the motors of the start are told to `_joints`
     "TimeControl": "_end _found _state _system",
     "TimeError": "_next jerk swinging",
     "Whereabouts": "_first _told",
