@@ -555,6 +555,7 @@ def history(mass):
     *_, last = rf.static(hung(END), 1)
     force = last.joints["end"].force
     rows.append([last.energy, last.strain, *force, *last.probes["end"]])
+    rows.append([*rf.modes(hung(rf.JointSpring("hinge", 500.0)), 4).squares[:4], 0, 0, 0, 0])
     title = "Revolute MeanFace 'a' - MeanFace 'b'"
     driven = rf.JointSpring(title, 50.0, damping=1.0), rf.Motor(title, torque=lambda t: 20 * t)
     far = rf.MeanFace("b")

@@ -2,7 +2,8 @@
 
 A spring of stiffness β along each row G y makes the eigenvalues λ of (K + β GᵀG) φ = λ M φ too low
 by β |G φ|² but for what is of second order in 1/β, so that this is added: joints are as stiff as
-they are exact. Springs of joints act as they are, locks as rows.
+they are exact. In a matrix such springs drown eight digits of the rest, so that λ is taken as
+φᵀKφ + 2 β |G φ|², without them in K. Springs of joints act as they are, locks as rows.
 """
 
 from __future__ import annotations
@@ -52,15 +53,17 @@ class JoinedStiffness:
         self._own = csr_array(held @ ports.entries.T)
         E = ports.everywhere()
         G, T = csr_array(held @ E), csr_array(along @ E)
-        self._stiffness = csr_array(self._beta * (G.T @ G))
+        springs = csr_array(self._beta * (G.T @ G))
+        self._soft = csr_array(springs.shape)  # of springs of joints and remote points
         if len(drives):
             k = dia_array((drives.stiffness()[None], [0]), shape=(len(drives),) * 2)
-            self._stiffness = csr_array(self._stiffness + T.T @ k @ T)
+            self._soft = csr_array(self._soft + T.T @ k @ T)
         if len(linkage.points):
             linkage.points.look(start, np.zeros_like(start))
             P = csr_array(ports.lead(prolongation.increments.L) @ E)
             K = linkage.points.stiffness()  # of torques, which have no energy, the symmetric part
-            self._stiffness = csr_array(self._stiffness + 0.5 * (P.T @ (K + K.T) @ P))
+            self._soft = csr_array(self._soft + 0.5 * (P.T @ (K + K.T) @ P))
+        self._stiffness = csr_array(springs + self._soft)
 
     def added_to(self, K: PETSc.Mat) -> PETSc.Mat:
         """A stiffness with the springs, as a new matrix; the caller destroys it. Collective."""
@@ -73,8 +76,19 @@ class JoinedStiffness:
         more.destroy()
         return out
 
-    def yielded(self, y: PETSc.Vec) -> float:
-        """β |G y|²: twice the energy in the springs along the rows [J]. Collective."""
+    def square(self, K: PETSc.Mat, y: PETSc.Vec) -> float:
+        """λ of a vector with φᵀMφ = 1, and joints that do not yield [1/s²]. Collective.
+
+        Args:
+            K: The stiffness without joints.
+            y: φ.
+        """
+        image = K.createVecLeft()
+        K.mult(y, image)
         moved = np.asarray(self._own @ y.array_r)
         self._comm.Allreduce(MPI.IN_PLACE, moved)
-        return self._beta * float(moved @ moved)
+        every = np.concatenate(self._comm.allgather(y.array_r))
+        soft = float(every @ (self._soft @ every))
+        out = float(y.dot(image)) + soft + 2 * self._beta * float(moved @ moved)
+        image.destroy()
+        return out

@@ -123,7 +123,8 @@ class Problem:
         """
         if self._joints is None:
             return values
-        return values + [self._joints.yielded(vector) for vector in vectors]
+        K = self._statics.tangent_matrix
+        return np.array([self._joints.square(K, vector) for vector in vectors])
 
     def _masses(self) -> PETSc.Mat:
         """PᵀMP with the bodies' own. Collective."""
