@@ -125,7 +125,8 @@ with (
 #
 # Joints stay closed to rounding, and the motor's work is the gain of energy and of what dampers and
 # letting down take. What rigidity does to the motion is told by the block's way less that of rigid
-# links, which is 1/1000 of the whole.
+# links, 60 µm of 100 mm. In the smooth run that is the twin's to the width of a line; what rings
+# after a blow is up to a sixth of the largest value off.
 
 # +
 reports, notes = run.adaptive, run.notes
@@ -213,7 +214,7 @@ if parser.defaults(options, "tol", "size", "turns"):
     assert any(event.kind == "release" for event in events)
     assert rigid[-1] < 1.0 or options.short
 if options.compare and parser.defaults(options, "tol", "size", "turns"):
-    assert summary["error_of_way"] <= 0.1
-    assert summary["error_of_largest_stress"] <= 0.1
+    assert summary["error_of_way"] <= 0.2
+    assert summary["error_of_largest_stress"] <= 0.05
 say("Smoothly running it is rigid; struck, it wakes.")
 # -
