@@ -13,10 +13,11 @@ import numpy.typing as npt
 
 from rigidfx.effects import Joint, JointReport
 from rigidfx.output.paraview import Cloud
+from rigidfx.output.point_fields import PointFields
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 
-__all__ = ["JointFields"]
+__all__ = ["JointFields", "clouds_of"]
 
 Array = npt.NDArray[np.float64]
 
@@ -57,3 +58,18 @@ class JointFields:
             "travel": each(lambda joint: joint.travel),
             "gap": each(lambda joint: joint.gap),
         }
+
+
+def clouds_of(scene: Scene, integration_points: bool) -> dict[str, PointFields | JointFields]:
+    """The clouds of points of a run, by the names of their files. Collective.
+
+    Args:
+        scene: The problem.
+        integration_points: Whether fields at these are wanted.
+    """
+    out: dict[str, PointFields | JointFields] = {}
+    if integration_points:
+        out["points"] = PointFields(scene)
+    if scene.named(Joint):
+        out["joints"] = JointFields(scene)
+    return out

@@ -39,9 +39,8 @@ from rigidfx.output.body_tables import body_rows, event_rows
 from rigidfx.output.changed import ChangedFile
 from rigidfx.output.fields import Fields
 from rigidfx.output.history import Written, history_columns, history_row
-from rigidfx.output.joint_fields import JointFields
+from rigidfx.output.joint_fields import clouds_of
 from rigidfx.output.paraview import Body, Cloud
-from rigidfx.output.point_fields import PointFields
 from rigidfx.output.run_files import RunFiles, kinds_of
 from rigidfx.report.current import check_report, check_scene
 from rigidfx.report.peaks import Peaks
@@ -132,11 +131,7 @@ class Recorder:
         self._joints = tuple(joint.title for joint in scene.named(Joint))
         self._stress = bool(stress)
         self._fields = Fields(scene, self._stress)
-        self._clouds: dict[str, PointFields | JointFields] = {}
-        if integration_points:
-            self._clouds["points"] = PointFields(scene)
-        if self._joints:
-            self._clouds["joints"] = JointFields(scene)
+        self._clouds = clouds_of(scene, bool(integration_points))
         self._peaks = Peaks(scene, over, "Recorder") if over else None
         self._last: Report | None = None
         self._before: Written | None = None
