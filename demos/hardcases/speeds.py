@@ -46,7 +46,14 @@ def _bar(slow_from: float, blow_at: float) -> rf.Scene:
 def slow_beside_fast(short: bool) -> Iterator[Run]:
     """The tip is off by no more than .8 κ tol over the peak rate, of its largest way."""
     bound, dt = 0.8 * KAPPA * PART, 0.01
-    orders = {"slow first": (0.0, 4.0, 6.0)} | ({} if short else {"blow first": (6.0, 0.5, 12.0)})
+    orders = (
+        {"slow first": (0.0, 3.0, 4.2)}
+        if short
+        else {
+            "slow first": (0.0, 4.0, 6.0),
+            "blow first": (6.0, 0.5, 12.0),
+        }
+    )
     rule = rf.StrainRate(PART * PEAK, 20 * dt, kappa=KAPPA)
     for order, (slow_from, blow_at, t_end) in orders.items():
         scene = partial(_bar, slow_from, blow_at)

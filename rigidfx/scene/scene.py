@@ -266,9 +266,9 @@ class Scene:
 
     def sum(self, values: npt.ArrayLike) -> Any:
         """Sum of a number or an array over all ranks. Collective."""
-        array = np.asarray(values, dtype=np.float64)
-        total = self.comm.allreduce(array, op=MPI.SUM) if self.comm.size > 1 else array
-        return float(total) if array.ndim == 0 else total
+        total = np.array(values, dtype=np.float64, order="C")  # objects take 20 times as long
+        self.comm.Allreduce(MPI.IN_PLACE, total, op=MPI.SUM)
+        return float(total) if total.ndim == 0 else total
 
     @property
     def centre_of_mass(self) -> Array:
