@@ -210,7 +210,7 @@ class Joints:
         # Coordinates of laws where the rows are held: e without laws, and its derivative by these.
         alone = along @ e - across.T @ inverse @ open_by
         S = along @ self._C @ along.T - across.T @ inverse @ across
-        mu = np.zeros(len(held.laws))
+        mu: Array = np.zeros(len(held.laws))
         for _ in range(self._search.iterations if mu.size else 0):
             found = alone + S @ mu
             force, slope = np.array(
