@@ -29,6 +29,7 @@ BLOW = rf.Traction("y1", (0, 300.0, 0), time=lambda t: max(0.0, 1 - ((t - 2.6) /
 FLOOR = rf.Contact("z0", against=rf.Plane((0, 0, -0.2), (0, 0, 1)), friction=0.3, creep=1e-3)
 LOW = rf.Contact("z0", against=rf.Plane((0, 0, -1e-3), (0, 0, 1)), stiffness=1e4)
 QUIET = rf.StrainRate(0.003, 0.4)
+CALM = rf.StiffnessDamping(ratio=0.3, frequency=20.0)
 
 
 def bar(*effects, **more):
@@ -42,7 +43,7 @@ def block(*effects):
     return rf.Scene(box, SOFT, [*thrown, *effects], probes={"tip": (1, 1, 1)})
 
 
-def pair(*effects):
+def pair(*effects, along=0.5):
     """A block that slides on another one, which it meets node by triangle."""
     domain = boxes(
         ((0, 0, 0), (1, 1, 0.5), (3, 3, 1)), ((0.1, 0.2, 0.52), (0.7, 0.8, 1.1), (2, 2, 1))
@@ -51,7 +52,7 @@ def pair(*effects):
     domain = domain.with_facets("upper", lambda x: np.isclose(x[2], 0.52))
     domain = domain.with_facets("base", lambda x: np.isclose(x[2], 0))
     meet = rf.Contact("upper", against="lower"), rf.Contact("lower", against="upper")
-    held = rf.Fixed("base"), rf.Gravity((0.5, 0, -9.81))
+    held = rf.Fixed("base"), rf.Gravity((along, 0, -9.81))
     return rf.Scene(domain, SOFT, [*held, *meet, *effects], probes={"tip": (0.7, 0.8, 1.1)})
 
 
@@ -82,6 +83,10 @@ SCENES = {
     "falls": (block, 0.01, 0.4, {}),
     "rigid falls": (partial(block, rf.Rigid(None)), 0.01, 0.6, {}),
     "pair": (pair, 0.01, 0.5, {}),
+    "pair rests": (
+        partial(pair, CALM, along=0),
+        *(2**-7, 0.3, {"rigidify": rf.StrainRate(1.0, 0.03)}),
+    ),
     "joined": (joined, 0.02, 0.8, {}),
     "named": (partial(bar, HELD, rf.Rigid("block"), SINE), 0.05, 1.0, {}),
     "control": (partial(bar, HELD, SINE, BLOW), rf.StepControl(0.02, largest=0.05), 3.0, {}),

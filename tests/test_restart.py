@@ -32,7 +32,7 @@ NO_WARNINGS = pytest.mark.filterwarnings("ignore::rigidfx.base.errors.RigidfxWar
 
 
 LONG = "control", "all wake", "error", "pressed", "modes"
-STEPS = dict.fromkeys(SCENES, 15) | dict.fromkeys(LONG, 70)
+STEPS = dict.fromkeys(SCENES, 15) | dict.fromkeys(LONG, 70) | {"pair rests": 25}
 
 
 def parts(run):

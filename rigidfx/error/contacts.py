@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.sparse import csr_array
 
+from rigidfx.base.mesh_order import MeshOrder
 from rigidfx.base.remembered import ON_NODES, PART, ByObject, Remembered, same
 from rigidfx.coupling.rows import Rows
 from rigidfx.effects import Contact
@@ -89,14 +90,24 @@ class _Entries:
         self.own.append((row + self.first, column, own.data))
 
 
+class _Notes(ByObject):
+    """Memory that bound contacts hold, and that stays the same object."""
+
+    def set(self, owner: Any, name: str, whole: Any, order: MeshOrder) -> None:
+        """See `Kind`. Collective."""
+        known = getattr(owner, name)
+        for key, note in self.own(whole, order).items():
+            vars(known[key]).update(vars(note.memory(known[key].surface)))
+
+
 class Bound:
     """The contacts of a scene bound to all nodes; `destroy` frees their PETSc objects.
 
     Attributes:
-        notes: Their memory.
+        notes: Their memory, by their identity.
     """
 
-    remembered: ClassVar[Remembered] = {"notes": ByObject()}
+    remembered: ClassVar[Remembered] = {"notes": _Notes()}
 
     def __init__(self, stepper: Stepper, rows: Rows, notes: dict[int, Any]) -> None:
         """Bind them. Collective.
@@ -185,7 +196,9 @@ class Contacts:
         self._nodes = np.arange(scene.owned_nodes)
         rows = Rows(scene.space, self._nodes.astype(np.int32))
         self._own = Bound(stepper, rows, notes)
-        self._twin = Bound(stepper, rows, {k: copy(note) for k, note in notes.items()})
+        own = {id(contact) for contact in scene.named(Contact)}  # joints have notes, too
+        known = {key: copy(note) for key, note in notes.items() if key in own}
+        self._twin = Bound(stepper, rows, known)
         names = {(n, c.owner) for c in scene.named(Contact) for n in (c.where, *c.keeps_apart)}
         on: Array = np.zeros(len(scene.start_places))
         for name, owner in sorted(names):
@@ -196,6 +209,10 @@ class Contacts:
         self._attempt: Attempt | None = None
         self._start = self._moved = self._force = self._lambda  # of u, in the attempt
         self._as_run = False  # whether the twin has what the run remembers
+
+    def refresh(self) -> None:
+        """See `Watch`: columns lie in the order in which they were asked for."""
+        self._columns = None, self._columns[1]
 
     def follow(self, attempt: Attempt) -> None:
         """Have the forces of the run in a step that has been solved. Collective."""
@@ -216,9 +233,9 @@ class Contacts:
             Q: Rotation of each node's part, shape (nodes, 3, 3).
         """
         if self._as_run:
-            for key, note in self._own.notes.items():
-                if key in self._twin.notes:
-                    vars(self._twin.notes[key]).update(vars(copy(note)))
+            for key, note in self._twin.notes.items():
+                if key in self._own.notes:  # else the contact is over
+                    vars(note).update(vars(copy(self._own.notes[key])))
             self._as_run = False
         if self._columns[0] != kind:
             self._columns = kind, Columns(self._stepper.scene, self._on)

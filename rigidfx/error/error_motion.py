@@ -53,9 +53,7 @@ Array = npt.NDArray[np.float64]
 Cells = npt.NDArray[np.int32]
 Nodes = npt.NDArray[np.integer]
 
-# What PETSc's log calls this part of a run.
-_FOLLOWING = PETSc.Log.Event("rigidfxErrorMotion")
-
+_FOLLOWING = PETSc.Log.Event("rigidfxErrorMotion")  # what PETSc's log calls this part of a run
 LOOKS = 4  # steps from look to look: at the size of e, and at cells that it hardly strains
 
 Given = tuple[float, float, float]  # length of a step, and its damping: see `Response.step`
@@ -124,8 +122,7 @@ class ErrorMotion(Watch):
         if self._frames is None or (response := self._valid()) is None:
             return None
         Q = self._turned(self._frames)[self._frames.part]
-        e, rate = response.fields()
-        e, rate = (np.where(self._equations.unheld[:, None], 0.0, a) for a in (e, rate))
+        e, rate = (np.where(self._equations.unheld[:, None], 0.0, a) for a in response.fields())
         return Shown(to_space(e, Q), to_space(rate, Q))
 
     def at(self, points: Mapping[str, Point]) -> Mapping[str, Shown]:
@@ -141,8 +138,7 @@ class ErrorMotion(Watch):
         own, loose = np.stack(response.at([*points.values()])), self._equations.unheld
         own[:, [loose[point.nodes].any() for point in points.values()]] = 0.0
         e, rate = self._scene.sum(own)
-        rate = to_space(rate, Q[part])
-        moved = to_space(e, Q[part])
+        moved, rate = (to_space(a, Q[part]) for a in (e, rate))
         return {name: Shown(moved[k], rate[k]) for k, name in enumerate(points)}
 
     def motion(self) -> tuple[fem.Function, fem.Function] | None:
@@ -184,8 +180,8 @@ class ErrorMotion(Watch):
     def size(self) -> float:
         """Largest |e| of any node [m]. Collective."""
         e = np.zeros((1, 3)) if self._response is None else self._response.coarse()
-        here = float(np.linalg.norm(e, axis=1).max(initial=0.0))
-        return float(self._scene.comm.allreduce(here, op=MPI.MAX))
+        here = np.linalg.norm(e, axis=1).max(initial=0.0)
+        return float(self._scene.comm.allreduce(float(here), op=MPI.MAX))
 
     def strains(self, cells: Cells) -> Array:
         """Strains of e at the end of its last step, in the same measure [-]. See `rates`."""
@@ -239,9 +235,8 @@ class ErrorMotion(Watch):
         self._impulse.switched(velocities - self._velocities(), sets, self._frames)
 
     def _velocities(self) -> Array:
-        state = self._stepper.state
-        state.rebuild()
-        return state.v.x.array[: 3 * len(self._nodes)].reshape(-1, 3).copy()
+        self._stepper.state.rebuild()
+        return self._stepper.state.v.x.array[: 3 * len(self._nodes)].reshape(-1, 3).copy()
 
     # Steps --------------------------------------------------------------------------------------
 
@@ -278,6 +273,11 @@ class ErrorMotion(Watch):
             if self._contacts is not None:
                 self._contacts.restore(contacts)
         self._before = None
+
+    def refresh(self) -> None:
+        """See `Watch`."""
+        if self._contacts is not None:
+            self._contacts.refresh()
 
     def accept(self, attempt: Attempt) -> None:
         """See `Watch`."""
