@@ -159,6 +159,7 @@ def test_file_is_whole_after_every_call_of_the_system(tmp_path, monkeypatch):
             root, steps = f["VTKHDF"], f["VTKHDF/Steps"]
             count = int(steps.attrs["NSteps"])
             assert done <= count <= done + 1
+            assert len(steps["Values"]) == count  # VTK's reader overruns its space by others
             for k in {0, count // 2, count - 1} if count else ():
                 assert steps["Values"][k] == k
                 first = steps["PointDataOffsets/displacement"][k]
@@ -173,6 +174,7 @@ def test_file_is_whole_after_every_call_of_the_system(tmp_path, monkeypatch):
     for k in range(80):  # more than a node of HDF5's trees takes
         add(series, k)
         done += 1
+    assert len(read_by_vtk(path)) == 80
     series.close()
     assert len(looks) > 3 * 80
     assert rf.read_fields(path).times.size == 80

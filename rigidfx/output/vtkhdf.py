@@ -103,13 +103,14 @@ class _Table:
         rest: tuple[int, ...] = (),
         kind: Any = np.int64,
         all: int = 0,
+        at_once: int = ROWS,
     ) -> None:
-        """Make it, empty; `all` is the value of rows that nothing is put into."""
+        """Make it, empty; `all` is the value of empty rows, `at_once` how many are added."""
         self.data = group.create_dataset(
             name, (0, *rest), kind, maxshape=(None, *rest), chunks=(ROWS, *rest), fillvalue=all
         )
         self._chunks, self._kind, self._only_noughts = _Chunks(disk, self.data), kind, True
-        self.rows = 0
+        self.rows, self._at_once = 0, at_once
 
     def enter(self, row: int, value: float) -> None:
         """Put a value into the last row; nought is there already until there is another one."""
@@ -121,8 +122,8 @@ class _Table:
     def more(self, row: int) -> None:
         """Have a last row."""
         self.rows = row + 1
-        if row % ROWS == 0:
-            self._chunks.resize(row + ROWS)
+        if row % self._at_once == 0:
+            self._chunks.resize(row + self._at_once)
 
     def cut(self) -> None:
         """Leave out what follows the last row."""
@@ -219,7 +220,8 @@ class HdfSeries:
         self._steps = steps = root.create_group("Steps")
         steps.attrs["NSteps"] = np.int64(0)
         self._written = h5py.h5a.open(steps.id, b"NSteps")
-        self._times = _Table(self._disk, steps, "Values", (), np.float64)
+        # VTK makes space for the times that there are, and reads the whole table into it.
+        self._times = _Table(self._disk, steps, "Values", (), np.float64, at_once=1)
         # Tables with the same numbers are one table by several names.
         nought = _Table(self._disk, steps, "PartOffsets")
         of_cells = _Table(self._disk, steps, "CellOffsets", (1,))
