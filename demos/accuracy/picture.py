@@ -1,54 +1,53 @@
-"""Error against wall time, a panel for each structure."""
+"""Error against time, a panel for each structure and a curve for each way to choose."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from common import comm
 
 from rigidfx.plot import figure_of, on_first_rank, save
 from rigidfx.plot.curves import DPI
 
-from .labels import colour, place_labels
-from .study import SURE, Study
+Row = Mapping[str, Any]
+COLOURS = {"all flexible": "0.45", "rigid parts by hand": "#d55e00", "asked for": "#0072b2"}
 
 
-def draw(studies: Sequence[Study], path: Path) -> None:
-    """Draw all runs but the references. Collective."""
+def draw(panels: Mapping[str, Sequence[Row]], path: Path) -> None:
+    """Draw the curves. Collective.
+
+    Args:
+        panels: Title → rows with `way`, `cpu_s`, `error`, and `asked` (0 if nothing is).
+        path: The file.
+    """
 
     def picture() -> None:
-        title = "What accuracy costs in time: each point is a run, down and to the left is better"
-        figure, axes = figure_of(len(studies), 1, (11.0, 5.2 * len(studies)), title)
+        title = "Error against computing time: down and to the left is better"
+        figure, axes = figure_of(1, len(panels), (4.6 * len(panels), 4.4), title)
         figure.set_dpi(DPI)
-        for ax, study in zip(axes[:, 0], studies, strict=True):
-            _panel(ax, study)
-        figure.draw_without_rendering()  # the layout, on which places in pixels depend
-        for ax, study in zip(axes[:, 0], studies, strict=True):
-            best = study.front
-            place_labels(ax, [*best, *(row for row in study.compared if row not in best)])
+        for ax, (name, rows) in zip(axes[0], panels.items(), strict=True):
+            _panel(ax, name, rows)
+        axes[0, 0].set_ylabel("error of the probe (%)")
+        axes[0, 0].legend(frameon=False, loc="lower left")
         save(figure, path)
 
     on_first_rank(comm, picture, path.stem)
 
 
-def _panel(ax: Any, study: Study) -> None:
-    """The points of a structure, the line of the best, and what is not known in grey."""
-    name, rows = study.structure.name, study.compared
-    ax.set(title=name[0].upper() + name[1:], xlabel="time of one core (s)", ylabel="error")
-    ax.set(xscale="log", yscale="log")
-    walls, errors = ([row[key] for row in rows] for key in ("cpu_s", "error"))
-    ax.set_xlim(min(walls) / 1.5, max(walls) * 2.6)
-    ax.set_ylim(min(0.08, 50 * min(errors)), 300.0)
-    ax.set_yticks([0.1, 1.0, 10.0, 100.0], ["0.1 %", "1 %", "10 %", "100 %"])
+def _panel(ax: Any, name: str, rows: Sequence[Row]) -> None:
+    ax.set(title=name, xlabel="time of one core (s)", xscale="log", yscale="log")
+    for way, colour in COLOURS.items():
+        along = [row for row in rows if row["way"] == way]
+        x, y = ([row[key] for row in along] for key in ("cpu_s", "percent"))
+        ax.plot(x, y, marker="o", color=colour, linewidth=2.5, label=way)
+        for row in along:
+            if row["asked"]:
+                text = f"{100 * row['asked']:g} % asked"
+                place = (row["cpu_s"], row["percent"])
+                ax.annotate(text, place, (7, 5), textcoords="offset points", color=colour)
     ax.xaxis.set_major_formatter("{x:g}")
+    ax.yaxis.set_major_formatter("{x:g}")
     ax.minorticks_off()
-    line = np.array([(row["cpu_s"], 100 * row["error"]) for row in study.front])
-    ax.plot(*line.T, color="0.85", linewidth=7, solid_capstyle="round", zorder=1)
-    if study.doubt:
-        ax.axhspan(1e-9, 100 * SURE * study.doubt, color="0.94", zorder=0.5)
-    for row in rows:
-        shape = {"marker": "*", "markersize": 16} if row["label"] == "base" else {"marker": "o"}
-        ax.plot(row["cpu_s"], 100 * row["error"], color=colour(row["label"]), **shape)
+    ax.margins(0.25)

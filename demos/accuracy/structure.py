@@ -2,19 +2,31 @@
 
 from __future__ import annotations
 
-import inspect
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from functools import partial
-from hashlib import sha256
-
-import numpy as np
+from collections.abc import Callable
+from dataclasses import dataclass, field
 
 import rigidfx as rf
 
-from .setting import Setting
 
-Points = Mapping[str, np.ndarray]  # name of a probe → its position [m]
+@dataclass(frozen=True)
+class Setting:
+    """What is chosen for a run.
+
+    Attributes:
+        dt: Δt, or the longest one with a budget [s].
+        tol: Strain rate below which cells become rigid [1/s]; nothing does if 0.
+        window: How long it is observed [s].
+        budget: Of `Accuracy`, which chooses Δt and rigid parts; neither is chosen if 0.
+        newton: Reduction of the residual at which Newton's iteration ends.
+        wake: How bodies are released.
+    """
+
+    dt: float
+    tol: float = 0.0
+    window: float = 0.0
+    budget: float = 0.0
+    newton: float = 1e-12
+    wake: str = "local"
 
 
 @dataclass(frozen=True)
@@ -23,33 +35,22 @@ class Structure:
 
     Attributes:
         name: Its name.
-        mesh: The domain, by the number of cells per edge of one of the base.
-        scene: The problem on it.
-        motion: What is compared, by the current positions of the probes [m].
-        free: When the loads end [s].
+        scene: Makes the problem.
+        at: The probe that is compared.
+        of: Length that errors are parts of [m].
         t_end: End of its runs [s].
-        min_cells: Least size of a new body, in cells of the base mesh.
-        at: Probe whose motion budgets are of.
-        of: What they are parts of [m]: the largest bending, where most of a motion is rigid; the
-            probe's largest displacement if None.
-        settings: Label → setting; "reference" and "base" are among the labels.
+        min_cells: Least size of a body.
+        reference: The setting that errors are against.
+        ways: Name of a curve → the settings along it, the fastest first.
+        knobs: Name → setting, beside the last of those by hand.
     """
 
     name: str
-    mesh: Callable[[int], rf.Domain]
-    scene: Callable[[rf.Domain, Setting], rf.Scene]
-    motion: Callable[[Points], float]
-    free: float
+    scene: Callable[[], rf.Scene]
+    at: str
+    of: float
     t_end: float
     min_cells: int
-    at: str
-    of: float | None
-    settings: Mapping[str, Setting]
-
-    @property
-    def fingerprint(self) -> str:
-        """Changes with the mesh and the scene, so that old runs are not taken for new ones."""
-        mesh = self.mesh.func if isinstance(self.mesh, partial) else self.mesh
-        sources = (inspect.getmodule(mesh), self.scene, self.motion)
-        text = [*map(inspect.getsource, sources), repr(getattr(self.mesh, "keywords", {}))]
-        return sha256("".join(text).encode()).hexdigest()[:16]
+    reference: Setting
+    ways: dict[str, list[Setting]]
+    knobs: dict[str, Setting] = field(default_factory=dict)

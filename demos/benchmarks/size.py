@@ -1,0 +1,129 @@
+"""What rigid parts pay by size: four demos at four sizes each, beside their flexible twins.
+
+An entry of summary.json is a demo at a size:
+
+- scene, unknowns;
+- rigid_share: unknowns that rigid parts save, as a part of unknowns × time;
+- error: of the quantity that the demo compares (`error_of` names it), over the twin's largest;
+- time_ratio: time of all steps over that of the twin's;
+- memory: the most that the process has taken [MB].
+
+    ./fenicsx python3 demos/benchmarks/size.py
+    ./fenicsx python3 demos/benchmarks/size.py --only drop --most 20000
+
+Each run is a process of its own, so that memory is that of one run.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from bench import Parser, chosen, conclude
+from common import ROOT, positive
+
+
+@dataclass(frozen=True)
+class Demo:
+    """A demo, and how it is made larger.
+
+    Attributes:
+        arguments: Without a size.
+        option: The one of the size.
+        sizes: Unknowns, about → value of the option.
+        compared: Key of the summary that holds the error.
+    """
+
+    arguments: Sequence[str]
+    option: str
+    sizes: dict[int, str]
+    compared: str
+
+
+DEMOS = {
+    "drop_test": Demo(
+        ["--compare"],
+        "--size",
+        {2700: "0.02", 6600: "0.0082", 14_000: "0.0058", 60_000: "0.0033"},
+        "peak_force_errors",
+    ),
+    "robot_arm": Demo(
+        [],
+        "--size",
+        {10_000: "0.016", 20_000: "0.009", 50_000: "0.006", 110_000: "0.0044"},
+        "swing_deviation",
+    ),
+    "gong": Demo(
+        ["--compare"],
+        "--across",
+        {1700: "16", 6500: "32", 26_000: "64", 100_000: "128"},
+        "error_of_way",
+    ),
+    "mechanism": Demo(
+        ["--compare", "--turns", "1"],
+        "--size",
+        {13_000: "0.03", 25_000: "0.02", 56_000: "0.0125", 110_000: "0.0095"},
+        "error_of_way",
+    ),
+}
+
+
+def saved(folder: Path) -> tuple[int, float]:
+    """Unknowns of a run's first step, and the part of unknowns × time that is saved."""
+    with (folder / "history.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    unknowns, dt = (np.array([float(row[name]) for row in rows[1:]]) for name in ("unknowns", "dt"))
+    return int(unknowns.max()), float(1 - unknowns @ dt / (unknowns.max() * dt.sum()))
+
+
+def measured(name: str, value: str, short: bool, out: Path) -> dict[str, object]:
+    """Run a demo at a size, and read what it leaves."""
+    demo, folder = DEMOS[name], out / f"{name}_{value}"
+    command = [sys.executable, str(ROOT / "demos" / f"{name}.py"), "--out", str(folder)]
+    command += [*demo.arguments, *(["--short"] if short else [demo.option, value])]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as process:
+        _, status, usage = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode:
+        raise SystemExit(f"{' '.join(command)} ended with {process.returncode}")
+    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    unknowns, share = saved(folder)
+    ratio = summary.get("time_ratio")
+    if ratio is None:
+        ratio = summary["wall_adaptive_s"] / summary["wall_flexible_s"]
+    return {
+        "scene": name,
+        "unknowns": unknowns,
+        "rigid_share": share,
+        "error_of": demo.compared,
+        "error": float(np.max(summary[demo.compared])),
+        "time_ratio": ratio,
+        "memory": usage.ru_maxrss // 1024,
+    }
+
+
+def main() -> None:
+    """Run the demos and write their table."""
+    parser = Parser(__file__, __doc__.splitlines()[0], short="the drop test, in its short form")
+    parser.add_only("demos")
+    parser.add_argument("--most", type=positive, default=np.inf, help="unknowns, about")
+    options = parser.read()
+    table = []
+    for name in chosen(options, DEMOS, ("drop_test",)):
+        for unknowns, value in list(DEMOS[name].sizes.items())[: 1 if options.short else None]:
+            if unknowns <= options.most:
+                table.append(measured(name, value, options.short, options.out))
+                print(table[-1], flush=True)
+    conclude(options.out, table)
+    assert all(entry["time_ratio"] > 0 and 0 <= entry["rigid_share"] < 1 for entry in table)
+
+
+if __name__ == "__main__":
+    main()
