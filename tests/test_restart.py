@@ -326,6 +326,8 @@ def test_what_cannot_be_kept_is_refused_at_the_start(tmp_path, monkeypatch):
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGUSR1])
 def test_a_signal_leaves_a_checkpoint(number, tmp_path):
     make, dt, t_end, _ = SCENES["damped"]
+    left = rf.simulate(make(), dt, t_end, checkpoint=rf.Checkpoint(tmp_path / "left"))
+    next(left)  # open, as one whose loop was left by an error
     run = rf.simulate(make(), dt, t_end, checkpoint=rf.Checkpoint(tmp_path))
     while next(run).step < 7:
         pass

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import signal
-import threading
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
@@ -22,6 +19,7 @@ from rigidfx.base.remembered import PART, Forgetful, Remembered, joined, part_of
 from rigidfx.checkpoint.call import asked, check_scene_of, head_of
 from rigidfx.checkpoint.checkpoint import Checkpoint
 from rigidfx.checkpoint.files import Claim, loaded, newest, write
+from rigidfx.checkpoint.signals import Signals
 from rigidfx.run import Run
 from rigidfx.scene.mesh_order import mesh_order
 from rigidfx.scene.scene import Scene
@@ -29,8 +27,6 @@ from rigidfx.state import State
 from rigidfx.switch.switch import Switch
 
 __all__ = ["Keeper", "Kept", "bring_back", "read", "remember"]
-
-SIGNALS = signal.SIGINT, signal.SIGTERM, signal.SIGUSR1  # mpirun hands the last one on
 
 
 @dataclass(frozen=True)
@@ -131,8 +127,7 @@ class Keeper:
         self._order, self._head = mesh_order(scene), head_of(scene)
         self._orders = self._order.of_all_ranks()
         self._call = asked(call)
-        self._began, self._heard = perf_counter(), 0
-        self._handlers: dict[int, Any] = {}
+        self._began, self._signals = perf_counter(), Signals(tells=scene.comm.rank == 0)
         self._before = before
         self._claim: Claim | None = None
 
@@ -186,7 +181,8 @@ class Keeper:
             self._leave(step, t, run, looks)
             if last is not None:  # nothing follows, and the last report may still be asked
                 run.stepper.state.restore(last)
-        self._heard = 0 if heard else self._heard
+        if heard:
+            self._signals.heard = 0
         if heard == signal.SIGINT:
             raise KeyboardInterrupt(f"a checkpoint of step {step} is in '{self._given.folder}'")
         if heard:
@@ -203,7 +199,7 @@ class Keeper:
             due |= not longer((count + (not longer(count * given.time, self._t))) * given.time, t)
         elif self._comm.rank == 0:
             due |= perf_counter() - self._began >= given.every
-        found = np.array([self._heard, int(due)])
+        found = np.array([self._signals.heard, int(due)])
         self._comm.Allreduce(MPI.IN_PLACE, found, op=MPI.MAX)
         return bool(found[1]), int(found[0])
 
@@ -238,35 +234,14 @@ class Keeper:
 
     def __enter__(self) -> Keeper:
         """Hear signals that would end the process."""
-        if threading.current_thread() is threading.main_thread():
-            for number in SIGNALS:
-                before = signal.getsignal(number)
-                if before in (signal.SIG_DFL, signal.default_int_handler):
-                    self._handlers[number] = signal.signal(number, self._hear)
+        self._signals.begin()
         return self
 
-    def _hear(self, number: int, frame: Any) -> None:
-        """Have the run end after this step; at once if it was told before."""
-        if self._heard:
-            self._heard = 0
-            raise KeyboardInterrupt
-        self._heard = number
-        if self._comm.rank == 0:
-            with suppress(OSError):
-                os.write(2, b"\nrigidfx: the run ends after this step; once more ends it at once\n")
-
     def __exit__(self, *of_error: object) -> None:
-        """Hear them no more, and let other runs have the folder.
-
-        A signal that was heard since the last look has ended nothing. It is sent again, a little
-        later: while a generator is closed Python ignores all exceptions.
-        """
-        for number, handler in self._handlers.items():
-            signal.signal(number, handler)
+        """Hear them no more, and let other runs have the folder."""
         if self._claim is not None:
             self._claim.close()
-        if self._heard:
-            threading.Timer(0.5, os.kill, (os.getpid(), self._heard)).start()
+        self._signals.end()
 
 
 def _problem(folder: Path, error: OSError, begun: bool) -> str:
