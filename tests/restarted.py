@@ -43,7 +43,7 @@ def block(*effects):
     return rf.Scene(box, SOFT, [*thrown, *effects], probes={"tip": (1, 1, 1)})
 
 
-def pair(*effects, along=0.5):
+def pair(*effects, along=0.5, since=0.0):
     """A block that slides on another one, which it meets node by triangle."""
     domain = boxes(
         ((0, 0, 0), (1, 1, 0.5), (3, 3, 1)), ((0.1, 0.2, 0.52), (0.7, 0.8, 1.1), (2, 2, 1))
@@ -51,7 +51,8 @@ def pair(*effects, along=0.5):
     domain = domain.with_facets("lower", lambda x: np.isclose(x[2], 0.5))
     domain = domain.with_facets("upper", lambda x: np.isclose(x[2], 0.52))
     domain = domain.with_facets("base", lambda x: np.isclose(x[2], 0))
-    meet = rf.Contact("upper", against="lower"), rf.Contact("lower", against="upper")
+    sides = ("upper", "lower"), ("lower", "upper")
+    meet = (rf.Contact(a, against=b, since=since) for a, b in sides)
     held = rf.Fixed("base"), rf.Gravity((along, 0, -9.81))
     return rf.Scene(domain, SOFT, [*held, *meet, *effects], probes={"tip": (0.7, 0.8, 1.1)})
 
@@ -84,7 +85,7 @@ SCENES = {
     "rigid falls": (partial(block, rf.Rigid(None)), 0.01, 0.6, {}),
     "pair": (pair, 0.01, 0.5, {}),
     "pair rests": (
-        partial(pair, CALM, along=0),
+        partial(pair, CALM, along=0, since=0.02),
         *(2**-7, 0.3, {"rigidify": rf.StrainRate(1.0, 0.03)}),
     ),
     "joined": (joined, 0.02, 0.8, {}),

@@ -10,7 +10,7 @@ keeps its factor.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
@@ -131,8 +131,8 @@ class Bound:
             failures=stepper.failures,
             notes=notes,
         )
-        self._acting = stepper.system.acting
-        self._actions = Actions(structure, scene.named(Contact), self._acting)
+        self._acting: object = None  # nothing is selected yet; those that begin later are bound
+        self._actions = Actions(structure, scene.named(Contact), scene.named(Contact))
         self._moved, self._f = rows.vector(), rows.vector()
 
     def force(self, attempt: Attempt, start: Array, moved: Array) -> Array:
@@ -168,6 +168,11 @@ class Bound:
         rows, columns, values = zip(none, *every, strict=True)
         return np.concatenate(rows), np.concatenate(columns), np.concatenate(values)
 
+    def have(self, notes: Mapping[int, Any]) -> None:
+        """Have the memory that others have; of contacts that are over there is none."""
+        for key in self.notes.keys() & notes.keys():
+            vars(self.notes[key]).update(vars(copy(notes[key])))
+
     def accept(self) -> None:
         """See `Action`."""
         self._actions.accept()
@@ -191,14 +196,11 @@ class Contacts:
             stepper: Solves the steps.
             search: How λ is found.
         """
-        scene, notes = stepper.scene, stepper.state.notes
+        scene = stepper.scene
         self._stepper, self._search = stepper, Search() if search is None else search
         self._nodes = np.arange(scene.owned_nodes)
         rows = Rows(scene.space, self._nodes.astype(np.int32))
-        self._own = Bound(stepper, rows, notes)
-        own = {id(contact) for contact in scene.named(Contact)}  # joints have notes, too
-        known = {key: copy(note) for key, note in notes.items() if key in own}
-        self._twin = Bound(stepper, rows, known)
+        self._own, self._twin = (Bound(stepper, rows, {}) for _ in range(2))
         names = {(n, c.owner) for c in scene.named(Contact) for n in (c.where, *c.keeps_apart)}
         on: Array = np.zeros(len(scene.start_places))
         for name, owner in sorted(names):
@@ -218,6 +220,7 @@ class Contacts:
         """Have the forces of the run in a step that has been solved. Collective."""
         self._attempt = attempt
         state = self._stepper.state
+        self._own.have(state.notes)
         self._start = state.positions(self._nodes) - state.X[: self._nodes.size]
         self._moved = increments_of(self._stepper, attempt)
         self._force = self._own.force(attempt, self._start, self._moved)
@@ -233,9 +236,7 @@ class Contacts:
             Q: Rotation of each node's part, shape (nodes, 3, 3).
         """
         if self._as_run:
-            for key, note in self._twin.notes.items():
-                if key in self._own.notes:  # else the contact is over
-                    vars(note).update(vars(copy(self._own.notes[key])))
+            self._twin.have(self._own.notes)
             self._as_run = False
         if self._columns[0] != kind:
             self._columns = kind, Columns(self._stepper.scene, self._on)
