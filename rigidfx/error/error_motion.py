@@ -106,36 +106,35 @@ class ErrorMotion(Watch):
 
     @property
     def valid(self) -> bool:
-        """Whether e is known, and small enough for a linear equation; it is shown where it is."""
-        return self.validity.holds and (self._response is None or self._response.valid)
+        """Whether e is known, and small enough for a linear equation to tell its strains."""
+        return self.validity.holds and self._placed
 
     @property
     def all_shown(self) -> bool:
-        """Whether e is added to the results shown, in all parts."""
-        return self.valid and self._equations.all_held
+        """Whether e is added to the displacements shown, in all parts."""
+        return self._placed and self._equations.all_held
 
     def shown(self) -> Shown | None:
         """e in space at the present time; None while it is zero, or not known. Collective.
 
         It is zero in parts that nothing holds.
         """
-        if self._frames is None or (response := self._valid()) is None:
+        if self._frames is None or (response := self._response) is None or not self._placed:
             return None
         Q = self._turned(self._frames)[self._frames.part]
         e, rate = (np.where(self._equations.unheld[:, None], 0.0, a) for a in response.fields())
         return Shown(to_space(e, Q), to_space(rate, Q))
 
     def at(self, points: Mapping[str, Point]) -> Mapping[str, Shown]:
-        """e in space at points that were given at the start, by name. Collective.
+        """e in space at points given at the start, by name, shape (3,) each [m, m/s]. Collective.
 
-        Returns:
-            Of shape (3,) each [m, m/s]; nothing while e is zero, or not known.
+        Nothing while it is zero, or not known.
         """
-        if self._frames is None or not points or (response := self._valid()) is None:
+        if not points or not self._placed or self._frames is None or self._response is None:
             return {}
         Q = self._turned(self._frames)
         part = self._frames.parts_at([point.nodes for point in points.values()])
-        own, loose = np.stack(response.at([*points.values()])), self._equations.unheld
+        own, loose = np.stack(self._response.at([*points.values()])), self._equations.unheld
         own[:, [loose[point.nodes].any() for point in points.values()]] = 0.0
         e, rate = self._scene.sum(own)
         moved, rate = (to_space(a, Q[part]) for a in (e, rate))
@@ -147,7 +146,7 @@ class ErrorMotion(Watch):
         None before the first step of e, and where it is not known. Parts that nothing holds have e
         as well: it strains them.
         """
-        if (response := self._valid()) is None:
+        if (response := self._response) is None or not self.valid:
             return None
         e = response.fields()[0]
         out = fem.Function(self._scene.space)
@@ -210,9 +209,10 @@ class ErrorMotion(Watch):
             return 0.0
         return self._impulse.withheld(self._response.fields()[0], self._frames)
 
-    def _valid(self) -> Response | None:
-        """The response, where it may be shown."""
-        return self._response if self.valid else None
+    @property
+    def _placed(self) -> bool:
+        """Whether e is known, and its rotations are small enough to tell displacements."""
+        return self.validity.placed and (self._response is None or self._response.valid)
 
     # Switches -----------------------------------------------------------------------------------
 

@@ -1,8 +1,9 @@
 """Where the error motion is no longer small: a first-order equation does not tell its square.
 
-Strains of e are linear in it. The part of second order, ½ ∇eᵀ∇e, is that of its rotation: where it
-is above a tenth of the largest strain that its connected part has shown, or a rotation above a
-tenth, e does not tell the twin. Gradients are those at the middles of cells. A part that joints
+Displacements by e are off by half of its rotation, relative to e: they are told where no rotation
+is above a tenth. Strains of e are linear in it. The part of second order, ½ ∇eᵀ∇e, is that of its
+rotation: strains are told where it is below a tenth of the largest one that the connected part has
+shown, too. Gradients are those at the middles of cells. A part that joints
 hold turns in e as its neighbours bend: its mean rotation strains nothing, and is left out.
 """
 
@@ -36,10 +37,11 @@ class Validity:
 
     Attributes:
         concerned: Owned cells in which e was too large at the last look.
-        holds: Whether there was none on any rank.
+        holds: Whether there was none on any rank: strains are told.
+        placed: Whether its rotations were small on all ranks: displacements are told.
     """
 
-    remembered: ClassVar[Remembered] = same("holds", "_modes_hold", "_largest") | {
+    remembered: ClassVar[Remembered] = same("holds", "placed", "_modes_hold", "_largest") | {
         "concerned": CELLS,
         "_warns": PART,
     }
@@ -61,7 +63,7 @@ class Validity:
         self._largest: Array = np.zeros(scene.parts.count)  # strain of each part so far
         self._field = fem.Function(scene.space)
         self.concerned: Cells = np.empty(0, np.int32)
-        self.holds, self._modes_hold = True, True
+        self.holds = self.placed = self._modes_hold = True
         self._warns = WarnsOnce(scene.comm)
 
     def look(self, t: float, response: Response, x: Array, shape: Array) -> None:
@@ -78,8 +80,8 @@ class Validity:
         if reason and self._warns.waits:
             self._warns.say(
                 f"Error motion: at t = {t:.6g} s {reason}, so that a linear equation does not tell "
-                "it. While that lasts the run's own motion is shown, without its error. Take a "
-                "smaller tolerance, or keep flexible what bends (never)."
+                f"it. While that lasts {_hidden(self.placed)} shown are those of the run itself, "
+                "without its error. Take a smaller tolerance, or keep flexible what bends (never)."
             )
         if self._modes_hold and not response.valid:
             self._modes_hold = False
@@ -111,7 +113,8 @@ class Validity:
         self.concerned = np.flatnonzero(far | bent).astype(np.int32)
         largest = turned.max(initial=0.0), float(bent.any())
         turn, bends = np.max(self._scene.comm.allgather(largest), axis=0)
-        if turn > SMALL:
+        self.placed = bool(turn <= SMALL)
+        if not self.placed:
             return f"it turns by {turn:.2g} rad"
         return "its part of second order is above a tenth of the largest strain" if bends else ""
 
@@ -121,3 +124,8 @@ class Validity:
         field.array[: vectors.size] = vectors.reshape(-1)
         field.scatter_forward()
         return np.asarray(field.array.reshape(-1, 3)[self._nodes])
+
+
+def _hidden(placed: bool) -> str:
+    """Quantities to which e is not added."""
+    return "stresses and strains" if placed else "displacements, stresses and strains"
