@@ -50,8 +50,8 @@ CASES = {  # scene, ranks in turn
 POLITE = {  # processes let others work
     "OMP_NUM_THREADS": "1",
     "OMPI_MCA_mpi_yield_when_idle": "1",
-    "MPIR_CVAR_CH4_PROGRESS_THROTTLE": "1",
-    "MPIR_CVAR_CH4_PROGRESS_THROTTLE_NO_PROGRESS_COUNT": "16",
+    "MPIR_CVAR_ENABLE_HEAVY_YIELD": "1",
+    "MPIR_CVAR_POLLS_BEFORE_YIELD": "1",
 }
 MINE = "OMPI_COMM", "OMPI_UNIVERSE", "PMIX_", "PMI_", "PRTE_", "HYDRA_"  # of this process in MPI
 KILLS = 50
