@@ -127,7 +127,7 @@ class Keeper:
         self._order, self._head = mesh_order(scene), head_of(scene)
         self._orders = self._order.of_all_ranks()
         self._call = asked(call)
-        self._began, self._signals = perf_counter(), Signals(tells=scene.comm.rank == 0)
+        self._began, self._signals = perf_counter(), Signals()
         self._before = before
         self._claim: Claim | None = None
 
@@ -182,7 +182,7 @@ class Keeper:
             if last is not None:  # nothing follows, and the last report may still be asked
                 run.stepper.state.restore(last)
         if heard:
-            self._signals.heard = 0
+            self._signals.served()
         if heard == signal.SIGINT:
             raise KeyboardInterrupt(f"a checkpoint of step {step} is in '{self._given.folder}'")
         if heard:
@@ -234,7 +234,7 @@ class Keeper:
 
     def __enter__(self) -> Keeper:
         """Hear signals that would end the process."""
-        self._signals.begin()
+        self._signals.begin(tells=self._comm.rank == 0)
         return self
 
     def __exit__(self, *of_error: object) -> None:

@@ -1,7 +1,7 @@
 """Signals that end a run after the step that it is in: Ctrl-C, SIGTERM and SIGUSR1.
 
-Of several runs that are open the newest is told: one whose loop was left by an error stays open
-until Python frees it, and hears nothing any more.
+Of several runs that are open the one that ends a step next does so. One whose loop was left by an
+error stays open until Python frees it, and ends no step any more.
 """
 
 from __future__ import annotations
@@ -18,27 +18,31 @@ ALL = signal.SIGINT, signal.SIGTERM, signal.SIGUSR1  # mpirun hands the last one
 
 
 class Signals:
-    """Signals that a run hears.
-
-    Attributes:
-        heard: Number of a signal that has come and has ended nothing yet, else 0.
-    """
+    """Signals that a run hears, as long as it is open."""
 
     _open: ClassVar[list[Signals]] = []
     _former: ClassVar[dict[int, Any]] = {}  # handlers before the first of them
+    _heard: ClassVar[int | None] = None  # a signal that has come and has ended nothing yet
+    _tells: ClassVar[bool] = True  # whether this process says what a signal does
 
-    def __init__(self, tells: bool) -> None:
-        """Hear nothing yet.
+    @property
+    def heard(self) -> int:
+        """Number of a signal that is to end a run, else 0."""
+        return Signals._heard or 0
+
+    def served(self) -> None:
+        """Take note that it ends this run."""
+        Signals._heard = None
+
+    def begin(self, tells: bool) -> None:
+        """Hear signals that would end the process; in the main thread only.
 
         Args:
             tells: Whether this rank says what a signal does.
         """
-        self._tells, self.heard = tells, 0
-
-    def begin(self) -> None:
-        """Hear signals that would end the process; in the main thread only."""
         if threading.current_thread() is not threading.main_thread():
             return
+        Signals._tells = tells
         self._open.append(self)
         for number in ALL:
             before = signal.getsignal(number)
@@ -52,25 +56,23 @@ class Signals:
         """
         with suppress(ValueError):
             self._open.remove(self)
-        while self._former and not self._open:
+        if self._open:
+            return
+        while self._former:
             number, handler = self._former.popitem()
             if signal.getsignal(number) is _hear:
                 signal.signal(number, handler)
-        if self.heard:
-            threading.Timer(0.5, os.kill, (os.getpid(), self.heard)).start()
-
-    def hear(self, number: int) -> None:
-        """Have the run end after this step; at once if it was told before."""
-        if self.heard:
-            self.heard = 0
-            raise KeyboardInterrupt
-        self.heard = number
-        if self._tells:
-            with suppress(OSError):
-                os.write(2, b"\nrigidfx: the run ends after this step; once more ends it at once\n")
+        if number := Signals._heard:
+            Signals._heard = None
+            threading.Timer(0.5, os.kill, (os.getpid(), number)).start()
 
 
 def _hear(number: int, frame: Any) -> None:
-    """Tell the newest run."""
-    if Signals._open:
-        Signals._open[-1].hear(number)
+    """Have a run end after its step; at once if it was told before."""
+    if Signals._heard:
+        Signals._heard = None
+        raise KeyboardInterrupt
+    Signals._heard = number
+    if Signals._tells:
+        with suppress(OSError):
+            os.write(2, b"\nrigidfx: the run ends after this step; once more ends it at once\n")
