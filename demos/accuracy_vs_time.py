@@ -12,12 +12,13 @@
 # `accuracy_vs_time.png` and, with all numbers, `accuracy_vs_time.csv` and `summary.json`.
 
 # +
+from dataclasses import asdict
 from functools import partial
 from itertools import pairwise
 
 import numpy as np
 from accuracy import Setting, Structure, draw, measured
-from common import Parser, chosen, conclude, say, write
+from common import Parser, chosen, conclude, say, write, write_json
 
 import rigidfx as rf
 from meshes.block_with_cantilever import block_with_cantilever
@@ -128,7 +129,7 @@ STRUCTURES = [
     structure(
         "robot arm", arm, "tip", 0.018, 0.06 if short else 0.2, 5e-4, 0.01, 0.04, knobs=False
     ),
-    structure("free-flying body", body, "end", 1.7, 6.0 if short else 30.0, 0.2, 5e-3, 5.0),
+    structure("free-flying body", body, "end", 1.7, 6.0 if short else 30.0, 0.05, 2e-3, 5.0),
     structure("frame", frame, "a", 6e-4, 0.3 if short else 1.25, 0.01, 5e-5, 0.25, min_cells=1),
 ]
 STRUCTURES = [s for s in STRUCTURES if s.name in chosen(options, [s.name for s in STRUCTURES])]
@@ -137,6 +138,8 @@ STRUCTURES = [s for s in STRUCTURES if s.name in chosen(options, [s.name for s i
 # ## The runs
 
 # +
+# If nothing can be written, then now:
+write_json(options.out / "plan.json", {s.name: asdict(s.reference) for s in STRUCTURES})
 rows, panels = [], {}
 for s in STRUCTURES:
     settings = [(way, setting) for way, along in s.ways.items() for setting in along]

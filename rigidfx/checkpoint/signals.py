@@ -62,9 +62,9 @@ class Signals:
             number, handler = self._former.popitem()
             if signal.getsignal(number) is _hear:
                 signal.signal(number, handler)
-        if number := Signals._heard:
-            Signals._heard = None
-            threading.Timer(0.5, os.kill, (os.getpid(), number)).start()
+        if heard := self.heard:
+            self.served()
+            threading.Timer(0.5, os.kill, (os.getpid(), heard)).start()
 
 
 def _hear(number: int, frame: Any) -> None:
