@@ -156,7 +156,7 @@ for s in STRUCTURES:
         )
         say(f"{s.name}: {way}, Δt {setting.dt:g} s: {100 * error:.3g} % in {run.cpu_s:.3g} s")
     rows += found
-    panels[f"{s.name}, {reference.unknowns:,} unknowns".replace(",", " ", 1)] = found
+    panels[f"{s.name}: {reference.unknowns} unknowns"] = found
 
 columns = list(rows[0])
 lines = [columns, *([row[name] for name in columns] for row in rows)]

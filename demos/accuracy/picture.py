@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from common import comm
+from matplotlib.ticker import LogLocator
 
 from rigidfx.plot import figure_of, on_first_rank, save
 from rigidfx.plot.curves import DPI
@@ -42,11 +43,11 @@ def _panel(ax: Any, name: str, rows: Sequence[Row]) -> None:
         along = [row for row in rows if row["way"] == way]
         x, y = ([row[key] for row in along] for key in ("cpu_s", "percent"))
         ax.plot(x, y, marker="o", color=colour, linewidth=2.5, label=way)
-        for row in along:
-            if row["asked"]:
-                text = f"{100 * row['asked']:g} % asked"
-                place = (row["cpu_s"], row["percent"])
-                ax.annotate(text, place, (7, 5), textcoords="offset points", color=colour)
+        for k, row in enumerate(row for row in along if row["asked"]):
+            text, place = f"{100 * row['asked']:g} % asked", (row["cpu_s"], row["percent"])
+            beside = 7, 8 - 12 * (k % 2)  # in turn above and below
+            ax.annotate(text, place, beside, textcoords="offset points", color=colour)
+    ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     ax.xaxis.set_major_formatter("{x:g}")
     ax.yaxis.set_major_formatter("{x:g}")
     ax.minorticks_off()
