@@ -1,4 +1,4 @@
-"""What `accuracy_vs_time.py` is made of: structures, their runs, and a picture."""
+"""Parts of `accuracy_vs_time.py`: structures, their runs, and a picture."""
 
 from .picture import draw
 from .runs import Run, measured

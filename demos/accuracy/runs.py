@@ -76,7 +76,7 @@ def _carried_out(structure: Structure, setting: Setting) -> Run:
         rule["accuracy"] = rf.Accuracy(setting.budget, structure.at, of=structure.of)
     options = {"snes_rtol": setting.newton}
     reports = rf.simulate(scene, setting.dt, structure.t_end, petsc_options=options, **rule)
-    first = next(reports)  # what a run prepares and compiles is no cost of accuracy
+    first = next(reports)  # preparing and compiling are no cost of accuracy
     t, path, saved, began = (
         [first.t],
         [_place(scene, first, structure.at)],

@@ -10,7 +10,7 @@ import rigidfx as rf
 
 @dataclass(frozen=True)
 class Setting:
-    """What is chosen for a run.
+    """The choices of a run.
 
     Attributes:
         dt: Δt, or the longest one with a budget [s].
@@ -31,7 +31,7 @@ class Setting:
 
 @dataclass(frozen=True)
 class Structure:
-    """What is run again and again.
+    """A structure, and its runs.
 
     Attributes:
         name: Its name.

@@ -157,7 +157,7 @@ class BudgetRule:
     def rigidity(self) -> Rigidity:
         """Error of the motion by bodies."""
         motion = self._off(self._size)
-        kept = self._budget if self._rigid else min(motion, self._budget)  # time has the rest
+        kept = self._budget if self._rigid else min(motion, self._budget)
         return Rigidity(
             motion=motion,
             allowed=kept,
