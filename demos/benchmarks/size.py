@@ -10,8 +10,11 @@ An entry of summary.json is a demo at a size:
 
     ./fenicsx python3 demos/benchmarks/size.py
     ./fenicsx python3 demos/benchmarks/size.py --only drop --most 20000
+    ./fenicsx python3 demos/benchmarks/size.py --only gong --least 20000 --resume
 
-Each run is a process of its own, so that memory is that of one run.
+Each run is a process of its own, so that memory is that of one run. All take some hours of one
+core; with --resume a run that has been measured into the folder before is not run again, and those
+of other demos and sizes are in the table as well.
 """
 
 from __future__ import annotations
@@ -28,6 +31,8 @@ from pathlib import Path
 import numpy as np
 from bench import Parser, chosen, conclude
 from common import ROOT, positive
+
+ENTRY = "entry.json"  # of the table, in the folder of a run
 
 
 @dataclass(frozen=True)
@@ -51,7 +56,7 @@ DEMOS = {
     "drop_test": Demo(
         ["--compare"],
         "--size",
-        {2736: "0.02", 6576: "0.0082", 25_320: "0.0033", 91_872: "0.0022"},
+        {2736: "0.02", 25_320: "0.0033", 66_744: "0.0028", 91_872: "0.0022"},
         "peak_force_errors",
     ),
     "robot_arm": Demo(
@@ -83,8 +88,14 @@ def saved(folder: Path) -> tuple[int, float]:
     return int(unknowns.max()), float(1 - unknowns @ dt / (unknowns.max() * dt.sum()))
 
 
+def known(name: str, value: str, out: Path) -> dict[str, object] | None:
+    """The entry that a run has left; None if there is none."""
+    entry = out / f"{name}_{value}" / ENTRY
+    return json.loads(entry.read_text(encoding="utf-8")) if entry.exists() else None
+
+
 def measured(name: str, value: str, short: bool, out: Path) -> dict[str, object]:
-    """Run a demo at a size, and read what it leaves."""
+    """Run a demo at a size, and read and keep what it leaves."""
     demo, folder = DEMOS[name], out / f"{name}_{value}"
     command = [sys.executable, str(ROOT / "demos" / f"{name}.py"), "--out", str(folder)]
     command += [*demo.arguments, *(["--short"] if short else [demo.option, value])]
@@ -98,7 +109,7 @@ def measured(name: str, value: str, short: bool, out: Path) -> dict[str, object]
     ratio = summary.get("time_ratio")
     if ratio is None:
         ratio = summary["wall_adaptive_s"] / summary["wall_flexible_s"]
-    return {
+    entry = {
         "scene": name,
         "unknowns": unknowns,
         "rigid_share": share,
@@ -107,20 +118,27 @@ def measured(name: str, value: str, short: bool, out: Path) -> dict[str, object]
         "time_ratio": ratio,
         "memory": usage.ru_maxrss // 1024,
     }
+    (folder / ENTRY).write_text(json.dumps(entry), encoding="utf-8")
+    return entry
 
 
 def main() -> None:
     """Run the demos and write their table."""
     parser = Parser(__file__, __doc__.splitlines()[0], short="the drop test, in its short form")
     parser.add_only("demos")
-    parser.add_argument("--most", type=positive, default=np.inf, help="unknowns")
+    parser.add_argument("--least", type=positive, default=1, help="unknowns, at least")
+    parser.add_argument("--most", type=positive, default=np.inf, help="unknowns, at most")
+    parser.add_argument("--resume", action="store_true", help="keep what has been measured")
     options = parser.read()
-    table = []
-    for name in chosen(options, DEMOS, ("drop_test",)):
-        for unknowns, value in list(DEMOS[name].sizes.items())[: 1 if options.short else None]:
-            if unknowns <= options.most:
-                table.append(measured(name, value, options.short, options.out))
-                print(table[-1], flush=True)
+    asked, table = chosen(options, DEMOS, ("drop_test",)), []
+    for name, demo in DEMOS.items():
+        for unknowns, value in list(demo.sizes.items())[: 1 if options.short else None]:
+            entry = known(name, value, options.out) if options.resume else None
+            if entry is None and name in asked and options.least <= unknowns <= options.most:
+                entry = measured(name, value, options.short, options.out)
+                print(entry, flush=True)
+            if entry is not None:
+                table.append(entry)
     conclude(options.out, table)
     assert all(entry["error"] <= 0.2 and entry["rigid_share"] > 0.2 for entry in table)
 
