@@ -7,6 +7,7 @@ import resource
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 import ufl
 from mpi4py import MPI
@@ -19,6 +20,7 @@ from rigidfx.flexible.kernels import Kernel
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="one cache, one process")
 
 OPTIONS = kernels.jit_options
+MIDDLE = np.full((1, 3), 0.5)  # of a cell of reference
 
 
 @pytest.fixture
@@ -68,6 +70,19 @@ def test_a_form_is_looked_for_once(cache):
     shutil.rmtree(cache)
     compile_form(afresh=False)
     assert not cache.exists()
+
+
+def test_an_expression_is_found_by_a_later_scene(cache):
+    """Though UFL has counted its variables on."""
+
+    def compiled():
+        mesh = rf.box((0, 0, 0), (1, 1, 1), (1, 1, 1)).mesh
+        x = ufl.variable(ufl.SpatialCoordinate(mesh))
+        values = ufl.diff(ufl.dot(x, x), x)
+        form_cache.compile_expression(mesh.comm, values, MIDDLE, kernels.jit_options())
+        return {file.name for file in cache.iterdir()}
+
+    assert compiled() == compiled()
 
 
 @pytest.mark.parametrize("damage", ["emptied", "cut", "gone"])

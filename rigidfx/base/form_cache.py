@@ -8,6 +8,9 @@ kill) cannot be loaded and is removed.
 
 FFCx reads the names of all files of a folder for each form (12 ms where 16 000 have come together),
 and loads the library anew. So a process looks for a large form once, and small ones have a folder.
+
+FFCx finds an expression by a name that contains UFL's running numbers of variables. They are others
+for each scene, which would compile its own. So variables are numbered from zero here.
 """
 
 from __future__ import annotations
@@ -25,6 +28,9 @@ import ufl
 from cffi import VerificationError
 from dolfinx import fem, jit
 from mpi4py import MPI
+from ufl.classes import Label
+from ufl.corealg.map_dag import map_expr_dag
+from ufl.corealg.multifunction import MultiFunction
 
 from rigidfx.base.cache_log import listening
 from rigidfx.base.compiler import raise_uncompiled
@@ -99,8 +105,9 @@ def compile_expression(
             not be removed.
         CompilerError: On every rank, if the C compiler cannot be run, or fails.
     """
+    named = map_expr_dag(_Numbered(), expression)
     return _past_the_cache(
-        comm, options, lambda **how: fem.Expression(expression, points, comm=comm, **how)
+        comm, options, lambda **how: fem.Expression(named, points, comm=comm, **how)
     )
 
 
@@ -120,9 +127,25 @@ def compile_values(
             not be removed.
         CompilerError: On every rank, if the C compiler cannot be run, or fails.
     """
+    named = map_expr_dag(_Numbered(), expression)
     return _past_the_cache(
-        comm, options, lambda **how: jit.ffcx_jit(comm, (expression, points), **how)[:2]
+        comm, options, lambda **how: jit.ffcx_jit(comm, (named, points), **how)[:2]
     )
+
+
+class _Numbered(MultiFunction):
+    """An expression with its variables numbered from zero."""
+
+    expr = MultiFunction.reuse_if_untouched
+
+    def __init__(self) -> None:
+        """Know none."""
+        super().__init__()
+        self._labels: dict[Label, Label] = {}
+
+    def label(self, own: Label) -> Label:
+        """The label of a variable, which equal variables share."""
+        return self._labels.setdefault(own, Label(len(self._labels)))
 
 
 def _announced(form: ufl.Form) -> str:
