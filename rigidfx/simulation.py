@@ -80,18 +80,16 @@ def simulate(
         rigidify: When parts become rigid and flexible again; no part does if None.
         accuracy: Permitted error of the motion: chooses Δt, of which dt is the largest, and rigid
             parts; in place of rigidify.
-        corrected: Whether the error motion, where it is known, is added to the displacements and
-            velocities that are shown, and to stresses and strains: of probes, in files and in
-            pictures. That is with a `StrainRate` of wake="local"; `report.state`, energies, momenta
-            and reactions are those of the run itself.
+        corrected: Whether displacements, velocities, stresses and strains of probes, in files and
+            in pictures contain the error motion, which is known with `Accuracy` and with a
+            `StrainRate` of wake="local". `report.state`, energies, momenta and reactions do not.
         start: Where the run begins, at rest or with the scene's `InitialVelocity`: the last report
             of `static`, say, of this scene or of another one on the same domain.
         progress: Whether rank 0 shows a progress bar on standard error; where that is a terminal
             if None.
-        verbose: Whether rank 0 says on standard error what is compiled, what becomes rigid and
-            flexible, and how the run ended; if None, where that is a terminal, and elsewhere only
-            what a first run compiles, and once a minute how far the run is. The logger "rigidfx" is
-            told in any case, at the level INFO.
+        verbose: Whether rank 0 writes messages to standard error: compilation, switches, the end of
+            the run. If None, a terminal gets all of them, and a file or pipe only compilation and
+            the progress once a minute. The logger "rigidfx" gets all, at the level INFO.
         petsc_options: Options of PETSc's solvers for this run, by name without a prefix:
             {"ksp_type": "bcgs", "pc_type": "asm"}. Those of the command line and of the
             environment win; see `rigidfx.step.linear.petsc_options`.
@@ -142,17 +140,17 @@ def resume(
 ) -> Iterator[Report]:
     """Go on with a run from its newest checkpoint, on any number of ranks.
 
-    The next report is that of the step after the checkpoint. Newton's tolerance apart, and on the
-    same number of ranks without that, the motion is that of the run that left the checkpoint.
+    The first report is that of the step after the checkpoint. On the same number of ranks the
+    motion is the same as that of the first run, on other ranks to Newton's tolerance.
 
     Args:
         folder: The folder of its `Checkpoint`.
         scene: The problem, made as for the first run.
         t_end: Another end of the simulation [s]; not with a `StepControl` or an `Accuracy`.
-        dt: Arguments that no file keeps, as a function or a class of one's own; they are told by an
-            error ...
-        rigidify: ... likewise ...
-        accuracy: ... likewise.
+        dt: Argument of the first run, if it contained a function or a class of your own, which no
+            file keeps. An error names a missing one.
+        rigidify: As for dt.
+        accuracy: As for dt.
         checkpoint: When and where the run leaves checkpoints from now on; as before, in this
             folder, if None.
         progress: See `simulate`.

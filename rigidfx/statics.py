@@ -60,11 +60,10 @@ def static(
 ) -> Iterator[Report]:
     """Find static equilibria of a scene under growing loads.
 
-    The time t counts load steps, from 0 to t_end. A load or pressure that is constant grows in
-    proportion to t while its window is open, from nothing to its value. A load that is a function
-    of time, and the path of a support or an obstacle, is taken as it is at t. Springs act always;
-    damping and masses have no part but for weights. A load step that fails is cut, and the reports
-    go on at smaller steps.
+    The time t is the load parameter, from 0 to t_end. A constant load or pressure grows from zero
+    to its value, in proportion to t while its window is open. Loads that are functions of time, and
+    paths of supports and obstacles, have their values at t. Springs always act, damping does not,
+    masses act by their weight only. A load step that fails is halved.
 
     Example:
         >>> with Recorder(scene, "out/bracket", every=1) as recorder:   # doctest: +SKIP
@@ -135,10 +134,9 @@ class Compliance:
 
 
 def compliance(scene: Scene, steps: int | Sequence[float] = 1, *, t_end: float = 1.0) -> Compliance:
-    """Compliance of the parts named `Rigid`, taken out of the structure: two static solves.
+    """Change of displacements by the parts named `Rigid`, from two static solutions.
 
-    The error motion of a run takes such parts as rigid in the twin, too. Their change of
-    displacements.
+    The error motion of a run does not contain it, since these parts are rigid in its twin, too.
 
     Example:
         >>> print(compliance(scene))   # doctest: +SKIP

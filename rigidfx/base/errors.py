@@ -73,7 +73,7 @@ class CompilerError(RigidfxError, RuntimeError):
 
 
 class OutputError(RigidfxError, OSError):
-    """Results cannot be written where they should go, or not be read back."""
+    """Results cannot be written to their folder, or cannot be read."""
 
 
 class Trace(Exception):

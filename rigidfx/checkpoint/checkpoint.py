@@ -15,8 +15,8 @@ __all__ = ["Checkpoint"]
 class Checkpoint:
     """A run leaves checkpoints in a folder, from which `resume` goes on.
 
-    One is also left at the end of the run, and by Ctrl-C or a SIGTERM: the run then ends after the
-    step that it is in; a second Ctrl-C ends it at once. The newest two are kept.
+    One more is written at the end of the run, and after Ctrl-C or a SIGTERM: the run completes its
+    step and ends. A second Ctrl-C ends it at once. The newest two are kept.
 
     Attributes:
         folder: Where they are; that of a `Recorder`, say. It is made if it does not exist.

@@ -184,7 +184,7 @@ class Domain:
         return out
 
     def with_cells(self, name: str, marker: Marker) -> Domain:
-        """A domain that also knows the cells all of whose vertices fulfil a marker. Collective.
+        """A domain with a new set of cells: those with all vertices in the marker. Collective.
 
         Args:
             name: New name.
@@ -196,7 +196,7 @@ class Domain:
         return self._with(name, 3, marker, boundary=False)
 
     def with_facets(self, name: str, marker: Marker) -> Domain:
-        """A domain that also knows boundary facets whose vertices fulfil a marker. Collective.
+        """A domain with a new set of facets: boundary facets in the marker. Collective.
 
         Args:
             name: New name.
@@ -208,7 +208,7 @@ class Domain:
         return self._with(name, 2, marker, boundary=True)
 
     def with_vertices(self, name: str, marker: Marker) -> Domain:
-        """A domain that also knows the vertices that fulfil a marker. Collective.
+        """A domain with a new set of vertices: those in the marker. Collective.
 
         Args:
             name: New name.
@@ -220,7 +220,7 @@ class Domain:
         return self._with(name, 0, marker, boundary=False)
 
     def with_cell_set(self, name: str, cells: npt.ArrayLike) -> Domain:
-        """A domain that also knows the given local cells (ghosts included). Collective.
+        """A domain with a new set of the given local cells, ghosts included. Collective.
 
         Args:
             name: New name.

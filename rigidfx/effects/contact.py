@@ -34,7 +34,7 @@ TOO_DEEP = 0.5, 0.1  # of it: overlap that is refused, with an obstacle and with
 
 @dataclass(frozen=True)
 class Contact(Windowed):
-    """Keeps a surface out of an obstacle, by a penalty that stores and gives back all it takes.
+    """Keeps a surface out of an obstacle, by an elastic penalty that conserves energy.
 
     The nodes of the surface press with ½ k A g₋², A being their areas and g their gaps. Energy,
     with the part stored in the contact, is exact at any time step. A body is pressed at its nodes.
@@ -42,8 +42,8 @@ class Contact(Windowed):
     Attributes:
         where: Name of a set of boundary facets.
         against: A `Plane`, `Sphere` or `Cylinder`, at rest or moving; or the name of another set of
-            boundary facets, between the nodes of which those of `where` may not come; or its own,
-            for a surface that may meet itself.
+            boundary facets, which nodes of `where` may not pass; or the name of `where` itself, for
+            a surface that may touch itself.
         stiffness: k [N/m³]; five times that of a layer of the cells behind if None.
         friction: Coefficient of Coulomb friction μ ≥ 0.
         creep: Speed ε below which sticking nodes creep [m/s]; to be given with friction.

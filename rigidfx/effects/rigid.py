@@ -21,21 +21,20 @@ SYMMETRY = 1e-6  # of a given tensor, relative to its largest entry; the rest is
 class Rigid(Effect):
     """Cells that move as one rigid body from the beginning, whatever forces act on them.
 
-    Name only parts that in truth hardly bend: a part that does changes the motion of its neighbours
-    too, and only `rf.compliance` tells by how much.
+    Name only parts that hardly bend in reality. Otherwise the motion of the neighbours is wrong,
+    too; only `rf.compliance` shows this error.
 
-    A body whose nodes a support holds is refused, unless all components of three or more of its
-    nodes that do not lie on a line are held by one support: then it is fixed, or follows the
-    support's motion.
+    A support on its nodes is an error, unless one support holds all components of three or more
+    nodes that do not lie on a line: then the part is fixed, or follows that support.
 
     Attributes:
         where: Name of a set of cells; all cells if None.
         mass: Mass in place of the computed one [kg].
         inertia: Inertia about the centre of mass in place of the computed one, shape (3, 3)
             [kg m²].
-        each: Whether each piece of the set, which shares no node with the others, is a body of its
-            own, of the given mass and inertia: those of "nut" are called "nut 1", "nut 2", ... One
-            body of all if False; so it is, with a warning where there are several, if None.
+        each: If True, each disconnected piece of the set is a body with the given mass and
+            inertia: those of "nut" are "nut 1", "nut 2", ... If False, all pieces are one body. If
+            None, also, with a warning if there are several pieces.
     """
 
     is_rigid: ClassVar[bool] = True

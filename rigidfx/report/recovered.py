@@ -27,8 +27,8 @@ def recovered_stress(report: Report, stress: CauchyStress) -> tuple[Array, npt.N
     """Cauchy stress of all cells at a report, recovered in rigid parts. Collective.
 
     Args:
-        report: The last one of its run.
-        stress: Measures the stresses of the run's scene.
+        report: The newest report of its run.
+        stress: The stress measure of the run's scene.
 
     Returns:
         Stress of each owned cell, shape (cells, 3, 3) [Pa], and whether it was recovered: in rigid

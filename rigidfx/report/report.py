@@ -44,7 +44,7 @@ class Report:
         step: Number of the step; 0 is the initial state.
         t: Time at its end [s].
         dt: Its length [s]; 0 for the initial state.
-        iterations: Newton iterations, those of a solve with a kept tangent that failed among them.
+        iterations: Newton iterations, including those of a failed solution with a kept tangent.
         residuals: ‖R‖ [N] at each iterate of the solve that has found the step.
         tangents: Tangents assembled; fewer than iterations where one is kept.
         linear_iterations: Krylov iterations in total.
@@ -75,19 +75,19 @@ class Report:
         impact: Impact of a support that starts, or jumps in velocity, at the step's start; at t = 0
             in the report of the initial state.
         rigid: The rigid bodies at its end, as arrays.
-        clamped: Names of the parts named rigid that a support holds whole: they go with it, have
-            no unknowns, and are none of the bodies.
-        events: Freezes and releases since the last report: right before the step, and at its end.
-            Energies, momenta and bodies of the report are those after them.
-        closeness: How close any cell's strain rate came to its tolerance at the end of a window,
-            the least |e/tol - 1|; NaN if the step ended none.
+        clamped: Names of `Rigid` parts that a support holds: they follow the support, have
+            no unknowns, and are not among the bodies.
+        events: Freezes and releases since the last report: before the step, and at its end.
+            Energies, momenta and bodies of the report are those after these events.
+        closeness: Least |e/tol - 1| of all cells at the end of a window, e their strain rate:
+            how close the decision was. NaN if no window ended in the step.
         probes: Displacement of each probe, shape (3,) [m]: that of `state` and the error motion.
         velocities: Velocity of each probe, shape (3,) [m/s]: that of `state` and of the error
             motion; in a rigid part that of the part.
         error_motion: The error motion e at each probe, shape (3,) [m]: the estimated difference
             to a run without rigid parts; zero where it is not followed.
-        ledger: Errors and energies spent so far; None in a run in which nothing estimates them:
-            with given Δt, and nothing that wakes by forces.
+        ledger: Errors and energies so far; None in a run with given Δt and without waking by
+            forces.
         wall: Wall time of the step [s].
     """
 

@@ -44,21 +44,21 @@ def fraction(owner: str, name: str, value: Any) -> float:
 
 @dataclass(frozen=True)
 class StepControl:
-    """Δt follows from the error of displacements that time integration is allowed to make.
+    """Δt by a permitted error of displacements.
 
-    The errors of all steps, added up, are kept below `tol` times the largest displacement so far;
+    The sum of the errors of all steps is kept below `tol` times the largest displacement so far;
     see `rigidfx.step.length.time_error` for the estimate and `rigidfx.step.length.step_length` for
     the rule.
 
     Attributes:
         tol: Error of a run over the largest displacement so far, such as 0.01.
-        at: Names of the probes whose displacements count, the one with the largest error each
-            time; some nodes far from each other if None. Of what they are connected to nodes count
-            in the mean square, as errors made there come to them.
-        largest: Largest Δt [s]; to be given. A load that is over in less and is not declared as a
-            time window, a `Table` or `breakpoints` may be stepped over.
+        at: Names of the probes whose displacements count, at each time the one with the largest
+            error; some nodes far from each other if None. Other nodes of the connected part count
+            by their mean square, since their errors travel to the probes.
+        largest: Largest Δt [s]; required. A shorter load may be missed, unless it has a time
+            window, a `Table` or `breakpoints`.
         smallest: Smallest Δt [s]; a thousandth of the largest if None.
-        of: Displacement that `tol` is a part of [m]; the largest so far if None.
+        of: Displacement to which `tol` is relative [m]; the largest so far if None.
     """
 
     tol: float

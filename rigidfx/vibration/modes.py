@@ -140,8 +140,8 @@ def modes(scene: Scene, count: int = 6, *, about: Report | None = None) -> Modes
 
     Args:
         scene: The problem.
-        count: How many at least, 1 or more. A last one that belongs to a cluster brings the whole
-            cluster along.
+        count: Least number of modes, 1 or more. If the last one belongs to a cluster, the whole
+            cluster is returned.
         about: A report of the state about which the scene vibrates, with its stresses: the last one
             of `static`, say. The reference without stresses if None.
 
@@ -225,9 +225,9 @@ def _equal(at: Ints, values: Array) -> list[tuple[Ints, Array]]:
 
 
 def periods(scene: Scene, count: int = 3) -> Array:
-    """The longest periods of small free vibrations of a scene as it begins. Collective.
+    """The longest periods of small free vibrations of a scene at its start. Collective.
 
-    See `modes`, whose periods these are.
+    They are the periods of `modes`.
 
     Args:
         scene: The problem.

@@ -42,24 +42,24 @@ WATCHED = 1500
 
 @dataclass(frozen=True)
 class Accuracy(Criterion):
-    """How far off a motion may be, for whatever reason a run decides about by itself.
+    """Permitted error of a motion; a run chooses Δt and its rigid parts by it.
 
-    Δt, rigid parts and waking follow from it: time integration may use all of the budget
-    (`rigidfx.scene.step_control.StepControl`) until something becomes rigid, and rigidity half of
-    the rest then (`rigidfx.decide.criteria.budget_rule`). Each report's ledger has the amounts that
-    both have spent. The error of the mesh is not estimated.
+    Time integration may use the whole budget until a part becomes rigid
+    (`rigidfx.scene.step_control.StepControl`). Then rigid parts may use half of the unspent budget
+    (`rigidfx.decide.criteria.budget_rule`). The ledger of each report has the spent amounts of
+    both. The error of the mesh is not estimated.
 
     Attributes:
         budget: Error of the displacement over the largest one so far, such as 0.01.
         at: Names of the probes whose displacements count; some nodes far from each other if None.
-        of: Displacement that the budget is a part of [m]; the largest so far if None.
+        of: Displacement to which the budget is relative [m]; the largest so far if None.
         smallest: Smallest Δt [s]; a thousandth of the largest if None.
         never: Names of sets of cells that stay flexible.
-        min_cells: Least number of cells of a new body; if None a twentieth of all, and so many that
-            it takes six hundred unknowns, as smaller ones cost more than they save, and of
-            structures of less than fifteen hundred none.
-        check: Whether the flexible twin runs beside, with steps a quarter as long or so: reports'
-            ledgers then have the error that was measured.
+        min_cells: Least number of cells of a new body. If None: a twentieth of all cells, and
+            cells of 600 unknowns at least, since smaller bodies save no time; a structure below
+            1500 unknowns then has no bodies.
+        check: Whether the flexible twin is computed, too, with steps about a quarter as long: then
+            ledgers have the measured error.
     """
 
     budget: float

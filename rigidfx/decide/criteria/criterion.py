@@ -34,8 +34,8 @@ class StrainRate(Criterion):
 
     The run is observed window by window. A cell qualifies if its strain rate, a mean over the cell,
     was at most `tol` in every step of a window; at the window's end connected cells that qualify
-    become rigid bodies. Cells are released where the forces on their body would strain them; where
-    a support begins or ends, all are.
+    become rigid bodies. Cells are released if the forces on their body would strain them; all cells
+    are released when a support begins or ends.
 
     Cells named by a `Rigid` effect are rigid always; bodies that are found may grow together with
     them unless the effect gives their mass or inertia or a `Resultant` acts on them.
@@ -50,32 +50,29 @@ class StrainRate(Criterion):
         tolerances: Tolerance of named sets of cells in place of `tol`; the least where they
             overlap.
         never: Names of sets of cells that stay flexible.
-        min_cells: Least number of cells of a new body; a cell alone, with six numbers in place of
-            those of its nodes that no other cell has, hardly saves anything.
+        min_cells: Least number of cells of a new body; a single cell hardly saves time.
         release: Releases at given times or on the user's conditions.
-        load_change: Of wake="all", and refused with another: a load, the velocity of a support or
-            the force of a contact has changed if it differs from its value at the last freeze by
-            more than this fraction of its largest value so far. A tenth if None; infinity lets only
-            jumps, kinks and windows count.
-        wake: What ends a body. "local": the error motion, by which the run differs from its
-            flexible twin, takes a step in each step; cells that it strains at more than `kappa`
+        load_change: For wake="all" only. A load, the velocity of a support or the force of a
+            contact has changed if it differs from its value at the last freeze by more than this
+            fraction of its largest value so far. 0.1 if None; with infinity only jumps, kinks
+            and windows are changes.
+        wake: The rule that releases bodies. "local": the error motion, the difference to the
+            flexible twin, is computed in each step. Cells that it strains at more than `kappa`
             times their tolerance are released with a ring of cells round them, and the step is
-            solved again; a body is released whole where cells of that ring would spring (see
-            docs/rigid_parts.md). A change of a load releases nothing by itself. "all": any change
-            of a load or of a support releases all of them, the paper's rule. "none": nothing,
-            except by `release`. In any case all bodies are released where a support begins or ends.
-            "local" if None, or "all" where load_change is given.
-        kappa: κ ≥ 1 of "local"; of no meaning with another.
-        patience: Factor γ ≥ 1 by which cells have to qualify in more windows, one after the other,
-            each time they are released sooner than they were observed, from the second time in a
-            row on. Planned releases (`Release(at=…)`) do not count. With "local" cells also wait
-            until as much work has been done on them for nothing as their switches cost, some seven
-            flexible steps of the whole structure. 1 lets them never wait, for neither.
-        easing: Of wake="local", and refused with another: part of a window in which cells that
-            forces release are let down, at least. The stress that their body withheld fades; so
-            they do not ring about the shape that forces give them, and are quiet again sooner. Its
-            work is under "Easing" in `dissipated`. 0 gives all energy back at once, and lets it
-            ring. A quarter if None.
+            solved again. The whole body is released if the strain of a released cell would jump
+            (see docs/rigid_parts.md). "all", the paper's rule: any change of a load or of a support
+            releases all bodies. "none": only `release` does. With each rule a support that begins
+            or ends releases all bodies. "local" if None, or "all" if load_change is given.
+        kappa: κ ≥ 1, used by "local" only.
+        patience: Factor γ ≥ 1. A release is hasty if a cell was rigid for less time than it was
+            observed. After n hasty releases in a row it has to qualify in γⁿ⁻¹ windows in a row.
+            Planned releases (`Release(at=…)`) do not count. With "local" cells also wait until
+            their computation while quiet has cost as much as a freeze and a release, some seven
+            flexible steps of the whole structure. With 1 cells wait for neither.
+        easing: For wake="local" only. Least time, as a part of a window, in which the withheld
+            stress of released cells fades, so that they do not vibrate about their new shape.
+            Its work is `dissipated["Easing"]`. With 0 all energy is given back at once, and cells
+            vibrate. 0.25 if None.
         since: Time [s] at which observation begins.
         until: Time [s] from which on no more bodies are formed.
     """

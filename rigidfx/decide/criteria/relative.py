@@ -12,11 +12,10 @@ __all__ = ["Relative"]
 
 @dataclass(frozen=True)
 class Relative:
-    """A part of the largest strain rate that any cell has had so far.
+    """A tolerance relative to the largest strain rate of any cell so far.
 
-    Nobody knows strain rates in 1/s beforehand, but two per cent of the largest means the same for
-    any structure. As long as no rate has been above noise, only cells that do not strain at all
-    count as rigid.
+    It suits any structure, while strain rates in 1/s are rarely known in advance. Until a rate has
+    exceeded the noise of Newton's method, only cells without any strain qualify.
 
     Attributes:
         part: Between 0 and 1.

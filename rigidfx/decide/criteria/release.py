@@ -17,19 +17,18 @@ __all__ = ["Release"]
 class Release:
     """Bodies become flexible again, at given times or on a condition.
 
-    Waking by forces, and releases by a change of a support or, with wake="all", of a load, need not
-    be named here.
+    It is not needed for waking by forces, nor for changes of supports or (`wake="all"`) of loads.
 
     Attributes:
         at: Times [s] at which steps end and bodies are released.
         when: A function of the report of a step that says whether to release after it: True or
             False, or the names of bodies.
-        repeat: Whether the step in which the condition comes true is solved again with these cells
-            flexible, before it is accepted (Fig. 2), rather than released after it. So the
-            condition is asked before each step is accepted, of a report without events, ledger and
-            recovered stresses, and once more after it.
-        where: Name of a set of cells that are released, out of whatever body they are in; the rest
-            of it stays rigid. All cells if None.
+        repeat: If True, the step in which the condition becomes true is solved again with these
+            cells flexible (Fig. 2). If False, they are released after that step. With True the
+            condition is evaluated before and after each step is accepted; the report before it has
+            no events, ledger and recovered stresses.
+        where: Name of a set of cells to be released; the rest of their bodies stays rigid. All
+            cells if None.
     """
 
     at: Sequence[float] | float = ()

@@ -1,12 +1,12 @@
-"""The end of chatter: cells that were released too soon, again and again, have to wait longer.
+"""Waiting times against repeated switches: cells that are released early wait longer.
 
-A load that goes on changing, or a condition of the user's, may release cells that have just become
-rigid; a window later they would become rigid again, and be released again. Nothing is gained by
-that, and each time the phase of a vibration is lost. A release is *hasty* if a cell was rigid for
-less time than it had been observed for. The first one in a row is forgiven. With the n-th a cell
-has to qualify in γⁿ⁻¹ windows, one after the other, before it may become rigid again: of
-alternating switches a time T sees some log T/log γ instead of T/T_red. A cell that was rigid for
-longer than it was observed for has done well, and one window will do again.
+A changing load, or a condition of the user's, may release cells that have just become rigid. A
+window later they would freeze again, and be released again. This saves no time, and each switch
+loses the phase of a vibration. A release is *hasty* if a cell was rigid for
+less time than it had been observed. After n hasty releases in a row a cell has to qualify
+in γⁿ⁻¹ windows in a row before it may become rigid again, so one window suffices after the first.
+In a time T there are then about log T/log γ switches instead of T/T_red. After a release that is
+not hasty the count starts again.
 """
 
 from __future__ import annotations

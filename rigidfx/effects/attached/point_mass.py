@@ -19,11 +19,11 @@ __all__ = ["PointMass"]
 
 @dataclass(frozen=True)
 class PointMass(OnFace):
-    """A mass without size, spread in equal parts over the nodes of a set, or at a point of a face.
+    """A point mass, spread in equal parts over the nodes of a set, or at a point of a face.
 
-    It counts in inertia and momenta, in the mass and inertia of a body that holds its nodes, and in
-    `Gravity` everywhere or on a set that holds its nodes. At a point of a face cells round its
-    nodes become rigid all together or not at all.
+    It is part of inertia and momenta, also of a body that contains its nodes, and `Gravity` acts on
+    it, unless a set of `Gravity` excludes its nodes. The cells at a face with a point mass become
+    rigid all together or not at all.
 
     Attributes:
         where: Name of a set of any dimension; all nodes in its closure take part. Or a `MeanFace`

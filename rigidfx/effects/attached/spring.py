@@ -36,9 +36,9 @@ class Spring(OnFace):
         stiffness: *Total* K [N/m]: a number for all directions, three for x, y and z, or a
             symmetric 3×3 matrix without negative eigenvalue.
         damping: *Total* C [N s/m], likewise; none by default.
-        relaxed: Place at which it has no force: "mesh", the reference positions of its nodes
-            (u₀ = 0), so that an `InitialDisplacement` strains it as it strains cells, or "start",
-            where an `InitialDisplacement` puts them (u₀ is that displacement).
+        relaxed: Positions without force: "mesh", the reference positions of its nodes
+            (u₀ = 0), or "start", the positions after an `InitialDisplacement` (u₀ is that
+            displacement).
         at: Place of the spring of a face, at the start [m]; the middle of the face if None.
     """
 

@@ -21,8 +21,8 @@ __all__ = ["KelvinVoigt"]
 class KelvinVoigt(Windowed):
     """Objective viscous stress S = η ΔE/Δt, which takes ∫ η ΔE:ΔE/Δt dV per step.
 
-    It sees strain rates only, so neither rigid motion nor a rigid body is damped. Effects on the
-    same cells add up.
+    It depends on strain rates only, so it damps neither rigid motions nor rigid bodies. Effects on
+    the same cells add up.
 
     Attributes:
         eta: Viscosity η > 0 [Pa s].

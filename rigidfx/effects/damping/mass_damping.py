@@ -21,7 +21,7 @@ class MassDamping(Windowed):
     """Drag proportional to mass: the force -α M Δu/Δt, on flexible nodes and on rigid bodies.
 
     It damps rigid motion too, as a surrounding fluid would; a mode of angular frequency ω gets the
-    damping ratio α/(2 ω). Its window is no change of a load: the ends release no rigid body.
+    damping ratio α/(2 ω). The ends of its window release no rigid body.
 
     Attributes:
         alpha: α > 0 [1/s].

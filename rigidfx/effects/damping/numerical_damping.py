@@ -15,7 +15,7 @@ __all__ = ["NumericalDamping"]
 class NumericalDamping(Windowed):
     """High-frequency dissipation of Armero and Petöcz, equation (22): ξ ∫ ΔE:ℂ₀:ΔE dV per step.
 
-    Its window is no change of a load: the ends release no rigid body.
+    The ends of its window release no rigid body.
 
     Attributes:
         xi: ξ ≥ 0, dimensionless; the scheme is of first order in Δt where ξ > 0.

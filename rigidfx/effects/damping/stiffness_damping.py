@@ -23,9 +23,9 @@ __all__ = ["StiffnessDamping"]
 class StiffnessDamping(Windowed):
     """Viscous stress S = β ℂ₀:ΔE/Δt with β = ζ/(π f), ℂ₀ the material's stiffness when unstrained.
 
-    A linear vibration at the frequency f has the damping ratio ζ, one at another frequency in
-    proportion to it. It sees strain rates only, so neither rigid motion nor a rigid body is damped,
-    and it takes β ∫ ΔE:ℂ₀:ΔE/Δt dV per step. `MassDamping` is the other part of Rayleigh's damping.
+    A linear vibration at the frequency f has the damping ratio ζ; the ratio is proportional to the
+    frequency. It damps neither rigid motions nor rigid bodies, and dissipates
+    β ∫ ΔE:ℂ₀:ΔE/Δt dV per step. `MassDamping` is the other part of Rayleigh's damping.
 
     Attributes:
         ratio: Damping ratio ζ > 0 of a vibration, 1 where it is critical.

@@ -26,7 +26,7 @@ Array = npt.NDArray[np.float64]
 class InitialDisplacement(Effect):
     """Displacement at the start, by a function of the reference position; it strains the body.
 
-    Supports hold, and move, nodes from where it puts them.
+    Supports start from the displaced positions.
 
     Attributes:
         function: x of shape (3, n) [m] → displacements of shape (3, n) [m].

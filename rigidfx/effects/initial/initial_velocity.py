@@ -29,8 +29,8 @@ CONTRADICTION = 1e-5
 class InitialVelocity(Effect):
     """Velocity at the start: a rigid motion, or any function of the reference position.
 
-    The rigid motion is that of the body where it lies at the start, displaced by an
-    `InitialDisplacement` or a `Preload`: v = linear + ω × (x - centre).
+    The rigid motion is v = linear + ω × (x - centre), with positions x after an
+    `InitialDisplacement` or a `Preload`.
 
     Attributes:
         linear: Velocity of the centre [m/s].

@@ -14,7 +14,7 @@ __all__ = ["Cylindrical"]
 
 @dataclass(frozen=True)
 class Cylindrical(Axial):
-    """Both sides have one axis in common; they turn about it and slide along it."""
+    """Both sides share an axis; they rotate about it and slide along it."""
 
     def build(self, pieces: Pieces, a: Sided, b: Sided) -> None:
         """An axis, and points on it."""

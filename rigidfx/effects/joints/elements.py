@@ -133,7 +133,7 @@ class Motor(Windowed):
 
 @dataclass(frozen=True)
 class JointSpring(Effect):
-    """A spring and a damper along a free coordinate of a joint, as a hinge's torsion spring.
+    """A spring and a damper along a free coordinate of a joint, such as the angle of a hinge.
 
     Attributes:
         joint: Name of the joint.

@@ -14,7 +14,7 @@ __all__ = ["Revolute"]
 
 @dataclass(frozen=True)
 class Revolute(Axial):
-    """A hinge: both sides have one point and one axis in common, and turn about that."""
+    """A hinge: both sides share a point and an axis, and rotate about the axis."""
 
     def build(self, pieces: Pieces, a: Sided, b: Sided) -> None:
         """Point on point, and an axis."""

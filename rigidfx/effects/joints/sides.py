@@ -57,10 +57,10 @@ class Surface:
 
 @dataclass(frozen=True)
 class MeanFace(Surface):
-    """A surface that a joint takes hold of by its mean place and affine mean, weighted by areas.
+    """A surface that a joint holds by its mean position and mean affine motion, weighted by areas.
 
     The joint's force is spread over the surface, which may deform (distributing coupling, RBE3).
-    Directions that the nodes of a flat surface do not span are those of the cells behind it.
+    The nodes of cells behind a flat surface define its normal direction.
 
     Attributes:
         where: Name of a set of boundary facets, such as a hole.
@@ -71,9 +71,8 @@ class MeanFace(Surface):
 class RigidFace(Surface):
     """A surface whose nodes move as one rigid body (kinematic coupling, RBE2).
 
-    It is stiffer than the truth, as a `MeanFace` is softer: stresses beside it are those of a pin
-    that is glued in. Its nodes are six unknowns of a step. Cells round it become rigid all together
-    or not at all.
+    It is stiffer than a real pin, and a `MeanFace` is softer. Stresses beside it are those of a
+    glued pin. Its nodes have six unknowns. Cells round it become rigid all together or not at all.
 
     Attributes:
         where: Name of a set of boundary facets, such as a hole.

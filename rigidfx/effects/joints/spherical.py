@@ -13,7 +13,7 @@ __all__ = ["Spherical"]
 
 @dataclass(frozen=True)
 class Spherical(Joint):
-    """A ball joint: both sides have one point in common, and turn about it as they like."""
+    """A ball joint: both sides share a point and rotate freely about it."""
 
     def build(self, pieces: Pieces, a: Sided, b: Sided) -> None:
         """Point on point."""

@@ -24,9 +24,9 @@ __all__ = ["Stop"]
 
 @dataclass(frozen=True)
 class Stop(Effect):
-    """Ends of the way that a joint leaves free, with a stiffness and a damper of their own.
+    """Limits of the angle or travel of a joint, with a stiffness and a damper.
 
-    Turns count. An end beyond which a joint is at the start pushes from the start on.
+    Turns count. If a joint starts beyond a limit, the limit pushes from the start on.
 
     Attributes:
         joint: Name of the joint.

@@ -19,7 +19,7 @@ RIGHT_ANGLE = 1e-6  # cosine that two axes may have at the start
 
 @dataclass(frozen=True)
 class Universal(Joint):
-    """A cross: both sides have one point in common, and an axis each, which stay perpendicular.
+    """A universal joint: both sides share a point; an axis of each stays normal to the other.
 
     Attributes:
         axis_a: Axis of the first side at the start, of any length.

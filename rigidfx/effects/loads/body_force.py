@@ -19,8 +19,8 @@ __all__ = ["BodyForce"]
 class BodyForce(DeadLoad):
     """Dead force per reference volume [N/m³].
 
-    It acts on volumes: neither a `PointMass` nor the given mass of a `Rigid` part changes it, which
-    is warned of. Weight is `Gravity`.
+    It acts on volumes. It neglects each `PointMass` and the given mass of a `Rigid` part, and warns
+    of them. Weight is `Gravity`.
 
     Attributes:
         value: Three components [N/m³], or a function t giving them, or a function x, t of

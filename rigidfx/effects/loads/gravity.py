@@ -22,8 +22,8 @@ __all__ = ["Gravity"]
 class Gravity(DeadLoad):
     """Uniform acceleration field: force m g on all mass of the nodes it acts on.
 
-    That is the mass of the cells of its set, ρ0 g per reference volume, and all of a `PointMass` on
-    the nodes of these cells. A `Rigid` part of given mass weighs that mass.
+    The force of cells is ρ0 g per reference volume. Each `PointMass` on nodes of these cells has
+    its weight, too, and a `Rigid` part of given mass has the weight of that mass.
 
     Attributes:
         value: Acceleration g, three components [m/s²], or a function of time giving them.

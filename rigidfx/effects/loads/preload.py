@@ -23,9 +23,9 @@ __all__ = ["Preload"]
 class Preload(Effect):
     """Static equilibrium under loads of its own, from which the dynamics start.
 
-    The loads act in the statics only: one that is to stay on is named in the scene as well, one
-    that is not is thereby let go suddenly at the start. With a spin the equilibrium is that of a
-    frame that turns, under centrifugal forces on the deformed places X + u, and the motion starts
+    The loads act in the statics only. To keep a load during the run, name it in the scene, too;
+    otherwise it vanishes suddenly at the start. With a spin the equilibrium is that of a rotating
+    frame, under centrifugal forces at the deformed places X + u, and the motion starts
     with the velocities ω × (X + u - centre), unless the scene names an `InitialVelocity`.
 
     Attributes:

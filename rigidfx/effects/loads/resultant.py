@@ -24,8 +24,8 @@ __all__ = ["Resultant"]
 class Resultant(OnFace, Windowed):
     """A force and a torque on a rigid body or at a point of a face; both keep their direction.
 
-    The force on a body goes through its centre of mass. Of a `MeanFace` the torque is conjugate to
-    the turn of the affine mean.
+    The force on a body acts at its centre of mass. The torque on a `MeanFace` is conjugate to
+    the rotation of its mean affine motion.
 
     Attributes:
         where: Name of the body's set of cells; None for the body of all cells; a `MeanFace` or a

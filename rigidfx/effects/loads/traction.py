@@ -22,8 +22,8 @@ class Traction(DeadLoad):
         where: Name of a set of facets.
         value: Three components [Pa], or a function t giving them, or a function x, t of
             reference positions of shape (3, n) [m] giving shape (3, n).
-        total: Whether values are of the force in all [N], spread evenly over the area; one that
-            depends on the place has its mean as the resultant.
+        total: Whether values are the total force [N], spread evenly over the area; for a function
+            of place its mean is the resultant.
     """
 
     dims: ClassVar[tuple[int, ...]] = (2,)

@@ -28,9 +28,8 @@ class PrescribedMotion(GuidedSupport):
             reference positions of shape (3, n) too, which gives shape (3, n); only its increments
             count. An attribute `breakpoints` of it names the instants of its kinks.
         velocity: Its derivative [m/s], of the same arguments; by a one-sided second-order
-            difference if None. It is used where the motion begins and after each breakpoint, and
-            its changes are changes of a load. Both are compared, at one of the nodes: there by the
-            scene, and before a run at some instants of it.
+            difference if None. It is used at the start of the motion and after each breakpoint.
+            A wrong derivative is an error: path and velocity are compared at one node.
     """
 
     displacement: PlaceAndTime = field(kw_only=True)

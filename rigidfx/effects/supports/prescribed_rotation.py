@@ -22,12 +22,12 @@ __all__ = ["PrescribedRotation"]
 
 @dataclass(frozen=True)
 class PrescribedRotation(GuidedSupport):
-    """Turns the nodes of a named set about a fixed axis, from where they lie at its start.
+    """Rotates the nodes of a named set about a fixed axis, from their positions at its start.
 
-    In a step from t₀ to t₁ a node at x moves by (R(φ(t₁) - φ(t₀)) - I) (x - c), so that nodes that
-    an `InitialDisplacement`, a `Preload` or the motion before has moved are turned as they lie. Its
-    work is force times path, so that energy balances whatever Δt. The velocity of its nodes is
-    2 Δu/Δt less the one before, as everywhere: it alternates about ω × r by (ωΔt)²/12 of that.
+    In a step from t₀ to t₁ a node at x moves by (R(φ(t₁) - φ(t₀)) - I) (x - c), with c
+    a point of the axis. Its work is force times path, so energy balances for any Δt. The velocity
+    of its nodes is 2 Δu/Δt minus the one before, as at all nodes: it alternates about ω × r with
+    the relative amplitude (ωΔt)²/12.
 
     Attributes:
         axis: Direction of the axis, of any length; the angle counts by the right hand.

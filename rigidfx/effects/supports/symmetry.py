@@ -19,10 +19,10 @@ FLAT = 1e-9  # of the size of the mesh
 class Symmetry(Fixed):
     """Holds the nodes of a plane in the direction of its normal, which is x, y or z.
 
-    It is the plane in which they lie at the start, displaced by an `InitialDisplacement`.
+    It is the plane of the nodes after an `InitialDisplacement`.
 
-    The other side is the mirror image: loads, reactions and energies are those of the half that
-    there is. Of a force in the plane itself half is to be given.
+    Loads, reactions and energies are those of the modelled half. Give half of a force that acts in
+    the plane itself.
 
     Attributes:
         components: The normal: found by the scene.

@@ -1,14 +1,14 @@
-"""Loads that a step takes wrongly, since its middle tells little of them.
+"""Steps that are shortened because the load at their middle differs from its mean.
 
-A step takes loads at its middle. The motion's own jerk tells of the error of that where a load is
-smooth; it tells nothing of a load that jumps, or begins, after the middle. So loads that are
-functions of a user's are evaluated at five times before a step is made. Where Simpson's mean of
-five is off that of three by more than `tol` of the change of the load so far, the step is
-shortened by bisection to the longest one for which it is not; likewise where the mean is off the
-middle by more than a twentieth. The step ends just after a jump, and steps begin anew there.
+A step evaluates loads at its middle. The jerk of the motion shows this error for smooth loads, but
+not for a load that jumps or begins after the middle. So loads that are functions of the user's are
+evaluated at five times before a step. If Simpson's means of five and three samples differ by more
+than `tol` of the change of the load so far, or if the mean differs from the value at the middle by
+more than 1/20 of it, bisection finds the longest step without such a difference. A step ends just
+after a jump, and Δt starts anew there.
 
-Time windows, kinks of a `Table` and `breakpoints` are known without that. A sine of two steps a
-period may be zero in all middles and in all means, and is not seen.
+Time windows, kinks of a `Table` and `breakpoints` are known without this. A sine of two steps a
+period may be zero at all middles and in all means, and is missed.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Onset(NamedTuple):
 
 
 class Onsets:
-    """Looks for them among the loads of a scene that are functions of a user's."""
+    """Finds such times among the loads of a scene that are functions of the user's."""
 
     remembered: ClassVar[Remembered] = same() | {"_loads": PART}
 
@@ -46,7 +46,7 @@ class Onsets:
         self._comm, self._loads = scene.comm, given_loads(scene)
 
     def within(self, t: float, end: float, shortest: float, tol: float) -> Onset | None:
-        """Where a step has to end before its end; None if it has not. Collective.
+        """Time at which a step has to end early; None if it may be whole. Collective.
 
         Args:
             t: Start of the step [s].

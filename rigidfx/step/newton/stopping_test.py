@@ -1,18 +1,16 @@
 """When Newton stops: at a relative tolerance, or where only rounding is left.
 
-‖R‖ ≤ 1e-12 ‖R_first‖ ends a step as a rule (-rigidfx_snes_rtol is another factor); of a motion that
-needs next to no force (rest, free flight of a stiff body) that is below rounding in the strains,
-whose size is estimated. There two things differ.
+‖R‖ ≤ 1e-12 ‖R_first‖ ends a step as a rule (-rigidfx_snes_rtol changes the factor). In a motion
+that needs hardly any force (rest, free flight of a stiff body) this is below the rounding of
+strains, whose size is estimated. Then two rules differ.
 
-The residual no longer tells the error of a linear solve. Rounding in the strains makes stresses,
-which move no body as a whole; the error of a loose solve is no stress. A needle that rolls about
-its
-axis has next to no inertia against it: a solve to 3e-3 of a residual of rounding turned it by 1e-4
-rad, the next iterate was a thousand times worse, and a step took 18 iterations. Where such growth
-is seen, linear solves are to leave 1e-12 ‖R_first‖ of a residual of rounding from then on.
+*Linear solutions.* Rounding of strains causes stresses, which have no resultant. The error of a
+loose linear solution has one. A needle has hardly any inertia against rolling: a solution to 3e-3
+of a residual of rounding rotated it by 1e-4 rad, the residual grew a thousandfold, and a step took
+18 iterations. After such growth linear solutions reduce residuals to 1e-12 ‖R_first‖.
 
-And Newton no longer gets anywhere. A residual that falls slowly close to rounding is a stall; one
-that grows is a stall only if it is rounding itself.
+*Stalls.* A residual that falls slowly and is close to rounding is a stall. A residual that grows is
+a stall only if it is itself rounding.
 """
 
 from __future__ import annotations
