@@ -28,12 +28,9 @@ BENCHMARKS = sorted((ROOT / "demos" / "benchmarks").glob("*.py"))
 # Benchmarks of many scenes, of which one is run.
 SOME = {
     "waking": ("--only", "wave"),
-    "step_control": ("--only", "push"),
     "budgets": ("--only", "tumbling", "--no-hand", "--budgets", "0.05"),
     "impact": ("--only", "wall"),
     "mechanisms": ("--only", "Bricard"),
-    "locking": ("--only", "c"),
-    "how_fast": ("--materials", "steel", "--elements", "hexahedra"),
 }
 # Long ones, whose steps, switches, contacts and files others have on two ranks.
 ON_ONE_RANK = "accuracy_vs_time", "drop_test", "free_flying_body", "spatial_frame", "tumbling_l"
@@ -91,26 +88,19 @@ BENCHMARK_SUMMARY = {
         *("rigid_of_quiet", "promise", "error", "error_corrected", "told_over_true", "time_ratio"),
         *("e_share", "setup_in_steps", "switch_in_steps", "factorisations"),
     },
-    "step_control": {"scene", "budget", "measured", "estimate", "reference", "steps", "rejected"},
-    "how_fast": {"runs"},
     "budgets": {
+        *("measured_flexible", "estimate_flexible", "constant_flexible", "reference"),
         *("scene", "budget", "measured", "estimate", "wall", "wall_flexible"),
         *("wall_best_by_hand", "mean_unknowns", "steps", "rejected"),
     },
-    "flexible_step": {"ratio_to_plain_dolfinx", "unknowns"},
-    "locking": {"cases", "cost_ratio_to_standard"},
-    "effects": {"ratio_per_step", "ratio_per_iteration", "newton_per_step", "unknowns"},
-    "observation": {"observed_to_plain", "freeze_in_steps", "release_in_steps", "unknowns"},
-    "output": {"flexible", "rigid"},
-    "impact": {"energy_drift", "force_error", "duration_error", "rebound_error", "cases"},
-    "condensation": {
-        "ratio_to_ideal",
-        "ideal_to_flexible",
-        "newton_per_step",
-        "ratio_to_flexible",
-        "unknowns",
-        "unknowns_reduced",
+    "speed": {"runs", "cost_exponent", "ratio_to_plain_dolfinx", "ratio_best_to_best"},
+    "known_answers": {"statics", "modes", "locking", "cost", "compressed"},
+    "costs": {"ratio_per_step", "ratio_per_iteration", "newton_per_step", "output", "unknowns"},
+    "rigid_parts": {
+        *("chains", "observed_to_plain", "freeze_in_steps", "release_in_steps", "unknowns"),
+        *("first_report_in_steps", "flexible_seconds_per_step", "flexible_newton_per_step"),
     },
+    "impact": {"energy_drift", "force_error", "duration_error", "rebound_error", "cases"},
 }
 PER_TOLERANCE = {
     "first_rigid_time",

@@ -94,3 +94,94 @@ def test_docstrings_name_their_subjects():
     files = [ast.parse(path.read_text(encoding="utf-8")) for path in PACKAGE.rglob("*.py")]
     nodes = [node for file in files for node in ast.walk(file) if isinstance(node, documented)]
     assert told("\n".join(ast.get_docstring(node) or "" for node in nodes)) <= WHAT
+
+
+# For each call that warns: the beginning of its entry on the page of errors and warnings.
+WARNINGS = {
+    "decide/advice.py": [
+        "the window is shorter",
+        "the tolerance is below",
+        "bodies are released again",
+        "an estimate failed",
+    ],
+    "decide/criteria/accuracy.py": ["the error is unknown", "the budget was not met"],
+    "domain/cad.py": ["the cells have more or less volume"],
+    "domain/gmsh_model.py": ["volume cells are in no physical group"],
+    "domain/inp.py": ["elements of an input file"],
+    "effects/contact.py": ["a contact overlaps at the start"],
+    "effects/contacts/facets.py": ["a round contact surface"],
+    "effects/loads/body_force.py": ["a force per volume"],
+    "error/validity.py": ["e is not small"],
+    "report/brief_contacts.py": ["a contact closed and opened"],
+    "report/energy_balance.py": [
+        "the balance of energy is off",
+        "the balance of energy is lost",
+        "rounding dominates energies",
+    ],
+    "report/jolts.py": ["a support or contact acts with a jolt"],
+    "report/lumping.py": ["lumped masses"],
+    "report/motor_jolts.py": ["a motor acts with a jolt"],
+    "report/turned_springs.py": ["nodes of a spring rotate"],
+    "scene/checks.py": ["first-order cells lock"],
+    "scene/energy_checks.py": ["a stored energy falls", "a stored energy falls"],
+    "scene/mesh_checks.py": [
+        "first-order cells lock",
+        "parts touch without common nodes",
+        "parts share a node or an edge",
+        "the mesh reaches far",
+    ],
+    "scene/pieces.py": ["a `Rigid` part has several pieces"],
+    "statics.py": ["contacts leave a rigid motion free"],
+    "step/length/time_control.py": ["supports hold the probes", "the shortest steps err"],
+    "step/linear/petsc_options.py": ["PETSc options"],
+    "step/watches/compression.py": ["a cell is strongly compressed"],
+    "step/watches/jumps.py": ["a path of a support or an obstacle", "a path of a support or"],
+    "step/watches/rotation_per_step.py": ["a body rotates by more than 1 rad"],
+    "step/watches/unresolved.py": ["rounding ends an iteration"],
+    "switch/switch.py": ["rows of joints follow", "velocities do not fit the joints"],
+    "vibration/modes.py": ["a state is unstable"],
+}
+
+
+def warns(tree):
+    """How many calls of a module warn; those that hand a message on count where it is made."""
+    told, outer = ("warn", "say", "_say"), ("say", "_say")
+    handed_on = {
+        id(call)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.FunctionDef)
+        and node.name in outer
+        and "message" in [argument.arg for argument in node.args.args]
+        for call in ast.walk(node)
+    }
+    return sum(
+        isinstance(node, ast.Call)
+        and id(node) not in handed_on
+        and getattr(node.func, "attr", getattr(node.func, "id", "")) in told
+        and not (node.args and isinstance(node.args[0], ast.Starred))
+        for node in ast.walk(tree)
+    )
+
+
+def test_each_warning_has_its_entry():
+    found = {}
+    for path in PACKAGE.rglob("*.py"):
+        name = path.relative_to(PACKAGE).as_posix()
+        if name.startswith(("command/", "base/")):  # `say` prints there, and `warn` is made
+            continue
+        if count := warns(ast.parse(path.read_text(encoding="utf-8"))):
+            found[name] = count
+    assert found == {name: len(entries) for name, entries in WARNINGS.items()}
+    page = (ROOT / "docs" / "messages.md").read_text(encoding="utf-8")
+    for entries in WARNINGS.values():
+        for entry in entries:
+            assert f"\n| {entry}" in page, entry
+
+
+def test_each_error_has_its_entry():
+    page = (ROOT / "docs" / "messages.md").read_text(encoding="utf-8")
+    public = [getattr(rigidfx, name) for name in rigidfx.__all__]
+    kinds = [kind for kind in public if isinstance(kind, type) and issubclass(kind, Exception)]
+    assert len(kinds) >= 5
+    for kind in kinds:
+        assert f"\n## {kind.__name__}\n" in page or f"`{kind.__name__}`" in page, kind

@@ -5,9 +5,7 @@
 
 `summary.json` has, of the bar that hits a wall, `energy_drift`, `force_error`, `duration_error` and
 `rebound_error`, relative to the theory of plane waves in one dimension (force ρ c v S for 2 L/c,
-rebound at v; lateral motion is blocked), and the numbers of each case in `cases`. Beside the bar
-stands the same bar in one dimension, by Newmark's method with the same penalty, which makes or
-loses energy at each opening and closing.
+rebound at v; lateral motion is blocked), and the numbers of each case in `cases`.
 """
 
 from __future__ import annotations

@@ -9,6 +9,7 @@ import parallel
 import pytest
 from hardcases import CASES, carry_out, follow
 from hardcases import failure as failures
+from hardcases.stiffness import check, compare
 from mpi4py import MPI
 
 import rigidfx as rf
@@ -23,6 +24,11 @@ def test_hard_case(case):
     for result in carry_out(case, short=True):
         print(f"{result.way}: energy {result.energy_drift:.1e}, Newton {result.newton_worst}")
         assert result.stable != result.known, f"{result.way}: {result.verdict}"
+
+
+@alone
+def test_condition_does_not_depend_on_the_stiffness_of_a_body():
+    check(compare(short=True))
 
 
 @alone

@@ -1,4 +1,4 @@
-"""Scenes for budgets: the three structures of the study of accuracy, and loads of seven kinds.
+"""Scenes for budgets: the three structures of the study of accuracy, and loads of nine kinds.
 
 Damping is by a viscosity that does not depend on Δt (a numerical one would change with it, and a
 finer run be another structure).
@@ -105,6 +105,11 @@ def ramped(period: float) -> Callable[[float], float]:
     return lambda t: float(np.sin(2 * np.pi * t / period) * min(1.0, t / period))
 
 
+def arch(t: float) -> float:
+    """Half a sine until 2 s."""
+    return float(np.sin(np.pi * t / 2))
+
+
 def swell(t: float) -> float:
     """A smooth push between 2 s and 8 s."""
     return float(np.sin(np.pi * (t - 2) / 6) ** 2) if 2 < t < 8 else 0.0
@@ -140,6 +145,11 @@ CASES = {
     "tumbling L": Case(tumbling, 0.4, 20.0, 1.5e-3, 2.0),
     "free-flying body": Case(body, 0.4, 30.0, 5e-3, 5.0),
     "sine": on_bar(lambda: bar(BASE, rf.Traction("x1", (0, 0, 200.0), time=ramped(4.0)))),
+    "push": on_bar(lambda: bar(BASE, rf.Traction("x1", (0, 0, 200.0), time=arch, until=2.0))),
+    "free bar": on_bar(
+        lambda: bar(rf.InitialVelocity(angular=(0.3, 1.0, 0.5)), viscous(0.005), drag=0.0),
+        BUDGETS[:2],
+    ),
     "shock at rest": on_bar(
         lambda: bar(BASE, rf.Traction("x1", (0, 0, 2000.0), since=4.0, until=4.1)), BUDGETS[:2]
     ),

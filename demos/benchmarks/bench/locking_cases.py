@@ -20,7 +20,7 @@ Array = npt.NDArray[np.float64]
 ELEMENTS = {"standard": 1, "enhanced": 1, "assumed": 1, "second order": 2}  # and their orders
 SOLID = "standard", "enhanced", "second order"
 # Second order is nobody's rival where steps are many and large, and standard cells take longest.
-LARGE = "enhanced", "assumed"
+PROMISED = "enhanced", "assumed"
 OUTSIDE = "outside"  # facets that the thickness of a thin part goes away from
 
 

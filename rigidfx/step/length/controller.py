@@ -37,7 +37,7 @@ __all__ = ["NUMBERS", "Controller", "ControllerNumbers", "Moves"]
 
 @dataclass(frozen=True)
 class ControllerNumbers:
-    """Numbers of the controller, found by the scenes of `demos/benchmarks/step_control.py`.
+    """Numbers of the controller, found by scenes of `demos/benchmarks/budgets.py`.
 
     Attributes:
         share: Of the budget that estimates add up to: they may be half of the error.

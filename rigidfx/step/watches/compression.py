@@ -3,7 +3,7 @@
 St.Venant and Kirchhoff's material has no stable state of strong compression. A cube of 4 × 4 × 4
 cells between walls, ν = 0.3, squeezed along one axis, loses its stability at a stretch of 0.65 with
 standard cells and of 0.70 with enhanced ones, whose modes are the first to go (lowest eigenvalues
-of `demos/benchmarks/locking.py`). No balance tells: energy is conserved all the same.
+of `demos/benchmarks/known_answers.py`). No balance tells: energy is conserved all the same.
 """
 
 from __future__ import annotations

@@ -10,23 +10,20 @@
 * *friction*: a block on a plane pushed by twice what friction bears; a spring takes the rest.
 * *snap-through*: a clamped shallow arch under a load at its crown. Load steps end with an error at
   the limit; the reference is the greatest reaction when the crown's displacement is prescribed.
-
-    ./fenicsx python3 demos/benchmarks/statics.py
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from time import perf_counter
 from typing import Any
 
 import numpy as np
-from bench import Parser, chosen, conclude
-from bench.graded import block_of
 from mpi4py import MPI
 from scipy.integrate import solve_bvp
 
 import rigidfx as rf
+
+from .graded import block_of
 
 FACTOR = 1.7  # of the limit load, that the load steps of the arch aim at
 
@@ -178,26 +175,3 @@ CASES: dict[str, tuple[Case, float]] = {  # and the relative error that is allow
     "friction": (friction, 0.005),
     "snap-through": (snap_through, 0.005),
 }
-
-
-def main() -> None:
-    """Run the cases, leave summary.json, and check the errors."""
-    parser = Parser(__file__, "Statics against exact and converged values.", "coarse meshes")
-    parser.add_only("cases")
-    options = parser.read()
-    rows = []
-    for name in chosen(options, CASES):
-        case, _ = CASES[name]
-        began = perf_counter()
-        value, reference = case(options.short)
-        seconds = perf_counter() - began
-        error = abs(value - reference) / abs(reference)
-        row: dict[str, Any] = {"case": name, "value": value, "reference": reference}
-        rows.append(row | {"error": error, "seconds": seconds})
-    conclude(options.out, rows)
-    for row in rows:
-        assert row["error"] < CASES[row["case"]][1], row
-
-
-if __name__ == "__main__":
-    main()
