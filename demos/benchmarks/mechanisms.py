@@ -8,41 +8,68 @@
 * *double pendulum*: against SciPy's DOP853 in angles.
 * *bar on a pin*: a flexible steel bar of 1 m, let go from the horizontal on a pin in its own hole,
   against the period of a physical pendulum of its mesh's mass and inertia (1.93334 s if uniform).
-* *slider-crank*: a flexible rod between mean faces; the balance of energy with the motor's work.
+* *slider-crank*: flexible crank and rod, driven by a torque; the balance of energy with the motor's
+  work, and crank speed and deflection of the rod against Exudyn.
 * *rod, rigid and mean faces*: a connecting rod held by its two holes: stiffness [N/m, N m/rad] and
   frequencies between two pins [Hz], a line for each kind of face.
 
 The error is that of the end point [m], of the bar's period [s], at the smaller Δt; the order is
 measured from two Δt.
 
+Exudyn is a peer of two cases: four-bar 2 in the plane by its generalised α, and the slider-crank by
+its floating frames of reference with 64 modes a body, of the mass and stiffness of the same mesh.
+It is optional, and said to be missing where it is not there. Put it into an environment of its own,
+
+    ./fenicsx python3 -m venv out/peers/exudyn
+    ./fenicsx out/peers/exudyn/bin/python -m pip install exudyn scipy
+
+or name the Python that has it by --exudyn. Then
+
     ./fenicsx python3 demos/benchmarks/mechanisms.py
 """
 
 from __future__ import annotations
 
+import importlib.util
+import sys
 import warnings
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from bench import Parser, chosen, conclude
+from bench.flexible_crank import crank_motion, flexible_crank, for_exudyn, motion
 from bench.hung_bar import exact_period, swing
-from bench.mechanism_scenes import (
-    bricard,
-    double_pendulum,
-    four_bars,
-    heavy_top,
-    slider_crank,
-)
+from bench.mechanism_scenes import bricard, double_pendulum, four_bars, heavy_top
 from bench.rod import rod_numbers
+from codes import Found, exudyn
+from common import ROOT, say
 from scipy.integrate import solve_ivp
 
 import rigidfx as rf
 
 Array = npt.NDArray[np.float64]
 Row = dict[str, Any]
+MODES = 64  # of each flexible body in Exudyn
+SPEED, DEFLECTION = 0.005, 0.03  # largest difference to Exudyn, of the largest value
+
+
+@dataclass(frozen=True)
+class Asked:
+    """How the cases run.
+
+    Attributes:
+        short: Longer steps, shorter.
+        exudyn: Lets Exudyn run a mechanism; None if it is not there.
+    """
+
+    short: bool
+    exudyn: Callable[[dict[str, Any]], Found] | None
 
 
 class Followed:
@@ -102,9 +129,9 @@ def against(
     return [fine.row(case, error=off[1], order=order)]
 
 
-def two(short: bool) -> list[Row]:
+def two(asked: Asked) -> list[Row]:
     """N = 2, its end point after 10 s."""
-    steps = (0.02, 0.01) if short else (0.01, 0.005)
+    steps = (0.02, 0.01) if asked.short else (0.01, 0.005)
     exact = np.array([0.3284574, 0.9445188, 0.0])
     end = "up 0", np.array([0, 0.5, 0])
     rows = against("four-bar 2", lambda: four_bars(2), steps, end, exact, 10.0)
@@ -113,35 +140,45 @@ def two(short: bool) -> list[Row]:
     assert rows[0]["error"] <= 1e-2
     assert abs(rows[0]["order"] - 2) <= 0.3
     assert rows[0]["redundant"] == 6
+    if asked.exudyn is not None:
+        dt = min(steps)
+        found = asked.exudyn({"kind": "four-bars", "n": 2, "dt": dt, "steps": round(10 / dt)})
+        drift = float(np.abs(found["energy"] - found["energy"][0]).max())
+        rows[0] |= peer_of(found) | {
+            "peer_energy_drift": drift,
+            "peer_error": float(np.linalg.norm(found["end"] - exact)),
+        }
     return rows
 
 
-def forty(short: bool) -> list[Row]:
+def forty(asked: Asked) -> list[Row]:
     """N = 40: rows that others imply."""
-    run = Followed(four_bars(40), 0.01, 0.2 if short else 10.0, ("up 0", np.array([0, 0.5, 0])))
+    run = Followed(
+        four_bars(40), 0.01, 0.2 if asked.short else 10.0, ("up 0", np.array([0, 0.5, 0]))
+    )
     assert run.drift <= 1e-9
     assert run.redundant == 120
     return [run.row("four-bar 40")]
 
 
-def cube(short: bool) -> list[Row]:
+def cube(asked: Asked) -> list[Row]:
     """Bricard's mechanism."""
-    run = Followed(bricard(), 0.01, 1.0 if short else 10.0, ("bar 2", np.array([0, 0, 0.5])))
+    run = Followed(bricard(), 0.01, 1.0 if asked.short else 10.0, ("bar 2", np.array([0, 0, 0.5])))
     assert run.drift <= 1e-10
     assert run.redundant == 1
     return [run.row("Bricard")]
 
 
-def top(short: bool) -> list[Row]:
+def top(asked: Asked) -> list[Row]:
     """The heavy top: its centre after 2 s."""
-    steps = (0.002, 0.001) if short else (0.001, 0.0005)
+    steps = (0.002, 0.001) if asked.short else (0.001, 0.0005)
     exact = np.array([-0.15042, -0.72417, -0.67302])
     rows = against("heavy top", heavy_top, steps, ("top", np.zeros(3)), exact, 2.0)
     assert rows[0]["error"] <= 0.02
     return rows
 
 
-def pendulum(short: bool) -> list[Row]:
+def pendulum(asked: Asked) -> list[Row]:
     """Two thin bars: the tip after 2 s."""
 
     def motion(t: float, y: Array) -> Array:
@@ -155,16 +192,16 @@ def pendulum(short: bool) -> list[Row]:
     found = solve_ivp(motion, (0, 2), np.zeros(4), "DOP853", rtol=1e-12, atol=1e-12)
     a, b = found.y[:2, -1]
     exact = np.array([np.cos(a) + np.cos(b), np.sin(a) + np.sin(b), 0.0])
-    steps = (0.004, 0.002) if short else (0.002, 0.001)
+    steps = (0.004, 0.002) if asked.short else (0.002, 0.001)
     end = "lower", np.array([0.5, 0, 0])
     rows = against("double pendulum", double_pendulum, steps, end, exact, 2.0)
     assert abs(rows[0]["order"] - 2) <= 0.3
     return rows
 
 
-def pin(short: bool) -> list[Row]:
+def pin(asked: Asked) -> list[Row]:
     """A bar swings on a pin in its own hole."""
-    size, steps = (0.03, (0.02, 0.01)) if short else (0.02, (0.01, 0.005))
+    size, steps = (0.03, (0.02, 0.01)) if asked.short else (0.02, (0.01, 0.005))
     exact = exact_period(size)
     coarse, (period, drift, gap, seconds, unknowns) = (swing(size, dt) for dt in steps)
     off = coarse[0] - exact, period - exact
@@ -177,19 +214,42 @@ def pin(short: bool) -> list[Row]:
     return [row]
 
 
-def crank(short: bool) -> list[Row]:
-    """A motor, a flexible rod and a slider."""
-    scene = slider_crank(8 if short else 40)
-    run = Followed(scene, 1e-3, 0.1 if short else 0.5, ("slider", np.zeros(3)))
-    assert run.drift <= 1e-10
-    assert run.gap <= 1e-12
-    return [run.row("slider-crank")]
+def crank(asked: Asked) -> list[Row]:
+    """A motor, a flexible crank, a flexible rod and a slider."""
+    scene = flexible_crank(0.03)
+    dt, steps = 2e-4, 100 if asked.short else 200
+    ours = crank_motion(scene, dt, steps)
+    row: Row = {"case": "slider-crank", "unknowns": ours.unknowns, "energy_drift": ours.drift}
+    row |= {"constraint": ours.gap, "error": None, "order": None, "redundant": 0}
+    row |= {"seconds_per_step": ours.seconds, "peer": None, "peer_seconds_per_step": None}
+    row |= {"iterations": ours.iterations}
+    if asked.exudyn is not None:
+        found = asked.exudyn(for_exudyn(scene, dt, steps) | {"modes": MODES})
+        theirs = motion(found["crank"], found["rod"], dt)
+        apart = [
+            float(np.abs(a - b).max() / np.abs(a).max())
+            for a, b in zip(ours.motion, theirs, strict=True)
+        ]
+        row |= peer_of(found) | {"peer_modes": MODES}
+        row |= dict(zip(("speed_apart", "deflection_apart"), apart, strict=True))
+        assert apart[0] <= SPEED
+        assert apart[1] <= DEFLECTION
+    assert ours.drift <= 1e-10
+    assert ours.gap <= 1e-12
+    return [row]
 
 
-def rod(short: bool) -> list[Row]:
+def peer_of(found: Found) -> Row:
+    """Exudyn's version and seconds a step."""
+    return {"peer": str(found["version"]), "peer_seconds_per_step": float(found["seconds"])}
+
+
+def rod(asked: Asked) -> list[Row]:
     """A rod between faces of each kind: the rigid ones are stiffer."""
     kinds = {"mean faces": rf.MeanFace, "rigid faces": rf.RigidFace}
-    rows = {name: rod_numbers(face, 0.012 if short else 0.008) for name, face in kinds.items()}
+    rows = {
+        name: rod_numbers(face, 0.012 if asked.short else 0.008) for name, face in kinds.items()
+    }
     mean, rigid = rows.values()
     assert all(rigid[key] > mean[key] for key in ("tension", "sideways", "torsion"))
     assert np.all(np.array(rigid["frequencies"]) > mean["frequencies"])
@@ -199,7 +259,7 @@ def rod(short: bool) -> list[Row]:
     return [{"case": f"rod, {name}"} | none | row for name, row in rows.items()]
 
 
-CASES: dict[str, Callable[[bool], list[Row]]] = {
+CASES: dict[str, Callable[[Asked], list[Row]]] = {
     "four-bar 2": two,
     "four-bar 40": forty,
     "Bricard": cube,
@@ -211,14 +271,30 @@ CASES: dict[str, Callable[[bool], list[Row]]] = {
 }
 
 
+def python_with_exudyn(named: str | None) -> str | None:
+    """Path of a Python that has Exudyn: the one named, that of the docstring, or this one."""
+    if named is not None:
+        return named
+    of_docstring = ROOT / "out" / "peers" / "exudyn" / "bin" / "python"
+    if of_docstring.exists():
+        return str(of_docstring)
+    return sys.executable if importlib.util.find_spec("exudyn") else None
+
+
 def main() -> None:
     """Run the cases and leave summary.json."""
     parser = Parser(__file__, "Mechanisms against published solutions.", "longer steps, shorter")
     parser.add_only("cases")
+    parser.add_argument("--exudyn", help="Exudyn: path of the Python that has it")
     options = parser.read()
-    conclude(
-        options.out, [row for name in chosen(options, CASES) for row in CASES[name](options.short)]
-    )
+    if options.exudyn and not Path(options.exudyn).is_file():
+        parser.error(f"--exudyn must be the path of a program, got {options.exudyn}")
+    python = python_with_exudyn(options.exudyn)
+    if python is None:
+        say("Exudyn is missing: see the docstring, or name the Python that has it by --exudyn")
+    peer = partial(exudyn, python, options.out / "exudyn") if python else None
+    asked = Asked(options.short, peer)
+    conclude(options.out, [row for name in chosen(options, CASES) for row in CASES[name](asked)])
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Mechanisms of bars: rigid ones of given mass between pins, and flexible ones."""
+"""Mechanisms of rigid bars of given mass between pins."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 import rigidfx as rf
 
-__all__ = ["Link", "bricard", "double_pendulum", "four_bars", "heavy_top", "linked", "slider_crank"]
+__all__ = ["Link", "bricard", "double_pendulum", "four_bars", "heavy_top", "linked"]
 
 Array = npt.NDArray[np.float64]
 Z = 0.0, 0.0, 1.0
@@ -143,29 +143,3 @@ def double_pendulum() -> rf.Scene:
         rf.Revolute("upper", "lower", (1, 0, 0), Z, name="elbow"),
     ]
     return rf.Scene(linked(links), SOFT, [*(link.thin(1.0) for link in links), *pins, DOWN])
-
-
-def slider_crank(cells: int, rigid: bool = False) -> rf.Scene:
-    """A crank that a motor brings to 20 rad/s, a flexible rod between mean faces, a slider."""
-    rod = Link("rod", (0.1, 0, 0), (0.5, 0, 0), cells, 0.01, 0.05)
-    links = [Link("crank", (0, 0, 0), (0.1, 0, 0), 1, 0.01), rod]
-    links.append(Link("slider", (0.5, 0, 0), (0.6, 0, 0), 1, 0.02))
-    domain, (low, high) = linked(links), rod.corners
-    h = (high[0] - low[0]) / cells
-
-    def of_rod(x: Array) -> Array:
-        return (x[0] >= low[0] - 1e-9) & (x[0] <= high[0] + 1e-9) & (np.abs(x[1]) < 0.011)
-
-    domain = domain.with_facets("big end", lambda x: of_rod(x) & (x[0] <= low[0] + h + 1e-9))
-    domain = domain.with_facets("small end", lambda x: of_rod(x) & (x[0] >= high[0] - h - 1e-9))
-    effects = [
-        *(rf.Rigid(name) for name in ("crank", "slider", *(["rod"] if rigid else []))),
-        rf.Revolute("ground", "crank", (0, 0, 0), Z, name="main bearing"),
-        rf.Revolute("crank", rf.MeanFace("big end"), (0.1, 0, 0), Z, name="crank pin"),
-        rf.Spherical(rf.MeanFace("small end"), "slider", (0.5, 0, 0), name="wrist pin"),
-        rf.Prismatic("ground", "slider", (0.5, 0, 0), (1, 0, 0), name="guide"),
-        rf.Motor("main bearing", speed=lambda t: 20 * min(t / 0.1, 1.0) ** 2),
-    ]
-    metal = rf.StVenantKirchhoff(rho=2700.0, E=7e10, nu=0.3)
-    probes = {"middle": (0.3, 0, 0)} if cells % 2 else {"middle": (0.3, 0.01, 0.01)}
-    return rf.Scene(domain, metal, effects, element="enhanced", probes=probes)

@@ -1,0 +1,196 @@
+"""A slider-crank whose crank and rod are flexible: aluminium bars with holes, driven by a torque.
+
+The crank turns about the z axis at the origin, the rod lies between the pins at x = CRANK and
+x = CRANK + ROD, and a rigid slider goes along x. Both bars lie in one plane: nothing touches.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from statistics import mean, median
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from codes import matrices, part_of
+
+import rigidfx as rf
+
+__all__ = ["CrankMotion", "crank_motion", "flexible_crank", "for_exudyn", "motion", "torque"]
+
+Array = npt.NDArray[np.float64]
+CRANK, ROD = 0.08, 0.24  # m, between the axes of holes
+WIDE, THICK, RADIUS = 0.024, 0.016, 0.006  # m; half of it at z > 0
+ALUMINIUM = rf.StVenantKirchhoff(rho=2700.0, E=7e10, nu=0.3)
+SLIDER, CUBE = 0.4, 0.04  # kg, m
+INERTIA = SLIDER * 1e-4 * np.eye(3)  # kg m²
+CENTRE = np.array([CRANK + ROD + CUBE / 2, 0.0, 0.0])  # m
+STARTS = {"crank": 0.0, "rod": CRANK}
+SPANS = {"crank": CRANK, "rod": ROD}
+FULL, PUSH = 0.01, 10.0  # s, N m: the torque is there from then on
+Z = 0.0, 0.0, 1.0
+PINS = {
+    "crank": np.array([[0.0, 0, 0], [CRANK, 0, 0]]),
+    "rod": np.array([[CRANK, 0, 0], [CRANK + ROD, 0, 0]]),
+}
+RIM = np.array([0.0, RADIUS, 0.0])  # m, from the axis of a hole to a point of it
+PROBES = {
+    "crank": PINS["crank"] + RIM,
+    "rod": np.stack([PINS["rod"][0] + RIM, PINS["rod"].mean(axis=0), PINS["rod"][1] + RIM]),
+}
+
+
+def torque(t: float) -> float:
+    """Torque of the motor [N m], smooth from rest."""
+    s = min(t / FULL, 1.0)
+    return PUSH * s * s * (3 - 2 * s)
+
+
+def _bar(occ: Any, start: float, span: float) -> list[tuple[int, int]]:
+    """A bar along x with round ends and two holes along z."""
+    low, half = -THICK / 2, WIDE / 2
+    whole = [(3, occ.addBox(start, -half, low, span, WIDE, THICK))]
+    for x in (start, start + span):
+        whole, _ = occ.fuse(whole, [(3, occ.addCylinder(x, 0, low, 0, 0, THICK, half))])
+    for x in (start, start + span):
+        whole, _ = occ.cut(whole, [(3, occ.addCylinder(x, 0, low, 0, 0, THICK, RADIUS))])
+    return list(whole)
+
+
+def _parts(names: tuple[str, ...], size: float, gmsh: Any) -> None:
+    """The parts of some names, each a volume of its own, with its holes as surfaces."""
+    occ, model = gmsh.model.occ, gmsh.model
+    made = {name: _bar(occ, STARTS[name], SPANS[name]) for name in names if name in SPANS}
+    if "slider" in names:
+        made["slider"] = [(3, occ.addBox(CRANK + ROD, -CUBE / 2, -CUBE / 2, *(3 * [CUBE])))]
+    occ.synchronize()
+    for name, volumes in made.items():
+        model.addPhysicalGroup(3, [tag for _, tag in volumes], name=name)
+        for k in range(2 if name in SPANS else 0):
+            at = STARTS[name] + k * SPANS[name]
+            ends = np.array([at, 0, 0]), 1.01 * np.array([RADIUS, RADIUS, THICK / 2])
+            inside = model.getEntitiesInBoundingBox(*(ends[0] - ends[1]), *(ends[0] + ends[1]), 2)
+            of_part = {tag for _, tag in model.getBoundary(volumes, oriented=False)}
+            hole = [tag for _, tag in inside if tag in of_part]
+            model.addPhysicalGroup(2, hole, name=f"{name} {k}")
+    gmsh.option.setNumber("Mesh.MeshSizeMax", size)
+    gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", 6)
+    model.mesh.generate(3)
+
+
+def flexible_crank(size: float, **options: Any) -> rf.Scene:
+    """The whole, with mean faces in all holes.
+
+    Args:
+        size: Length of the cells [m].
+        options: More of the scene's.
+    """
+    face, wrist = rf.MeanFace, (CRANK + ROD, 0.0, 0.0)
+    effects = [
+        rf.Rigid("slider", mass=SLIDER, inertia=INERTIA),
+        rf.Revolute("ground", face("crank 0"), (0, 0, 0), Z, name="bearing"),
+        rf.Revolute(face("crank 1"), face("rod 0"), (CRANK, 0, 0), Z, name="crank pin"),
+        rf.Spherical(face("rod 1"), "slider", wrist, name="wrist pin"),
+        rf.Prismatic("ground", "slider", wrist, (1, 0, 0), name="guide"),
+        rf.Motor("bearing", torque=torque),
+    ]
+    domain = rf.from_gmsh(partial(_parts, ("crank", "rod", "slider"), size))
+    return rf.Scene(domain, ALUMINIUM, effects, order=2, mass="consistent", **options)
+
+
+@dataclass(frozen=True)
+class CrankMotion:
+    """A run.
+
+    Attributes:
+        motion: As `motion` gives it.
+        unknowns: Number of unknowns.
+        drift: Largest change of the energy less the motor's work [J].
+        gap: Largest violation of a joint [m].
+        seconds: Median wall time of a step [s].
+        iterations: Mean Newton iterations of a step.
+    """
+
+    motion: tuple[Array, Array]
+    unknowns: int
+    drift: float
+    gap: float
+    seconds: float
+    iterations: float
+
+
+def motion(crank: Array, rod: Array, dt: float) -> tuple[Array, Array]:
+    """Crank speed and deflection of the rod.
+
+    Args:
+        crank: Places of two points of the crank, shape (steps + 1, 2, 3) [m].
+        rod: Places of a point at an end of the rod, in its middle and at its other end, shape
+            (steps + 1, 3, 3) [m].
+        dt: Δt [s].
+
+    Returns:
+        Mean angular velocity of the crank in each step, shape (steps,) [rad/s], and distance of the
+        rod's middle from the line through its ends, less that at the start, shape (steps + 1,) [m].
+    """
+    along = crank[:, 1] - crank[:, 0]
+    angle = np.unwrap(np.arctan2(along[:, 1], along[:, 0]))
+    chord, middle = rod[:, 2] - rod[:, 0], rod[:, 1] - rod[:, 0]
+    area = chord[:, 0] * middle[:, 1] - chord[:, 1] * middle[:, 0]
+    bent = area / np.hypot(chord[:, 0], chord[:, 1])
+    return np.diff(angle) / dt, bent - bent[0]
+
+
+def crank_motion(scene: rf.Scene, dt: float, steps: int) -> CrankMotion:
+    """Run the slider-crank; on one rank.
+
+    Args:
+        scene: As of `flexible_crank`.
+        dt: Δt [s].
+        steps: How many.
+    """
+    X = scene.space.tabulate_dof_coordinates()
+    nodes = {name: nodes_of(scene, name) for name in PROBES}
+    paths: dict[str, list[Array]] = {name: [] for name in PROBES}
+    wall, iterations, expected, drift, gap = [], [], 0.0, 0.0, 0.0
+    for report in rf.simulate(scene, dt, steps * dt, progress=False):
+        x = X + report.state.u.x.array.reshape(-1, 3)
+        for name, path in paths.items():
+            path.append(x[nodes[name]])
+        if report.step == 0:
+            expected = report.energy
+            continue
+        expected += report.work_of_loads
+        drift = max(drift, abs(report.energy - expected))
+        gap = max(gap, *(joint.gap for joint in report.joints.values()))
+        wall.append(report.wall)
+        iterations.append(report.iterations)
+    found = motion(np.array(paths["crank"]), np.array(paths["rod"]), dt)
+    return CrankMotion(found, report.unknowns, drift, gap, median(wall), mean(iterations))
+
+
+def nodes_of(scene: rf.Scene, name: str) -> npt.NDArray[np.int64]:
+    """Nodes of a part that are nearest to its probes."""
+    cells = scene.domain.find(name, [3], "the crank").entities
+    nodes = np.unique(scene.space.dofmap.list[cells])
+    X = scene.space.tabulate_dof_coordinates()[nodes]
+    return nodes[[int(np.linalg.norm(X - p, axis=1).argmin()) for p in PROBES[name]]]
+
+
+def for_exudyn(scene: rf.Scene, dt: float, steps: int) -> dict[str, Any]:
+    """The mechanism as `codes/exudyn_steps.py` reads it, but for the number of modes.
+
+    Args:
+        scene: As of `flexible_crank`.
+        dt: Δt [s].
+        steps: How many.
+    """
+    out: dict[str, Any] = {"kind": "slider-crank", "dt": dt, "steps": steps}
+    both = matrices(scene)
+    for name, pins in PINS.items():
+        faces = f"{name} 0", f"{name} 1"
+        out |= part_of(name, scene, faces, pins, nodes_of(scene, name), both)
+    times = np.linspace(0.0, steps * dt, 10 * steps + 1)
+    out |= {"torque times": times, "torque": np.array([torque(t) for t in times])}
+    out |= {"wrist": PINS["rod"][1], "slider centre": CENTRE}
+    return out | {"slider mass": SLIDER, "slider inertia": INERTIA}
