@@ -261,17 +261,25 @@ class Drives:
         values = np.concatenate([np.empty(0), *(row.ravel() for row in rows)])
         return csr_array((values, (number, every)), shape=(len(at), columns))
 
+    def _per_multiplier(self, drive: _Drive) -> Array:
+        """Forces on its averages per λ, as a resistance, shape (3, 3)."""
+        start, moved = self._start[drive.averages], self._moved[drive.averages]
+        if self.static:
+            return -drive.size * drive.coordinate.gradient(start + moved)
+        q0, q1 = self.ends(drive)
+        return -drive.size * secant(drive.coordinate, start, moved, q1 - q0, drive.large)
+
+    def add_to(self, forces: Array) -> Array:
+        """Add their forces at the last iterate to those on averages, shape (averages, 3) [N]."""
+        for drive in self._all:
+            own = drive.multiplier * self._per_multiplier(drive)
+            for k, force in zip(drive.averages, own, strict=True):
+                forces[k] += force
+        return forces
+
     def test(self, columns: int) -> csr_array:
         """Forces on averages per λ, as a resistance, shape (drives, columns)."""
-        rows = []
-        for drive in self._all:
-            start, moved = self._start[drive.averages], self._moved[drive.averages]
-            q0, q1 = self.ends(drive)
-            if self.static:
-                rows.append(-drive.size * drive.coordinate.gradient(start + moved))
-                continue
-            rows.append(-drive.size * secant(drive.coordinate, start, moved, q1 - q0, drive.large))
-        return self._rows(rows, columns)
+        return self._rows([self._per_multiplier(drive) for drive in self._all], columns)
 
     def trial(self, columns: int) -> csr_array:
         """Derivatives of F by averages, shape (drives, columns)."""

@@ -243,7 +243,8 @@ class Linkage:
         moved = d.array_r.reshape(-1, 3)[self.at]
         self._moved = self._bound.mean(moved, increments.displacement)
         self.drives.look(self._start, self._moved, multipliers[n:])
-        self.forces = (self.test().T @ multipliers).reshape(-1, 3)
+        p = self._start + self._share * self._moved
+        self.forces = self.drives.add_to(self._terms.forces(p, self._multipliers))
         self.points.look(self._start, self._moved)
         self.points.add_to(self.forces)
 

@@ -49,6 +49,7 @@ class Terms:
         self._row, self._first, self._second = pairs.T
         self._factor = np.array([c for *_, c in products], dtype=np.float64)
         columns = 3 * pairs[:, 1:, None] + np.arange(3)
+        self._columns, self._spread = columns.ravel(), csr_array(self._linear.T)
         of = np.broadcast_to(self._row[:, None, None], columns.shape).ravel()
         # The pattern of gradients, and where in it each term's derivatives go.
         fixed = self._linear.tocoo()
@@ -86,6 +87,20 @@ class Terms:
         both = self._factor[:, None, None] * np.stack([p[self._second], p[self._first]], axis=1)
         values = self._fixed + np.bincount(self._put, both.ravel(), self._fixed.size)
         return csr_array((values, *self._pattern), shape=self._linear.shape)
+
+    def forces(self, p: Array, multipliers: Array) -> Array:
+        """Σ λ ∂g/∂p, shape (averages, 3).
+
+        Args:
+            p: The averages.
+            multipliers: λ of each row.
+        """
+        out = np.asarray(self._spread @ multipliers)
+        if self._row.size:
+            share = (multipliers[self._row] * self._factor)[:, None, None]
+            both = share * np.stack([p[self._second], p[self._first]], axis=1)
+            out = out + np.bincount(self._columns, both.ravel(), out.size)
+        return out.reshape(-1, 3)
 
     def curvature(self, multipliers: Array, share: float) -> csr_array:
         """Derivative of Σ λ ∂g/∂p after a part of a step by p at its end, (3 · averages,) * 2.

@@ -34,7 +34,7 @@ from scipy.sparse.linalg import SuperLU, splu
 
 from rigidfx.base.errors import StepError
 from rigidfx.step.equations.joined import JoinedEquilibrium
-from rigidfx.step.newton.parted import parted
+from rigidfx.step.newton.parted import Shared, parted
 
 __all__ = ["Border", "BorderedFactors"]
 
@@ -64,6 +64,8 @@ class Border:
         self.solves = self.ports
         self._Y = csr_array((self._owned, self.ports))
         self._C = coo_array((0, 0))
+        self._shared: Shared | None = None
+        self._entries = 0.0  # of the tangent that it is of, whose pattern only grows
         self._turned: csr_array | None = None  # rotations of the ports, 3×3 each
         self._weights: csr_array | None = None  # squares of shares of vectors in ports
         self._factors: SuperLU | None = None  # of the small system
@@ -80,16 +82,24 @@ class Border:
         Args:
             solve: Solves with it, A z = r.
         """
-        shared = parted(self._equilibrium.tangent_matrix, self._E)
-        self.solves = len(shared.ports)
-        found = np.empty((self.solves, self._owned))
-        for ports, z in zip(shared.ports, found, strict=True):
-            self._r.array[:] = self._E[:, ports].sum(axis=1)
+        shared = self._parted()
+        found = np.empty_like(shared.right)
+        for right, z in zip(shared.right, found, strict=True):
+            self._r.array[:] = right
             solve(self._r, self._z)
             z[:] = self._z.array_r
         self._Y = shared.spread(found)
         self._C = self._compliance(self._Y)
         self._turned = self._factors = None
+
+    def _parted(self) -> Shared:
+        """Ports that share solves, found anew where the tangent's pattern has grown. Collective."""
+        A = self._equilibrium.tangent_matrix
+        entries = A.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"]
+        if self._shared is None or entries != self._entries:
+            self._shared, self._entries = parted(A, self._E), entries
+            self.solves = len(self._shared.right)
+        return self._shared
 
     def _compliance(self, Y: csr_array) -> coo_array:
         own = self._ET @ Y

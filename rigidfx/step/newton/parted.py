@@ -26,21 +26,22 @@ class Shared:
     """Ports that share solves.
 
     Attributes:
-        ports: Numbers of the ports of each solve.
-        owners: The port that each of this rank's unknowns has in each solve, -1 where there is
-            none, shape (solves, unknowns).
+        right: Sum of the ports of each solve, shape (solves, unknowns).
+        places: Numbers of unknowns and of solves, of all that a port has a part in, by unknowns.
+        pattern: The ports of these, and where each unknown begins among them.
         count: Number of ports.
     """
 
-    ports: list[Ints]
-    owners: Ints
+    right: Array
+    places: tuple[Ints, Ints]
+    pattern: tuple[Ints, Ints]
     count: int
 
     def spread(self, solutions: Array) -> csr_array:
         """Solutions of single ports, shape (unknowns, ports), from those of the solves."""
-        solve, unknown = np.nonzero(self.owners >= 0)
-        entries = solutions[solve, unknown], (unknown, self.owners[solve, unknown])
-        return csr_array(entries, shape=(solutions.shape[1], self.count))
+        unknown, solve = self.places
+        shape = solutions.shape[1], self.count
+        return csr_array((solutions[solve, unknown], *self.pattern), shape=shape)
 
 
 def parted(A: PETSc.Mat, E: csr_array) -> Shared:
@@ -69,7 +70,11 @@ def parted(A: PETSc.Mat, E: csr_array) -> Shared:
         at[at == numbers.size] = 0
         here = of_port[numbers][at] == part
         row[here] = numbers[at[here]]
-    return Shared(ports, owners, E.shape[1])
+    places = np.nonzero(owners.T >= 0)
+    ends = np.searchsorted(places[0], np.arange(part.size + 1))
+    right = [np.asarray(E[:, numbers].sum(axis=1)) for numbers in ports]
+    pattern = owners.T[places], ends
+    return Shared(np.reshape(right, (len(ports), part.size)), places, pattern, E.shape[1])
 
 
 def _parts(A: PETSc.Mat) -> Ints:
