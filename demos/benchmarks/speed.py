@@ -4,7 +4,7 @@
   of steel at 40 steps to its first period; and a tumbling L of first-order hexahedra, flexible or
   nine tenths rigid. `prepared_s` is the time from the mesh to the end of the first step, with forms
   compiled before; `cost_exponent` the slope of log(seconds per step) over log(unknowns) from 10 000
-  on. Each run is a process of its own, so that its peak of memory is its own.
+  on. On one rank each run is a process of its own, so that its peak of memory is its own.
 * *plain*: steps of the L in turn with a loop that a user of DOLFINx would write: the same scheme,
   quadrature, lumped mass, first guess and stopping test, but one form with the inertia in it,
   default compiler options, an AIJ matrix, an SNES. With the same linear solvers on both sides
@@ -130,8 +130,11 @@ def sizes(options: Namespace) -> dict[str, Any]:
     exponents = {}
     for case in options.cases:
         for unknowns in options.unknowns:
-            with ProcessPoolExecutor(1, get_context("spawn")) as alone:
-                rows.append(alone.submit(measure, case, unknowns, options.steps).result())
+            if options.short or comm.size > 1:
+                rows.append(measure(case, unknowns, options.steps))
+            else:
+                with ProcessPoolExecutor(1, get_context("spawn")) as alone:
+                    rows.append(alone.submit(measure, case, unknowns, options.steps).result())
             say(str(rows[-1]))
         large = [r for r in rows if r["case"] == case and r["unknowns"] >= SMALL]
         if len(large) > 1:

@@ -13,6 +13,7 @@ from scipy.sparse import csr_array, lil_array
 
 import rigidfx as rf
 
+from .graded import block_of
 from .statics import Statics
 
 Array = npt.NDArray[np.float64]
@@ -43,18 +44,9 @@ class Case:
     elements: tuple[str, ...] = tuple(ELEMENTS)
 
 
-def mapped(
-    n: tuple[int, int, int], place: Callable[..., Any], comm: MPI.Comm = MPI.COMM_SELF
-) -> rf.Domain:
-    """Cells of a unit cube, mapped; all of them from rank 0."""
-    if comm.rank:
-        return rf.from_arrays(np.empty((0, 3)), np.empty((0, 8), np.int64), comm=comm)
-    grid = np.meshgrid(*(np.linspace(0, 1, k + 1) for k in n[::-1]), indexing="ij")[::-1]
-    points = np.stack(np.broadcast_arrays(*place(*grid)), axis=-1).reshape(-1, 3)
-    number = np.arange(len(points)).reshape([k + 1 for k in n[::-1]])
-    corners = [number[k : k + n[2], j : j + n[1], i : i + n[0]].reshape(-1)
-               for k in (0, 1) for j in (0, 1) for i in (0, 1)]  # fmt: skip
-    return rf.from_arrays(points, np.stack(corners, axis=1), comm=comm)
+def mapped(n: tuple[int, int, int], place: Callable[..., Any]) -> rf.Domain:
+    """A unit cube of n cells, brought into another shape by a function of three coordinates."""
+    return block_of(n, lambda x: np.stack(np.broadcast_arrays(*place(*x))))
 
 
 def options_of(element: str) -> dict[str, Any]:
