@@ -28,7 +28,7 @@ BENCHMARKS = sorted((ROOT / "demos" / "benchmarks").glob("*.py"))
 # Benchmarks of many scenes, of which one is run.
 SOME = {
     "waking": ("--only", "wave"),
-    "budgets": ("--only", "tumbling", "--no-hand", "--budgets", "0.05"),
+    "budgets": ("--only", "push", "--no-hand", "--budgets", "0.05"),
     "impact": ("--only", "wall"),
     "mechanisms": ("--only", "Bricard"),
 }

@@ -10,8 +10,8 @@ Each scene runs with each budget, beside
   without; of those that err by no more than the automatic run, or a tenth more; null if none does.
   `by_hand` names it. `wall_best_flexible`: of those that err by no more than the flexible one.
 
-All of them are medians of three runs each, which take turns, as runs of less than a second differ
-by a fifth from each other.
+With runs by hand all are medians of three runs each, which take turns, as runs of less than a
+second differ by a fifth from each other.
 
 `measured` is the largest distance of the probe from where it is in the reference, all flexible, on
 the same mesh, with steps a quarter as long as the sharpest budget would have them (`--short`: half
@@ -130,7 +130,8 @@ def measure(
             "wall": partial(asked, case, budget),
             "wall_flexible": partial(run, case, control),
         }
-        found, flexible = (each() for each in runs.values())
+        first = {key: timed(each) for key, each in runs.items()}
+        (_, found), (_, flexible) = first.values()
         ledger, steps = found.last.ledger, len(found.t) - 1
         assert ledger is not None
         error = found.error(reference)
@@ -143,7 +144,7 @@ def measure(
         for key, fastest in {"wall_best_by_hand": best, "wall_best_flexible": other}.items():
             if fastest is not None:
                 runs[key] = fastest[1]
-        walls = in_turn(runs, TIMES)
+        walls = in_turn(runs, TIMES) if hand else {key: wall for key, (wall, _) in first.items()}
         rows.append(
             {
                 "scene": name,

@@ -225,7 +225,7 @@ def main() -> None:
     """Run the comparison and write its summary."""
     parser = Parser(__file__, __doc__.splitlines()[0], short="1700 unknowns, few steps")
     parser.add_argument("--steps", type=int, default=120, help="timed steps of each part")
-    options = parser.read(steps=12)
+    options = parser.read(steps=6)
     cases = []
     for part in COARSE if options.short else PARTS:
         cases.append(measure(part, options.steps))

@@ -139,7 +139,7 @@ def friction(short: bool) -> tuple[float, float]:
 def snap_through(short: bool) -> tuple[float, float]:
     """Limit load of an arch, over the force unit."""
     rise, thick = 0.05, 0.01
-    n = 16 if short else 40
+    n = 10 if short else 40
 
     def place(x: np.ndarray) -> np.ndarray:
         return np.stack([x[0], 0.01 * x[1], 4 * rise * x[0] * (1 - x[0]) + thick * (x[2] - 0.5)])
@@ -155,7 +155,7 @@ def snap_through(short: bool) -> tuple[float, float]:
     loaded = rf.Scene(arch, material, [*clamped, load], order=2)
     reached, ended = 0.0, "the path goes on"
     try:
-        for report in rf.static(loaded, 20):
+        for report in rf.static(loaded, 8 if short else 20):
             reached = FACTOR * greatest * report.t
     except rf.StepError as error:
         ended = str(error)
