@@ -1,11 +1,11 @@
-"""Contacts of the twin: their forces on u + e, less those on u, push e.
+"""Contacts of the twin: the difference of their forces on u + e and on u drives e.
 
     M ë + C ė + K e = r + λ ,     λ = F(u) - F(u + e)
 
-ρ in r has F(u), the forces of contacts in the run. Those of the twin open and close by u + e, and
-have a memory of their own. A step of e is linear in λ, by columns at the nodes that contacts press
-(`columns`), and λ is found by Newton's method at these nodes alone: a step takes two solves, and K
-keeps its factor.
+ρ in r contains F(u), the forces of contacts in the run. Contacts of the twin open and close by
+u + e, with a state of their own. A step of e is linear in λ, by columns at the nodes that contacts
+press (`columns`). Newton's method finds λ at these nodes alone, so a step takes two solutions with
+the kept factor of K.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""How an error motion ends: where nothing drives it and little is left, it fades and stops.
+"""The end of an error motion: if nothing drives it and it is small, it fades and stops.
 
-After a release e rings on, and fades with the structure's damping. Through a window in which no
-body is rigid its largest size is watched; if that is below a twentieth of 0.8 κ tol over the peak
-strain rate, of the largest displacement, e fades in proportion to time within another window.
+After a release e decays by the structure's damping. Its largest size is recorded through a window
+without bodies. If that size, relative to the largest displacement, is below a twentieth of
+0.8 κ tol/(peak strain rate), e is reduced to zero, linearly in time, within another window.
 """
 
 from __future__ import annotations

@@ -1,20 +1,20 @@
-"""The error motion e: how far a run with rigid parts is off its flexible twin.
+"""The error motion e: the difference between a run with rigid parts and its flexible twin.
 
-In a run with rigid parts the equations of all nodes hold but those of bodies' nodes, which are out
-of balance by ρ, and a freeze takes velocities ΔV out. To first order the twin is u + e with
+In a run with rigid parts the equations of all nodes hold, except at the nodes of bodies, where the
+residual is ρ. A freeze also removes velocities ΔV. To first order the twin is u + e with
 
     M ë + C ė + K e = r ,     r = ρ and the forces that releases let down,     ė += ΔV      (1)
 
 over all cells, flexible and rigid, about the shape at the first freeze. r is given in each body's
-own frame, r⁰ = Q_bᵀ r with Q_b the best rotation of the body's nodes against the shape (2): a large
-pair of inner forces, turned by a small angle, would be a net load. One K serves the whole run.
+own frame, r⁰ = Q_bᵀ r with Q_b the best rotation of the body's nodes against the shape (2), as a
+large pair of inner forces, rotated by a small angle, would be a net load. K serves the whole run.
 
-A shown place is x + Q_p e with one rotation Q_p of each connected part (3), so that it is smooth in
-time through freezes and releases.
+The shown place of a node is x + Q_p e, with one rotation Q_p for each connected part (3), so that
+it is smooth in time through freezes and releases.
 
-Parts named `Rigid` are rigid in the twin, too: they have many times their stiffness in K. Contacts
-of the twin act on u + e (`contacts`), and its joints hold u + e (`joints`). Parts that nothing
-holds have an e without rigid motions, which is not added to the results shown.
+Parts named `Rigid` are rigid in the twin, too: K has many times their stiffness. Contacts of the
+twin act on u + e (`contacts`), and its joints hold u + e (`joints`). For parts that can move freely
+e has no rigid motions, and is not added to displacements.
 """
 
 from __future__ import annotations

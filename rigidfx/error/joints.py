@@ -1,18 +1,18 @@
-"""Joints of the twin: what they exert on u + e, less what they exert on u, pushes e.
+"""Joints of the twin: the difference of their forces on u + e and on u drives e.
 
     M ë + C ė + K e = r + Bᵀ μ ,     B e = 0 ,     B = D Q W
 
-W takes the averages that joints are made of from the nodes, Q turns those of each part from the
-frame of the shape into space, D are the derivatives of the joints' rows, and of angles and travels
-that motors prescribe, where averages of the run are at the end of the step. A spring of a joint or
-a stop has its law in place of a row: μ is what it exerts on u + e, less that on u.
+W gives the averages of which joints consist, Q rotates those of each part from the frame of the
+shape into space. D has the derivatives of the joints' rows, and of angles and travels that motors
+prescribe, at the averages of the run at the end of the step. For a spring of a joint or a stop, μ
+is the difference of its forces at u + e and at u.
 
 e of each part stays in that part's frame, and so does the step's inverse A⁻¹. With its columns
-Y = A⁻¹ Wᵀ, found once for steps of one length, e = e₀ + Y Qᵀ Dᵀ μ, and a step takes one solve, for
-e₀, and one of the small matrix D Q (W Y) Qᵀ Dᵀ, which alone depends on the pose.
+Y = A⁻¹ Wᵀ, found once for steps of one length, e = e₀ + Y Qᵀ Dᵀ μ. So a step takes one solution for
+e₀, and one with the small matrix D Q (W Y) Qᵀ Dᵀ, the only part that depends on the pose.
 
-Motions of all parts that neither supports, nor springs, nor joints resist are a phase that would be
-lost. With such motions N, NᵀM e = 0 are rows, too (`loose`).
+Free rigid motions N of all parts, which neither supports, nor springs, nor joints resist, would
+grow in e without limit. So NᵀM e = 0 are rows, too (`loose`).
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Rigid motions that nothing holds: e has none of them.
+"""Rigid motions without resistance: e has none of them.
 
-A part that neither a support nor springs hold would drift off in e, as a phase that is lost. So
-forces on e and velocities that it gets are taken without their rigid motions, by masses: with the
-motions Φ of a part, r - MΦ(ΦᵀMΦ)⁻¹Φᵀr and v - Φ(ΦᵀMΦ)⁻¹ΦᵀM v. The rest strains.
+The rigid motion of a part without supports and springs would grow in e without limit, since a phase
+is lost. So with the rigid motions Φ of a part, forces and velocities on e are reduced, in the
+metric of the mass, to r - MΦ(ΦᵀMΦ)⁻¹Φᵀr and v - Φ(ΦᵀMΦ)⁻¹ΦᵀM v. The remainder strains the part.
 """
 
 from __future__ import annotations

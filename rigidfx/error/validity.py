@@ -1,10 +1,10 @@
-"""Where the error motion is no longer small: a first-order equation does not tell its square.
+"""Whether the error motion is small enough for an equation of first order.
 
-Displacements by e are off by half of its rotation, relative to e: they are told where no rotation
-is above a tenth. Strains of e are linear in it. The part of second order, ½ ∇eᵀ∇e, is that of its
-rotation: strains are told where it is below a tenth of the largest one that the connected part has
-shown, too. Gradients are those at the middles of cells. A part that joints
-hold turns in e as its neighbours bend: its mean rotation strains nothing, and is left out.
+The relative error of displacements by e is half of its rotation: they are shown while no rotation
+exceeds 0.1. Strains by e are linear in it. The missing part of second order, ½ ∇eᵀ∇e, comes from
+its rotation: strains are shown while it is also below a tenth of the largest strain so far in the
+connected part. Gradients are those at the middles of cells. A part that joints hold rotates in e as
+its neighbours bend; its mean rotation causes no strain, and is left out.
 """
 
 from __future__ import annotations

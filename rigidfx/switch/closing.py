@@ -1,12 +1,13 @@
 """Velocities that keep joints closed: the correction by impulses of the joints.
 
-Of all velocities that keep joints closed, D Eᵀ y = 0, those nearest to given ones in the metric of
-the mass differ from them by impulses Λ of the joints,
+The velocities that keep joints closed, D Eᵀ y = 0, and are nearest to given ones in the metric of
+the mass, are
 
     y - M⁻¹ E Dᵀ Λ,    (D Eᵀ M⁻¹ E Dᵀ) Λ = D Eᵀ y,
 
-with the ports Eᵀ of `rigidfx.coupling.ports`. Rows that others imply are no harm: Λ is the least.
-Motors that prescribe a speed, locks among them, have a row each with that speed on the right.
+with impulses Λ of the joints and the ports Eᵀ of `rigidfx.coupling.ports`. With redundant rows Λ is
+the least solution. Motors that prescribe a speed, locks among them, have a row each, with that
+speed on the right side.
 """
 
 from __future__ import annotations

@@ -6,17 +6,16 @@ of the mass, on the fields P y that are rigid in the bodies:
 
     Pᵀ M P y = Pᵀ p,    p the momenta of all nodes.
 
-The removed part has no momenta, for rigid motions of the whole are among the P y, and its energy is
-exactly the difference; both are kept by the new body. Supports that move do work on the
-way: nodes that they hold keep their velocity v_s by an impulse, the change of (M v)_s. The flexible
-side of an interface, which has a velocity of its own between switches, gets that of the body:
-otherwise the difference would ring, with the other sign after each step. At a release the kept
-field rotates with the body, brought into the range of the P that is valid then, made orthogonal to
-the range valid before, so that it adds no momenta, and scaled by the one number that restores the
-energy.
+The removed part has no momenta, since rigid motions of the whole are among the P y, and its energy
+is exactly the difference. The new body keeps both. Moving supports do work meanwhile: their nodes
+keep their velocity v_s by an impulse, the change of (M v)_s. The flexible side of an interface,
+which has a velocity of its own between switches, gets that of the body; otherwise the difference
+would alternate from step to step. At a release the kept field is rotated with the body and brought
+into the range of the P that is valid then. It is made orthogonal to the former range, so that it
+adds no momenta, and scaled to restore the energy.
 
-Where there are joints, all of this holds with a lumped mass too, P y being the fields that keep the
-joints closed as well: a freeze would else leave their two sides different velocities.
+With joints, all of this holds for a lumped mass, too, and P y are the fields that also keep joints
+closed: otherwise a freeze would give their two sides different velocities.
 """
 
 from __future__ import annotations

@@ -1,25 +1,25 @@
 """The rule of `Accuracy`: the error of u + e against the flexible twin stays within a budget.
 
-The error motion e (`rigidfx.error`) tells by how much a run with rigid parts is off. Where it is
-shown, u + e is off by terms that are not linear in e, and by the accuracy of e:
+The error motion e (`rigidfx.error`) is the difference to the twin. If u + e is shown, its error is
+of second order in e, plus the inaccuracy of e. If u alone is shown, its error is |e|:
 
-    a = max(|e|/U, LEFT) |e| ,     U the largest displacement,                               (1)
+    a = max(|e|/U, LEFT) |e|   or   a = |e| ,     U the largest displacement.                (1)
 
-and by all of |e| where it is not shown. Cells wake as soon as a is above half of the budget that
-time integration has left; those that e strains most come first.
+Cells wake if a exceeds half of the budget that time integration has left, those that e strains most
+first.
 
-Before a freeze nothing has an e. The displacement that withheld strains s take is estimated: it is
-a sum over cells, u = ∫ σ : ε dV, σ the stresses of a unit force there. With the largest strains so
-far, S, in the place of σ, the part of it that is lost is
+Before a freeze e does not exist, so the displacement that a freeze would lose is estimated. A
+displacement is an integral u = ∫ σ : ε dV, with σ the stresses of a unit force at its place. With
+the largest strains so far, S, for σ, and withheld strains s, the lost part is
 
     m = Σ w S s / Σ w S² ,    w = C V   of each cell, sums over cells that freeze, and all.  (2)
 
-Of a steady motion s = S, and m is E_w/H, the strain energy withheld over that of deformation. A
-frequency is off by E_w/2H (Rayleigh), so that a free vibration is off by (1 + πN) m after N
-periods, and loads that change may amplify m by two. s is the strain that a flexible cell has swung
-by in the window while loads rest, and its largest strain rate times τ = √(∫ Σ w ε² dt/∫ Σ w ε̇² dt)
-while they change, which is 1/ω where all vibrates with ω. Cells freeze in the order of their part
-of (2), until it would make (1) half of the allowed value.
+For a steady motion s = S, and m is E_w/H, the withheld strain energy over that of deformation. By
+Rayleigh's quotient a frequency has the error E_w/2H, so a free vibration has the error (1 + πN) m
+after N periods; changing loads may amplify m by two. While loads rest, s is the swing of the strain
+of a cell in the window. While they change, s is its largest strain rate times
+τ = √(∫ Σ w ε² dt/∫ Σ w ε̇² dt), which is 1/ω for a vibration. Cells freeze in the order of their
+part of (2), until (1) would reach half of the allowed value.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""Contacts that close or change: changes of a load that no function of time tells.
+"""Contacts that close or change: changes of a load that no function of time contains.
 
-The force of a contact is known when a step has been solved. If it differs from that under which the
-present bodies were frozen by more than a given fraction of its largest value so far, bodies are
-released and that step is solved again: what is struck is flexible in the step in which it is
-struck. A first touch is such a change; rattling by less is none. Forces that add up to nothing, as
-of a surface that meets itself, tell of a change by the sum of their sizes.
+The force of a contact is known after a step has been solved. If it differs from its value at the
+last freeze by more than a given fraction of its largest value so far, bodies are released and the
+step is solved again, so that the struck part is flexible in the step of the impact. A first touch
+is such a change; rattling with smaller forces is none. If the forces of a contact add up to zero,
+as those of a surface against itself, the sum of their magnitudes counts.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""When loads and supports change so that bodies found before may be none any more (3.3).
+"""Changes of loads and supports, which release bodies with `wake="all"` (3.3).
 
-A change is a declared breakpoint (a jump, a kink, the end of a time window), at which steps end, or
-a load, or the velocity of a support, that differs from what it was when the present bodies were
-frozen by more than a given fraction of its largest value so far. Both are functions of time, so
-that is seen before the step in which it happens. An effect says by its `signal` which part counts.
+A change is a declared breakpoint (a jump, a kink, the end of a time window), at which a step ends;
+or a load, or the velocity of a support, that differs from its value at the last freeze by more than
+a given fraction of its largest value so far. Loads and supports are functions of time, so a change
+is known before the step in which it happens. The `signal` of an effect is the value that counts.
 """
 
 from __future__ import annotations

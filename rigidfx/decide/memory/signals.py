@@ -1,8 +1,8 @@
-"""How long to look: the longest period in the motion and in the loads.
+"""The longest period in the motion and in the loads, for the length of a window.
 
-T_red has to exceed the period of the lowest mode that is excited, and that of the loads (3.1). Both
-are seen in signals that rigid motion does not disturb: distances between a few nodes far from each
-other, and the loads themselves. Their longest period is that of the lowest peak in their spectra.
+T_red has to exceed the period of the lowest excited mode and that of the loads (3.1). Both periods
+are found in signals without rigid motion: distances between a few nodes far from each other, and
+the loads. The longest period is that of the lowest peak in their spectra.
 """
 
 from __future__ import annotations

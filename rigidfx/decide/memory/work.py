@@ -1,17 +1,16 @@
-"""Work in steps, by which it is told whether a freeze pays: not in seconds, which differ.
+"""Work on quiet cells, which decides whether a freeze pays: counted in steps, not in seconds.
 
-A freeze, and the release that ends it, take new equations, tangents and factors, whatever their
-size. It saves the work on its cells in each step that they stay rigid, and the number of these
-steps is unknown. So it waits until as much work has been done for nothing on cells that were
-quiet as the two cost: as who hires skis until he has paid their price, one pays at most twice what
-one would have paid with foresight (A.R. Karlin, M.S. Manasse, L. Rudolph and D.D. Sleator,
-Algorithmica 3 (1988) 79-119).
+A freeze and its release need new equations, tangents and factors, for any number of cells. They
+save the work on the body's cells while these stay rigid, but the number of these steps is unknown.
+So a freeze waits until the work on its quiet cells has reached the cost of both. This is the rule
+of the ski-rental problem: it costs at most twice as much as with perfect foresight (A.R. Karlin,
+M.S. Manasse, L. Rudolph and D.D. Sleator, Algorithmica 3 (1988) 79-119).
 
 The unit is a flexible step. At 7056 unknowns, with kept tangents and five iterations a step, a
-freeze and a release took 12 of them, those of the error motion included; as bodies come and go
-together with others, less than the sum is asked for, and where steps take more iterations switches
-are the fewer of them. Iterations and tangents of the steps themselves are not counted: they depend
-on the solver, which depends on the ranks.
+freeze and a release cost 12 steps, those of the error motion included. The rule takes less, since
+bodies change together with others, and since switches cost fewer steps if a step takes more
+iterations. Iterations and tangents of steps are not counted: they depend on the solver, and so on
+the number of ranks.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
-"""The force that rigidity takes over from stiffness, at the nodes of bodies.
+"""The forces that rigidity bears in place of stiffness, at the nodes of bodies.
 
-A body's nodes would have to resist, by straining,
+In the frame of a body they are
 
-    ρ = R̄ᵀ (f_ext - f_flexible - M (v₁ - v₀)/Δt - ½ (R₀ + R₁) f⁰)
+    ρ = R̄ᵀ (f_ext - f_flexible - M (v₁ - v₀)/Δt - ½ (R₀ + R₁) f⁰) ,
 
-in its frame: what loads and the flexible cells exert on them, less what moves them as they do move,
-less the internal forces f⁰ of the shape that the body keeps, as the Energy–Momentum Method has them
-of a shape that turns. R̄ is the rotation halfway through the step, and the mean of the rotations is
-shorter: in a steady spin by ωΔt in a step f⁰ would be 1 - cos(ωΔt/2) too large.
+the forces of loads and flexible cells, minus the inertia of the body's motion, minus the internal
+forces f⁰ of the shape that the body keeps, in the form that the Energy–Momentum Method gives them
+for a rotating shape. R̄ is the rotation halfway through the step. The mean of both rotations is
+shorter: with it f⁰ would be 1 - cos(ωΔt/2) too large in a steady spin by ωΔt per step.
 """
 
 from __future__ import annotations

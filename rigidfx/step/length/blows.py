@@ -1,15 +1,15 @@
-"""Error of a step as the force of a contact changes in it: an impulse.
+"""The error of an impulse, as the force of a contact changes within a step.
 
-The motion of a probe tells little of a blow: a body that was struck too hard errs by next to
-nothing while it is struck, and by more and more as it flies. A step takes the force at its middle
-for its mean, so that its impulse is off by
+The motion of a probe hardly shows this error at first: an impulse that is too large causes a small
+error during the contact, and a growing one afterwards. A step takes the force at its middle for the
+mean force, so the error of the impulse is
 
     Δt³/24 F'' ≈ Δt/24 |F - F*| ,
 
-F* being the force that a line through the two steps before gives. Over the mass of all that is an
-error of velocity, and one of displacement after the time U/V in which a motion of the largest
-displacement U and the largest speed V shows it. It counts for that time from when a contact closes
-that has been open for some steps: where something rests or rattles nothing is sent off.
+with F* the force that a line through the two steps before gives. Divided by the whole mass this is
+an error of velocity, and after the time U/V an error of displacement, with U the largest
+displacement and V the largest speed so far. It counts for this time after the closing of a contact
+that was open for some steps. Contacts that rest or rattle send nothing off, and do not count.
 """
 
 from __future__ import annotations

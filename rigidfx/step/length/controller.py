@@ -1,14 +1,14 @@
-"""A controller of Δt: steps as long as their errors, added up, let them be.
+"""A controller of Δt: the longest steps whose errors, added up, keep the budget.
 
-A step errs by e = c Δt³, and may err by r Δt, so that the best length is
+The error of a step is e = c Δt³, and r Δt of it is permitted, so the best length is
 
     Δt = safety √(r/c) ,                                                                    (1)
 
 the deadbeat controller of an error per unit step (Hairer, Nørsett, Wanner, *Solving Ordinary
 Differential Equations I*, 2nd ed., II.4; Söderlind, ACM TOMS 29 (2003) 1, section 3). c is the
-envelope of e/Δt³: the errors of a vibration come back, so that c rises at once and fades over
-`memory` steps. Δt stays as it is inside a dead band, since another Δt costs new tangents; a longer
-one has to have saved as many steps as two changes cost. A step is repeated if e > reject r Δt.
+envelope of e/Δt³: the errors of a vibration return, so c rises at once and fades over `memory`
+steps. Inside a dead band Δt does not change, since another Δt costs new tangents. Δt grows only
+after a longer one would have saved the cost of two changes. A step is repeated if e > reject r Δt.
 
 With E the error of the run so far and U the largest displacement, r spends the rest of the budget
 evenly up to the end T of the run, or, while a motion begins, in the time s in which it grows
@@ -16,10 +16,10 @@ fourfold, the step included,
 
     r = max( (share tol U - E)/(T - t) , (share tol U' - E)/(spread s) ) ,                  (2)
 
-each no less than `poorest` of its value with E = 0. A motion from rest would otherwise be computed
-to a part of next to nothing. It counts that E is damped (`rigidfx.step.length.run_error`). U' is
-the displacement in the longest step, or in 4 s, with the velocity and acceleration of now; no more
-than fourfold, nor than it has grown before.
+each no less than `poorest` of its value with E = 0. Without the second term a motion that begins
+would have to keep a part of its still small displacement. E is damped
+(`rigidfx.step.length.run_error`). U' is the displacement after the longest step, or after 4 s, with
+the present velocity and acceleration; it is at most 4 U, and at most U times its former growth.
 """
 
 from __future__ import annotations

@@ -1,14 +1,14 @@
-"""Errors that are made elsewhere in a structure, and come to the points that are asked for.
+"""Errors at other places of a structure, which travel to the points where accuracy is asked.
 
-The tip of a cantilever moves freely until the wave from its root arrives: its jerk is the sum of
-those of many modes, which cancel there while each of them errs. Modes are orthogonal, and do not
-cancel in the mean square over a structure. So the root mean square over nodes counts besides, as a
-part of how they move:
+The tip of a cantilever does not move until the wave from its root arrives: the jerks of many modes
+cancel there, while each mode has an error. Modes are orthogonal, so they do not cancel in the mean
+square over a structure. So the root mean square over nodes counts as well, in relation to their
+displacements:
 
     e = max( e_p , e_s min(1, U_p/U_s) ) ,    e_s = sqrt(mean |e_k|²) ,    U_s² = max mean |u_k|² ,
 
-U_p being the largest displacement so far of the points that are asked for. Where these move more
-than others their own error counts.
+with U_p the largest displacement so far of the points where accuracy is asked. If these move more
+than others, their own error counts.
 """
 
 from __future__ import annotations

@@ -1,20 +1,20 @@
-"""The error of displacements after many steps, from the errors that single steps make.
+"""The error of displacements after many steps, from the errors of single steps.
 
-An error is a motion itself. It decays as its vibration does, and a vibration of amplitude A errs
-by 2 A at most, however wrong its phase is. So steps' errors e are split by octaves: E_b is the
-error of motion slower than ω_b,
+An error is a motion. It decays as its vibration does, and the error of a vibration of amplitude A
+is 2 A at most, even with the opposite phase. So the errors e of steps are split by octaves: E_b is
+the error of motion slower than ω_b,
 
     E_b ← E_b exp(-δ_b Δt) + p_b e ,    δ_b = ½ (α + β min(½ω_b, ω)²) ,
     E = min_b ( max_{a ≤ b} E_a + 2 A_b ) .
 
-p_b is the part of the local error per time that passes four exponential means, each of the one
-before, ω the frequency at which errors turn (`rigidfx.step.length.time_error`). α and β are the
-least damping of all cells (`rigidfx.scene.damped`). A_b is the amplitude of motion faster than ω_b:
-of displacements high-passed four times at ½ω_b, so that the two together miss nothing. The last ω_b
-is infinite. It is the only one beside contacts, which make fast motion slow.
+p_b is the part of the local error per time that passes a chain of four exponential means, ω the
+frequency at which errors turn (`rigidfx.step.length.time_error`). α and β are the least damping of
+all cells (`rigidfx.scene.damped`). A_b is the amplitude of motion faster than ω_b: of displacements
+high-passed four times at ½ω_b, so that both parts together are complete. The last ω_b is infinite.
+With contacts it is the only one, since they turn fast motion into slow motion.
 
-Four means pass 1/(1 + ω²/ω_b²)². Over δ_b that is largest at ω_b = ω, where it is right for one
-vibration: 0.9 to 1 between octaves.
+Four means pass 1/(1 + ω²/ω_b²)². Divided by δ_b this is largest at ω_b = ω, where it is right for
+one vibration: 0.9 to 1 between octaves.
 """
 
 from __future__ import annotations

@@ -5,18 +5,17 @@ to the middle of a step, and the divided differences j = Δa/Δt of two steps,
 
     ĵ = ¼ j_{n-2} + ½ j_{n-1} + ¼ j_n ,    â = ⅛ (a_{n-3} + 3 a_{n-2} + 3 a_{n-1} + a_n) .
 
-These means are blind to a change of sign from step to step: a vibration that a step does not
-resolve rings like that, and is no error of the resolved motion. While there are fewer
-differences, means of fewer stand for these.
+These means remove a change of sign from step to step: a vibration that steps do not resolve has
+it, and it is no error of the resolved motion. While there are fewer differences, means of fewer
+replace these.
 
-The jerk of a vibration is zero twice a period, and its error, which is one of its phase, goes on.
-So the root mean square of the jerk over a turn of the phase counts: where it is ĵ now it is ω â a
-quarter of a period away, and
+The jerk of a vibration is zero twice a period, while the error of its phase grows. So the error is
+the root mean square over a period: if the jerk is ĵ now, it is ω â a quarter of a period away, and
 
     e = Δt³/12 sqrt(½ (|ĵ|² + ω² |â|²)) ,    ω² = ∫ Σ |ĵ|² dt / ∫ Σ |â|² dt ,
 
-sums over all points, integrals over the last 3/ω, about half a period. Errors of one vibration add
-up to √2 of Σ e, those of a steady turn to Σ e.
+with sums over all points and integrals over the last 3/ω, about half a period. Errors of one
+vibration add up to √2 of Σ e, those of a steady rotation to Σ e.
 """
 
 from __future__ import annotations

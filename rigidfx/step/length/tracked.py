@@ -1,9 +1,9 @@
 """Points whose motion is tracked while steps are tried: displacements, and velocities at both ends.
 
-A body's nodes have its motion, whether they take part in a step or not. A node that a support moves
-is where that says at the end of each step: no step errs there. The velocity of such a node,
-2 Δu/Δt - v, swings to and fro for ever once its path has bent, which would be taken for an error
-whenever Δt changes. So such nodes have the mean velocity of a step at both ends.
+A body's nodes have its motion, whether they take part in a step or not. A node of a support is at
+its prescribed place at the end of each step, without an error. After a kink of the path the
+velocity of such a node, 2 Δu/Δt - v, alternates from step to step, which would count as an error at
+each change of Δt. So such nodes have the mean velocity of a step at both ends.
 """
 
 from __future__ import annotations

@@ -1,24 +1,24 @@
-"""Solve linear systems with joints by whatever solves without them.
+"""Solve linear systems with joints by a solver for systems without joints.
 
-With Eᵀ from unknowns to ports, D and D₁ from ports to rows H the curvature of the rows and
-R what springs of joints yield, the tangent of a step is
+With Eᵀ from unknowns to ports, D and D₁ from ports to rows, H the curvature of the rows and R the
+compliance of springs of joints, the tangent of a step is
 
     [A + E H Eᵀ    E Dᵀ]
-    [D₁ Eᵀ         R   ],
+    [D₁ Eᵀ         R   ].
 
-Y = A⁻¹ E comes with each new tangent, and C = Eᵀ Y, the compliance at the ports. A does not couple
-parts that joints alone connect: ports of different parts share a solve, and Y has entries in the
-part of each port only, see `parted`. The rest of a solve is a small system in the displacements of
-the ports, q, the forces on them, f, and the multipliers,
+Y = A⁻¹ E is found for each new tangent, and C = Eᵀ Y is the compliance at the ports. A does not
+couple parts that are connected by joints only: ports of different parts share a solution, and Y has
+entries in the part of each port only, see `parted`. The rest of a solution is a small system in the
+displacements of the ports, q, the forces on them, f, and the multipliers,
 
     [I   C   0 ] [q]   [Eᵀ A⁻¹ r]
     [H  -I   Dᵀ] [f] = [0       ],    z = A⁻¹ r - Y f.
     [D₁  0   R ] [μ]   [s       ]
 
-No joint is ever inside incomplete factors. Of a tangent that is kept, ports turn along with the
-nodes and bodies that they belong to, as Y and C do. H, D and D₁ are those of the last iterate where
-tangents are new in each, so that rows are met as by Newton's method, and of the first one of a
-step where they are kept.
+Incomplete factors contain no joints. With a kept tangent, ports rotate with their nodes and bodies,
+and so do Y and C. H, D and D₁ are those of the last iterate if each iteration has a new tangent, so
+that rows converge as by Newton's method. With a kept tangent they are those of the first iterate of
+a step.
 """
 
 from __future__ import annotations

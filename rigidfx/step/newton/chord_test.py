@@ -1,10 +1,9 @@
 """When an iteration with a kept tangent stops: at a tenth of Newton's tolerance, or at rounding.
 
-With a kept tangent the residual falls by one factor in each iteration, and a small factor is no
-stall: the tangent may not fit. Only where a tangent of the same step does no better has rounding
-been met. Its place is remembered, relative to the size of the terms whose difference R is: later
-solves stop as soon as they are there. Its loss of energy and momenta is measured in any case, see
-`conserving`.
+With a kept tangent the residual falls by one factor in each iteration. A factor near one need not
+be a stall, since the tangent may not fit. Only if a tangent of the same step does no better, the
+rest is rounding. Its size relative to the terms whose difference R is, is kept, and later solutions
+stop there. The change of energy and momenta is measured in any case, see `conserving`.
 """
 
 from __future__ import annotations

@@ -1,12 +1,11 @@
-"""Whether an iterate that is good enough as a solution keeps energy and momenta as well.
+"""Whether an iterate that is accurate enough as a solution also keeps energy and momenta.
 
-Newton's method often ends a step with a residual many orders below where it may stop; iterations
-with a kept tangent end just there. In steps in which waves get far that may be energy and momenta,
-which drift: by 2e-10 in 300 steps of a bar of steel whose Δt changed from step to step. So the loss
-of a solution is measured. Where that is too much the iteration goes on, for as long as it falls by
-half. Where it does not, with a new tangent neither, it is rounding: its size is remembered, by
-later divisions too, and later steps are not asked for less. An iteration that has made it worse is
-taken back.
+Newton's method often ends a step far below its tolerance. Iterations with a kept tangent end just
+below it. In long steps that remainder may change energy and momenta: they drifted by 2e-10 in 300
+steps of a bar of steel whose Δt changed from step to step. So the change by a solution is measured.
+If it is too large, the iteration continues while each iteration halves it. If a new tangent does
+not halve it either, it is rounding. The size of that rounding is kept, also through new divisions,
+and later steps need not be better. An iterate with a larger change than the one before is undone.
 """
 
 from __future__ import annotations

@@ -1,27 +1,27 @@
-"""When a kept tangent is made anew, and when Newton's method takes over: all of it by counts.
+"""When a kept tangent is renewed, and when Newton's method takes over: decided by counts.
 
 An iteration with a kept tangent reduces the residual by its contraction θ; a new tangent costs as
 much as `price` such iterations (E. Hairer and G. Wanner, Solving Ordinary Differential Equations
-II, IV.8; P. Deuflhard, Newton Methods for Nonlinear Problems, 2.1). Within a step there is a new
-tangent
+II, IV.8; P. Deuflhard, Newton Methods for Nonlinear Problems, 2.1). Within a step the tangent is
+renewed
 
-- where the residual grows,
-- where the iterations that are left, log(target/‖R‖)/log θ, cost more than a new tangent and what
-  it needs itself, or are more than the limit of iterations allows.
+- if the residual grows,
+- if the remaining iterations, log(target/‖R‖)/log θ, cost more than a new tangent with its own
+  iterations, or exceed the limit of iterations.
 
-A residual that grows twice in a step by tangents of this step ends the chord method for it: each
-iteration then has a tangent of its own, all of it and not its symmetric part.
+If the residual grows twice in a step with tangents of this step, the chord method ends for it: each
+further iteration has a new tangent, in full and not its symmetric part.
 
-Between steps a tangent is due when a step took more iterations than the mean step since the last
-renewal, that included: from then on each further step would only raise the mean. It is made at the
-step's first iterate. The first guess lies on a straight line, which stretches parts that bend; the
-tangent there has the stress of that stretch.
+Between steps a tangent is renewed after a step with more iterations than the mean since the last
+renewal, the renewal included: each further step would only raise the mean. It is renewed at the
+step's first iterate, since the first guess along a straight line stretches parts that bend, and the
+tangent there contains the stress of that stretch.
 
-What steps have cost beyond Newton's method is a debt, which cheaper steps pay back. While the debt
-is more than a small part of all that Newton's method would have cost, that method serves, and its
+The cost of steps beyond that of Newton's method is a debt, which cheaper steps pay back. If the
+debt exceeds a small part of the whole cost of Newton's method, that method serves, and its
 iterations are counted. Savings count up to the same part. So kept tangents never cost more than
-Newton's method by more than this part and one step. In a motion that they never fit, trials of them
-become rare.
+Newton's method by more than this part and one step, and they are rarely tried in a motion that they
+do not fit.
 """
 
 from __future__ import annotations

@@ -1,17 +1,15 @@
-"""First guesses of a step: u₁ = u₀ + Δt v, rotated where rotations are large.
+"""First guesses of a step: u₁ = u₀ + Δt v, rotated if rotations are large.
 
-At a large rotation per step the tangents of the motion lead far away from it and Newton pays for
-that with iterations. The mean rigid motion of what is left flexible and of the bodies, c and ω from
-their momenta, is therefore continued exactly as the step would continue it if all were one free
-rigid body: by the Cayley vector θ that keeps the angular momentum, R₁ J (2θ/Δt - ω) = J ω, which,
-as R₁ = (I - ½θ̂)⁻¹ (I + ½θ̂), is
+At a large rotation per step a straight line leads far from the motion, and costs iterations. So the
+mean rigid motion of the flexible cells and the bodies, c and ω from their momenta, continues as
+that of one free rigid body: by the Cayley vector θ that keeps the angular momentum,
+R₁ J (2θ/Δt - ω) = J ω, which, as R₁ = (I - ½θ̂)⁻¹ (I + ½θ̂), is
 
     J θ + ½ θ × J θ = Δt J ω.
 
-Δt ω is that only where ω is a principal axis; a stiff body that rotates by a wrong angle, even a
-little, is strained by its square. Other motion goes on along a straight line if it is
-slow, and hardly at all if it vibrates faster than the step can see: both are offered, and the
-smaller residual decides.
+θ = Δt ω only if ω is a principal axis. A stiff body that rotates by a slightly wrong angle is
+strained by its square. Other motion continues along a straight line if it is slow, and hardly if it
+vibrates faster than steps resolve: both guesses are tried, and the smaller residual decides.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
-"""Has rounding in stiff parts ended Newton's iteration before soft parts were in balance?
+"""Whether rounding in stiff parts has ended Newton's iteration before soft parts were in balance.
 
-Newton's test looks at one norm. In a scene of very different stiffnesses the rounding of the
-stiffest forces is all of it, and may be as large as all forces elsewhere: the iteration ends there,
-and soft parts keep what their last iterate left. Measured against
-its own stiffness and inertia each unknown tells: of parts in a ratio of stiffness of 1e10, 1e12 and
-1e14 what is left moves one by 5e-10, 3e-8 and 6e-4 of a step's increment, and displacements were
-off by 2e-9, 2e-9 and 5e-5 (`tests/test_unresolved.py`). Of the motion of a stiff part as a whole,
-where it floats between soft ones, `stiff_parts` tells: at 1e12 what is left is 1e-6 to 5e-6 of an
-increment, and displacements are off by 4e-8 to 3e-6 with Δt = 0.05 s, and by 1e-2 with 0.2 s.
+Newton's test uses one norm. In a scene of very different stiffnesses this norm is the rounding of
+the stiffest forces, and may be as large as all other forces. The iteration ends there, and soft
+parts keep the error of their last iterate. Relative to its own stiffness and inertia each unknown
+shows this error. With parts in a ratio of stiffness of 1e10, 1e12 and 1e14 it is 5e-10, 3e-8 and
+6e-4 of a step's increment, and displacements had errors of 2e-9, 2e-9 and 5e-5
+(`tests/test_unresolved.py`). For the motion of a stiff part as a whole, floating between soft ones,
+`stiff_parts` shows it: at 1e12 it is 1e-6 to 5e-6 of an increment, and displacements have errors of
+4e-8 to 3e-6 with Δt = 0.05 s, and of 1e-2 with 0.2 s.
 """
 
 from __future__ import annotations
