@@ -27,6 +27,7 @@ from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from resource import RUSAGE_SELF, getrusage
 from statistics import mean, median
+from time import sleep
 from typing import Any
 
 import numpy as np
@@ -193,6 +194,13 @@ def plain(options: Namespace) -> dict[str, Any]:
     }
 
 
+def meet() -> None:
+    """Wait for all ranks, without keeping a core busy while others are timed. Collective."""
+    request = comm.Ibarrier()
+    while not request.Test():
+        sleep(1e-3)
+
+
 def ranks(options: Namespace) -> dict[str, Any]:
     """Steps of all ranks, of one, and of independent shares, in turn."""
     if comm.size == 1:
@@ -211,8 +219,9 @@ def ranks(options: Namespace) -> dict[str, Any]:
     seconds: dict[str, list[float]] = {name: [] for name in runs}
     for _ in range(options.steps):
         for name, run in runs.items():
-            comm.barrier()
+            meet()
             taken, _ = timed(lambda run=run: next(run) if run else None)
+            meet()
             seconds[name].append(comm.allreduce(taken, op=MPI.MAX))
     usual = {name: median(times[1:] or times) for name, times in seconds.items()}
     found = {
