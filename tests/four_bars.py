@@ -17,7 +17,7 @@ BARS = {
 PLACES = (0, 0, 0), (0, 0.4, 0), (1, 0.4, 0), (1, -0.5, 0)
 
 
-def four_bars(*effects, **options):
+def four_bars(*effects, face=rf.MeanFace, **options):
     """The crank turns right round; a motor drives it where one is given."""
     domain = boxes(*BARS.values())
     for name, (low, high, cells) in BARS.items():
@@ -34,7 +34,7 @@ def four_bars(*effects, **options):
             return of(x) & (x[axis] >= most)
 
         domain = domain.with_facets(f"{name} 1", first).with_facets(f"{name} 2", last)
-    face, (A, B, C, D) = rf.MeanFace, PLACES
+    A, B, C, D = PLACES
     joints = [
         rf.Revolute("ground", face("crank 1"), A, Z, name="A"),
         rf.Revolute(face("crank 2"), face("coupler 1"), B, Z, name="B"),

@@ -17,10 +17,11 @@ from rigidfx.error.forces.parts import mass_of
 from rigidfx.error.frames import Frames
 from rigidfx.error.ground import ground_of
 from rigidfx.error.joints import Joints, joined_parts
-from rigidfx.error.linear_motion import LinearMotion
+from rigidfx.error.linear_motion import NAMED, LinearMotion
 from rigidfx.error.loose import Loose, loose_parts
 from rigidfx.error.modal import Modal
 from rigidfx.error.response import PREPARING, AllUnknowns, Response
+from rigidfx.error.stiff_faces import stiff_faces
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.scene.points import Point
 from rigidfx.scene.scene import Scene
@@ -184,7 +185,7 @@ SOLUTION = _Solution()
 def about(
     stepper: Stepper, forms: LinearForms, frames: Frames, held: Bools
 ) -> tuple[LinearMotion, Loose, Loose]:
-    """M, C and K of all cells about a shape, with springs; parts named rigid are stiff. Collective.
+    """M, C and K of all cells about a shape, with springs; rigid parts and faces stiff. Collective.
 
     Args:
         stepper: Knows the forces of the run.
@@ -208,6 +209,7 @@ def about(
     supported = np.flatnonzero(held)
     more = _given_mass(scene)
     motion = LinearMotion(rows, cells, forms, mass, supported, ground, rigid, more)
+    stiff_faces(scene, rows, places, motion.matrices[0], NAMED)
     springs = None if ground is None else ground.K
     joined = joined_parts(scene)
     loose, held_by_joints = (

@@ -12,9 +12,9 @@ large pair of inner forces, rotated by a small angle, would be a net load. K ser
 The shown place of a node is x + Q_p e, with one rotation Q_p for each connected part (3), so that
 it is smooth in time through freezes and releases.
 
-Parts named `Rigid` are rigid in the twin, too: K has many times their stiffness. Contacts of the
-twin act on u + e (`contacts`), and its joints hold u + e (`joints`). For parts that can move freely
-e has no rigid motions, and is not added to displacements.
+Parts named `Rigid`, and rigid faces, are rigid in the twin, too: K has many times their stiffness.
+Contacts of the twin act on u + e (`contacts`), and its joints hold u + e (`joints`). For parts that
+can move freely e has no rigid motions, and is not added to displacements.
 """
 
 from __future__ import annotations

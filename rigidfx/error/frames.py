@@ -63,15 +63,19 @@ class Frames:
         W[:, :, 2] *= np.linalg.det(W @ Vt)[:, None]
         return np.asarray(W @ Vt)
 
-    def of_parts(self, x: Array) -> Array:
+    def of_parts(self, x: Array, among: npt.NDArray[np.bool_] | None = None) -> Array:
         """Rotation of each connected part, shape (parts, 3, 3). Collective.
 
         A part has one rotation, so that vectors which it turns are smooth across its bodies.
 
         Args:
             x: Places of the owned nodes, shape (nodes, 3) [m].
+            among: Which owned nodes tell it; all if None.
         """
-        return self.of_sets(self._parts, x)
+        parts = self._parts
+        if among is not None:
+            parts = [nodes[among[nodes]] for nodes in parts]
+        return self.of_sets(parts, x)
 
     def parts_at(self, nodes: Sequence[Nodes]) -> npt.NDArray[np.int64]:
         """Connected part of each set of owned nodes, which may be empty on some ranks. Collective.

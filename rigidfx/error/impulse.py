@@ -60,8 +60,9 @@ class Impulse:
             for eased in easing:
                 eased.add_impulse(dt, let_down.reshape(-1))
             x = self._stepper.state.positions(self._nodes)
-            loaded = np.flatnonzero(np.abs(let_down).max(axis=1))
-            out += to_shape(np.asarray(let_down / dt), frames.of_sets([loaded], x)[0])
+            loaded = np.asarray(let_down.any(axis=1))
+            Q = frames.of_parts(x, loaded)  # joints turn parts against each other
+            out += to_shape(np.asarray(let_down / dt), Q[frames.part])
         return out
 
     def _frame_of(self, body: RigidBody, frames: Frames) -> Array:

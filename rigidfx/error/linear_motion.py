@@ -145,7 +145,7 @@ class LinearMotion:
             A.scale(0.5 + xi)
             A.axpy(2 / dt**2 + drag / dt, self._M, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
             if self._viscosity is not None:
-                A.axpy(1 / dt, self._viscosity, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+                A.axpy(1 / dt, self._viscosity, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
             self._hold(A, self._supported, self._scale)
             self._dynamic[kind] = solver_of(A)
         return self._dynamic[kind]

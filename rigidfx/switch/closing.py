@@ -7,7 +7,7 @@ the mass, are
 
 with impulses Λ of the joints and the ports Eᵀ of `rigidfx.coupling.ports`. With redundant rows Λ is
 the least solution. Motors that prescribe a speed, locks among them, have a row each, with that
-speed on the right side.
+speed on the right side. Ports on parts that M does not couple share a solve.
 """
 
 from __future__ import annotations
@@ -17,11 +17,13 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from rigidfx.base.errors import together
 from rigidfx.coupling.ports import Ports
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects.joints.linkage import Linkage
+from rigidfx.step.newton.parted import parted
 
 __all__ = ["Closing"]
 
@@ -35,6 +37,7 @@ class Closing:
         self,
         linkage: Linkage,
         prolongation: Prolongation,
+        mass: PETSc.Mat,
         solve: Callable[[Array], Array],
         t: float,
     ) -> None:
@@ -43,6 +46,7 @@ class Closing:
         Args:
             linkage: The joints, at the places in question.
             prolongation: Map between unknowns and dofs there.
+            mass: M of the unknowns.
             solve: M⁻¹ of momenta of this rank's unknowns.
             t: Time that motors have their speeds of [s].
 
@@ -53,10 +57,9 @@ class Closing:
         ports = Ports(prolongation, linkage)
         self._E = ports.entries
         self._D = linkage.test() @ ports.lead(prolongation.increments.L)
-        columns = (solve(self._E[:, [k]].toarray()[:, 0]) for k in range(ports.count))
-        Y = np.stack(list(columns), axis=1)
-        self._by_impulses = Y @ self._D.T.toarray()
-        resisted = self._D @ self._sum(self._E.T @ Y) @ self._D.T
+        Y = parted(mass, self._E).responses(solve)
+        self._by_impulses = Y @ self._D.T
+        resisted = self._D @ self._sum((self._E.T @ Y).toarray()) @ self._D.T
         speeds = together(prolongation.comm, "A motor", lambda: linkage.drives.speeds(t))
         self._wanted = np.r_[np.zeros(resisted.shape[0] - speeds.size), speeds]
         self._inverse = np.linalg.pinv(resisted, hermitian=True)

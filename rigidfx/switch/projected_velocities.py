@@ -101,7 +101,7 @@ class RigidFields:
                 conjugate_gradients(self._reduced, self._r, self._y)
             return self._y.array_r.copy()
 
-        return Closing(linkage, self._prolongation, solve, state.t)
+        return Closing(linkage, self._prolongation, self._reduced, solve, state.t)
 
     def momenta(self, v: Array) -> Array:
         """M v at the owned dofs [kg m/s]. Collective."""

@@ -82,13 +82,13 @@ class Border:
         Args:
             solve: Solves with it, A z = r.
         """
-        shared = self._parted()
-        found = np.empty_like(shared.right)
-        for right, z in zip(shared.right, found, strict=True):
-            self._r.array[:] = right
+
+        def response(r: Array) -> Array:
+            self._r.array[:] = r
             solve(self._r, self._z)
-            z[:] = self._z.array_r
-        self._Y = shared.spread(found)
+            return np.asarray(self._z.array_r)
+
+        self._Y = self._parted().responses(response)
         self._C = self._compliance(self._Y)
         self._turned = self._factors = None
 

@@ -1,11 +1,12 @@
 """Ports of joints on parts that a tangent does not couple: they share a solve.
 
-Unknowns that the entries of a matrix connect are a part. A⁻¹ e is zero outside the part of e, so
-that one solve serves a port of each part, and tells each its own.
+Unknowns that the entries of a matrix, or one port, connect are a part. A⁻¹ e is zero outside the
+part of e, so that one solve serves a port of each part, and tells each its own.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,11 +38,18 @@ class Shared:
     pattern: tuple[Ints, Ints]
     count: int
 
-    def spread(self, solutions: Array) -> csr_array:
-        """Solutions of single ports, shape (unknowns, ports), from those of the solves."""
-        unknown, solve = self.places
-        shape = solutions.shape[1], self.count
-        return csr_array((solutions[solve, unknown], *self.pattern), shape=shape)
+    def responses(self, solve: Callable[[Array], Array]) -> csr_array:
+        """A⁻¹ of single ports, shape (unknowns, ports), by solves that they share. Collective.
+
+        Args:
+            solve: A⁻¹ of a vector of this rank's unknowns.
+        """
+        found: Array = np.empty_like(self.right)
+        for k in range(len(found)):
+            found[k] = solve(self.right[k])
+        unknown, number = self.places
+        shape = self.right.shape[1], self.count
+        return csr_array((found[number, unknown], *self.pattern), shape=shape)
 
 
 def parted(A: PETSc.Mat, E: csr_array) -> Shared:
@@ -51,7 +59,7 @@ def parted(A: PETSc.Mat, E: csr_array) -> Shared:
         A: The matrix.
         E: Ports by this rank's unknowns, shape (unknowns, ports).
     """
-    part, comm = _parts(A), A.comm.tompi4py()
+    part, comm = _parts(A, E), A.comm.tompi4py()
     entries = E.tocoo()
     own: Ints = np.full(E.shape[1], -1, dtype=np.int64)
     own[entries.coords[1]] = part[entries.coords[0]]
@@ -61,6 +69,7 @@ def parted(A: PETSc.Mat, E: csr_array) -> Shared:
     firsts = np.searchsorted(of_port[order], of_port[order])
     turn = np.empty_like(order)  # which of the ports of its part each is
     turn[order] = np.arange(order.size) - firsts
+    turn[of_port < 0] = -1  # no unknown moves it
     ports = [
         order[turn[order] == k] for k in range(int(turn.max(initial=-1)) + 1)
     ]  # by their parts
@@ -70,16 +79,21 @@ def parted(A: PETSc.Mat, E: csr_array) -> Shared:
         at[at == numbers.size] = 0
         here = of_port[numbers][at] == part
         row[here] = numbers[at[here]]
-    places = np.nonzero(owners.T >= 0)
-    ends = np.searchsorted(places[0], np.arange(part.size + 1))
+    unknown, number = np.nonzero(owners.T >= 0)
+    ends = np.searchsorted(unknown, np.arange(part.size + 1))
     right = [np.asarray(E[:, numbers].sum(axis=1)) for numbers in ports]
-    pattern = owners.T[places], ends
-    return Shared(np.reshape(right, (len(ports), part.size)), places, pattern, E.shape[1])
+    pattern = owners.T[unknown, number], ends
+    whole = np.reshape(right, (len(ports), part.size))
+    return Shared(whole, (unknown, number), pattern, E.shape[1])
 
 
-def _parts(A: PETSc.Mat) -> Ints:
-    """The part of each of this rank's unknowns, numbered alike on all ranks. Collective."""
+def _parts(A: PETSc.Mat, E: csr_array) -> Ints:
+    """The part of each of this rank's unknowns, numbered alike on all ranks. Collective.
+
+    The unknowns of a port are in one part, whether entries of the matrix connect them or not.
+    """
     comm = A.comm.tompi4py()
+    n, count = E.shape[0], E.shape[1]
     rows = A.convert(PETSc.Mat.Type.AIJ, PETSc.Mat()) if A.getBlockSize() > 1 else A
     offsets, columns, _ = rows.getValuesCSR()
     if rows is not A:
@@ -87,15 +101,21 @@ def _parts(A: PETSc.Mat) -> Ints:
     first, last = A.getOwnershipRange()
     pairs = np.repeat(np.arange(first, last), np.diff(offsets)), columns
     inside = (columns >= first) & (columns < last)
-    graph = np.ones(int(inside.sum())), tuple(own[inside] - first for own in pairs)
-    _, part = connected_components(csr_array(graph, shape=(last - first,) * 2), directed=False)
-    part = part.astype(np.int64) + first
+    unknowns, ports = E.tocoo().coords
+    i, j = (own[inside] - first for own in pairs)
+    edges = np.concatenate([i, unknowns]), np.concatenate([j, n + ports])
+    graph = csr_array((np.ones(edges[0].size), edges), shape=(n + count,) * 2)
+    labels, part = connected_components(graph, directed=False)
+    part = part.astype(np.int64)
     if comm.size == 1:
-        return part
-    every = np.concatenate(comm.allgather(part))
+        return part[:n]
+    part += comm.exscan(labels) or 0
+    every = np.concatenate(comm.allgather(part[:n]))
     across = np.unique(np.stack([every[own[~inside]] for own in pairs]), axis=1)
-    edges = np.concatenate(comm.allgather(across), axis=1)
-    shape = every.size, every.size
-    whole = csr_array((np.ones(edges.shape[1]), tuple(edges)), shape=shape)
+    of_ports = np.stack(comm.allgather(part[n:]))
+    met = [across, np.stack([of_ports[0].repeat(comm.size), of_ports.T.ravel()])]
+    links = np.concatenate(comm.allgather(np.concatenate(met, axis=1)), axis=1)
+    shape = (comm.allreduce(labels),) * 2
+    whole = csr_array((np.ones(links.shape[1]), (links[0], links[1])), shape=shape)
     _, joined = connected_components(whole, directed=False)
-    return np.asarray(joined[part], dtype=np.int64)
+    return np.asarray(joined[part[:n]], dtype=np.int64)
