@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from math import nan
 from time import perf_counter
 from typing import Any
@@ -24,13 +24,16 @@ from rigidfx.effects import (
     Effect,
     InitialDisplacement,
     InitialVelocity,
+    MeanFace,
     Motor,
     Preload,
     Pressure,
     Resultant,
     Rigid,
+    RigidFace,
     Table,
     Windowed,
+    rigid_faces,
 )
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.report.current import check_scene
@@ -109,7 +112,7 @@ def static(
 
 @dataclass(frozen=True)
 class Compliance:
-    """Static displacements of probes with and without the parts that are named rigid.
+    """Static displacements of probes with and without parts that are named rigid, and rigid faces.
 
     Attributes:
         flexible: Displacement of each probe with no part rigid, shape (3,) [m].
@@ -134,9 +137,10 @@ class Compliance:
 
 
 def compliance(scene: Scene, steps: int | Sequence[float] = 1, *, t_end: float = 1.0) -> Compliance:
-    """Change of displacements by the parts named `Rigid`, from two static solutions.
+    """Change of displacements by parts named `Rigid` and rigid faces, from two static solutions.
 
-    The error motion of a run does not contain it, since these parts are rigid in its twin, too.
+    The error motion of a run does not contain it, since they are rigid in its twin, too. The other
+    solution has a `MeanFace` in place of each `RigidFace`.
 
     Example:
         >>> print(compliance(scene))   # doctest: +SKIP
@@ -149,25 +153,36 @@ def compliance(scene: Scene, steps: int | Sequence[float] = 1, *, t_end: float =
         t_end: Time at which loads are whole [s].
 
     Raises:
-        SceneError: If no part is named rigid, there is no probe, or `static` cannot use the scene.
+        SceneError: If nothing is named rigid, there is no probe, or `static` cannot use the scene.
         StepError: As of `static`.
     """
     check_scene("compliance", scene)
-    if not scene.named(Rigid) or not scene.probes:
-        lacking = "probe" if scene.named(Rigid) else "Rigid part"
+    rigid = bool(scene.named(Rigid) or rigid_faces(scene.effects))
+    if not rigid or not scene.probes:
+        lacking = "probe" if rigid else "Rigid part and no RigidFace"
         raise SceneError(
             f"compliance: the scene has no {lacking}. It compares displacements of probes with and "
-            "without the parts that are named Rigid."
+            "without the parts that are named Rigid, and with mean faces in place of rigid ones."
         )
 
-    def displacements(without: tuple[type[Effect], ...]) -> Mapping[str, npt.NDArray[np.float64]]:
+    def displacements(effects: Iterable[Effect]) -> Mapping[str, npt.NDArray[np.float64]]:
         loaded = copy(scene)
-        loaded.effects = tuple(e for e in scene.effects if not isinstance(e, without))
+        loaded.effects = tuple(effects)
         *_, last = static(loaded, steps, t_end=t_end, verbose=False)
         return last.probes
 
-    idle = InitialVelocity, Preload
-    return Compliance(displacements((*idle, Rigid)), displacements(idle))
+    acting = [e for e in scene.effects if not isinstance(e, (InitialVelocity, Preload))]
+    soft = (_with_mean_faces(e, scene) for e in acting if not isinstance(e, Rigid))
+    return Compliance(displacements(soft), displacements(acting))
+
+
+def _with_mean_faces(effect: Effect, scene: Scene) -> Effect:
+    """An effect with mean faces in place of its rigid ones. Collective."""
+    given = {own.name: getattr(effect, own.name) for own in fields(effect)}
+    mean = {name: MeanFace(v.where) for name, v in given.items() if isinstance(v, RigidFace)}
+    if not mean:
+        return effect
+    return replace(effect, **mean).placed(scene)
 
 
 def _reports(
