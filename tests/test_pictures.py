@@ -113,6 +113,24 @@ def test_pictures_of_a_flexible_run_of_second_order(tmp_path):
     assert np.ptp(pixels(tmp_path / "von_mises.png"), axis=2).max() > 0.5
 
 
+def test_joints_have_arrows(tmp_path):
+    """Red along forces, in proportion, before the body; rounding in moments is none."""
+    bars = rf.box((0, 0, 0), (3, 1, 1), (3, 1, 1)).with_cells("bar", lambda x: x[0] > -1)
+    pin = rf.Spherical("ground", "bar", (0, 0.5, 0.5), name="pin")
+    scene = rf.Scene(bars, MATERIAL, [rf.Rigid("bar"), pin, rf.Gravity((0, 0, -9.81))])
+    with rf.Recorder(scene, tmp_path, every=1) as recorder:
+        for report in rf.simulate(scene, 0.01, 0.02, progress=False):
+            recorder.write(report)
+    pictures(tmp_path, frames=0, view=(0, -1, 0))
+    shapes = pixels(tmp_path / "shapes.png")
+    red = (shapes[..., 0] > 0.6) & (shapes[..., 1] < 0.4)
+    blue = (shapes[..., 2] > 0.6) & (shapes[..., 0] < 0.4)
+    rows, _ = np.nonzero(red)
+    assert np.count_nonzero(red) > 200
+    assert np.ptp(rows) > 60, "upwards, a fifth of the body long"
+    assert not blue.any()
+
+
 def test_command_line(tmp_path, monkeypatch):
     run(tmp_path)
     command = ["rigidfx.plot", str(tmp_path), "--frames", "2", "--view", "0", "-1", "0.2"]

@@ -18,6 +18,7 @@ from rigidfx.plot.renders import Photograph, images, key, tell_scale
 __all__ = ["film"]
 
 SIZE, DPI = (6.4, 5.0), 100  # inches, and pixels of each
+DURATION = 80  # ms, of a photograph
 
 
 def film(
@@ -30,7 +31,6 @@ def film(
     title: str,
     edges: bool,
     scale: float = 1.0,
-    rate: int = 12,
 ) -> None:
     """Draw photographs one after another, as an animated GIF that starts anew at its end.
 
@@ -43,7 +43,6 @@ def film(
         title: Heading.
         edges: Whether edges of cells are drawn.
         scale: By what their displacements are multiplied, to be told in the film.
-        rate: Photographs per second.
     """
     from PIL import Image
 
@@ -68,7 +67,7 @@ def film(
     colours = Image.fromarray(some).quantize(256)
     frames = [f.quantize(palette=colours, dither=Image.Dither.NONE) for f in frames]
     Path(path).parent.mkdir(parents=True, exist_ok=True)
-    frames[0].save(path, save_all=True, append_images=frames[1:], duration=1000 / rate, loop=0)
+    frames[0].save(path, save_all=True, append_images=frames[1:], duration=DURATION, loop=0)
 
 
 def _frame(
@@ -82,7 +81,7 @@ def _frame(
     canvas, ax = FigureCanvasAgg(figure), axes[0, 0]
     ax.axis("off")
     key(figure, axes, field, photographs)
-    tell_scale(figure, scale)
+    tell_scale(figure, scale, photographs)
     ax.set_title(_time(photographs[0]), loc="center", fontsize=12)
     canvas.draw()  # which makes room for the time, too
     figure.set_layout_engine("none")

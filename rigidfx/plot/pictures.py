@@ -24,6 +24,7 @@ from rigidfx.base.errors import OutputError, SceneError
 from rigidfx.base.inputs import number, path_of, positive, shown
 from rigidfx.output.field_reader import read_fields
 from rigidfx.output.history import columns_of
+from rigidfx.plot.arrows import Arrows
 from rigidfx.plot.curves import (
     Curve,
     check_time,
@@ -71,7 +72,8 @@ def pictures(
     estimates that; shapes.png, the deformed body at several times, rigid parts dark, or coloured by
     displacement where nothing was rigid; stress.png, the same shapes coloured by von Mises stress
     at nodes, if the run has recorded it; strain_rate.png, by what the criterion measures, on a
-    logarithmic scale, if a run looks for rigid parts; and film.gif, all of the motion.
+    logarithmic scale, if a run looks for rigid parts; and film.gif, all of the motion. Shapes and
+    film have arrows at joints along the force and the moment on their second sides.
 
     Args:
         folder: Folder of a `Recorder`.
@@ -202,6 +204,8 @@ class _Run:
         """Open the fields."""
         self._fields = read_fields(folder)
         self.edges = self._fields.cells.shape[1] in (4, 8)  # of first order
+        known = [folder / f"joints.{kind}" for kind in ("vtkhdf", "pvd")]
+        self._joints = next((read_fields(path) for path in known if path.exists()), None)
 
     def has(self, name: str) -> bool:
         """Whether cells or nodes have a field."""
@@ -222,5 +226,13 @@ class _Run:
             if values.ndim > 1:
                 values = np.linalg.norm(values, axis=1)
             surface = surface_of(self._fields.body(), u, field, values, scale)
-            out.append(Photograph(float(t), surface))
+            out.append(Photograph(float(t), surface, arrows=self._arrows(float(t), scale)))
         return out
+
+    def _arrows(self, t: float, scale: float) -> Arrows | None:
+        """Forces and moments of joints at a time [s]; None if the run has no joints."""
+        if self._joints is None:
+            return None
+        found = self._joints.at(t)
+        places = self._joints.points + scale * found["displacement"]
+        return Arrows(places, found["force"], found["moment"])

@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import numbers, shown
+from rigidfx.plot.arrows import Arrows, add_arrows, ends_of, largest_of, told
 from rigidfx.plot.curves import DPI, figure_of, save
 from rigidfx.plot.units import prefixed
 
@@ -37,6 +38,7 @@ __all__ = [
 
 Array = npt.NDArray[np.float64]
 
+SIDE = 2.9  # inches of a photograph in a sheet
 LIGHT, DARK = "#e8e4da", "#33475b"  # flexible and rigid parts, as in the paper's Fig. 6
 
 # Fields that can colour a body: titles and units of their scales; flags have a legend instead.
@@ -62,11 +64,13 @@ class Photograph:
         t: Time [s].
         surface: Deformed surface, from `surface_of`.
         caption: Text above it; the time if None.
+        arrows: Forces of joints; None if there are none.
     """
 
     t: float
     surface: Any
     caption: str | None = None
+    arrows: Arrows | None = None
 
 
 def check_camera(owner: str, view: Sequence[float], up: Sequence[float]) -> None:
@@ -156,7 +160,7 @@ def sheet(
     """
     wide = min(columns, len(photographs))
     rows = -(-len(photographs) // wide)
-    figure, axes = figure_of(rows, wide, (2.8 * wide + 1.2, 2.9 * rows + 0.4), title)
+    figure, axes = figure_of(rows, wide, (SIDE * wide + 1.2, SIDE * rows + 0.4), title)
     for ax in axes.flat:
         ax.axis("off")
         ax.set_box_aspect(1)
@@ -165,7 +169,7 @@ def sheet(
         ax.set_title(caption, loc="center", fontsize=12)
     key(figure, axes, field, photographs)
     if field != "shape":
-        tell_scale(figure, scale)
+        tell_scale(figure, scale, photographs)
     # Each is drawn in the pixels that there is room for: to draw more and to make them fewer took
     # most of the time of a sheet.
     figure.set_dpi(DPI)
@@ -178,9 +182,12 @@ def sheet(
     save(figure, path)
 
 
-def tell_scale(figure: Any, scale: float) -> None:
-    """Tell how large displacements are drawn."""
+def tell_scale(figure: Any, scale: float, photographs: Sequence[Photograph]) -> None:
+    """Tell how large displacements and forces of joints are drawn."""
     text = "displacements to scale" if scale == 1.0 else f"displacements × {scale:g}"
+    _, radius = _ball(photographs)
+    if of_joints := told(largest_of([p.arrows for p in photographs], radius)):
+        text = f"{text}\n{of_joints}"
     figure.supxlabel(text, fontsize=11, color="0.35")
 
 
@@ -216,11 +223,11 @@ def images(
     bottom, top = _range(photographs, field)
     logarithmic = field in LOGARITHMIC
     pv = pyvista()
-    boxes = np.array([p.surface.bounds for p in photographs])
-    middle = (boxes[:, ::2].min(axis=0) + boxes[:, 1::2].max(axis=0)) / 2
-    radius = max(
-        float(np.linalg.norm(p.surface.points - middle, axis=1).max()) for p in photographs
-    )
+    middle, size = _ball(photographs)
+    largest = largest_of([p.arrows for p in photographs], size)
+    ends = [ends_of(p.arrows, largest, size) for p in photographs if p.arrows is not None]
+    reach = np.concatenate([np.empty((0, 3)), *ends]) - middle
+    radius = max(size, float(np.linalg.norm(reach, axis=1).max(initial=0.0)))
     towards = np.asarray(view, float) / np.linalg.norm(view)
     # One window for all of them: to open one takes longer than to draw.
     plotter = pv.Plotter(off_screen=True, window_size=(pixels, pixels))
@@ -246,7 +253,9 @@ def images(
             diffuse=0.6,  # a light face towards the camera is not to vanish before the white
         )
         if not edges:
-            plotter.add_mesh(photograph.surface.extract_feature_edges(30), color="#303030")
+            plotter.add_mesh(photograph.surface.extract_feature_edges(), color="#303030")
+        if photograph.arrows is not None:
+            add_arrows(plotter, photograph.arrows, largest, size)
         plotter.camera.focal_point = middle
         plotter.camera.position = middle + 4 * radius * towards
         plotter.camera.up = up
@@ -254,6 +263,14 @@ def images(
         plotter.reset_camera_clipping_range()
         yield np.array(plotter.screenshot(return_img=True))
     plotter.close()
+
+
+def _ball(photographs: Sequence[Photograph]) -> tuple[Array, float]:
+    """Middle and radius of a ball round the body at all times [m]."""
+    boxes = np.array([p.surface.bounds for p in photographs])
+    middle = (boxes[:, ::2].min(axis=0) + boxes[:, 1::2].max(axis=0)) / 2
+    arms = (np.linalg.norm(p.surface.points - middle, axis=1) for p in photographs)
+    return middle, max(float(arm.max()) for arm in arms)
 
 
 def key(figure: Any, axes: Any, field: str, photographs: Sequence[Photograph]) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import positive, shown
 from rigidfx.output.paraview import Body
+from rigidfx.plot.arrows import add_arrows, arrows_of, largest_of
 from rigidfx.plot.renders import FIELDS, pyvista, surface_of
 from rigidfx.report.report import Report
 
@@ -19,6 +20,8 @@ Colour = Literal["rigid", "displacement", "velocity"]
 
 def show(report: Report, colour: Colour = "displacement", scale: float = 1.0) -> Any:
     """Show the deformed body by pyvista: in a notebook a picture, else a window.
+
+    Joints have arrows along their forces and moments where displacements are to scale.
 
     Args:
         report: The last step of a run so far, on one rank.
@@ -55,5 +58,9 @@ def show(report: Report, colour: Colour = "displacement", scale: float = 1.0) ->
         scalars="colour",
         scalar_bar_args={"title": f"{title} [{unit}]" if title else "rigid: 1"},
     )
+    arrows = arrows_of(report) if factor == 1.0 else None
+    if arrows is not None:
+        radius = 0.5 * float(np.linalg.norm(np.ptp(body.points, axis=0)))
+        add_arrows(plotter, arrows, largest_of([arrows], radius), radius)
     plotter.add_title(f"t = {report.t:.4g} s", font_size=10)
     return plotter.show()
