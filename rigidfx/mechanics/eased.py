@@ -1,8 +1,8 @@
-"""Stress that a release lets down in place of cutting it: it fades.
+"""Stress that fades after a release, in place of a sudden cut.
 
-Rigidity bears the forces that would strain a body. Cut at once, its cells ring about the shape that
-these forces give them. So they bear on for a while the stress that they lack of that shape,
-less and less of it: they begin with the acceleration of the error motion, and nothing jumps.
+Rigidity bears the forces that would strain a body. If its cells were cut free at once, they would
+vibrate about the shape that these forces give them. So the missing stress of that shape acts on for
+a while, and fades. The cells start with the acceleration of the error motion, without a jump.
 """
 
 from __future__ import annotations

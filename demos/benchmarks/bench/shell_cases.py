@@ -7,16 +7,16 @@ and S.H. Lo, Finite Elements in Analysis and Design 40 (2004) 1551.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
 
 import numpy as np
 
-from .locking_cases import OUTSIDE, Array, mapped, near, scene_of
-from .statics import Statics
+import rigidfx as rf
+
+from .locking_cases import OUTSIDE, Array, Problem, mapped, near
 
 
-def _hemisphere(n: int, element: str) -> tuple[Statics, Array, Array, Array]:
-    """A quarter with a hole of 18°, R = 10, t = 0.04; nodes at A (x axis) and B, unit forces."""
+def _hemisphere(n: int, force: float, steps: int) -> tuple[Problem, list[Callable]]:
+    """A quarter with a hole of 18°, R = 10, t = 0.04, pulled at A (x axis) and B; which nodes."""
     t = 0.04
 
     def place(a: Array, b: Array, c: Array) -> tuple[Array, Array, Array]:
@@ -24,91 +24,56 @@ def _hemisphere(n: int, element: str) -> tuple[Statics, Array, Array, Array]:
         flat = r * np.cos(theta)
         return flat * np.cos(phi), flat * np.sin(phi), r * np.sin(theta)
 
+    at = [lambda X, k=k: near(X[:, k], 0.0) & near(X[:, 2], 0.0) for k in (1, 0)]
     domain = mapped((n, n, 1), place)
     domain = domain.with_facets(OUTSIDE, lambda x: np.linalg.norm(x, axis=0) > 10 + 0.4 * t)
-    scene = scene_of(domain, element, 6.825e7, 0.3)
-
-    def held(X: Array) -> Array:
-        on_x, on_y = near(X[:, 1], 0.0), near(X[:, 0], 0.0)
-        inside = np.linalg.norm(X, axis=1) < 10 - 0.4 * t
-        one = on_x & near(X[:, 2], 0.0) & inside
-        return np.stack([on_y, on_x, one], axis=1)
-
-    statics = Statics(scene, held)
-    X = statics.X
-    A = near(X[:, 1], 0.0) & near(X[:, 2], 0.0)
-    B = near(X[:, 0], 0.0) & near(X[:, 2], 0.0)
-    f = np.zeros(X.shape)
-    f[A, 0], f[B, 1] = -1 / A.sum(), 1 / B.sum()
-    return statics, A, B, f
+    for name, nodes in zip("AB", at, strict=True):
+        domain = domain.with_vertices(name, lambda x, nodes=nodes: nodes(x.T))
+    domain = domain.with_vertices(
+        "one", lambda x: at[0](x.T) & (np.linalg.norm(x, axis=0) < 10 - 0.4 * t)
+    )
+    held = rf.Fixed("x1", "x"), rf.Fixed("x0", "y"), rf.Fixed("one", "z")
+    pulled = rf.NodalForce("A", (-force, 0, 0)), rf.NodalForce("B", (0, force, 0))
+    return Problem(domain, 6.825e7, 0.3, (*held, *pulled), steps), at
 
 
 def hemisphere(n: int) -> Callable[[str], float]:
     """Pinched by 1 N: how far A goes in."""
-
-    def value(element: str) -> float:
-        statics, A, _, f = _hemisphere(n, element)
-        return -float(statics.linear(f)[A, 0].mean())
-
-    return value
+    problem, (A, _) = _hemisphere(n, 1.0, 0)
+    return lambda element: -problem.mean(element, 0, A)
 
 
-@cache
-def _pinched(n: int, element: str) -> tuple[float, float]:
-    """How far A goes in and B out under 400 N, half of it on a quarter (Sze, Liu and Lo 2004)."""
-    statics, A, B, f = _hemisphere(n, element)
-    u = statics.loaded(lambda u, s: (200 * s * f.reshape(-1), None), 15)
-    return -float(u[A, 0].mean()), float(u[B, 1].mean())
+def pinched(n: int, which: int) -> Callable[[str], float]:
+    """How far A goes in or B out under 400 N, half of it on a quarter (Sze, Liu and Lo 2004)."""
+    problem, at = _hemisphere(n, 200.0, 15)
+    return lambda element: abs(problem.mean(element, which, at[which]))
 
 
-def pinched(n: int, at: int) -> Callable[[str], float]:
-    """The first or the second of both."""
-    return lambda element: _pinched(n, element)[at]
-
-
-def _vault(n: int, angle: float, R: float, half: float, t: float, E: float, nu: float,
-           element: str, held: Callable[[Array], Array]) -> Statics:  # fmt: skip
-    """Part of a tube about the y axis, from its top on, half of its length."""
+def _vault(n: int, angle: float, R: float, half: float, t: float) -> rf.Domain:
+    """Part of a tube about the y axis, from its top (x0) to an angle (x1), half of its length."""
 
     def place(a: Array, b: Array, c: Array) -> tuple[Array, Array, Array]:
         r = R + t * (c - 0.5)
         return r * np.sin(angle * a), half * b, r * np.cos(angle * a)
 
     domain = mapped((n, n, 1), place)
-    domain = domain.with_facets(OUTSIDE, lambda x: np.hypot(x[0], x[2]) > R + 0.4 * t)
-    return Statics(scene_of(domain, element, E, nu), held)
+    return domain.with_facets(OUTSIDE, lambda x: np.hypot(x[0], x[2]) > R + 0.4 * t)
 
 
 def roof(n: int) -> Callable[[str], float]:
     """Scordelis and Lo's: R = 25, 50 long, t = 0.25, ±40°, on stiff walls; its edge's middle."""
-
-    def value(element: str) -> float:
-        angle = np.radians(40)
-        statics = _vault(n, angle, 25.0, 25.0, 0.25, 4.32e8, 0.0, element, lambda X: np.stack(
-            [near(X[:, 0], 0.0) | near(X[:, 1], 0.0), near(X[:, 1], 25.0), near(X[:, 1], 0.0)],
-            axis=1,
-        ))  # fmt: skip
-        X = statics.X
-        f = np.zeros(X.shape)
-        f[:, 2] = -90 / 0.25 * statics.scene.nodal_mass
-        edge = near(np.arctan2(X[:, 0], X[:, 2]), angle) & near(X[:, 1], 25.0)
-        return -float(statics.linear(f)[edge, 2].mean())
-
-    return value
+    angle = np.radians(40)
+    held = rf.Fixed("x0", "x"), rf.Fixed("y0", "xz"), rf.Fixed("y1", "y")
+    weight = rf.Gravity((0, 0, -90 / 0.25))
+    problem = Problem(_vault(n, angle, 25.0, 25.0, 0.25), 4.32e8, 0.0, (*held, weight))
+    edge = lambda X: near(np.arctan2(X[:, 0], X[:, 2]), angle) & near(X[:, 1], 25.0)  # noqa: E731
+    return lambda element: -problem.mean(element, 2, edge)
 
 
 def cylinder(n: int) -> Callable[[str], float]:
     """Pinched by 1 at its middle: R = 300, 600 long, t = 3, between stiff walls; an eighth."""
-
-    def value(element: str) -> float:
-        statics = _vault(n, np.pi / 2, 300.0, 300.0, 3.0, 3e6, 0.3, element, lambda X: np.stack(
-            [near(X[:, 0], 0.0) | near(X[:, 1], 0.0), near(X[:, 1], 300.0),
-             near(X[:, 2], 0.0) | near(X[:, 1], 0.0)],
-            axis=1,
-        ))  # fmt: skip
-        at = near(statics.X[:, 0], 0.0) & near(statics.X[:, 1], 300.0)
-        f = np.zeros(statics.X.shape)
-        f[at, 2] = -0.25 / at.sum()
-        return -float(statics.linear(f)[at, 2].mean())
-
-    return value
+    top = lambda X: near(X[:, 0], 0.0) & near(X[:, 1], 300.0)  # noqa: E731
+    domain = _vault(n, np.pi / 2, 300.0, 300.0, 3.0).with_vertices("top", lambda x: top(x.T))
+    held = rf.Fixed("x0", "x"), rf.Fixed("y0", "xz"), rf.Fixed("y1", "y"), rf.Fixed("x1", "z")
+    problem = Problem(domain, 3e6, 0.3, (*held, rf.NodalForce("top", (0, 0, -0.25))))
+    return lambda element: -problem.mean(element, 2, top)

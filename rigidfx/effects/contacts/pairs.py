@@ -1,17 +1,17 @@
 """Contact between two surfaces that deform: nodes of one against triangles of the other.
 
-A node and the triangle that it may meet keep to each other for a step. Weights N and normal n are
-those of the node over the triangle's plane at the midpoint, so that n is along x_s - Σ N_a x_a, and
+In a step a node meets one triangle. Weights N and normal n are those of the node's projection on
+the triangle's plane at the midpoint, so that n is along x_s - Σ N_a x_a, and
 
     ḡ₁ = ḡ₀ + n·(Δx_s - Σ N_a Δx_a),    force -[U] n on the node, N_a [U] n on the triangle's.
 
-So both momenta are kept exactly, and energy with U(ḡ) by construction, whatever the step (T. A.
-Laursen and V. Chawla, IJNME 40 (1997) 863). ḡ is carried on while a node is pressed, and the
-distance from the plane, or zero, while it is free: a negative one would make energy. It drifts from
-the distance by the turn of the normal in a step, of second order in Δt.
+So both momenta are kept exactly, and energy with U(ḡ) by construction, for any step (T. A. Laursen
+and V. Chawla, IJNME 40 (1997) 863). ḡ is summed up while a node is pressed. While it is free, ḡ is
+the distance from the plane, or zero if that is negative, since a negative gap would create energy.
+By the rotation of the normal in a step ḡ drifts from the distance, by second order in Δt.
 
-The derivative leaves out how n and N turn, some penetration by the size of a facet: Newton's method
-takes an iteration or two more for that.
+The derivative neglects the changes of n and N, which are of the size penetration over facet:
+Newton's method takes one or two more iterations for that.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """The penalty U(g) = ½ k g₋² of a gap g, and its secant [U] = (U₁ - U₀)/(g₁ - g₀).
 
-A force -[U] in a variable whose increment is exact takes out of the motion exactly the gain of U,
-at any step (T. A. Laursen and V. Chawla, IJNME 40 (1997) 863). Where one end is open the
-denominator
-exceeds the penetration at the other: nothing is 0/0, and nothing needs a guard.
+A force -[U] in a variable whose increment is exact removes exactly the gain of U from the motion,
+for any step (T. A. Laursen and V. Chawla, IJNME 40 (1997) 863). If one end is open, the denominator
+exceeds the penetration at the other end, so 0/0 cannot occur.
 """
 
 from __future__ import annotations

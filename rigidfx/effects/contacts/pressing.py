@@ -4,13 +4,13 @@ With y the position relative to the obstacle, the resistance of a point is
 
     [U] m + μ N Δg_T/√(|Δg_T|² + (ε Δt)²),    N = -[U] |m|,    Δg_T = (I - n nᵀ) Δy,  n = m/|m|.
 
-The first does the work U₁ - U₀ on Δy, exactly; the second is across it and takes energy in every
-step in which the point slides, μ N |Δg_T| where it slides faster than ε.
+The work of the first term on Δy is U₁ - U₀, exactly. The second term is perpendicular to it and
+takes energy in every step in which the point slides, μ N |Δg_T| above the sliding speed ε.
 
-Newton's method on x/√(x² + e²) runs away where |x| > e, as it is in every step in which something
-comes to stick. Linearised as a system, with t = x/√(x² + e²) as an unknown of its own, it does not:
-the derivative becomes (I - t xᵀ/√)/√ with t kept from iterate to iterate and |t| ≤ 1 (T. F. Chan,
-G. H. Golub and P. Mulet, SIAM J. Sci. Comput. 20 (1999) 1964), which is the true one in the end.
+Newton's method on x/√(x² + e²) diverges for |x| > e, the case of each step in which a node begins
+to stick. Linearised as a system, with t = x/√(x² + e²) as an additional unknown, it converges: the
+derivative becomes (I - t xᵀ/√)/√ with t kept from iterate to iterate and |t| ≤ 1 (T. F. Chan,
+G. H. Golub and P. Mulet, SIAM J. Sci. Comput. 20 (1999) 1964), which is the exact one in the limit.
 """
 
 from __future__ import annotations
