@@ -20,6 +20,7 @@ from rigidfx.error.ground import ground_of
 from rigidfx.error.linear_motion import LinearMotion
 from rigidfx.error.loose import loose_parts
 from rigidfx.error.validity import Validity
+from rigidfx.mechanics.rotation import cayley
 
 DT = 0.02  # s
 SOFT, STIFF = (rf.StVenantKirchhoff(E=E, nu=0.3, rho=1000.0) for E in (1e6, 1e8))
@@ -433,3 +434,19 @@ def test_strains_of_rigid_cells_are_those_of_the_field(unknowns):
         assert found["worst"] <= 1e-4
     here, there = np.array(one["rows"]), np.array(two["rows"])
     assert (np.abs(there - here).max(axis=0) <= 1e-9 * here.max(axis=0)).all()
+
+
+def test_cells_round_a_node_tell_its_rotation():
+    """Two halves of a bar that have turned against each other; only those of one are asked."""
+    scene = rf.Scene(
+        rf.box((0, 0, 0), (4, 1, 1), (4, 1, 1)), rf.StVenantKirchhoff(E=1e7, nu=0.3, rho=1e3)
+    )
+    X, cells = scene.start_places, scene.space.dofmap.list
+    turns = cayley([0.3, 0.2, -1.0]), cayley([-2.0, 0.5, 1.0])
+    x = np.where(X[:, :1] < 2.1, X @ turns[0].T, (X - [2, 0, 0]) @ turns[1].T)
+    owned = scene.mesh.topology.index_map(3).size_local
+    inner = np.flatnonzero((X[:, 0] > 2.9)[cells[:owned]].all(axis=1)).astype(np.int32)
+    Q = Frames(scene, X).of_nodes(x, inner)
+    there = np.isin(np.arange(len(X)), cells[inner])
+    np.testing.assert_allclose(Q[there], np.broadcast_to(turns[1], Q[there].shape), atol=1e-12)
+    np.testing.assert_array_equal(Q[~there], np.broadcast_to(np.eye(3), Q[~there].shape))

@@ -7,16 +7,19 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from dolfinx import fem, la
 from mpi4py import MPI
 
 from rigidfx.base.mesh_order import MeshOrder
 from rigidfx.base.remembered import ON_NODES, Kind
+from rigidfx.mechanics.local_rotations import LocalRotations
 from rigidfx.scene.scene import Scene
 
 __all__ = ["FRAMES", "Frames", "to_shape", "to_space"]
 
 Array = npt.NDArray[np.float64]
 Nodes = npt.NDArray[np.integer]
+Cells = npt.NDArray[np.int32]
 
 
 class Frames:
@@ -63,19 +66,37 @@ class Frames:
         W[:, :, 2] *= np.linalg.det(W @ Vt)[:, None]
         return np.asarray(W @ Vt)
 
-    def of_parts(self, x: Array, among: npt.NDArray[np.bool_] | None = None) -> Array:
+    def of_parts(self, x: Array) -> Array:
         """Rotation of each connected part, shape (parts, 3, 3). Collective.
 
         A part has one rotation, so that vectors which it turns are smooth across its bodies.
 
         Args:
             x: Places of the owned nodes, shape (nodes, 3) [m].
-            among: Which owned nodes tell it; all if None.
         """
-        parts = self._parts
-        if among is not None:
-            parts = [nodes[among[nodes]] for nodes in parts]
-        return self.of_sets(parts, x)
+        return self.of_sets(self._parts, x)
+
+    def of_nodes(self, x: Array, cells: Cells) -> Array:
+        """Rotation of some cells round each owned node, shape (nodes, 3, 3). Collective.
+
+        Args:
+            x: Places of the owned nodes, shape (nodes, 3) [m].
+            cells: These owned cells; a node that has none of them gets no rotation.
+        """
+        space, n = self._scene.space, len(x)
+        shape, moved = fem.Function(space), fem.Function(space)
+        shape.x.array[: 3 * n] = self.shape.reshape(-1)
+        moved.x.array[: 3 * n] = (x - self.shape).reshape(-1)
+        shape.x.scatter_forward()
+        moved.x.scatter_forward()
+        X = shape.x.array.reshape(-1, 3)
+        local = LocalRotations(space.dofmap.list[cells], X, self._scene.comm)
+        M = la.vector(space.dofmap.index_map, 9)
+        local.spread(moved.x.array, M.array.reshape(-1, 9))
+        M.scatter_reverse(la.InsertMode.add)
+        out = np.broadcast_to(np.eye(3), (n, 3, 3)).copy()
+        local.fit(M.array.reshape(-1, 9)[:n], out)
+        return out
 
     def parts_at(self, nodes: Sequence[Nodes]) -> npt.NDArray[np.int64]:
         """Connected part of each set of owned nodes, which may be empty on some ranks. Collective.

@@ -1,6 +1,7 @@
 """Sources of the error motion: forces at bodies' nodes, and velocities that switches take out.
 
-Both are in the frame of one shape: forces of a body by the body's own frame, r⁰ = Q_bᵀ r.
+Both are in the frame of one shape: forces of a body by the body's own frame, r⁰ = Q_bᵀ r, forces
+that a release lets down by the rotation of the released cells round each node.
 """
 
 from __future__ import annotations
@@ -60,9 +61,8 @@ class Impulse:
             for eased in easing:
                 eased.add_impulse(dt, let_down.reshape(-1))
             x = self._stepper.state.positions(self._nodes)
-            loaded = np.asarray(let_down.any(axis=1))
-            Q = frames.of_parts(x, loaded)  # joints turn parts against each other
-            out += to_shape(np.asarray(let_down / dt), Q[frames.part])
+            cells = np.unique(np.concatenate([eased.cells for eased in self._stepper.state.eased]))
+            out += to_shape(np.asarray(let_down / dt), frames.of_nodes(x, cells))
         return out
 
     def _frame_of(self, body: RigidBody, frames: Frames) -> Array:
