@@ -67,31 +67,39 @@ class Compared:
         left: The same of u + e.
         told: The same of e.
         largest: Largest component of e at any node, likewise.
+        held_off, held_left: Distance of the force at x0 from the twin's over its largest; with e.
         events: All switches.
     """
 
     def __init__(self, make, followed, t_end, part=0.01, dt=DT, **options):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            tips, rates = [], []
+            tips, rates, held = [], [], []
             rest = rf.StrainRate(0.0, 1e9, wake="none")
             for report in rf.simulate(make(), dt, t_end, rigidify=rest, progress=False):
                 tips.append(report.probes["tip"])
+                held.append(report.reactions.get("x0", np.zeros(3)))
                 rates.append(float(report.strain_rate.max()))
             rule = rf.StrainRate(part * max(rates), 20 * dt, **options)
             off, left, told, largest, self.events = [], [], [], [], []
+            forces, more = [], []
             run = rf.simulate(make(), dt, t_end, rigidify=rule, progress=False)
             for tip, report in zip(tips, run, strict=True):
                 shown, e = report.probes["tip"], report.error_motion["tip"]
                 left.append(np.linalg.norm(tip - shown))
                 off.append(np.linalg.norm(tip - (shown - e)))
                 told.append(np.linalg.norm(e))
+                forces.append(report.reactions.get("x0", np.zeros(3)))
+                more.append(report.error_reactions.get("x0", np.zeros(3)))
                 all_e = followed[-1].shown()
                 largest.append(0.0 if all_e is None else np.abs(all_e.displacement).max())
                 self.events += report.events
         size = max(np.linalg.norm(tip - tips[0]) for tip in tips)
         self.off, self.left, self.told = (np.array(of) / size for of in (off, left, told))
         self.largest = np.array(largest, dtype=float) / size
+        force = max(np.linalg.norm(held, axis=1)) or 1.0
+        self.held_off = np.linalg.norm(np.subtract(held, forces), axis=1) / force
+        self.held_left = np.linalg.norm(np.subtract(held, forces) - more, axis=1) / force
         self.freezes = any(event.kind == "freeze" for event in self.events)
 
 
@@ -112,6 +120,7 @@ def test_a_run_knows_how_far_it_is_off(effects, followed):
     assert run.off.max() > 0.002
     assert run.told.max() == pytest.approx(run.off.max(), rel=0.1)
     assert run.left.max() <= 0.34 * run.off.max()
+    assert run.held_left.max() <= 0.1 * run.held_off.max()
 
 
 @pytest.mark.parametrize("mass", ["lumped", "consistent"])
@@ -123,6 +132,7 @@ def test_a_base_that_shakes_between_two_modes_keeps_the_bound(mass, followed):
     assert run.told.max() == pytest.approx(run.off.max(), rel=0.1)
     assert run.left.max() <= 0.8 * 3 * 0.01
     assert run.left.max() <= 0.34 * run.off.max()
+    assert run.held_left.max() <= 0.34 * run.held_off.max()
 
 
 @pytest.mark.parametrize("named", ["head", "foot"])
@@ -307,6 +317,15 @@ def test_what_hangs_bent_under_a_preload_keeps_the_bound(followed):
     assert np.linalg.norm(sag) > 5 * (2 * 0.002)
     assert run.freezes
     assert run.left.max() <= 0.8 * 3 * 0.01
+
+
+def test_a_preload_along_a_bar_is_part_of_its_stiffness(followed):
+    """Without it u + e was off by 0.9 of what u was."""
+    load = rf.Gravity((5.0, 0, 0))
+    stretched = BASE, load, rf.Preload([load]), rf.MassDamping(0.5)
+    run = Compared(lambda: scene(*stretched), followed, 6.0)
+    assert run.off.max() > 0.1
+    assert run.left.max() <= 0.1 * run.off.max()
 
 
 def test_an_error_turns_with_the_structure(followed):

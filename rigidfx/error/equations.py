@@ -8,11 +8,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
+from scipy.sparse import csr_array
 
 from rigidfx.base.mesh_order import MeshOrder
 from rigidfx.base.remembered import ON_DOFS, Kind, joined, part_of, restore
 from rigidfx.coupling.rows import Rows
-from rigidfx.effects import Joint, Rigid
+from rigidfx.effects import Joint, Preload, Rigid
+from rigidfx.error.contacts import Contacts
 from rigidfx.error.forces.parts import mass_of
 from rigidfx.error.frames import Frames
 from rigidfx.error.ground import ground_of
@@ -20,10 +22,10 @@ from rigidfx.error.joints import Joints, joined_parts
 from rigidfx.error.linear_motion import NAMED, LinearMotion
 from rigidfx.error.loose import Loose, loose_parts
 from rigidfx.error.modal import Modal
+from rigidfx.error.reactions import Reactions
 from rigidfx.error.response import PREPARING, AllUnknowns, Response
 from rigidfx.error.stiff_faces import stiff_faces
 from rigidfx.flexible.linear_forms import LinearForms
-from rigidfx.scene.points import Point
 from rigidfx.scene.scene import Scene
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import Attempt
@@ -32,6 +34,7 @@ __all__ = ["LARGEST", "SOLUTION", "Equations"]
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
+Given = tuple[float, float, float]  # length of a step, and its damping: see `Response.step`
 
 # Unknowns up to which e is solved for all of them; beyond, by modes where there are no joints.
 LARGEST = 12_000
@@ -44,18 +47,19 @@ class Equations:
         response: The solution; None before the first step of e.
         loose: Rigid motions that nothing holds; none likewise.
         joints: The joints of the twin; None before the first step of e, and without joints.
+        reactions: Forces of the supports; None before the first step of e.
         shape: Displacement that makes the shape [m].
     """
 
-    def __init__(self, stepper: Stepper, points: Sequence[Point]) -> None:
+    def __init__(self, stepper: Stepper, sums: Sequence[csr_array]) -> None:
         """Compile the forms. Collective.
 
         Args:
             stepper: Knows the forces and the supports of the run.
-            points: Points at which e will be asked for.
+            sums: Sums of e that will be asked for.
         """
         scene = stepper.scene
-        self._stepper, self._points = stepper, points
+        self._stepper, self._sums = stepper, sums
         self._forms = LinearForms(scene, stepper.forces)
         few = 3 * scene.space.dofmap.index_map.size_global <= LARGEST
         self._few = few or bool(scene.named(Joint))
@@ -65,6 +69,7 @@ class Equations:
         n = scene.owned_nodes
         self.loose = Loose(scene, np.zeros(n, dtype=bool), *np.empty((2, 3 * n, 0)))
         self.joints: Joints | None = None
+        self.reactions: Reactions | None = None
         self.shape = self._forms.shape
 
     def have(self, dt: float, frames: Frames) -> None:
@@ -96,11 +101,13 @@ class Equations:
         motion, self.loose, joined = found
         self.joints = Joints(self._stepper, frames, joined) if scene.named(Joint) else None
         e, rate = self.loose.still(e), self.loose.still(rate)
+        self.reactions = Reactions(scene, self._stepper.prescribed, motion, frames)
         if self._few:
             self.response = AllUnknowns(motion, e, rate)
         else:
             supported = np.flatnonzero(self._held)
-            self.response = Modal(scene, motion, supported, self.loose, self._points, e, rate)
+            sums = *self._sums, *self.reactions.sums
+            self.response = Modal(scene, motion, supported, self.loose, sums, e, rate)
 
     @property
     def all_held(self) -> bool:
@@ -118,7 +125,7 @@ class Equations:
         if self.joints is not None:
             self.joints.follow(attempt)
 
-    def step(self, force: Array, given: tuple[float, float, float]) -> None:
+    def step(self, force: Array, given: Given) -> None:
         """Take a step of e, and have joints hold it. Collective.
 
         Args:
@@ -132,6 +139,27 @@ class Equations:
         if self.joints is not None and start is not None:
             assert isinstance(response, AllUnknowns)
             self.joints.close(response, start, given)
+
+    def press(self, contacts: Contacts, force: Array, given: Given, Q: Array, number: int) -> None:
+        """Take a step of e while contacts are closed, joints or not. Collective.
+
+        Args:
+            contacts: Contacts of the twin.
+            force: See `step`.
+            given: See `step`.
+            Q: Rotation of each owned node's part, shape (nodes, 3, 3).
+            number: Number of the step.
+        """
+        response = self.response
+        assert response is not None
+        kept, start = response.kept(), response.fields()[0]
+
+        def step(more: Array) -> Array:
+            response.restore(kept)
+            self.step(force + more, given)
+            return response.fields()[0]
+
+        contacts.solved(start, step, (response, *given, self.joints and number), Q)
 
     def resume(self, frames: Frames, known: Mapping[str, Any], order: MeshOrder) -> None:
         """Have the solution that a checkpoint knows. Collective.
@@ -207,8 +235,8 @@ def about(
     named = [scene.owned_cells(part.where, part.kind) for part in scene.named(Rigid)]
     rigid = forces.cells(np.unique(np.concatenate(named)).astype(np.int32)) if named else None
     supported = np.flatnonzero(held)
-    more = _given_mass(scene)
-    motion = LinearMotion(rows, cells, forms, mass, supported, ground, rigid, more)
+    more, stressed = _given_mass(scene), bool(scene.named(Preload))
+    motion = LinearMotion(rows, cells, forms, mass, supported, ground, rigid, more, stressed)
     stiff_faces(scene, rows, places, motion.matrices[0], NAMED)
     springs = None if ground is None else ground.K
     joined = joined_parts(scene)

@@ -12,9 +12,8 @@ large pair of inner forces, rotated by a small angle, would be a net load. K ser
 The shown place of a node is x + Q_p e, with one rotation Q_p for each connected part (3), so that
 it is smooth in time through freezes and releases.
 
-Parts named `Rigid`, and rigid faces, are rigid in the twin, too: K has many times their stiffness.
-Contacts of the twin act on u + e (`contacts`), and its joints hold u + e (`joints`). For parts that
-can move freely e has no rigid motions, and is not added to displacements.
+Parts named `Rigid`, and rigid faces, have many times their stiffness in K. Contacts of the twin act
+on u + e; its joints hold u + e. For parts that move freely e has no rigid motions; it is not shown.
 """
 
 from __future__ import annotations
@@ -40,6 +39,7 @@ from rigidfx.error.impulse import Impulse
 from rigidfx.error.linear_motion import step_kind
 from rigidfx.error.response import Response
 from rigidfx.error.shown import Shown
+from rigidfx.error.sums import of_point
 from rigidfx.error.validity import Validity
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.scene.points import Point
@@ -56,7 +56,6 @@ Nodes = npt.NDArray[np.integer]
 _FOLLOWING = PETSc.Log.Event("rigidfxErrorMotion")  # what PETSc's log calls this part of a run
 LOOKS = 4  # steps from look to look: at the size of e, and at cells that it hardly strains
 
-Given = tuple[float, float, float]  # length of a step, and its damping: see `Response.step`
 # An attempt; kicks, response and contacts, and how many steps there were, as they were before it.
 _Before = tuple[Attempt, tuple[Array, object, object], int]
 
@@ -93,7 +92,8 @@ class ErrorMotion(Watch):
         """
         self._stepper = stepper
         self._scene = scene = stepper.scene
-        self._equations = Equations(stepper, [*points.values()])
+        self._sums = {name: of_point(p, scene.owned_nodes) for name, p in points.items()}
+        self._equations = Equations(stepper, [*self._sums.values()])
         self._strains = CellStrains(scene, stepper.forces, indicator)
         self._nodes = np.arange(scene.owned_nodes)
         self._impulse = Impulse(stepper, forces)
@@ -115,10 +115,7 @@ class ErrorMotion(Watch):
         return self._placed and self._equations.all_held
 
     def shown(self) -> Shown | None:
-        """e in space at the present time; None while it is zero, or not known. Collective.
-
-        It is zero in parts that nothing holds.
-        """
+        """e in space, zero in parts that nothing holds; None while unknown or zero. Collective."""
         if self._frames is None or (response := self._response) is None or not self._placed:
             return None
         Q = self._turned(self._frames)[self._frames.part]
@@ -134,11 +131,26 @@ class ErrorMotion(Watch):
             return {}
         Q = self._turned(self._frames)
         part = self._frames.parts_at([point.nodes for point in points.values()])
-        own, loose = np.stack(self._response.at([*points.values()])), self._equations.unheld
+        own = np.stack(self._response.at([self._sums[name] for name in points]))
+        loose = self._equations.unheld
         own[:, [loose[point.nodes].any() for point in points.values()]] = 0.0
         e, rate = self._scene.sum(own)
         moved, rate = (to_space(a, Q[part]) for a in (e, rate))
         return {name: Shown(moved[k], rate[k]) for k, name in enumerate(points)}
+
+    def reactions(self, dt: float) -> Mapping[str, Array]:
+        """Forces of supports on u + e less those on u, shape (3,) each [N]. Collective.
+
+        In the middle of the last step, by the name of the set; none while e is zero, or not small.
+
+        Args:
+            dt: Length of that step [s].
+        """
+        known, response = self._equations.reactions, self._response
+        if known is None or response is None or self._frames is None or not self.valid:
+            return {}
+        xi = self._scene.damping(self._stepper.state.t)[1]
+        return known.of(response, dt, xi, self._turned(self._frames))
 
     def motion(self) -> tuple[fem.Function, fem.Function] | None:
         """The shape, and e in its frame [m] at the present time, ghosts included. Collective.
@@ -179,14 +191,14 @@ class ErrorMotion(Watch):
     def size(self) -> float:
         """Largest |e| of any node [m]. Collective."""
         e = np.zeros((1, 3)) if self._response is None else self._response.coarse()
-        here = np.linalg.norm(e, axis=1).max(initial=0.0)
-        return float(self._scene.comm.allreduce(float(here), op=MPI.MAX))
+        here = float(np.linalg.norm(e, axis=1).max(initial=0.0))
+        return float(self._scene.comm.allreduce(here, op=MPI.MAX))
 
     def strains(self, cells: Cells) -> Array:
         """Strains of e at the end of its last step, in the same measure [-]. See `rates`."""
-        if self._response is None:
+        if (response := self._response) is None:
             return np.zeros(len(cells))
-        return self._strains.of(self._response.fields()[0], 1.0, self._equations.shape, cells)
+        return self._strains.of(response.fields()[0], 1.0, self._equations.shape, cells)
 
     @property
     def _response(self) -> Response | None:
@@ -326,21 +338,9 @@ class ErrorMotion(Watch):
         if self._contacts is None:
             self._equations.step(force, given)
         else:
-            self._press(self._contacts, force, given, self._turned(frames)[frames.part])
+            Q = self._turned(frames)[frames.part]
+            self._equations.press(self._contacts, force, given, Q, self.steps)
         self.steps += 1
-
-    def _press(self, contacts: Contacts, force: Array, given: Given, Q: Array) -> None:
-        """Take a step while contacts are closed, each node's part turned by Q, joints or not."""
-        response = self._response
-        assert response is not None
-        kept, start = response.kept(), response.fields()[0]
-
-        def step(more: Array) -> Array:
-            response.restore(kept)
-            self._equations.step(force + more, given)
-            return response.fields()[0]
-
-        contacts.solved(start, step, (response, *given, self._equations.joints and self.steps), Q)
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""

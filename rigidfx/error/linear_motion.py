@@ -44,6 +44,7 @@ class LinearMotion:
         ground: Ground | None = None,
         rigid: Cells | None = None,
         more: Array | None = None,
+        stressed: bool = False,
     ) -> None:
         """Assemble the matrices. Collective.
 
@@ -56,9 +57,11 @@ class LinearMotion:
             ground: Forces of springs at the nodes, if there are any.
             rigid: Those of the cells that belong to parts named rigid.
             more: Mass that each node has besides, shape (nodes,) [kg].
+            stressed: Whether the stresses of the shape are part of the stiffness.
         """
         self._mass, self._first, self._supported = mass, rows.first, supported
-        self._K = assembled(rows, linear.stiffness(cells))
+        stiffness = linear.tangent(cells) if stressed else linear.stiffness(cells)
+        self._K = assembled(rows, stiffness)
         if rigid is not None:
             stiff = assembled(rows, linear.stiffness(rigid))
             self._K.axpy(NAMED, stiff, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)

@@ -3,8 +3,9 @@
     e = Φ η + (K⁻¹ - Φ Ω⁻² Φᵀ) r ,     η̈ + diag(ΦᵀCΦ) η̇ + Ω² η = Φᵀ r
 
 (mode acceleration: R. R. Craig, Structural Dynamics, Wiley 1981, Section 15.4). The modes are those
-of the shape, once; a step costs the products with them. At points the static response needs no
-solve: with c = K⁻¹ p of a point's weights p, found once, it is c·r.
+of the shape, once; a step costs the products with them. At points, and in
+reactions, the static response needs no solve: with c = K⁻¹ p of the weights p of a sum, found once,
+it is c·r.
 
 The correction follows r without inertia, which holds where r changes slowly beside the first mode
 that is left out: by the rate of r's change over the last mode's ω (`Modes.quasistatic`).
@@ -20,12 +21,12 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
+from scipy.sparse import csr_array
 
 from rigidfx.base.remembered import ON_NODES, SAME, Items, Remembered, same
 from rigidfx.error.linear_motion import LinearMotion, solver_of
 from rigidfx.error.loose import Loose
 from rigidfx.error.response import FACTORING, PREPARING
-from rigidfx.scene.points import Point
 from rigidfx.scene.scene import Scene
 from rigidfx.step.linear.eigenpairs import lowest
 
@@ -65,19 +66,19 @@ class Modal:
         motion: LinearMotion,
         supported: npt.NDArray[np.int64],
         loose: Loose,
-        points: Sequence[Point],
+        sums: Sequence[csr_array],
         e: Array,
         rate: Array,
         modes: Modes | None = None,
     ) -> None:
-        """Find the modes, and the response of the points. Collective.
+        """Find the modes, and the response of the sums. Collective.
 
         Args:
             scene: The problem.
             motion: The equations of all rows, which are freed.
             supported: Rows of this rank that supports hold.
             loose: Rigid motions that nothing holds.
-            points: Points at which e will be asked for.
+            sums: Sums of e that will be asked for.
             e: At the start, shape (nodes, 3) [m].
             rate: Its rate, likewise [m/s].
             modes: The settings.
@@ -94,9 +95,9 @@ class Modal:
         with PREPARING:
             pairs = lowest(Kf, Mf, self._modes.count, motions)
         self._loose = loose
-        self._bound = pairs.rigid == loose.count  # K has an inverse but for these
-        self._squares = pairs.values
-        vectors = pairs.vectors
+        # K has an inverse but for these motions, and is definite: a preload may press it.
+        self._bound = pairs.rigid == loose.count and bool((pairs.values > 0).all())
+        self._squares, vectors = pairs.values, pairs.vectors
         self._phi = np.array([v.array_r for v in vectors]).reshape(-1, self._free.size)
         work = Mf.createVecRight()
         self._m_phi, viscous = np.empty_like(self._phi), np.zeros(len(vectors))
@@ -128,8 +129,8 @@ class Modal:
         self._asked: Array = self._free_part()  # e when its change was asked for last ...
         self._since = 0.0  # ... the time since then [s], and what it was
         self._changed: tuple[Array, float] = np.zeros((self._n, 3)), 1.0
-        self._given = points
-        self._points = {id(p): self._adjoint(p) for p in points}
+        self._given = sums
+        self._sums = {id(own): self._adjoint(own) for own in sums}
 
     @property
     def at_nodes(self) -> Array:
@@ -148,7 +149,7 @@ class Modal:
         self._force, self._asked = rows[-2].copy(), rows[-1].copy()
         nothing = np.zeros_like(self._force)
         self._still = nothing, nothing
-        self._points = {id(p): self._adjoint(p) for p in self._given}
+        self._sums = {id(own): self._adjoint(own) for own in self._given}
 
     # What is told -------------------------------------------------------------------------------
 
@@ -185,12 +186,12 @@ class Modal:
         out[self._free] = free
         return out.reshape(-1, 3)
 
-    def at(self, points: Sequence[Point]) -> tuple[Array, Array]:
-        """See `Response`; the points are among those given at the start."""
-        e, rate = np.zeros((2, len(points), 3))
+    def at(self, sums: Sequence[csr_array]) -> tuple[Array, Array]:
+        """See `Response`; the sums are among those given at the start."""
+        e, rate = np.zeros((2, len(sums), 3))
         amplitudes = self._amplitudes()
-        for k, point in enumerate(points):
-            at_modes, responses = self._points[id(point)]
+        for k, own in enumerate(sums):
+            at_modes, responses = self._sums[id(own)]
             e[k] = amplitudes @ at_modes + responses @ self._force
             rate[k] = self._rate @ at_modes
         return e, rate
@@ -269,13 +270,13 @@ class Modal:
             found = self._loose.still(self._field(found)).reshape(-1)[self._free]
         return found
 
-    def _adjoint(self, point: Point) -> tuple[Array, Array]:
-        """Φ at a point, shape (modes, 3), of this rank; K⁻¹p, shape (3, free rows). Collective."""
-        weights = np.zeros((3, 3 * self._n))
-        for axis in range(3):
-            weights[axis, 3 * point.nodes + axis] = point.weights
-        own = weights[:, self._free]
-        return self._phi @ own.T, np.array([self._solved(row) for row in own])
+    def _adjoint(self, own: csr_array) -> tuple[Array, Array]:
+        """Sums of Φ, shape (modes, 3), of this rank; K⁻¹ of their weights p, shape (3, free rows).
+
+        Collective.
+        """
+        weights = own.toarray()[:, self._free]
+        return self._phi @ weights.T, np.array([self._solved(row) for row in weights])
 
     def destroy(self) -> None:
         """See `Response`."""

@@ -11,10 +11,10 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
+from scipy.sparse import csr_array
 
 from rigidfx.base.remembered import ON_NODES, SAME, Items, Remembered
 from rigidfx.error.linear_motion import LinearMotion
-from rigidfx.scene.points import Point
 
 __all__ = ["FACTORING", "PREPARING", "AllUnknowns", "Response"]
 
@@ -80,8 +80,12 @@ class Response(Protocol):
         """Be as at `kept`, which is for one response only."""
         ...
 
-    def at(self, points: Sequence[Point]) -> tuple[Array, Array]:
-        """This rank's part of e [m] and of ė [m/s] at some points, shape (points, 3) each."""
+    def at(self, sums: Sequence[csr_array]) -> tuple[Array, Array]:
+        """This rank's part of some sums of e and of ė, shape (sums, 3) each.
+
+        Args:
+            sums: Weights of the owned dofs, shape (3, dofs) each: see `rigidfx.error.sums`.
+        """
         ...
 
     def destroy(self) -> None:
@@ -167,10 +171,10 @@ class AllUnknowns:
         """See `Response`."""
         return self._e, self._rate
 
-    def at(self, points: Sequence[Point]) -> tuple[Array, Array]:
+    def at(self, sums: Sequence[csr_array]) -> tuple[Array, Array]:
         """See `Response`."""
         e, rate = (
-            np.reshape([p.weights @ a[p.nodes] for p in points], (-1, 3))
+            np.reshape([own @ a.reshape(-1) for own in sums], (-1, 3))
             for a in (self._e, self._rate)
         )
         return e, rate

@@ -1,7 +1,7 @@
 """Stiffness and viscosity of cells about a shape that they are frozen in.
 
-The stiffness is the material's part of the tangent, ∫ δE : ∂S/∂E : ΔE. The part of the stresses is
-left out: it ends the rigid motions' kernel, and under compression it is indefinite.
+The stiffness is the material's part of the tangent, ∫ δE : ∂S/∂E : ΔE. The part of the stresses
+ends the rigid motions' kernel, and under compression it is indefinite: `tangent` has it besides.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ __all__ = ["LinearForms"]
 
 
 class LinearForms:
-    """Compiled forms about a shape; viscous ones when first asked for.
+    """Compiled forms about a shape; viscous ones and the tangent when first asked for.
 
     Attributes:
         shape: The displacement that makes the shape [m].
@@ -57,10 +57,22 @@ class LinearForms:
         self._strained = strained
         self._stiffness = Kernel(work, [V, V], scene.mesh)
         self._force = Kernel(forces.integrate(strains), [V], scene.mesh)
+        self._strains = strains
+        self._tangent: Kernel | None = None
 
     def stiffness(self, cells: Cells) -> fem.Form:
         """∫ δE : ∂S/∂E : ΔE over cells."""
         return self._stiffness.bind(cells, instead={self._strained: self.shape})
+
+    def tangent(self, cells: Cells) -> fem.Form:
+        """Derivative of `force` by the shape; compiled when first asked for. Collective."""
+        if self._tangent is None:
+            V, element, shape = self._scene.space, self._scene.element, self.shape
+            own = (shape,), shape, 1.0, None, self._test, self._trial
+            work = ufl.derivative(self._forces.integrate(self._strains), shape, self._trial)
+            work += self._forces.integrate(lambda i, c: element.eliminated(*own))
+            self._tangent = Kernel(work, [V, V], self._scene.mesh)
+        return self._tangent.bind(cells)
 
     def force(self, cells: Cells) -> fem.Form:
         """Internal forces of cells in their shape."""

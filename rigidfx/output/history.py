@@ -15,6 +15,7 @@ Columns, in SI units; a vector has one column for each of x, y, z:
     bodies, J_rigid_x …                      number of rigid bodies, and their part of J
     reaction_NAME_x …                        of each support [N], zero while it does not act
     moment_NAME_x …                          its moment about the origin [N m], likewise
+    reaction_NAME_e_x …                      the error motion's part of the force [N], not in it
     u_NAME_x …                               displacement of each probe, with the error motion [m]
     u_NAME_e_x …                             the error motion in it [m]; zero where none is followed
     v_NAME_x …                               velocity of each probe, with the error motion's [m/s]
@@ -129,7 +130,7 @@ def history_columns(
     """
     stresses = [name for probe in probes if stress for name in _stress_names(probe)]
     named = [
-        *(f"{of}_{s}" for s in supports for of in ("reaction", "moment")),
+        *(of.format(s) for s in supports for of in ("reaction_{}", "moment_{}", "reaction_{}_e")),
         *(name.format(p) for p in probes for name in ("u_{}", "u_{}_e", "v_{}", "a_{}")),
     ]
     vectors = ["L", "J", "impulse", "angular_impulse", "J_rigid", *named]
@@ -174,6 +175,7 @@ def history_row(
     for name in supports:
         row |= components(f"reaction_{name}", report.reactions.get(name, np.zeros(3)))
         row |= components(f"moment_{name}", report.reaction_moments.get(name, np.zeros(3)))
+        row |= components(f"reaction_{name}_e", report.error_reactions.get(name, np.zeros(3)))
     for name, displacement in report.probes.items():
         row |= components(f"u_{name}", displacement)
         row |= components(f"u_{name}_e", report.error_motion[name])

@@ -104,6 +104,7 @@ def report_of(
         probes={name: u + off[name].displacement for name, u in moved.items()} if off else moved,
         velocities=_velocities(probes, state, off),
         error_motion={name: off[name].displacement if off else np.zeros(3) for name in moved},
+        error_reactions=error.reactions(result.dt) if error and result else {},
         ledger=None,
         wall=0.0,
         _state=state,

@@ -86,6 +86,8 @@ class Report:
             motion; in a rigid part that of the part.
         error_motion: The error motion e at each probe, shape (3,) [m]: the estimated difference
             to a run without rigid parts; zero where it is not followed.
+        error_reactions: Force of each support on the twin less that in `reactions`, shape (3,) [N];
+            nothing where e is not followed, or not small.
         ledger: Errors and energies so far; None in a run with given Δt and without waking by
             forces.
         wall: Wall time of the step [s].
@@ -124,6 +126,7 @@ class Report:
     probes: Mapping[str, Array]
     velocities: Mapping[str, Array]
     error_motion: Mapping[str, Array]
+    error_reactions: Mapping[str, Array]
     ledger: Ledger | None
     wall: float
     _state: State

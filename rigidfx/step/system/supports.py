@@ -103,6 +103,11 @@ class PrescribedDofs:
         self._X = scene.space.tabulate_dof_coordinates()[self._nodes]
         self._own = [np.flatnonzero(self._owner == k) for k in range(len(self.active))]
 
+    def of_each(self) -> list[tuple[str, npt.NDArray[np.int64]]]:
+        """Each support's set, and the owned dofs that it holds."""
+        held = np.flatnonzero(self.mask)
+        return [(s.where, held[own]) for s, own in zip(self.active, self._own, strict=True)]
+
     def _spread(self, per_support: list[Array]) -> Array:
         out = np.zeros(self._owner.size)
         for own, values in zip(self._own, per_support, strict=True):
