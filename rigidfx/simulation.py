@@ -39,7 +39,6 @@ from rigidfx.report.brief_contacts import BriefContacts
 from rigidfx.report.energy_balance import EnergyBalance
 from rigidfx.report.jolts import Jolts
 from rigidfx.report.lumping import LumpedInertia
-from rigidfx.report.motor_jolts import MotorJolts
 from rigidfx.report.of_step import amended, report_of
 from rigidfx.report.report import Report
 from rigidfx.report.start import Start, start_of
@@ -266,8 +265,7 @@ def _looks(run: Run) -> tuple[Any, ...]:
     scene = run.stepper.scene
     brief = BriefContacts(scene, run.stepper.control is None)
     of_motion = EnergyBalance(scene), LumpedInertia(scene), Jolts(scene), brief
-    of_parts = TurnedSprings(scene), MotorJolts(scene)
-    return *of_motion, *of_parts, Account(scene.comm, run.timeline.t_end)
+    return *of_motion, TurnedSprings(scene), Account(scene.comm, run.timeline.t_end)
 
 
 def _unheard(iteration: int, norm: float) -> None:

@@ -120,7 +120,6 @@ WARNINGS = {
     ],
     "report/jolts.py": ["a support or contact acts with a jolt"],
     "report/lumping.py": ["lumped masses"],
-    "report/motor_jolts.py": ["a motor acts with a jolt"],
     "report/turned_springs.py": ["nodes of a spring rotate"],
     "scene/checks.py": ["first-order cells lock"],
     "scene/energy_checks.py": ["a stored energy falls", "a stored energy falls"],
@@ -138,6 +137,7 @@ WARNINGS = {
     "step/watches/jumps.py": ["a path of a support or an obstacle", "a path of a support or"],
     "step/watches/rotation_per_step.py": ["a body rotates by more than 1 rad"],
     "step/watches/unresolved.py": ["rounding ends an iteration"],
+    "switch/closing.py": ["a motor begins apart"],
     "switch/switch.py": ["rows of joints follow", "velocities do not fit the joints"],
     "vibration/modes.py": ["a state is unstable"],
 }

@@ -6,13 +6,13 @@ the mass, are
     y - M⁻¹ E Dᵀ Λ,    (D Eᵀ M⁻¹ E Dᵀ) Λ = D Eᵀ y,
 
 with impulses Λ of the joints and the ports Eᵀ of `rigidfx.coupling.ports`. With redundant rows Λ is
-the least solution. Motors that prescribe a speed, locks among them, have a row each, with that
+the least solution. Motors that prescribe a motion, locks among them, have a row each, with its
 speed on the right side. Ports on parts that M does not couple share a solve.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -20,12 +20,15 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from rigidfx.base.errors import together
+from rigidfx.base.warning import warn
 from rigidfx.coupling.ports import Ports
 from rigidfx.coupling.prolongation import Prolongation
+from rigidfx.effects.joints.elements import Motor
 from rigidfx.effects.joints.linkage import Linkage
+from rigidfx.scene.scene import Scene
 from rigidfx.step.newton.parted import parted
 
-__all__ = ["Closing"]
+__all__ = ["Closing", "warn_of_jumps"]
 
 Array = npt.NDArray[np.float64]
 
@@ -40,6 +43,7 @@ class Closing:
         mass: PETSc.Mat,
         solve: Callable[[Array], Array],
         t: float,
+        dt: float,
     ) -> None:
         """Find the effects of unit impulses. Collective.
 
@@ -49,6 +53,7 @@ class Closing:
             mass: M of the unknowns.
             solve: M⁻¹ of momenta of this rank's unknowns.
             t: Time that motors have their speeds of [s].
+            dt: See `Motor.speed_at`.
 
         Raises:
             SceneError: On every rank, if the function of a motor cannot be used.
@@ -60,7 +65,7 @@ class Closing:
         Y = parted(mass, self._E).responses(solve)
         self._by_impulses = Y @ self._D.T
         resisted = self._D @ self._sum((self._E.T @ Y).toarray()) @ self._D.T
-        speeds = together(prolongation.comm, "A motor", lambda: linkage.drives.speeds(t))
+        speeds = together(prolongation.comm, "A motor", lambda: linkage.drives.speeds(t, dt))
         self._wanted = np.r_[np.zeros(resisted.shape[0] - speeds.size), speeds]
         self._inverse = np.linalg.pinv(resisted, hermitian=True)
 
@@ -81,3 +86,14 @@ class Closing:
         if driven:
             rates -= self._wanted
         return np.asarray(-self._by_impulses @ (self._inverse @ rates))
+
+
+def warn_of_jumps(
+    scene: Scene, linkage: Linkage | None, t: float, started: Sequence[Motor]
+) -> None:
+    """Warn of motors that begin with another angle or travel than their joint has. Collective."""
+    if linkage is None:
+        return
+    drives = linkage.drives
+    for found in together(scene.comm, "A motor", lambda: drives.apart(t, started)):
+        warn(scene.comm, f"{found}: it is thrown there in one step. Let both be the same.")

@@ -55,7 +55,8 @@ class ConsistentExchange:
     """The exchange with a consistent mass, or with joints.
 
     Attributes:
-        motors: Motors that act and prescribe a speed, which velocities after a switch have.
+        motors: Motors that act and prescribe a motion, whose speed velocities after a switch have.
+        dt: See `Motor.speed_at`.
     """
 
     def __init__(self, scene: Scene, forces: InternalForces) -> None:
@@ -67,9 +68,10 @@ class ConsistentExchange:
         """
         self._scene, self._forces = scene, forces
         self.motors: tuple[Motor, ...] = ()
+        self.dt = 0.0
 
     def _fields(self, state: State, prescribed: Bools, present: Present) -> RigidFields:
-        return RigidFields(self._scene, state, prescribed, present.mass, self.motors)
+        return RigidFields(self._scene, state, prescribed, present.mass, self.motors, self.dt)
 
     def release(self, state: State, numbers: Set[int], prescribed: Bools) -> float:
         """See `rigidfx.switch.exchange.Exchange`."""

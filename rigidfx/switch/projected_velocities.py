@@ -57,6 +57,7 @@ class RigidFields:
         prescribed: Bools,
         mass: PETSc.Mat,
         motors: Sequence[Motor] = (),
+        dt: float = 0.0,
     ) -> None:
         """Make P and the reduced mass matrix. Collective.
 
@@ -65,7 +66,8 @@ class RigidFields:
             state: Its rigid bodies are in their present pose, displacements outside of them known.
             prescribed: For each owned dof, whether a support prescribes it.
             mass: M of all cells but those in bodies whose mass is given.
-            motors: Motors that act and prescribe a speed.
+            motors: Motors that act and prescribe a motion.
+            dt: See `Motor.speed_at`.
         """
         self._mass, bodies = mass, state.bodies
         layout = rigid_fields(scene, bodies.of, prescribed)
@@ -79,7 +81,9 @@ class RigidFields:
         self._full = mass.createVecRight()
         self._image = mass.createVecLeft()
         joints = scene.named(Joint)
-        self._closing = self._closing_of(scene, state, layout, joints, motors) if joints else None
+        self._closing: Closing | None = None
+        if joints:
+            self._closing = self._closing_of(scene, state, layout, joints, motors, dt)
 
     def _closing_of(
         self,
@@ -88,6 +92,7 @@ class RigidFields:
         layout: DofLayout,
         joints: Sequence[Joint],
         motors: Sequence[Motor],
+        dt: float,
     ) -> Closing:
         """Closes joints at the present places. Collective."""
         bodies, u = state.bodies, state.u.x.array
@@ -101,7 +106,7 @@ class RigidFields:
                 conjugate_gradients(self._reduced, self._r, self._y)
             return self._y.array_r.copy()
 
-        return Closing(linkage, self._prolongation, self._reduced, solve, state.t)
+        return Closing(linkage, self._prolongation, self._reduced, solve, state.t, dt)
 
     def momenta(self, v: Array) -> Array:
         """M v at the owned dofs [kg m/s]. Collective."""

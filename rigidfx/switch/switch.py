@@ -36,6 +36,7 @@ from rigidfx.step.stepper import Stepper
 from rigidfx.step.system.division import Division
 from rigidfx.step.system.supports import Impact, PrescribedDofs, supports_of
 from rigidfx.step.watches.judge import INVERTED, remedy
+from rigidfx.switch.closing import warn_of_jumps
 from rigidfx.switch.consistent_exchange import ConsistentExchange
 from rigidfx.switch.exchange import Exchange, LumpedExchange
 from rigidfx.switch.inventory import check_clamps, divide
@@ -94,14 +95,14 @@ class Switch:
             warn(scene.comm, implied_rows(linkage.redundant))
 
     def _started(self, known: Set[int] = frozenset()) -> tuple[Motor, ...]:
-        """Have velocities follow motors that prescribe a speed; those that start to do so.
+        """Have velocities follow motors that prescribe a motion; those that start to do so.
 
         Args:
             known: Identities of the effects that act already.
         """
-        motors = tuple(e for e in self.acting if isinstance(e, Motor) and e.by_speed)
+        motors = tuple(e for e in self.acting if isinstance(e, Motor) and e.prescribes)
         if self._joints is not None:
-            self._joints.motors = motors
+            self._joints.motors, self._joints.dt = motors, self._timeline.dt
         return tuple(motor for motor in motors if id(motor) not in known)
 
     @property
@@ -218,12 +219,13 @@ class Switch:
 
         Args:
             impact: That of supports.
-            started: Motors that prescribe a speed from now on, as locks do.
+            started: Motors that prescribe a motion from now on, as locks do.
         """
         if self._joints is None:
             return impact
         stepper = self._stepper
         state, scene, before = stepper.state, stepper.scene, stepper.measure()
+        warn_of_jumps(scene, stepper.system.linkage, state.t, started)
         state.rebuild()
         gained = self._joints.close(state, stepper.prescribed.mask)
         if gained == 0.0:

@@ -32,6 +32,8 @@ Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 Element = Motor | JointSpring | Stop
 
+APART = float(np.sqrt(np.sqrt(np.finfo(np.float64).eps)))  # of a large coordinate: a jump
+
 
 @dataclass
 class _Drive:
@@ -137,14 +139,35 @@ class Drives:
         """Names of those that prescribe a coordinate."""
         return [d.effect.owner for d in self._all if prescribes(d.effect)]
 
-    def speeds(self, t: float) -> Array:
-        """Rates of change of F that motors prescribe by a speed at t [s], shape (drives,) [m/s].
+    def speeds(self, t: float, dt: float) -> Array:
+        """Rates of change of F that motors prescribe just after t, shape (drives,) [m/s].
+
+        Args:
+            t: Time [s].
+            dt: See `Motor.speed_at`.
 
         Raises:
             SceneError: On this rank, if a function cannot be used.
         """
         given = [(d.size, d.effect) for d in self._all if isinstance(d.effect, Motor)]
-        return np.array([-size * motor.at(t) for size, motor in given], dtype=np.float64)
+        return np.array([-size * motor.speed_at(t, dt) for size, motor in given], dtype=float)
+
+    def apart(self, t: float, motors: Sequence[Motor]) -> list[str]:
+        """Motors among some whose angle or travel at t [s] is not that of their joint, in words.
+
+        Raises:
+            SceneError: On this rank, if a function cannot be used.
+        """
+        out = []
+        for drive in self._all:
+            motor, q = drive.effect, self._q0[drive.key]
+            if not isinstance(motor, Motor) or motor not in motors or motor.by_speed:
+                continue
+            if abs(motor.at(t) - q) > APART * drive.large:
+                unit = "rad" if motor.by == "angle" else "m"
+                begun = f"{motor.owner} begins at t = {t:g} s with {motor.by} {motor.at(t):.6g}"
+                out.append(f"{begun} {unit}, but the joint has {q:.6g} {unit} there")
+        return out
 
     def remember(self, notes: dict[int, Any]) -> None:
         """Take over the memory of earlier divisions."""

@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
+import numpy as np
+
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import is_function, number, scalar, shown
 from rigidfx.effects.base import Effect, TimeFunction, Windowed
@@ -21,6 +23,7 @@ KINDS = {
     "travel": ("travel", True),
     "rate": ("travel", True),
 }
+SOON = float(np.sqrt(np.sqrt(np.finfo(np.float64).eps)))  # of Δt: where a path's speed is found
 
 
 @dataclass(frozen=True)
@@ -96,6 +99,22 @@ class Motor(Windowed):
     def by_speed(self) -> bool:
         """Whether it prescribes a speed or a rate."""
         return self.by in ("speed", "rate")
+
+    def speed_at(self, t: float, dt: float) -> float:
+        """The speed that it prescribes just after t [rad/s, m/s].
+
+        Args:
+            t: Time [s].
+            dt: Length of a step [s], over a small part of which an angle or a travel is followed.
+
+        Raises:
+            SceneError: As of `at`.
+        """
+        if self.by_speed:
+            return self.at(t)
+        h = SOON * dt
+        q0, q1, q2 = (self.at(t + k * h) for k in range(3))
+        return (4 * q1 - 3 * q0 - q2) / (2 * h)
 
     def at(self, t: float) -> float:
         """Its value at t [s].
