@@ -330,6 +330,10 @@ def test_two_hinges_of_one_door_hold_five_directions_once():
             "two motors prescribe its angle at the same time, by speed and by angle",
         ),
         (lambda: bar(rf.Tied("bar", rf.MeanFace("x1"), AT)), "both sides are of one part, Rigid"),
+        (
+            lambda: bar(HINGE, HINGE),
+            "Revolute 'joint': two joints are called 'joint'",
+        ),
     ],
 )
 def test_a_motor_that_cannot_be_is_refused(make, message):

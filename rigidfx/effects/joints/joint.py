@@ -111,6 +111,10 @@ class Joint(Effect):
         Raises:
             SceneError: On every rank, if it cannot be there.
         """
+        if [joint.title for joint in scene.named(Joint)].count(self.title) > 1:
+            raise SceneError(
+                f"{self.owner}: two joints are called '{self.title}'; give one a name of its own."
+            )
         if (missing := self.missing) and (found := self._found(scene, missing)) is not self:
             return found.placed(scene)
         a, b = (side_of(scene, self.owner, side) for side in (self.a, self.b))
