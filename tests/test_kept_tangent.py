@@ -53,7 +53,8 @@ def rule(price=8.0):
     [
         ([1e6, 1e4, 1e2], False),  # 6 decades at 2 each
         ([1e6, 1e6, 3e5], True),  # at half a decade in two, more than a tangent and three others
-        ([1e6, 2e6], True),  # it grows
+        ([1e6, 9e6], True),  # it grows
+        ([1e6, 7e6], False),  # as parts that turn are stretched by a first correction
         ([1e6, 1e4, 2e4], True),
         ([1e6, 1e-5, 2e-5], False),  # nothing is left that would tell
         ([1e6] + [1e6 * 0.8**k for k in range(1, 20)], True),  # the limit would throw all away
