@@ -215,6 +215,6 @@ if parser.defaults(options, "tol", "size", "turns"):
     assert rigid[-1] < 1.0 or options.short
 if options.compare and parser.defaults(options, "tol", "size", "turns"):
     assert summary["error_of_way"] <= 0.01
-    assert summary["error_of_largest_stress"] <= 0.01
+    assert summary["error_of_largest_stress"] <= 0.02
 say("Smoothly running it is rigid; struck, it wakes.")
 # -
