@@ -1,4 +1,4 @@
-"""Histories of the tip in u and in e, on as many ranks: bodies freeze, wake and freeze anew."""
+"""Histories of u, e and its reactions, on as many ranks: bodies freeze, wake and freeze anew."""
 
 from __future__ import annotations
 
@@ -23,12 +23,14 @@ scene = rf.Scene(box, {"stalk": soft, "block": stiff}, effects, probes={"tip": (
 
 
 def histories():
-    u, e, switches = [], [], []
+    u, e, held, switches = [], [], [], []
     for r in rf.simulate(scene, DT, 6.0, rigidify=rf.StrainRate(2e-3, 20 * DT), progress=False):
         e.append(r.error_motion["tip"])
         u.append(r.probes["tip"] - e[-1])
+        held.append(r.error_reactions.get("x0", np.zeros(3)))
         switches.append([event.kind for event in r.events])
-    return {"u": np.array(u).tolist(), "e": np.array(e).tolist(), "switches": switches}
+    rows = {name: np.array(own).tolist() for name, own in (("u", u), ("e", e), ("held", held))}
+    return rows | {"switches": switches}
 
 
 if __name__ == "__main__":

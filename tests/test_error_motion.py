@@ -436,7 +436,7 @@ def test_histories_are_those_on_one_rank(ranks):
     one, several = (parallel.run(script, n, 300) for n in (1, ranks))
     assert ["freeze"] in one["switches"]
     assert several["switches"] == one["switches"]
-    for motion in ("u", "e"):
+    for motion in ("u", "e", "held"):
         here, there = np.array(one[motion]), np.array(several[motion])
         np.testing.assert_allclose(there, here, rtol=0, atol=1e-9 * np.abs(here).max())
 
