@@ -33,7 +33,14 @@ SOME = {
     "mechanisms": ("--only", "Bricard"),
 }
 # Long ones, whose steps, switches, contacts and files others have on two ranks.
-ON_ONE_RANK = "accuracy_vs_time", "drop_test", "free_flying_body", "spatial_frame", "tumbling_l"
+ON_ONE_RANK = (
+    "accuracy_vs_time",
+    "drop_test",
+    "free_flying_body",
+    "gong",
+    "spatial_frame",
+    "tumbling_l",
+)
 SUMMARY = {
     "accuracy_vs_time": {"one_per_cent", "asked", "runs"},
     "tumbling_l": {

@@ -11,10 +11,12 @@ import pytest
 from joints import PIN, SOFT, bars, follow
 from mpi4py import MPI
 from runs import prepared, step
+from scipy.spatial.transform import Rotation
 from scipy.special import ellipk
 from test_contact_pairs import boxes
 
 import rigidfx as rf
+from rigidfx.effects.joints.coordinates import Angle, Travel, secant
 from rigidfx.step.equations.equations import Equilibrium
 
 NO_WARNINGS = pytest.mark.filterwarnings("ignore:Body")  # of few cells, whose lumped mass shows
@@ -173,6 +175,24 @@ def test_a_torque_turns_a_hinge():
     assert np.linalg.norm(joint.force) == pytest.approx(pull, rel=1e-3)
     assert off <= 1e-12
     assert joint.gap <= 1e-13
+
+
+@pytest.mark.parametrize("small", [1e-3, 1e-6, 1e-12])
+def test_small_gains_of_coordinates_are_exact(small):
+    """In a machine nearly at rest residuals stalled at the rounding of the angles."""
+    turned = Rotation.from_rotvec([0, 0, 7.0]).as_matrix()
+    start = np.array([[1.0, 0, 0], turned[:, 0], turned[:, 1]])
+    moved = Rotation.from_rotvec([0, 0, small]).as_matrix()[:2, :2] - np.eye(2)
+    moved[0, 0] = moved[1, 1] = -2 * np.sin(small / 2) ** 2
+    moved = np.vstack([np.zeros(3), np.pad(start[1:, :2] @ moved.T, ((0, 0), (0, 1)))])
+    slope, gained = secant(Angle((0, 1, 2), -1.0), start, moved, 1.0)
+    assert gained == pytest.approx(small, rel=1e-14, abs=0)
+    assert np.sum(slope * moved) == pytest.approx(small, rel=1e-14, abs=0)
+    place, axis = np.array([0.3, 0.4, 0.5]), np.array([0, 0, 2.0])
+    along = np.array([[0, 0, 0], [0, 0, small], [0, 0, 0]])
+    slope, gained = secant(Travel((0, 1, 2)), np.array([0 * place, place, axis]), along, 1.0)
+    assert gained == pytest.approx(small, rel=1e-14, abs=0)
+    assert np.sum(slope * along) == pytest.approx(small, rel=1e-14, abs=0)
 
 
 def test_a_given_speed_turns_a_hinge_many_times():

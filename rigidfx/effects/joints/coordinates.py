@@ -7,7 +7,8 @@ exactly ∇z(p½) · Δp. A force of it acts along the discrete gradient (O. Gon
     ∇̄q = [∂q(z½) + (q₁ - q₀ - ∂q(z½) · Δz) Δz/|Δz|²] · ∇z(p½),
 
 so that ∇̄q · Δp = q₁ - q₀ exactly, where q stays too, as in a lock. As z does not see rigid motions,
-such forces have no resultant.
+such forces have no resultant. q₁ - q₀ is found from Δz: the difference of two angles has the
+rounding of the angles, which the division by |Δz| magnifies where a machine is nearly at rest.
 """
 
 from __future__ import annotations
@@ -64,6 +65,11 @@ class Angle:
         c, s = z
         return np.asarray(self.sign / (c * c + s * s) * np.array([-s, c]))
 
+    def gained(self, z: Array, dz: Array) -> float:
+        """Gain of the angle by a gain of the invariants, between -π and π."""
+        (c, s), (dc, ds) = z, dz
+        return self.sign * float(np.arctan2(c * ds - s * dc, c * (c + dc) + s * (s + ds)))
+
     def gradient(self, p: Array) -> Array:
         """Its derivatives by the averages, shape (3, 3)."""
         return np.asarray(np.tensordot(self.slope(self.invariants(p)), self.slopes(p), 1))
@@ -114,6 +120,12 @@ class Travel:
         length = np.sqrt(square)
         return np.array([1 / length, -0.5 * along / (square * length)])
 
+    def gained(self, z: Array, dz: Array) -> float:
+        """Gain of the travel by a gain of the invariants."""
+        before, after = np.sqrt(z[1]), np.sqrt(z[1] + dz[1])
+        longer = dz[1] / (before + after)
+        return float((dz[0] - z[0] / before * longer) / after)
+
     def gradient(self, p: Array) -> Array:
         """Its derivatives by the averages, shape (3, 3)."""
         return np.asarray(np.tensordot(self.slope(self.invariants(p)), self.slopes(p), 1))
@@ -159,20 +171,20 @@ class Coordinates:
         return out
 
 
-def secant(coordinate: Coordinate, start: Array, moved: Array, gained: float, size: float) -> Array:
-    """∇̄q of a step, shape (3, 3).
+def secant(coordinate: Coordinate, start: Array, moved: Array, size: float) -> tuple[Array, float]:
+    """∇̄q of a step, shape (3, 3), and q₁ - q₀.
 
     Args:
         coordinate: q.
         start: The averages at the start of the step, shape (3, 3).
         moved: Their increments, likewise.
-        gained: q₁ - q₀.
         size: Size of q that counts as large.
     """
     slopes = coordinate.slopes(start + 0.5 * moved)
-    dz = np.tensordot(slopes, moved, 2)
-    slope = coordinate.slope(coordinate.invariants(start) + 0.5 * dz)
+    z: Array = coordinate.invariants(start)
+    dz: Array = np.asarray(np.tensordot(slopes, moved, 2), dtype=np.float64)
+    slope, gained = coordinate.slope(z + 0.5 * dz), coordinate.gained(z, dz)
     scaled = dz / np.array([size, 1.0])
     if (square := float(scaled @ scaled)) > SMALL**2:
         slope = slope + (gained - slope @ dz) / square * scaled / np.array([size, 1.0])
-    return np.asarray(np.tensordot(slope, slopes, 1))
+    return np.asarray(np.tensordot(slope, slopes, 1)), gained

@@ -253,7 +253,9 @@ class Drives:
         for n, drive in enumerate(self._all):
             if prescribes(drive.effect):
                 assert drive.wanted is not None
-                out[n] = -drive.size * (self.ends(drive)[1] - drive.wanted[1])
+                before, after = drive.wanted
+                lag = before - self._q0[drive.key]  # ends of other steps, to rounding
+                out[n] = -drive.size * (self._secant(drive)[1] - (after - before) - lag)
             else:
                 out[n] = (drive.multiplier - self._law(drive)[0] / drive.size) / self.kappa[n]
         return out
@@ -286,11 +288,15 @@ class Drives:
 
     def _per_multiplier(self, drive: _Drive) -> Array:
         """Forces on its averages per λ, as a resistance, shape (3, 3)."""
-        start, moved = self._start[drive.averages], self._moved[drive.averages]
         if self.static:
-            return -drive.size * drive.coordinate.gradient(start + moved)
-        q0, q1 = self.ends(drive)
-        return -drive.size * secant(drive.coordinate, start, moved, q1 - q0, drive.large)
+            end = self._start[drive.averages] + self._moved[drive.averages]
+            return -drive.size * drive.coordinate.gradient(end)
+        return -drive.size * self._secant(drive)[0]
+
+    def _secant(self, drive: _Drive) -> tuple[Array, float]:
+        """∇̄q of the step, shape (3, 3), and q₁ - q₀."""
+        start, moved = self._start[drive.averages], self._moved[drive.averages]
+        return secant(drive.coordinate, start, moved, drive.large)
 
     def add_to(self, forces: Array) -> Array:
         """Add their forces at the last iterate to those on averages, shape (averages, 3) [N]."""
