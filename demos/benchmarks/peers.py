@@ -116,7 +116,7 @@ def main() -> None:
         if path and not Path(path).is_file():
             parser.error(f"--{option} must be the path of a program, got {path}")
     if options.short:
-        cases = [soft_l(1, 60), metal_bracket(0.03, 24)]
+        cases = [soft_l(1, 30, dt=0.2), metal_bracket(0.03, 24)]
     else:
         cases = [soft_l(1, 400), soft_l(2, 100), soft_l(4, 60), metal_bracket(0.009, 60)]
     summary = []

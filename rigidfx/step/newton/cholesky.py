@@ -4,7 +4,7 @@ The forces of a step act at its middle, its strains are measured at its end: a t
 from symmetric as the structure turns and strains in between, next to nothing where it vibrates.
 Newton's iteration with a kept tangent removes the error of its skew part, as any other error. The
 factors of the symmetric part are half of those of LU, which halves reading in a solve and the cost
-of a tangent. A matrix that is not definite, near buckling, has none of these.
+of a tangent. A matrix that is not definite, near buckling, has no such factors.
 """
 
 from __future__ import annotations

@@ -3,8 +3,8 @@
 Parts of metal, with the time steps that their slow motions need, take a factorisation in any case,
 and that costs more than some iterations with kept factors. Soft parts, whose inertia is large, have
 GMRES with incomplete factors, and these are kept as well; in large systems in which waves get far,
-a coarse grid stands by them. Large strains make a soft part's tangent useless. So its cost is
-counted, and where it is not worth it, Newton's method takes over for a while.
+a coarse grid supports them. Large strains make a soft part's tangent useless. So the cost of kept
+tangents is counted, and where it exceeds that of Newton's method, this takes over for a while.
 """
 
 from __future__ import annotations

@@ -3,12 +3,11 @@
 Incomplete factors pass information on by some cells. The farther waves get in a step, the more
 iterations GMRES needs with them alone: 4 to a hundredth in an L of 27 000 unknowns, 8 at 197 000 in
 the same Δt. Their error hardly strains over some cells, and a coarse grid removes it, whose
-unknowns are the rigid motions P of aggregates of nodes. Its correction comes first, and theirs of
-the rest,
+unknowns are the rigid motions P of aggregates of nodes. The coarse correction comes first, then that of the factors,
 
     z_c = P (Pᵀ A P)⁻¹ Pᵀ r,    z = z_c + M⁻¹ (r - A z_c),
 
-in which A P is at hand, so that its product costs a fifth of one with A. Where the coarse matrix is
+where A P is known, so that its product costs a fifth of one with A. Where the coarse matrix is
 near enough to symmetric, and definite, its symmetric part takes its place, by Cholesky's factors.
 """
 
