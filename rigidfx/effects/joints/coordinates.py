@@ -6,9 +6,10 @@ exactly ∇z(p½) · Δp. A force of it acts along the discrete gradient (O. Gon
 
     ∇̄q = [∂q(z½) + (q₁ - q₀ - ∂q(z½) · Δz) Δz/|Δz|²] · ∇z(p½),
 
-so that ∇̄q · Δp = q₁ - q₀ exactly. That holds in a lock, too, where q stays. As z does not see rigid motions,
-such forces have no resultant. q₁ - q₀ is found from Δz: the difference of two angles has the
-rounding of the angles, which the division by |Δz| magnifies where a machine is nearly at rest.
+so that ∇̄q · Δp = q₁ - q₀ exactly. That holds in a lock, too, where q stays. As z does not see
+rigid motions, such forces have no resultant. q₁ - q₀ is found from Δz: the difference of two angles
+has the rounding of the angles, which the division by |Δz| magnifies where a machine is nearly at
+rest.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
 With a kept tangent the residual falls by one factor in each iteration. A factor near one need not
 be a stall, since the tangent may not fit. Only if a tangent of the same step does no better, the
-rest is rounding. Its size, relative to the terms that R is the difference of, is kept, and later solutions
-stop there. The change of energy and momenta is measured in any case, see `conserving`.
+rest is rounding. Its size, relative to the terms that R is the difference of, is kept, and later
+solutions stop there. The change of energy and momenta is measured in any case, see `conserving`.
 """
 
 from __future__ import annotations

@@ -7,7 +7,8 @@ R₁ J (2θ/Δt - ω) = J ω, which, as R₁ = (I - ½θ̂)⁻¹ (I + ½θ̂), i
 
     J θ + ½ θ × J θ = Δt J ω.
 
-θ = Δt ω only if ω is a principal axis. A stiff body that rotates by a slightly wrong angle δ is strained by δ². Other motion continues along a straight line if it is slow, and hardly if it
+θ = Δt ω only if ω is a principal axis. A stiff body that rotates by a slightly wrong angle δ is
+strained by δ². Other motion continues along a straight line if it is slow, and hardly if it
 vibrates faster than steps resolve: both guesses are tried, and the smaller residual decides.
 """
 

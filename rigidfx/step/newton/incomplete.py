@@ -12,7 +12,8 @@ for exactly after it,
 
 of free parts, where that makes ‖r - A z‖ hardly larger. Aᵀ N is made with the tangent, as another
 product with A in each solve would be one in five. Beside a support, and where a heavy body takes
-the resultant of many nodes, the residual would grow many times, and Newton's iteration would be slow.
+the resultant of many nodes, the residual would grow many times, and Newton's iteration would be
+slow.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """Knowledge of the true tangent in the iterates of a kept one: secants, after D. G. Anderson.
 
 From one iterate to the next a correction s moves the unknowns, and the residual changes by J s. So
-the correction that the kept tangent gives, z = A₀⁻¹ r, changes by A₀⁻¹ J s: the known pairs correct z (D. G. Anderson, J. ACM 12 (1965) 547-560, of type II),
+the correction that the kept tangent gives, z = A₀⁻¹ r, changes by A₀⁻¹ J s: the known pairs correct
+z (D. G. Anderson, J. ACM 12 (1965) 547-560, of type II),
 
     J⁻¹ r ≈ z + Σ c (s − Δz) ,    c by the least squares of z − Σ c Δz .
 

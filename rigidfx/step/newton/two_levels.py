@@ -3,7 +3,8 @@
 Incomplete factors pass information on by some cells. The farther waves get in a step, the more
 iterations GMRES needs with them alone: 4 to a hundredth in an L of 27 000 unknowns, 8 at 197 000 in
 the same Δt. Their error hardly strains over some cells, and a coarse grid removes it, whose
-unknowns are the rigid motions P of aggregates of nodes. The coarse correction comes first, then that of the factors,
+unknowns are the rigid motions P of aggregates of nodes. The coarse correction comes first, then
+that of the factors,
 
     z_c = P (Pᵀ A P)⁻¹ Pᵀ r,    z = z_c + M⁻¹ (r - A z_c),
 
