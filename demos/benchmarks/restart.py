@@ -34,7 +34,7 @@ from statistics import median
 from typing import Any
 
 import numpy as np
-from bench import DT, MATERIAL, PUSH, Parser, bar, cells_of_bar, conclude
+from bench import DT, MATERIAL, PUSH, Parser, bar, cells_of_bar, conclude, without_mpi
 from bench.restart_scenes import go_on
 from mpi4py import MPI
 
@@ -53,7 +53,6 @@ POLITE = {  # processes let others work
     "MPIR_CVAR_ENABLE_HEAVY_YIELD": "1",
     "MPIR_CVAR_POLLS_BEFORE_YIELD": "1",
 }
-MINE = "OMPI_COMM", "OMPI_UNIVERSE", "PMIX_", "PMI_", "PRTE_", "HYDRA_"  # of this process in MPI
 KILLS = 50
 APART = "wall", "iterations", "tangents", "linear_iterations"  # of the machine, of Newton's method
 LONGEST = 3.0  # s from when a run moves to when it is killed; a short run's time if that is less
@@ -67,7 +66,7 @@ def started(case: str, folder: Path, ranks: int, part: float) -> subprocess.Pope
     extra = ["--oversubscribe"] if "Open MPI" in MPI.Get_library_version() else []
     if ranks > 1:
         command = ["mpirun", *extra, "-n", str(ranks), *command]
-    kept = POLITE | {k: v for k, v in os.environ.items() if not k.startswith(MINE)}
+    kept = POLITE | without_mpi()
     log = (folder / "told").open("ab")
     return subprocess.Popen(command, env=kept, stdout=log, stderr=log, start_new_session=True)
 

@@ -29,7 +29,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from bench import Parser, chosen, conclude
+from bench import Parser, chosen, conclude, without_mpi
 from common import ROOT, positive
 
 ENTRY = "entry.json"  # of the table, in the folder of a run
@@ -99,7 +99,7 @@ def measured(name: str, value: str, short: bool, out: Path) -> dict[str, object]
     demo, folder = DEMOS[name], out / f"{name}_{value}"
     command = [sys.executable, str(ROOT / "demos" / f"{name}.py"), "--out", str(folder)]
     command += [*demo.arguments, *(["--short"] if short else [demo.option, value])]
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as process:
+    with subprocess.Popen(command, env=without_mpi(), stdout=subprocess.DEVNULL) as process:
         _, status, usage = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode:

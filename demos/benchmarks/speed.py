@@ -31,7 +31,7 @@ from time import sleep
 from typing import Any
 
 import numpy as np
-from bench import Parser, Turns, chosen, conclude, timed
+from bench import Parser, Turns, chosen, conclude, timed, without_mpi
 from bench.plain import PlainLoop
 from common import comm, say
 from mpi4py import MPI
@@ -125,8 +125,9 @@ def measure(case: str, unknowns: int, steps: int) -> dict[str, Any]:
 
 def sizes(options: Namespace) -> dict[str, Any]:
     """All cases and sizes."""
-    for name in [name for name in os.environ if name.startswith("PMI_")]:
-        del os.environ[name]  # mpirun of MPICH, if it has started this, knows of no other process
+    kept = without_mpi()
+    for name in os.environ.keys() - kept.keys():
+        del os.environ[name]
     rows: list[dict[str, Any]] = []
     exponents = {}
     for case in options.cases:
