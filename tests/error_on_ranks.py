@@ -24,7 +24,7 @@ scene = rf.Scene(box, {"stalk": soft, "block": stiff}, effects, probes={"tip": (
 
 def histories():
     u, e, held, switches = [], [], [], []
-    for r in rf.simulate(scene, DT, 6.0, rigidify=rf.StrainRate(2e-3, 20 * DT), progress=False):
+    for r in rf.simulate(scene, DT, 4.4, rigidify=rf.StrainRate(2e-3, 20 * DT), progress=False):
         e.append(r.error_motion["tip"])
         u.append(r.probes["tip"] - e[-1])
         held.append(r.error_reactions.get("x0", np.zeros(3)))

@@ -384,7 +384,7 @@ def histories():
         (curved("backs", rf.Rigid("upper")), {}),
     ]
     for scene, options in runs:
-        for r in drifts(scene, 1e-3, 40, **options)[0][1:]:
+        for r in drifts(scene, 1e-3, 30, **options)[0][1:]:
             touch = next(iter(r.touches.values()))
             row = [
                 r.unknowns,

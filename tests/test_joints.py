@@ -195,6 +195,24 @@ def test_small_gains_of_coordinates_are_exact(small):
     assert np.sum(slope * along) == pytest.approx(small, rel=1e-12, abs=0)
 
 
+@pytest.mark.filterwarnings("ignore")
+def test_an_attempt_that_fails_leaves_no_multipliers():
+    """A step of 4 rad fails; the half of it began with its forces, and came to 1e54 J."""
+    at, turn = (0, 0.05, 0.05), (0, 0, 400.0)
+    rod = rf.box((0, 0, 0), (1, 0.1, 0.1), (2, 1, 1)).with_cells("rod", lambda x: x[0] > -1)
+    effects = [
+        rf.Rigid("rod", mass=10.0, inertia=np.diag([0.3, 0.8, 1.0])),
+        rf.Revolute("ground", "rod", at, (0, 0, 1), name="joint"),
+        rf.InitialVelocity(angular=turn, centre=at),
+        rf.Motor("joint", speed=400.0),
+    ]
+    reports = list(rf.simulate(rf.Scene(rod, SOFT, effects), 0.01, 0.02))
+    last = reports[-1]
+    assert any(report.cuts for report in reports)
+    assert last.joints["joint"].angle == pytest.approx(8.0, rel=1e-12)
+    assert last.joints["joint"].gap <= 1e-14
+
+
 def test_a_given_speed_turns_a_hinge_many_times():
     """Turns are counted; the work is what the bar gets."""
     last, off = driven(HINGE, rf.Motor("joint", speed=lambda t: 5 * t * t), steps=200)

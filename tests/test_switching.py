@@ -935,7 +935,6 @@ def _pushed():
 
 STORIES = {
     "story": partial(_story, wake="all"),
-    "story by forces": _story,
     "one end": _one_end,
     "nothing": _nothing,
     "pushed": _pushed,

@@ -66,6 +66,8 @@ def _corners(scene: Any, pairs: npt.NDArray[np.int32]) -> Array:
         mesh.topology.create_connectivity(*dims)
     facets = mesh.topology.connectivity(3, 2)
     numbers = np.array([facets.links(cell)[k] for cell, k in pairs], dtype=np.int32)
-    nodes = dmesh.entities_to_geometry(mesh, 2, numbers)
     corners = 3 if scene.simplex else 4
+    if not numbers.size:  # DOLFINx 0.9 divides by their number
+        return np.empty((0, corners, 3))
+    nodes = dmesh.entities_to_geometry(mesh, 2, numbers)
     return np.asarray(mesh.geometry.x[nodes.reshape(-1, nodes.shape[-1])[:, :corners]])

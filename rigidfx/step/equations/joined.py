@@ -62,6 +62,7 @@ class JoinedEquilibrium(Equilibrium):
         self._own = linkage.count if self.prolongation.comm.rank == 0 else 0
         self._inner, self._rest = self.prolongation.unknowns(), self.prolongation.unknowns()
         self._scale: Array = np.ones(linkage.count)
+        self._known: Array = linkage.multipliers  # λ of the last step, attempts left out [N]
         # Springs on some ports, which the tangent has, and the border takes out again.
         self._springs: Array = np.zeros(self.ports.count)
         self._sprung: csr_array | None = None
@@ -89,9 +90,7 @@ class JoinedEquilibrium(Equilibrium):
     def guess(self, increment: Array, six: Array, y: PETSc.Vec) -> None:
         """See `Equilibrium`; multipliers are those of the last step."""
         super().guess(increment, six, self._inner)
-        y.array[:] = np.r_[
-            self._inner.array_r, (self.linkage.multipliers / self._scale)[: self._own]
-        ]
+        y.array[:] = np.r_[self._inner.array_r, (self._known / self._scale)[: self._own]]
 
     def largest(self, y: PETSc.Vec) -> float:
         """See `Equilibrium`."""
@@ -178,6 +177,7 @@ class JoinedEquilibrium(Equilibrium):
     def accept(self) -> None:
         """See `Equilibrium`."""
         self.linkage.accept()
+        self._known = self.linkage.multipliers
 
     def destroy(self) -> None:
         """See `Equilibrium`."""

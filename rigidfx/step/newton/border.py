@@ -143,9 +143,10 @@ class Border:
         try:
             return splu(csc_array((np.concatenate(values), at), shape=shape))
         except RuntimeError:  # SuperLU's word for a singular matrix
+            motors = ", ".join(self._equilibrium.linkage.drives.prescribing)
             raise StepError(
                 "The joints and motors leave no motion, or hold what they hold already: their "
-                "equations are singular.",
+                f"equations are singular{f' (of given motion: {motors})' if motors else ''}.",
                 "Look for motors that drive the same parts, or for a pose in which the mechanism "
                 "locks; smaller steps may pass that.",
             ) from None
