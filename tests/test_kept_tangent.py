@@ -472,7 +472,7 @@ def test_what_a_tangent_costs_is_told_by_its_factors(monkeypatch):
         *_, last = rf.simulate(scene, 2e-3, 4e-3)
         assert last.solver.startswith("kept")
     bar, block = told[0], told[-1]
-    assert 5 < bar < 12 < block < 22
+    assert 5 < bar < 13 < block < 22
 
 
 @pytest.mark.parallel

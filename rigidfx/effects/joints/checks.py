@@ -39,7 +39,7 @@ def check_sides(
         if isinstance(side, Grounded):
             continue
         away = float(np.linalg.norm(at - side.centre))
-        if isinstance(name, Surface) and away > FAR * side.size:
+        if isinstance(name, Surface) and round(away / side.size, 6) > FAR:
             apart = "its sides do not meet: " if len(sides) > 1 else ""
             raise SceneError(
                 f"{owner}: {apart}it is at {at} m, and {side_name(name)} is around "
