@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from bench import DT, MATERIAL, PUSH, Parser, Turns, bar, cells_of_bar, chosen, conclude, timed
+from bench import DT, MATERIAL, PUSH, Parser, Turns, bar, cells_of_bar, run_parts, timed
 
 import rigidfx as rf
 
@@ -135,10 +135,7 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=20, help="timed steps")
     parser.add_only("parts")
     options = parser.read(unknowns=500, steps=4)
-    summary: dict[str, Any] = {}
-    for name in chosen(options, PARTS):
-        summary |= PARTS[name](options)
-    conclude(options.out, summary)
+    run_parts(options, PARTS)
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ from statistics import mean, median
 from typing import Any
 
 import numpy as np
-from bench import DT, MATERIAL, PUSH, Parser, Turns, bar, cells_of_bar, chosen, conclude, timed
+from bench import DT, MATERIAL, PUSH, Parser, Turns, bar, cells_of_bar, run_parts, timed
 
 import rigidfx as rf
 
@@ -177,10 +177,7 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=9, help="timed steps of the flexible bar")
     parser.add_only("parts")
     options = parser.read(unknowns=500, bodies=[1, 3], steps=3)
-    summary: dict[str, Any] = {}
-    for name in chosen(options, PARTS):
-        summary |= PARTS[name](options)
-    conclude(options.out, summary)
+    run_parts(options, PARTS)
 
 
 if __name__ == "__main__":

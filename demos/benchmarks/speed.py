@@ -31,7 +31,7 @@ from time import sleep
 from typing import Any
 
 import numpy as np
-from bench import Parser, Turns, chosen, conclude, timed, without_mpi
+from bench import Parser, Turns, run_parts, timed, without_mpi
 from bench.plain import PlainLoop
 from common import comm, say
 from mpi4py import MPI
@@ -249,10 +249,7 @@ def main() -> None:
     parser.add_argument("--order", type=int, default=1, choices=(1, 2), help="of plain")
     parser.add_only("parts")
     options = parser.read(unknowns=[700], steps=3, cases=[SHORT])
-    summary: dict[str, Any] = {}
-    for name in chosen(options, PARTS):
-        summary |= PARTS[name](options)
-    conclude(options.out, summary)
+    run_parts(options, PARTS)
 
 
 if __name__ == "__main__":

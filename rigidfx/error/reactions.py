@@ -1,4 +1,4 @@
-"""What supports exert on u + e, less what they exert on u.
+"""Forces of supports on u + e, less those on u.
 
     R = Σ (K e + C ė)     over the nodes that a support holds
 
@@ -8,7 +8,7 @@ are left out: they fade with the size of the cells beside the support.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 import numpy.typing as npt
@@ -75,22 +75,21 @@ class Reactions:
         kinds = 1 + self._viscous
         out: dict[str, Array] = {}
         for k, (name, part) in enumerate(zip(self._names, self._parts, strict=True)):
-            (elastic, rate), force = both[:, kinds * k], np.zeros(3)
-            force = elastic + (xi - 0.5) * dt * rate
+            elastic, rate = both[:, kinds * k]
+            force = elastic + (xi - 0.5) * dt * rate  # of e in the middle, and numerical damping
             if self._viscous:
                 force = force + both[1, kinds * k + 1]
             out[name] = out.get(name, np.zeros(3)) + to_space(force, turned[part])
         return out
 
 
-def _summed(A: PETSc.Mat, dofs: Sequence[int] | npt.NDArray[np.int64]) -> csr_array:
+def _summed(A: PETSc.Mat, dofs: npt.NDArray[np.int64]) -> csr_array:
     """Sum of a symmetric matrix's rows along each axis, by this rank's columns. Collective."""
     ones, found = A.createVecs()
     out = []
     for axis in range(3):
         ones.set(0.0)
-        own = np.asarray(dofs)
-        ones.array[own[own % 3 == axis]] = 1.0
+        ones.array[dofs[dofs % 3 == axis]] = 1.0
         A.mult(ones, found)
         out.append(found.array_r.copy())
     ones.destroy()

@@ -1,4 +1,4 @@
-"""Rigid faces in the twin: K resists what is no rigid motion of their nodes.
+"""Rigid faces in the twin: K resists all motions of their nodes but the rigid ones.
 
 With R the six rigid motions of a face's nodes, u_a the displacements of few nodes that tell them,
 and G their least-squares fit, q = G u_a, the forms
