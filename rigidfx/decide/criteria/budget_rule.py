@@ -55,7 +55,7 @@ class Spending:
     Attributes:
         rigidity: Part of the budget that time integration has left, that rigid parts may spend.
         left: Part of |e| that u + e may be off by. It was off by at most 0.103 of it in 35
-            of 36 scenes of demos/benchmarks/waking.py, for |e| from 0.002 to half of the displacement.
+            of 36 scenes of demos/benchmarks/waking.py; |e| was 0.002 to 0.5 of the displacement.
         freezing: Part of the allowed value that freezes use. A part that vibrated on took two to
             seven times what (2) says; at 0.5 an arm of 20 073 unknowns was released repeatedly.
         amplified: Amplification of m by loads that change.
