@@ -274,6 +274,33 @@ def test_a_lock_in_motion_takes_what_is_told(mass):
     assert abs(told[-1].angle - told[29].angle) > 0.01
 
 
+@NO_WARNINGS
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+@pytest.mark.parametrize("face", [rf.MeanFace, rf.RigidFace])
+def test_a_driven_hinge_books_the_work_of_its_motor_at_switches(face, mass):
+    """A motor keeps its speed by an impulse where parts become rigid and flexible."""
+    title = f"Revolute {face.__name__} 'a' - {face.__name__} 'b'"
+    motor = rf.Motor(title, speed=3.0, since=0.07)
+    criterion = rf.StrainRate(1e9, 0.1, patience=1, wake="none", release=rf.Release(at=(0.25,)))
+    scene = bars(motor, sides=(face("a"), face("b")), mass=mass)
+    reports = list(rf.simulate(scene, 0.01, 0.45, rigidify=criterion))
+    events = [event for report in reports for event in report.events]
+    assert [event.kind for event in events] == ["freeze", "release", "freeze"]
+    whole = max(report.energy for report in reports)
+    assert max(abs(event.energy_lost) for event in events) <= 1e-12 * whole
+    assert abs(events[1].work_of_supports) > 1e-3 * whole
+    work = np.cumsum(
+        [
+            r.work_of_loads + r.work_of_supports + (r.impact.energy if r.impact else 0.0)
+            for r in reports
+        ]
+    )
+    energies = np.array([r.energy for r in reports])
+    assert np.abs(energies - energies[0] - work).max() <= 1e-12 * whole
+    J, size = np.array([r.angular_momentum for r in reports]), reports[0].momentum_scale
+    assert np.abs(J - J[0]).max() <= 1e-12 * size
+
+
 def test_a_spring_about_a_hinge_swings_and_its_damper_takes():
     """The frequency of a torsion spring, converging with second order."""
     off = []

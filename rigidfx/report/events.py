@@ -47,9 +47,10 @@ class Event:
         unknowns_after: Number of unknowns after it.
         energy_frozen: Energy taken out of the motion and stored in bodies [J].
         energy_released: Stored energy given back to the motion [J].
-        energy_lost: Total energy before, and work of supports, less total energy after, everything
-            stored counted [J].
-        work_of_supports: Work of the impulse that supports exert at the event [J].
+        energy_lost: Total energy before, and work of supports and motors, less total energy after,
+            everything stored counted [J].
+        work_of_supports: Work of the impulses of supports, and of motors of given speed, at the
+            event [J].
         impulse: Impulse of supports on the structure at the event, shape (3,) [N s]: zero with a
             lumped mass; a consistent one couples nodes that they hold to those of bodies.
         angular_impulse: Its moment about the origin, shape (3,) [N m s].

@@ -7,7 +7,8 @@ the mass, are
 
 with impulses Λ of the joints and the ports Eᵀ of `rigidfx.coupling.ports`. With redundant rows Λ is
 the least solution. Motors that prescribe a motion, locks among them, have a row each, with its
-speed on the right side. Ports on parts that M does not couple share a solve.
+speed s on the right side: their impulses do the work Λ·s. Ports on parts that M does not couple
+share a solve.
 """
 
 from __future__ import annotations
@@ -74,8 +75,8 @@ class Closing:
         self._comm.Allreduce(MPI.IN_PLACE, values)
         return values
 
-    def correction(self, y: Array, fixed: Array, driven: bool) -> Array:
-        """Addition to velocities of this rank's unknowns [m/s]. Collective.
+    def impulses(self, y: Array, fixed: Array, driven: bool) -> Array:
+        """Λ that close the joints, one per row [N s, N m s]. Collective.
 
         Args:
             y: These velocities.
@@ -85,7 +86,15 @@ class Closing:
         rates = self._D @ self._sum(self._E.T @ y) + self._linkage.rates(fixed)
         if driven:
             rates -= self._wanted
-        return np.asarray(-self._by_impulses @ (self._inverse @ rates))
+        return np.asarray(-self._inverse @ rates)
+
+    def correction(self, impulses: Array) -> Array:
+        """Addition by impulses to velocities of this rank's unknowns [m/s]."""
+        return np.asarray(self._by_impulses @ impulses)
+
+    def work(self, impulses: Array, fixed: Array) -> float:
+        """Work of impulses while motors have their speeds and supports theirs [J]. Collective."""
+        return float(impulses @ (self._wanted - self._linkage.rates(fixed)))
 
 
 def warn_of_jumps(

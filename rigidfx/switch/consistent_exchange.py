@@ -8,7 +8,8 @@ of the mass, on the fields P y that are rigid in the bodies:
 
 The removed part has no momenta, since rigid motions of the whole are among the P y, and its energy
 is exactly the difference. The new body keeps both. Moving supports do work meanwhile: their nodes
-keep their velocity v_s by an impulse, the change of (M v)_s. The flexible side of an interface,
+keep their velocity v_s by an impulse, the change of (M v)_s, and motors of given speed theirs by
+impulses Λ of their joints. The flexible side of an interface,
 which has a velocity of its own between switches, gets that of the body; otherwise the difference
 would alternate from step to step. At a release the kept field is rotated with the body and brought
 into the range of the P that is valid then. It is made orthogonal to the former range, so that it
@@ -91,7 +92,8 @@ class ConsistentExchange:
         none = np.zeros((len(state.bodies), 6))
         of_staying, rigid_bodies = none.copy(), none.copy()
         of_staying[now] = of_given[was]
-        merged = after.project(present.momenta, of_staying, present.nodal[prescribed])
+        held = present.nodal[prescribed]
+        merged = after.project(present.momenta, of_staying, held)
         # The kept field, rotated with its bodies, and the difference of the two velocities that the
         # interface has had, as a field that is possible now and adds no momenta.
         kept = np.zeros((self._scene.owned_nodes, 3))
@@ -99,7 +101,7 @@ class ConsistentExchange:
             kept[body.data.nodes] += present.difference[body.data.nodes]
             frozen = body.data.frozen
             kept[frozen.nodes] += frozen.velocities @ body.motion.R.T
-        at_rest = np.zeros(int(np.count_nonzero(prescribed)))
+        at_rest = np.zeros_like(held)
         possible = after.project(after.momenta(kept.reshape(-1)), none, at_rest, False)
         own = np.zeros_like(of_given)
         own[was] = after.given_momenta(possible.bodies)[now]
@@ -107,7 +109,10 @@ class ConsistentExchange:
         rigid_bodies[now] = rigid.bodies[was]
         mode = possible.plus(-1.0, Field(rigid.nodal, rigid_bodies))
         work = self._work(present, prescribed, after.momenta(merged.nodal) - present.momenta)
+        work += after.work(merged, held)
+        # Impulses that hold the difference are those that its rigid part has needed, reversed.
         of_mode = self._work(present, prescribed, after.momenta(mode.nodal))
+        of_mode -= before.work(rigid, held)
         wanted = present.energy + work + sum(body.data.frozen.vibration for body in gone)
         missing = wanted - 0.5 * after.product(merged, merged)
         if abs(missing) > ROUNDING * abs(wanted):
@@ -183,7 +188,7 @@ class ConsistentExchange:
             faces: Numbers of rigid faces that it takes over, with their kept velocities.
 
         Returns:
-            Work of supports [J].
+            Work of supports and motors [J].
         """
         present = self._present(state)
         taken = [own for own in state.bodies if own.data.number in faces]
@@ -191,10 +196,8 @@ class ConsistentExchange:
         of_given = np.einsum("kij,kj->ki", state.bodies.given_mass_blocks, state.bodies.six)
         others = list(state.bodies)
         state.group(Bodies.of_each([*others, body]))
-        fields = self._fields(state, prescribed, present)
-        new = fields.project(
-            present.momenta, np.vstack([of_given, np.zeros(6)]), present.nodal[prescribed]
-        )
+        fields, held = self._fields(state, prescribed, present), present.nodal[prescribed]
+        new = fields.project(present.momenta, np.vstack([of_given, np.zeros(6)]), held)
         lost: Array = np.reshape(present.nodal - new.nodal, (-1, 3))
         for own in taken:
             lost[own.data.frozen.nodes] += own.data.frozen.velocities @ own.motion.R.T
@@ -204,6 +207,7 @@ class ConsistentExchange:
         work = 0.0
         if not named:
             work = self._work(present, prescribed, fields.momenta(new.nodal) - present.momenta)
+            work += fields.work(new, held)
         energy = present.energy + work - 0.5 * fields.product(new, new)
         energy += sum(own.data.frozen.vibration for own in taken)
         frozen = Frozen(nodes, lost[nodes], body.data.frozen.strain, energy)

@@ -48,7 +48,7 @@ class Exchange(Protocol):
             prescribed: For each owned dof, whether a support prescribes it.
 
         Returns:
-            Work of supports, by the impulse that they exert as they keep their velocity [J].
+            Work of supports and motors, by the impulses that keep their velocities [J].
         """
         ...
 

@@ -34,10 +34,13 @@ class Field:
     Attributes:
         nodal: At all owned dofs, inside bodies too [m/s].
         bodies: Velocity of the centre and ℓω of each body, shape (bodies, 6) [m/s].
+        impulses: Those of joints that a projection has needed, one per row [N s, N m s]; None
+            without joints.
     """
 
     nodal: Array
     bodies: Array
+    impulses: Array | None = None
 
     def plus(self, factor: float, other: Field) -> Field:
         """This field and a multiple of another."""
@@ -128,8 +131,7 @@ class RigidFields:
         Raises:
             StepError: If conjugate gradients do not converge.
         """
-        fixed = np.zeros_like(momenta)
-        fixed[self._prescribed] = v_prescribed
+        fixed, impulses = self._fixed(v_prescribed), None
         rest = momenta - self.momenta(fixed)
         self._full.array[:] = rest
         self._prolongation.restrict(self._full, of_given, self._r)
@@ -137,10 +139,28 @@ class RigidFields:
         if self._r.norm() > 0.0:
             conjugate_gradients(self._reduced, self._r, self._y)
         if self._closing is not None:
-            self._y.array[:] += self._closing.correction(self._y.array_r, fixed, driven)
+            impulses = self._closing.impulses(self._y.array_r, fixed, driven)
+            self._y.array[:] += self._closing.correction(impulses)
         six = self._prolongation.bodies_part(self._y)
         self._prolongation.apply(self._y, six, v_prescribed, self._full)
-        return Field(self._full.array_r.copy(), six)
+        return Field(self._full.array_r.copy(), six, impulses)
+
+    def _fixed(self, v_prescribed: Array) -> Array:
+        """Velocities of the held dofs among all owned ones, which are zero elsewhere [m/s]."""
+        fixed = np.zeros(self._full.local_size)
+        fixed[self._prescribed] = v_prescribed
+        return fixed
+
+    def work(self, found: Field, v_prescribed: Array) -> float:
+        """Work of the impulses of joints by which a projection was found [J]. Collective.
+
+        Args:
+            found: What `project` has given.
+            v_prescribed: Velocity of the held dofs [m/s].
+        """
+        if self._closing is None or found.impulses is None:
+            return 0.0
+        return self._closing.work(found.impulses, self._fixed(v_prescribed))
 
     def given_momenta(self, bodies: Array) -> Array:
         """Momenta of the bodies whose mass is given, zero for the others, shape (bodies, 6)."""
