@@ -578,6 +578,17 @@ def test_statics_are_where_a_damped_motion_comes_to_rest():
 
 
 @NO_WARNINGS
+def test_a_run_from_a_static_report_goes_on_counting_turns():
+    """The joints of both scenes are other objects of the same name."""
+    turning = rf.Motor("joint", angle=lambda t: 8.0 * t)
+    first = bar(HINGE, turning)
+    *_, turned = rf.static(first, steps=20)
+    assert turned.joints["joint"].angle == pytest.approx(8.0, abs=1e-12)
+    then = rf.Scene(first.domain, SOFT, [*first.named(rf.Rigid), HINGE])
+    *_, last = rf.simulate(then, 0.01, 0.02, start=turned)
+    assert last.joints["joint"].angle == pytest.approx(8.0, abs=1e-9)
+
+
 def test_springs_and_locks_of_joints_hold_in_statics():
     """Work of the weight is the energy that is stored; an angle is given by load steps."""
     reports = list(rf.static(hung(rf.JointSpring("hinge", 5000.0)), 2))
@@ -623,6 +634,9 @@ def history(mass):
     scene = bars(sides=sides, mass=mass, probes={"tip": (2.02, 0.2, 0.2)})
     for r in rf.simulate(scene, 0.01, 0.05):
         rows.append([r.energy, r.kinetic, *r.angular_momentum, *r.probes["tip"]])
+    end = scene.domain.with_facets("end", lambda x: x[0] < 1e-6)  # some ranks have none of it
+    with pytest.raises(rf.SceneError, match="the surface 'end' is no cylinder"):
+        rf.Scene(end, SOFT, [rf.Revolute("ground", rf.MeanFace("end"))])
     *_, last = rf.static(hung(END), 1)
     force = last.joints["end"].force
     rows.append([last.energy, last.strain, *force, *last.probes["end"]])

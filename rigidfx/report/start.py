@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
-from rigidfx.effects import InitialDisplacement, Preload, Rigid, Spring
+from rigidfx.effects import InitialDisplacement, Joint, Preload, Rigid, Spring
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import Body
 from rigidfx.report.current import check_about
@@ -73,4 +73,16 @@ def start_of(scene: Scene, given: Any) -> Start | None:
     state.rebuild()
     named = {effect.name for effect in scene.named(Rigid)}
     bodies = tuple(body for body in state.bodies if body.data.name in named)
-    return Start(state.u.x.array.copy(), bodies, deepcopy(state.notes))
+    notes = deepcopy(state.notes) | _turns(scene, given)
+    return Start(state.u.x.array.copy(), bodies, notes)
+
+
+def _turns(scene: Scene, given: Any) -> dict[int, Any]:
+    """Memory of the joints that a report tells of: their angles, turns counted, and travels."""
+    notes = {}
+    for joint in scene.named(Joint):
+        told, pieces = given.joints.get(joint.title), joint.pieces
+        if told is not None:
+            free = {name: getattr(told, name) for name in pieces.coordinates}
+            notes[id(joint)] = np.zeros(len(pieces.rows)), free
+    return notes
