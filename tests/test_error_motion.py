@@ -27,6 +27,7 @@ SOFT, STIFF = (rf.StVenantKirchhoff(E=E, nu=0.3, rho=1000.0) for E in (1e6, 1e8)
 BOX = rf.box((0, 0, 0), (8, 1, 1), (16, 1, 1))
 BOX = BOX.with_cells("stalk", lambda x: x[0] <= 2 + 1e-9)
 BOX = BOX.with_cells("block", lambda x: x[0] >= 2 - 1e-9)
+BOX = BOX.with_facets("end", lambda x: x[0] >= 7 - 1e-9)
 
 
 def shaken(t):
@@ -38,6 +39,7 @@ def swinging(t):
 
 
 BASE = rf.PrescribedMotion("x0", displacement=shaken)
+FACE = {"where": rf.MeanFace("end"), "at": (8.5, 0.5, 0.5)}  # a point beside it
 HELD, PUSHED = rf.Fixed("x0"), rf.Traction("x1", (0, 0, 100.0), time=swinging)
 
 
@@ -108,10 +110,14 @@ class Compared:
     [
         (HELD, PUSHED, rf.KelvinVoigt(3e4)),
         (HELD, PUSHED, rf.Spring("x1", (3e2, 3e2, 4e3), damping=50.0), rf.MassDamping(0.5)),
+        (
+            *(HELD, PUSHED, rf.MassDamping(0.5), rf.PointMass(**FACE, mass=500.0)),
+            rf.Spring(**FACE, stiffness=(3e2, 3e2, 4e3), damping=50.0),
+        ),
         (HELD, PUSHED, rf.NumericalDamping(0.1), rf.MassDamping(0.3)),
         (rf.Spring("x0", 3e5, damping=300.0), PUSHED, rf.MassDamping(0.5)),
     ],
-    ids=["viscosity", "springs", "numerical damping", "held by springs"],
+    ids=["viscosity", "springs", "at a face", "numerical damping", "held by springs"],
 )
 def test_a_run_knows_how_far_it_is_off(effects, followed):
     """Bodies that grow, wake, are let down and freeze anew included; u + e is nearer by far."""
@@ -187,9 +193,10 @@ def test_strain_rates_of_what_flies_are_the_twins(mass, followed):
         ((), 6),
         ((rf.Spring("x0", 1e3),), 0),
         ((rf.Spring("x0", (0.0, 0.0, 1e3)),), 4),
+        ((rf.Spring(**FACE, stiffness=(0.0, 0.0, 1e3)),), 5),
         ((HELD,), 0),
     ],
-    ids=["free", "springs", "springs of one direction", "clamped"],
+    ids=["free", "springs", "springs of one direction", "at a face", "clamped"],
 )
 def test_what_nothing_holds_keeps_its_momenta(effects, motions):
     made = scene(*effects, PUSHED)
@@ -199,8 +206,7 @@ def test_what_nothing_holds_keeps_its_momenta(effects, motions):
     rows = Rows(made.space, np.arange(n, dtype=np.int32))
     ground = ground_of(made, rows)
     M = PETSc.Mat().createDiagonal(PETSc.Vec().createWithArray(np.repeat(np.linspace(1, 2, n), 3)))
-    springs = None if ground is None else ground.K
-    loose = loose_parts(made, Frames(made, x), held, springs, M)
+    loose = loose_parts(made, Frames(made, x), held, ground, M)
     assert loose.count == motions
     assert loose.nodes.all() == (motions > 0)
     assert loose.pins().size == motions

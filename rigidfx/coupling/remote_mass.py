@@ -12,21 +12,22 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.sparse import csr_array, eye_array, hstack, kron, vstack
+from scipy.sparse import csr_array, vstack
 
+from rigidfx.coupling.averages import add_at_averages, weights_of
 from rigidfx.coupling.condensed_tangent import CondensedMatrix
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.coupling.rows import Rows
 from rigidfx.effects import PointMass
 from rigidfx.scene.scene import Scene
 
-__all__ = ["with_remote_masses"]
+__all__ = ["WithRemoteMasses", "with_remote_masses"]
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
 
-class _WithRemote:
+class WithRemoteMasses:
     """A mass operator with masses at points of faces."""
 
     def __init__(self, within: Any, rows: Rows, masses: Array, weights: csr_array) -> None:
@@ -54,16 +55,9 @@ class _WithRemote:
 
     def matrix(self) -> PETSc.Mat:
         """M as a new AIJ matrix; the caller destroys it. Collective."""
-        M, comm = self._within.matrix(), self._rows.comm
-        own = csr_array(kron(self._weights, eye_array(3), format="csr"))
-        parts = comm.allgather(own)
-        every = hstack(parts, format="csr")
-        block = csr_array((own.T * np.repeat(self._masses[:, 0], 3)) @ every)
-        kind = PETSc.IntType
-        csr = block.indptr.astype(kind), block.indices.astype(kind), block.data
-        more = PETSc.Mat().createAIJ(M.getSizes(), csr=csr, comm=comm)
-        M.axpy(1.0, more, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-        more.destroy()
+        M = self._within.matrix()
+        blocks = self._masses[:, :, None] * np.eye(3)
+        add_at_averages(M, self._weights, blocks, self._rows.comm)
         return M
 
     def destroy(self) -> None:
@@ -83,16 +77,10 @@ def with_remote_masses(scene: Scene, mass: Any, rows: Rows, counted: Bools) -> A
     masses: list[float] = []
     weights: list[csr_array] = []
     for effect in (e for e in scene.named(PointMass) if e.face is not None):
-        place = effect.remote.place
-        at = np.searchsorted(rows.nodes, place.nodes)
-        at[at == rows.nodes.size] = 0
-        here = rows.nodes[at] == place.nodes if rows.nodes.size else np.zeros(at.size, dtype=bool)
-        here &= counted[at] if rows.nodes.size else False
-        if scene.sum(np.count_nonzero(~here)) > 0:
-            continue
-        masses.append(float(effect.mass))
-        entries = place.weights, (np.zeros(at.size, dtype=int), at)
-        weights.append(csr_array(entries, shape=(1, rows.nodes.size)))
+        own = weights_of(scene, effect.remote.place, rows, counted)
+        if own is not None:
+            masses.append(float(effect.mass))
+            weights.append(own)
     if not masses:
         return mass
-    return _WithRemote(mass, rows, np.array(masses), csr_array(vstack(weights, format="csr")))
+    return WithRemoteMasses(mass, rows, np.array(masses), csr_array(vstack(weights, format="csr")))

@@ -238,10 +238,9 @@ def about(
     more, stressed = _given_mass(scene), bool(scene.named(Preload))
     motion = LinearMotion(rows, cells, forms, mass, supported, ground, rigid, more, stressed)
     stiff_faces(scene, rows, places, motion.matrices[0], NAMED)
-    springs = None if ground is None else ground.K
     joined = joined_parts(scene)
     loose, held_by_joints = (
-        loose_parts(scene, frames, held, springs, motion.matrices[1], among)
+        loose_parts(scene, frames, held, ground, motion.matrices[1], among)
         for among in (~joined, joined)
     )
     return motion, loose, held_by_joints

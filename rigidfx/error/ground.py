@@ -1,4 +1,4 @@
-"""Springs and dashpots between nodes and the ground, as blocks at the nodes."""
+"""Springs and dashpots between the ground and nodes, or points of faces."""
 
 from __future__ import annotations
 
@@ -6,7 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from petsc4py import PETSc
+from scipy.sparse import csr_array, vstack
 
+from rigidfx.coupling.averages import add_at_averages, weights_of
 from rigidfx.coupling.rows import Rows
 from rigidfx.effects import Spring
 from rigidfx.scene.scene import Scene
@@ -18,25 +21,60 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Ground:
-    """Ties of nodes to the ground.
+    """Ties of nodes, and of averages of nodes, to the ground.
 
     Attributes:
-        K: Stiffness, shape (nodes, 3, 3) [N/m].
+        K: Stiffness at nodes, shape (nodes, 3, 3) [N/m].
         C: Damping, of the same shape [N s/m].
+        weights: Weights of the nodes of each point of a face, shape (points, nodes).
+        K_points: Stiffness there, shape (points, 3, 3) [N/m].
+        C_points: Damping there, of the same shape [N s/m].
     """
 
     K: Array
     C: Array
+    weights: csr_array
+    K_points: Array
+    C_points: Array
+
+    def add_to(self, rows: Rows, K: PETSc.Mat, C: PETSc.Mat) -> None:
+        """Add stiffness and damping to matrices of all rows. Collective."""
+        for A, nodal, points in ((K, self.K, self.K_points), (C, self.C, self.C_points)):
+            rows.add_blocks(A, nodal)
+            if len(points):
+                add_at_averages(A, self.weights, points, rows.comm)
+
+    def resistance(self, scene: Scene, motions: Array) -> Array:
+        """Stiffness against some motions, shape (motions, motions). Collective.
+
+        Args:
+            scene: The problem.
+            motions: Displacements of the owned nodes, shape (nodes, 3, motions) [m].
+        """
+        nodal = np.einsum("nik,nij,njl->kl", motions, self.K, motions)
+        moved = np.asarray(scene.sum(self.weights @ motions.reshape(len(motions), -1)))
+        moved = moved.reshape(-1, *motions.shape[1:])
+        of_points = np.einsum("pik,pij,pjl->kl", moved, self.K_points, moved)
+        return np.asarray(scene.sum(nodal)) + of_points
 
 
 def ground_of(scene: Scene, rows: Rows) -> Ground | None:
-    """The springs of a scene at the nodes of some rows; None if it has none. Collective."""
-    springs = [spring for spring in scene.named(Spring) if spring.face is None]
+    """The springs of a scene at all owned nodes; None if it has none. Collective."""
+    springs = scene.named(Spring)
     if not springs:
         return None
     K, C = np.zeros((2, rows.nodes.size, 3, 3))
+    at_points, weights = [], [csr_array((0, rows.nodes.size))]
+    counted = np.ones(rows.nodes.size, dtype=bool)
     for spring in springs:
-        weights = scene.shares(spring.where, spring.kind)[rows.nodes, None, None]
-        K += weights * spring.K
-        C += weights * spring.C
-    return Ground(K, C)
+        if spring.face is None:
+            share = scene.shares(spring.where, spring.kind)[rows.nodes, None, None]
+            K += share * spring.K
+            C += share * spring.C
+            continue
+        own = weights_of(scene, spring.remote.place, rows, counted)
+        if own is not None:
+            at_points.append((spring.K, spring.C))
+            weights.append(own)
+    K_points, C_points = np.reshape(at_points, (-1, 2, 3, 3)).swapaxes(0, 1)
+    return Ground(K, C, csr_array(vstack(weights, format="csr")), K_points, C_points)

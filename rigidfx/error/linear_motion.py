@@ -9,6 +9,7 @@ from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 
 from rigidfx.coupling.mass import Mass
+from rigidfx.coupling.remote_mass import WithRemoteMasses
 from rigidfx.coupling.rows import Rows
 from rigidfx.error.ground import Ground
 from rigidfx.flexible.internal_forces import Cells
@@ -67,6 +68,9 @@ class LinearMotion:
             self._K.axpy(NAMED, stiff, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
             stiff.destroy()
         self._M = mass.matrix()
+        kinds, remote = PETSc.Mat.Structure, isinstance(mass, WithRemoteMasses)
+        # A mass at a point of a face couples nodes that no cell does.
+        self._pattern = kinds.DIFFERENT_NONZERO_PATTERN if remote else kinds.SUBSET_NONZERO_PATTERN
         if more is not None:
             masses = self._M.getDiagonal()
             masses.array[:] += np.repeat(more, 3)
@@ -93,11 +97,10 @@ class LinearMotion:
         return self._K, self._M, self._viscosity
 
     def _tie(self, rows: Rows, ground: Ground) -> None:
-        rows.add_blocks(self._K, ground.K)
         if self._viscosity is None:
             self._viscosity = self._K.copy()
             self._viscosity.zeroEntries()
-        rows.add_blocks(self._viscosity, ground.C)
+        ground.add_to(rows, self._K, self._viscosity)
 
     def _hold(self, A: PETSc.Mat, rows: Ints, scale: float) -> None:
         A.zeroRowsColumns((self._first + rows).astype(PETSc.IntType), diag=scale)
@@ -146,7 +149,7 @@ class LinearMotion:
                 self._dynamic.pop(next(iter(self._dynamic))).destroy()
             A = self._K.copy()
             A.scale(0.5 + xi)
-            A.axpy(2 / dt**2 + drag / dt, self._M, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+            A.axpy(2 / dt**2 + drag / dt, self._M, self._pattern)
             if self._viscosity is not None:
                 A.axpy(1 / dt, self._viscosity, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
             self._hold(A, self._supported, self._scale)

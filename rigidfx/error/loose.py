@@ -15,6 +15,7 @@ from petsc4py import PETSc
 
 from rigidfx.error.forces.rigid_motions import independent, rigid_motions
 from rigidfx.error.frames import Frames
+from rigidfx.error.ground import Ground
 from rigidfx.scene.scene import Scene
 
 __all__ = ["Loose", "loose_parts", "unresisted"]
@@ -74,7 +75,7 @@ def loose_parts(
     scene: Scene,
     frames: Frames,
     held: Bools,
-    springs: Array | None,
+    ground: Ground | None,
     M: PETSc.Mat,
     among: Bools | None = None,
 ) -> Loose:
@@ -84,11 +85,11 @@ def loose_parts(
         scene: The problem.
         frames: Shape and connected parts.
         held: Which owned dofs supports hold.
-        springs: Stiffness to the ground at the owned nodes, shape (nodes, 3, 3) [N/m], if any.
+        ground: Springs to the ground, if there are any.
         M: Mass matrix of the owned nodes.
         among: Which connected parts are asked for; all if None.
     """
-    nodes, motions = unresisted(scene, frames, held, springs, among)
+    nodes, motions = unresisted(scene, frames, held, ground, among)
     momenta = np.empty_like(motions)
     x, y = M.createVecs()
     for k in range(motions.shape[1]):
@@ -104,7 +105,7 @@ def loose_parts(
 
 
 def unresisted(
-    scene: Scene, frames: Frames, held: Bools, springs: Array | None, among: Bools | None = None
+    scene: Scene, frames: Frames, held: Bools, ground: Ground | None, among: Bools | None = None
 ) -> tuple[Bools, Array]:
     """The same as they are, not normalized. Collective; arguments as of `loose_parts`.
 
@@ -119,20 +120,17 @@ def unresisted(
     for k in np.flatnonzero(free):
         own = frames.part == k
         length = float(np.linalg.norm(scene.parts.upper[k] - scene.parts.lower[k]))
-        V = rigid_motions(
+        V: Array = np.zeros((n, 3, 6))
+        V[own] = rigid_motions(
             frames.shape[own] - (scene.parts.lower + scene.parts.upper)[k] / 2, length
         )
-        K = np.zeros((6, 6))
-        if springs is not None:
-            K = np.einsum("nik,nij,njl->kl", V, springs[own], V)
-        values, vectors = np.linalg.eigh(np.asarray(scene.sum(K)))
+        K = np.zeros((6, 6)) if ground is None else ground.resistance(scene, V)
+        values, vectors = np.linalg.eigh(K)
         rounding = np.sqrt(np.finfo(np.float64).eps)
         unresisted = vectors[:, values <= rounding * values[-1]]
         if unresisted.shape[1]:
             nodes |= own
-            modes = np.zeros((n, 3, unresisted.shape[1]))
-            modes[own] = V @ unresisted
-            columns.append(modes.reshape(3 * n, modes.shape[2]))
+            columns.append((V @ unresisted).reshape(3 * n, -1))
     return nodes, np.concatenate([np.empty((3 * n, 0)), *columns], axis=1)
 
 
