@@ -298,7 +298,7 @@ def made(monkeypatch):
 
 @pytest.mark.parametrize(("speed", "t_end"), [(0.2, 12.0)])
 def test_one_stiffness_serves_an_arm_that_turns(speed, t_end, followed, made):
-    """Through 69° at 0.22 ω₁ and 195° at 0.3 ω₁, beside a motion of its tip that is withheld."""
+    """Through 138° at 0.3 ω₁, beside a motion of its tip that is withheld."""
     turn = rf.PrescribedRotation(
         "x0", axis=(0, 0, 1), through=(0, 0.5, 0.5), angle=lambda t: speed * t * min(1.0, t / 4)
     )

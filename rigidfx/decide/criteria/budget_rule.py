@@ -217,7 +217,7 @@ class BudgetRule:
         self.tol = np.divide(worst * most, density, out=np.zeros_like(worst), where=density > 0)
 
     def waking(self, strained: Strained, free: Bools) -> Bools:
-        """Half of the excess over the budget wakes, the largest contributions first. Collective."""
+        """Half of the withheld strain energy wakes, the densest cells first. Collective."""
         s = np.where(free, strained.strain, 0.0)
         density = self._stiffness * np.maximum(self._strains, s) * s
         share = density * self._weights / self._stiffness
