@@ -135,7 +135,7 @@ def components(members, near, groups=()):
 
 
 def reference(cell, case, seen=None, numbers=None):
-    """The rules as they are written: docs/theory.md, section 6.
+    """The rules as they are written: docs/theory/waking.md, rule 2.
 
     Args:
         cell: Kind of cell.

@@ -28,7 +28,7 @@ class Advice:
         self._comm, self._criterion, self._said = comm, criterion, said
 
     def of_window(self, period: float, tol: Array, noise: float) -> None:
-        """Of a window shorter than a period, and of a tolerance below noise. Collective.
+        """Warn of a window shorter than a period, and of a tolerance below noise. Collective.
 
         Args:
             period: Longest period seen [s].
@@ -53,14 +53,14 @@ class Advice:
             )
 
     def of_haste(self) -> None:
-        """Of bodies that are released soon after each freeze."""
+        """Warn of bodies that are released soon after each freeze."""
         self._say(
             "bodies are released again and again, sooner than they were observed: their "
             f"cells have to qualify for longer and longer now (patience). {self._criterion.remedy}"
         )
 
     def of_failure(self, error: Exception) -> None:
-        """Of an estimate that could not be computed, so that nothing freezes in this window."""
+        """Warn of an estimate that failed, so that nothing freezes in this window."""
         self._say(
             f"an estimate at the end of a window failed ({error}), and nothing freezes in such a "
             "window. The motion is computed as before; bodies that exist stay."

@@ -5,13 +5,12 @@ The rules of bodies that never form a hinge or a chain:
 1. Bodies are the connected components, through facets, of the cells that may be rigid. Existing
    bodies are kept whole: they can only grow or merge.
 2. Components of too few cells are no bodies, unless they hold an existing one.
-3. No two bodies share a node, which would be a hinge. One component keeps its cells there, the new
-   cells of all others round the node are taken out. Priority: a cell of an existing body at the
-   node, then an existing body anywhere, then the number of cells, then the first cell in the mesh
-   file. A component that has to give up cells itself takes none from others at the same time,
-   unless nothing else is left to do. Cells are taken out at once, so that no order of cells
-   matters; then the rules are applied again, until nothing changes. So a large body stays whole,
-   and a splinter costs it nothing.
+3. No two bodies share a node, which would be a hinge. One component keeps its cells there, all
+others lose their new cells round the node. Priority: a cell of an existing body at the node, then
+an existing body anywhere, then the number of cells, then the first cell in the mesh file. In one
+pass a component either loses cells or takes them from others, unless nothing else is left to do.
+All cells of a pass are taken out together, so their order does not matter. Passes are repeated
+until nothing changes. So a large body stays whole.
 4. A cell all of whose nodes belong to one body cannot strain: it joins it.
 
 Components are named by the least of their cells' numbers in the mesh file, so that neither the
@@ -258,7 +257,7 @@ def _large_enough(
 
 
 def _loose(graph: CellGraph, labels: Labels, precedence: Labels, old: Bools) -> Bools:
-    """Owned cells to be taken out for the sake of others that they share a node with. Collective.
+    """Owned cells to be taken out since another body keeps a node of theirs. Collective.
 
     Args:
         graph: Neighbours of the cells.

@@ -58,10 +58,9 @@ class Decision:
         closeness: How close the nearest decision was: the least |e/tol - 1| of any cell; NaN if
             no window ends.
         loads_changed: Whether a change of a load or a support is the reason.
-        woken: Owned cells that forces on their bodies would strain too much; None if another reason
-            is behind it.
-        loads_at: Time whose loads are those of the bodies from now on [s]; None if these stay.
-        easing: Time in which released cells are let down [s]; zero where they are cut.
+        woken: Owned cells that e strains too fast; None if the reason is another one.
+        loads_at: Time of the loads with which later ones are compared [s]; None if it stays.
+        easing: Time in which the withheld stress of released cells fades [s]; zero for none.
     """
 
     kind: Literal["freeze", "release"]

@@ -1,4 +1,4 @@
-"""For how long released cells are let down: see `rigidfx.mechanics.eased`."""
+"""The time in which the stress of released cells fades: see `rigidfx.mechanics.eased`."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ KNOWN = 1e-3
 
 @dataclass(frozen=True)
 class Easing:
-    """Chooses the time T in which a stress fades: cells let down strain at no more than wakes them.
+    """Chooses the time T in which a stress fades, so slowly that it wakes no cells.
 
     Attributes:
-        part: Of a window, that it takes at least; zero lets nothing down.
+        part: Least T as a part of a window; with zero no stress is kept.
     """
 
     part: float
 
     def span(self, window: float, dt: float, spring: float) -> float:
-        """T [s]; zero where nothing is let down.
+        """T [s]; zero if no stress is kept.
 
         Args:
             window: Length of a window [s].
             dt: Length of the step [s].
-            spring: Rate at which released cells would spring in it, over the rate that wakes cells.
+            spring: Strain rate of a sudden release in this step, over the rate that wakes cells.
         """
         if not self.part > 0 or not isfinite(window):
             return 0.0

@@ -1,4 +1,4 @@
-"""Cells that a part encloses, and that are too loud to be rigid."""
+"""Cells that a body would enclose and that strain too fast to be rigid."""
 
 from __future__ import annotations
 
@@ -19,10 +19,9 @@ Ints = npt.NDArray[np.int32]
 def round_enclosed(
     graph: CellGraph, parts: Sequence[Ints], able: Bools, loud: Array, most: float
 ) -> Bools:
-    """Cells that parts enclose and that are too loud, with the cells round them. Collective.
+    """Enclosed cells that strain too fast, with the cells round them. Collective.
 
-    Such a cell would wake its part as soon as that is rigid. So it stays flexible with a ring of
-    cells round it, as where it wakes.
+    Such a cell would wake soon after the freeze. So it stays flexible, with a ring of cells.
 
     Args:
         graph: Neighbours of the cells.

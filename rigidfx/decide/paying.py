@@ -1,7 +1,7 @@
-"""Which quiet parts freeze where the error motion is known: those that have paid for their switch.
+"""Which quiet parts freeze if the error motion is known: those that pay for their switches.
 
-The error motion tells the effect of a freeze, so that its price alone counts. Cells that a part
-encloses freeze with it unless they are too loud.
+The error motion corrects the effect of a freeze, so only its cost decides (`memory.work`). Enclosed
+cells freeze with a part unless they strain too fast (`enclosed`).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Which bodies there are, once it is known which cells freeze or leave: see `clusters`."""
+"""Makes the bodies of a decision from the cells that freeze or leave: see `clusters`."""
 
 from __future__ import annotations
 

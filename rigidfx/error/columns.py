@@ -1,4 +1,4 @@
-"""How a step of e responds to forces at a few nodes: columns of its inverse, found once each."""
+"""Columns of the inverse of a step of e, for forces at a few nodes; each is computed once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stress that released cells bear on: that of the error motion's strain."""
+"""The fading stress of released cells, which rigidity withheld."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The linear equations of motion of some rows, about a shape, step by step."""
+"""The linear equations of motion of some rows about a shape, and their steps."""
 
 from __future__ import annotations
 

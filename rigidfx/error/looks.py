@@ -1,4 +1,4 @@
-"""Looks at the error motion before a step is accepted: which cells it strains too fast."""
+"""Advances the error motion before a step is accepted, and finds the cells that wake."""
 
 from __future__ import annotations
 

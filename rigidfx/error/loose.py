@@ -1,8 +1,9 @@
 """Rigid motions without resistance: e has none of them.
 
-The rigid motion of a part without supports and springs would grow in e without limit, since a phase
-is lost. So with the rigid motions Φ of a part, forces and velocities on e are reduced, in the
-metric of the mass, to r - MΦ(ΦᵀMΦ)⁻¹Φᵀr and v - Φ(ΦᵀMΦ)⁻¹ΦᵀM v. The remainder strains the part.
+A freeze loses the phase of a vibration, so the rigid motion of a part without supports and springs
+would grow in e without limit. The rigid motions Φ of the part are therefore removed from forces and
+velocities, in the metric of the mass: r - MΦ(ΦᵀMΦ)⁻¹Φᵀr and v - Φ(ΦᵀMΦ)⁻¹ΦᵀM v. The remainder
+strains the part.
 """
 
 from __future__ import annotations

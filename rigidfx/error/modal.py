@@ -8,7 +8,8 @@ reactions, the static response needs no solve: with c = K⁻¹ p of the weights 
 it is c·r.
 
 The correction follows r without inertia, which holds where r changes slowly beside the first mode
-that is left out: by the rate of r's change over the last mode's ω (`Modes.quasistatic`).
+that is left out. The measure is the rate of r's change over the last mode's ω
+(`Modes.quasistatic`).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""How often e is asked which cells it strains: one step in several where little is strained."""
+"""How often strains of e are measured: in one of four steps while they are small."""
 
 from __future__ import annotations
 

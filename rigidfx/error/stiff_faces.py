@@ -1,12 +1,12 @@
 """Rigid faces in the twin: K resists all motions of their nodes but the rigid ones.
 
-With R the six rigid motions of a face's nodes, u_a the displacements of few nodes that tell them,
-and G their least-squares fit, q = G u_a, the forms
+Let R be the six rigid motions of a face's nodes, u_a the displacements of a few of them, and q = G
+u_a the rigid motion that fits u_a by least squares. The forms
 
     B u = u - R G u_a
 
-are zero in rigid motions only; K gets s BᵀB. B couples each node with those few: a projection onto
-all rigid motions would couple each with each.
+are zero in rigid motions only, and s BᵀB is added to K. B couples each node with these few nodes
+only; a projection onto all rigid motions would couple all with all.
 """
 
 from __future__ import annotations

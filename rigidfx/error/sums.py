@@ -1,4 +1,4 @@
-"""Vectors that are linear in e: three sums over the dofs, of a point or of a support."""
+"""Vectors linear in e, each by three sums over the dofs: of points and of supports."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """Freeze and release with a consistent mass: exact in energy and momenta, beyond the paper's (6.2).
 
-The mass couples a body's nodes with the flexible ones round it, so that neither (34) with (41) nor
-any rule on the body's nodes alone keeps all balances. Here velocities are projected, in the metric
-of the mass, on the fields P y that are rigid in the bodies:
+The mass couples a body's nodes with the flexible ones round it. So no exchange by the body's nodes
+alone, such as (34) and (41), keeps all balances. Here velocities are projected, in the metric of
+the mass, on the fields P y that are rigid in the bodies:
 
     Pᵀ M P y = Pᵀ p,    p the momenta of all nodes.
 

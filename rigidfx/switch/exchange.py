@@ -1,9 +1,9 @@
-"""Freeze cells as a rigid body, and give everything back: equations (34)-(43).
+"""Freeze cells as a rigid body, and release them: equations (34)-(43).
 
-At the freeze a body takes over the momenta of its nodes, by one 6×6 system. Their difference
-velocities from its rigid motion (40) and its deformed shape are kept in its frame; so its strain
-energy is kept as well, and the kinetic energy is that of the rigid motion plus that of the
-difference, exactly, because the latter has no momenta. At the release the nodes get
+At the freeze a body takes over the momenta of its nodes, by one 6×6 system. It keeps its deformed
+shape, and hence its strain energy, and in its frame the difference velocities (40) of its nodes
+from the rigid motion. These have no momenta, so the kinetic energy is exactly that of the rigid
+motion plus theirs. At the release the nodes get
 
     v = ṙ + ω × R V + R ΔV                                                                  (41)
 

@@ -1,7 +1,7 @@
 """Rigid faces as bodies of their own: nodes without cells, six unknowns.
 
-With a lumped mass such a body has the masses of its nodes. With a consistent one it has none but
-that of point masses: the cells beside it have theirs, which its six unknowns move.
+With a lumped mass such a body has the masses of its nodes. With a consistent one it has only point
+masses; the mass of the cells beside it stays theirs, and its six unknowns move it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The velocities before a switch by projection, with their momenta and energy."""
+"""Velocities, momenta and energy before a switch by projection."""
 
 from __future__ import annotations
 

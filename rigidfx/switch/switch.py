@@ -1,4 +1,4 @@
-"""Apply a decision, with releases by effects that begin or end.
+"""Apply decisions, and release bodies when effects begin or end.
 
 Decision → exchange of momenta and energy → inventory of bodies → stepper bound anew → Event
 """

@@ -195,10 +195,10 @@ class Accuracy(Criterion):
 
 
 def _less(ledger: Ledger, scene: Scene, budget: float) -> str:
-    """With which ξ numerical damping would keep to a budget, at steps as they are.
+    """The ξ of numerical damping that would keep a budget with the same steps.
 
-    It takes 1 - exp(-c ξ) of a vibration that is left to itself. Of one that loads keep moving it
-    may be more than all, and goes with ξ. The losses of amplitude add up, so less is allowed.
+    A free vibration loses 1 - exp(-c ξ) of its energy. A driven one may lose more than its energy,
+    in proportion to ξ. The losses of amplitude add up, so less is allowed.
     """
     xi = sum(effect.numerical_damping for effect in scene.named(NumericalDamping))
     part = ledger.damping.relative

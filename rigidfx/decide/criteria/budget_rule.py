@@ -1,7 +1,7 @@
 """The rule of `Accuracy`: the error of u + e against the flexible twin stays within a budget.
 
-The error motion e (`rigidfx.error`) is the difference to the twin. If u + e is shown, its error is
-the inaccuracy of e, a part LEFT of it. If u alone is shown, its error is |e|:
+The error motion e (`rigidfx.error`) is the difference to the twin. If u + e is shown, the error is
+estimated as a part LEFT of |e|. If u alone is shown, the error is |e|:
 
     a = LEFT |e|   or   a = |e| .                                                            (1)
 
@@ -9,17 +9,17 @@ Cells wake if a exceeds half of the budget that time integration has left, those
 first.
 
 Before a freeze e does not exist, so the displacement that a freeze would lose is estimated. A
-displacement is an integral u = ∫ σ : ε dV, with σ the stresses of a unit force at its place. With
-the largest strains so far, S, for σ, and withheld strains s, the lost part is
+displacement is an integral u = ∫ σ : ε dV, with σ the stresses of a unit force at its place. If σ
+is in proportion to the largest strains so far, S, and strains s are withheld, the lost part is
 
     m = Σ w S s / Σ w S² ,    w = C V   of each cell, sums over cells that freeze, and all.  (2)
 
-For a steady motion s = S, and m is E_w/H, the withheld strain energy over that of deformation. By
-Rayleigh's quotient a frequency has the error E_w/2H, so a free vibration has the error (1 + πN) m
-after N periods; changing loads may amplify m by two. While loads rest, s is the swing of the strain
-of a cell in the window. While they change, s is its largest strain rate times
-τ = √(∫ Σ w ε² dt/∫ Σ w ε̇² dt), which is 1/ω for a vibration. Cells freeze in the order of their
-part of (2), until (1) would reach a fifth of the allowed value.
+If the motion repeats, s = S, and m is the withheld part of the strain energy. By Rayleigh's
+quotient a frequency then has the error m/2, so a free vibration has the error (1 + πN) m after N
+periods; changing loads may double m. While loads rest, s is the swing of the strain of a cell in
+the window. While they change, s is its largest strain rate times τ = √(∫ Σ w ε² dt/∫ Σ w ε̇² dt),
+which is 1/ω for a vibration. Cells freeze in the order of rising w S s/V, until (1) would reach a
+fifth of the allowed value.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ class Spending:
 
 
 class BudgetRule:
-    """Cells are quiet as long as all that they would withhold is in the budget.
+    """Cells are quiet if a freeze of all of them would stay within the budget.
 
     Attributes:
         tol: Strain rate up to which each owned cell was quiet at the end of the last window [1/s].

@@ -1,7 +1,7 @@
-"""A criterion as a run asks it: one of a user's own may fail on some ranks, or give no numbers.
+"""A wrapper for criteria: a user's own may fail on some ranks, or return no numbers.
 
-Nothing becomes rigid, and nothing wakes, from then on; all ranks are told at the next sums over the
-state (`rigidfx.base.failures`).
+After a failure nothing becomes rigid, and nothing wakes. All ranks learn of it when they next sum
+over the state (`rigidfx.base.failures`).
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""Rules: which cells are quiet enough to be rigid, and which bodies are not any more.
+"""Rules: which cells are quiet enough to be rigid, and which rigid cells wake.
 
-A policy asks one; it knows neither windows in a row nor connected cells nor releases.
+A policy calls a rule. A rule knows neither earlier windows nor connected cells nor releases.
 """
 
 from __future__ import annotations

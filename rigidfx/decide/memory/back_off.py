@@ -2,11 +2,11 @@
 
 A changing load, or a condition of the user's, may release cells that have just become rigid. A
 window later they would freeze again, and be released again. This saves no time, and each switch
-loses the phase of a vibration. A release is *hasty* if a cell was rigid for
-less time than it had been observed. After n hasty releases in a row a cell has to qualify
-in γⁿ⁻¹ windows in a row before it may become rigid again, so one window suffices after the first.
-In a time T there are then about log T/log γ switches instead of T/T_red. After a release that is
-not hasty the count starts again.
+loses the phase of a vibration. A release is *hasty* if a cell was observed for longer than it was
+rigid. After n hasty releases in a row a cell has to qualify in γⁿ⁻¹ windows in a row before it may
+become rigid again: in one window after the first hasty release, in γ windows after the second. In a
+time T there are then about log T/log γ switches instead of T/T_red. Any other release resets the
+count.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class BackOff:
 
     @property
     def rigid(self) -> Bools:
-        """Which cells were rigid when that was told last."""
+        """Which cells were rigid at the last `switched`."""
         return ~np.isnan(self.rigid_since)
 
     def needed(self) -> Array:
@@ -62,7 +62,7 @@ class BackOff:
         return self._growth ** np.maximum(self.hasty - 1, 0)
 
     def restart(self) -> None:
-        """Something has changed: of flexible cells nothing has been observed."""
+        """Something has changed: forget the observations of flexible cells."""
         flexible = np.isnan(self.rigid_since)
         self.windows[flexible], self.observed[flexible] = 0, 0.0
 

@@ -69,8 +69,8 @@ class Signals:
     def rest_since(self, t: float) -> None:
         """Take note of the time from which on loads have rested [s].
 
-        Once that is half of the record, the older half is forgotten: a load that has risen and
-        stays is no oscillation, but a record does not tell that from the beginning of a slow one.
+        Once loads have rested for half of the record, its older half is forgotten. A load that has
+        risen and stays is no oscillation, but looks like the beginning of a slow one.
         """
         if not self._times or not self._times[0] < t < (self._times[0] + self._times[-1]) / 2:
             return

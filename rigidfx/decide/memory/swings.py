@@ -1,4 +1,4 @@
-"""How far strains of cells have swung: from the least to the most."""
+"""The swing of the strain of each cell in a window: its largest minus its smallest value."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ Array = npt.NDArray[np.float64]
 class Swings:
     """The least and the most strain of each cell since a window began.
 
-    A strain is a size, without a direction: of a vibration about no strain its swing is the
-    amplitude, of one about a larger strain twice that.
+    Strains are magnitudes. So the swing of a vibration about zero is its amplitude, that of a
+    vibration about a larger strain twice its amplitude.
     """
 
     remembered: ClassVar[Remembered] = {"_least": ON_CELLS, "_most": ON_CELLS}

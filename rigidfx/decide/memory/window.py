@@ -1,4 +1,4 @@
-"""The window of observation: which cells have strained least since it began."""
+"""The window of observation: the largest strain rate of each cell since it began."""
 
 from __future__ import annotations
 

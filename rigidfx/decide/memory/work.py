@@ -31,7 +31,7 @@ SWITCHES = 7.0  # flexible steps that a freeze and a release of a body take
 
 
 def too_dear(parts: Sequence[Ints], quiet: Array, flexible: Bools, comm: MPI.Intracomm) -> Bools:
-    """Owned cells of parts on which less has been done for nothing than switches cost. Collective.
+    """Owned cells of parts whose work while quiet is below the cost of switches. Collective.
 
     Args:
         parts: Owned flexible cells that are to freeze, of each body that is to be.

@@ -1,4 +1,4 @@
-"""ρ of the bodies that there are: forces that their nodes would have to resist by straining."""
+"""ρ of the present bodies: forces at their nodes that would strain them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The rigid motions of places of a body: which are free, and which rows tell them."""
+"""The rigid motions of places of a body: which are free, and which rows determine them."""
 
 from __future__ import annotations
 

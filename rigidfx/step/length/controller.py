@@ -1,14 +1,14 @@
 """A controller of Δt: the longest steps whose errors, added up, keep the budget.
 
-The error of a step is e = c Δt³, and r Δt of it is permitted, so the best length is
+The error of a step is d = c Δt³, and r Δt of it is permitted, so the best length is
 
     Δt = safety √(r/c) ,                                                                    (1)
 
 the deadbeat controller of an error per unit step (Hairer, Nørsett, Wanner, *Solving Ordinary
 Differential Equations I*, 2nd ed., II.4; Söderlind, ACM TOMS 29 (2003) 1, section 3). c is the
-envelope of e/Δt³: the errors of a vibration return, so c rises at once and fades over `memory`
+envelope of d/Δt³: the errors of a vibration return, so c rises at once and fades over `memory`
 steps. Inside a dead band Δt does not change, since another Δt costs new tangents. Δt grows only
-after a longer one would have saved the cost of two changes. A step is repeated if e > reject r Δt.
+after a longer one would have saved the cost of two changes. A step is repeated if d > reject r Δt.
 
 With E the error of the run so far and U the largest displacement, r spends the rest of the budget
 evenly up to the end T of the run, or, while a motion begins, in the time s in which it grows
@@ -42,7 +42,7 @@ class ControllerNumbers:
     Attributes:
         share: Of the budget that estimates add up to: they may be half of the error.
         safety: Of the best Δt (Hairer, Nørsett, Wanner, II.4: 0.8 to 0.9).
-        memory: Steps in which the envelope of e/Δt³ falls to 1/e of its value.
+        memory: Steps in which the envelope of d/Δt³ falls to 1/e of its value.
         shorter: Factor of Δt above which it stays as it is ...
         longer: ... and below which it does.
         least: Factor of a change (Hairer, Nørsett, Wanner, II.4: 0.2 to 0.5) ...

@@ -5,7 +5,7 @@ cancel there, while each mode has an error. Modes are orthogonal, so they do not
 square over a structure. So the root mean square over nodes counts as well, in relation to their
 displacements:
 
-    e = max( e_p , e_s min(1, U_p/U_s) ) ,    e_s = sqrt(mean |e_k|²) ,    U_s² = max mean |u_k|² ,
+    d = max( d_p , d_s min(1, U_p/U_s) ) ,    d_s = sqrt(mean |d_k|²) ,    U_s² = max mean |u_k|² ,
 
 with U_p the largest displacement so far of the points where accuracy is asked. If these move more
 than others, their own error counts.

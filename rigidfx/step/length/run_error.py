@@ -1,13 +1,13 @@
 """The error of displacements after many steps, from the errors of single steps.
 
 An error is a motion. It decays as its vibration does, and the error of a vibration of amplitude A
-is 2 A at most, even with the opposite phase. So the errors e of steps are split by octaves: E_b is
+is 2 A at most, when the phase is opposite. So the errors d of steps are split by octaves: E_b is
 the error of motion slower than ω_b,
 
-    E_b ← E_b exp(-δ_b Δt) + p_b e ,    δ_b = ½ (α + β min(½ω_b, ω)²) ,
+    E_b ← E_b exp(-δ_b Δt) + p_b d ,    δ_b = ½ (α + β min(½ω_b, ω)²) ,
     E = min_b ( max_{a ≤ b} E_a + 2 A_b ) .
 
-p_b is the part of the local error per time that passes a chain of four exponential means, ω the
+p_b is the part of d/Δt that passes a chain of four exponential means, ω the
 frequency at which errors turn (`rigidfx.step.length.time_error`). α and β are the least damping of
 all cells (`rigidfx.scene.damped`). A_b is the amplitude of motion faster than ω_b: of displacements
 high-passed four times at ½ω_b, so that both parts together are complete. The last ω_b is infinite.
@@ -38,7 +38,7 @@ STAGES = 4  # of both filters: a flight that goes with t³ has no amplitude
 OF_CUT = 0.5  # of ω_b: the frequency that is damped at δ_b, and above which A_b is found
 PERIODS = 12.0  # over ½ω_b, the time in which an amplitude fades: two periods
 STEPS = 14  # in which the mean part p_b of each account is found
-LEAST = 1e-3  # of e, that the mean part of any account is at least
+LEAST = 1e-3  # of d, that the mean part of any account is at least
 
 
 class RunError:

@@ -12,10 +12,10 @@ replace these.
 The jerk of a vibration is zero twice a period, while the error of its phase grows. So the error is
 the root mean square over a period: if the jerk is ĵ now, it is ω â a quarter of a period away, and
 
-    e = Δt³/12 sqrt(½ (|ĵ|² + ω² |â|²)) ,    ω² = ∫ Σ |ĵ|² dt / ∫ Σ |â|² dt ,
+    d = Δt³/12 sqrt(½ (|ĵ|² + ω² |â|²)) ,    ω² = ∫ Σ |ĵ|² dt / ∫ Σ |â|² dt ,
 
 with sums over all points and integrals over the last 3/ω, about half a period. Errors of one
-vibration add up to √2 of Σ e, those of a steady rotation to Σ e.
+vibration add up to √2 of Σ d, those of a steady rotation to Σ d.
 """
 
 from __future__ import annotations

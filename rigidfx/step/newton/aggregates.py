@@ -1,9 +1,9 @@
 """Aggregates of nodes that lie together, and the rigid motions of each as columns of a matrix.
 
-Smoothing leaves motions of the fine problem that hardly strain over some cells, and a coarse
-problem has to represent these. Here they are those in which each aggregate moves like a rigid body
-(R. A. Nicolaides, doi:10.1137/0724027, of constants). Aggregates are the leaves of a k-d tree of
-this rank's nodes, boxes of about as many nodes each; a rigid body is one by itself.
+Smoothing leaves errors that hardly strain over some cells. A coarse problem has to represent them,
+here by motions in which each aggregate moves like a rigid body (R. A. Nicolaides,
+doi:10.1137/0724027, takes constants). Aggregates are the leaves of a k-d tree of this rank's nodes,
+boxes with about equal numbers of nodes; each rigid body is an aggregate.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ class Aggregates:
 
 
 def _leaves(X: Array, size: int) -> Ints:
-    """The number of the leaf that each point is in, of at most so many points."""
+    """The number of the leaf of each point; a leaf has at most `size` of them."""
     leaf = np.zeros(len(X), dtype=np.int64)
     if not len(X):
         return leaf

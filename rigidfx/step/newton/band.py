@@ -1,9 +1,9 @@
 """Whether the factors of a matrix will have few entries, before anything is factored.
 
 With the rows of a sparse matrix in the order of Cuthill and McKee, reversed (A. George and J. W. H.
-Liu, Computer Solution of Large Sparse Positive Definite Systems, Prentice-Hall 1981), factors fill
-no more than each row's part from its first entry to the diagonal. Long and thin structures have few
-of them however large they are, and so have small ones.
+Liu, Computer Solution of Large Sparse Positive Definite Systems, Prentice-Hall 1981), factors have
+entries only between the first entry of a row and the diagonal. These are few in small structures,
+and in long and thin ones of any size.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def few_entries(A: PETSc.Mat) -> bool:
 
 
 def fill(A: PETSc.Mat) -> float:
-    """Entries of the factors of a matrix relative to its own, at most; 1 is none but its own.
+    """Entries of the factors of a matrix over its own, at most; 1 where they are the same.
 
     Args:
         A: A matrix of one rank whose pattern of entries is symmetric. Rows alike count as one.

@@ -15,10 +15,9 @@ displacements of the ports, q, the forces on them, f, and the multipliers,
     [H  -I   Dᵀ] [f] = [0       ],    z = A⁻¹ r - Y f.
     [D₁  0   R ] [μ]   [s       ]
 
-Incomplete factors contain no joints. With a kept tangent, ports rotate with their nodes and bodies,
-and so do Y and C. H, D and D₁ are those of the last iterate if each iteration has a new tangent, so
-that rows converge as by Newton's method. With a kept tangent they are those of the first iterate of
-a step.
+Incomplete factors contain no joints. With a kept tangent, ports, Y and C rotate with their nodes
+and bodies, and H, D and D₁ are those of the first iterate of a step. If each iteration has a new
+tangent, they are those of the last iterate, and rows converge as by Newton's method.
 """
 
 from __future__ import annotations

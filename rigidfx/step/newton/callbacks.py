@@ -1,7 +1,7 @@
 """Exceptions of Python functions that PETSc calls, in place of PETSc's error about it.
 
-A Ctrl-C is heard as soon as Python runs, which is mostly in a function that SNES has called. PETSc
-turns whatever leaves such a function into an error of its own (number -1), whose cause it is.
+Python raises a Ctrl-C mostly in a function that SNES has called. PETSc replaces any exception of
+such a function by an error of its own (number -1), with the exception as its cause.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """Solve with the symmetric part of a tangent, by Cholesky's factors.
 
-The forces of a step act at its middle, its strains are measured at its end: a tangent is as far
-from symmetric as the structure turns and strains in between, next to nothing where it vibrates.
-Newton's iteration with a kept tangent removes the error of its skew part, as any other error. The
-factors of the symmetric part are half of those of LU, which halves reading in a solve and the cost
-of a tangent. A matrix that is not definite, near buckling, has no such factors.
+The forces of a step act at its middle, its strains are measured at its end. So the skew part of a
+tangent grows with the rotation and strain in half a step, and is small in vibrations. Newton's
+iteration with a kept tangent removes the error by the missing skew part. Cholesky's factors have
+half of the entries of LU, which halves the time of a solve and of a new tangent. They do not exist
+if the matrix is not definite, as near buckling.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Cholesky:
         Args:
             A: The matrix, of one rank.
             prefix: Prefix of the solver's options.
-            skew: Skew part that is let pass, relative to all of the matrix.
+            skew: Largest skew part, relative to the matrix.
         """
         self._A, self._skew = A, skew
         self._transposed, self._symmetric = PETSc.Mat(), PETSc.Mat()
@@ -49,7 +49,7 @@ class Cholesky:
     def renew(self) -> bool:
         """Factor the matrix as it is now; false if it is too far from symmetric, or not definite.
 
-        Then this one is of no use any more.
+        If false, it cannot be used any more.
         """
         return self._symmetrize() and cholmod.factor(self.ksp, self._symmetric)
 

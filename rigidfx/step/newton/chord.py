@@ -1,10 +1,10 @@
-"""Newton's method with tangents that are kept over steps, the chord method: where it pays, and how.
+"""Newton's method with tangents that are kept over steps: the chord method.
 
-Parts of metal, with the time steps that their slow motions need, take a factorisation in any case,
-and that costs more than some iterations with kept factors. Soft parts, whose inertia is large, have
-GMRES with incomplete factors, and these are kept as well; in large systems in which waves get far,
-a coarse grid supports them. Large strains make a soft part's tangent useless. So the cost of kept
-tangents is counted, and where it exceeds that of Newton's method, this takes over for a while.
+Parts of metal need factors, since waves pass many cells in the time steps of their slow motions;
+new factors cost more than some iterations with kept ones. In soft parts inertia dominates, and
+GMRES with kept incomplete factors suffices, with a coarse grid in large systems in which waves get
+far. Large strains make a kept tangent useless. So the cost of kept tangents is counted (`control`);
+while it exceeds that of Newton's method, Newton's method serves.
 """
 
 from __future__ import annotations
@@ -101,10 +101,10 @@ class Chord:
     def _suited(self, dt: float) -> type[Factors | IncompleteFactors | TwoLevels]:
         """The solver for the tangents of steps of Δt [s].
 
-        A structure with one step in which waves get far counts as stiff in shorter ones: there
-        GMRES took 60 to 120 iterations a step at 3 to 13 cells (a frame of 4914 unknowns, 130 ms;
-        13 by full factors). The flexible rest of it counts as stiff after parts have become rigid:
-        in a plate in springs whose body came and went runs took .6 of the time.
+        Once waves get far in a step, a structure counts as stiff, also in shorter steps and after
+        parts have become rigid. With GMRES a frame of 4914 unknowns took 60 to 120 iterations a
+        step at 3 to 13 cells, 130 ms; with full factors 13 ms. A plate in springs whose body came
+        and went took .6 of the time.
         """
         size = self._equilibrium.prolongation.size
         self._once_stiff |= self._equilibrium.waves(dt) >= STIFF_FROM

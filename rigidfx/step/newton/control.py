@@ -19,11 +19,11 @@ renewal, the renewal included: each further step would only raise the mean. It i
 step's first iterate, since the first guess along a straight line stretches parts that bend, and the
 tangent there contains the stress of that stretch.
 
-The cost of steps beyond that of Newton's method is a debt, which cheaper steps pay back. If the
-debt exceeds a small part of the whole cost of Newton's method, that method serves, and its
-iterations are counted. Savings count up to the same part. So kept tangents never cost more than
-Newton's method by more than this part and one step, and they are rarely tried in a motion that they
-do not fit.
+The cost of steps beyond that of Newton's method is a debt; cheaper steps reduce it. If the debt
+exceeds a small part of what all steps would have cost by Newton's method, this method serves until
+its growing cost raises that limit. Savings count up to the same limit. So kept tangents cost at
+most this part and one step more than Newton's method, and are rarely tried in motions that they do
+not fit.
 """
 
 from __future__ import annotations
@@ -43,9 +43,9 @@ class ControlNumbers:
     Attributes:
         own: Iterations that a new tangent needs as well (docs/notes/solver_ablation.md).
         growths: Growths of the residual by tangents of the same step that end the method for it.
-        debt: Cost beyond Newton's method that is lent, as a part of all that this would have cost;
-            a step's cost is lent in any case. As much may be saved up in cheaper steps: an arm
-            whose steps cost 0.4 has single ones that cost 2.6 (docs/notes/solver_ablation.md).
+        debt: Largest debt, as a part of the whole cost of Newton's method, but at least the cost of
+        one of its steps. Savings of cheaper steps count up to the same size: an arm whose steps
+        cost 0.4 has single ones that cost 2.6 (docs/notes/solver_ablation.md).
         newton: Iterations that a step by Newton's method takes, before any has been counted; in
             twelve scenes it took 2.5 to 6.2.
     """

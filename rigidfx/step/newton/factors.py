@@ -1,8 +1,8 @@
 """Solve with the factors of a tangent, for as long as it stays the one that was factored.
 
-Small systems, and those whose factors have few entries, have LU by PETSc itself where inertia makes
-pivots needless; others Cholesky's factors of the symmetric part on one rank, until a tangent has
-been found to be too far from that; all others LU by MUMPS.
+Small systems, and those whose factors have few entries, have LU by PETSc itself if inertia makes
+pivots needless. Others have Cholesky's factors of the symmetric part, on one rank, until the skew
+part of a tangent is too large. All others have LU by MUMPS.
 """
 
 from __future__ import annotations

@@ -1,15 +1,16 @@
 """First guesses of a step: u₁ = u₀ + Δt v, rotated if rotations are large.
 
-At a large rotation per step a straight line leads far from the motion, and costs iterations. So the
-mean rigid motion of the flexible cells and the bodies, c and ω from their momenta, continues as
-that of one free rigid body: by the Cayley vector θ that keeps the angular momentum,
-R₁ J (2θ/Δt - ω) = J ω, which, as R₁ = (I - ½θ̂)⁻¹ (I + ½θ̂), is
+With a large rotation per step a straight line is far from the motion, and costs iterations. So the
+mean rigid motion of the flexible cells and the bodies, c and ω from their momenta, is continued as
+that of one free rigid body. Its Cayley vector θ keeps the angular momentum, R₁ J (2θ/Δt - ω) = J ω.
+With R₁ = (I - ½θ̂)⁻¹ (I + ½θ̂) this is
 
     J θ + ½ θ × J θ = Δt J ω.
 
 θ = Δt ω only if ω is a principal axis. A stiff body that rotates by a slightly wrong angle δ is
-strained by δ². Other motion continues along a straight line if it is slow, and hardly if it
-vibrates faster than steps resolve: both guesses are tried, and the smaller residual decides.
+strained by δ². The motion relative to the mean is continued along a straight line in one guess, and
+left out in another, since steps may not resolve a vibration. The guess with the smaller residual is
+taken.
 """
 
 from __future__ import annotations

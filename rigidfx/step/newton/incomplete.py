@@ -4,16 +4,14 @@ Where inertia is large, GMRES takes a handful of iterations to a hundredth, and 
 of a solve with full factors, or less. Newton's iteration with a kept tangent removes the error of a
 solve, as it does the tangent's own error.
 
-But the error of GMRES is neither rounding nor a stress: it has a resultant force and moment, by
-which momenta would drift, and with full factors there is none. So the rigid motions N are solved
-for exactly after it,
+But the error of GMRES has a resultant force and moment, by which momenta would drift. With full
+factors it has none. So a correction solves exactly for the rigid motions N of free parts,
 
     z ← z + N (Nᵀ A N)⁻¹ (Nᵀ r - (Aᵀ N)ᵀ z),
 
-of free parts, where that makes ‖r - A z‖ hardly larger. Aᵀ N is made with the tangent, as another
-product with A in each solve would be one in five. Beside a support, and where a heavy body takes
-the resultant of many nodes, the residual would grow many times, and Newton's iteration would be
-slow.
+if that hardly increases ‖r - A z‖. Aᵀ N is computed with the tangent, which saves one of five
+products with A in each solve. Beside a support, and where a heavy body takes the resultant of many
+nodes, the correction would increase the residual many times, and slow Newton's iteration down.
 """
 
 from __future__ import annotations

@@ -1,14 +1,14 @@
 """Solve linear systems by a tangent of an earlier iterate, turned along with the structure.
 
-To assemble a tangent and to factor it costs ten times a residual and a solve with the factors. A
-structure that vibrates has nearly the same tangent in all steps, one that turns has it in its
-own frame: corrections are
+Assembling and factoring a tangent costs ten times a residual and a solve with the factors. A
+structure that vibrates has nearly the same tangent in all steps, and one that turns has nearly the
+same in its own frame. So corrections are
 
     z = Q A₀⁻¹ Qᵀ r,    Q = R R₀ᵀ,
 
-with the rotations R of nodes and bodies at the start of the step, see `frames`, and R₀ those of the
-step in which A₀ was assembled. Newton's method then converges linearly, and as fast as the
-tangent still fits. For a steadily turning body the fit is exact.
+with the rotations R of nodes and bodies at the start of the step (`frames`), and R₀ those of the
+step in which A₀ was assembled. Newton's method then converges linearly, the faster the better the
+tangent fits. For a steadily turning body the fit is exact.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Solve the equations of one step (or of statics) with PETSc's SNES, one solve per step.
 
-Where a Krylov solver gives up, or its loose solves have misled Newton, the step is solved again,
-by a factorisation or tightly, before anybody cuts it.
+If a Krylov solver gives up, or its loose solves mislead Newton's method, the step is solved again,
+with a factorisation or a tight tolerance, before it is cut.
 """
 
 from __future__ import annotations

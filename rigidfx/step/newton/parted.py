@@ -1,7 +1,7 @@
 """Ports of joints on parts that a tangent does not couple: they share a solve.
 
-Unknowns that the entries of a matrix, or one port, connect are a part. A⁻¹ e is zero outside the
-part of e, so that one solve serves a port of each part, and tells each its own.
+A part is a set of unknowns that are connected by entries of the matrix or by a port. A⁻¹ e is zero
+outside the part of e, so one solve serves one port of each part.
 """
 
 from __future__ import annotations

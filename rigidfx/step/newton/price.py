@@ -1,7 +1,7 @@
 """Cost of a new tangent, in iterations with the factors of a kept one.
 
-All is in units of what an iteration takes for each entry of the tangent beside its solve, 1.8 ns.
-It comes from counts, not from a clock, so that runs are the same each time. In parts of steel of
+The unit is the time of an iteration, without its solve, for each entry of the tangent: 1.8 ns.
+Costs come from counts, not from a clock, so runs repeat exactly. In parts of steel of
 10⁴ to 2·10⁴ unknowns an entry of Cholesky's factors took 12 to 14 in factoring and .63 to .8 in a
 solve, an entry of a tangent 13 in assembly.
 """

@@ -56,12 +56,12 @@ class Secants:
         self._of_step = 0
 
     def mend(self, z: Array, learning: bool) -> None:
-        """Have a correction mended by the known values, and learn from it. Collective.
+        """Improve a correction by the known pairs, and learn from it. Collective.
 
         Args:
             z: The kept tangent's correction, shape (unknowns,); changed in place.
-            learning: Whether it is no rounding: that would be found where it is as large again, in
-                the softest parts, and steps of a plate that hardly strains fail.
+            learning: Whether a pair is learned from it. Pairs of mere rounding made steps of a
+            plate that hardly strains fail.
         """
         given = z.copy()
         if learning and self._last is not None and self._of_step < OF_STEP:

@@ -139,10 +139,10 @@ class StoppingTest:
 
 
 def judged(reason: int) -> int:
-    """SNES's reason, or that the residual is not finite where it has not stopped by the test above.
+    """SNES's reason, or that the residual is not finite.
 
-    Where the residual is not finite, PETSc 3.25 takes the step for a vanishing one and calls that
-    convergence (CONVERGED_SNORM_RELATIVE), at the first guess.
+    At a first guess whose residual is not finite PETSc 3.25 reports convergence by a vanishing step
+    (CONVERGED_SNORM_RELATIVE).
     """
     Reason = PETSc.SNES.ConvergedReason
     own = reason in (int(Reason.CONVERGED_FNORM_ABS), int(Reason.CONVERGED_FNORM_RELATIVE))

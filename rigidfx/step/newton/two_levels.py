@@ -2,14 +2,14 @@
 
 Incomplete factors pass information on by some cells. The farther waves get in a step, the more
 iterations GMRES needs with them alone: 4 to a hundredth in an L of 27 000 unknowns, 8 at 197 000 in
-the same Δt. Their error hardly strains over some cells, and a coarse grid removes it, whose
+the same Δt. The error that they leave hardly strains over some cells. A coarse grid removes it; its
 unknowns are the rigid motions P of aggregates of nodes. The coarse correction comes first, then
 that of the factors,
 
     z_c = P (Pᵀ A P)⁻¹ Pᵀ r,    z = z_c + M⁻¹ (r - A z_c),
 
-where A P is known, so that its product costs a fifth of one with A. Where the coarse matrix is
-near enough to symmetric, and definite, its symmetric part takes its place, by Cholesky's factors.
+where A P is known, and costs a fifth of a product with A. If the coarse matrix is nearly symmetric,
+and definite, it is replaced by its symmetric part, in Cholesky's factors.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ SKEW = 0.08
 
 
 class CoarseGrid:
-    """A preconditioner of PETSc's in Python: a coarse grid's correction, and another's after it."""
+    """A preconditioner of PETSc's in Python: a coarse correction, then that of another one."""
 
     def __init__(self, equilibrium: Equilibrium, fine: PETSc.PC) -> None:
         """Divide the nodes into aggregates. Collective.
