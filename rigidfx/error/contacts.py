@@ -2,10 +2,10 @@
 
     M ë + C ė + K e = r + λ ,     λ = F(u) - F(u + e)
 
-ρ in r contains F(u), the forces of contacts in the run. Contacts of the twin open and close by
-u + e, with a state of their own. A step of e is linear in λ, by columns at the nodes that contacts
-press (`columns`). Newton's method finds λ at these nodes alone, so a step takes two solutions with
-the kept factor of K.
+F is the resistance of contacts, and ρ in r contains -F(u), their forces in the run. Contacts of the
+twin open and close by u + e, with a state of their own. A step of e is linear in λ, by columns at
+the nodes that contacts press (`columns`). Newton's method finds λ at these nodes alone, so a step
+takes two solutions with the kept factor of K.
 """
 
 from __future__ import annotations
