@@ -184,13 +184,13 @@ summary = {
 conclude(options.out, summary)
 # -
 
-# ## What has to hold
+# ## Assertions
 #
-# What is asked for is kept, and shorter steps are nearer to the reference.
+# Budgets are kept, and shorter steps are nearer to the reference.
 
 for s in STRUCTURES:
     of_it = [r for r in rows if r["structure"] == s.name]
     assert all(error <= budget for budget, error in asked(s.name).items()), s.name
     flexible = [r["error"] for r in of_it if r["way"] == "all flexible"]
     assert all(a > b for a, b in pairwise(flexible)), s.name
-say("What is asked for is kept.")
+say("Budgets are kept.")

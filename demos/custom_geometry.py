@@ -1,8 +1,8 @@
 # # A geometry of your own
 #
-# A mesh, a script of gmsh or a CAD file, a material, what is held, what is loaded and for how long:
-# the rest is found by itself. What hardly strains becomes rigid while it runs. The command
-# `rigidfx`, which is installed with the package, does the same.
+# Give a mesh, a script of gmsh or a CAD file, a material, supports, loads and the end time. Parts
+# that hardly strain become rigid in the run. The command `rigidfx`, which is installed with the
+# package, does the same.
 #
 #     python3 demos/custom_geometry.py part.step --list
 #     python3 demos/custom_geometry.py part.step --name wall=3,4 --name end=7 --size 0.005 \
@@ -36,8 +36,8 @@ bracket = Example(ROOT / "meshes" / "bracket.geo", Path("out", "custom_geometry"
 #
 # ## The tolerance
 #
-# It is a strain rate, and what is small depends on the motion. Unless `--tol` is given, the time of
-# the load is run once without rigid parts, and a fiftieth of the largest strain rate is taken.
+# The tolerance is a strain rate, and depends on the motion. Without `--tol` the time of the load is
+# run once without rigid parts, and the tolerance is a fiftieth of the largest strain rate.
 #
 # ## The run
 #
@@ -47,7 +47,7 @@ bracket = Example(ROOT / "meshes" / "bracket.geo", Path("out", "custom_geometry"
 summary = main(example=bracket)
 # -
 
-# ## What has to hold
+# ## Assertions
 #
 # Whatever the geometry: no switch loses energy. Of the example a part becomes rigid.
 

@@ -1,9 +1,9 @@
-# # A drop test: what flies is rigid, what is struck is not
+# # A drop test: rigid in flight, flexible in a hit
 #
 # A device falls half a metre onto a corner: a shell of 3 mm, two boards across it, and a heavy
-# block between them. Of the 0.4 s that are computed the floor takes a few milliseconds. In these
-# cells strain at hundreds per second; then vibrations die away, and what flies is one body of six
-# unknowns. It rebounds, turns and hits again with another corner.
+# block between them. It touches the floor in a few milliseconds of the 0.4 s that are computed. In
+# these cells strain at hundreds per second; then vibrations die away, and the device flies as one
+# body of six unknowns. It rebounds, turns and hits again with another corner.
 #
 #     python3 demos/drop_test.py --compare
 #     mpirun -n 2 python3 demos/drop_test.py --short
@@ -45,10 +45,10 @@ body = device(options.size, up=(0.060, 0.035, 0.036), height=options.height)
 
 # ## The fall
 #
-# In free fall nothing happens, and steps of 1 ms do; from a millisecond before the touch on they
-# are as long as the waves want them, in the rigid flight too. A step ends where the corner touches.
-# With the rule `wake="all"` a contact that closes releases all bodies in that very step. What is
-# screwed and clipped together damps: 5 % at 1 kHz.
+# In free fall steps of 1 ms suffice. From a millisecond before the touch on they resolve the waves,
+# also in the rigid flight. A step ends when the corner touches. With the rule `wake="all"` a
+# contact that closes releases all bodies in that very step. Screwed and clipped joints damp: 5 % at
+# 1 kHz.
 
 # +
 G, DT = 9.81, 1e-4  # m/s², s
@@ -76,7 +76,7 @@ with (
         shapes.add(report)
 # -
 
-# ## What came of it
+# ## Results
 #
 # A hit ends where the floor has let go for a millisecond; its peak is its largest force, and its
 # rebound the speed of the centre away from the floor just after.
@@ -168,7 +168,7 @@ draw(
 )
 # -
 
-# ## What has to hold
+# ## Assertions
 
 # +
 assert struck > 0

@@ -1,9 +1,9 @@
 # # A free-flying body that becomes rigid, part by part
 #
-# A block with a cantilever is thrown into a turn and vibrates. Strong numerical damping takes the
-# vibration away, slowly where it is slow: first the free end of the block hardly strains any more,
-# last the root of the cantilever. What hardly strains becomes rigid, until six unknowns are left of
-# 1722; then the body is released, and the strains that its rotation causes are there again. This is
+# A block with a cantilever is thrown into a turn and vibrates. Strong numerical damping removes the
+# vibration, slow modes last: the free end of the block is the first part that hardly strains, the
+# root of the cantilever the last one. Part after part becomes rigid, until six unknowns are left of
+# 1722. Then the body is released, and again has the strains that its rotation causes. This is
 # the first example of B. Göttlicher and K. Schweizerhof, *Analysis of flexible structures with
 # occasionally rigid parts under transient loading*, Computers and Structures 83 (2005) 2035,
 # section 7.1.
@@ -77,17 +77,17 @@ scene = rf.Scene(
 )
 # -
 
-# ## What is chosen
+# ## Parameters
 #
-# The paper's figure with the data is not in its text. What the text gives is kept: the nodes, what
-# is loaded and for how long, strong damping, release at 500 s. All else is chosen so that the
-# paper's story is told: the dimensions, with y the axis of the largest moment of inertia, about
-# which a damped body turns stably; the material, so soft that the cantilever swings once in four
-# and a half seconds; the forces, so large that it bends visibly; damping ξ and tolerance, so that
-# the last part becomes rigid between 410 and 415 s. A new part has to have sixty cells: as long as
-# less is rigid a step is hardly cheaper. So the tip of the cantilever, which would be a part of its
-# own before the root becomes rigid, waits for it here; with fewer cells it does not, and the run
-# takes longer.
+# The paper's figure with the data is not in its text. The text gives the nodes, the loaded part and
+# the time of the load, strong damping, and the release at 500 s. All else is chosen so that the
+# same happens as in the paper: the dimensions, with y the axis of the largest moment of inertia,
+# about which a damped body turns stably; the material, so soft that the cantilever swings once in
+# four and a half seconds; the forces, so large that it bends visibly; damping ξ and tolerance, so
+# that the last part becomes rigid between 410 and 415 s. A new part has to have sixty cells: as
+# long as less is rigid a step is hardly cheaper. So the tip of the cantilever, which would be a
+# part of its own before the root becomes rigid, waits for it here; with fewer cells it does not,
+# and the run takes longer.
 
 # +
 WINDOW = 5.0  # s; the observation period, longer than that of the slowest vibration
@@ -137,7 +137,7 @@ with (
         swings.add(report)
 # -
 
-# ## What came of it
+# ## Results
 
 # +
 reports, flexible = run.adaptive, run.flexible
@@ -189,8 +189,9 @@ conclude(options.out, summary)
 
 # ### Energies
 #
-# Kinetic and total energy fall as long as it vibrates. What is stored in rigid parts leaves the
-# live strain energy and comes back at the release (third panel); the sum of all does not jump.
+# Kinetic and total energy fall as long as it vibrates. At a freeze strain energy of flexible cells
+# becomes stored energy of bodies, and at the release strain energy again (third panel); the sum of
+# all does not jump.
 
 
 # +
@@ -224,7 +225,7 @@ curves(
 
 # ### Angular momentum and unknowns
 #
-# The angular momentum of the whole stays what it is from 2 s on. That of the rigid parts alone
+# The angular momentum of the whole is constant from 2 s on. That of the rigid parts alone
 # swings, since they go round the centre, and ends as all of it.
 
 # +
@@ -251,7 +252,7 @@ draw(
 draw(swings, options.out / "shapes.png", view=(0.0, -1.0, 0.25), title="Deformed shapes")
 # -
 
-# ## What has to hold
+# ## Assertions
 #
 # Momentum and the energy of every switch hold for any tolerance and any step. The story holds for
 # the chosen ones.

@@ -63,9 +63,9 @@ scene = rf.Scene(
 
 # ## The runs
 #
-# A load releases nothing by itself: what its force would strain is computed in each step. A
-# criterion of tolerance zero finds nothing rigid in the twin, but measures how fast its cells
-# strain, and so which of them might have been rigid.
+# A load releases nothing by itself: the strains that its force would cause are computed in each
+# step. A criterion of tolerance zero finds nothing rigid in the twin, but measures how fast its
+# cells strain, and so which of them might have been rigid.
 
 # +
 DT, WINDOW = 2e-3, 20  # s, steps
@@ -116,11 +116,11 @@ with (
         shapes.add(report)
 # -
 
-# ## What came of it
+# ## Results
 #
 # A cell is quiet in a window of 20 steps in none of which the twin strains it faster than the
-# tolerance. What rigid parts do to the motion is told by the way of a corner, most of which is that
-# of the swing, and by the bend of a diagonal, in which a swing has no part.
+# tolerance. The effect of rigid parts on the motion is measured by the displacement of a corner,
+# most of which is the swing, and by the bend of a diagonal, which does not contain the swing.
 
 # +
 reports, notes = run.adaptive, run.notes[1:]
@@ -198,7 +198,7 @@ draw(
 )
 # -
 
-# ## What has to hold
+# ## Assertions
 
 # +
 assert summary["energy_drift"] < 1e-10

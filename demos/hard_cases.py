@@ -1,11 +1,11 @@
 # # Hard cases
 #
-# What breaks structural dynamics: parts a hundred million times as stiff as their neighbours,
-# plates a thousand times as wide as thick, most of a half turn per step, steps far longer than all
-# periods, loads that reverse each time, bodies that come and go. Each case here is a small scene
-# with the bounds that theory gives for it, run fully flexible and with parts that become rigid
-# where both make sense. `demos/hardcases/` holds them, a short function each that says what is hard
-# about it and what has to hold; the tests in `tests/hard/` run the same.
+# Cases at which structural dynamics fails: parts a hundred million times as stiff as their
+# neighbours, plates a thousand times as wide as thick, most of a half turn per step, steps far
+# longer than all periods, loads that reverse each time, bodies that come and go. Each case here is
+# a small scene with the bounds that theory gives for it, run fully flexible and with parts that
+# become rigid where both make sense. Each is a short function in `demos/hardcases/`, which names
+# the difficulty and the bounds; the tests in `tests/hard/` run the same.
 #
 #     python3 demos/hard_cases.py
 #     mpirun -n 3 python3 demos/hard_cases.py --short --only parallel
@@ -25,7 +25,7 @@ from hardcases.stiffness import check, compare
 
 from rigidfx.plot import figure_of, on_first_rank, save
 
-parser = Parser(__file__, "Hard cases: what stays stable, and how well.", "coarse and short")
+parser = Parser(__file__, "Hard cases: which are stable, and how well.", "coarse and short")
 parser.add_only("cases or groups")
 parser.add_argument("--all", type=int, nargs="?", const=500, default=0, metavar="N",
                     help="also N random scenes (500), which takes hours")  # fmt: skip
@@ -36,8 +36,8 @@ write_json(options.out / "summary.json", [])
 
 # ## The table
 #
-# *Energy* is the largest error of its balance (work of loads and supports and what damping takes
-# counted) relative to the largest energy. *Momentum* is the largest change of L
+# *Energy* is the largest error of its balance, with work of loads and supports and dissipation,
+# relative to the largest energy. *Momentum* is the largest change of L
 # relative to Σ m|v|, or of J relative to its size, where nothing acts from outside.
 
 # +
@@ -116,9 +116,9 @@ if options.all:
     say(f"\n{options.all} random scenes: {seen}")
 # -
 
-# ## What has to hold
+# ## Assertions
 #
-# Everything is stable, but for what is known not to be: first-order cells lock where they cannot
+# All cases are stable, except known ones: first-order cells lock where they cannot
 # change their volume, and a scene says so when it is made.
 
 if ways:

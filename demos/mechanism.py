@@ -92,7 +92,7 @@ scene = rf.Scene(
 #
 # The fastest strain of the smooth run is some hundredth per second, at the fillets; a blow strains
 # at 0.3 to 0.8 per second. Joints, and a stop, release nothing by themselves: the error motion of
-# all parts, coupled by their joints, tells what they would strain.
+# all parts, coupled by their joints, contains the strains that they would cause.
 
 # +
 DT, WINDOW = (5e-4 if options.short else 2e-4), 0.005  # s
@@ -121,11 +121,12 @@ with (
         shapes.add(report)
 # -
 
-# ## What came of it
+# ## Results
 #
-# Joints stay closed to rounding, and the motor's work is the gain of energy and of what dampers and
-# letting down take. What rigidity does to the motion is told by the block's way less that of rigid
-# links, 60 µm of 100 mm. It is the twin's to a thousandth of that, blows included.
+# Joints stay closed to rounding, and the motor's work equals the gain of energy and the losses by
+# dampers and fading stresses. The effect of rigidity on the motion is measured by the displacement
+# of the block minus that of rigid links, 60 µm of 100 mm. It agrees with the twin to a thousandth
+# of that, blows included.
 
 # +
 reports, notes = run.adaptive, run.notes
@@ -203,7 +204,7 @@ draw(
 )
 # -
 
-# ## What has to hold
+# ## Assertions
 
 # +
 assert summary["energy_gap"] <= 1e-9

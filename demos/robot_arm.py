@@ -131,11 +131,11 @@ with (
 shares = next((found for found in reversed(run.notes) if found), {})
 # -
 
-# ## What came of it
+# ## Results
 #
-# The swing is what the head's end does relative to the axis. The runs are compared by it and by
+# The swing is the motion of the head's end relative to the axis. The runs are compared by it, by
 # their energies from the end of the first move on, where no support does work, and by their times
-# in the steps in which something is rigid.
+# in the steps with rigid parts.
 
 
 # +
@@ -218,7 +218,7 @@ draw(
 )
 # -
 
-# ## What has to hold
+# ## Assertions
 
 assert summary["energy_jump"] <= 1e-11
 if parser.defaults(options, "tol", "size"):

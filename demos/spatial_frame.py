@@ -1,11 +1,11 @@
-# # A frame under a shock: what the tolerance buys
+# # A frame under a shock: accuracy and time by tolerance
 #
 # A plate on four columns gets a shock of 0.05 s from the side and sways. Seen from the columns, the
-# plate hardly strains: it becomes rigid first, then the middles of the columns; the ends of
-# the columns, which bend most, stay flexible. The tolerance decides how much, and at what price in
-# accuracy. This is the second example of B. Göttlicher and K. Schweizerhof, *Analysis of flexible
-# structures with occasionally rigid parts under transient loading*, Computers and Structures 83
-# (2005) 2035, section 7.2.
+# plate hardly strains: it becomes rigid first, then the middles of the columns; the ends of the
+# columns, which bend most, stay flexible. The tolerance decides how much becomes rigid, and how
+# large the error is. This is the second example of B. Göttlicher and K. Schweizerhof, *Analysis of
+# flexible structures with occasionally rigid parts under transient loading*, Computers and
+# Structures 83 (2005) 2035, section 7.2.
 #
 #     python3 demos/spatial_frame.py
 #     python3 demos/spatial_frame.py --element enhanced
@@ -38,7 +38,7 @@ import rigidfx as rf
 from meshes.spatial_frame import spatial_frame
 from rigidfx.plot import Curve, Shapes, curves
 
-parser = Parser(__file__, "A frame under a shock: what the tolerance buys.", "one tolerance, 2 s")
+parser = Parser(__file__, "A frame under a shock, by tolerance.", "one tolerance, 2 s")
 parser.add_argument("--tol", type=positive, nargs="+", help="tolerances besides 0 [m^-1.5/s]")
 parser.add_argument("--element", choices=["standard", "enhanced"], default="standard")
 parser.add_resume()
@@ -77,7 +77,7 @@ def frame(damped_until: float, *rigid: rf.Rigid, domain: rf.Domain = MESH) -> rf
 
 # -
 
-# ## What is chosen
+# ## Parameters
 #
 # The text of the paper gives: half of the frame, the material's kind, the load's place and its
 # 0.05 s, numerical damping, Δt = 0.01 s, criteria of which one is 5·10⁻⁵, the end at 2.4 s; damping
@@ -232,8 +232,8 @@ new_tangents = None if options.short else with_new_tangents()
 # ## Frequency and amplitude
 #
 # Without damping the motion of point a is a sum of harmonics. The first is fitted to the 8 s; bins
-# of a Fourier transform would be 0.125 Hz wide. Fits to four parts of the time tell how sure it is,
-# what the harmonic leaves over how much else there is.
+# of a Fourier transform would be 0.125 Hz wide. The scatter of fits to four parts of the time is
+# its uncertainty; the remainder is the other motion.
 
 
 # +
@@ -250,7 +250,7 @@ def harmonic(reports: list[rf.Report]) -> dict[str, float]:
     """First frequency [Hz] and amplitude [m] of the x-motion of a, with standard errors.
 
     These are the fit's own, or by the scatter between parts of the time, whichever is greater.
-    `other_motion` is the root mean square of what the harmonic leaves, relative to its own.
+    `other_motion` is the root mean square of the remainder over that of the harmonic.
     """
     late = [r for r in reports if r.t >= UNDAMPED + FINE]
     t, x = np.array([r.t for r in late]), np.array([r.probes["a"][0] for r in late])
@@ -309,7 +309,7 @@ def shift(fit: dict[str, float], to: dict[str, float]) -> float:
 
 # -
 
-# ## What came of it
+# ## Results
 
 
 # +
@@ -321,7 +321,7 @@ def motion_error(one: list[rf.Report], other: list[rf.Report], since: float) -> 
 
 
 def row(tol: float) -> dict[str, float | int | None]:
-    """What a tolerance led to."""
+    """The results by a tolerance."""
     mine, reference = damped[tol], damped[0.0]
     events, freezes = events_of(mine), freezes_of(mine)
     first = freezes[0].t if freezes else None
@@ -397,7 +397,7 @@ curves(
 )
 # -
 
-# ## What has to hold
+# ## Assertions
 
 at_middle = row(middle)
 assert at_middle["energy_jump"] <= 1e-11

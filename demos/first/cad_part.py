@@ -1,4 +1,4 @@
-"""A part from a STEP file is held at one face and loaded at another; what does its support bear?
+"""A part from a STEP file is held at one face and loaded at another: the reaction of its support.
 
 ./fenicsx python3 demos/first/cad_part.py
 """
@@ -26,7 +26,7 @@ def draw(path: Path) -> None:
     gmsh.finalize()
 
 
-# Surfaces get names by what they are; the mesh is in metres, and its cells follow the hole.
+# Surfaces are named by conditions; the mesh is in metres, and its cells follow the hole.
 faces = {
     "root": lambda s: s.normal[0] < -0.99,
     "end": lambda s: s.normal[0] > 0.99,

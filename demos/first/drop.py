@@ -15,7 +15,7 @@ floor = rf.Contact("z0", against=plane, stiffness=1e7, title="floor")  # N/m³
 damping = rf.StiffnessDamping(ratio=0.3, frequency=100.0)
 scene = rf.Scene(block, rubber, [floor, rf.Gravity((0, 0, -G)), damping])
 
-rule = rf.StrainRate(0.05, window=0.02)  # rigid is what strains by less than this [1/s] for 20 ms
+rule = rf.StrainRate(0.05, window=0.02)  # rigid: cells below this strain rate [1/s] for 20 ms
 force, flying, books, energy = [], [], 0.0, 0.0
 for report in rf.simulate(scene, dt=1e-3, t_end=0.25, rigidify=rule):
     books += report.work_of_loads - sum(report.dissipated.values())

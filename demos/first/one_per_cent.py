@@ -26,7 +26,7 @@ chosen = list(rf.simulate(scene, dt=0.2, t_end=4.0, accuracy=asked))
 ledger = chosen[-1].ledger
 print(ledger)
 
-# What it costs to know better: the same with a given, short Δt.
+# For comparison, the same with a given, short Δt.
 exact = list(rf.simulate(scene, dt=0.01, t_end=4.0))
 t, u = np.array([(r.t, r.probes["tip"][2]) for r in exact]).T
 largest = np.abs(u).max()
