@@ -141,8 +141,11 @@ def test_a_base_that_shakes_between_two_modes_keeps_the_bound(mass, followed):
     assert run.held_left.max() <= 0.34 * run.held_off.max()
 
 
-@pytest.mark.parametrize("named", ["head", "foot"])
-def test_a_part_named_rigid_is_rigid_in_the_twin(named, followed):
+GIVEN = {"mass": 1500.0, "inertia": ((600.0, 0, 0), (0, 1500.0, 200.0), (0, 200.0, 1400.0))}
+
+
+@pytest.mark.parametrize(("named", "given"), [("head", {}), ("head", GIVEN), ("foot", {})])
+def test_a_part_named_rigid_is_rigid_in_the_twin(named, given, followed):
     """Beside a part that freezes; the foot is clamped by the support."""
 
     def make():
@@ -152,7 +155,7 @@ def test_a_part_named_rigid_is_rigid_in_the_twin(named, followed):
         return rf.Scene(
             box,
             {"stalk": SOFT, "block": STIFF},
-            [held, PUSHED, rf.MassDamping(0.5), rf.Rigid(named)],
+            [held, PUSHED, rf.MassDamping(0.5), rf.Rigid(named, **given)],
             probes={"tip": (8, 0.5, 0.5)},
         )
 

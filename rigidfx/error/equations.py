@@ -17,6 +17,7 @@ from rigidfx.effects import Joint, Preload, Rigid
 from rigidfx.error.contacts import Contacts
 from rigidfx.error.forces.parts import mass_of
 from rigidfx.error.frames import Frames
+from rigidfx.error.given_mass import given_mass
 from rigidfx.error.ground import ground_of
 from rigidfx.error.joints import Joints, joined_parts
 from rigidfx.error.linear_motion import NAMED, LinearMotion
@@ -26,7 +27,6 @@ from rigidfx.error.reactions import Reactions
 from rigidfx.error.response import PREPARING, AllUnknowns, Response
 from rigidfx.error.stiff_faces import stiff_faces
 from rigidfx.flexible.linear_forms import LinearForms
-from rigidfx.scene.scene import Scene
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import Attempt
 
@@ -235,7 +235,7 @@ def about(
     named = [scene.owned_cells(part.where, part.kind) for part in scene.named(Rigid)]
     rigid = forces.cells(np.unique(np.concatenate(named)).astype(np.int32)) if named else None
     supported = np.flatnonzero(held)
-    more, stressed = _given_mass(scene), bool(scene.named(Preload))
+    more, stressed = given_mass(stepper), bool(scene.named(Preload))
     motion = LinearMotion(rows, cells, forms, mass, supported, ground, rigid, more, stressed)
     stiff_faces(scene, rows, places, motion.matrices[0], NAMED)
     joined = joined_parts(scene)
@@ -244,22 +244,3 @@ def about(
         for among in (~joined, joined)
     )
     return motion, loose, held_by_joints
-
-
-def _given_mass(scene: Scene) -> Array | None:
-    """Additional mass of nodes of parts of given mass [kg]. Collective.
-
-    It is spread as the mass of the cells is; a given inertia is not looked at.
-
-    Returns:
-        Shape (nodes,) of the owned nodes; None if no mass is given.
-    """
-    given = [part for part in scene.named(Rigid) if part.mass is not None]
-    if not given:
-        return None
-    out = np.zeros(scene.owned_nodes)
-    for part in given:
-        cells = scene.owned_cells(part.where, part.kind)
-        own = scene.cell_weights(scene.density(), cells)[: out.size]
-        out += (float(part.mass or 0.0) / float(scene.sum(own.sum())) - 1) * own
-    return out
