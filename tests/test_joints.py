@@ -221,6 +221,21 @@ def test_a_given_speed_turns_a_hinge_many_times():
     assert off <= 1e-11
 
 
+def test_each_effort_is_told_where_a_joint_has_several():
+    """Of two torques, and of a force and a torque on one cylindrical pair."""
+    both = rf.Motor("joint", torque=3.0), rf.Motor("joint", torque=-1.0)
+    joint = driven(HINGE, *both, steps=2)[0].joints["joint"]
+    assert list(joint.efforts.values()) == pytest.approx([3.0, -1.0])
+    assert joint.moment[2] == pytest.approx(2.0)
+    sleeve = rf.Cylindrical("ground", "bar", AT, (1, 0, 0), name="joint")
+    both = rf.Motor("joint", torque=2.0), rf.Motor("joint", force=4.0)
+    springs = rf.JointSpring("joint", 1.0, along="angle"), rf.JointSpring("joint", along="travel")
+    efforts = driven(sleeve, *both, *springs, steps=2)[0].joints["joint"].efforts
+    assert efforts["Motor of 'joint', torque"] == pytest.approx(2.0)
+    assert efforts["Motor of 'joint', force"] == pytest.approx(4.0)
+    assert len(efforts) == 4
+
+
 def test_a_motor_that_starts_with_a_jolt_is_told():
     """At full speed from rest it throws the bar to and fro."""
     for motor in (rf.Motor("joint", angle=lambda t: 5.0 * t), rf.Motor("joint", speed=5.0)):
@@ -565,6 +580,43 @@ END = rf.Spherical("ground", rf.MeanFace("right"), (2.02, 0.1, 0.1), name="end")
 
 
 @NO_WARNINGS
+def frame():
+    """A U of bricks whose arms end in two faces."""
+    domain = boxes(((0, 0, 0), (1, 0.2, 0.2), (5, 1, 1)))
+    return domain.with_facets("l", lambda x: x[0] < 0.2 + 1e-6).with_facets(
+        "r", lambda x: x[0] > 0.8 - 1e-6
+    )
+
+
+@NO_WARNINGS
+def test_a_joint_whose_sides_become_one_body_has_no_force():
+    """A motor there is refused by name."""
+    middle = 0.5, 0.1, 0.1
+    spin = rf.InitialVelocity(angular=(0, 0, 1.0), centre=middle)
+    sides = rf.MeanFace("l"), rf.MeanFace("r")
+    criterion = rf.StrainRate(1e9, 0.1, patience=1, wake="none")
+    scene = rf.Scene(frame(), SOFT, [rf.Spherical(*sides, middle), spin])
+    with pytest.warns(rf.RigidfxWarning, match="3 of the rows of joints follow from others"):
+        reports = list(rf.simulate(scene, 0.01, 0.2, rigidify=criterion))
+    assert reports[-1].unknowns == 6
+    energies = np.array([report.energy for report in reports])
+    assert np.abs(energies - energies[0]).max() <= 1e-12 * energies[0]
+    slide = rf.Prismatic(*sides, middle, (1, 0, 0), name="slide")
+    lock = rf.Motor("slide", rate=0.0)
+    locked = rf.Scene(frame(), SOFT, [slide, lock, spin])
+    with pytest.raises(rf.StepError, match="prescribes a motion of 'slide', which cannot move"):
+        list(rf.simulate(locked, 0.01, 0.2, rigidify=criterion))
+
+
+@pytest.mark.filterwarnings("ignore:5 of the rows")  # before anything moves
+def test_a_joint_that_a_support_pulls_open_is_told():
+    moved = rf.PrescribedMotion("x0", displacement=lambda t: (0.2 * t * t, 0, 0))
+    domain = bar().domain
+    scene = rf.Scene(domain, SOFT, [rf.Rigid("bar"), HINGE, moved])
+    with pytest.raises(rf.StepError, match=r"A joint is pulled open, by .* joint: x"):
+        list(rf.simulate(scene, 0.01, 0.1))
+
+
 def test_statics_are_where_a_damped_motion_comes_to_rest():
     """The second bar is held by joints alone; forces of joints and supports carry the weight."""
     *_, last = rf.static(hung(END), 2)

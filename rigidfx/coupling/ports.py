@@ -91,7 +91,7 @@ class Ports:
         ends = np.searchsorted(places, self.count * np.arange(size + 1))
         self._pattern = places % max(self.count, 1), ends
 
-    def resisted(self, linkage: Linkage, bodies: Bodies) -> tuple[Array, Array]:
+    def resisted(self, linkage: Linkage, bodies: Bodies) -> tuple[Array, Array, Array]:
         """Knowledge of independent rows, at the start of a step. Collective.
 
         Args:
@@ -99,8 +99,9 @@ class Ports:
             bodies: The rigid bodies.
 
         Returns:
-            Derivatives of rows by ports, shape (rows, ports), and velocities of ports per impulse
-            at them, as far as the masses of nodes and bodies are concerned.
+            Derivatives of rows by ports, and the sums of the absolute values of their terms, shape
+            (rows, ports); velocities of ports per impulse at them, as far as the masses of nodes
+            and bodies are concerned.
         """
         p = self._p
         p.pose(bodies)
@@ -119,7 +120,8 @@ class Ports:
             ):  # without mass of its own: that of its joints
                 block = linkage.masses.max(initial=1.0) * np.eye(6)
             every[at : at + 6, at : at + 6] = np.linalg.inv(block)
-        return np.asarray((linkage.gradient(0.0) @ self.lead(p.increments.L)).toarray()), every
+        rows, lead = linkage.gradient(0.0), self.lead(p.increments.L)
+        return (rows @ lead).toarray(), (abs(rows) @ abs(lead)).toarray(), every
 
     def everywhere(self) -> csr_array:
         """Derivatives of the ports by the unknowns of all ranks, (ports, unknowns). Collective."""

@@ -92,7 +92,7 @@ class Switch:
         linkage = stepper.system.linkage
         if linkage is not None and (new := set(linkage.redundant) - self._told):
             self._told |= new
-            warn(scene.comm, implied_rows(linkage.redundant))
+            warn(scene.comm, implied_rows(tuple(linkage.redundant)))
 
     def _started(self, known: Set[int] = frozenset()) -> tuple[Motor, ...]:
         """Have velocities follow motors that prescribe a motion; those that start to do so.

@@ -40,8 +40,8 @@ class JoinedStiffness:
         self._comm = prolongation.comm
         ports = Ports(prolongation, linkage)
         linkage.begin(bodies)
-        rows, compliance = ports.resisted(linkage, bodies)
-        held = csr_array(rows[independent(rows, compliance)])
+        rows, terms, compliance = ports.resisted(linkage, bodies)
+        held = csr_array(rows[independent(rows, terms, compliance)])
         drives, columns = linkage.drives, 3 * linkage.averages
         start = linkage.places(bodies)
         drives.look(start, np.zeros_like(start), drives.multipliers)

@@ -40,7 +40,10 @@ def cylinder_of(scene: Any, owner: str, where: str) -> tuple[Array, Array]:
     values, axes = np.linalg.eigh(second / np.trace(second))
     axis = axes[:, 0] * np.sign(axes[np.argmax(np.abs(axes[:, 0])), 0])
     across = axes[:, 1:]
-    points = x.reshape(-1, 3)
+    every = x.reshape(-1, 3)
+    total = np.asarray(scene.sum(np.r_[every.sum(axis=0), float(len(every))]))
+    middle = total[:3] / max(total[3], 1.0)  # a fit about a far origin would lose digits
+    points = every - middle
     flat = points @ across
     rows = np.c_[2 * flat, np.ones(len(flat))]
     squares = (flat**2).sum(axis=1)
@@ -56,7 +59,7 @@ def cylinder_of(scene: Any, owner: str, where: str) -> tuple[Array, Array]:
             f"{owner}: the surface '{where}' is no cylinder, whose axis and middle could be found. "
             "Give the joint's place, and its axis if it has one."
         )
-    return across @ fitted[:2] + 0.5 * (low + high) * axis, axis
+    return middle + across @ fitted[:2] + 0.5 * (low + high) * axis, axis
 
 
 def _corners(scene: Any, pairs: npt.NDArray[np.int32]) -> Array:

@@ -22,7 +22,7 @@ import numpy.typing as npt
 from scipy.sparse import csr_array
 
 from rigidfx.effects.joints.coordinates import Coordinate, secant
-from rigidfx.effects.joints.elements import JointSpring, Motor, coordinate_of
+from rigidfx.effects.joints.elements import JointSpring, Motor, coordinate_of, titles_of
 from rigidfx.effects.joints.joint import Joint
 from rigidfx.effects.joints.stop import Stop
 
@@ -222,10 +222,10 @@ class Drives:
         self._q0 = q
 
     def efforts(self) -> dict[int, dict[str, float]]:
-        """Torque [N m] or force [N] of each, by number of its joint and its owner."""
+        """Torque [N m] or force [N] of each, by number of its joint and its title."""
         out: dict[int, dict[str, float]] = {}
-        for drive in self._all:
-            out.setdefault(drive.key[0], {})[drive.effect.owner] = drive.multiplier * drive.size
+        for drive, title in zip(self._all, titles_of(self.effects), strict=True):
+            out.setdefault(drive.key[0], {})[title] = drive.multiplier * drive.size
         return out
 
     def look(self, start: Array, moved: Array, multipliers: Array) -> None:

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
 
-from rigidfx.base.errors import SceneError
+from rigidfx.base.errors import SceneError, together
 from rigidfx.base.inputs import is_function, number, scalar, shown
 from rigidfx.effects.base import Effect, TimeFunction, Windowed
 from rigidfx.effects.joints.joint import Joint
 
-__all__ = ["JointSpring", "Motor", "coordinate_of"]
+__all__ = ["JointSpring", "Motor", "coordinate_of", "titles_of"]
 
 KINDS = {
     "torque": ("angle", False),
@@ -137,7 +137,7 @@ class Motor(Windowed):
     def check(self, scene: Any) -> None:
         """Look its joint up."""
         coordinate_of(scene, self.owner, self.joint, self.coordinate)
-        self.at(self.start)
+        together(scene.comm, self.owner, lambda: self.at(self.start))
         if not self.prescribes:
             return
         for other in scene.named(Motor):
@@ -225,6 +225,21 @@ class JointSpring(Effect):
     def taken(self, q0: float, q1: float, dt: float) -> float:
         """Energy that its damper takes in a step [J]."""
         return self.damping * (q1 - q0) ** 2 / dt
+
+
+def titles_of(effects: Sequence[Any]) -> list[str]:
+    """Owners of motors, springs and stops, with more words where an owner has several."""
+    of: dict[str, list[int]] = {}
+    for k, effect in enumerate(effects):
+        of.setdefault(effect.owner, []).append(k)
+    titles = [effect.owner for effect in effects]
+    for owner, numbers in of.items():
+        if len(numbers) > 1:
+            by = [getattr(effects[k], "by", effects[k].acts_along) for k in numbers]
+            for n, k in enumerate(numbers):
+                number = f" {by[: n + 1].count(by[n])}" if by.count(by[n]) > 1 else ""
+                titles[k] = f"{owner}{f', {by[n]}' if by[n] else ''}{number}"
+    return titles
 
 
 def coordinate_of(scene: Any, owner: str, name: str, along: str | None) -> tuple[Joint, str]:

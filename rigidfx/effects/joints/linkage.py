@@ -140,10 +140,12 @@ class Linkage:
         return self.active.size + len(self.drives)
 
     @property
-    def redundant(self) -> tuple[str, ...]:
-        """Joint and direction of each row that has none, as others imply it."""
+    def redundant(self) -> dict[str, float]:
+        """Rows that have none, as others imply them: violation over size, by title. Collective."""
         titles = [f"{j.title}: {row.title}" for j in self._joints for row in j.pieces.rows]
-        return tuple(titles[k] for k in np.setdiff1d(np.arange(self._every), self.active))
+        dropped = np.setdiff1d(np.arange(self._every), self.active)
+        off = np.abs(self.violation) / self._sizes if dropped.size else self._sizes
+        return {titles[k]: float(off[k]) for k in dropped}
 
     @property
     def masses(self) -> Array:

@@ -18,11 +18,12 @@ Array = npt.NDArray[np.float64]
 RANK = 1e-9  # of the largest pivot: what is less is rounding in places that joints hold to 1e-13 m
 
 
-def independent(D: Array, compliance: Array) -> npt.NDArray[np.int64]:
+def independent(D: Array, terms: Array, compliance: Array) -> npt.NDArray[np.int64]:
     """Numbers of rows that imply all others, sorted.
 
     Args:
         D: Derivatives of rows by ports, shape (rows, ports).
+        terms: Sums of the absolute values of the terms of these, likewise.
         compliance: Velocities of ports per impulse at them, shape (ports, ports) [1/kg].
     """
     if not D.size:
@@ -35,7 +36,9 @@ def independent(D: Array, compliance: Array) -> npt.NDArray[np.int64]:
     root = own[:, None] * vectors[:, seen] * np.sqrt(values[seen])
     columns = (D @ root).T
     sizes = np.linalg.norm(columns, axis=0)
-    columns /= np.where(sizes > RANK * sizes.max(), sizes, 1.0)
+    # Of a row with both sides in one body, or on nodes that supports move, only rounding is left.
+    moves = sizes > RANK * np.linalg.norm(terms * own, axis=1).max()
+    columns = np.where(moves, columns, 0.0) / np.where(moves, sizes, 1.0)
     R, order = qr(columns, mode="r", pivoting=True)
     pivots = np.abs(np.diagonal(R))
     rank = int(np.count_nonzero(pivots > RANK * pivots.max(initial=0.0)))

@@ -22,8 +22,10 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_array, dia_array
 
+from rigidfx.base.errors import StepError
 from rigidfx.coupling.condensed_tangent import CondensedMatrix
 from rigidfx.coupling.ports import Ports
+from rigidfx.effects.joints.drives import prescribes
 from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.effects.joints.redundancy import independent
 from rigidfx.mechanics.bodies import Bodies
@@ -34,6 +36,9 @@ from rigidfx.step.equations.trial import Trial
 __all__ = ["JoinedEquilibrium"]
 
 Array = npt.NDArray[np.float64]
+
+# Of a joint's size, that a row without a force may be open by: rounding and poses make some 1e-9.
+OPEN = float(np.cbrt(np.finfo(np.float64).eps))
 
 
 class JoinedEquilibrium(Equilibrium):
@@ -58,7 +63,10 @@ class JoinedEquilibrium(Equilibrium):
         if not self.inertial:
             self.ports.anchor()
         linkage.begin(bodies)
-        linkage.keep(independent(*self.ports.resisted(linkage, bodies)))
+        rows, terms, compliance = self.ports.resisted(linkage, bodies)
+        kept = independent(rows, terms, compliance)
+        linkage.keep(kept)
+        self._check_motors(rows[kept], terms[kept], compliance)
         self._own = linkage.count if self.prolongation.comm.rank == 0 else 0
         self._inner, self._rest = self.prolongation.unknowns(), self.prolongation.unknowns()
         self._scale: Array = np.ones(linkage.count)
@@ -72,6 +80,28 @@ class JoinedEquilibrium(Equilibrium):
             values = np.full(unknowns.size, linkage.typical[0])
             size = self.prolongation.size
             self._sprung = csr_array((values, (unknowns, unknowns)), shape=(size, size))
+
+    def _check_motors(self, rows: Array, terms: Array, compliance: Array) -> None:
+        """Refuse motors of given motion whose joint cannot move. Collective.
+
+        Args:
+            rows: Independent rows of joints at the start of a step: see `Ports.resisted`.
+            terms: Likewise.
+            compliance: Likewise.
+        """
+        drives, lead = self.linkage.drives, self.ports.lead(self.prolongation.increments.L)
+        given = drives.test(3 * self.linkage.averages) if len(drives) else None
+        for k, effect in enumerate(drives.effects):
+            if given is None or not prescribes(effect):
+                continue
+            more, sizes = (given[[k]] @ lead).toarray(), (abs(given[[k]]) @ abs(lead)).toarray()
+            every = np.vstack([rows, more]), np.vstack([terms, sizes])
+            if independent(*every, compliance).size == len(rows):
+                raise StepError(
+                    f"{effect.owner} prescribes a motion of '{effect.joint}', which cannot move: "
+                    "both sides are in one rigid body, or other joints hold them.",
+                    "Keep cells between the sides flexible (`never`), or take the motor out.",
+                )
 
     def unknowns(self) -> PETSc.Vec:
         """See `Equilibrium`."""
@@ -175,7 +205,19 @@ class JoinedEquilibrium(Equilibrium):
         return super().left(self._part(residual, self._rest))
 
     def accept(self) -> None:
-        """See `Equilibrium`."""
+        """See `Equilibrium`.
+
+        Raises:
+            StepError: If rows that others imply at the start are open now.
+        """
+        opened = {title: off for title, off in self.linkage.redundant.items() if off > OPEN}
+        if opened:
+            title = max(opened, key=lambda name: opened[name])
+            raise StepError(
+                f"A joint is pulled open, by {opened[title]:.3g} of its size in one step: {title}. "
+                "Supports or other joints move both of its sides, so that it has no force.",
+                "Let them hold less, or take this joint out.",
+            )
         self.linkage.accept()
         self._known = self.linkage.multipliers
 
