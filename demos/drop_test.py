@@ -37,7 +37,7 @@ options = parser.read(height=0.01, after=0.006, tol=5.0)
 # that.
 
 # +
-plastic = rf.StVenantKirchhoff(E=2.4e9, nu=0.35, rho=1200.0)  # Pa, 1, kg/m³
+plastic = rf.NeoHooke(E=2.4e9, nu=0.35, rho=1200.0)  # Pa, 1, kg/m³
 laminate = rf.StVenantKirchhoff(E=2e10, nu=0.2, rho=1900.0)
 battery = rf.StVenantKirchhoff(E=1e10, nu=0.3, rho=2700.0)
 body = device(options.size, up=(0.060, 0.035, 0.036), height=options.height)

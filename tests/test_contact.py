@@ -18,7 +18,7 @@ import rigidfx as rf
 from rigidfx.base.form_cache import compile_form
 from rigidfx.effects.contacts.penalty import secant, stored
 from rigidfx.effects.contacts.pressing import Friction, Points
-from rigidfx.step.equations.actions import Actions
+from rigidfx.step.equations.jumping import Jumping
 from rigidfx.step.newton.chord import Chord
 
 # Bounces in long steps, and a floor that comes back under a skin: balances hold through both.
@@ -281,7 +281,7 @@ def test_a_kept_tangent_is_renewed_where_a_gap_closes_or_opens(monkeypatch):
 
     iterations = sum(r.iterations for r in touching())
     assert not failed
-    monkeypatch.setattr(Actions, "outdated", lambda self: False)
+    monkeypatch.setattr(Jumping, "outdated", lambda self: False)
     reports = touching()
     assert len(reports) >= 5
     assert iterations < sum(r.iterations for r in reports)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["outdated", "secant", "stored"]
+__all__ = ["STALE", "outdated", "secant", "stored"]
 
 Array = npt.NDArray[np.float64]
 

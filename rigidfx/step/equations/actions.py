@@ -23,6 +23,7 @@ from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments
 from rigidfx.step.equations.eased_forces import EasedForces
 from rigidfx.step.equations.heeded import Heeded, doing
+from rigidfx.step.equations.jumping import Jumping
 from rigidfx.step.equations.structure import BoundStructure
 
 __all__ = ["Actions"]
@@ -44,6 +45,7 @@ class Actions:
         rounding: Size of a force that the machine precision is to be multiplied with [N].
         dead: Whether none depends on the motion.
         easing: Stresses that releases have let down.
+        jumping: Those whose derivatives may jump.
         failures: Keeps their exceptions until all ranks are told.
     """
 
@@ -113,7 +115,7 @@ class Actions:
         self._resistance_at = heeded.adds(every, "resistance_at")
         self._resist_nodes = heeded.does(every, "resist_nodes")
         self._stiffen_nodes = heeded.does(every, "stiffen_nodes")
-        self._outdated = heeded.answers(every, "outdated")
+        self.jumping = Jumping(every, self._with_bodies, heeded, self._comm)
         self._potential = heeded.tells(every, "potential")
         self._potential_of_links = heeded.tells(every, "potential_of_links")
         self._dissipated = _by_kind(every, "dissipated", heeded)
@@ -193,13 +195,6 @@ class Actions:
         """Add the derivative of their resultants to the bodies' blocks."""
         for stiffen in self._stiffen_bodies:
             stiffen(blocks, increments)
-
-    def outdated(self) -> bool:
-        """Whether a derivative has jumped since the tangent was assembled. Collective."""
-        if not self._outdated:
-            return False
-        here = any(outdated() for outdated in self._outdated)
-        return bool(self._comm.allreduce(here, op=MPI.LOR))
 
     # After a step -------------------------------------------------------------------------------
 

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
+from scipy.sparse import csr_array
 
 from rigidfx.coupling.cell_forces import CellForces
 from rigidfx.coupling.condensed_tangent import CondensedMatrix
@@ -211,8 +212,16 @@ class Equilibrium:
         self._actions.stiffen_nodes(K, self.dt, self.prolongation)
 
     def outdated(self) -> bool:
-        """Whether the resistance of contacts has jumped since the last tangent. Collective."""
-        return self._actions.outdated()
+        """Whether the stiffness of contacts has jumped since it was taken last. Collective."""
+        return self._actions.jumping.outdated()
+
+    def jumping(self) -> csr_array | None:
+        """Stiffness of contacts at the last iterate; None without any. Collective.
+
+        Returns:
+            Its entries at all unknowns, equal on all ranks [N/m].
+        """
+        return self._actions.jumping.entries(self.dt, self.prolongation)
 
     def _blocks(self) -> Array:
         """Derivative of the bodies' rows that the condensed tangent does not hold."""

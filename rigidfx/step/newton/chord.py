@@ -24,6 +24,7 @@ from rigidfx.step.newton.factors import Factors
 from rigidfx.step.newton.frames import Frames
 from rigidfx.step.newton.incomplete import IncompleteFactors
 from rigidfx.step.newton.kept_tangent import KeptTangent
+from rigidfx.step.newton.low_rank import LowRank
 from rigidfx.step.newton.two_levels import TwoLevels
 
 __all__ = ["Chord", "pays"]
@@ -80,7 +81,10 @@ class Chord:
         self._once_stiff = False  # whether waves have got so far in a step
         like = equilibrium.unknowns()
         border = Border(equilibrium) if isinstance(equilibrium, JoinedEquilibrium) else None
-        self._kept = KeptTangent(self._suited(0.0)(equilibrium), Frames(p), like, border)
+        frames = Frames(p)
+        contacts = LowRank(p, frames)
+        inverse = self._suited(0.0)(equilibrium)
+        self._kept = KeptTangent(inverse, frames, contacts, like, border)
         like.destroy()
         self._control.price = self._kept.renewal
         self.ksp = PETSc.KSP().create(p.comm)
@@ -155,15 +159,28 @@ class Chord:
     def renew(self) -> None:
         """Assemble the tangent at the last iterate, if that is worth it. Collective."""
         history, stop = self.stop.history, self.stop
-        if self._control.wanted(history, stop.target, stop.max_it) or self._equilibrium.outdated():
+        jumped = self._equilibrium.outdated()
+        if jumped and self._follow():
+            return
+        if jumped or self._control.wanted(history, stop.target, stop.max_it):
             self.make()
+
+    def _follow(self) -> bool:
+        """Have contacts as they are now in the kept tangent, if that is worth it. Collective."""
+        entries = self._equilibrium.jumping()
+        if self._control.missing or entries is None:
+            return False
+        solves = self._kept.follow(entries)
+        if solves >= 0:
+            self._control.followed(self.stop.history, solves)
+        return solves >= 0
 
     def make(self) -> None:
         """Assemble the tangent at the last iterate. Collective."""
         self._equilibrium.tangent()
         if self._control.ended and isinstance(self._kept.inverse, Factors):
             self._kept.inverse.take_all()
-        self._kept.renewed()
+        self._kept.renewed(self._equilibrium.jumping())
         self._control.price = self._kept.renewal
         self.stop.renewed()
         self._control.renewed(self.stop.history)

@@ -62,24 +62,26 @@ class Control:
     Attributes:
         price: Cost of a new tangent, in iterations with a kept one.
         due: Whether the next step makes a new tangent.
+        missing: Whether there is no tangent that could serve meanwhile.
     """
 
     def __init__(self, numbers: ControlNumbers = ControlNumbers()) -> None:
         """Begin without a tangent."""
         self._numbers = numbers
         self.price, self.due = 0.0, True
-        self._missing = True  # whether there is no tangent that could serve meanwhile
+        self.missing = True
+        self._from = 0  # iterate of this step since which the tangent is the same
         self._spent, self._steps, self._since, self._growths = 0.0, 0, 0, 0
         self._newton, self._passed = numbers.newton, 0
         self._debt = self._whole = 0.0  # beyond Newton's cost, and all of that, in iterations
 
     def begin(self) -> None:
         """Begin a step, or an attempt at it."""
-        self._since, self._growths = 0, 0
+        self._since, self._growths, self._from = 0, 0, 0
 
     def lose(self) -> None:
         """Take note that the tangent serves no longer."""
-        self.due = self._missing = True
+        self.due = self.missing = True
 
     def wanted(self, history: Sequence[float], target: float, limit: int) -> bool:
         """Whether a new tangent is to be made at the last iterate.
@@ -90,8 +92,8 @@ class Control:
             limit: Iterations after which it fails.
         """
         taken = len(history) - 1
-        since = taken - self._since
-        if self._missing or self.ended:
+        since = taken - self._from
+        if self.missing or self.ended:
             return True
         if since < 1 or history[-1] <= target:
             return self.due and since > 0
@@ -112,9 +114,19 @@ class Control:
 
     def renewed(self, history: Sequence[float]) -> None:
         """Take note of a new tangent at the last iterate."""
-        self.due = self._missing = False
-        self._since = len(history) - 1
+        self.due = self.missing = False
+        self._since = self._from = len(history) - 1
         self._spent, self._steps = self.price - self._since, 0
+
+    def followed(self, history: Sequence[float], solves: int) -> None:
+        """Take note that the tangent follows a jump of contacts since the last iterate.
+
+        Args:
+            history: ‖R‖ at each iterate of this step.
+            solves: How many that took.
+        """
+        self._from = len(history) - 1
+        self._spent += solves
 
     def accepted(self, iterations: int, asked: int, tangents: int) -> None:
         """Take note of a step with kept tangents.

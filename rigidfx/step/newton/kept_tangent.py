@@ -18,9 +18,11 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
+from scipy.sparse import csr_array
 
 from rigidfx.step.newton.border import Border
 from rigidfx.step.newton.frames import Frames
+from rigidfx.step.newton.low_rank import LowRank
 from rigidfx.step.newton.secants import Secants
 
 __all__ = ["Inverse", "KeptTangent"]
@@ -71,17 +73,24 @@ class KeptTangent:
     """
 
     def __init__(
-        self, inverse: Inverse, frames: Frames, y: PETSc.Vec, border: Border | None = None
+        self,
+        inverse: Inverse,
+        frames: Frames,
+        contacts: LowRank,
+        y: PETSc.Vec,
+        border: Border | None = None,
     ) -> None:
         """Take over the solver of a matrix that others fill.
 
         Args:
             inverse: Solves with it.
             frames: Nodes and bodies of the structure.
+            contacts: Corrects it where contacts change.
             y: Of the kind of the unknowns; not kept.
             border: Joints; None if there are none.
         """
         self.inverse, self._frames, self._border = inverse, frames, border
+        self._contacts = contacts
         self._right = y.duplicate()
         self._secants = Secants(y.comm.tompi4py(), y.getLocalSize())
         self._now: Array = np.empty((0, 3, 3))
@@ -99,6 +108,7 @@ class KeptTangent:
         """
         self.inverse.destroy()
         self.inverse, self._assembled_for = inverse, 0.0
+        self._contacts.renewed(None)
 
     @property
     def renewal(self) -> float:
@@ -128,10 +138,39 @@ class KeptTangent:
         # The inertial part of a tangent goes with 1/Δt², the elastic one stays: this is right in
         # the middle.
         self._dt, self._factor = dt, 2 / (1 + (self._assembled_for / dt) ** 2)
+        self._contacts.turn(self._Q, self._factor)
 
-    def renewed(self) -> None:
-        """Take note that the tangent has just been assembled, in this step. Collective."""
+    def _solve(self, r: PETSc.Vec, z: PETSc.Vec) -> None:
+        """Solve in the frame of the tangent, without joints. Collective."""
+        self.inverse.solve(r, z)
+        self._contacts.mend(z)
+
+    def follow(self, entries: csr_array) -> int:
+        """Have the stiffness of contacts at the last iterate in the tangent. Collective.
+
+        Args:
+            entries: The stiffness, equal on all ranks.
+
+        Returns:
+            How many solves that took; -1 if a new tangent is as cheap, and nothing is changed.
+        """
+        known, solve = self._contacts.columns, self.inverse.solve
+        most = self.inverse.renewal
+        if not self._contacts.follow(entries, self._Q, self._factor, most, solve):
+            return -1
+        self._secants.forget()
+        if self._border is not None:
+            self._border.renew(self._solve)
+        return self._contacts.columns - known + (0 if self._border is None else self._border.solves)
+
+    def renewed(self, entries: csr_array | None) -> None:
+        """Take note that the tangent has just been assembled, in this step. Collective.
+
+        Args:
+            entries: Stiffness of contacts in it; None without any.
+        """
         self.inverse.renew()
+        self._contacts.renewed(entries)
         if self._border is not None:
             self._border.renew(self.inverse.solve)
         self._secants.forget()
@@ -144,9 +183,9 @@ class KeptTangent:
         if self._Q is not None:
             self._frames.turn(self._right.array, self._Q, back=True)
         if self._border is None:
-            self.inverse.solve(self._right, z)
+            self._solve(self._right, z)
         else:
-            self._border.solve(self.inverse.solve, self._right, z, kept=True)
+            self._border.solve(self._solve, self._right, z, kept=True)
         if self._factor != 1.0:
             z.scale(self._factor)
         self._secants.mend(z.array, self.learning)
@@ -157,6 +196,7 @@ class KeptTangent:
     def destroy(self, pc: PETSc.PC) -> None:
         """PETSc's call: free the inverse and the work vector. Collective."""
         self.inverse.destroy()
+        self._contacts.destroy()
         self._right.destroy()
         if self._border is not None:
             self._border.destroy()

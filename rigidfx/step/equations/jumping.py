@@ -1,0 +1,114 @@
+"""The part of a tangent that may jump from one iterate to the next: the stiffness of contacts.
+
+It has entries at few unknowns. So it is known apart from the rest of the tangent, and a tangent
+that is kept can follow it (`rigidfx.step.newton.low_rank`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+from scipy.sparse import coo_array, csr_array
+
+from rigidfx.coupling.prolongation import Prolongation
+from rigidfx.effects import Action
+from rigidfx.mechanics.body_step import Increments
+from rigidfx.step.equations.heeded import Heeded, doing
+
+__all__ = ["Jumping"]
+
+Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+
+class Jumping:
+    """The actions whose derivatives may jump."""
+
+    def __init__(
+        self, actions: Sequence[Action], on_bodies: bool, heeded: Heeded, comm: MPI.Intracomm
+    ) -> None:
+        """Find them.
+
+        Args:
+            actions: Those that act.
+            on_bodies: Whether there are rigid bodies.
+            heeded: Calls them.
+            comm: Ranks that take part.
+        """
+        own = doing(actions, "outdated")
+        self._comm = comm
+        self._outdated = heeded.answers(own, "outdated")
+        self._stiffen_nodes = heeded.does(own, "stiffen_nodes")
+        self._stiffen_bodies = heeded.adds(own if on_bodies else [], "stiffen_bodies")
+
+    def outdated(self) -> bool:
+        """Whether a derivative has jumped since `entries`, or a tangent, took it. Collective."""
+        if not self._outdated:
+            return False
+        here = any(outdated() for outdated in self._outdated)
+        return bool(self._comm.allreduce(here, op=MPI.LOR))
+
+    def entries(self, dt: float, prolongation: Prolongation) -> csr_array | None:
+        """Their part of the tangent at the last iterate; None if there are none. Collective.
+
+        Args:
+            dt: Δt [s].
+            prolongation: Map between unknowns and dofs.
+
+        Returns:
+            Shape (unknowns, unknowns), equal on all ranks [N/m].
+        """
+        if not self._outdated:
+            return None
+        found, increments = _Entries(prolongation), prolongation.increments
+        for stiffen in self._stiffen_nodes:
+            stiffen(found, dt, prolongation)
+        if self._stiffen_bodies:
+            found.add_bodies(self._blocks(increments))
+        return found.on_all_ranks()
+
+    def _blocks(self, increments: Increments) -> Array:
+        blocks = np.zeros((len(increments), 6, 6))
+        for stiffen in self._stiffen_bodies:
+            stiffen(blocks, increments)
+        return blocks
+
+
+class _Entries:
+    """Takes entries in place of a `CondensedMatrix`."""
+
+    def __init__(self, prolongation: Prolongation) -> None:
+        self._p = prolongation
+        self._parts: list[tuple[Ints, Ints, Array]] = []
+
+    def add_nodal(self, nodes: npt.NDArray[np.int32], blocks: Array) -> None:
+        """Add to the diagonal blocks of free nodes of this rank, shape (nodes, 3, 3)."""
+        places = self._p.layout.rows.positions(nodes)
+        self._add(self._p.numbers.reshape(-1, 3)[places], blocks)
+
+    def add_coupling(self, entries: csr_array) -> None:
+        """Add entries that are equal on all ranks."""
+        if self._p.comm.rank == 0:
+            own = coo_array(entries)
+            self._parts.append((*own.coords, own.data))
+
+    def add_bodies(self, blocks: Array) -> None:
+        """Add to the bodies' blocks, shape (bodies, 6, 6), equal on all ranks."""
+        if self._p.comm.rank == 0:
+            self._add(self._p.body_columns, blocks)
+
+    def _add(self, numbers: Ints, blocks: Array) -> None:
+        rows, columns = np.broadcast_arrays(numbers[:, :, None], numbers[:, None, :])
+        known = (rows >= 0) & (columns >= 0)
+        self._parts.append((rows[known], columns[known], blocks[known]))
+
+    def on_all_ranks(self) -> csr_array:
+        """The sum of all. Collective."""
+        none: Ints = np.empty(0, np.int64)
+        parts = [(none, none, np.empty(0)), *self._parts]
+        every = [part for of_rank in self._p.comm.allgather(parts) for part in of_rank]
+        rows, columns, values = (np.concatenate(part) for part in zip(*every, strict=True))
+        return csr_array((values, (rows, columns)), shape=(self._p.size,) * 2)
