@@ -112,10 +112,10 @@ class Case:
         planned = self.planned(low, high, number)
         work = self.exchange.freeze(self.state, planned, self.prescribed)
         assert work is not None
-        return work
+        return work.whole
 
     def release(self, *numbers):
-        return self.exchange.release(self.state, set(numbers), self.prescribed)
+        return self.exchange.release(self.state, set(numbers), self.prescribed).whole
 
     def fly(self, seed):
         """Move bodies as steps would: nodes that flexible cells touch go along, others lag behind.

@@ -449,7 +449,7 @@ def test_events_have_a_row_for_each_body(tmp_path):
     assert [row["reason"] for row in rows] == [e.reason for e, _ in pairs]
     for row, (event, change) in zip(rows, pairs, strict=True):
         for column in ("t", "unknowns_before", "unknowns_after", "energy_frozen",
-                       "energy_released", "energy_lost", "work_of_supports",
+                       "energy_released", "energy_lost", "work_of_supports", "work_of_motors",
                        "linear_momentum_error", "angular_momentum_error"):  # fmt: skip
             assert float(row[column]) == getattr(event, column)
         for column in ("number", "cells_before", "cells_after", "stored_before", "stored_after"):

@@ -2,9 +2,9 @@
 
 Columns of events.csv, a row per body that was frozen, changed or released: t, kind, reason,
 unknowns_before, unknowns_after of the event; energy_frozen, energy_released, energy_lost [J],
-work_of_supports at it [J], linear_momentum_error [kg m/s], angular_momentum_error [kg m²/s];
-impulse_x … [N s] and angular_impulse_x … [N m s] that supports exerted at it; name, number,
-cells_before, cells_after, stored_before, stored_after of the body [J].
+work_of_supports, work_of_motors at it [J], linear_momentum_error [kg m/s], angular_momentum_error
+[kg m²/s]; impulse_x … [N s] and angular_impulse_x … [N m s] that supports exerted at it; name,
+number, cells_before, cells_after, stored_before, stored_after of the body [J].
 
 Columns of bodies.csv, a row per body at each time of the fields: t, number, name, cells, mass [kg],
 centre_x … of mass [m], velocity_x … of it [m/s], angular_velocity_x … [rad/s], rotation_x …, the
@@ -25,7 +25,7 @@ __all__ = ["BODY_COLUMNS", "EVENT_COLUMNS", "body_rows", "event_rows"]
 
 EVENT = (
     *("t", "kind", "reason", "unknowns_before", "unknowns_after"),
-    *("energy_frozen", "energy_released", "energy_lost", "work_of_supports"),
+    *("energy_frozen", "energy_released", "energy_lost", "work_of_supports", "work_of_motors"),
     *("linear_momentum_error", "angular_momentum_error"),
 )
 CHANGE = ("name", "number", "cells_before", "cells_after", "stored_before", "stored_after")

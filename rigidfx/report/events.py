@@ -49,8 +49,8 @@ class Event:
         energy_released: Stored energy given back to the motion [J].
         energy_lost: Total energy before, and work of supports and motors, less total energy after,
             everything stored counted [J].
-        work_of_supports: Work of the impulses of supports, and of motors of given speed, at the
-            event [J].
+        work_of_supports: Work of the impulse that supports exert at the event [J].
+        work_of_motors: Work of the impulses by which motors keep their given motion there [J].
         impulse: Impulse of supports on the structure at the event, shape (3,) [N s]: zero with a
             lumped mass; a consistent one couples nodes that they hold to those of bodies.
         angular_impulse: Its moment about the origin, shape (3,) [N m s].
@@ -70,6 +70,7 @@ class Event:
     energy_released: float
     energy_lost: float
     work_of_supports: float
+    work_of_motors: float
     impulse: Array
     angular_impulse: Array
     linear_momentum_error: float

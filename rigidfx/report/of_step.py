@@ -121,11 +121,11 @@ def amended(report: Report, stepper: Stepper, events: Sequence[Event], closeness
     changes = stepper.state.changes
     if not events and np.isnan(closeness) and report._changes == changes:
         return report
-    work = report.work_of_supports + sum(event.work_of_supports for event in events)
     report = replace(
         report,
         events=tuple(events),
-        work_of_supports=work,
+        work_of_loads=report.work_of_loads + sum(e.work_of_motors for e in events),
+        work_of_supports=report.work_of_supports + sum(e.work_of_supports for e in events),
         closeness=closeness,
         _changes=changes,
     )

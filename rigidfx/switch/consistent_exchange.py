@@ -37,7 +37,7 @@ from rigidfx.mechanics.rigid_body import Body, Frozen
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.system.division import Division
-from rigidfx.switch.exchange import faces_within, freeze
+from rigidfx.switch.exchange import Works, faces_within, freeze
 from rigidfx.switch.faces import with_faces
 from rigidfx.switch.present_velocities import Present
 from rigidfx.switch.projected_velocities import Field, RigidFields
@@ -74,10 +74,10 @@ class ConsistentExchange:
     def _fields(self, state: State, prescribed: Bools, present: Present) -> RigidFields:
         return RigidFields(self._scene, state, prescribed, present.mass, self.motors, self.dt)
 
-    def release(self, state: State, numbers: Set[int], prescribed: Bools) -> float:
+    def release(self, state: State, numbers: Set[int], prescribed: Bools) -> Works:
         """See `rigidfx.switch.exchange.Exchange`."""
         if not numbers:
-            return 0.0
+            return Works(0.0, 0.0)
         present = self._present(state)
         before = self._fields(state, prescribed, present)
         of_given = before.given_momenta(present.bodies)
@@ -108,15 +108,18 @@ class ConsistentExchange:
         rigid = before.project(before.momenta(possible.nodal), own, at_rest, False)
         rigid_bodies[now] = rigid.bodies[was]
         mode = possible.plus(-1.0, Field(rigid.nodal, rigid_bodies))
-        work = self._work(present, prescribed, after.momenta(merged.nodal) - present.momenta)
-        work += after.work(merged, held)
+        work = Works(
+            self._work(present, prescribed, after.momenta(merged.nodal) - present.momenta),
+            after.work(merged, held),
+        )
         # Impulses that hold the difference are those that its rigid part has needed, reversed.
-        of_mode = self._work(present, prescribed, after.momenta(mode.nodal))
-        of_mode -= before.work(rigid, held)
-        wanted = present.energy + work + sum(body.data.frozen.vibration for body in gone)
+        of_mode = Works(
+            self._work(present, prescribed, after.momenta(mode.nodal)), -before.work(rigid, held)
+        )
+        wanted = present.energy + work.whole + sum(body.data.frozen.vibration for body in gone)
         missing = wanted - 0.5 * after.product(merged, merged)
         if abs(missing) > ROUNDING * abs(wanted):
-            mixed = after.product(merged, mode) - of_mode
+            mixed = after.product(merged, mode) - of_mode.whole
             scale = _scale(after.product(mode, mode), mixed, missing)
         else:
             scale = 1.0
@@ -126,9 +129,9 @@ class ConsistentExchange:
             with_faces(self._scene, self._forces, state)
         for item in (before, after, present):
             item.destroy()
-        return work + scale * of_mode
+        return Works(*(a + scale * b for a, b in zip(work, of_mode, strict=True)))
 
-    def freeze(self, state: State, what: PlannedBody, prescribed: Bools) -> float | None:
+    def freeze(self, state: State, what: PlannedBody, prescribed: Bools) -> Works | None:
         """See `rigidfx.switch.exchange.Exchange`."""
         faces = faces_within(self._scene, state, what.nodes)
         body = freeze(self._scene, self._forces, state, what)
@@ -177,7 +180,7 @@ class ConsistentExchange:
         prescribed: Bools,
         named: bool = False,
         faces: Set[int] = frozenset(),
-    ) -> float:
+    ) -> Works:
         """Have one more body, which keeps the part removed from the motion. Collective.
 
         Args:
@@ -188,7 +191,7 @@ class ConsistentExchange:
             faces: Numbers of rigid faces that it takes over, with their kept velocities.
 
         Returns:
-            Work of supports and motors [J].
+            Work of supports and motors.
         """
         present = self._present(state)
         taken = [own for own in state.bodies if own.data.number in faces]
@@ -204,11 +207,11 @@ class ConsistentExchange:
         size: Array = np.sqrt((lost**2).sum(axis=1))
         most = self._scene.comm.allreduce(float(size.max(initial=0.0)), op=MPI.MAX)
         nodes = np.flatnonzero(size > NEGLIGIBLE * most).astype(np.int32)
-        work = 0.0
+        work = Works(0.0, 0.0)
         if not named:
-            work = self._work(present, prescribed, fields.momenta(new.nodal) - present.momenta)
-            work += fields.work(new, held)
-        energy = present.energy + work - 0.5 * fields.product(new, new)
+            gained = fields.momenta(new.nodal) - present.momenta
+            work = Works(self._work(present, prescribed, gained), fields.work(new, held))
+        energy = present.energy + work.whole - 0.5 * fields.product(new, new)
         energy += sum(own.data.frozen.vibration for own in taken)
         frozen = Frozen(nodes, lost[nodes], body.data.frozen.strain, energy)
         body = replace(body, data=replace(body.data, frozen=frozen))

@@ -18,7 +18,7 @@ by the mass, see `consistent_exchange`.
 from __future__ import annotations
 
 from collections.abc import Set
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -33,13 +33,30 @@ from rigidfx.state import State
 from rigidfx.step.system.division import Division
 from rigidfx.switch.mass_properties import excess_of_lumping, mass_properties
 
-__all__ = ["Exchange", "LumpedExchange", "faces_within", "freeze"]
+__all__ = ["Exchange", "LumpedExchange", "Works", "faces_within", "freeze"]
+
+
+class Works(NamedTuple):
+    """Work of the impulses that keep given velocities at a switch [J].
+
+    Attributes:
+        supports: Of supports.
+        motors: Of motors of given motion.
+    """
+
+    supports: float
+    motors: float
+
+    @property
+    def whole(self) -> float:
+        """Of both [J]."""
+        return self.supports + self.motors
 
 
 class Exchange(Protocol):
     """Moves energy and momenta between nodes and bodies; both ways change the state only."""
 
-    def release(self, state: State, numbers: Set[int], prescribed: npt.NDArray[np.bool_]) -> float:
+    def release(self, state: State, numbers: Set[int], prescribed: npt.NDArray[np.bool_]) -> Works:
         """Make the bodies of these numbers flexible. Collective.
 
         Args:
@@ -48,13 +65,13 @@ class Exchange(Protocol):
             prescribed: For each owned dof, whether a support prescribes it.
 
         Returns:
-            Work of supports and motors, by the impulses that keep their velocities [J].
+            Work of supports and motors.
         """
         ...
 
     def freeze(
         self, state: State, what: PlannedBody, prescribed: npt.NDArray[np.bool_]
-    ) -> float | None:
+    ) -> Works | None:
         """Make a body of cells. Collective.
 
         Args:
@@ -160,10 +177,10 @@ class LumpedExchange:
         """
         self._scene, self._forces = scene, forces
 
-    def release(self, state: State, numbers: Set[int], prescribed: npt.NDArray[np.bool_]) -> float:
+    def release(self, state: State, numbers: Set[int], prescribed: npt.NDArray[np.bool_]) -> Works:
         """See `Exchange`."""
         if not numbers:
-            return 0.0
+            return Works(0.0, 0.0)
         gone = state.take_out(numbers)
         velocity = state.v.x.array.copy()
         v = velocity.reshape(-1, 3)
@@ -172,18 +189,18 @@ class LumpedExchange:
             v[body.data.nodes] = body.velocities
             v[frozen.nodes] += frozen.velocities @ body.motion.R.T
         state.move(velocity)
-        return 0.0
+        return Works(0.0, 0.0)
 
     def freeze(
         self, state: State, what: PlannedBody, prescribed: npt.NDArray[np.bool_]
-    ) -> float | None:
+    ) -> Works | None:
         """See `Exchange`."""
         self.release(state, faces_within(self._scene, state, what.nodes), prescribed)
         body = freeze(self._scene, self._forces, state, what)
         if body is None:
             return None
         state.group(Bodies.of_each([*state.bodies, body]))
-        return 0.0
+        return Works(0.0, 0.0)
 
     def settle(self, state: State, division: Division, prescribed: npt.NDArray[np.bool_]) -> None:
         """See `Exchange`."""

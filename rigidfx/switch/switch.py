@@ -38,7 +38,7 @@ from rigidfx.step.system.supports import Impact, PrescribedDofs, supports_of
 from rigidfx.step.watches.judge import INVERTED, remedy
 from rigidfx.switch.closing import warn_of_jumps
 from rigidfx.switch.consistent_exchange import ConsistentExchange
-from rigidfx.switch.exchange import Exchange, LumpedExchange
+from rigidfx.switch.exchange import Exchange, LumpedExchange, Works
 from rigidfx.switch.inventory import check_clamps, divide
 from rigidfx.switch.mass_properties import mass_properties
 
@@ -269,10 +269,11 @@ class Switch:
         before, unknowns = stepper.measure(), stepper.unknowns
         held_before = stepper.held_momenta()
         prescribed = stepper.prescribed.mask
-        work = self._exchange.release(state, old.keys() - kept, prescribed)
+        works = [self._exchange.release(state, old.keys() - kept, prescribed)]
         for body in decision.bodies:
             if not body.kept:
-                work += self._exchange.freeze(state, body, prescribed) or 0.0
+                works.append(self._exchange.freeze(state, body, prescribed) or Works(0.0, 0.0))
+        work = Works(*map(sum, zip(*works, strict=True)))
         found = [body for body in state.bodies if _changes_with(body.data, decision)]
         state.ease(eased)
         self._bind(found)
@@ -297,8 +298,9 @@ class Switch:
             unknowns_after=stepper.unknowns,
             energy_frozen=max(after.stored - before.stored, 0.0),
             energy_released=max(before.stored - after.stored, 0.0),
-            energy_lost=before.energy + work - after.energy,
-            work_of_supports=work,
+            energy_lost=before.energy + work.whole - after.energy,
+            work_of_supports=work.supports,
+            work_of_motors=work.motors,
             impulse=impulse,
             angular_impulse=angular_impulse,
             linear_momentum_error=float(np.linalg.norm(linear)),
