@@ -456,7 +456,7 @@ def test_events_have_a_row_for_each_body(tmp_path):
             assert float(row[column]) == getattr(change, column)
         for name in ("impulse", "angular_impulse"):
             assert [float(row[f"{name}_{axis}"]) for axis in "xyz"] == list(getattr(event, name))
-    assert len(rows[0]) == 23
+    assert len(rows[0]) == 24
     h = rf.read_history(recorder.history)
     np.testing.assert_array_equal(h["bodies"], [len(r.bodies) for r in reports])
     np.testing.assert_array_equal(h["stored"], [r.stored for r in reports])
