@@ -49,17 +49,6 @@ def test_it_goes_on_as_long_as_what_is_taken_falls():
     assert follow([(1.0, 0.6**k) for k in range(30)], rule)[0] == 2  # too slow
 
 
-def test_iterations_that_it_asks_for_are_counted():
-    """For a rule that judges tangents by the others."""
-    rule = Conserving(TOLERANCE)
-    follow([(1.0, 1e-15)], rule)
-    assert rule.asked == 0
-    follow([(1.0, 1e-11), (1.0, 1e-13), (1.0, 9e-15)], rule)
-    assert rule.asked == 2
-    follow([(1.0, 3e-12), (5.0, 1e-15)], rule)  # the second is taken back
-    assert rule.asked == 1
-
-
 def test_rounding_is_met_once_and_remembered():
     """Of each quantity apart."""
     rule = Conserving(TOLERANCE)
@@ -125,7 +114,7 @@ def taken(*effects, **options):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Lost, "of_all", watched)
         # So loose that more than rounding is left.
-        loose = {"snes_rtol": 1e-4, **NEWTON}
+        loose = {"snes_rtol": 1e-3, **NEWTON}
         for report in rf.simulate(turning(*effects, **options), 1e-3, 2e-2, petsc_options=loose):
             now = report.energy, report.linear_momentum, report.angular_momentum
             if before is not None:

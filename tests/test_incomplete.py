@@ -19,7 +19,7 @@ KEPT = "kept fgmres+ilu"
 @pytest.fixture
 def _soft(monkeypatch):
     """Have all systems count as large and soft."""
-    monkeypatch.setattr(chord, "SMALLEST", 0)
+    monkeypatch.setattr(chord, "prefers_direct", lambda _: False)
     monkeypatch.setattr(chord, "FULL_UP_TO", 0)
     monkeypatch.setattr(chord, "STIFF_FROM", 1e9)
 
@@ -27,7 +27,7 @@ def _soft(monkeypatch):
 @pytest.fixture
 def _many_entries(monkeypatch):
     """Have all full factors count as large."""
-    monkeypatch.setattr(chord, "few_entries", lambda A: False)
+    monkeypatch.setattr(chord, "FEW", 0.0)
 
 
 @pytest.mark.usefixtures("_soft", "_many_entries")

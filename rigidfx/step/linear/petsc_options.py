@@ -33,7 +33,6 @@ from rigidfx.step.linear.linear_solver import PREFIX, default_options
 
 __all__ = [
     "SolverOptions",
-    "loose_solves_allowed",
     "monitor_solves",
     "take_arguments",
 ]
@@ -155,14 +154,6 @@ def monitor_solves(snes: PETSc.SNES) -> None:
             raise (own or told) from None
 
     snes.setMonitor(show)
-
-
-def loose_solves_allowed() -> bool:
-    """Whether linear systems may be solved as far as Newton can use it only (Eisenstat-Walker).
-
-    Not where the user says how far: a tolerance of theirs would have no effect.
-    """
-    return not any(PETSc.Options(PREFIX).hasName(name) for name in ("ksp_rtol", "ksp_atol"))
 
 
 def _named(error: PETSc.Error) -> Exception:

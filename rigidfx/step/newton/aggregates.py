@@ -25,7 +25,6 @@ Int = PETSc.IntType
 # Nodes of an aggregate, at most. An L of 196 875 unknowns (solves to a hundredth, 8.0 iterations
 # without a coarse grid) took 3.7, 4.1, 4.4 and 4.6 with 130, 200, 260 and 520.
 NODES = 260
-MOST = 1500  # aggregates for which larger ones begin: the coarse problem is solved by full factors
 
 
 class Aggregates:
@@ -39,8 +38,7 @@ class Aggregates:
         """
         self._prolongation = prolongation
         self._free = prolongation.free_of_nodes
-        size = max(NODES, prolongation.size // (3 * MOST))
-        leaf = _leaves(prolongation.at_nodes(prolongation.layout.rows.X), size)
+        leaf = _leaves(prolongation.at_nodes(prolongation.layout.rows.X), NODES)
         self._order = np.argsort(leaf, kind="stable")
         self._leaf = leaf
         self._starts = np.flatnonzero(np.diff(leaf[self._order], prepend=-1))

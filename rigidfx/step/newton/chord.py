@@ -15,8 +15,8 @@ from petsc4py import PETSc
 
 from rigidfx.step.equations.equations import Equilibrium
 from rigidfx.step.equations.joined import JoinedEquilibrium
-from rigidfx.step.linear.linear_solver import PREFIX
-from rigidfx.step.newton.band import few_entries, fill
+from rigidfx.step.linear.linear_solver import PREFIX, prefers_direct
+from rigidfx.step.newton.band import fill
 from rigidfx.step.newton.border import Border
 from rigidfx.step.newton.chord_test import ChordTest
 from rigidfx.step.newton.control import Control
@@ -29,10 +29,6 @@ from rigidfx.step.newton.two_levels import TwoLevels
 
 __all__ = ["Chord", "pays"]
 
-# Unknowns. Of 20 systems of 189 to 486 (stiff and soft, held, on springs and turning, of first and
-# second order) steps took .34 to .79 of those by Newton's method, in one soft system 1.07. With
-# PETSc's own LU, which well-conditioned ones have, 1.10 at 96 unknowns and 1.02 at 144.
-SMALLEST = 150
 # Unknowns up to which several ranks, whose factors MUMPS makes, keep none, and one rank keeps full
 # ones, as GMRES is no faster.
 FULL_UP_TO = 500
@@ -44,18 +40,21 @@ FACTORS_UP_TO = 100_000
 # second-order hexahedra (130 680, waves that pass 1800 cells) steps with them took .39 of the time.
 SLENDER_UP_TO = 300_000
 SLENDER = 25.0  # fill at most; that plate has 20, a bar five times as long as thick 31
-# Cells that a wave passes in a step, as the diagonals of stiffness and mass estimate them. From a
-# prototype that counted them by the material's wave speed; not measured again for the diagonals.
-STIFF_FROM = 15.0
-# From here on, and beyond as many unknowns as full factors are kept for, a coarse grid stands by
-# incomplete ones in soft parts: at 12, 24 and 49 cells (the L of 196 875 unknowns) solves took .63,
-# .36 and .24 of the time; steps of a block of 114 444 took 1.3 of it at 3 cells, as much at 6.
-COARSE_FROM = 9.0
+# Soft parts whose factors have few entries keep full ones: a solve takes less than a handful of
+# iterations by GMRES and leaves less. Steps took .36 to .79 of the time at a fill of 1.3 to 6.5, in
+# bars, plates and blocks of 670 to 10 000 unknowns.
+FEW = 6.5
+FEW_UP_TO = 30_000  # unknowns; .25 and .51 from 17 000 on, with PETSc's factors
+# Cells that a wave passes in a step, as the diagonals of stiffness and mass estimate them, from
+# which a structure is stiff. Full factors took .53 to .67 of the time of incomplete ones at 9 to 14
+# cells (steps of an L of 3969 to 26 871 unknowns). A coarse grid took .63, .36 and .24 of it at 12,
+# 24 and 49 cells (solves of one of 196 875); 1.3 at 3 cells, 1 at 6 (steps of a block of 114 444).
+STIFF_FROM = 9.0
 # Beyond, solves with kept factors turn a slender part about its axis by rounding, for good: at
 # 2·10⁵ a needle of 1107 unknowns lost 8e-4 of its energy in 500 steps.
 STIFF_UP_TO = 5e3
 CLEAR = 10.0  # times what rounding may leave, of a residual that secants are learned from
-OF_SOLVERS = "ksp_", "pc_", "mat_", "sub_", "mg_", "snes_lag_"
+OF_SOLVERS = "ksp_", "pc_", "mat_", "sub_", "mg_", "snes_lag_", "snes_ksp_ew"
 
 
 class Chord:
@@ -113,28 +112,22 @@ class Chord:
         size = self._equilibrium.prolongation.size
         self._once_stiff |= self._equilibrium.waves(dt) >= STIFF_FROM
         if self._once_stiff:
-            full = size <= FACTORS_UP_TO or (size <= SLENDER_UP_TO and self._slender)
+            full = size <= FACTORS_UP_TO or (size <= SLENDER_UP_TO and self._fill <= SLENDER)
         else:
-            full = size < FULL_UP_TO or (self._equilibrium.calm and self._few_entries)
+            few = size <= FEW_UP_TO and self._equilibrium.calm and self._fill <= FEW
+            full = size < FULL_UP_TO or few
         if full:
             return Factors
-        far = self._once_stiff or self._equilibrium.waves(dt) >= COARSE_FROM
-        return TwoLevels if size > FACTORS_UP_TO and far else IncompleteFactors
+        return TwoLevels if self._once_stiff else IncompleteFactors
 
     def go_on(self, before: Chord) -> None:
         """Take over findings of the division before, which may have been freed."""
         self._once_stiff = before._once_stiff
 
     @cached_property
-    def _slender(self) -> bool:
-        """Whether full factors fill little as the structure is long or thin."""
-        A = self._equilibrium.tangent_matrix
-        return bool(A.comm.size == 1 and fill(A) <= SLENDER)
-
-    @cached_property
-    def _few_entries(self) -> bool:
-        """Whether full factors have few entries."""
-        return few_entries(self._equilibrium.tangent_matrix)
+    def _fill(self) -> float:
+        """Entries of full factors relative to those of a tangent, at most."""
+        return fill(self._equilibrium.tangent_matrix)
 
     def begin(self, dt: float) -> None:
         """Begin a step, or an attempt at it. Collective.
@@ -178,8 +171,6 @@ class Chord:
     def make(self) -> None:
         """Assemble the tangent at the last iterate. Collective."""
         self._equilibrium.tangent()
-        if self._control.ended and isinstance(self._kept.inverse, Factors):
-            self._kept.inverse.take_all()
         self._kept.renewed(self._equilibrium.jumping())
         self._control.price = self._kept.renewal
         self.stop.renewed()
@@ -195,15 +186,9 @@ class Chord:
         """Take note that Newton's method takes over, and makes tangents of its own."""
         self._control.failed(len(self.stop.history) - 1, self.tangents)
 
-    def accept(self, asked: int) -> None:
-        """Take note that the last solve has become a step.
-
-        Args:
-            asked: How many of its iterations energy and momenta asked for. They do not tell how
-                well the tangent fits: counted as if they did, two of them had a plate's tangents
-                renewed early, and 20 more iterations were taken in 120 steps.
-        """
-        self._control.accepted(len(self.stop.history) - 1, asked, self.tangents)
+    def accept(self) -> None:
+        """Take note that the last solve has become a step."""
+        self._control.accepted(len(self.stop.history) - 1, self.tangents)
 
     def accept_newton(self, iterations: int) -> None:
         """Take note that a solve by Newton's method has become a step of so many iterations."""
@@ -223,5 +208,6 @@ def pays(equilibrium: Equilibrium) -> bool:
     given = PETSc.Options(PREFIX).getAll()
     told = any(name.startswith(OF_SOLVERS) for name in given)
     p = equilibrium.prolongation
-    least = SMALLEST if p.comm.size == 1 else FULL_UP_TO
-    return equilibrium.inertial and p.size >= least and not told
+    # With a tangent that is kept, steps of 6 to 36 unknowns took 1.2 to 1.3 times as long.
+    large = not prefers_direct(p.size) if p.comm.size == 1 else p.size >= FULL_UP_TO
+    return equilibrium.inertial and large and not told

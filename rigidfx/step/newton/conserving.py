@@ -31,7 +31,6 @@ class Conserving:
         best: Whether no iterate before the last one, of those that were followed, was better.
         doubtful: Whether the next iteration wants a new tangent, to tell rounding from a tangent
             that does not fit.
-        asked: How many iterations it has asked for in this step.
     """
 
     def __init__(self, tolerance: float) -> None:
@@ -48,7 +47,7 @@ class Conserving:
         """Begin a step, or an attempt at it."""
         self._lost: list[Array] = []
         self._residual = self._least = np.inf
-        self.best, self.doubtful, self.asked = True, False, 0
+        self.best, self.doubtful = True, False
 
     @property
     def following(self) -> bool:
@@ -73,11 +72,6 @@ class Conserving:
             kept: Whether tangents are kept: that of the last iteration was an earlier one, unless
                 this one was in doubt.
         """
-        enough = self._enough(residual, lost, kept)
-        self.asked += not enough
-        return enough
-
-    def _enough(self, residual: float, lost: Array, kept: bool) -> bool:
         self._lost.append(lost)
         if np.shape(self.rounding) not in ((), lost.shape):
             self.rounding = 0.0  # it was met while other quantities were looked at

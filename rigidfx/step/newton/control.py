@@ -2,17 +2,14 @@
 
 An iteration with a kept tangent reduces the residual by its contraction θ; a new tangent costs as
 much as `price` such iterations (E. Hairer and G. Wanner, Solving Ordinary Differential Equations
-II, IV.8; P. Deuflhard, Newton Methods for Nonlinear Problems, 2.1). Within a step the tangent is
-renewed
+II, IV.8; P. Deuflhard, Newton Methods for Nonlinear Problems, 2.1). The first iteration with a
+tangent in a step tells nothing of it: a correction along a straight line stretches parts that turn,
+and the next one takes that back. So θ is known from the second one on, as the mean of two. Then the
+tangent is renewed
 
-- if the residual grows; in the first iteration of a step only if it grows by more than the price,
-  as a first correction along a straight line stretches parts that turn, and the second one takes
-  that back (without this, a slider-crank at 240 rad/s made 51 tangents in 99 steps, with it 3),
+- if the residual has grown,
 - if the remaining iterations, log(target/‖R‖)/log θ, cost more than a new tangent with its own
   iterations, or exceed the limit of iterations.
-
-If the residual grows twice in a step with tangents of this step, the chord method ends for it: each
-further iteration has a new tangent, in full and not its symmetric part.
 
 Between steps a tangent is renewed after a step with more iterations than the mean since the last
 renewal, the renewal included: each further step would only raise the mean. It is renewed at the
@@ -42,16 +39,14 @@ class ControlNumbers:
 
     Attributes:
         own: Iterations that a new tangent needs as well (docs/notes/solver_ablation.md).
-        growths: Growths of the residual by tangents of the same step that end the method for it.
         debt: Largest debt, as a part of the whole cost of Newton's method, but at least the cost of
-        one of its steps. Savings of cheaper steps count up to the same size: an arm whose steps
-        cost 0.4 has single ones that cost 2.6 (docs/notes/solver_ablation.md).
+            one of its steps. Savings of cheaper steps count up to the same size: an arm whose steps
+            cost 0.4 has single ones that cost 2.6 (docs/notes/solver_ablation.md).
         newton: Iterations that a step by Newton's method takes, before any has been counted; in
             twelve scenes it took 2.5 to 6.2.
     """
 
     own: int = 3
-    growths: int = 2
     debt: float = 0.05
     newton: float = 4.0
 
@@ -71,13 +66,13 @@ class Control:
         self.price, self.due = 0.0, True
         self.missing = True
         self._from = 0  # iterate of this step since which the tangent is the same
-        self._spent, self._steps, self._since, self._growths = 0.0, 0, 0, 0
+        self._spent, self._steps, self._since = 0.0, 0, 0
         self._newton, self._passed = numbers.newton, 0
         self._debt = self._whole = 0.0  # beyond Newton's cost, and all of that, in iterations
 
     def begin(self) -> None:
         """Begin a step, or an attempt at it."""
-        self._since, self._growths, self._from = 0, 0, 0
+        self._since = self._from = 0
 
     def lose(self) -> None:
         """Take note that the tangent serves no longer."""
@@ -92,23 +87,14 @@ class Control:
             limit: Iterations after which it fails.
         """
         taken = len(history) - 1
-        since = taken - self._from
-        if self.missing or self.ended:
+        since, norm = taken - self._from, history[-1]
+        if self.missing:
             return True
-        if since < 1 or history[-1] <= target:
+        if since < 2 or norm <= target:
             return self.due and since > 0
-        last, norm = history[-2:]
-        if taken == 1 and norm < self.price * last:
-            return self.due
-        if norm >= last:
-            self._growths += self._since > 0  # by a tangent of this step
+        if not norm < min(history[-3:-1]):
             return True
-        if since < 2:
-            return self.due
-        # Over two iterations, as what is left of strains and of rotations may take turns.
         contraction = math.sqrt(norm / history[-3])
-        if not contraction < 1:
-            return True
         left = math.log(max(target, sys.float_info.min) / norm) / math.log(contraction)
         return self.due or left > self.price + self._numbers.own or taken + left > limit
 
@@ -128,17 +114,16 @@ class Control:
         self._from = len(history) - 1
         self._spent += solves
 
-    def accepted(self, iterations: int, asked: int, tangents: int) -> None:
+    def accepted(self, iterations: int, tangents: int) -> None:
         """Take note of a step with kept tangents.
 
         Args:
             iterations: How many it took.
-            asked: How many of them energy and momenta asked for, which tell nothing of the tangent.
             tangents: How many new ones it made.
         """
-        self._spent += iterations - asked
+        self._spent += iterations
         self._steps += 1
-        self.due = iterations - asked - self._since > self._spent / self._steps
+        self.due = iterations - self._since > self._spent / self._steps
         self._pay(iterations, tangents)
         self._whole += self._of_newton
 
@@ -178,11 +163,6 @@ class Control:
     def _of_newton(self) -> float:
         """Cost of a step by Newton's method, in iterations with a kept tangent."""
         return self._newton * (1 + self.price)
-
-    @property
-    def ended(self) -> bool:
-        """Whether each further iteration of the step has a tangent of its own."""
-        return self._growths >= self._numbers.growths
 
     @property
     def indebted(self) -> bool:

@@ -1,8 +1,8 @@
 """Solve with the factors of a tangent, for as long as it stays the one that was factored.
 
-Small systems, and those whose factors have few entries, have LU by PETSc itself if inertia makes
-pivots needless. Others have Cholesky's factors of the symmetric part, on one rank, until the skew
-part of a tangent is too large. All others have LU by MUMPS.
+Small systems have LU by PETSc itself where inertia makes pivots needless; others Cholesky's factors
+of the symmetric part on one rank, until a tangent has been found to be too far from that; all
+others LU by MUMPS.
 """
 
 from __future__ import annotations
@@ -12,15 +12,10 @@ from petsc4py import PETSc
 from rigidfx.step.equations.equations import Equilibrium
 from rigidfx.step.linear import cholmod
 from rigidfx.step.linear.linear_solver import QUICK_UP_TO, configure
-from rigidfx.step.newton.band import few_entries
 from rigidfx.step.newton.cholesky import Cholesky
 from rigidfx.step.newton.price import price
 
 __all__ = ["Factors"]
-
-# Unknowns up to which factors of few entries are PETSc's own; those of second-order hexahedra took
-# .2 s longer to make than MUMPS's at 7776, and 4 s at 24 000.
-FEW_UP_TO = 5_000
 
 
 class Factors:
@@ -50,13 +45,9 @@ class Factors:
 
     def _take_pivots(self, pivots: bool) -> None:
         self._pivots, p = pivots, self._equilibrium.prolongation
-        A = self._equilibrium.tangent_matrix
-        # A solve with few entries is the faster by PETSc itself: steps of bars and plates of 670 to
-        # 4400 unknowns took .69 to .85 of those with MUMPS's factors, new ones included.
-        few = p.size <= FEW_UP_TO and few_entries(A)
-        self._quick = not pivots and (p.size <= QUICK_UP_TO or few)
+        self._quick = not pivots and p.size <= QUICK_UP_TO
         configure(self._ksp, True, p.size, len(p.layout.bodies) > 0, self._quick)
-        self._ksp.setOperators(A)
+        self._ksp.setOperators(self._equilibrium.tangent_matrix)
 
     @property
     def _present(self) -> PETSc.KSP:
@@ -74,18 +65,13 @@ class Factors:
             self._take_pivots(not self._pivots)
         self.renewal = price(self._equilibrium.tangent_matrix, self._made())
 
-    def take_all(self) -> None:
-        """Factor all of a tangent from now on, not its symmetric part."""
-        if self._cholesky is not None:
-            self._cholesky.destroy()
-            self._cholesky = None
-
     def _made(self) -> PETSc.Mat:
         """Make the factors. Collective."""
         if not self._quick and self._cholesky is not None:
             if self._cholesky.renew():
                 return self._cholesky.ksp.getPC().getFactorMatrix()
-            self.take_all()
+            self._cholesky.destroy()
+            self._cholesky = None
         self._ksp.setUp()
         return self._ksp.getPC().getFactorMatrix()
 

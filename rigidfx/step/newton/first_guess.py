@@ -1,22 +1,16 @@
 """First guesses of a step: u₁ = u₀ + Δt v, rotated if rotations are large.
 
-With a large rotation per step a straight line is far from the motion, and costs iterations. So the
-mean rigid motion of the flexible cells and the bodies, c and ω from their momenta, is continued as
-that of one free rigid body. Its Cayley vector θ keeps the angular momentum, R₁ J (2θ/Δt - ω) = J ω.
-With R₁ = (I - ½θ̂)⁻¹ (I + ½θ̂) this is
-
-    J θ + ½ θ × J θ = Δt J ω.
-
-θ = Δt ω only if ω is a principal axis. A stiff body that rotates by a slightly wrong angle δ is
-strained by δ². The motion relative to the mean is continued along a straight line in one guess, and
-left out in another, since steps may not resolve a vibration. The guess with the smaller residual is
-taken.
+At a large rotation per step a straight line leads far from the motion, and costs iterations. So the
+mean rigid motion of the flexible cells and the bodies, c and ω from their momenta, continues by the
+Cayley vector θ = Δt ω, with R = (I - ½θ̂)⁻¹ (I + ½θ̂). Other motion, rotated by half of θ (Cayley
+vector θ / (1 + √(1 + ¼θ²))), continues along a straight line if it is slow, and hardly if it
+vibrates faster than steps resolve: both guesses are tried, and the smaller residual decides.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import atan, isfinite, sqrt, tan
+from math import sqrt
 
 import numpy as np
 import numpy.typing as npt
@@ -30,10 +24,8 @@ __all__ = ["Guess", "predict"]
 
 Array = npt.NDArray[np.float64]
 
-SMALL = 1e-3  # rotation per step [rad] below which the tangent is as good a guess
+SMALL = 1e-3  # rotation per step [rad] below which a straight line is as good a guess
 SINGULAR = 1e-9  # ratio of a principal moment of inertia to the largest that counts as none
-# Iterations for the rotation of a free body, and the correction whose square is left of it.
-TRIES, ENOUGH = 20, 1e-5
 
 
 @dataclass(frozen=True)
@@ -64,100 +56,39 @@ def predict(
         dt: Δt [s].
     """
     x, v = layout.rows.X + u.reshape(-1, 3), v.reshape(-1, 3)
-    mean = _mean_motion(scene, layout.masses, start, x, v)
-    omega = mean.omega
-    if 2 * atan(0.5 * dt * sqrt(omega @ omega)) < SMALL:
-        turns = dt * start.angular_velocity
+    turns = dt * start.angular_velocity
+    centre, velocity, omega = _mean_motion(scene, layout.masses, start, x, v)
+    theta = dt * omega
+    if theta @ theta < SMALL**2:
         return (Guess((dt * v).reshape(-1), _six(start, dt * start.velocity, turns)),)
-    theta = free_rotation(mean.principal, mean.axes, omega, dt)
-    size = sqrt(theta @ theta)
-    turn = cayley(theta) - IDENTITY
-    half = dt * cayley(2 * tan(0.5 * atan(0.5 * size)) / size * theta)
-    spin = skew(omega)
+    spin, turn = skew(omega), cayley(theta) - IDENTITY
+    half = dt * cayley(theta / (1 + sqrt(1 + 0.25 * theta @ theta)))
 
-    def parts(arms: Array, relative: Array) -> tuple[Array, Array]:
-        """Increments by the mean motion, and by motion that goes along relative to it."""
-        going = relative - arms @ spin.T
-        return arms @ turn.T + dt * mean.velocity, going @ half.T
+    def parts(x: Array, v: Array) -> tuple[Array, Array]:
+        """Increments by the mean motion, and by motion relative to it."""
+        arms = x - centre
+        return arms @ turn.T + dt * velocity, (v - velocity - arms @ spin.T) @ half.T
 
-    with_mean, going = parts(mean.arms, mean.relative)
-    along = (with_mean + going).reshape(-1)
+    mean, other = parts(x, v)
     if not len(start):
         none = np.empty((0, 6))
-        return Guess(along, none), Guess(with_mean.reshape(-1), none)
-    carried, drifting = parts(start.r - mean.centre, start.velocity - mean.velocity)
-    turns = theta + dt * (start.angular_velocity - omega)
+        return Guess((mean + other).reshape(-1), none), Guess(mean.reshape(-1), none)
+    carried, drifting = parts(start.r, start.velocity)
     return (
-        Guess(along, _six(start, carried + drifting, turns)),
-        Guess(with_mean.reshape(-1), _six(start, carried, theta)),
+        Guess((mean + other).reshape(-1), _six(start, carried + drifting, turns)),
+        Guess(mean.reshape(-1), _six(start, carried, np.broadcast_to(theta, turns.shape))),
     )
-
-
-def free_rotation(principal: Array, axes: Array, omega: Array, dt: float) -> Array:
-    """Cayley vector θ of a free rigid body's step; Δt ω if none is found.
-
-    Args:
-        principal: Principal moments of inertia about the centre of mass, above zero, shape (3,)
-            [kg m²].
-        axes: Their axes, a right-handed frame, one per column.
-        omega: Angular velocity ω at the start of the step, shape (3,) [rad/s].
-        dt: Δt [s].
-    """
-    theta = dt * (omega @ axes)
-    # Arithmetic of numbers: with arrays of three it takes three times as long.
-    i, j, k = map(float, principal)
-    f, g, h = 0.5 * (k - j), 0.5 * (i - k), 0.5 * (j - i)
-    p, q, r = map(float, principal * theta)
-    for _ in range(TRIES):
-        a, b, c = map(float, theta)
-        off = p - i * a - f * b * c, q - j * b - g * c * a, r - k * c - h * a * b
-        if not all(map(isfinite, (a, b, c, *off))):
-            break
-        slope = (i, f * c, f * b), (g * c, j, g * a), (h * b, h * a, k)
-        try:
-            change = np.linalg.solve(slope, off)
-        except np.linalg.LinAlgError:
-            break
-        theta = theta + change
-        if change @ change <= ENOUGH**2 * (theta @ theta):
-            return np.asarray(axes @ theta)
-    return dt * omega
 
 
 def _six(start: Bodies, translations: Array, turns: Array) -> Array:
     """Δr and ℓθ of the bodies from Δr and θ, shape (bodies, 6) [m]."""
-    out = np.empty((len(start), 6))
-    out[:, :3] = translations
-    np.multiply(start.of.length[:, None], turns, out=out[:, 3:])
-    return out
+    return np.hstack([translations, start.of.length[:, None] * turns])
 
 
-@dataclass(frozen=True)
-class _MeanMotion:
-    """Common motion of nodes and bodies, by their momenta, and motion of nodes relative to that.
-
-    Attributes:
-        centre: Their centre of mass, shape (3,) [m].
-        velocity: Its velocity, shape (3,) [m/s].
-        omega: Angular velocity ω, shape (3,) [rad/s].
-        principal: Principal moments of inertia about the centre, shape (3,) [kg m²]; the largest
-            in place of those that are next to none, as that of a line is.
-        axes: Their axes, a right-handed frame, one per column.
-        arms: Positions of nodes from the centre [m].
-        relative: Their velocities less that of the centre [m/s].
-    """
-
-    centre: Array
-    velocity: Array
-    omega: Array
-    principal: Array
-    axes: Array
-    arms: Array
-    relative: Array
-
-
-def _mean_motion(scene: Scene, mass: Array, start: Bodies, x: Array, v: Array) -> _MeanMotion:
-    """The mean motion of nodes and bodies. Collective.
+def _mean_motion(
+    scene: Scene, mass: Array, start: Bodies, x: Array, v: Array
+) -> tuple[Array, Array, Array]:
+    """Centre of mass of nodes and bodies, its velocity, and ω, by their momenta. Collective.
 
     Args:
         scene: The problem.
@@ -185,13 +116,8 @@ def _mean_motion(scene: Scene, mass: Array, start: Bodies, x: Array, v: Array) -
     if len(start):
         second[0] += start.angular_momentum.sum(axis=0)
         second[1:] += (start.R @ start.rotated_inertia).sum(axis=0)
-    centre, velocity, arms, relative = first[1:4], first[4:], both[:n, :3], both[:n, 3:]
     if not np.isfinite(second).all():  # the step will say so
-        return _MeanMotion(centre, velocity, np.zeros(3), np.ones(3), IDENTITY, arms, relative)
-    principal, axes = np.linalg.eigh(second[1:])
-    axes[:, 2] = skew(axes[:, 0]) @ axes[:, 1]
-    largest = principal[2]
-    resists = principal > SINGULAR * largest
-    spin = np.divide(second[0] @ axes, principal, out=np.zeros(3), where=resists)
-    principal = np.where(resists, principal, largest or 1.0)
-    return _MeanMotion(centre, velocity, axes @ spin, principal, axes, arms, relative)
+        return first[1:4], first[4:], np.zeros(3)
+    # A line has no inertia about itself.
+    omega = np.linalg.lstsq(second[1:], second[0], rcond=SINGULAR)[0]
+    return first[1:4], first[4:], omega

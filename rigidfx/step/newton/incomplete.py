@@ -44,7 +44,8 @@ class IncompleteFactors:
         renewal: Cost of a new tangent, its factors included, in iterations with these.
     """
 
-    renewal = 5.0  # 3 at 700 unknowns, 7 at 4000, 4 at 27 000
+    # 3 at 700 unknowns, 7 at 4000, 4 at 27 000; 8 to 12 with a coarse grid, beyond 100 000
+    renewal = 5.0
 
     def __init__(self, equilibrium: Equilibrium) -> None:
         """Create the solver. Collective.

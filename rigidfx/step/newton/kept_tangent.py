@@ -13,15 +13,15 @@ tangent fits. For a steadily turning body the fit is exact.
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 from scipy.sparse import csr_array
 
 from rigidfx.step.newton.border import Border
+from rigidfx.step.newton.factors import Factors
 from rigidfx.step.newton.frames import Frames
+from rigidfx.step.newton.incomplete import IncompleteFactors
 from rigidfx.step.newton.low_rank import LowRank
 from rigidfx.step.newton.secants import Secants
 
@@ -30,37 +30,7 @@ __all__ = ["Inverse", "KeptTangent"]
 Array = npt.NDArray[np.float64]
 
 NEAR = 0.1  # change of Δt that a tangent survives
-
-
-class Inverse(Protocol):
-    """Solvers with a tangent that has been assembled once, exactly or nearly so."""
-
-    @property
-    def renewal(self) -> float:
-        """Cost of a new tangent, in iterations with a kept one."""
-        ...
-
-    @property
-    def name(self) -> str:
-        """Its name in reports."""
-        ...
-
-    @property
-    def iterations(self) -> int:
-        """How many linear iterations the last solve took."""
-        ...
-
-    def renew(self) -> None:
-        """Take note of a new tangent. Collective."""
-        ...
-
-    def solve(self, r: PETSc.Vec, z: PETSc.Vec) -> None:
-        """A₀ z = r. Collective."""
-        ...
-
-    def destroy(self) -> None:
-        """Free its objects. Collective."""
-        ...
+Inverse = Factors | IncompleteFactors  # solvers with a tangent that has been assembled once
 
 
 class KeptTangent:

@@ -1,7 +1,7 @@
 """Solve the equations of one step (or of statics) with PETSc's SNES, one solve per step.
 
-If a Krylov solver gives up, or its loose solves mislead Newton's method, the step is solved again,
-with a factorisation or a tight tolerance, before it is cut.
+Where a Krylov solver gives up, the step is solved again by a factorisation, and so are all later
+ones of this division. Where factors without pivots fail, it is solved again with pivots.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from rigidfx.step.linear.linear_solver import (
     forget_failed,
     prefers_direct,
 )
-from rigidfx.step.linear.petsc_options import loose_solves_allowed, monitor_solves
+from rigidfx.step.linear.petsc_options import monitor_solves
 from rigidfx.step.newton.border import BorderedFactors
 from rigidfx.step.newton.callbacks import errors_of_callbacks
 from rigidfx.step.newton.chord import Chord, pays
@@ -41,7 +41,6 @@ from rigidfx.step.newton.stopping_test import (
 __all__ = ["Newton"]
 
 CONSERVED = 3e-3  # of the tolerance of residuals, what a step may take from energy and momenta
-MAX_FALLBACKS = 3  # direct solves in place of failed Krylov solves before Krylov is given up
 
 
 def residual(snes: PETSc.SNES, y: PETSc.Vec, r: PETSc.Vec, newton: Newton) -> None:
@@ -60,11 +59,8 @@ def tangent(snes: PETSc.SNES, y: PETSc.Vec, A: PETSc.Mat, B: PETSc.Mat, newton: 
 def convergence(
     snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float], newton: Newton
 ) -> int:
-    """SNES callback: the stopping test, and how far the next linear system is to be solved."""
-    reason = newton.ended(iteration, norms[2])
-    if reason == 0:
-        newton.limit_linear_error()
-    return reason
+    """SNES callback: the stopping test."""
+    return newton.ended(iteration, norms[2])
 
 
 class Newton:
@@ -92,11 +88,8 @@ class Newton:
             self._bordered = BorderedFactors(equilibrium)
         direct = prefers_direct(equilibrium.prolongation.size) or self._bordered is not None
         self._krylov = equilibrium.inertial and not direct
-        self._fallbacks = 0
         self._pivots = True  # whether factors need them
         self._snes = self._create_snes()
-        # How loosely Krylov solves may end, first and later.
-        self._loosest = [(name, self._snes.getParamsEW()[name]) for name in ("rtol_0", "rtol_max")]
         rtol, _, _, max_it = self._snes.getTolerances()
         self.stop = StoppingTest(rtol, max_it)
         self.conserving = Conserving(CONSERVED * rtol)
@@ -132,11 +125,6 @@ class Newton:
         snes.setJacobian(tangent, A if joined is None else joined.operator, args=(self,))
         snes.setConvergenceTest(convergence, args=(self,))
         snes.setTolerances(rtol=RELATIVE_TOLERANCE, max_it=MAX_ITERATIONS)
-        if self._krylov and loose_solves_allowed():
-            # Linear systems are solved no further than Newton's quadratic convergence will get:
-            # three Krylov iterations in ten are saved, for a Newton iteration in ten more at most.
-            snes.setParamsEW(version=2, rtol_0=3e-3, gamma=0.3, alpha=2.0)
-            snes.setUseEW(True)
         with default_options(PREFIX, snes_linesearch_type="basic"):
             snes.setFromOptions()
         monitor_solves(snes)
@@ -166,12 +154,11 @@ class Newton:
 
     def _solve_by_chord(self, chord: Chord, guesses: Sequence[Guess]) -> Solution:
         """Solve with a tangent that is kept."""
-        own, loose = (self._snes.getKSP(), self.stop), self._snes.getUseEW()
+        own = self._snes.getKSP(), self.stop
         if len(guesses) == self._offered and chord.serving:  # the better one costs two residuals
             guesses = [guesses[self._best]]
         chord.begin(self.equilibrium.dt)
         self._snes.setKSP(chord.ksp)
-        self._snes.setUseEW(False)
         self.stop, self._keeping = chord.stop, True
         reason = self._iterate(guesses)
         self._kept = reason > 0
@@ -179,7 +166,6 @@ class Newton:
             chord.fail()
         found = self._solution(reason, chord.tangents, chord.linear_iterations, chord.solver)
         self._snes.setKSP(own[0])
-        self._snes.setUseEW(loose)
         self.stop, self._keeping = own[1], False
         return found
 
@@ -193,7 +179,6 @@ class Newton:
             failed: Another solve that has failed; if its last iterate is better than its first
                 one, the iteration goes on from there.
         """
-        krylov = self._krylov and self._fallbacks < MAX_FALLBACKS
         self._take_pivots(not self.equilibrium.well_conditioned)
         self._tangents = 0
         reason, remark = 0, ""
@@ -202,23 +187,14 @@ class Newton:
             reason = self._iterate(())
         if reason <= 0:
             reason = self._iterate(guesses)
-        if reason == PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE and krylov:
-            # The Krylov solver gave up: repeat the step with a factorisation.
-            self._fallbacks += 1
+        if reason == PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE and self._krylov:
+            self._krylov = False
             self._configure(self._snes.getKSP(), True)
             reason, remark = self._iterate(guesses), " (fall-back from Krylov)"
-            if self._fallbacks < MAX_FALLBACKS:
-                self._configure(self._snes.getKSP(), False)
-        elif reason < 0 and not krylov and not self._pivots:
+        elif reason < 0 and not self._krylov and not self._pivots:
             # Whatever it was: factors with pivots are sure.
             self._take_pivots(True)
             reason, remark = self._iterate(guesses), " (with pivots)"
-        elif reason < 0 and krylov and self._snes.getUseEW():
-            # Newton may have failed on loosely solved systems, whose errors depend on the number
-            # of ranks: before the step is cut, they are solved as if each were the last.
-            self._snes.setUseEW(False)
-            reason, remark = self._iterate(guesses), " (solved tightly)"
-            self._snes.setUseEW(True)
         ksp, linear = self._snes.getKSP(), self._snes.getLinearSolveIterations()
         solver = f"{ksp.getType()}+{ksp.getPC().getType()}{remark}"
         return self._solution(reason, self._tangents, linear, solver)
@@ -317,19 +293,13 @@ class Newton:
             self._saved_norm = norm
         return 0
 
-    def limit_linear_error(self) -> None:
-        """Have the next Krylov solve leave no more than Newton's stopping test can stand."""
-        if self._krylov and not self._keeping:
-            limits = {name: self.stop.linear_tolerance(value) for name, value in self._loosest}
-            self._snes.setParamsEW(**limits)
-
     def accept(self) -> None:
         """Take note that the last solution has become a step."""
         self.equilibrium.accept()
         if self._chord is None:
             return
         if self._kept:
-            self._chord.accept(self.conserving.asked)
+            self._chord.accept()
         else:
             self._chord.accept_newton(len(self.stop.history) - 1)
 

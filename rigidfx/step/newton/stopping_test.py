@@ -2,15 +2,8 @@
 
 ‖R‖ ≤ 1e-12 ‖R_first‖ ends a step as a rule (-rigidfx_snes_rtol changes the factor). In a motion
 that needs hardly any force (rest, free flight of a stiff body) this is below the rounding of
-strains, whose size is estimated. Then two rules differ.
-
-*Linear solutions.* Rounding of strains causes stresses, which have no resultant. The error of a
-loose linear solution has one. A needle has hardly any inertia against rolling: a solution to 3e-3
-of a residual of rounding rotated it by 1e-4 rad, the residual grew a thousandfold, and a step took
-18 iterations. After such growth linear solutions reduce residuals to 1e-12 ‖R_first‖.
-
-*Stalls.* A residual that falls slowly and is close to rounding is a stall. A residual that grows is
-a stall only if it is itself rounding.
+strains, whose size is estimated. Then a residual that falls slowly and is close to rounding is a
+stall. A residual that grows is a stall only if it is itself rounding.
 """
 
 from __future__ import annotations
@@ -26,7 +19,6 @@ RELATIVE_TOLERANCE = 1e-12
 ROUNDING = 2.0  # safety on an estimated, or met, level of rounding
 STALL = 0.2  # Newton has met rounding where it reduces the residual by less than this ...
 MARGIN = 100.0  # ... and the residual, if it has not grown, is within this factor of the estimate
-TIGHTEST = 1e-8  # linear solves are asked for no more, relative
 MAX_ITERATIONS = 25
 NOT_FINITE = -4  # DIVERGED_FNORM_NAN, or DIVERGED_FUNCTION_NANORINF, as its name is in PETSc 3.25
 DIVERGENCE = 1e6  # growth of the residual at which Newton gives up ...
@@ -50,12 +42,9 @@ class StoppingTest:
         self._before = 0.0
         self.rounding = self._noise = 0.0
         self.rtol, self.max_it = rtol, max_it
-        self._too_loose = False  # whether linear solves have moved what rounding does not
 
     def restart(self, first: float = 0.0) -> None:
-        """Forget the iterates, not how far linear systems have to be solved.
-
-        The rounding level stays until it is estimated anew.
+        """Forget the iterates; the rounding level stays until it is estimated anew.
 
         Args:
             first: ‖R‖ [N] that another solve of the same step has begun with, if it goes on.
@@ -81,7 +70,6 @@ class StoppingTest:
         """
         Reason = PETSc.SNES.ConvergedReason
         self.history.append(norm)
-        self._too_loose |= self._thrown_far()
         first = self.first
         if not np.isfinite(norm) or norm > max(DIVERGENCE * first, self._noise):
             return int(Reason.DIVERGED_DTOL)
@@ -99,16 +87,6 @@ class StoppingTest:
     def at_rounding(reason: int) -> bool:
         """Whether it was for rounding that Newton stopped."""
         return reason == int(PETSc.SNES.ConvergedReason.CONVERGED_FNORM_ABS)
-
-    def linear_tolerance(self, loosest: float) -> float:
-        """Relative residual that the next linear solve may leave.
-
-        Args:
-            loosest: The permitted rest unless more has been found to be needed.
-        """
-        if not self._too_loose or self.rounding == 0.0:
-            return loosest
-        return min(loosest, max(self.rtol * self.first / self.rounding, TIGHTEST))
 
     def _at_rounding(self) -> bool:
         """Whether all that is left of the residual is rounding.
@@ -129,13 +107,6 @@ class StoppingTest:
         """Whether Newton has been at rounding before, and its next iterate was no better."""
         pairs = pairwise(self.history[1:-1])
         return any(norm <= self.rounding and then > STALL * norm for norm, then in pairs)
-
-    def _thrown_far(self) -> bool:
-        """Whether the residual has just grown beyond rounding from close to it."""
-        if len(self.history) < 3:
-            return False
-        last, norm = self.history[-2:]
-        return last <= MARGIN * self.rounding and norm > max(self.rounding, last)
 
 
 def judged(reason: int) -> int:

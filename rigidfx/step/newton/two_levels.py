@@ -8,8 +8,8 @@ that of the factors,
 
     z_c = P (Pᵀ A P)⁻¹ Pᵀ r,    z = z_c + M⁻¹ (r - A z_c),
 
-where A P is known, and costs a fifth of a product with A. If the coarse matrix is nearly symmetric,
-and definite, it is replaced by its symmetric part, in Cholesky's factors.
+where A P is known, so that its product costs a fifth of one with A. PETSc's PCMG of type kaskade is
+the same with another product with A.
 """
 
 from __future__ import annotations
@@ -17,18 +17,13 @@ from __future__ import annotations
 from petsc4py import PETSc
 
 from rigidfx.step.equations.equations import Equilibrium
-from rigidfx.step.linear import cholmod
 from rigidfx.step.linear.linear_solver import configure
 from rigidfx.step.newton.aggregates import Aggregates
-from rigidfx.step.newton.cholesky import Cholesky
 from rigidfx.step.newton.incomplete import OWN, IncompleteFactors
 
 __all__ = ["TwoLevels"]
 
 COARSE = OWN + "coarse_"  # prefix of the coarse solver's options
-# Skew part of a coarse matrix, relative to all of it, that GMRES does not notice: up to .073, of an
-# L that turns by .25 rad in a step, its iterations were within 2 % those by LU.
-SKEW = 0.08
 
 
 class CoarseGrid:
@@ -45,10 +40,7 @@ class CoarseGrid:
         self._equilibrium = equilibrium
         self._aggregates = Aggregates(equilibrium.prolongation)
         self._left = equilibrium.prolongation.unknowns()
-        self._grid: list[PETSc.Object | Cholesky] = []  # all that belongs to one tangent
-        # Whether the symmetric part is factored. Copies on two ranks took 1.15 times as long.
-        one = equilibrium.prolongation.comm.size == 1
-        self._symmetric = one and cholmod.exists()
+        self._grid: list[PETSc.Object] = []  # all that belongs to one tangent
 
     def setUp(self, pc: PETSc.PC) -> None:
         """PETSc's call: make both of a new tangent. Collective."""
@@ -62,25 +54,13 @@ class CoarseGrid:
         self._image = rows.matMult(self._P)
         rows.destroy()
         coarse = self._P.transposeMatMult(self._image)
-        self._coarse = self._solver(coarse)
         self._motion, self._resultant = coarse.createVecs()
-        self._grid.extend([self._P, self._image, coarse, self._motion, self._resultant])
-
-    def _solver(self, coarse: PETSc.Mat) -> PETSc.KSP:
-        """The solver of a coarse matrix, or of its symmetric part. Collective."""
-        if self._symmetric:
-            cholesky = Cholesky(coarse, COARSE + "cholesky_", SKEW)
-            self._grid.append(cholesky)
-            self._symmetric = cholesky.renew()
-            if self._symmetric:
-                return cholesky.ksp
-        ksp = PETSc.KSP().create(coarse.comm)
-        self._grid.append(ksp)
-        ksp.setOptionsPrefix(COARSE)
-        configure(ksp, True, coarse.size[0], False)
-        ksp.setOperators(coarse)
-        ksp.setUp()
-        return ksp
+        self._coarse = PETSc.KSP().create(coarse.comm)
+        self._coarse.setOptionsPrefix(COARSE)
+        configure(self._coarse, True, coarse.size[0], False)
+        self._coarse.setOperators(coarse)
+        self._coarse.setUp()
+        self._grid = [self._P, self._image, coarse, self._motion, self._resultant, self._coarse]
 
     def apply(self, pc: PETSc.PC, r: PETSc.Vec, z: PETSc.Vec) -> None:
         """PETSc's call: z of the module's text. Collective."""
@@ -104,13 +84,7 @@ class CoarseGrid:
 
 
 class TwoLevels(IncompleteFactors):
-    """As `IncompleteFactors`, with a coarse grid; `destroy` frees it.
-
-    Attributes:
-        renewal: Cost of a new tangent, factors and grid included, in iterations with these.
-    """
-
-    renewal = 10.0  # 12 in an L of 196 875 unknowns, 8 in a bar of steel of 353 220
+    """As `IncompleteFactors`, with a coarse grid; `destroy` frees it."""
 
     def __init__(self, equilibrium: Equilibrium) -> None:
         """Create the solver. Collective.
