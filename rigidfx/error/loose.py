@@ -131,7 +131,7 @@ def unresisted(
         unresisted = vectors[:, values <= rounding * values[-1]]
         if unresisted.shape[1]:
             nodes |= own
-            columns.append((V @ unresisted).reshape(3 * n, -1))
+            columns.append((V @ unresisted).reshape(3 * n, unresisted.shape[1]))
     return nodes, np.concatenate([np.empty((3 * n, 0)), *columns], axis=1)
 
 
