@@ -19,7 +19,7 @@ KEPT = "kept fgmres+ilu"
 @pytest.fixture
 def _soft(monkeypatch):
     """Have all systems count as large and soft."""
-    monkeypatch.setattr(chord, "prefers_direct", lambda _: False)
+    monkeypatch.setattr(chord, "SMALLEST", 0)
     monkeypatch.setattr(chord, "FULL_UP_TO", 0)
     monkeypatch.setattr(chord, "STIFF_FROM", 1e9)
 
