@@ -36,7 +36,7 @@ Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 Given = tuple[float, float, float]  # length of a step, and its damping: see `Response.step`
 
-# Unknowns up to which e is solved for all of them; beyond, by modes where there are no joints.
+# Unknowns up to which e is solved for all of them; beyond, by modes.
 LARGEST = 12_000
 
 
@@ -61,8 +61,7 @@ class Equations:
         scene = stepper.scene
         self._stepper, self._sums = stepper, sums
         self._forms = LinearForms(scene, stepper.forces)
-        few = 3 * scene.space.dofmap.index_map.size_global <= LARGEST
-        self._few = few or bool(scene.named(Joint))
+        self._few = 3 * scene.space.dofmap.index_map.size_global <= LARGEST
         self._held: Bools = np.zeros(3 * scene.owned_nodes, dtype=bool)
         self._viscous: list[int] = []  # terms of viscosity in these equations
         self.response: Response | None = None
@@ -102,12 +101,16 @@ class Equations:
         self.joints = Joints(self._stepper, frames, joined) if scene.named(Joint) else None
         e, rate = self.loose.still(e), self.loose.still(rate)
         self.reactions = Reactions(scene, self._stepper.prescribed, motion, frames)
+        response: Response
         if self._few:
-            self.response = AllUnknowns(motion, e, rate)
+            response = AllUnknowns(scene, motion, e, rate)
         else:
             supported = np.flatnonzero(self._held)
             sums = *self._sums, *self.reactions.sums
-            self.response = Modal(scene, motion, supported, self.loose, sums, e, rate)
+            response = Modal(scene, motion, supported, (self.loose, joined), sums, e, rate)
+        if self.joints is not None:
+            response.hold(self.joints.ports)
+        self.response = response
 
     @property
     def all_held(self) -> bool:
@@ -134,11 +137,12 @@ class Equations:
         """
         response = self.response
         assert response is not None
-        start = None if self.joints is None else response.fields()[0]
+        if self.joints is None:
+            response.step(force, *given)
+            return
+        start = response.at_ports()
         response.step(force, *given)
-        if self.joints is not None and start is not None:
-            assert isinstance(response, AllUnknowns)
-            self.joints.close(response, start, given)
+        self.joints.close(response, start, given)
 
     def press(self, contacts: Contacts, force: Array, given: Given, Q: Array, number: int) -> None:
         """Take a step of e while contacts are closed, joints or not. Collective.
