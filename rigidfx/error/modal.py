@@ -5,7 +5,8 @@
 (mode acceleration: R. R. Craig, Structural Dynamics, Wiley 1981, Section 15.4). The modes are those
 of the shape, once; a step costs the products with them. At points, and in
 reactions, the static response needs no solve: with c = K⁻¹ p of the weights p of a sum, found once,
-it is c·r.
+it is c·r. Rigid motions that only joints hold are modes with ω = 0; forces of joints act at ports,
+whose modes and static responses are found once.
 
 The correction follows r without inertia, which holds where r changes slowly beside the first mode
 that is left out. The measure is the rate of r's change over the last mode's ω
