@@ -409,6 +409,7 @@ def test_two_hinges_of_one_door_hold_five_directions_once():
             lambda: bar(HINGE, rf.Motor("joint", speed=1.0), rf.Motor("joint", angle=abs)),
             "two motors prescribe its angle at the same time, by speed and by angle",
         ),
+        (lambda: bar(HINGE, *[rf.Motor("joint", speed=1.0)] * 2), "by speed and by speed"),
         (lambda: bar(rf.Tied("bar", rf.MeanFace("x1"), AT)), "both sides are of one part, Rigid"),
         (
             lambda: bar(HINGE, HINGE),

@@ -140,10 +140,12 @@ class Motor(Windowed):
         together(scene.comm, self.owner, lambda: self.at(self.start))
         if not self.prescribes:
             return
-        for other in scene.named(Motor):
+        others = list(scene.named(Motor))
+        others.remove(self)  # once: a motor that is named twice is refused, too
+        for other in others:
             same = (other.joint, other.coordinate) == (self.joint, self.coordinate)
             both = max(self.since, other.since) < min(self.until, other.until)
-            if other is not self and other.prescribes and same and both:
+            if other.prescribes and same and both:
                 raise SceneError(
                     f"{self.owner}: two motors prescribe its {self.coordinate} at the same time, "
                     f"by {self.by} and by {other.by}. Give them windows that do not overlap."
