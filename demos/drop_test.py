@@ -172,7 +172,9 @@ draw(
 
 # +
 assert struck > 0
-assert summary["energy_drift"] < 1e-10
+# The energy of neo-Hooke's material at next to no strain rounds by ε E V.
+rounding = float(np.finfo(np.float64).eps) * plastic.E * mass / plastic.rho
+assert summary["energy_drift"] < rounding / max(r.energy for r in reports)
 assert summary["first_touch_error"] < 1e-6
 assert summary["unknowns_before_touch"] == 6
 assert summary["unknowns_at_touch"] == summary["unknowns_flexible"]
