@@ -141,10 +141,9 @@ def test_a_base_that_shakes_between_two_modes_keeps_the_bound(mass, followed):
     assert run.held_left.max() <= 0.34 * run.held_off.max()
 
 
-GIVEN = {"mass": 1500.0, "inertia": ((600.0, 0, 0), (0, 1500.0, 200.0), (0, 200.0, 1400.0))}
-
-
-@pytest.mark.parametrize(("named", "given"), [("head", {}), ("head", GIVEN), ("foot", {})])
+@pytest.mark.parametrize(
+    ("named", "given"), [("head", {}), ("head", {"mass": 1500.0}), ("foot", {})]
+)
 def test_a_part_named_rigid_is_rigid_in_the_twin(named, given, followed):
     """Beside a part that freezes; the foot is clamped by the support."""
 

@@ -17,7 +17,6 @@ from rigidfx.effects import Joint, Preload, Rigid
 from rigidfx.error.contacts import Contacts
 from rigidfx.error.forces.parts import mass_of
 from rigidfx.error.frames import Frames
-from rigidfx.error.given_mass import given_mass
 from rigidfx.error.ground import ground_of
 from rigidfx.error.joints import Joints, joined_parts
 from rigidfx.error.linear_motion import NAMED, LinearMotion
@@ -27,6 +26,7 @@ from rigidfx.error.reactions import Reactions
 from rigidfx.error.response import PREPARING, AllUnknowns, Response
 from rigidfx.error.stiff_faces import stiff_faces
 from rigidfx.flexible.linear_forms import LinearForms
+from rigidfx.scene.scene import Scene
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import Attempt
 
@@ -36,7 +36,7 @@ Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 Given = tuple[float, float, float]  # length of a step, and its damping: see `Response.step`
 
-# Unknowns up to which e is solved for all of them; beyond, by modes.
+# Unknowns up to which e is solved for all of them; beyond, by modes where there are no joints.
 LARGEST = 12_000
 
 
@@ -61,7 +61,8 @@ class Equations:
         scene = stepper.scene
         self._stepper, self._sums = stepper, sums
         self._forms = LinearForms(scene, stepper.forces)
-        self._few = 3 * scene.space.dofmap.index_map.size_global <= LARGEST
+        few = 3 * scene.space.dofmap.index_map.size_global <= LARGEST
+        self._few = few or bool(scene.named(Joint))
         self._held: Bools = np.zeros(3 * scene.owned_nodes, dtype=bool)
         self._viscous: list[int] = []  # terms of viscosity in these equations
         self.response: Response | None = None
@@ -101,16 +102,12 @@ class Equations:
         self.joints = Joints(self._stepper, frames, joined) if scene.named(Joint) else None
         e, rate = self.loose.still(e), self.loose.still(rate)
         self.reactions = Reactions(scene, self._stepper.prescribed, motion, frames)
-        response: Response
         if self._few:
-            response = AllUnknowns(scene, motion, e, rate)
+            self.response = AllUnknowns(motion, e, rate)
         else:
             supported = np.flatnonzero(self._held)
             sums = *self._sums, *self.reactions.sums
-            response = Modal(scene, motion, supported, (self.loose, joined), sums, e, rate)
-        if self.joints is not None:
-            response.hold(self.joints.ports)
-        self.response = response
+            self.response = Modal(scene, motion, supported, self.loose, sums, e, rate)
 
     @property
     def all_held(self) -> bool:
@@ -137,12 +134,11 @@ class Equations:
         """
         response = self.response
         assert response is not None
-        if self.joints is None:
-            response.step(force, *given)
-            return
-        start = response.at_ports()
+        start = None if self.joints is None else response.fields()[0]
         response.step(force, *given)
-        self.joints.close(response, start, given)
+        if self.joints is not None and start is not None:
+            assert isinstance(response, AllUnknowns)
+            self.joints.close(response, start, given)
 
     def press(self, contacts: Contacts, force: Array, given: Given, Q: Array, number: int) -> None:
         """Take a step of e while contacts are closed, joints or not. Collective.
@@ -239,7 +235,7 @@ def about(
     named = [scene.owned_cells(part.where, part.kind) for part in scene.named(Rigid)]
     rigid = forces.cells(np.unique(np.concatenate(named)).astype(np.int32)) if named else None
     supported = np.flatnonzero(held)
-    more, stressed = given_mass(stepper), bool(scene.named(Preload))
+    more, stressed = _given_mass(scene), bool(scene.named(Preload))
     motion = LinearMotion(rows, cells, forms, mass, supported, ground, rigid, more, stressed)
     stiff_faces(scene, rows, places, motion.matrices[0], NAMED)
     joined = joined_parts(scene)
@@ -248,3 +244,22 @@ def about(
         for among in (~joined, joined)
     )
     return motion, loose, held_by_joints
+
+
+def _given_mass(scene: Scene) -> Array | None:
+    """Additional mass of nodes of parts of given mass [kg]. Collective.
+
+    It is spread as the mass of the cells is; a given inertia is not looked at.
+
+    Returns:
+        Shape (nodes,) of the owned nodes; None if no mass is given.
+    """
+    given = [part for part in scene.named(Rigid) if part.mass is not None]
+    if not given:
+        return None
+    out = np.zeros(scene.owned_nodes)
+    for part in given:
+        cells = scene.owned_cells(part.where, part.kind)
+        own = scene.cell_weights(scene.density(), cells)[: out.size]
+        out += (float(part.mass or 0.0) / float(scene.sum(own.sum())) - 1) * own
+    return out

@@ -7,9 +7,9 @@ shape into space. D has the derivatives of the joints' rows, and of angles and t
 prescribe, at the averages of the run at the end of the step. For a spring of a joint or a stop, μ
 is the difference of its forces at u + e and at u.
 
-e of each part stays in that part's frame, and so does the step's inverse A⁻¹. With the averages'
-compliance C = W A⁻¹ Wᵀ, found once for steps of one length, a step takes one solution e₀ without
-joints, and one with the small matrix D Q C Qᵀ Dᵀ, the only part that depends on the pose.
+e of each part stays in that part's frame, and so does the step's inverse A⁻¹. With its columns
+Y = A⁻¹ Wᵀ, found once for steps of one length, e = e₀ + Y Qᵀ Dᵀ μ. So a step takes one solution for
+e₀, and one with the small matrix D Q (W Y) Qᵀ Dᵀ, the only part that depends on the pose.
 
 Free rigid motions N of all parts, which neither supports, nor springs, nor joints resist, would
 grow in e without limit. So NᵀM e = 0 are rows, too (`loose`).
@@ -35,7 +35,7 @@ from rigidfx.error.forces.rigid_motions import RIGID
 from rigidfx.error.frames import Frames
 from rigidfx.error.increments import increments_of
 from rigidfx.error.loose import Loose
-from rigidfx.error.response import Response
+from rigidfx.error.response import AllUnknowns
 from rigidfx.scene.scene import Scene
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import Attempt
@@ -65,11 +65,6 @@ class Joints:
     """The joints of the twin. Arrays are equal on all ranks but for those of nodes.
 
     Ports are what rows are made of: averages of e, three each, and momenta of parts.
-
-    Attributes:
-        ports: Weights of this rank's dofs, shape (ports, dofs).
-        free: Motions of all parts that nothing holds, by columns, of those that parts have as a
-            whole.
     """
 
     def __init__(self, stepper: Stepper, frames: Frames, loose: Loose) -> None:
@@ -94,12 +89,13 @@ class Joints:
         self._W = csr_array((own, nodes, at), shape=(len(averages), scene.owned_nodes))
         self._constant = np.reshape([a.constant for a in averages], (-1, 3))
         self._part = frames.parts_at([a.nodes for a in averages])
-        W = self._W.tocoo()
-        places = [(3 * k[:, None] + np.arange(3)).ravel() for k in W.coords]
-        of_e = csr_array((np.repeat(W.data, 3), places), shape=(3 * W.shape[0], 3 * W.shape[1]))
-        self.ports = csr_array(vstack([of_e, csr_array(loose.momenta.T)], format="csr"))
-        self._led = np.asarray(scene.sum(of_e @ loose.motions))  # averages by these motions
+        self._E = csr_array((0, 0))  # ports of e
+        self._Y: Array = np.empty((0, 0))  # e by unit forces at ports
+        self._C: Array = np.empty((0, 0))  # E Y
+        self._led: Array = np.empty((0, 0))  # averages by motions that parts have as a whole
+        self._kind: tuple[float, ...] = ()
         self._step: tuple[Array, Array] = np.empty((0, 3, 3)), np.empty((0, 3))
+        # Motions of all parts that nothing holds, by columns, of those that parts have as a whole.
         self.free: Array = np.empty((loose.count, 0))
 
     def follow(self, attempt: Attempt) -> None:
@@ -111,17 +107,20 @@ class Joints:
         p = np.asarray(self._scene.sum(self._W @ x)) + self._constant
         self._step = turned[self._part], p
 
-    def close(self, response: Response, start: Array, given: tuple[float, float, float]) -> None:
+    def close(self, response: AllUnknowns, start: Array, given: tuple[float, float, float]) -> None:
         """Have e at the end of a step that it has taken without joints held by these. Collective.
 
         Args:
-            response: Has e, and these ports.
-            start: e at ports at the start of the step.
+            response: Has e.
+            start: e at the start of the step, shape (nodes, 3) [m].
             given: Length of the step [s], and its damping.
         """
-        held = self._held(start, given[0])
-        mu = self._multipliers(held, response.at_ports(), response.compliance(*given))
-        response.pull(mu @ np.concatenate([held.rows, held.along]), *given)
+        self._have_columns(response, given)
+        dt = given[0]
+        held = self._held(self._ports(start), dt)
+        mu = self._multipliers(held, self._ports(response.fields()[0]))
+        more = self._Y @ (mu @ np.concatenate([held.rows, held.along]))
+        response.shift(more.reshape(-1, 3), dt)
 
     def unheld(self) -> Bools:
         """Owned nodes of parts that joints leave free to move as a whole. Collective."""
@@ -133,6 +132,33 @@ class Joints:
         np.maximum.at(of_parts, part, moved)
         self._scene.comm.Allreduce(MPI.IN_PLACE, of_parts, op=MPI.MAX)
         return np.asarray((of_parts > RIGID * of_parts.max())[part])
+
+    def _ports(self, e: Array) -> Array:
+        """Ports of e, shape (ports,). Collective."""
+        return np.asarray(self._scene.sum(self._E @ e.reshape(-1)))
+
+    def _have_columns(self, response: AllUnknowns, given: tuple[float, float, float]) -> None:
+        """Have the response at all nodes to unit forces at ports. Collective."""
+        if self._kind == given:
+            return
+        self._kind = given
+        n = 3 * self._scene.owned_nodes
+        W = self._W.tocoo()
+        at = [(3 * k[:, None] + np.arange(3)).ravel() for k in W.coords]
+        shape = 3 * W.shape[0], n
+        averages = csr_array((np.repeat(W.data, 3), at), shape=shape)
+        self._E = csr_array(vstack([averages, csr_array(self._loose.momenta.T)], format="csr"))
+        self._led = np.asarray(self._scene.sum(averages @ self._loose.motions))
+        kept, rest = response.kept(), np.zeros((n // 3, 3))
+        response.rest()
+        alone = response.kept()
+        self._Y = np.zeros((n, self._E.shape[0]))
+        for k in range(self._Y.shape[1]):
+            response.restore(alone)
+            response.step(rest + self._E[[k]].toarray().reshape(-1, 3), *given)
+            self._Y[:, k] = response.fields()[0].reshape(-1)
+        response.restore(kept)
+        self._C = np.asarray(self._scene.sum(self._E @ self._Y))
 
     # Rows -----------------------------------------------------------------------------------------
 
@@ -171,20 +197,19 @@ class Joints:
             len(rows), self._led.shape[0]
         )
 
-    def _multipliers(self, held: _Held, e: Array, C: Array) -> Array:
+    def _multipliers(self, held: _Held, e: Array) -> Array:
         """μ of the rows and of the laws.
 
         Args:
             held: Both.
             e: Ports of e without joints.
-            C: Compliance of the ports in the step.
         """
         rows, along = held.rows, held.along
-        inverse = _inverse(rows @ C @ rows.T)
-        open_by, across = rows @ e, rows @ C @ along.T
+        inverse = _inverse(rows @ self._C @ rows.T)
+        open_by, across = rows @ e, rows @ self._C @ along.T
         # Coordinates of laws where the rows are held: e without laws, and its derivative by these.
         alone = along @ e - across.T @ inverse @ open_by
-        S = along @ C @ along.T - across.T @ inverse @ across
+        S = along @ self._C @ along.T - across.T @ inverse @ across
         mu: Array = np.zeros(len(held.laws))
         for _ in range(self._search.iterations if mu.size else 0):
             found = alone + S @ mu

@@ -19,7 +19,7 @@ from rigidfx.error.frames import Frames
 from rigidfx.error.ground import Ground
 from rigidfx.scene.scene import Scene
 
-__all__ = ["Loose", "both_of", "loose_parts", "unresisted"]
+__all__ = ["Loose", "loose_parts", "unresisted"]
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -70,12 +70,6 @@ class Loose:
         chosen = independent(np.concatenate(offers))
         first = sum(len(rows) for rows in offers[: self.scene.comm.rank])
         return np.asarray(best[chosen[rank[chosen] == self.scene.comm.rank] - first])
-
-
-def both_of(a: Loose, b: Loose) -> Loose:
-    """The motions of parts of both."""
-    pairs = (np.hstack(of) for of in ((a.motions, b.motions), (a.momenta, b.momenta)))
-    return Loose(a.scene, a.nodes | b.nodes, *pairs)
 
 
 def loose_parts(

@@ -5,8 +5,7 @@
 (mode acceleration: R. R. Craig, Structural Dynamics, Wiley 1981, Section 15.4). The modes are those
 of the shape, once; a step costs the products with them. At points, and in
 reactions, the static response needs no solve: with c = K⁻¹ p of the weights p of a sum, found once,
-it is c·r. Rigid motions that only joints hold are modes with ω = 0; forces of joints act at ports,
-whose modes and static responses are found once.
+it is c·r.
 
 The correction follows r without inertia, which holds where r changes slowly beside the first mode
 that is left out. The measure is the rate of r's change over the last mode's ω
@@ -27,7 +26,7 @@ from scipy.sparse import csr_array
 
 from rigidfx.base.remembered import ON_NODES, SAME, Items, Remembered, same
 from rigidfx.error.linear_motion import LinearMotion, solver_of
-from rigidfx.error.loose import Loose, both_of
+from rigidfx.error.loose import Loose
 from rigidfx.error.response import FACTORING, PREPARING
 from rigidfx.scene.scene import Scene
 from rigidfx.step.linear.eigenpairs import lowest
@@ -67,7 +66,7 @@ class Modal:
         scene: Scene,
         motion: LinearMotion,
         supported: npt.NDArray[np.int64],
-        loose: tuple[Loose, Loose],
+        loose: Loose,
         sums: Sequence[csr_array],
         e: Array,
         rate: Array,
@@ -79,7 +78,7 @@ class Modal:
             scene: The problem.
             motion: The equations of all rows, which are freed.
             supported: Rows of this rank that supports hold.
-            loose: Rigid motions that nothing holds, which e has not, and those that joints do.
+            loose: Rigid motions that nothing holds.
             sums: Sums of e that will be asked for.
             e: At the start, shape (nodes, 3) [m].
             rate: Its rate, likewise [m/s].
@@ -91,25 +90,31 @@ class Modal:
         self._free = np.setdiff1d(np.arange(size), supported)
         rows = PETSc.IS().createGeneral((first + self._free).astype(PETSc.IntType), comm=K.comm)
         Kf, Mf = (A.createSubMatrix(rows, rows) for A in (K, M))
-        self._loose = both_of(*loose)
-        motions = [Kf.createVecRight() for _ in range(self._loose.count)]
+        motions = [Kf.createVecRight() for _ in range(loose.count)]
         for k, vector in enumerate(motions):
-            vector.array[:] = self._loose.motions[self._free, k]
+            vector.array[:] = loose.motions[self._free, k]
         with PREPARING:
             pairs = lowest(Kf, Mf, self._modes.count, motions)
+        self._loose = loose
         # K has an inverse but for these motions, and is definite: a preload may press it.
-        self._bound = pairs.rigid == self._loose.count and bool((pairs.values > 0).all())
-        of_joints = motions[loose[0].count :]
-        self._squares = np.r_[np.zeros(len(of_joints)), pairs.values]
-        vectors = [*of_joints, *pairs.vectors]
+        self._bound = pairs.rigid == loose.count and bool((pairs.values > 0).all())
+        self._squares, vectors = pairs.values, pairs.vectors
         self._phi = np.array([v.array_r for v in vectors]).reshape(-1, self._free.size)
+        work = Mf.createVecRight()
+        self._m_phi, viscous = np.empty_like(self._phi), np.zeros(len(vectors))
         Cf = None if C is None else C.createSubMatrix(rows, rows)
-        self._m_phi, self._viscous = _products(vectors, Mf, Cf)
-        for item in (pairs, Mf, rows, Cf, motion, *motions):
+        for k, v in enumerate(vectors):
+            Mf.mult(v, work)
+            self._m_phi[k] = work.array_r
+            if Cf is not None:
+                Cf.mult(v, work)
+                viscous[k] = v.dot(work)
+        self._viscous = viscous
+        for item in (pairs, work, Mf, rows, Cf, motion, *motions):
             if item is not None:
                 item.destroy()
         self._right, self._found = Kf.createVecs()
-        self._pins = np.searchsorted(self._free, self._loose.pins())
+        self._pins = np.searchsorted(self._free, loose.pins())
         Kf.zeroRowsColumns(
             (Kf.getOwnershipRange()[0] + self._pins).astype(PETSc.IntType), diag=scale
         )
@@ -127,7 +132,6 @@ class Modal:
         self._changed: tuple[Array, float] = np.zeros((self._n, 3)), 1.0
         self._given = sums
         self._sums = {id(own): self._adjoint(own) for own in sums}
-        self._E: csr_array | None = None  # ports, at the free rows
 
     @property
     def at_nodes(self) -> Array:
@@ -147,8 +151,6 @@ class Modal:
         nothing = np.zeros_like(self._force)
         self._still = nothing, nothing
         self._sums = {id(own): self._adjoint(own) for own in self._given}
-        if self._E is not None:
-            self._find_ports()
 
     # What is told -------------------------------------------------------------------------------
 
@@ -197,13 +199,7 @@ class Modal:
 
     def _amplitudes(self) -> Array:
         """η less the part of the modes in the static response of r."""
-        return np.asarray(self._eta - self._loads * self._flexibilities)
-
-    @property
-    def _flexibilities(self) -> Array:
-        """Ω⁻²; zero of rigid motions, which have no static response."""
-        squares = self._squares
-        return np.divide(1.0, squares, out=np.zeros_like(squares), where=squares > 0)
+        return np.asarray(self._eta - self._loads / self._squares)
 
     # What changes -------------------------------------------------------------------------------
 
@@ -213,55 +209,15 @@ class Modal:
 
     def step(self, force: Array, dt: float, drag: float, xi: float) -> None:
         """See `Response`."""
-        r, self._last = force.reshape(-1)[self._free], self._force
+        r = force.reshape(-1)[self._free]
+        self._note(r, dt)
         self._since += dt
         self._force, self._loads = r, self._summed(self._phi @ r)
-        right = self._loads + 2 / dt * self._rate - self._squares * self._eta
-        d = right / self._stiffness(dt, drag, xi)
+        squares = self._squares
+        damping = drag + self._viscous + xi * dt * squares
+        stiff = 2 / dt**2 + damping / dt + 0.5 * squares
+        d = (self._loads + 2 / dt * self._rate - squares * self._eta) / stiff
         self._eta, self._rate = self._eta + d, 2 / dt * d - self._rate
-        if self._E is None:
-            self._note(dt)
-
-    def _stiffness(self, dt: float, drag: float, xi: float) -> Array:
-        """Force per change of each η in a step [1/s²]."""
-        damping = drag + self._viscous + xi * dt * self._squares
-        return np.asarray(2 / dt**2 + damping / dt + 0.5 * self._squares)
-
-    # Ports --------------------------------------------------------------------------------------
-
-    def hold(self, ports: csr_array) -> None:
-        """See `Response`."""
-        self._E = csr_array(ports[:, self._free])
-        self._find_ports()
-
-    def _find_ports(self) -> None:
-        """Have modes at ports, and the static responses to forces there. Collective."""
-        assert self._E is not None
-        self._at_modes, self._responses = self._adjoint_of(self._E.toarray())
-        self._of_modes = self._summed(self._at_modes)
-        static = self._summed(self._E @ self._responses.T)
-        self._static = static - (self._of_modes.T * self._flexibilities) @ self._of_modes
-
-    def at_ports(self) -> Array:
-        """See `Response`."""
-        here = self._amplitudes() @ self._at_modes + self._responses @ self._force
-        return self._summed(here)
-
-    def compliance(self, dt: float, drag: float, xi: float) -> Array:
-        """See `Response`."""
-        moved = (self._of_modes.T / self._stiffness(dt, drag, xi)) @ self._of_modes
-        return np.asarray(moved + self._static)
-
-    def pull(self, forces: Array, dt: float, drag: float, xi: float) -> None:
-        """See `Response`."""
-        assert self._E is not None
-        loads = self._of_modes @ forces
-        self._force, self._loads = self._force + self._E.T @ forces, self._loads + loads
-        d = loads / self._stiffness(dt, drag, xi)
-        self._eta, self._rate = self._eta + d, self._rate + 2 / dt * d
-        self._note(dt)
-
-    # --------------------------------------------------------------------------------------------
 
     def change(self) -> tuple[Array, float]:
         """See `Response`: since it was asked for last; by one solve a step."""
@@ -288,9 +244,9 @@ class Modal:
         self._change, self._level = averages
         self._asked, self._since, self._changed = asked
 
-    def _note(self, dt: float) -> None:
+    def _note(self, r: Array, dt: float) -> None:
         """Average how fast r changes. Collective."""
-        r, change = self._force, (self._force - self._last) / dt
+        change = (r - self._force) / dt
         now = np.asarray(self._scene.sum([float(change @ change), float(r @ r)]))
         if now[1] == 0.0:  # nothing pushes: there is no static response that could be wrong
             now[0] = self._change = self._level = 0.0
@@ -320,29 +276,10 @@ class Modal:
 
         Collective.
         """
-        return self._adjoint_of(own.toarray()[:, self._free])
-
-    def _adjoint_of(self, weights: Array) -> tuple[Array, Array]:
-        """The same of weights of the free rows, shape (sums, free rows)."""
+        weights = own.toarray()[:, self._free]
         return self._phi @ weights.T, np.array([self._solved(row) for row in weights])
 
     def destroy(self) -> None:
         """See `Response`."""
         for item in (self._solver, self._right, self._found):
             item.destroy()
-
-
-def _products(
-    vectors: Sequence[PETSc.Vec], M: PETSc.Mat, C: PETSc.Mat | None
-) -> tuple[Array, Array]:
-    """M times each mode, shape (modes, rows of this rank), and its damping φᵀCφ. Collective."""
-    work = M.createVecRight()
-    massive, viscous = np.empty((len(vectors), work.local_size)), np.zeros(len(vectors))
-    for k, v in enumerate(vectors):
-        M.mult(v, work)
-        massive[k] = work.array_r
-        if C is not None:
-            C.mult(v, work)
-            viscous[k] = v.dot(work)
-    work.destroy()
-    return massive, viscous

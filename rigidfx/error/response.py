@@ -15,7 +15,6 @@ from scipy.sparse import csr_array
 
 from rigidfx.base.remembered import ON_NODES, SAME, Items, Remembered
 from rigidfx.error.linear_motion import LinearMotion
-from rigidfx.scene.scene import Scene
 
 __all__ = ["FACTORING", "PREPARING", "AllUnknowns", "Response"]
 
@@ -89,36 +88,6 @@ class Response(Protocol):
         """
         ...
 
-    def hold(self, ports: csr_array) -> None:
-        """Have ports, at which forces act besides. Collective.
-
-        Args:
-            ports: Weights of this rank's dofs, shape (ports, dofs).
-        """
-        ...
-
-    def at_ports(self) -> Array:
-        """e at the ports, shape (ports,). Collective."""
-        ...
-
-    def compliance(self, dt: float, drag: float, xi: float) -> Array:
-        """e at the ports after a step by unit forces there, shape (ports, ports). Collective.
-
-        Arguments as of `step`.
-        """
-        ...
-
-    def pull(self, forces: Array, dt: float, drag: float, xi: float) -> None:
-        """Add the response to forces at ports in the last step. Collective.
-
-        Args:
-            forces: Shape (ports,).
-            dt: See `step`; likewise the others.
-            drag: See `step`.
-            xi: See `step`.
-        """
-        ...
-
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
         ...
@@ -135,21 +104,16 @@ class AllUnknowns:
 
     valid = True
 
-    def __init__(self, scene: Scene, motion: LinearMotion, e: Array, rate: Array) -> None:
+    def __init__(self, motion: LinearMotion, e: Array, rate: Array) -> None:
         """Take the equations over.
 
         Args:
-            scene: The problem.
             motion: The equations of all rows; owned from now on.
             e: At their start, shape (nodes, 3) [m].
             rate: Its rate, likewise [m/s].
         """
         self._motion, self._e, self._rate = motion, e, rate
         self._change: tuple[Array, float] = np.zeros_like(e), 1.0
-        self._scene = scene
-        self._E = csr_array((0, e.size))  # ports of e
-        self._Y: Array = np.empty((e.size, 0))  # e by unit forces at ports, in a kind of steps
-        self._kind: tuple[float, ...] = ()
 
     @property
     def moving(self) -> bool:
@@ -177,34 +141,19 @@ class AllUnknowns:
         """See `Response`."""
         return self._change
 
-    def hold(self, ports: csr_array) -> None:
-        """See `Response`."""
-        self._E, self._kind = ports, ()
+    def shift(self, more: Array, dt: float) -> None:
+        """Have more of e at the end of the last step.
 
-    def at_ports(self) -> Array:
-        """See `Response`."""
-        return np.asarray(self._scene.sum(self._E @ self._e.reshape(-1)))
-
-    def compliance(self, dt: float, drag: float, xi: float) -> Array:
-        """See `Response`; by a solve for each port, once for steps of one kind."""
-        given = dt, drag, xi
-        if self._kind != given:
-            self._kind, kept = given, self.kept()
-            none = np.zeros_like(self._e)
-            self._Y = np.zeros((self._e.size, self._E.shape[0]))
-            for k in range(self._Y.shape[1]):
-                self._e = self._rate = none
-                self.step(self._E[[k]].toarray().reshape(-1, 3), *given)
-                self._Y[:, k] = self._e.reshape(-1)
-            self.restore(kept)
-            self._C = np.asarray(self._scene.sum(self._E @ self._Y))
-        return self._C
-
-    def pull(self, forces: Array, dt: float, drag: float, xi: float) -> None:
-        """See `Response`."""
-        more = (self._Y @ forces).reshape(-1, 3)
+        Args:
+            more: Shape (nodes, 3) [m].
+            dt: Length of that step [s].
+        """
         self._e, self._rate = self._e + more, self._rate + 2 / dt * more
         self._change = self._change[0] + more, dt
+
+    def rest(self) -> None:
+        """Have no e and no ė."""
+        self._e = self._rate = np.zeros_like(self._e)
 
     def scale(self, part: Array) -> None:
         """See `Response`."""
