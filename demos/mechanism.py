@@ -142,10 +142,7 @@ def way(of: list[rf.Report]) -> np.ndarray:
 def books(of: list[rf.Report]) -> float:
     """Largest gap of the balance of energy, over the largest energy."""
     energy = np.array([r.energy for r in of])
-    work = np.array(
-        [r.work_of_loads + r.work_of_supports for r in of]
-    )  # of motors at switches, too
-    known = np.cumsum(work - [sum(r.dissipated.values()) for r in of])
+    known = np.cumsum([r.work_of_loads - sum(r.dissipated.values()) for r in of])
     return float(np.abs(energy - energy[0] - known + known[0]).max() / energy.max())
 
 

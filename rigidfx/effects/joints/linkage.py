@@ -141,11 +141,12 @@ class Linkage:
 
     @property
     def redundant(self) -> dict[str, float]:
-        """Rows that have none, as others imply them: violation over size, by title. Collective."""
+        """Rows that have none, as others imply them: violation over size, by title."""
+        if self.active.size == self._every:
+            return {}
         titles = [f"{j.title}: {row.title}" for j in self._joints for row in j.pieces.rows]
-        dropped = np.setdiff1d(np.arange(self._every), self.active)
-        off = np.abs(self.violation) / self._sizes if dropped.size else self._sizes
-        return {titles[k]: float(off[k]) for k in dropped}
+        off = np.abs(self.violation) / self._sizes
+        return {titles[k]: float(off[k]) for k in np.setdiff1d(np.arange(self._every), self.active)}
 
     @property
     def masses(self) -> Array:

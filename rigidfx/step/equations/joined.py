@@ -89,10 +89,13 @@ class JoinedEquilibrium(Equilibrium):
             terms: Likewise.
             compliance: Likewise.
         """
-        drives, lead = self.linkage.drives, self.ports.lead(self.prolongation.increments.L)
-        given = drives.test(3 * self.linkage.averages) if len(drives) else None
+        drives = self.linkage.drives
+        if not drives.prescribing:
+            return
+        lead = self.ports.lead(self.prolongation.increments.L)
+        given = drives.test(3 * self.linkage.averages)
         for k, effect in enumerate(drives.effects):
-            if given is None or not prescribes(effect):
+            if not prescribes(effect):
                 continue
             more, sizes = (given[[k]] @ lead).toarray(), (abs(given[[k]]) @ abs(lead)).toarray()
             every = np.vstack([rows, more]), np.vstack([terms, sizes])
@@ -208,7 +211,7 @@ class JoinedEquilibrium(Equilibrium):
         """See `Equilibrium`.
 
         Raises:
-            StepError: If rows that others imply at the start are open now.
+            StepError: If rows that others implied when the division was made are open now.
         """
         opened = {title: off for title, off in self.linkage.redundant.items() if off > OPEN}
         if opened:

@@ -61,7 +61,7 @@ class Secants:
         Args:
             z: The kept tangent's correction, shape (unknowns,); changed in place.
             learning: Whether a pair is learned from it. Pairs of mere rounding made steps of a
-            plate that hardly strains fail.
+                plate that hardly strains fail.
         """
         given = z.copy()
         if learning and self._last is not None and self._of_step < OF_STEP:
