@@ -266,8 +266,8 @@ def test_a_block_on_a_slope_creeps_no_faster_than_told():
 
 
 @NO_WARNINGS
-def test_a_kept_tangent_is_renewed_where_a_gap_closes_or_opens(monkeypatch):
-    """A corner of steel comes and goes: no solve with kept factors is in vain."""
+def test_a_kept_tangent_follows_gaps_that_close_and_open(monkeypatch):
+    """A corner of steel comes and goes: no solve with kept factors is in vain, tangents are few."""
     steel = rf.StVenantKirchhoff(E=2e11, nu=0.3, rho=7800.0)
     failed = []
     fail = Chord.fail
@@ -279,12 +279,12 @@ def test_a_kept_tangent_is_renewed_where_a_gap_closes_or_opens(monkeypatch):
         reports = list(rf.simulate(scene, 5e-5, 1.5e-3))[1:]
         return [r for r in reports if r.touches[contact.title].nodes]
 
-    iterations = sum(r.iterations for r in touching())
+    tangents = sum(r.tangents for r in touching())
     assert not failed
     monkeypatch.setattr(Jumping, "outdated", lambda self: False)
     reports = touching()
     assert len(reports) >= 5
-    assert iterations < sum(r.iterations for r in reports)
+    assert tangents < 0.7 * sum(r.tangents for r in reports)
 
 
 # Waking ----------------------------------------------------------------------------------------

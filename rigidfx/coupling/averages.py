@@ -50,7 +50,8 @@ def add_at_averages(A: PETSc.Mat, weights: csr_array, blocks: Array, comm: MPI.I
     """
     own = csr_array(kron(weights, eye_array(3), format="csr"))
     every = hstack(comm.allgather(own), format="csr")
-    added, kind = csr_array(own.T @ block_diag(list(blocks)) @ every), PETSc.IntType
+    B, kind = block_diag([csr_array(block) for block in blocks]), PETSc.IntType
+    added = csr_array(own.T @ B @ every)
     csr = added.indptr.astype(kind), added.indices.astype(kind), added.data
     more = PETSc.Mat().createAIJ(A.getSizes(), csr=csr, comm=comm)
     A.axpy(1.0, more, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)

@@ -64,7 +64,7 @@ class KeptTangent:
         self._right = y.duplicate()
         self._secants = Secants(y.comm.tompi4py(), y.getLocalSize())
         self._now: Array = np.empty((0, 3, 3))
-        self._then = self._now
+        self._then: Array | None = None  # nothing is known, also on a rank without vectors
         self._Q: Array | None = None
         self._factor = 1.0
         self._dt = self._assembled_for = 0.0
@@ -98,8 +98,7 @@ class KeptTangent:
         """
         self.iterations = 0
         self._now = self._frames.rotations(u)
-        known = self._then.shape == self._now.shape
-        self._Q = self._now @ self._then.swapaxes(1, 2) if known else None
+        self._Q = None if self._then is None else self._now @ self._then.swapaxes(1, 2)
         if self._border is not None:
             self._border.turn(self._frames.starts, self._Q)
         if dt != self._dt:
