@@ -109,7 +109,7 @@ def halves(material, ratio, effects=()):
 
 
 def test_what_rounding_in_the_stiffest_material_takes_is_told():
-    """Where nothing but a softer scene would help: a fifth of the energy."""
+    """Where nothing but a softer scene would help: some tenth of the energy, by rounding."""
     reports = []
     with warnings.catch_warnings(record=True) as shown:
         warnings.simplefilter("always")
@@ -121,7 +121,7 @@ def test_what_rounding_in_the_stiffest_material_takes_is_told():
     assert (
         "a ratio of stiffness of 1e+14 is too much for so little energy. Make that part" in message
     )
-    assert max(off for off, _ in reports) > 0.1
+    assert max(off for off, _ in reports) > 0.04  # twice as much as without a word
     assert all(off < 0.02 for off, told in reports if not told)
 
 
