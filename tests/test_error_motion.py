@@ -129,6 +129,16 @@ def test_a_run_knows_how_far_it_is_off(effects, followed):
     assert run.held_left.max() <= 0.1 * run.held_off.max()
 
 
+def test_a_part_that_supports_hold_in_part_has_all_unknowns(followed, monkeypatch):
+    """Its static response to forces along the face that holds it would have no bounds."""
+    monkeypatch.setattr(equations, "LARGEST", 0)
+    held = rf.Fixed("x0", "x"), rf.Fixed("x0", "z")
+    run = Compared(lambda: scene(*held, PUSHED, rf.MassDamping(0.5)), followed, 3.0)
+    assert run.freezes
+    assert run.off.max() > 1e-4
+    assert run.left.max() <= 0.1 * run.off.max()
+
+
 @pytest.mark.parametrize("mass", ["lumped", "consistent"])
 def test_a_base_that_shakes_between_two_modes_keeps_the_bound(mass, followed):
     """It was 2.4 times that off, as resonance amplified what bodies bend by; the run knows."""

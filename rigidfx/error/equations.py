@@ -20,7 +20,7 @@ from rigidfx.error.frames import Frames
 from rigidfx.error.ground import ground_of
 from rigidfx.error.joints import Joints, joined_parts
 from rigidfx.error.linear_motion import NAMED, LinearMotion
-from rigidfx.error.loose import Loose, loose_parts
+from rigidfx.error.loose import Loose, held_in_part, loose_parts
 from rigidfx.error.modal import Modal
 from rigidfx.error.reactions import Reactions
 from rigidfx.error.response import PREPARING, AllUnknowns, Response
@@ -102,7 +102,8 @@ class Equations:
         self.joints = Joints(self._stepper, frames, joined) if scene.named(Joint) else None
         e, rate = self.loose.still(e), self.loose.still(rate)
         self.reactions = Reactions(scene, self._stepper.prescribed, motion, frames)
-        if self._few:
+        # Modes take a part that supports hold to be without rigid motions.
+        if self._few or held_in_part(scene, frames, self._held):
             self.response = AllUnknowns(motion, e, rate)
         else:
             supported = np.flatnonzero(self._held)

@@ -19,7 +19,7 @@ from rigidfx.error.frames import Frames
 from rigidfx.error.ground import Ground
 from rigidfx.scene.scene import Scene
 
-__all__ = ["Loose", "loose_parts", "unresisted"]
+__all__ = ["Loose", "held_in_part", "loose_parts"]
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -90,7 +90,7 @@ def loose_parts(
         M: Mass matrix of the owned nodes.
         among: Which connected parts are asked for; all if None.
     """
-    nodes, motions = unresisted(scene, frames, held, ground, among)
+    nodes, motions = _unresisted(scene, frames, held, ground, among)
     momenta = np.empty_like(motions)
     x, y = M.createVecs()
     for k in range(motions.shape[1]):
@@ -105,7 +105,7 @@ def loose_parts(
     return Loose(scene, nodes, motions, momenta)
 
 
-def unresisted(
+def _unresisted(
     scene: Scene, frames: Frames, held: Bools, ground: Ground | None, among: Bools | None = None
 ) -> tuple[Bools, Array]:
     """The same as they are, not normalized. Collective; arguments as of `loose_parts`.
@@ -119,20 +119,42 @@ def unresisted(
     n, columns = len(frames.shape), []
     nodes: Bools = np.zeros(n, dtype=bool)
     for k in np.flatnonzero(free):
-        own = frames.part == k
-        length = float(np.linalg.norm(scene.parts.upper[k] - scene.parts.lower[k]))
-        V: Array = np.zeros((n, 3, 6))
-        V[own] = rigid_motions(
-            frames.shape[own] - (scene.parts.lower + scene.parts.upper)[k] / 2, length
-        )
+        V = _motions(scene, frames, k)
         K = np.zeros((6, 6)) if ground is None else ground.resistance(scene, V)
-        values, vectors = np.linalg.eigh(K)
-        rounding = np.sqrt(np.finfo(np.float64).eps)
-        unresisted = vectors[:, values <= rounding * values[-1]]
+        unresisted = _kernel(K)
         if unresisted.shape[1]:
-            nodes |= own
+            nodes |= frames.part == k
             columns.append((V @ unresisted).reshape(3 * n, unresisted.shape[1]))
     return nodes, np.concatenate([np.empty((3 * n, 0)), *columns], axis=1)
+
+
+def held_in_part(scene: Scene, frames: Frames, held: Bools) -> bool:
+    """Whether supports leave rigid motions of a part that they hold: along a face, say. Collective.
+
+    Args:
+        scene: The problem.
+        frames: Shape and connected parts.
+        held: Which owned dofs supports hold.
+    """
+    for k in np.flatnonzero(~_unsupported(scene, frames, held)):
+        V = _motions(scene, frames, k).reshape(-1, 6)[held]
+        if _kernel(np.asarray(scene.sum(V.T @ V))).shape[1]:
+            return True
+    return False
+
+
+def _motions(scene: Scene, frames: Frames, k: np.integer) -> Array:
+    """Rigid motions of a connected part at the owned nodes, shape (nodes, 3, 6)."""
+    own, (low, high) = frames.part == k, (scene.parts.lower[k], scene.parts.upper[k])
+    V: Array = np.zeros((len(frames.shape), 3, 6))
+    V[own] = rigid_motions(frames.shape[own] - (low + high) / 2, float(np.linalg.norm(high - low)))
+    return V
+
+
+def _kernel(K: Array) -> Array:
+    """Vectors that a symmetric matrix takes to nothing, by columns."""
+    values, vectors = np.linalg.eigh(K)
+    return np.asarray(vectors[:, values <= np.sqrt(np.finfo(np.float64).eps) * values[-1]])
 
 
 def _unsupported(scene: Scene, frames: Frames, held: Bools) -> Bools:
