@@ -69,6 +69,16 @@ def test_a_dear_tangent_serves_longer():
     assert [rule(price).wanted(history, 1e-1, LIMIT) for price in (5.0, 50.0)] == [True, False]
 
 
+def test_a_solve_ends_when_it_has_cost_a_step_of_newtons_method():
+    """Which takes four iterations with a tangent each: 4·(1 + 8) is 2 tangents and 20 iterations."""
+    control = rule(8.0)
+    for _ in range(2):
+        control.renewed([1e6, 1e3])
+    assert [control.exhausted(iterations) for iterations in (19, 20)] == [False, True]
+    control.begin()
+    assert not control.exhausted(20)
+
+
 def test_a_tangent_is_renewed_where_further_steps_would_raise_the_average():
     """At the first iterate of the next step, since the first guess stretches what bends."""
     control, due = rule(10.0), []

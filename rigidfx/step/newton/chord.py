@@ -185,6 +185,11 @@ class Chord:
         """Whether the last step made no tangent and the next one is to make none."""
         return not self.tangents and not self._control.due
 
+    @property
+    def exhausted(self) -> bool:
+        """Whether the present solve has cost as much as a step by Newton's method."""
+        return self._control.exhausted(len(self.stop.history) - 1)
+
     def fail(self) -> None:
         """Take note that Newton's method takes over, and makes tangents of its own."""
         self._control.failed(len(self.stop.history) - 1, self.tangents)

@@ -11,6 +11,9 @@ tangent is renewed
 - if the remaining iterations, log(target/‖R‖)/log θ, cost more than a new tangent with its own
   iterations, or exceed the limit of iterations.
 
+A solve that has cost as much as a step by Newton's method ends, and Newton's method takes over, as
+in the ski rental problem: nobody knows what the rest would cost, and so at most the same is lost.
+
 Between steps a tangent is renewed after a step with more iterations than the mean since the last
 renewal, the renewal included: each further step would only raise the mean. It is renewed at the
 step's first iterate, since the first guess along a straight line stretches parts that bend, and the
@@ -66,17 +69,26 @@ class Control:
         self.price, self.due = 0.0, True
         self.missing = True
         self._from = 0  # iterate of this step since which the tangent is the same
+        self._made = 0  # tangents in this step
         self._spent, self._steps, self._since = 0.0, 0, 0
         self._newton, self._passed = numbers.newton, 0
         self._debt = self._whole = 0.0  # beyond Newton's cost, and all of that, in iterations
 
     def begin(self) -> None:
         """Begin a step, or an attempt at it."""
-        self._since = self._from = 0
+        self._since = self._from = self._made = 0
 
     def lose(self) -> None:
         """Take note that the tangent serves no longer."""
         self.due = self.missing = True
+
+    def exhausted(self, iterations: int) -> bool:
+        """Whether the present solve has cost as much as a step by Newton's method.
+
+        Args:
+            iterations: How many it has taken.
+        """
+        return iterations + self.price * self._made >= self._of_newton
 
     def wanted(self, history: Sequence[float], target: float, limit: int) -> bool:
         """Whether a new tangent is to be made at the last iterate.
@@ -101,6 +113,7 @@ class Control:
     def renewed(self, history: Sequence[float]) -> None:
         """Take note of a new tangent at the last iterate."""
         self.due = self.missing = False
+        self._made += 1
         self._since = self._from = len(history) - 1
         self._spent, self._steps = self.price - self._since, 0
 

@@ -280,6 +280,8 @@ class Newton:
         if conserving.following:
             if conserving.grown(norm):
                 return self._ending
+        elif not reason and self._keeping and self._chord is not None and self._chord.exhausted:
+            return int(PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT)
         elif reason <= 0 or not 0 < iteration < self.stop.max_it:
             return reason
         else:
