@@ -39,7 +39,7 @@ from rigidfx.report.brief_contacts import BriefContacts
 from rigidfx.report.energy_balance import EnergyBalance
 from rigidfx.report.jolts import Jolts
 from rigidfx.report.lumping import LumpedInertia
-from rigidfx.report.of_step import amended, report_of
+from rigidfx.report.of_step import amended, held_at_start, report_of
 from rigidfx.report.report import Report
 from rigidfx.report.start import Start, start_of
 from rigidfx.report.turned_springs import TurnedSprings
@@ -295,8 +295,7 @@ def _reports(
         bar.update(state.t)
         if not first:
             report = report_of(0, stepper, run.probes, None, impact, run.recovery, run.added)
-            held, moments = switch.held
-            report = replace(report, reactions=held, reaction_moments=moments, _writers=writers)
+            report = replace(report, **held_at_start(scene, *switch.held), _writers=writers)
             report = run.accounted(report)
             for look in looks:
                 look.follow(report)

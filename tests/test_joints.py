@@ -431,14 +431,26 @@ def test_a_motor_that_fails_says_when():
 
 
 def test_history_and_description_have_the_joints(tmp_path):
-    scene = bar(HINGE, rf.Motor("joint", torque=5.0))
+    motors = rf.Motor("joint", torque=5.0), rf.Motor("joint", torque=2.0, until=0.02)
+    scene = bar(HINGE, *motors, rf.JointSpring("joint", 1.0))
     assert "1 joints hold 5 directions" in str(scene.describe())
     assert "6 degrees of freedom without them. At least 1 are left." in str(scene.describe())
     assert "'ground' - 'bar'" in str(scene.describe())
     with rf.Recorder(scene, tmp_path / "bar") as recorder:
         for report in rf.simulate(scene, 0.01, 0.05):
             recorder.write(report)
+            if report.step == 0:
+                with pytest.raises(KeyError, match="'joint' from the first step on"):
+                    report.joints["joint"]
+    with pytest.raises(KeyError, match=r"report\.joints has no 'pin'; its names are 'joint'"):
+        report.joints["pin"]
+    with pytest.raises(KeyError, match=r"its names are .*, torque 1"):
+        report.joints["joint"].efforts["Motor of 'joint'"]
     columns = rf.read_history(recorder.history)
+    assert columns["joint_joint_motor_torque_1"][1:] == pytest.approx(np.full(5, 5.0))
+    assert columns["joint_joint_motor_torque_2"][1:] == pytest.approx(np.array([2, 2, 0, 0, 0]))
+    effort = report.joints["joint"].efforts["JointSpring of 'joint'"]
+    assert columns["joint_joint_spring"][-1] == pytest.approx(effort)
     assert columns["joint_joint_angle"][-1] == pytest.approx(report.joints["joint"].angle)
     assert columns["joint_joint_force_x"][-1] == pytest.approx(report.joints["joint"].force[0])
     drawn = rf.read_fields(tmp_path / "bar" / "joints.pvd")  # points for arrows in ParaView

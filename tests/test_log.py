@@ -14,6 +14,7 @@ from mpi4py import MPI
 import rigidfx as rf
 from rigidfx.base import cache_log, form_cache, log
 from rigidfx.base.crowding import crowded
+from rigidfx.base.warning import warn
 from rigidfx.flexible import kernels
 from rigidfx.report import whereabouts
 
@@ -42,6 +43,26 @@ def test_log_file_and_last_line(tmp_path, capsys):
     assert "1 switches, rigid: 'part 1' of 4 cells, 6 unknowns" in last
     assert last.endswith("run")
     assert not logging.getLogger("rigidfx").handlers
+
+
+def test_log_file_has_the_warnings(tmp_path):
+    """Of an open recorder, also where a filter hides or raises them; names that are wrong, too."""
+    effects = [rf.Fixed("x0"), rf.Contact("z0", against=rf.Plane((0, 0, -1), (0, 0, 1)))]
+    scene = rf.Scene(
+        rf.box((0, 0, 0), (2, 1, 1), (2, 1, 1)), MATERIAL, effects, probes={"tip": (2, 1, 1)}
+    )
+    with rf.Recorder(scene, tmp_path) as recorder:
+        for report in rf.simulate(scene, 0.1, 0.1):
+            recorder.write(report)
+            if report.step == 0:
+                with pytest.raises(KeyError, match="'x0' from the first step on"):
+                    report.reactions["x0"]
+            for name in ("reactions", "touches", "probes", "stresses"):
+                with pytest.raises(KeyError, match=f"report.{name} has no 'x'; its names are '"):
+                    getattr(report, name)["x"]
+        with pytest.raises(rf.RigidfxWarning):
+            warn(scene.comm, "doubtful")
+    assert "warning: doubtful\n" in (tmp_path / "log.txt").read_text(encoding="utf-8")
 
 
 def test_a_first_run_says_what_it_compiles(tmp_path, monkeypatch, capsys):

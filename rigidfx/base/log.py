@@ -17,7 +17,7 @@ from typing import Any
 
 from mpi4py import MPI
 
-__all__ = ["announce", "folders", "heard", "hearing", "remind", "tell"]
+__all__ = ["announce", "folders", "heard", "hearing", "keep", "remind", "tell"]
 
 LOGGER = logging.getLogger("rigidfx")
 SHOWN = "rigidfx: "  # begins each line on standard error
@@ -98,8 +98,22 @@ def _under_way(comm: MPI.Intracomm) -> Iterator[None]:
 
 def folders() -> list[Path]:
     """Folders of the files that hear messages now: where results go."""
-    files = (handler for handler in LOGGER.handlers if isinstance(handler, logging.FileHandler))
-    return [Path(os.path.relpath(file.baseFilename)).parent for file in files]
+    return [Path(os.path.relpath(file.baseFilename)).parent for file in _files()]
+
+
+def keep(text: str) -> None:
+    """Write a warning to the files that hear messages now; nothing is shown.
+
+    Args:
+        text: The warning.
+    """
+    told = LOGGER.makeRecord(LOGGER.name, logging.WARNING, "", 0, text, (), None)
+    for file in _files():
+        file.handle(told)
+
+
+def _files() -> list[logging.FileHandler]:
+    return [handler for handler in LOGGER.handlers if isinstance(handler, logging.FileHandler)]
 
 
 @contextmanager

@@ -1,5 +1,7 @@
 """Warnings that reach the user: on rank 0, with the line of the user's that led to them.
 
+A run's log.txt has them, too.
+
 FFCx, when it is imported, hands all of Python's warnings over to `logging`, which drops them where
 nobody has given it a handler: no script and no notebook would ever show one.
 """
@@ -15,6 +17,7 @@ import dolfinx  # noqa: F401 - imports FFCx, whose doing is undone below
 from mpi4py import MPI
 
 from rigidfx.base.errors import RigidfxWarning
+from rigidfx.base.log import keep
 
 __all__ = ["warn"]
 
@@ -30,6 +33,7 @@ def warn(comm: MPI.Intracomm, message: str) -> None:
     """
     if comm.rank != 0:
         return
+    keep(f"warning: {message}")
     frame, level = sys._getframe(1), 2
     while frame.f_back is not None and frame.f_code.co_filename.startswith(PACKAGE):
         frame, level = frame.f_back, level + 1

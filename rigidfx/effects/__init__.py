@@ -18,7 +18,7 @@ from rigidfx.effects.damping.stiffness_damping import StiffnessDamping
 from rigidfx.effects.initial.initial_displacement import InitialDisplacement, places_at_start
 from rigidfx.effects.initial.initial_velocity import InitialVelocity
 from rigidfx.effects.joints.cylindrical import Cylindrical
-from rigidfx.effects.joints.elements import JointSpring, Motor
+from rigidfx.effects.joints.elements import JointSpring, Motor, efforts_of
 from rigidfx.effects.joints.joint import Joint
 from rigidfx.effects.joints.joint_report import JointReport
 from rigidfx.effects.joints.prismatic import Prismatic
@@ -94,6 +94,7 @@ __all__ = [
     "Universal",
     "Windowed",
     "bends_of",
+    "efforts_of",
     "places_at_start",
     "rigid_faces",
 ]

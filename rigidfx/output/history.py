@@ -33,6 +33,9 @@ Columns, in SI units; a vector has one column for each of x, y, z:
                                              side and moment about the place [N, N m]
     joint_NAME_angle, _angle_rate            of a joint that turns [rad, rad/s]; else NaN
     joint_NAME_travel, _travel_rate, _gap    of one that slides [m, m/s]; violation at t [m]
+    joint_NAME_motor, _spring, _stop         effort of each motor, spring and stop of the joint in
+                                             the step [N m, N], zero while it does not act; of two
+                                             motors _motor_torque_1, _motor_speed, …
     contact_NAME_force_x …, _moment_x …      of each contact [N, N m], zero while it does not act
     contact_NAME_pressing                    sum of the sizes of its nodal forces [N]
     contact_NAME_energy, _dissipated         stored at t, taken by friction in the step [J]
@@ -90,6 +93,7 @@ LEDGER = (
     *("rigidity_error", "rigidity_allowed", "periods", "unsure", "measured_error"),
 )
 UNSURE = "estimate", "unknown"
+NO_JOINTS: Mapping[str, Sequence[str]] = {}
 
 
 PAIRS = {"xyz"[i] + "xyz"[j]: (i, j) for i, j in SYMMETRIC}
@@ -115,7 +119,7 @@ def history_columns(
     probes: Sequence[str],
     contacts: Sequence[str] = (),
     stress: bool = False,
-    joints: Sequence[str] = (),
+    joints: Mapping[str, Sequence[str]] = NO_JOINTS,
     peaks: Sequence[str] = (),
 ) -> list[str]:
     """Names of the columns.
@@ -125,7 +129,7 @@ def history_columns(
         probes: Names of the probes.
         contacts: Titles of the contacts.
         stress: Whether stress and strain at the probes are among them.
-        joints: Titles of the joints.
+        joints: Titles of each joint's motors, springs and stops, by the title of the joint.
         peaks: Names of the sets whose largest stress is among them.
     """
     stresses = [name for probe in probes if stress for name in _stress_names(probe)]
@@ -147,7 +151,7 @@ def history_row(
     supports: Sequence[str],
     contacts: Sequence[str] = (),
     stresses: Mapping[str, StressAt] | None = None,
-    joints: Sequence[str] = (),
+    joints: Mapping[str, Sequence[str]] = NO_JOINTS,
     peaks: Mapping[str, Peak] | None = None,
     before: Written | None = None,
 ) -> dict[str, float]:
@@ -158,7 +162,7 @@ def history_row(
         supports: Names of the sets that supports hold, now or at another time.
         contacts: Titles of the contacts, likewise.
         stresses: Stress and strain at the probes, if they are among the columns.
-        joints: Titles of the joints.
+        joints: Titles of each joint's motors, springs and stops, by the title of the joint.
         peaks: Largest stresses, if they are among the columns.
         before: The report of the row before, None in the first one.
     """
@@ -201,16 +205,22 @@ def _acceleration(report: Report, before: Written | None, probe: str) -> Array:
     return np.asarray(change / (report.t - before.t))
 
 
-def _of_joints(joints: Sequence[str], told: Mapping[str, JointReport]) -> dict[str, float]:
+def _of_joints(
+    joints: Mapping[str, Sequence[str]], told: Mapping[str, JointReport]
+) -> dict[str, float]:
     """The columns of joints and their values, by their titles."""
     out: dict[str, float] = {}
     unknown = np.full(3, nan)
-    for title in joints:
+    for title, owners in joints.items():
         joint = told.get(title, JointReport(unknown, unknown, unknown, gap=nan))
         for name in ("place", "force", "moment"):
             out |= components(f"joint_{title}_{name}", getattr(joint, name))
         for name in ("angle", "travel", "angle_rate", "travel_rate", "gap"):
             out[f"joint_{title}_{name}"] = getattr(joint, name)
+        for owner in owners:
+            kind = owner.replace(f" of '{title}'", "").replace(", ", "_").replace(" ", "_")
+            column = f"joint_{title}_{kind.replace('JointSpring', 'Spring').lower()}"
+            out[column] = joint.efforts.get(owner, 0.0 if title in told else nan)
     return out
 
 

@@ -34,7 +34,7 @@ from rigidfx.base.errors import OutputError, SceneError, StepError, agree, toget
 from rigidfx.base.inputs import names, path_of, positive, shown, whole
 from rigidfx.base.instants import at_latest
 from rigidfx.base.same_input import check_same
-from rigidfx.effects import Contact, Joint
+from rigidfx.effects import Contact, efforts_of
 from rigidfx.output.body_tables import body_rows, event_rows
 from rigidfx.output.changed import ChangedFile
 from rigidfx.output.fields import Fields
@@ -128,7 +128,7 @@ class Recorder:
         self._scene, self._comm = scene, scene.comm
         self._supports = tuple(dict.fromkeys(support.where for support, _ in scene.supports))
         self._contacts = tuple(contact.title for contact in scene.named(Contact))
-        self._joints = tuple(joint.title for joint in scene.named(Joint))
+        self._joints = efforts_of(scene)
         self._stress = bool(stress)
         self._fields = Fields(scene, self._stress)
         self._clouds = clouds_of(scene, bool(integration_points))

@@ -9,7 +9,8 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx.effects import Contact, JointReports, Rigid, Touch
+from rigidfx.base.named import Named
+from rigidfx.effects import Contact, Joint, JointReports, Rigid, Touch
 from rigidfx.error.error_motion import ErrorMotion
 from rigidfx.error.shown import Shown
 from rigidfx.flexible.indicator import Indicator
@@ -25,7 +26,7 @@ from rigidfx.step.step_result import StepResult
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.system.supports import Impact
 
-__all__ = ["amended", "report_of", "with_ledger"]
+__all__ = ["amended", "held_at_start", "report_of", "with_ledger"]
 
 
 Array = npt.NDArray[np.float64]
@@ -92,19 +93,24 @@ def report_of(
         work_of_loads=result.work_of_loads if result else 0.0,
         work_of_supports=result.work_of_supports if result else 0.0,
         dissipated=result.dissipated if result else {},
-        reactions=result.reactions if result else {},
-        reaction_moments=result.reaction_moments if result else {},
-        touches=result.touches if result else _untouched(stepper.scene),
-        joints=result.joints if result else JointReports(),
+        **_acting(stepper.scene, result),
         impact=impact,
         rigid=state.bodies,
         clamped=_clamped(stepper),
         events=(),
         closeness=np.nan,
-        probes={name: u + off[name].displacement for name, u in moved.items()} if off else moved,
+        probes=Named(
+            "report.probes",
+            {name: u + off[name].displacement for name, u in moved.items()} if off else moved,
+        ),
         velocities=_velocities(probes, state, off),
-        error_motion={name: off[name].displacement if off else np.zeros(3) for name in moved},
-        error_reactions=error.reactions(result.dt) if error and result else {},
+        error_motion=Named(
+            "report.error_motion",
+            {name: off[name].displacement if off else np.zeros(3) for name in moved},
+        ),
+        error_reactions=Named(
+            "report.error_reactions", error.reactions(result.dt) if error and result else {}
+        ),
         ledger=None,
         wall=0.0,
         _state=state,
@@ -144,12 +150,42 @@ def amended(report: Report, stepper: Stepper, events: Sequence[Event], closeness
 def _velocities(probes: Probes, state: State, off: Mapping[str, Shown]) -> Mapping[str, Array]:
     """Velocity of each probe, with the error motion where that is known [m/s]. Collective."""
     own = probes.velocities(state)
-    return {name: v + off[name].velocity for name, v in own.items()} if off else own
+    shown = {name: v + off[name].velocity for name, v in own.items()} if off else own
+    return Named("report.velocities", shown)
 
 
-def _untouched(scene: Scene) -> dict[str, Touch]:
-    """Every contact of a scene, as in a step in which it does nothing."""
-    return {contact.title: Touch(contact.title) for contact in scene.named(Contact)}
+def _acting(scene: Scene, result: StepResult | None) -> dict[str, Any]:
+    """Reactions, touches and joints of a step, or of the initial state, by name."""
+    if result is None:
+        titles = [joint.title for joint in scene.named(Joint)]
+        touches = {contact.title: Touch(contact.title) for contact in scene.named(Contact)}
+        acting = held_at_start(scene, {}, {}) | {"joints": JointReports(later=titles)}
+    else:
+        touches = dict(result.touches)
+        acting = {
+            "reactions": Named("report.reactions", result.reactions),
+            "reaction_moments": Named("report.reaction_moments", result.reaction_moments),
+            "joints": result.joints,
+        }
+    return acting | {"touches": Named("report.touches", touches)}
+
+
+def held_at_start(
+    scene: Scene, forces: Mapping[str, Array], moments: Mapping[str, Array]
+) -> dict[str, Any]:
+    """Reactions of the initial state; those that are missing are known after the first step.
+
+    Args:
+        scene: The problem.
+        forces: Force of each support that a static preload knows, by its name [N].
+        moments: Their moments about the origin [N m].
+    """
+    acting = (support for support, _ in scene.supports if support.acts(0.0))
+    later = dict.fromkeys(s.where for s in acting if s.where not in forces)
+    return {
+        "reactions": Named("report.reactions", forces, later),
+        "reaction_moments": Named("report.reaction_moments", moments, later),
+    }
 
 
 def _clamped(stepper: Reported) -> tuple[str, ...]:

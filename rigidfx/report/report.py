@@ -12,6 +12,7 @@ from dolfinx import fem
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.in_notebook import as_table, in_short
+from rigidfx.base.named import Named
 from rigidfx.base.taken import read_only
 from rigidfx.effects import JointReports, Touch
 from rigidfx.error.error_motion import ErrorMotion
@@ -36,6 +37,9 @@ Array = npt.NDArray[np.float64]
 @dataclass(frozen=True)
 class Report:
     """One accepted step, a value that may be kept; numbers are equal on all ranks.
+
+    The first report of a run is that of the initial state, t = 0. A wrong name, as in
+    `report.joints["pivto"]`, raises a KeyError that lists the names.
 
     Arrays as large as the mesh, `state` and `strain_rate`, are not copied: they can be read until
     the run goes on.
@@ -230,7 +234,8 @@ class Report:
         """
         self._check("stresses")
         strained = None if self._recovery is None else self._recovery.recovered
-        return self._probes.stresses(self._state, strained, self._added())
+        found = self._probes.stresses(self._state, strained, self._added())
+        return Named("report.stresses", found)
 
     @property
     def interface_mismatch(self) -> float:

@@ -91,6 +91,7 @@ class Drives:
         """
         self.static, self.kappa = static, np.ones(len(elements))
         joints = scene.named(Joint)
+        self._titles = {id(effect): title for effect, title in titles_of(scene)}
         self._all: list[_Drive] = []
         for effect in elements:
             joint, name = coordinate_of(scene, effect.owner, effect.joint, effect.acts_along)
@@ -224,7 +225,8 @@ class Drives:
     def efforts(self) -> dict[int, dict[str, float]]:
         """Torque [N m] or force [N] of each, by number of its joint and its title."""
         out: dict[int, dict[str, float]] = {}
-        for drive, title in zip(self._all, titles_of(self.effects), strict=True):
+        for drive in self._all:
+            title = self._titles[id(drive.effect)]
             out.setdefault(drive.key[0], {})[title] = drive.multiplier * drive.size
         return out
 

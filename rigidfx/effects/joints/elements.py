@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
@@ -13,7 +13,7 @@ from rigidfx.base.inputs import is_function, number, scalar, shown
 from rigidfx.effects.base import Effect, TimeFunction, Windowed
 from rigidfx.effects.joints.joint import Joint
 
-__all__ = ["JointSpring", "Motor", "coordinate_of", "titles_of"]
+__all__ = ["JointSpring", "Motor", "coordinate_of", "efforts_of", "titles_of"]
 
 KINDS = {
     "torque": ("angle", False),
@@ -229,8 +229,12 @@ class JointSpring(Effect):
         return self.damping * (q1 - q0) ** 2 / dt
 
 
-def titles_of(effects: Sequence[Any]) -> list[str]:
-    """Owners of motors, springs and stops, with more words where an owner has several."""
+def titles_of(scene: Any) -> list[tuple[Any, str]]:
+    """Motors, springs and stops of a scene with their titles, which do not change in time.
+
+    The title is the owner, with more words where an owner has several.
+    """
+    effects = [effect for effect in scene.effects if hasattr(effect, "acts_along")]
     of: dict[str, list[int]] = {}
     for k, effect in enumerate(effects):
         of.setdefault(effect.owner, []).append(k)
@@ -241,7 +245,16 @@ def titles_of(effects: Sequence[Any]) -> list[str]:
             for n, k in enumerate(numbers):
                 number = f" {by[: n + 1].count(by[n])}" if by.count(by[n]) > 1 else ""
                 titles[k] = f"{owner}{f', {by[n]}' if by[n] else ''}{number}"
-    return titles
+    return list(zip(effects, titles, strict=True))
+
+
+def efforts_of(scene: Any) -> dict[str, list[str]]:
+    """Titles of the motors, springs and stops of each joint of a scene, by the joint's title."""
+    every = titles_of(scene)
+    return {
+        joint.title: [title for effect, title in every if effect.joint == joint.title]
+        for joint in scene.named(Joint)
+    }
 
 
 def coordinate_of(scene: Any, owner: str, name: str, along: str | None) -> tuple[Joint, str]:

@@ -25,8 +25,9 @@ class JointReport:
         travel: Of the second side along the axis [m]; NaN if it leaves none free.
         angle_rate: Mean rate of the angle in the step [rad/s]; NaN likewise.
         travel_rate: Mean rate of the travel [m/s]; NaN likewise.
-        efforts: Torque [N m] or force [N] of each motor and spring of the joint, by its owner, such
-            as "Motor of 'pin'". Of two with one owner each has more: "Motor of 'pin', torque 2".
+        efforts: Torque [N m] or force [N] of each motor, spring and stop of the joint that acts, by
+            its owner, such as "Motor of 'pin'". Of two with one owner in the scene each has more:
+            "Motor of 'pin', torque 2".
         gap: Largest violation of its rows at the end of the step [m].
     """
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.base.named import Named, no_such
 from rigidfx.effects.joints.joint import Joint
 from rigidfx.effects.joints.joint_report import JointReport
 from rigidfx.effects.joints.sides import GROUND
@@ -28,6 +29,7 @@ class JointReports(Mapping[str, JointReport]):
         titles: Sequence[str] = (),
         of: Callable[[int], JointReport] | None = None,
         total: float = 0.0,
+        later: Sequence[str] = (),
     ) -> None:
         """Take their maker.
 
@@ -35,17 +37,18 @@ class JointReports(Mapping[str, JointReport]):
             titles: Titles of the joints.
             of: Makes the report of a joint by its number.
             total: Sum of the sizes of all multipliers [N].
+            later: Titles that are known from the first step on, at t = 0.
         """
         self._numbers, self._of = {title: k for k, title in enumerate(titles)}, of
         self._made: dict[str, JointReport] = {}
-        self.total = total
+        self.total, self._later = total, later
 
     def __getitem__(self, title: str) -> JointReport:
         """The report of a joint."""
         if title not in self._made:
-            number = self._numbers[title]
-            assert self._of is not None
-            self._made[title] = self._of(number)
+            if self._of is None or title not in self._numbers:
+                raise no_such("report.joints", title, self, self._later)
+            self._made[title] = self._of(self._numbers[title])
         return self._made[title]
 
     def __iter__(self) -> Iterator[str]:
@@ -91,7 +94,7 @@ def told_of(
         place=start[first] + moved[first],
         force=sign * forces[on & places].sum(axis=0),
         moment=sign * np.cross(arms[on], forces[on]).sum(axis=0),
-        efforts=efforts,
+        efforts=Named(f"report.joints[{joint.title!r}].efforts", efforts),
         gap=gap,
         **values,
         **rates,

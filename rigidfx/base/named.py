@@ -1,0 +1,54 @@
+"""Values by name: a wrong name raises a KeyError that lists the right ones."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import TypeVar
+
+__all__ = ["Named", "no_such"]
+
+V = TypeVar("V")
+
+
+class Named(dict[str, V]):
+    """A dict of a report; the KeyError of a wrong name lists the names.
+
+    Attributes:
+        owner: How a user reads it, such as "report.joints".
+        later: Names that it has from the first step on, at t = 0.
+    """
+
+    def __init__(self, owner: str, values: Mapping[str, V], later: Iterable[str] = ()) -> None:
+        """Copy the values.
+
+        Args:
+            owner: How a user reads it, for messages.
+            values: By name.
+            later: Names that it has from the first step on, at t = 0.
+        """
+        super().__init__(values)
+        self.owner, self.later = owner, tuple(later)
+
+    def __missing__(self, name: object) -> V:
+        """Raise the error of a wrong name."""
+        raise no_such(self.owner, name, self, self.later)
+
+
+def no_such(owner: str, name: object, names: Iterable[str], later: Iterable[str] = ()) -> KeyError:
+    """The error of a name that a mapping does not have.
+
+    Args:
+        owner: How a user reads the mapping.
+        name: The wrong name.
+        names: Those that it has.
+        later: Those that it has from the first step on, at t = 0.
+    """
+    later = tuple(later)
+    if name in later:
+        return KeyError(f"{owner} has {name!r} from the first step on; this report is of t = 0")
+    listed = ", ".join(map(repr, (*names, *later)))
+    return KeyError(
+        f"{owner} has no {name!r}; its names are {listed}"
+        if listed
+        else f"{owner} has no {name!r}; it is empty"
+    )
