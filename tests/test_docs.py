@@ -131,7 +131,7 @@ WARNINGS = {
     ],
     "scene/pieces.py": ["a `Rigid` part has several pieces"],
     "statics.py": ["contacts leave a rigid motion free"],
-    "step/length/time_control.py": ["supports hold the probes", "the shortest steps err"],
+    "step/length/time_control.py": ["supports hold all probes", "the shortest steps err"],
     "step/linear/petsc_options.py": ["PETSc options"],
     "step/watches/compression.py": ["a cell is strongly compressed"],
     "step/watches/jumps.py": ["a path of a support or an obstacle", "a path of a support or"],

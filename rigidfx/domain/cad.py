@@ -106,9 +106,9 @@ def read_cad(
         surfaces: Names of facets and which surfaces they stand for.
         leave_out: Volumes that are not meshed.
         size: Largest edge of a cell [m]; a twentieth of the diagonal of the geometry if None.
-        per_circle: Least number of cells around a full circle of a curved face; with 0 curvature
-            does not count, but that circles have twelve sides at least. A warning tells of more
-            than 1 % of the volume.
+        per_circle: Number of cells around a full circle, which sets their size along all curved
+            faces where `size` is larger. With 0 only cylinders and spheres are refined, to at least
+            twelve edges around them. A warning says if more than 1 % of the volume is lost.
         order: Order of the cells' geometry: 1, or 2 for cells as curved as the surfaces.
         scale: Factor of all lengths. The unit of a STEP or IGES file is read from it, so that 1 is
             right; a BREP file has none and takes metres per unit.

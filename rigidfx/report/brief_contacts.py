@@ -111,7 +111,8 @@ class BriefContacts:
             f"afterwards hold; the peak of its force ({past.peak:.3g} N here, a mean over a step) "
             f"and of stresses does not. With Δt ≤ {dt:.2g} s the peak is found to a few per cent: "
             "a tenth of the half period of the contact's lightest node, or rigid part, on its "
-            "stiffness, or less. Accuracy or StepControl find the Δt by themselves.",
+            "stiffness, or less. StepControl and Accuracy shorten steps at impacts; the error "
+            "afterwards is not estimated.",
         )
 
 
