@@ -1,4 +1,7 @@
-"""Histories of u, e and its reactions, on as many ranks: bodies freeze, wake and freeze anew."""
+"""Histories of u, e and its reactions, on as many ranks.
+
+Bodies freeze, wake and freeze anew; a support begins.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,8 @@ soft, stiff = (rf.StVenantKirchhoff(E=E, nu=0.3, rho=1000.0) for E in (1e6, 1e8)
 box = rf.box((0, 0, 0), (8, 1, 1), (16, 1, 1))
 box = box.with_cells("stalk", lambda x: x[0] <= 2 + 1e-9)
 box = box.with_cells("block", lambda x: x[0] >= 2 - 1e-9)
-effects = [rf.PrescribedMotion("x0", displacement=shaken), rf.MassDamping(1.0)]
+late = rf.Fixed("x1", since=4.0)
+effects = [rf.PrescribedMotion("x0", displacement=shaken), rf.MassDamping(1.0), late]
 scene = rf.Scene(box, {"stalk": soft, "block": stiff}, effects, probes={"tip": (8, 0.5, 0.5)})
 
 

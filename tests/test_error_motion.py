@@ -129,6 +129,27 @@ def test_a_run_knows_how_far_it_is_off(effects, followed):
     assert run.held_left.max() <= 0.1 * run.held_off.max()
 
 
+@pytest.mark.parametrize(
+    ("largest", "since", "mass"),
+    [(12_000, 3.81, "consistent"), (0, 2.01, "lumped")],
+    ids=["all unknowns", "modes"],
+)
+def test_a_support_that_begins_holds_the_twin_where_it_is(
+    largest, since, mass, followed, monkeypatch
+):
+    """Not where the run is: u + e was off by 0.57 and 1.1 times the error of u."""
+    monkeypatch.setattr(equations, "LARGEST", largest)
+    effects = (BASE,) if largest else (HELD, PUSHED)
+    late = rf.Fixed("x1", since=since)
+    run = Compared(
+        lambda: scene(*effects, late, rf.MassDamping(1.0), mass=mass), followed, since + 1.0
+    )
+    assert run.freezes
+    begun = int(np.ceil(since / DT)) + 1
+    assert run.told[begun:].max() > 1e-3
+    assert run.left[begun:].max() <= 0.1 * run.off[begun:].max()
+
+
 def test_a_part_that_supports_hold_in_part_has_all_unknowns(followed, monkeypatch):
     """Its static response to forces along the face that holds it would have no bounds."""
     monkeypatch.setattr(equations, "LARGEST", 0)

@@ -81,7 +81,7 @@ FOUND_ANEW = {
     "LoadChanges": "_idle",
     "Looks": "_rates _rigid",
     "LumpedInertia": "_seen",
-    "Modal": "_asked _force _m_phi _phi _right _still _sums",  # by `at_nodes`
+    "Modal": "_asked _fixed _force _m_phi _phi _right _still _sums",  # by `at_nodes`
     "Pace": "_changes _last",
     "Policy": "_springs",
     "RotationPerStep": "_cells _nodes",

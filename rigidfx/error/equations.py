@@ -72,12 +72,18 @@ class Equations:
         self.reactions: Reactions | None = None
         self.shape = self._forms.shape
 
-    def have(self, dt: float, frames: Frames) -> None:
+    def have(self, dt: float, frames: Frames, kick: Array) -> Array:
         """Have the solution for the supports and viscosities that act. Collective.
+
+        A support that begins holds the twin's nodes where they are: e stays as it is there.
 
         Args:
             dt: Length of the step of the run [s].
             frames: The shape.
+            kick: Velocities that e has not taken yet, shape (nodes, 3) [m/s].
+
+        Returns:
+            Those that it has not taken now.
         """
         scene, forces = self._stepper.scene, self._stepper.forces
         held = self._stepper.prescribed.mask[: self._held.size]
@@ -86,11 +92,13 @@ class Equations:
         if scene.comm.allreduce(new, op=MPI.LOR):
             e, rate = np.zeros((2, *frames.shape.shape))
             if self.response is not None:
-                e, rate = (np.where(held.reshape(-1, 3), 0.0, a) for a in self.response.fields())
+                e, rate = self.response.fields()
             self.destroy()
             self._held, self._viscous = held.copy(), viscous
-            self._make(frames, e, rate)
+            self._make(frames, e, rate + kick)
             forces.set_rate(1 / dt)
+            return np.zeros_like(kick)
+        return kick
 
     def _make(self, frames: Frames, e: Array, rate: Array) -> None:
         """Have the solution for what holds and is viscous, from e and its rate on. Collective."""
@@ -100,7 +108,7 @@ class Equations:
             found = about(self._stepper, self._forms, frames, self._held)
         motion, self.loose, joined = found
         self.joints = Joints(self._stepper, frames, joined) if scene.named(Joint) else None
-        e, rate = self.loose.still(e), self.loose.still(rate)
+        e, rate = self.loose.still(e), motion.halted(self.loose.still(rate))
         self.reactions = Reactions(scene, self._stepper.prescribed, motion, frames)
         # Modes take a part that supports hold to be without rigid motions.
         if self._few or held_in_part(scene, frames, self._held):

@@ -268,11 +268,11 @@ class ErrorMotion(Watch):
         if self._frames is None:
             return False
         with _FOLLOWING:
-            self._equations.have(attempt.dt, self._frames)
+            kick = self._equations.have(attempt.dt, self._frames, self._impulse.kick)
             assert self._response is not None
             contacts = None if self._contacts is None else self._contacts.kept()
-            kept = self._impulse.kick, self._response.kept(), contacts
-            self._before = attempt, kept, self.steps
+            self._before = attempt, (kick, self._response.kept(), contacts), self.steps
+            self._impulse.kick = kick
             self._take(attempt, self._frames)
         return self.steps > self._before[2]
 

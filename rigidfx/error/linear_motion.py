@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from rigidfx.coupling.mass import Mass
@@ -15,7 +16,7 @@ from rigidfx.error.ground import Ground
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.step.linear import cholmod
-from rigidfx.step.linear.linear_solver import default_options
+from rigidfx.step.linear.linear_solver import conjugate_gradients, default_options
 
 __all__ = ["PREFIX", "LinearMotion", "assembled", "solver_of", "step_kind"]
 
@@ -132,6 +133,37 @@ class LinearMotion:
         right.array[self._supported] = 0.0
         solver.solve(right, found)
         return found.array_r.reshape(-1, 3).copy()
+
+    def by_impulses(self, momenta: Array) -> Array:
+        """Velocities that impulses bring where supports hold none, Mff⁻¹ pf. Collective.
+
+        Args:
+            momenta: p of each, shape (impulses, nodes, 3) [N s].
+
+        Returns:
+            Of the same shape, zero at supports [m/s].
+        """
+        out = np.zeros_like(momenta)
+        M, right, found = self._M.copy(), self._right, self._found
+        self._hold(M, self._supported, 1.0)
+        for k, p in enumerate(momenta):
+            right.array[:] = p.reshape(-1)
+            right.array[self._supported] = 0.0
+            if right.norm() > 0:
+                conjugate_gradients(M, right, found)
+                out[k] = found.array_r.reshape(-1, 3)
+        M.destroy()
+        return out
+
+    def halted(self, v: Array) -> Array:
+        """Velocities after an impact on supports that hold still, shape (nodes, 3). Collective."""
+        self._work.array[:] = v.reshape(-1)
+        held = self._work.array_r[self._supported]
+        if not self._right.comm.tompi4py().allreduce(bool(held.any()), op=MPI.LOR):
+            return v
+        self._M.mult(self._work, self._right)
+        velocities: Array = self.by_impulses(self._right.array_r.reshape(1, *v.shape).copy())[0]
+        return velocities
 
     def has_factors(self, dt: float, drag: float, xi: float) -> bool:
         """Whether the factors of a step are kept. Arguments as of `increment`."""

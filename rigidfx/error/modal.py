@@ -2,8 +2,9 @@
 
     e = Φ η + (K⁻¹ - Φ Ω⁻² Φᵀ) r ,     η̈ + diag(ΦᵀCΦ) η̇ + Ω² η = Φᵀ r
 
-(mode acceleration: R. R. Craig, Structural Dynamics, Wiley 1981, Section 15.4). The modes are those
-of the shape, once; a step costs the products with them. At points, and in
+(mode acceleration: R. R. Craig, Structural Dynamics, Wiley 1981, Section 15.4). Where supports
+began while e was not zero it has a constant part, the static response to its values there. The
+modes are those of the shape, once; a step costs the products with them. At points, and in
 reactions, the static response needs no solve: with c = K⁻¹ p of the weights p of a sum, found once,
 it is c·r.
 
@@ -87,6 +88,7 @@ class Modal:
         self._scene, self._modes = scene, Modes() if modes is None else modes
         (K, M, C), scale = motion.matrices, motion.scale
         first, size = K.getOwnershipRange()[0], K.getLocalSize()[0]
+        self._fixed, load = _led(K, e, supported)  # constant part of e, by its supports
         self._free = np.setdiff1d(np.arange(size), supported)
         rows = PETSc.IS().createGeneral((first + self._free).astype(PETSc.IntType), comm=K.comm)
         Kf, Mf = (A.createSubMatrix(rows, rows) for A in (K, M))
@@ -99,18 +101,12 @@ class Modal:
         # K has an inverse but for these motions, and is definite: a preload may press it.
         self._bound = pairs.rigid == loose.count and bool((pairs.values > 0).all())
         self._squares, vectors = pairs.values, pairs.vectors
-        self._phi = np.array([v.array_r for v in vectors]).reshape(-1, self._free.size)
-        work = Mf.createVecRight()
-        self._m_phi, viscous = np.empty_like(self._phi), np.zeros(len(vectors))
+        self._phi: Array = np.array([v.array_r for v in vectors]).reshape(-1, self._free.size)
         Cf = None if C is None else C.createSubMatrix(rows, rows)
-        for k, v in enumerate(vectors):
-            Mf.mult(v, work)
-            self._m_phi[k] = work.array_r
-            if Cf is not None:
-                Cf.mult(v, work)
-                viscous[k] = v.dot(work)
-        self._viscous = viscous
-        for item in (pairs, work, Mf, rows, Cf, motion, *motions):
+        self._m_phi: Array = np.array([_times(Mf, v) for v in vectors]).reshape(self._phi.shape)
+        products = np.zeros_like(self._phi) if Cf is None else [_times(Cf, v) for v in vectors]
+        self._viscous = self._summed((self._phi * products).sum(axis=1))
+        for item in (pairs, Mf, rows, Cf, motion, *motions):
             if item is not None:
                 item.destroy()
         self._right, self._found = Kf.createVecs()
@@ -121,7 +117,9 @@ class Modal:
         with FACTORING:
             self._solver = solver_of(Kf)
         self._n = size // 3
-        both = np.stack([e.reshape(-1)[self._free], rate.reshape(-1)[self._free]])
+        if load is not None:
+            self._fixed[self._free] = -self._solved(load[self._free])
+        both = np.stack([e.reshape(-1) - self._fixed, rate.reshape(-1)])[:, self._free]
         self._eta, self._rate = self._summed(both @ self._m_phi.T)
         self._force: Array = np.zeros(self._free.size)  # in the last step
         self._loads: Array = np.zeros(self._squares.size)  # Φᵀ of it
@@ -135,16 +133,18 @@ class Modal:
 
     @property
     def at_nodes(self) -> Array:
-        """Modes, M times them, the last force, and the e that was asked for last, at the nodes.
+        """Modes, M times them, last force, e that was asked for last, constant part, at the nodes.
 
-        Shape (nodes, 3, 2 modes + 2). Whoever sets them sets a solution that goes on.
+        Shape (nodes, 3, 2 modes + 3). Whoever sets them sets a solution that goes on.
         """
         rows = *self._phi, *self._m_phi, self._force, self._asked
-        return np.stack([self._field(row) for row in rows], axis=2)
+        fixed = self._fixed.reshape(-1, 3)
+        return np.stack([*(self._field(row) for row in rows), fixed], axis=2)
 
     @at_nodes.setter
     def at_nodes(self, values: Array) -> None:
-        rows = values.reshape(3 * self._n, -1)[self._free].T.copy()
+        every = values.reshape(3 * self._n, -1)
+        self._fixed, rows = every[:, -1].copy(), every[self._free, :-1].T.copy()
         modes = (len(rows) - 2) // 2
         self._phi, self._m_phi = rows[:modes], rows[modes : 2 * modes]
         self._force, self._asked = rows[-2].copy(), rows[-1].copy()
@@ -157,7 +157,7 @@ class Modal:
     @property
     def moving(self) -> bool:
         """See `Response`."""
-        return bool(self._eta.any() or self._rate.any())
+        return bool(self._eta.any() or self._rate.any() or self._fixed.any())
 
     @property
     def valid(self) -> bool:
@@ -169,7 +169,8 @@ class Modal:
 
     def fields(self) -> tuple[Array, Array]:
         """See `Response`; by one solve a step."""
-        return self._field(self._free_part()), self._field(self._rate @ self._phi)
+        e = self._field(self._free_part()) + self._fixed.reshape(-1, 3)
+        return e, self._field(self._rate @ self._phi)
 
     def _free_part(self) -> Array:
         """Free components of e. Collective."""
@@ -178,8 +179,8 @@ class Modal:
         return np.asarray(self._still[1] + self._amplitudes() @ self._phi)
 
     def coarse(self) -> Array:
-        """See `Response`: the modes."""
-        return self._field(self._eta @ self._phi)
+        """See `Response`: the modes, and the constant part."""
+        return self._field(self._eta @ self._phi) + self._fixed.reshape(-1, 3)
 
     def _field(self, free: Array) -> Array:
         """Vectors at the nodes, shape (nodes, 3), by their free components."""
@@ -193,7 +194,7 @@ class Modal:
         amplitudes = self._amplitudes()
         for k, own in enumerate(sums):
             at_modes, responses = self._sums[id(own)]
-            e[k] = amplitudes @ at_modes + responses @ self._force
+            e[k] = amplitudes @ at_modes + responses @ self._force + own @ self._fixed
             rate[k] = self._rate @ at_modes
         return e, rate
 
@@ -231,6 +232,7 @@ class Modal:
         """See `Response`."""
         largest = self._scene.comm.allreduce(float(part.max(initial=0.0)), op=MPI.MAX)
         self._eta, self._rate = largest * self._eta, largest * self._rate
+        self._fixed = largest * self._fixed
 
     def kept(self) -> object:
         """See `Response`."""
@@ -283,3 +285,22 @@ class Modal:
         """See `Response`."""
         for item in (self._solver, self._right, self._found):
             item.destroy()
+
+
+def _times(A: PETSc.Mat, v: PETSc.Vec) -> Array:
+    """This rank's part of A v. Collective."""
+    out = A.createVecLeft()
+    A.mult(v, out)
+    values: Array = out.array_r.copy()
+    out.destroy()
+    return values
+
+
+def _led(K: PETSc.Mat, e: Array, supported: npt.NDArray[np.int64]) -> tuple[Array, Array | None]:
+    """e at supports, zero elsewhere, shape (dofs,), and K times it; None if zero. Collective."""
+    led = K.createVecRight()
+    led.array[supported] = e.reshape(-1)[supported]
+    load = _times(K, led) if led.norm() > 0 else None
+    values: Array = led.array_r.copy()
+    led.destroy()
+    return values, load
