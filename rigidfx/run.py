@@ -26,6 +26,7 @@ from rigidfx.scene.timeline import Timeline
 from rigidfx.step.first_touch import FirstTouch
 from rigidfx.step.step_result import StepResult
 from rigidfx.step.stepper import Stepper
+from rigidfx.step.system.supports import Impact
 from rigidfx.step.watches.judge import Attempt
 from rigidfx.switch.switch import Switch
 
@@ -157,6 +158,16 @@ class Run:
             self.recovery.remember()
         closeness = np.nan if decision is None else decision.closeness
         return self._switched(policy, decision, seen), closeness
+
+    def follow_effects(self, dt: float) -> Impact | None:
+        """See `Switch`: the twin has impacts of its own. Collective."""
+        if self.error is None or not self.switch.due:
+            return self.switch.follow_effects(dt)
+        before = self.error.before_switch()
+        impact = self.switch.follow_effects(dt)
+        if impact is not None:
+            self.error.switched(before, impact=True)
+        return impact
 
     def accounted(self, report: Report) -> Report:
         """A report with its ledger, if there is one. Collective."""

@@ -311,7 +311,7 @@ def _reports(
             target, start = run.target(), perf_counter()
             with solver.at_work():
                 events = run.ahead(target)
-                impact = switch.follow_effects(target - state.t)
+                impact = run.follow_effects(target - state.t)
                 target = run.touch.before(target)
                 try:
                     result, woken = run.advance(target, step)

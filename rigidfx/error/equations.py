@@ -65,6 +65,7 @@ class Equations:
         self._few = few or bool(scene.named(Joint))
         self._held: Bools = np.zeros(3 * scene.owned_nodes, dtype=bool)
         self._viscous: list[int] = []  # terms of viscosity in these equations
+        self._begun: dict[int, float] = {}  # see `Joints`
         self.response: Response | None = None
         n = scene.owned_nodes
         self.loose = Loose(scene, np.zeros(n, dtype=bool), *np.empty((2, 3 * n, 0)))
@@ -96,6 +97,8 @@ class Equations:
             self.destroy()
             self._held, self._viscous = held.copy(), viscous
             self._make(frames, e, rate + kick)
+            if self.joints is not None:
+                self.joints.struck()
             forces.set_rate(1 / dt)
             return np.zeros_like(kick)
         return kick
@@ -107,7 +110,8 @@ class Equations:
             forces.set_rate(1.0)
             found = about(self._stepper, self._forms, frames, self._held)
         motion, self.loose, joined = found
-        self.joints = Joints(self._stepper, frames, joined) if scene.named(Joint) else None
+        own = self._stepper, frames, joined, self._begun
+        self.joints = Joints(*own) if scene.named(Joint) else None
         e, rate = self.loose.still(e), motion.halted(self.loose.still(rate))
         self.reactions = Reactions(scene, self._stepper.prescribed, motion, frames)
         # Modes take a part that supports hold to be without rigid motions.
@@ -143,7 +147,7 @@ class Equations:
         """
         response = self.response
         assert response is not None
-        start = None if self.joints is None else response.fields()[0]
+        start = None if self.joints is None else response.fields()
         response.step(force, *given)
         if self.joints is not None and start is not None:
             assert isinstance(response, AllUnknowns)
@@ -170,6 +174,26 @@ class Equations:
 
         contacts.solved(start, step, (response, *given, self.joints and number), Q)
 
+    def struck(self, lost: Array) -> None:
+        """Take note of an impact, in which the twin's parts named rigid do as those of the run.
+
+        Args:
+            lost: Velocities that it takes out, shape (nodes, 3) [m/s]; set to zero at such parts.
+        """
+        named = {part.where for part in self._stepper.scene.named(Rigid)}
+        for body in self._stepper.state.bodies.of.records:
+            if body.is_face or body.name in named:
+                lost[body.nodes] = 0.0
+        if self.joints is not None:
+            self.joints.struck()
+
+    def scale(self, part: Array) -> None:
+        """Have a part of e left, shape (nodes,). Collective."""
+        assert self.response is not None
+        self.response.scale(part)
+        if self._stepper.scene.comm.allreduce(bool((part < 1).any()), op=MPI.LOR):
+            self._begun.clear()  # motors hold e from now on where it is now
+
     def resume(self, frames: Frames, known: Mapping[str, Any], order: MeshOrder) -> None:
         """Have the solution that a checkpoint knows. Collective.
 
@@ -179,6 +203,7 @@ class Equations:
             order: Numbers of this rank's cells and nodes.
         """
         self._held, self._viscous = ON_DOFS.own(known["held"], order), known["viscous"]
+        self._begun = dict(known["begun"])
         self._make(frames, *np.zeros((2, *frames.shape.shape)))
         restore(self.response, known["response"], order)
 
@@ -197,16 +222,17 @@ class _Solution(Kind):
         if value.response is None:
             return None
         held = ON_DOFS.part(value._held, order)
-        return held, value._viscous, part_of(value.response, order)
+        return held, (value._viscous, value._begun), part_of(value.response, order)
 
     def whole(self, value: Any, parts: Sequence[Any], orders: Sequence[MeshOrder]) -> Any:
         """See `Kind`."""
         if value.response is None:
             return None
-        held, viscous, responses = zip(*parts, strict=True)
+        held, ((viscous, begun), *_), responses = zip(*parts, strict=True)
         return {
             "held": ON_DOFS.whole(value._held, held, orders),
-            "viscous": viscous[0],
+            "viscous": viscous,
+            "begun": dict(begun),
             "response": joined(value.response, responses, orders),
         }
 

@@ -155,8 +155,7 @@ class ErrorMotion(Watch):
     def motion(self) -> tuple[fem.Function, fem.Function] | None:
         """The shape, and e in its frame [m] at the present time, ghosts included. Collective.
 
-        None before the first step of e, and where it is not known. Parts that nothing holds have e
-        as well: it strains them.
+        None before the first step of e, and where unknown. Parts that nothing holds have e, too.
         """
         if (response := self._response) is None or not self.valid:
             return None
@@ -233,18 +232,19 @@ class ErrorMotion(Watch):
         self._take_back()
         return self._velocities(), [body.nodes for body in self._stepper.state.bodies.of.records]
 
-    def switched(self, before: tuple[Array, list[Nodes]]) -> None:
-        """Add the velocities that a switch has taken out. Collective.
-
-        Args:
-            before: Of `before_switch`.
-        """
+    def switched(self, before: tuple[Array, list[Nodes]], impact: bool = False) -> None:
+        """Add velocities that a switch, or an `impact`, took out since `before`. Collective."""
         state = self._stepper.state
+        if self._frames is None and impact:
+            return
         if self._frames is None:
             self._frames = Frames(self._scene, state.positions(self._nodes))
         velocities, nodes = before
         sets = [*nodes, *(body.nodes for body in state.bodies.of.records)]
-        self._impulse.switched(velocities - self._velocities(), sets, self._frames)
+        lost = velocities - self._velocities()
+        if impact:
+            self._equations.struck(lost)
+        self._impulse.switched(lost, sets, self._frames)
 
     def _velocities(self) -> Array:
         self._stepper.state.rebuild()
@@ -304,7 +304,7 @@ class ErrorMotion(Watch):
             if self.steps % LOOKS == 0:
                 x = self._stepper.state.positions(self._nodes)
                 self.validity.look(attempt.end, self._response, x, self._frames.shape)
-            self._response.scale(self._left(self.ending.part(attempt.dt, self._response)))
+            self._equations.scale(self._left(self.ending.part(attempt.dt, self._response)))
 
     def _left(self, part: float) -> Array:
         """Shown part of e at each owned node: of parts that nothing holds none. Collective.

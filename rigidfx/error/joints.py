@@ -1,11 +1,12 @@
 """Joints of the twin: the difference of their forces on u + e and on u drives e.
 
-    M ë + C ė + K e = r + Bᵀ μ ,     B e = 0 ,     B = D Q W
+    M ë + C ė + K e = r + Bᵀ μ ,     B e = b ,     B = D Q W
 
 W gives the averages of which joints consist, Q rotates those of each part from the frame of the
 shape into space. D has the derivatives of the joints' rows, and of angles and travels that motors
-prescribe, at the averages of the run at the end of the step. For a spring of a joint or a stop, μ
-is the difference of its forces at u + e and at u.
+prescribe, at the averages of the run at the end of the step. b is zero but for motors of given
+speed, and locks: these keep B e as it is when they begin, where impulses make B ė zero. For a
+spring of a joint or a stop, μ is the difference of its forces at u + e and at u.
 
 e of each part stays in that part's frame, and so does the step's inverse A⁻¹. With its columns
 Y = A⁻¹ Wᵀ, found once for steps of one length, e = e₀ + Y Qᵀ Dᵀ μ. So a step takes one solution for
@@ -28,7 +29,6 @@ from scipy.linalg import null_space
 from scipy.sparse import csr_array, vstack
 
 from rigidfx.effects import Joint, JointSpring, Motor, Stop
-from rigidfx.effects.joints.drives import prescribes
 from rigidfx.effects.joints.terms import Terms
 from rigidfx.error.contacts import Search
 from rigidfx.error.forces.rigid_motions import RIGID
@@ -51,12 +51,14 @@ class _Held:
     """Rows and laws of a step, on ports.
 
     Attributes:
-        rows: What is zero at its end, shape (rows, ports).
+        rows: Coordinates that are given at its end, shape (rows, ports).
+        values: Their values, shape (rows,).
         along: Coordinates of laws, shape (laws, ports).
         laws: Force along each of them on u + e, less that on u.
     """
 
     rows: Array
+    values: Array
     along: Array
     laws: Sequence[_Law]
 
@@ -67,13 +69,16 @@ class Joints:
     Ports are what rows are made of: averages of e, three each, and momenta of parts.
     """
 
-    def __init__(self, stepper: Stepper, frames: Frames, loose: Loose) -> None:
+    def __init__(
+        self, stepper: Stepper, frames: Frames, loose: Loose, begun: dict[int, float]
+    ) -> None:
         """Take the averages. Collective.
 
         Args:
             stepper: Solves the steps.
             frames: The shape.
             loose: Motions that parts have as a whole which only joints hold.
+            begun: B e that motors of given motion hold, by their number among all effects.
         """
         self._stepper, self._frames, self._search = stepper, frames, Search()
         self._loose = loose
@@ -95,6 +100,9 @@ class Joints:
         self._led: Array = np.empty((0, 0))  # averages by motions that parts have as a whole
         self._kind: tuple[float, ...] = ()
         self._step: tuple[Array, Array] = np.empty((0, 3, 3)), np.empty((0, 3))
+        self._t = self._impact = np.nan  # start of this step, and of the last one after an impact
+        self._begun = begun
+        self._numbers = {id(effect): k for k, effect in enumerate(scene.effects)}
         # Motions of all parts that nothing holds, by columns, of those that parts have as a whole.
         self.free: Array = np.empty((loose.count, 0))
 
@@ -103,24 +111,50 @@ class Joints:
         state = self._stepper.state
         x = state.positions(np.arange(self._scene.owned_nodes))
         x = x + increments_of(self._stepper, attempt)
+        self._t = attempt.t
         turned = np.concatenate([self._frames.of_parts(x), np.eye(3)[None]])  # the ground is last
         p = np.asarray(self._scene.sum(self._W @ x)) + self._constant
         self._step = turned[self._part], p
 
-    def close(self, response: AllUnknowns, start: Array, given: tuple[float, float, float]) -> None:
+    def struck(self) -> None:
+        """Take note that ė has changed by an impact at the start of the next step."""
+        self._impact = self._stepper.state.t
+
+    def close(
+        self,
+        response: AllUnknowns,
+        start: tuple[Array, Array],
+        given: tuple[float, float, float],
+    ) -> None:
         """Have e at the end of a step that it has taken without joints held by these. Collective.
 
         Args:
             response: Has e.
-            start: e at the start of the step, shape (nodes, 3) [m].
+            start: e [m] and ė [m/s] at the start of the step, shape (nodes, 3) each.
             given: Length of the step [s], and its damping.
         """
         self._have_columns(response, given)
         dt = given[0]
-        held = self._held(self._ports(start), dt)
+        held = self._held(self._ports(start[0]), dt)
         mu = self._multipliers(held, self._ports(response.fields()[0]))
         more = self._Y @ (mu @ np.concatenate([held.rows, held.along]))
         response.shift(more.reshape(-1, 3), dt)
+        if self._impact == self._t:
+            # Impulses at its start change no e at its end, as the joints' own forces make up.
+            response.kick(self._stopped(response, held.rows, start[1]))
+
+    def _stopped(self, response: AllUnknowns, rows: Array, rate: Array) -> Array:
+        """Part of ė that impulses of the joints take at once, M⁻¹ Bᵀ (B M⁻¹ Bᵀ)⁻¹ B ė. Collective.
+
+        Args:
+            response: Has the mass.
+            rows: B.
+            rate: ė, shape (nodes, 3) [m/s].
+        """
+        by = response.by_impulses(self._E.toarray().reshape(-1, *rate.shape))
+        by = by.reshape(self._E.shape)
+        mobility = rows @ np.asarray(self._scene.sum(self._E @ by.T)) @ rows.T
+        return np.reshape(_inverse(mobility) @ (rows @ self._ports(rate)) @ rows @ by, (-1, 3))
 
     def unheld(self) -> Bools:
         """Owned nodes of parts that joints leave free to move as a whole. Collective."""
@@ -172,24 +206,47 @@ class Joints:
         p, motions = self._step[1], self._loose.count
         linkage = self._stepper.system.linkage
         assert linkage is not None
-        rows, along, laws = [], [], []
+        rows, motors, along, laws = [], list[Motor](), [], []
         for drive in linkage.drives.each:
             own = np.zeros_like(p)
             np.add.at(own, drive.averages, drive.coordinate.gradient(p[drive.averages]))
-            if prescribes(drive.effect):
+            if isinstance(drive.effect, Motor) and drive.effect.prescribes:
                 rows.append(drive.size * own)
+                motors.append(drive.effect)
             elif not isinstance(drive.effect, Motor):
                 along.append(own)
                 laws.append((drive.effect, *linkage.drives.ends(drive)))
         of_joints = self._terms.gradient(p).toarray().reshape(-1, *p.shape)
         B = self._turned(np.concatenate([of_joints, *(row[None] for row in rows)]))
-        self.free = _kernel(B @ self._led)
-        none, lost = np.zeros((len(B), motions)), np.zeros((self.free.shape[1], B.shape[1]))
-        B = np.block([[B, none], [lost, self.free.T]])
         of_laws = self._turned(np.reshape(along, (len(laws), *p.shape)))
+        stiff = [isinstance(law[0], JointSpring) and law[0].stiffness > 0 for law in laws]
+        self.free = _kernel(np.concatenate([B, of_laws[stiff]]) @ self._led)
+        none, lost = np.zeros((len(B), motions)), np.zeros((self.free.shape[1], B.shape[1]))
+        values = np.zeros(len(B) + len(lost))
+        first = len(B) - len(motors)
+        values[first : len(B)] = self._kept(motors, B[first:] @ start[: B.shape[1]])
+        B = np.block([[B, none], [lost, self.free.T]])
         of_laws = np.concatenate([of_laws, np.zeros((len(laws), motions))], axis=1)
         began = of_laws @ start
-        return _Held(B, of_laws, [_Law(*law, q, dt) for law, q in zip(laws, began, strict=True)])
+        return _Held(
+            B, values, of_laws, [_Law(*law, q, dt) for law, q in zip(laws, began, strict=True)]
+        )
+
+    def _kept(self, motors: Sequence[Motor], now: Array) -> Array:
+        """B e that motors hold: of a given speed as it is when they begin, else zero.
+
+        Args:
+            motors: Those that prescribe a motion.
+            now: B e of each at the start of the step.
+        """
+        acting = [self._numbers[id(motor)] for motor in motors]
+        for k in self._begun.keys() - set(acting):
+            del self._begun[k]
+        for k, motor, q in zip(acting, motors, now, strict=True):
+            if k not in self._begun:
+                self._begun[k] = float(q) if motor.by_speed else 0.0
+                self._impact = self._t
+        return np.array([self._begun[k] for k in acting])
 
     def _turned(self, rows: Array) -> Array:
         """Derivatives by averages in space as those by averages in the frames of parts."""
@@ -206,7 +263,7 @@ class Joints:
         """
         rows, along = held.rows, held.along
         inverse = _inverse(rows @ self._C @ rows.T)
-        open_by, across = rows @ e, rows @ self._C @ along.T
+        open_by, across = rows @ e - held.values, rows @ self._C @ along.T
         # Coordinates of laws where the rows are held: e without laws, and its derivative by these.
         alone = along @ e - across.T @ inverse @ open_by
         S = along @ self._C @ along.T - across.T @ inverse @ across

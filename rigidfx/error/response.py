@@ -39,7 +39,7 @@ class Response(Protocol):
         ...
 
     def kick(self, change: Array) -> None:
-        """Add to ė, shape (nodes, 3) [m/s]. Collective."""
+        """Add to ė where no support holds it, shape (nodes, 3) [m/s]. Collective."""
         ...
 
     def step(self, force: Array, dt: float, drag: float, xi: float) -> None:
@@ -122,7 +122,7 @@ class AllUnknowns:
 
     def kick(self, change: Array) -> None:
         """See `Response`."""
-        self._rate = self._rate + change
+        self._rate = self._motion.halted(self._rate + change)
 
     def step(self, force: Array, dt: float, drag: float, xi: float) -> None:
         """See `Response`."""
@@ -150,6 +150,10 @@ class AllUnknowns:
         """
         self._e, self._rate = self._e + more, self._rate + 2 / dt * more
         self._change = self._change[0] + more, dt
+
+    def by_impulses(self, momenta: Array) -> Array:
+        """Velocities that impulses bring: see `LinearMotion`. Collective."""
+        return self._motion.by_impulses(momenta)
 
     def rest(self) -> None:
         """Have no e and no ė."""

@@ -29,7 +29,7 @@ from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.scene.scene import Scene
 from rigidfx.step.newton.parted import parted
 
-__all__ = ["Closing", "warn_of_jumps"]
+__all__ = ["Closing", "implied_rows", "warn_of_jumps"]
 
 Array = npt.NDArray[np.float64]
 
@@ -106,3 +106,12 @@ def warn_of_jumps(
     drives = linkage.drives
     for found in together(scene.comm, "A motor", lambda: drives.apart(t, started)):
         warn(scene.comm, f"{found}: it is thrown there in one step. Let both be the same.")
+
+
+def implied_rows(titles: Sequence[str]) -> str:
+    """A warning of rows of joints that others imply, by joint and direction."""
+    return (
+        f"{len(titles)} of the rows of joints follow from others and are left out: "
+        f"{'; '.join(titles)}. The motion is the same; how forces are shared among the joints that "
+        "hold the same is not determined."
+    )

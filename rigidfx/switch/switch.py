@@ -36,13 +36,13 @@ from rigidfx.step.stepper import Stepper
 from rigidfx.step.system.division import Division
 from rigidfx.step.system.supports import Impact, PrescribedDofs, supports_of
 from rigidfx.step.watches.judge import INVERTED, remedy
-from rigidfx.switch.closing import warn_of_jumps
+from rigidfx.switch.closing import implied_rows, warn_of_jumps
 from rigidfx.switch.consistent_exchange import ConsistentExchange
 from rigidfx.switch.exchange import Exchange, LumpedExchange, Works
 from rigidfx.switch.inventory import check_clamps, divide
 from rigidfx.switch.mass_properties import mass_properties
 
-__all__ = ["Switch", "implied_rows"]
+__all__ = ["Switch"]
 
 
 class Switch:
@@ -168,6 +168,13 @@ class Switch:
         if motions:
             state.group(state.bodies.moving(*map(np.array, zip(*motions, strict=True))))
 
+    @property
+    def due(self) -> bool:
+        """Whether effects begin or end now, or a prescribed motion jumps."""
+        control = self._stepper.control
+        found = control is not None and control.jumped
+        return found or self._stepper.state.t >= self._pending[0] - self._timeline.resolution
+
     def follow_effects(self, dt: float) -> Impact | None:
         """Bind anew where an effect begins or ends; meet jumps of prescribed motion. Collective.
 
@@ -177,13 +184,12 @@ class Switch:
         Returns:
             Velocity that supports impose; None if they do not.
         """
+        if not self.due:
+            return None
         stepper, timeline = self._stepper, self._timeline
         state, scene = stepper.state, stepper.scene
-        t, before = state.t, self.acting
-        control = stepper.control
+        t, before, control = state.t, self.acting, stepper.control
         found = control is not None and control.jumped
-        if t < self._pending[0] - timeline.resolution and not found:
-            return None
         self._pending = self._breakpoints_after(t)
         self.acting = scene.acting(timeline.after(t))
         known = {id(effect) for effect in before}
@@ -312,15 +318,6 @@ class Switch:
 def _changes_with(body: RigidBody, decision: Decision) -> bool:
     """Whether a decision tells the fate of a body: not of those apart, nor of rigid faces."""
     return not body.is_face and body.name not in decision.apart
-
-
-def implied_rows(titles: Sequence[str]) -> str:
-    """A warning of rows of joints that others imply, by joint and direction."""
-    return (
-        f"{len(titles)} of the rows of joints follow from others and are left out: "
-        f"{'; '.join(titles)}. The motion is the same; how forces are shared among the joints that "
-        "hold the same is not determined."
-    )
 
 
 def _in_one_only(before: Sequence[Windowed], after: Sequence[Windowed]) -> list[Contact]:
