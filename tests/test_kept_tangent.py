@@ -70,7 +70,7 @@ def test_a_dear_tangent_serves_longer():
 
 
 def test_a_solve_ends_when_it_has_cost_a_step_of_newtons_method():
-    """Which takes four iterations with a tangent each: 4·(1 + 8) is 2 tangents and 20 iterations."""
+    """Four iterations with a tangent each: 4·(1 + 8) is 2 tangents and 20 iterations."""
     control = rule(8.0)
     for _ in range(2):
         control.renewed([1e6, 1e3])
