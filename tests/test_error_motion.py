@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -148,6 +149,39 @@ def test_a_support_that_begins_holds_the_twin_where_it_is(
     begun = int(np.ceil(since / DT)) + 1
     assert run.told[begun:].max() > 1e-3
     assert run.left[begun:].max() <= 0.1 * run.off[begun:].max()
+
+
+def lifted(edges, *effects):
+    """A bar hinged along an edge, whose far edge is guided along z as it turns to 69°."""
+
+    def guided(t):
+        s = min(1.0, t / 3)
+        return 0.0, 0.0, 8 * np.sin(1.2 * s**3 * (10 - 15 * s + 6 * s * s))
+
+    far = rf.PrescribedMotion("far", "z", displacement=guided)
+    held = rf.Fixed("near"), far, rf.MassDamping(0.5), *effects
+    materials = {"stalk": SOFT, "block": STIFF}
+    return rf.Scene(edges, materials, held, probes={"tip": (8, 0.5, 0)})
+
+
+def turned():
+    """An arm that a support turns by 77°, between springs of one direction each."""
+    base = rf.PrescribedRotation(
+        "x0", axis=(0, 0, 1), through=(0, 0.5, 0.5), angle=lambda t: 0.3 * t * min(1.0, t / 2)
+    )
+    springs = [rf.Spring("x1", tuple(k)) for k in ((4e3, 0, 0), (0, 40.0, 0), (0, 0, 4e3))]
+    return scene(base, *springs, PUSHED, rf.MassDamping(0.5))
+
+
+@pytest.mark.parametrize("kind", ["roller", "springs"])
+def test_directions_of_supports_and_springs_stay_in_space(kind, followed):
+    """Where they turned with parts u + e was 0.035 off, and by 0.47 of the error of u."""
+    edges = BOX.with_vertices("near", lambda x: (x[0] < 1e-9) & (x[2] < 1e-9))
+    edges = edges.with_vertices("far", lambda x: (x[0] > 8 - 1e-9) & (x[2] < 1e-9))
+    push = rf.Traction("x1", (60.0, 0, 0), time=lambda t: np.sin(2 * np.pi * t / 1.5))
+    run = Compared(turned if kind == "springs" else partial(lifted, edges, push), followed, 4.5)
+    assert run.freezes
+    assert run.left.max() <= (0.25 * run.off.max() if kind == "springs" else 0.8 * 3 * 0.01)
 
 
 def test_a_part_that_supports_hold_in_part_has_all_unknowns(followed, monkeypatch):

@@ -74,7 +74,9 @@ FOUND_ANEW = {
     "Deformation": "_bodies_alone _of_body _system",
     "Elsewhere": "_next",
     "ErrorMotion": "_before _rotations",
+    "Frames": "shape",  # by `FRAMES`
     "Gains": "_now",
+    "Held": "_directed moves",
     "Impulse": "_of_bodies",
     "Joints": "_C _E _Y _kind _led _step free",
     "Jumps": "_found",

@@ -11,13 +11,15 @@ from mpi4py import MPI
 from scipy.sparse import csr_array
 
 from rigidfx.base.mesh_order import MeshOrder
-from rigidfx.base.remembered import ON_DOFS, Kind, joined, part_of, restore
+from rigidfx.base.remembered import Kind, joined, part_of, restore
 from rigidfx.coupling.rows import Rows
 from rigidfx.effects import Joint, Preload, Rigid
 from rigidfx.error.contacts import Contacts
 from rigidfx.error.forces.parts import mass_of
-from rigidfx.error.frames import Frames
+from rigidfx.error.frames import Frames, to_space
 from rigidfx.error.ground import ground_of
+from rigidfx.error.held import Held
+from rigidfx.error.increments import increments_of
 from rigidfx.error.joints import Joints, joined_parts
 from rigidfx.error.linear_motion import NAMED, LinearMotion
 from rigidfx.error.loose import Loose, held_in_part, loose_parts
@@ -63,7 +65,8 @@ class Equations:
         self._forms = LinearForms(scene, stepper.forces)
         few = 3 * scene.space.dofmap.index_map.size_global <= LARGEST
         self._few = few or bool(scene.named(Joint))
-        self._held: Bools = np.zeros(3 * scene.owned_nodes, dtype=bool)
+        self._held = Held(scene)
+        self._led: Array | None = None  # increments of e at supports in this step
         self._viscous: list[int] = []  # terms of viscosity in these equations
         self._begun: dict[int, float] = {}  # see `Joints`
         self.response: Response | None = None
@@ -76,7 +79,8 @@ class Equations:
     def have(self, dt: float, frames: Frames, kick: Array) -> Array:
         """Have the solution for the supports and viscosities that act. Collective.
 
-        A support that begins holds the twin's nodes where they are: e stays as it is there.
+        A support that begins holds the twin's nodes where they are: e stays as it is there. Where
+        parts turn supports or springs of few directions, the frames get another shape.
 
         Args:
             dt: Length of the step of the run [s].
@@ -87,16 +91,27 @@ class Equations:
             Those that it has not taken now.
         """
         scene, forces = self._stepper.scene, self._stepper.forces
-        held = self._stepper.prescribed.mask[: self._held.size]
+        known, held = self._held, self._stepper.prescribed.mask[: kick.size]
         viscous = [k for k, _ in forces.viscous_terms]
-        new = self.response is None or viscous != self._viscous or bool((held != self._held).any())
-        if scene.comm.allreduce(new, op=MPI.LOR):
-            e, rate = np.zeros((2, *frames.shape.shape))
+        new = self.response is None or viscous != self._viscous or bool((held != known.mask).any())
+        new = scene.comm.allreduce(new, op=MPI.LOR)
+        if not new and not known.directed:
+            return kick
+        x = self._stepper.state.positions(np.arange(len(kick)))
+        Q = frames.of_parts(x)
+        if new or known.turned(Q):
+            e, rate = np.zeros((2, *x.shape))
             if self.response is not None:
                 e, rate = self.response.fields()
+            rate = rate + kick
             self.destroy()
-            self._held, self._viscous = held.copy(), viscous
-            self._make(frames, e, rate + kick)
+            known.hold(held, to_space(e, Q[frames.part]), frames)
+            if known.turned(Q):
+                e, rate = (to_space(a, Q[frames.part]) for a in (e, rate))
+                frames.begin_at(x)
+                self._few = True  # whose first step is not one by new modes
+            self._viscous = viscous
+            self._make(frames, e, rate)
             if self.joints is not None:
                 self.joints.struck()
             forces.set_rate(1 / dt)
@@ -108,17 +123,17 @@ class Equations:
         scene, forces = self._stepper.scene, self._stepper.forces
         with PREPARING:
             forces.set_rate(1.0)
-            found = about(self._stepper, self._forms, frames, self._held)
+            found = about(self._stepper, self._forms, frames, self._held.mask)
         motion, self.loose, joined = found
         own = self._stepper, frames, joined, self._begun
         self.joints = Joints(*own) if scene.named(Joint) else None
         e, rate = self.loose.still(e), motion.halted(self.loose.still(rate))
         self.reactions = Reactions(scene, self._stepper.prescribed, motion, frames)
         # Modes take a part that supports hold to be without rigid motions.
-        if self._few or held_in_part(scene, frames, self._held):
+        if self._few or held_in_part(scene, frames, self._held.mask):
             self.response = AllUnknowns(motion, e, rate)
         else:
-            supported = np.flatnonzero(self._held)
+            supported = np.flatnonzero(self._held.mask)
             sums = *self._sums, *self.reactions.sums
             self.response = Modal(scene, motion, supported, self.loose, sums, e, rate)
 
@@ -133,8 +148,13 @@ class Equations:
         """Owned nodes of parts that nothing holds, or not all their motions. Collective."""
         return self.loose.nodes if self.joints is None else self.loose.nodes | self.joints.unheld()
 
-    def follow(self, attempt: Attempt) -> None:
-        """Find the joints at the end of a step that has been solved. Collective."""
+    def follow(self, attempt: Attempt, frames: Frames) -> None:
+        """Find supports and joints at the end of a step that has been solved. Collective."""
+        self._led = None
+        if self._held.moves and isinstance(self.response, AllUnknowns):
+            x = self._stepper.state.positions(np.arange(self._stepper.scene.owned_nodes))
+            turned = frames.of_parts(x + increments_of(self._stepper, attempt))[frames.part]
+            self._led = self._held.increments(*self.response.fields(), attempt.dt, turned)
         if self.joints is not None:
             self.joints.follow(attempt)
 
@@ -148,10 +168,12 @@ class Equations:
         response = self.response
         assert response is not None
         start = None if self.joints is None else response.fields()
-        response.step(force, *given)
-        if self.joints is not None and start is not None:
-            assert isinstance(response, AllUnknowns)
-            self.joints.close(response, start, given)
+        if isinstance(response, AllUnknowns):
+            response.step(force, *given, self._led)
+            if self.joints is not None and start is not None:
+                self.joints.close(response, start, given)
+        else:
+            response.step(force, *given)
 
     def press(self, contacts: Contacts, force: Array, given: Given, Q: Array, number: int) -> None:
         """Take a step of e while contacts are closed, joints or not. Collective.
@@ -193,6 +215,7 @@ class Equations:
         self.response.scale(part)
         if self._stepper.scene.comm.allreduce(bool((part < 1).any()), op=MPI.LOR):
             self._begun.clear()  # motors hold e from now on where it is now
+            self._held.values = part[:, None] * self._held.values
 
     def resume(self, frames: Frames, known: Mapping[str, Any], order: MeshOrder) -> None:
         """Have the solution that a checkpoint knows. Collective.
@@ -202,8 +225,9 @@ class Equations:
             known: Of `SOLUTION`.
             order: Numbers of this rank's cells and nodes.
         """
-        self._held, self._viscous = ON_DOFS.own(known["held"], order), known["viscous"]
-        self._begun = dict(known["begun"])
+        restore(self._held, known["held"], order)
+        self._held.look(frames)
+        self._viscous, self._begun, self._few = known["same"]
         self._make(frames, *np.zeros((2, *frames.shape.shape)))
         restore(self.response, known["response"], order)
 
@@ -221,18 +245,17 @@ class _Solution(Kind):
         """See `Kind`."""
         if value.response is None:
             return None
-        held = ON_DOFS.part(value._held, order)
-        return held, (value._viscous, value._begun), part_of(value.response, order)
+        same = value._viscous, dict(value._begun), value._few
+        return part_of(value._held, order), same, part_of(value.response, order)
 
     def whole(self, value: Any, parts: Sequence[Any], orders: Sequence[MeshOrder]) -> Any:
         """See `Kind`."""
         if value.response is None:
             return None
-        held, ((viscous, begun), *_), responses = zip(*parts, strict=True)
+        held, same, responses = zip(*parts, strict=True)
         return {
-            "held": ON_DOFS.whole(value._held, held, orders),
-            "viscous": viscous,
-            "begun": dict(begun),
+            "held": joined(value._held, held, orders),
+            "same": same[0],
             "response": joined(value.response, responses, orders),
         }
 

@@ -255,8 +255,7 @@ class ErrorMotion(Watch):
     def look(self, attempt: Attempt) -> bool:
         """Follow an attempt at a step, which may become one. Collective.
 
-        Steps of e that it makes are taken back by a look at another attempt, or by a switch.
-        `rates` and `strains` are those at its end.
+        Another look, or a switch, takes its steps of e back. `rates` and `strains` are at its end.
 
         Args:
             attempt: The attempt.
@@ -268,6 +267,7 @@ class ErrorMotion(Watch):
         if self._frames is None:
             return False
         with _FOLLOWING:
+            self._rotations = None  # the shape may become another one
             kick = self._equations.have(attempt.dt, self._frames, self._impulse.kick)
             assert self._response is not None
             contacts = None if self._contacts is None else self._contacts.kept()
@@ -333,7 +333,7 @@ class ErrorMotion(Watch):
         self._response.kick(loose.still(impulse.kick))
         impulse.kick = np.zeros_like(impulse.kick)
         given = step_kind(dt, *self._scene.damping(self._stepper.state.t))
-        self._equations.follow(attempt)
+        self._equations.follow(attempt, frames)
         force = loose.balanced(force)
         if self._contacts is None:
             self._equations.step(force, given)

@@ -44,6 +44,10 @@ class Frames:
         self.part = of_node[:n]
         self._parts = [np.flatnonzero(self.part == k) for k in range(scene.parts.count)]
 
+    def begin_at(self, x: Array) -> None:
+        """Have another shape: places of the owned nodes, shape (nodes, 3) [m]."""
+        self.shape = x.copy()
+
     def of_sets(self, sets: Sequence[Nodes], x: Array) -> Array:
         """Rotation of each set of owned nodes from the shape to where they lie. Collective.
 

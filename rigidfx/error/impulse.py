@@ -46,7 +46,7 @@ class Impulse:
         shape = stepper.scene.owned_nodes, 3
         self._nodes = np.arange(shape[0])
         self.kick: Array = np.zeros(shape)
-        self._of_bodies: dict[int, tuple[object, Array]] = {}  # Q_b at their freeze, by number
+        self._of_bodies: dict[int, tuple[object, Array, Array]] = {}  # shape and Q_b, by number
 
     def force(self, dt: float, frames: Frames) -> Array:
         """r of a step of length dt [s], in the shape's frame, shape (nodes, 3) [N]. Collective."""
@@ -68,12 +68,12 @@ class Impulse:
     def _frame_of(self, body: RigidBody, frames: Frames) -> Array:
         """Q of a body's own frame against the shape: it is constant. Collective."""
         known = self._of_bodies.get(body.number)
-        if known is None or known[0] is not body:
+        if known is None or known[0] is not body or known[1] is not frames.shape:
             x = np.zeros_like(frames.shape)
             x[body.nodes] = body.offsets
-            known = body, frames.of_sets([body.nodes], x)[0]
+            known = body, frames.shape, frames.of_sets([body.nodes], x)[0]
             self._of_bodies[body.number] = known
-        return known[1]
+        return known[2]
 
     def in_space(self, e: Array, frames: Frames, out: Array) -> tuple[Array, Ints]:
         """e of bodies without their rigid motions, as it is in space. Collective.

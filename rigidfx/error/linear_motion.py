@@ -107,7 +107,14 @@ class LinearMotion:
         A.zeroRowsColumns((self._first + rows).astype(PETSc.IntType), diag=scale)
 
     def increment(
-        self, force: Array, u: Array, v: Array, dt: float, drag: float, xi: float
+        self,
+        force: Array,
+        u: Array,
+        v: Array,
+        dt: float,
+        drag: float,
+        xi: float,
+        led: Array | None = None,
     ) -> Array:
         """Increment of a step, by the midpoint rule. Collective.
 
@@ -118,6 +125,7 @@ class LinearMotion:
             dt: Its length [s].
             drag: α of a force -α M δ̇ [1/s].
             xi: ξ of the numerical damping.
+            led: Δδ at rows that supports hold, zero elsewhere, shape (nodes, 3) [m].
 
         Returns:
             Δδ, shape (nodes, 3) [m].
@@ -130,9 +138,17 @@ class LinearMotion:
         work.array[:] = u.reshape(-1)
         self._K.mult(work, found)
         right.axpy(-1.0, found)
+        if led is not None:
+            work.array[:] = led.reshape(-1)
+            factors = 0.5 + xi, 2 / dt**2 + drag / dt, 1 / dt
+            for A, factor in zip((self._K, self._M, self._viscosity), factors, strict=True):
+                if A is not None:
+                    A.mult(work, found)
+                    right.axpy(-factor, found)
         right.array[self._supported] = 0.0
         solver.solve(right, found)
-        return found.array_r.reshape(-1, 3).copy()
+        d: Array = found.array_r.reshape(-1, 3).copy()
+        return d if led is None else d + led
 
     def by_impulses(self, momenta: Array) -> Array:
         """Velocities that impulses bring where supports hold none, Mff⁻¹ pf. Collective.

@@ -124,13 +124,25 @@ class AllUnknowns:
         """See `Response`."""
         self._rate = self._motion.halted(self._rate + change)
 
-    def step(self, force: Array, dt: float, drag: float, xi: float) -> None:
-        """See `Response`."""
+    def step(
+        self, force: Array, dt: float, drag: float, xi: float, led: Array | None = None
+    ) -> None:
+        """See `Response`.
+
+        Args:
+            force: See there.
+            dt: See there.
+            drag: See there.
+            xi: See there.
+            led: Increments at dofs that supports hold, zero elsewhere, shape (nodes, 3) [m].
+        """
         if not self._motion.has_factors(dt, drag, xi):
             with FACTORING:
                 self._motion.factored(dt, drag, xi)
-        d = self._motion.increment(force, self._e, self._rate, dt, drag, xi)
+        d = self._motion.increment(force, self._e, self._rate, dt, drag, xi, led)
         self._e, self._rate = self._e + d, 2 / dt * d - self._rate
+        if led is not None:  # no path of a support rings
+            self._rate = np.where(led != 0, led / dt, self._rate)
         self._change = d, dt
 
     def coarse(self) -> Array:
