@@ -5,9 +5,9 @@ residual is ρ. A freeze also removes velocities ΔV. To first order the twin is
 
     M ë + C ė + K e = r ,     r = ρ and the forces that releases let down,     ė += ΔV      (1)
 
-over all cells, flexible and rigid, about the shape at the first freeze. r is given in each body's
-own frame, r⁰ = Q_bᵀ r with Q_b the best rotation of the body's nodes against the shape (2), as a
-large pair of inner forces, rotated by a small angle, would be a net load. K serves the whole run.
+over all cells, flexible and rigid, about the shape at the first freeze, or a later one (`held`). r
+is given in each body's own frame, r⁰ = Q_bᵀ r with Q_b the best rotation of the body's nodes
+against the shape (2): a large pair of inner forces, rotated by a small angle, is a net load.
 
 The shown place of a node is x + Q_p e, with one rotation Q_p for each connected part (3), so that
 it is smooth in time through freezes and releases.
@@ -97,7 +97,7 @@ class ErrorMotion(Watch):
         self._strains = CellStrains(scene, stepper.forces, indicator)
         self._nodes = np.arange(scene.owned_nodes)
         self._impulse = Impulse(stepper, forces)
-        self._frames: Frames | None = None  # against the shape at the first freeze
+        self._frames: Frames | None = None  # against the shape of K
         self._contacts = Contacts(stepper) if scene.named(Contact) else None
         self._before: _Before | None = None  # a look at an attempt, if it is no step yet
         self.validity, self.ending = Validity(scene), Ending(stepper, promise)
