@@ -11,6 +11,7 @@ import parallel
 import pytest
 from mpi4py import MPI
 from petsc4py import PETSc
+from test_contact_pairs import boxes
 
 import rigidfx as rf
 from rigidfx.coupling.rows import Rows
@@ -304,21 +305,75 @@ def test_an_error_motion_that_is_not_small_is_told_once():
     around = np.column_stack([-X[:, 1], X[:, 0], 0 * X[:, 0]])
     bar, cells = X.copy(), len(made.space.dofmap.list)
     bar[:, 0] *= 1 + 1e-3
+    held, free = np.array([False]), np.array([True])
     checked = Validity(made)
-    checked.look(0.0, Told(0.01 * around), bar, X)  # ½ √2 0.01² is below a tenth of 1e-3
-    assert checked.holds
+    checked.look(0.0, Told(0.01 * around), bar, X, held)  # ½ √2 0.01² is below a tenth of 1e-3
+    assert checked.holds.all()
     assert not checked.concerned.size
-    with pytest.warns(rf.RigidfxWarning, match=r"at t = 1 s it turns by 0\.12 rad"):
-        checked.look(1.0, Told(0.12 * around), bar, X)
-    assert not checked.holds
+    with pytest.warns(rf.RigidfxWarning, match=r"at t = 1 s e rotates by 0\.12 rad in cell \d+"):
+        checked.look(1.0, Told(0.12 * around), bar, X, held)
+    assert not checked.holds.any()
     assert checked.concerned.size == cells
-    checked.look(2.0, Told(0.12 * around), bar, X)  # says no more
-    checked.look(3.0, Told(0.01 * around), X, X)
-    assert checked.holds  # the largest strain so far counts
+    checked.look(2.0, Told(0.12 * around), bar, X, held)  # says no more
+    checked.look(3.0, Told(0.01 * around), X, X, held)
+    assert checked.holds.all()  # the largest strain so far counts
+    checked.look(4.0, Told(0.12 * around), X, X, free)
+    assert checked.holds.all()  # nor does a rotation that is not shown
     checked = Validity(made)
-    with pytest.warns(rf.RigidfxWarning, match="second order"):
-        checked.look(0.0, Told(0.01 * around), X + 0.05 * (bar - X), X)
-    assert not checked.holds
+    with pytest.warns(rf.RigidfxWarning, match="second order.* stresses and strains of this"):
+        checked.look(0.0, Told(0.01 * around), X + 0.05 * (bar - X), X, held)
+    assert checked.placed.all()
+    assert not checked.holds.any()
+    with pytest.warns(rf.RigidfxWarning, match="displacements, stresses and strains of this"):
+        checked.look(1.0, Told(0.12 * around), bar, X, held)
+    assert not checked.placed.any()
+
+
+def held_and_free(*effects, **options):
+    """The bar beside a block that nothing holds."""
+    domain = boxes(((0, 0, 0), (8, 1, 1), (16, 1, 1)), ((0, 3, 0), (2, 4, 1), (4, 2, 2)))
+    parts = {
+        "stalk": lambda x: (x[1] < 1.1) & (x[0] <= 2 + 1e-9),
+        "block": lambda x: (x[1] < 1.1) & (x[0] >= 2 - 1e-9),
+        "free": lambda x: x[1] > 1.1,
+    }
+    for name, where in parts.items():
+        domain = domain.with_cells(name, where)
+    domain = domain.with_facets("x0", lambda x: (x[1] < 1.1) & (x[0] < 1e-9))
+    materials = {"stalk": SOFT, "block": STIFF, "free": SOFT}
+    return rf.Scene(domain, materials, effects, **options)
+
+
+def test_a_part_in_which_e_is_large_hides_its_own():
+    made = held_and_free(HELD)
+    X = made.space.tabulate_dof_coordinates()[: made.owned_nodes]
+    e, bar = np.zeros_like(X), X * [1 + 1e-3, 1, 1]
+    free = X[:, 1] > 2
+    e[free] = 0.12 * np.column_stack([-X[:, 1], X[:, 0], 0 * X[:, 0]])[free]
+    checked, nothing = Validity(made), np.zeros(2, dtype=bool)
+    with pytest.warns(rf.RigidfxWarning, match=r"around X = \(.*, 3\."):
+        checked.look(0.0, Told(e), bar, X, nothing)
+    assert sorted(checked.placed) == [False, True]
+    np.testing.assert_array_equal(checked.holds, checked.placed)
+
+
+def test_what_flies_away_is_no_measure_of_what_stays():
+    """e of a bar was let go as small beside the way of a block that nothing holds."""
+
+    def still(t):
+        return shaken(min(t, 2.5))
+
+    thrown = rf.InitialVelocity((0, 100.0, 0), where="free")
+    made = held_and_free(
+        thrown, rf.PrescribedMotion("x0", displacement=still), probes={"tip": (8, 0.5, 0.5)}
+    )
+    rule = rf.StrainRate(2e-3, 20 * DT, until=2.5, release=rf.Release(at=2.6))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for report in rf.simulate(made, DT, 3.6, rigidify=rule, progress=False):
+            e = np.linalg.norm(report.error_motion["tip"])
+    assert e > 1e-4
+    assert report.ledger.let_go == 0
 
 
 def test_an_error_is_not_shown_where_nothing_holds():
@@ -512,6 +567,15 @@ def test_histories_are_those_on_one_rank(ranks):
     for motion in ("u", "e", "held"):
         here, there = np.array(one[motion]), np.array(several[motion])
         np.testing.assert_allclose(there, here, rtol=0, atol=1e-9 * np.abs(here).max())
+
+
+@pytest.mark.parallel
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its ranks itself")
+def test_an_error_that_is_not_shown_is_zero_at_probes_on_ranks():
+    """By modes, where ranks without nodes of the probe have a part of its e."""
+    found = parallel.run(Path(__file__).parent / "free_error_on_ranks.py", 2, 300)
+    assert found["strained"] > 0
+    assert found["shown"] == 0
 
 
 @pytest.mark.parallel

@@ -73,8 +73,8 @@ FOUND_ANEW = {
     "Compression": "_cells _gradients _nodes",
     "Deformation": "_bodies_alone _of_body _system",
     "Elsewhere": "_next",
-    "ErrorMotion": "_before _rotations",
-    "Frames": "shape",  # by `FRAMES`
+    "ErrorMotion": "_before",
+    "Frames": "_rotations shape",  # by `FRAMES`
     "Gains": "_now",
     "Held": "_directed moves",
     "Impulse": "_of_bodies",

@@ -1,8 +1,9 @@
 """The end of an error motion: if nothing drives it and it is small, it fades and stops.
 
-After a release e decays by the structure's damping. Its largest size is recorded through a window
-without bodies. If that size, relative to the largest displacement, is below a twentieth of
-0.8 κ tol/(peak strain rate), e is reduced to zero, linearly in time, within another window.
+After a release e decays by the structure's damping. Its largest size in each connected part is
+recorded through a window without bodies. If that size, relative to the largest displacement of the
+same part, is everywhere below a twentieth of 0.8 κ tol/(peak strain rate), e is reduced to zero,
+linearly in time, within another window.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from rigidfx.step.stepper import Stepper
 __all__ = ["Ending", "Promise"]
 
 Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
 
 LITTLE = 0.04  # a twentieth of 0.8: of what is allowed, that is let go
 
@@ -56,25 +58,29 @@ class Ending:
         """
         self._stepper, self._promise = stepper, promise
         self.let_go = 0.0
-        self._most: Array = np.zeros(3)  # |e|, displacement and strain rate; the first of a window
+        # |e| and displacement of each connected part, then strain rate; the first of a window.
+        self._most: Array = np.zeros(2 * stepper.scene.parts.count + 1)
         self._watched = self._left = 0.0  # time in this window, and until e is zero [s]
 
-    def part(self, dt: float, response: Response) -> float:
+    def part(self, dt: float, response: Response, parts: Ints) -> float:
         """The rest of e after a step, as a part of its former value. Collective.
 
         Args:
             dt: Length of the step [s].
             response: Has e.
+            parts: Connected part of each owned node.
         """
         e = response.coarse()
         state, indicator = self._stepper.state, self._stepper.indicator
         moved = state.positions(np.arange(len(e))) - state.X[: len(e)]
-        sizes = (np.linalg.norm(a, axis=1) for a in (e, moved))
-        rates = np.zeros(1) if indicator is None else indicator.values
-        own = [*(size.max(initial=0.0) for size in sizes), rates.max(initial=0.0)]
-        self._most = np.maximum(self._most, own)
+        own = np.zeros((2, self._stepper.scene.parts.count))
+        for most, vectors in zip(own, (e, moved), strict=True):
+            np.maximum.at(most, parts, np.linalg.norm(vectors, axis=1))
+        rate = 0.0 if indicator is None else indicator.values.max(initial=0.0)
+        self._most = np.maximum(self._most, [*own.ravel(), rate])
         if self._stepper.system.actions.easing or len(state.bodies):
-            self._most[0] = self._watched = self._left = 0.0
+            self._forget()
+            self._left = 0.0
             return 1.0
         if self._left > 0:
             part = max(1 - dt / self._left, 0.0)
@@ -89,7 +95,12 @@ class Ending:
     def _window_ends(self, window: float) -> None:
         """Begin to fade if little is left. Collective."""
         most = np.max(self._stepper.scene.comm.allgather(self._most), axis=0)
-        size, moved, rate = map(float, most)
-        if 0 < size < LITTLE * self._promise.part(rate) * moved:
-            self._left, self.let_go = window, max(self.let_go, size)
-        self._most[0] = self._watched = 0.0
+        size, moved = most[:-1].reshape(2, -1)
+        little = LITTLE * self._promise.part(float(most[-1])) * moved
+        if size.any() and (size <= little).all():
+            self._left, self.let_go = window, max(self.let_go, float(size.max()))
+        self._forget()
+
+    def _forget(self) -> None:
+        """Begin another window."""
+        self._most[: self._most.size // 2] = self._watched = 0.0

@@ -52,6 +52,7 @@ __all__ = ["ErrorMotion"]
 Array = npt.NDArray[np.float64]
 Cells = npt.NDArray[np.int32]
 Nodes = npt.NDArray[np.integer]
+Bools = npt.NDArray[np.bool_]
 
 _FOLLOWING = PETSc.Log.Event("rigidfxErrorMotion")  # what PETSc's log calls this part of a run
 LOOKS = 4  # steps from look to look: at the size of e, and at cells that it hardly strains
@@ -102,40 +103,31 @@ class ErrorMotion(Watch):
         self._before: _Before | None = None  # a look at an attempt, if it is no step yet
         self.validity, self.ending = Validity(scene), Ending(stepper, promise)
         self.steps = 0
-        self._rotations: tuple[int, Array] | None = None  # of the parts, and when
-
-    @property
-    def valid(self) -> bool:
-        """Whether e is known, and small enough for a linear equation to tell its strains."""
-        return self.validity.holds and self._placed
 
     @property
     def all_shown(self) -> bool:
         """Whether e is added to the displacements shown, in all parts."""
-        return self._placed and self._equations.all_held
+        return bool(self._known and self.validity.placed.all()) and self._equations.all_held
 
     def shown(self) -> Shown | None:
         """e in space, zero in parts that nothing holds; None while unknown or zero. Collective."""
-        if self._frames is None or (response := self._response) is None or not self._placed:
+        frames, response = self._frames, self._response
+        if frames is None or response is None or not self._known or not self.validity.placed.any():
             return None
-        Q = self._turned(self._frames)[self._frames.part]
-        e, rate = (np.where(self._equations.unheld[:, None], 0.0, a) for a in response.fields())
-        return Shown(to_space(e, Q), to_space(rate, Q))
+        Q = self._showing(frames)[frames.part]
+        return Shown(*(to_space(a, Q) for a in response.fields()))
 
     def at(self, points: Mapping[str, Point]) -> Mapping[str, Shown]:
         """e in space at points given at the start, by name, shape (3,) each [m, m/s]. Collective.
 
         Nothing while it is zero, or not known.
         """
-        if not points or not self._placed or self._frames is None or self._response is None:
+        if not points or not self._known or self._frames is None or self._response is None:
             return {}
-        Q = self._turned(self._frames)
+        Q = self._showing(self._frames)
         part = self._frames.parts_at([point.nodes for point in points.values()])
         own = np.stack(self._response.at([self._sums[name] for name in points]))
-        loose = self._equations.unheld
-        own[:, [loose[point.nodes].any() for point in points.values()]] = 0.0
-        e, rate = self._scene.sum(own)
-        moved, rate = (to_space(a, Q[part]) for a in (e, rate))
+        moved, rate = (to_space(a, Q[part]) for a in self._scene.sum(own))
         return {name: Shown(moved[k], rate[k]) for k, name in enumerate(points)}
 
     def reactions(self, dt: float) -> Mapping[str, Array]:
@@ -147,30 +139,29 @@ class ErrorMotion(Watch):
             dt: Length of that step [s].
         """
         known, response = self._equations.reactions, self._response
-        if known is None or response is None or self._frames is None or not self.valid:
+        if known is None or response is None or self._frames is None or not self._told.any():
             return {}
         xi = self._scene.damping(self._stepper.state.t)[1]
-        return known.of(response, dt, xi, self._turned(self._frames))
+        return known.of(response, dt, xi, _only(self._frames.now(self._stepper.state), self._told))
 
     def motion(self) -> tuple[fem.Function, fem.Function] | None:
         """The shape, and e in its frame [m] at the present time, ghosts included. Collective.
 
-        None before the first step of e, and where unknown. Parts that nothing holds have e, too.
+        None while unknown; zero in parts where e is not small. Parts that nothing holds have e.
         """
-        if (response := self._response) is None or not self.valid:
+        response, frames = self._response, self._frames
+        if response is None or frames is None or not self._told.any():
             return None
-        e = response.fields()[0]
+        e = np.where(self._told[frames.part, None], response.fields()[0], 0.0)
         out = fem.Function(self._scene.space)
         out.x.array[: e.size] = e.reshape(-1)
         out.x.scatter_forward()
         return self._equations.shape, out
 
-    def _turned(self, frames: Frames) -> Array:
-        """Rotation of each connected part now, shape (parts, 3, 3). Collective."""
-        state = self._stepper.state
-        if self._rotations is None or self._rotations[0] != state.changes:
-            self._rotations = state.changes, frames.of_parts(state.positions(self._nodes))
-        return self._rotations[1]
+    def _showing(self, frames: Frames) -> Array:
+        """Rotation of each connected part, zero where no displacement is shown. Collective."""
+        shown = self.validity.placed & ~frames.parts_with(self._equations.unheld)
+        return _only(frames.now(self._stepper.state), shown)
 
     def rates(self, cells: Cells) -> Array:
         """Strain rates of e over its last step, or since they were asked for. Collective.
@@ -221,34 +212,36 @@ class ErrorMotion(Watch):
         return self._impulse.withheld(self._response.fields()[0], self._frames)
 
     @property
-    def _placed(self) -> bool:
-        """Whether e is known, and its rotations are small enough to tell displacements."""
-        return self.validity.placed and (self._response is None or self._response.valid)
+    def _known(self) -> bool:
+        """Whether the equation tells e."""
+        return self._response is None or self._response.valid
+
+    @property
+    def _told(self) -> Bools:
+        """Connected parts in which it tells the strains of e, shape (parts,)."""
+        return self.validity.holds & self._known
 
     # Switches -----------------------------------------------------------------------------------
 
     def before_switch(self) -> tuple[Array, list[Nodes]]:
         """Velocities [m/s] and bodies' nodes before a switch. Collective."""
         self._take_back()
-        return self._velocities(), [body.nodes for body in self._stepper.state.bodies.of.records]
+        bodies = self._stepper.state.bodies.of.records
+        return self._impulse.velocities(), [body.nodes for body in bodies]
 
     def switched(self, before: tuple[Array, list[Nodes]], impact: bool = False) -> None:
         """Add velocities that a switch, or an `impact`, took out since `before`. Collective."""
         state = self._stepper.state
-        if self._frames is None and impact:
-            return
         if self._frames is None:
+            if impact:
+                return
             self._frames = Frames(self._scene, state.positions(self._nodes))
         velocities, nodes = before
         sets = [*nodes, *(body.nodes for body in state.bodies.of.records)]
-        lost = velocities - self._velocities()
+        lost = velocities - self._impulse.velocities()
         if impact:
             self._equations.struck(lost)
         self._impulse.switched(lost, sets, self._frames)
-
-    def _velocities(self) -> Array:
-        self._stepper.state.rebuild()
-        return self._stepper.state.v.x.array[: 3 * len(self._nodes)].reshape(-1, 3).copy()
 
     # Steps --------------------------------------------------------------------------------------
 
@@ -267,7 +260,6 @@ class ErrorMotion(Watch):
         if self._frames is None:
             return False
         with _FOLLOWING:
-            self._rotations = None  # the shape may become another one
             kick = self._equations.have(attempt.dt, self._frames, self._impulse.kick)
             assert self._response is not None
             contacts = None if self._contacts is None else self._contacts.kept()
@@ -303,8 +295,10 @@ class ErrorMotion(Watch):
         if before is not None and self.steps > before[2] and self._response is not None:
             if self.steps % LOOKS == 0:
                 x = self._stepper.state.positions(self._nodes)
-                self.validity.look(attempt.end, self._response, x, self._frames.shape)
-            self._equations.scale(self._left(self.ending.part(attempt.dt, self._response)))
+                free = self._frames.parts_with(self._equations.unheld)
+                self.validity.look(attempt.end, self._response, x, self._frames.shape, free)
+            part = self.ending.part(attempt.dt, self._response, self._frames.part)
+            self._equations.scale(self._left(part))
 
     def _left(self, part: float) -> Array:
         """Shown part of e at each owned node: of parts that nothing holds none. Collective.
@@ -338,7 +332,7 @@ class ErrorMotion(Watch):
         if self._contacts is None:
             self._equations.step(force, given)
         else:
-            Q = self._turned(frames)[frames.part]
+            Q = frames.now(self._stepper.state)[frames.part]
             self._equations.press(self._contacts, force, given, Q, self.steps)
         self.steps += 1
 
@@ -348,3 +342,8 @@ class ErrorMotion(Watch):
         self._equations.destroy()
         if self._contacts is not None:
             self._contacts.destroy()
+
+
+def _only(Q: Array, parts: Bools) -> Array:
+    """Rotations of some parts, zero for others, shape (parts, 3, 3)."""
+    return np.where(parts[:, None, None], Q, 0.0)

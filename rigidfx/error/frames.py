@@ -14,10 +14,12 @@ from rigidfx.base.mesh_order import MeshOrder
 from rigidfx.base.remembered import ON_NODES, Kind
 from rigidfx.mechanics.local_rotations import LocalRotations
 from rigidfx.scene.scene import Scene
+from rigidfx.state import State
 
 __all__ = ["FRAMES", "Frames", "to_shape", "to_space"]
 
 Array = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
 Nodes = npt.NDArray[np.integer]
 Cells = npt.NDArray[np.int32]
 
@@ -43,10 +45,11 @@ class Frames:
         of_node[scene.space.dofmap.list] = scene.parts.of_cell[:, None]
         self.part = of_node[:n]
         self._parts = [np.flatnonzero(self.part == k) for k in range(scene.parts.count)]
+        self._rotations: tuple[int, Array] | None = None  # changes of a state, and rotations then
 
     def begin_at(self, x: Array) -> None:
         """Have another shape: places of the owned nodes, shape (nodes, 3) [m]."""
-        self.shape = x.copy()
+        self.shape, self._rotations = x.copy(), None
 
     def of_sets(self, sets: Sequence[Nodes], x: Array) -> Array:
         """Rotation of each set of owned nodes from the shape to where they lie. Collective.
@@ -79,6 +82,18 @@ class Frames:
             x: Places of the owned nodes, shape (nodes, 3) [m].
         """
         return self.of_sets(self._parts, x)
+
+    def now(self, state: State) -> Array:
+        """Rotation of each connected part in a state, found once for it. Collective."""
+        if self._rotations is None or self._rotations[0] != state.changes:
+            places = state.positions(np.arange(len(self.shape)))
+            self._rotations = state.changes, self.of_parts(places)
+        return self._rotations[1]
+
+    def parts_with(self, nodes: Bools) -> Bools:
+        """Connected parts that have some of these owned nodes, shape (parts,). Collective."""
+        counts = np.bincount(self.part[nodes], minlength=len(self._parts))
+        return np.asarray(self._scene.sum(counts.astype(np.float64)) > 0)
 
     def of_nodes(self, x: Array, cells: Cells) -> Array:
         """Rotation of some cells round each owned node, shape (nodes, 3, 3). Collective.

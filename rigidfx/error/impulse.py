@@ -107,6 +107,12 @@ class Impulse:
             out[at] = to_space(e[body.nodes], self._frame_of(body, frames))
         return out
 
+    def velocities(self) -> Array:
+        """Present velocities of the owned nodes, bodies included, shape (nodes, 3) [m/s]."""
+        state = self._stepper.state
+        state.rebuild()
+        return state.v.x.array[: 3 * len(self._nodes)].reshape(-1, 3).copy()
+
     def switched(self, lost: Array, sets: Sequence[Nodes], frames: Frames) -> None:
         """Add velocities that a switch has taken out. Collective.
 

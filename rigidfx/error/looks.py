@@ -81,7 +81,7 @@ class Looks(Watch):
         self._forces.bear(attempt.t, attempt.dt)
         self._pace.follow()
         stepped = self._error.look(attempt)
-        due = self._pace.due() or not self._error.validity.holds
+        due = self._pace.due() or not self._error.validity.holds.all()
         if not stepped or limits is None or self._forces.borne is None or not due:
             return None
         known = limits()
@@ -102,7 +102,7 @@ class Looks(Watch):
 
     def _beyond(self, most: Array) -> Ints:
         """Rigid cells in which e is not small, and strains by more than `most` [-]. Collective."""
-        if self._error.validity.holds:
+        if self._error.validity.holds.all():
             return self._rigid[:0]
         large = np.intersect1d(self._error.validity.concerned, self._rigid)
         return large[part_of(self._of_all(self._error.strains(self._rigid)), most)[large] > 1]

@@ -1,15 +1,17 @@
-"""Whether the error motion is small enough for an equation of first order.
+"""Whether the error motion is small enough for an equation of first order, in each connected part.
 
 The relative error of displacements by e is half of its rotation: they are shown while no rotation
-exceeds 0.1. Strains by e are linear in it. The missing part of second order, ½ ∇eᵀ∇e, comes from
-its rotation: strains are shown while it is also below a tenth of the largest strain so far in the
-connected part. Gradients are those at the middles of cells. A part that joints hold rotates in e as
-its neighbours bend; its mean rotation causes no strain, and is left out.
+in the part exceeds 0.1. Strains by e are linear in it. The missing part of second order, ½ ∇eᵀ∇e,
+comes from its rotation: strains are shown while it is also below a tenth of the largest strain so
+far in the part. Gradients are those at the middles of cells. A part that joints hold rotates in e
+as its neighbours bend, and a part that nothing holds as contacts move it: their mean rotation
+causes no strain, and is left out. The latter are shown without displacements of e, so that their
+mean rotation does not count there.
 """
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import basix
 import numpy as np
@@ -17,18 +19,21 @@ import numpy.typing as npt
 from dolfinx import fem
 from mpi4py import MPI
 
-from rigidfx.base.log import tell
-from rigidfx.base.remembered import CELLS, PART, Remembered, same
+from rigidfx.base.remembered import CELLS, Remembered, same
+from rigidfx.base.warning import warn
 from rigidfx.error.joints import joined_parts
 from rigidfx.error.response import Response
+from rigidfx.error.strained import part_of
 from rigidfx.scene.scene import Scene
-from rigidfx.step.watches.watch import WarnsOnce
+from rigidfx.step.watches.watch import name_of_cell
 
 __all__ = ["Validity"]
 
 Array = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
 Cells = npt.NDArray[np.int32]
 
+STRAINS = "stresses and strains"
 SMALL = 0.1  # rotation of e, and ½ ∇eᵀ∇e over the largest strain shown, at most
 
 
@@ -37,13 +42,12 @@ class Validity:
 
     Attributes:
         concerned: Owned cells in which e was too large at the last look.
-        holds: Whether there was none on any rank: strains are told.
-        placed: Whether its rotations were small on all ranks: displacements are told.
+        holds: Connected parts without such a cell on any rank: strains of e are told.
+        placed: Connected parts with small rotations on all ranks: displacements of e are told.
     """
 
-    remembered: ClassVar[Remembered] = same("holds", "placed", "_modes_hold", "_largest") | {
-        "concerned": CELLS,
-        "_warns": PART,
+    remembered: ClassVar[Remembered] = same("holds", "placed", "_said", "_largest") | {
+        "concerned": CELLS
     }
 
     def __init__(self, scene: Scene) -> None:
@@ -59,14 +63,14 @@ class Validity:
         J = np.einsum("da,cai->cid", table, self._X[self._nodes])
         self._gradients = np.einsum("da,cdi->cai", table, np.linalg.inv(J))
         self._part = scene.parts.of_cell[:owned]
-        self._joined = np.flatnonzero(joined_parts(scene))
+        self._joined = joined_parts(scene)
         self._largest: Array = np.zeros(scene.parts.count)  # strain of each part so far
         self._field = fem.Function(scene.space)
         self.concerned: Cells = np.empty(0, np.int32)
-        self.holds = self.placed = self._modes_hold = True
-        self._warns = WarnsOnce(scene.comm)
+        self.holds = self.placed = np.ones(scene.parts.count, dtype=bool)
+        self._said: tuple[str, ...] = ()  # kinds of warnings
 
-    def look(self, t: float, response: Response, x: Array, shape: Array) -> None:
+    def look(self, t: float, response: Response, x: Array, shape: Array, free: Bools) -> None:
         """Look at e, and say once where it is not told. Collective.
 
         Args:
@@ -74,49 +78,73 @@ class Validity:
             response: Has e.
             x: Places of the owned nodes in the run, shape (nodes, 3) [m].
             shape: Their places in the shape, likewise [m].
+            free: Connected parts that nothing holds.
         """
-        reason = self._measured(response.coarse(), x, shape)
-        self.holds = not reason
-        if reason and self._warns.waits:
-            self._warns.say(
-                f"Error motion: at t = {t:.6g} s {reason}, so that a linear equation does not tell "
-                f"it. While that lasts {_hidden(self.placed)} shown are those of the run itself, "
-                "without its error. Take a smaller tolerance, or keep flexible what bends (never)."
-            )
-        if self._modes_hold and not response.valid:
-            self._modes_hold = False
-            tell(
+        turned, square = self._measured(response.coarse(), x, shape, free)
+        far, size = turned / SMALL, np.maximum(turned, square) / SMALL
+        self.concerned = np.flatnonzero(size > 1).astype(np.int32)
+        most: Array = np.zeros((2, self.holds.size))
+        np.maximum.at(most[0], self._part, far)
+        np.maximum.at(most[1], self._part, size)
+        self._scene.comm.Allreduce(MPI.IN_PLACE, most, op=MPI.MAX)
+        self.placed, self.holds = most <= 1
+        hidden, begun = "displacements, stresses and strains", f"Error motion: at t = {t:.6g} s "
+        if not self.placed.all():
+            where, turn = self._worst(far)
+            self._tell((hidden, STRAINS), f"{begun}e rotates by {SMALL * turn:.2g} rad in {where}")
+        if not self.holds.all():
+            where, _ = self._worst(size)
+            large = "the strain of second order by e exceeds a tenth of the largest strain"
+            self._tell((STRAINS,), f"{begun}{large} in {where}")
+
+    def _tell(self, hidden: tuple[str, ...], found: str) -> None:
+        """Warn, if these quantities have not been said to be hidden yet."""
+        if hidden[0] not in self._said:
+            self._said = *self._said, *hidden
+            warn(
                 self._scene.comm,
-                f"Error motion: at t = {t:.6g} s forces on bodies change faster than its modes and "
-                "their static response tell. While that lasts it is not shown.",
+                f"{found}: too much for a linear equation. While this lasts, {hidden[0]} of this "
+                "connected part are shown without e. Take a smaller tolerance, or keep flexible "
+                "what bends (never).",
             )
 
-    def _measured(self, e: Array, x: Array, shape: Array) -> str:
-        """The quantity that is too large, in words; "" where e is small. Collective."""
+    def _worst(self, size: npt.NDArray[Any]) -> tuple[str, float]:
+        """The owned cell in which something is largest, and its value. Collective."""
+        comm, own = self._scene.comm, float(size.max(initial=0.0))
+        most = comm.allreduce(own, op=MPI.MAX)
+        cell = int(np.argmax(size)) if size.size and own == most else None
+        return name_of_cell(comm, self._scene.mesh, cell), most
+
+    def _measured(self, e: Array, x: Array, shape: Array, free: Bools) -> tuple[Array, Array]:
+        """Rotation of e in each owned cell, and ½ ∇eᵀ∇e over its part's largest strain. Collective.
+
+        Arguments as of `look`.
+        """
         G, F, F0 = (
             np.einsum("cai,caj->cij", self._in_cells(a), self._gradients) for a in (e, x, shape)
         )
         linear = np.einsum("cki,ckj->cij", F0, G)
         E = 0.5 * (np.einsum("cki,ckj->cij", F, F) - np.eye(3) + linear + linear.swapaxes(1, 2))
         G = G @ np.linalg.inv(F0)  # by places in the shape
-        turned = np.linalg.norm(G - G.swapaxes(1, 2), axis=(1, 2)) / np.sqrt(8)
         np.maximum.at(self._largest, self._part, np.linalg.norm(E, axis=(1, 2)))
         self._scene.comm.Allreduce(MPI.IN_PLACE, self._largest, op=MPI.MAX)
-        for part in self._joined:
-            own = self._part == part
-            sums = self._scene.sum(np.r_[G[own].sum(axis=0).reshape(-1), own.sum()])
-            mean = sums[:9].reshape(3, 3) / sums[9]
-            G[own] -= 0.5 * (mean - mean.T)
+        spin = self._mean_spin(G, self._joined | free)[self._part]
+        turned = G - G.swapaxes(1, 2) - 2 * np.where(free[self._part, None, None], spin, 0.0)
+        G = G - spin
         square = 0.5 * np.linalg.norm(np.einsum("cki,ckj->cij", G, G), axis=(1, 2))
-        far = turned > SMALL
-        bent = square > SMALL * self._largest[self._part]
-        self.concerned = np.flatnonzero(far | bent).astype(np.int32)
-        largest = turned.max(initial=0.0), float(bent.any())
-        turn, bends = np.max(self._scene.comm.allgather(largest), axis=0)
-        self.placed = bool(turn <= SMALL)
-        if not self.placed:
-            return f"it turns by {turn:.2g} rad"
-        return "its part of second order is above a tenth of the largest strain" if bends else ""
+        return np.linalg.norm(turned, axis=(1, 2)) / np.sqrt(8), part_of(
+            square, self._largest[self._part]
+        )
+
+    def _mean_spin(self, G: Array, parts: Bools) -> Array:
+        """Mean of the skew part of gradients in some parts, zero in others. Collective."""
+        if not parts.any():
+            return np.zeros((parts.size, 3, 3))
+        sums = np.zeros((parts.size, 10))
+        np.add.at(sums, self._part, np.c_[G.reshape(-1, 9), np.ones(len(G))])
+        sums = self._scene.sum(sums)
+        mean = (sums[:, :9] / sums[:, 9:]).reshape(-1, 3, 3)
+        return np.where(parts[:, None, None], 0.5 * (mean - mean.swapaxes(1, 2)), 0.0)
 
     def _in_cells(self, vectors: Array) -> Array:
         """Vectors of the owned nodes at the nodes of each owned cell. Collective."""
@@ -124,8 +152,3 @@ class Validity:
         field.array[: vectors.size] = vectors.reshape(-1)
         field.scatter_forward()
         return np.asarray(field.array.reshape(-1, 3)[self._nodes])
-
-
-def _hidden(placed: bool) -> str:
-    """Quantities to which e is not added."""
-    return "stresses and strains" if placed else "displacements, stresses and strains"
