@@ -407,7 +407,7 @@ CEILINGS = {
     "effects/joints": 18,
     "effects/loads": 20,
     "effects/supports": 22,
-    "error": 19,
+    "error": 18,
     "error/forces": 1,
     "flexible": 38,
     "mechanics": 80,

@@ -111,7 +111,7 @@ WARNINGS = {
     "effects/contact.py": ["a contact overlaps at the start"],
     "effects/contacts/facets.py": ["a round contact surface"],
     "effects/loads/body_force.py": ["a force per volume"],
-    "error/validity.py": ["e is not small"],
+    "error/validity.py": ["forces change faster than e", "e is not small"],
     "report/brief_contacts.py": ["a contact closed and opened"],
     "report/energy_balance.py": [
         "the balance of energy is off",

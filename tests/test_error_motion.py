@@ -73,11 +73,12 @@ class Compared:
         largest: Largest component of e at any node, likewise.
         held_off, held_left: Distance of the force at x0 from the twin's over its largest; with e.
         events: All switches.
+        warned: All warnings of the run.
     """
 
     def __init__(self, make, followed, t_end, part=0.01, dt=DT, **options):
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with warnings.catch_warnings(record=True) as warned:
+            warnings.simplefilter("always")
             tips, rates, held = [], [], []
             rest = rf.StrainRate(0.0, 1e9, wake="none")
             for report in rf.simulate(make(), dt, t_end, rigidify=rest, progress=False):
@@ -98,6 +99,7 @@ class Compared:
                 all_e = followed[-1].shown()
                 largest.append(0.0 if all_e is None else np.abs(all_e.displacement).max())
                 self.events += report.events
+        self.warned = " ".join(str(one.message) for one in warned)
         size = max(np.linalg.norm(tip - tips[0]) for tip in tips)
         self.off, self.left, self.told = (np.array(of) / size for of in (off, left, told))
         self.largest = np.array(largest, dtype=float) / size
@@ -293,7 +295,7 @@ def test_what_nothing_holds_keeps_its_momenta(effects, motions):
 class Told:
     """A response that is given."""
 
-    valid = True
+    valid, hurried = True, False
 
     def __init__(self, e):
         self.coarse = lambda: e
@@ -374,6 +376,24 @@ def test_what_flies_away_is_no_measure_of_what_stays():
             e = np.linalg.norm(report.error_motion["tip"])
     assert e > 1e-4
     assert report.ledger.let_go == 0
+
+
+def test_modes_show_an_error_through_switches(followed, monkeypatch):
+    """It was hidden while forces changed: u + e jumped, and was off by 0.2 of the error of u."""
+    monkeypatch.setattr(equations, "LARGEST", 0)
+    run = Compared(lambda: scene(BASE, rf.MassDamping(1.0)), followed, 3.0, part=0.02)
+    assert len(run.events) > 2
+    assert run.left.max() <= 0.05 * run.off.max()
+    assert "change as fast" not in run.warned
+
+
+def test_modes_warn_of_forces_that_are_too_fast_for_them(monkeypatch):
+    monkeypatch.setattr(equations, "LARGEST", 0)
+    fast = rf.Traction("x1", (0, 0, 100.0), time=lambda t: np.sin(2 * np.pi * 40 * t))
+    rule = rf.StrainRate(10.0, 0.02)
+    with pytest.warns(rf.RigidfxWarning, match="change as fast"):
+        for _ in rf.simulate(scene(HELD, fast), 1e-3, 0.1, rigidify=rule, progress=False):
+            pass
 
 
 def test_an_error_is_not_shown_where_nothing_holds():

@@ -8,8 +8,10 @@ modes are those of the shape, once; a step costs the products with them. At poin
 reactions, the static response needs no solve: with c = K⁻¹ p of the weights p of a sum, found once,
 it is c·r.
 
-The correction follows r without inertia, which holds where r changes slowly beside the first mode
-that is left out. The measure is the rate of r's change over the last mode's ω
+The correction follows r without inertia. Where r changes slowly beside the first mode that is left
+out this is exact to (ω/ω_out)². Where r jumps once, as at a switch, the modes left out swing about
+it, and e is off by no more than the correction itself. Only where r goes on changing so fast is e
+not known well: the measure is its mean rate, over the largest r and the last mode's ω
 (`Modes.quasistatic`).
 """
 
@@ -44,14 +46,13 @@ class Modes:
     Attributes:
         count: Number of modes, at least: 12 to 24 told a tip's error to 6 % in bars of 7000 to
             61 000 unknowns.
-        quasistatic: Rate of change of r over the last mode's ω, up to which its static response is
-            taken: right in recordings up to 0.23, wrong from 0.66 on.
-        memory: Steps over which that rate is averaged.
+        quasistatic: Mean |ṙ| over the largest |r| and the last mode's ω, up to which the static
+            response of r is taken to be right: so in recordings up to 0.23, wrong from 0.66 on. The
+            mean is over so long a time that one jump of r makes half of this.
     """
 
     count: int = 24
     quasistatic: float = 0.23
-    memory: float = 20.0
 
 
 class Modal:
@@ -123,7 +124,7 @@ class Modal:
         self._eta, self._rate = self._summed(both @ self._m_phi.T)
         self._force: Array = np.zeros(self._free.size)  # in the last step
         self._loads: Array = np.zeros(self._squares.size)  # Φᵀ of it
-        self._change = self._level = 0.0  # means of |ṙ|² and |r|²
+        self._change = self._level = 0.0  # mean of |ṙ|, and the largest |r| so far
         self._still: tuple[Array, Array] = self._force, self._force  # a force, and K⁻¹ of it
         self._asked: Array = self._free_part()  # e when its change was asked for last ...
         self._since = 0.0  # ... the time since then [s], and what it was
@@ -161,11 +162,18 @@ class Modal:
 
     @property
     def valid(self) -> bool:
-        """Whether r changes slowly enough for the static response of the modes left out."""
-        if not self._bound:
-            return False
-        rate = np.sqrt(self._change / self._level) if self._level > 0 else 0.0
-        return bool(rate <= self._modes.quasistatic * np.sqrt(self._squares[-1]))
+        """See `Response`: whether K is definite."""
+        return self._bound
+
+    @property
+    def hurried(self) -> bool:
+        """See `Response`: whether r changes as fast as modes that are left out."""
+        return bool(self._change > self._slow * self._level)
+
+    @property
+    def _slow(self) -> float:
+        """Rate of r over r, up to which its static response is taken to be right [1/s]."""
+        return float(self._modes.quasistatic * np.sqrt(self._squares[-1]))
 
     def fields(self) -> tuple[Array, Array]:
         """See `Response`; by one solve a step."""
@@ -249,12 +257,10 @@ class Modal:
     def _note(self, r: Array, dt: float) -> None:
         """Average how fast r changes. Collective."""
         change = (r - self._force) / dt
-        now = np.asarray(self._scene.sum([float(change @ change), float(r @ r)]))
-        if now[1] == 0.0:  # nothing pushes: there is no static response that could be wrong
-            now[0] = self._change = self._level = 0.0
-        keep = np.exp(-1 / self._modes.memory)
-        self._change = keep * self._change + (1 - keep) * now[0]
-        self._level = keep * self._level + (1 - keep) * now[1]
+        rate, size = np.sqrt(self._scene.sum([float(change @ change), float(r @ r)]))
+        keep = np.exp(-0.5 * self._slow * dt) if self._bound else 0.0
+        self._change = float(keep * self._change + (1 - keep) * rate)
+        self._level = max(self._level, float(size))
 
     # Helpers ------------------------------------------------------------------------------------
 

@@ -35,7 +35,12 @@ class Response(Protocol):
 
     @property
     def valid(self) -> bool:
-        """Whether e is known as well as it is to be shown; equal on all ranks."""
+        """Whether e is known; equal on all ranks."""
+        ...
+
+    @property
+    def hurried(self) -> bool:
+        """Whether forces change too fast for a good e; equal on all ranks."""
         ...
 
     def kick(self, change: Array) -> None:
@@ -102,7 +107,7 @@ class AllUnknowns:
         "_change": Items(ON_NODES, SAME),
     }
 
-    valid = True
+    valid, hurried = True, False
 
     def __init__(self, motion: LinearMotion, e: Array, rate: Array) -> None:
         """Take the equations over.

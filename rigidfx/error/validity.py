@@ -33,7 +33,11 @@ Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 Cells = npt.NDArray[np.int32]
 
-STRAINS = "stresses and strains"
+# Quantities that are hidden, and doubts.
+ALL, STRAINS = "displacements, stresses and strains", "stresses and strains"
+BENT = "has a strain of second order above a tenth of the largest strain"
+FAST = "forces on bodies change as fast as vibrations that its modes leave out; it may be wrong"
+UNBOUND = "a preload leaves no stiffness to some motion, so that e is not known and not shown"
 SMALL = 0.1  # rotation of e, and ½ ∇eᵀ∇e over the largest strain shown, at most
 
 
@@ -88,32 +92,42 @@ class Validity:
         np.maximum.at(most[1], self._part, size)
         self._scene.comm.Allreduce(MPI.IN_PLACE, most, op=MPI.MAX)
         self.placed, self.holds = most <= 1
-        hidden, begun = "displacements, stresses and strains", f"Error motion: at t = {t:.6g} s "
-        if not self.placed.all():
-            where, turn = self._worst(far)
-            self._tell((hidden, STRAINS), f"{begun}e rotates by {SMALL * turn:.2g} rad in {where}")
-        if not self.holds.all():
-            where, _ = self._worst(size)
-            large = "the strain of second order by e exceeds a tenth of the largest strain"
-            self._tell((STRAINS,), f"{begun}{large} in {where}")
-
-    def _tell(self, hidden: tuple[str, ...], found: str) -> None:
-        """Warn, if these quantities have not been said to be hidden yet."""
-        if hidden[0] not in self._said:
-            self._said = *self._said, *hidden
+        if not self.placed.all() and self._first(ALL, STRAINS):
+            self._hides(ALL, t, far, f"rotates by {SMALL * most[0].max():.2g} rad")
+        if not self.holds.all() and self._first(STRAINS):
+            self._hides(STRAINS, t, size, BENT)
+        doubt = FAST if response.hurried else UNBOUND
+        if (response.hurried or not response.valid) and self._first(doubt):
             warn(
                 self._scene.comm,
-                f"{found}: too much for a linear equation. While this lasts, {hidden[0]} of this "
-                "connected part are shown without e. Take a smaller tolerance, or keep flexible "
-                "what bends (never).",
+                f"Error motion e at t = {t:.6g} s: {doubt}. Take a smaller tolerance, or keep "
+                "flexible the parts that forces push (never).",
             )
 
-    def _worst(self, size: npt.NDArray[Any]) -> tuple[str, float]:
-        """The owned cell in which something is largest, and its value. Collective."""
+    def _first(self, *kinds: str) -> bool:
+        """Whether the first of these has not been said; now all have."""
+        new = kinds[0] not in self._said
+        if new:
+            self._said = *self._said, *kinds
+        return new
+
+    def _hides(self, hidden: str, t: float, size: npt.NDArray[Any], found: str) -> None:
+        """Warn that e is too large. Collective."""
+        where = self._worst(size)
+        warn(
+            self._scene.comm,
+            f"Error motion: at t = {t:.6g} s e {found} in {where}: too much for a linear equation. "
+            f"While this lasts, {hidden} of this connected part are shown without e. Take a "
+            "smaller tolerance, or keep flexible what bends (never).",
+        )
+
+    def _worst(self, size: npt.NDArray[Any]) -> str:
+        """Name of the owned cell in which something is largest. Collective."""
         comm, own = self._scene.comm, float(size.max(initial=0.0))
         most = comm.allreduce(own, op=MPI.MAX)
-        cell = int(np.argmax(size)) if size.size and own == most else None
-        return name_of_cell(comm, self._scene.mesh, cell), most
+        return name_of_cell(
+            comm, self._scene.mesh, int(np.argmax(size)) if size.size and own == most else None
+        )
 
     def _measured(self, e: Array, x: Array, shape: Array, free: Bools) -> tuple[Array, Array]:
         """Rotation of e in each owned cell, and ½ ∇eᵀ∇e over its part's largest strain. Collective.
