@@ -133,7 +133,8 @@ class Compliance:
 
     def __str__(self) -> str:
         """In words."""
-        return "\n".join(f"{name}: {part:.2%} taken" for name, part in self.taken.items())
+        taken = {k: f"{v:.2%} taken" if v == v else "at rest" for k, v in self.taken.items()}
+        return "\n".join(f"{name}: {part}" for name, part in taken.items())
 
 
 def compliance(scene: Scene, steps: int | Sequence[float] = 1, *, t_end: float = 1.0) -> Compliance:
@@ -153,7 +154,8 @@ def compliance(scene: Scene, steps: int | Sequence[float] = 1, *, t_end: float =
         t_end: Time at which loads are whole [s].
 
     Raises:
-        SceneError: If nothing is named rigid, there is no probe, or `static` cannot use the scene.
+        SceneError: If nothing is named rigid, there is no probe, no load moves any, or `static`
+            cannot use the scene.
         StepError: As of `static`.
     """
     check_scene("compliance", scene)
@@ -173,7 +175,13 @@ def compliance(scene: Scene, steps: int | Sequence[float] = 1, *, t_end: float =
 
     acting = [e for e in scene.effects if not isinstance(e, (InitialVelocity, Preload))]
     soft = (_with_mean_faces(e, scene) for e in acting if not isinstance(e, Rigid))
-    return Compliance(displacements(soft), displacements(acting))
+    found = Compliance(displacements(soft), displacements(acting))
+    if not any(u.any() for u in found.flexible.values()):
+        raise SceneError(
+            f"compliance: no load moves a probe ({', '.join(found.flexible)}) up to t = {t_end:g} "
+            "s. Add the loads of the run, or a unit force at the place of interest."
+        )
+    return found
 
 
 def _with_mean_faces(effect: Effect, scene: Scene) -> Effect:

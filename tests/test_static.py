@@ -332,9 +332,13 @@ def test_a_rigid_face_takes_what_a_beam_lacks_by_it():
 
 @pytest.mark.parametrize(
     ("effects", "probes", "lacking"),
-    [((), {"tip": TIP}, "no Rigid part"), ((rf.Rigid("end"),), None, "no probe")],
+    [
+        ((), {"tip": TIP}, "no Rigid part"),
+        ((rf.Rigid("end"),), None, "no probe"),
+        ((rf.Rigid("end"),), {"tip": TIP}, r"no load moves a probe \(tip\)"),
+    ],
 )
-def test_compliance_asks_for_a_rigid_part_and_a_probe(effects, probes, lacking):
+def test_compliance_asks_for_a_rigid_part_a_probe_and_a_load(effects, probes, lacking):
     domain = rf.box((0, 0, 0), (1, 0.1, 0.1), (10, 1, 1))
     domain = domain.with_cells("end", lambda x: x[0] > 0.8 - 1e-9)
     scene = rf.Scene(domain, SOFT, (rf.Fixed("x0"), *effects), probes=probes)
