@@ -28,7 +28,9 @@ PREFIX = "rigidfx_error_"
 # are there in .55 to .74 of the time, solves take 1.0 to 1.2; 1.9 in a plate of 14 406.
 BRIEF = 10_000
 # Times its own stiffness that a part named rigid has besides: it strains by 1e-4 of what it would,
-# and direct factors lose four digits of sixteen.
+# and direct factors lose four digits of sixteen. With 1e3 a stalk that is rigid in its middle had
+# ten times the error of u + e, 3.4e-4 of the motion, and e agreed on 1 and 2 ranks to 1e-9 of its
+# size for 3e-8; u + e agreed to 1e-12 with both.
 NAMED = 1e4
 KINDS = 3  # of steps whose factors are kept: short, long and very long ones
 
