@@ -83,8 +83,9 @@ def test_what_swings_has_cholesky_factors_and_what_turns_lu(monkeypatch):
     push = rf.Traction("x1", (0.0, 0.0, 1e6))  # Pa
     long = 10 * DT  # not well-conditioned: else PETSc's own LU would do
     for effect, kind in ((rf.Fixed("x0"), "cholesky"), (SPIN, "lu")):
-        *_, last = rf.simulate(rf.Scene(bar, STEEL, [effect, push]), long, 10 * long)
-        assert last.solver == f"kept preonly+{kind}"
+        reports = rf.simulate(rf.Scene(bar, STEEL, [effect, push]), long, 10 * long)
+        kept = [report.solver for report in reports if report.solver.startswith("kept")]
+        assert kept[-1] == f"kept preonly+{kind}"
 
 
 @pytest.mark.skipif(not cholmod.exists(), reason="PETSc has no CHOLMOD")

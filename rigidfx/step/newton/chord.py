@@ -25,6 +25,7 @@ from rigidfx.step.newton.frames import Frames
 from rigidfx.step.newton.incomplete import IncompleteFactors
 from rigidfx.step.newton.kept_tangent import KeptTangent
 from rigidfx.step.newton.low_rank import LowRank
+from rigidfx.step.newton.stopping_test import StoppingTest
 from rigidfx.step.newton.two_levels import TwoLevels
 
 __all__ = ["Chord", "pays"]
@@ -198,9 +199,9 @@ class Chord:
         """Take note that the last solve has become a step."""
         self._control.accepted(len(self.stop.history) - 1, self.tangents)
 
-    def accept_newton(self, iterations: int) -> None:
-        """Take note that a solve by Newton's method has become a step of so many iterations."""
-        self._control.passed(iterations)
+    def accept_newton(self, stop: StoppingTest) -> None:
+        """Take note that a solve by Newton's method, with this test, has become a step."""
+        self._control.passed(len(stop.history) - 1, not stop.continued)
 
     def serves(self, dt: float) -> bool:
         """Whether tangents are worth keeping in steps of Δt [s]."""

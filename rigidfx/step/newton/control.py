@@ -151,15 +151,17 @@ class Control:
         self._debt += self._of_newton
         self._pay(iterations, tangents)
 
-    def passed(self, iterations: int) -> None:
+    def passed(self, iterations: int, whole: bool = True) -> None:
         """Take note of a step by Newton's method.
 
         Args:
             iterations: How many it took.
+            whole: Whether from a first guess, not from an iterate of kept tangents.
         """
         self.lose()
-        self._passed += 1
-        self._newton += (iterations - self._newton) / (1 + self._passed)
+        if whole:
+            self._passed += 1
+            self._newton += (iterations - self._newton) / (1 + self._passed)
         self._whole += self._of_newton
 
     def _pay(self, iterations: int, tangents: int) -> None:

@@ -303,7 +303,7 @@ class Newton:
         if self._kept:
             self._chord.accept()
         else:
-            self._chord.accept_newton(len(self.stop.history) - 1)
+            self._chord.accept_newton(self.stop)
 
     @property
     def unknowns(self) -> PETSc.Vec:

@@ -52,6 +52,11 @@ class StoppingTest:
         self.history, self._before = [], first
 
     @property
+    def continued(self) -> bool:
+        """Whether another solve of the same step has begun it."""
+        return self._before > 0
+
+    @property
     def first(self) -> float:
         """‖R‖ that the step began with [N]."""
         return max(self.history[0], self._before)
