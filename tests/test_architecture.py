@@ -420,7 +420,7 @@ CEILINGS = {
     "step/equations": 4,
     "step/length": 35,
     "step/linear": 19,
-    "step/newton": 43,
+    "step/newton": 42,
     "step/system": 3,
     "step/watches": 26,
     "switch": 5,

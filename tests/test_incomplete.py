@@ -53,13 +53,13 @@ def _tumbling():
     return rf.Scene(tumbling_l(1), RUBBER, effects)
 
 
-@pytest.mark.parametrize("solver", [KEPT, "kept preonly+lu"])
+@pytest.mark.parametrize("solver", [KEPT, "kept preonly"])
 def test_soft_parts_keep_factors_and_no_momentum_is_lost(solver, request):
     """672 unknowns: incomplete factors, and full ones by the rules as they are."""
     if solver == KEPT:
         request.getfixturevalue("_many_entries")
     reports = [r for r in rf.simulate(_tumbling(), 0.05, 8.0) if r.t > 0.5]
-    kept = [r for r in reports if r.solver == solver]
+    kept = [r for r in reports if r.solver.startswith(solver)]
     H, J = (column(reports, key) for key in ("energy", "angular_momentum"))
     show(H=drift(H), J=drift(J), kept=len(kept), of=len(reports))
     assert len(kept) >= 0.9 * len(reports)

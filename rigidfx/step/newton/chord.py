@@ -167,10 +167,10 @@ class Chord:
         entries = self._equilibrium.jumping()
         if self._control.missing or entries is None:
             return False
-        solves = self._kept.follow(entries)
-        if solves >= 0:
-            self._control.followed(self.stop.history, solves)
-        return solves >= 0
+        followed = self._kept.follow(entries)
+        if followed:
+            self._control.followed(self.stop.history)
+        return followed
 
     def make(self) -> None:
         """Assemble the tangent at the last iterate. Collective."""
@@ -184,7 +184,7 @@ class Chord:
     @property
     def serving(self) -> bool:
         """Whether the last step made no tangent and the next one is to make none."""
-        return not self.tangents and not self._control.due
+        return not self.tangents and not self._control.missing
 
     @property
     def exhausted(self) -> bool:

@@ -2,22 +2,18 @@
 
 An iteration with a kept tangent reduces the residual by its contraction θ; a new tangent costs as
 much as `price` such iterations (E. Hairer and G. Wanner, Solving Ordinary Differential Equations
-II, IV.8; P. Deuflhard, Newton Methods for Nonlinear Problems, 2.1). The first iteration with a
-tangent in a step tells nothing of it: a correction along a straight line stretches parts that turn,
-and the next one takes that back. So θ is known from the second one on, as the mean of two. Then the
-tangent is renewed
+II, IV.8; P. Deuflhard, Newton Methods for Nonlinear Problems, 2.1). The first iterations with a
+tangent in a step tell nothing of it: a correction along a straight line stretches parts that turn
+or bend, and the next ones take that back. So a tangent is judged after its `own` iterations, by the
+mean θ of the last two. Then it is renewed
 
 - if the residual has grown,
 - if the remaining iterations, log(target/‖R‖)/log θ, cost more than a new tangent with its own
   iterations, or exceed the limit of iterations.
 
-A solve that has cost as much as a step by Newton's method ends, and Newton's method takes over, as
-in the ski rental problem: nobody knows what the rest would cost, and so at most the same is lost.
-
-Between steps a tangent is renewed after a step with more iterations than the mean since the last
-renewal, the renewal included: each further step would only raise the mean. It is renewed at the
-step's first iterate, since the first guess along a straight line stretches parts that bend, and the
-tangent there contains the stress of that stretch.
+A solve that diverges with the tangent of an earlier step begins again with a new one. A solve that
+has cost as much as a step by Newton's method ends, and Newton's method takes over, as in the ski
+rental problem: nobody knows what the rest would cost, and so at most the same is lost.
 
 The cost of steps beyond that of Newton's method is a debt; cheaper steps reduce it. If the debt
 exceeds a small part of what all steps would have cost by Newton's method, this method serves until
@@ -41,7 +37,8 @@ class ControlNumbers:
     """The choice between an old tangent, a new one, and Newton's method.
 
     Attributes:
-        own: Iterations that a new tangent needs as well (docs/notes/solver_ablation.md).
+        own: Iterations that a new tangent needs as well, and that a tangent has in each step before
+            it is judged (docs/notes/solver_ablation.md).
         debt: Largest debt, as a part of the whole cost of Newton's method, but at least the cost of
             one of its steps. Savings of cheaper steps count up to the same size: an arm whose steps
             cost 0.4 has single ones that cost 2.6 (docs/notes/solver_ablation.md).
@@ -49,7 +46,7 @@ class ControlNumbers:
             twelve scenes it took 2.5 to 6.2.
     """
 
-    own: int = 3
+    own: int = 4
     debt: float = 0.05
     newton: float = 4.0
 
@@ -59,28 +56,25 @@ class Control:
 
     Attributes:
         price: Cost of a new tangent, in iterations with a kept one.
-        due: Whether the next step makes a new tangent.
-        missing: Whether there is no tangent that could serve meanwhile.
+        missing: Whether there is no tangent that could serve.
     """
 
     def __init__(self, numbers: ControlNumbers = ControlNumbers()) -> None:
         """Begin without a tangent."""
         self._numbers = numbers
-        self.price, self.due = 0.0, True
-        self.missing = True
+        self.price, self.missing = 0.0, True
         self._from = 0  # iterate of this step since which the tangent is the same
         self._made = 0  # tangents in this step
-        self._spent, self._steps, self._since = 0.0, 0, 0
         self._newton, self._passed = numbers.newton, 0
         self._debt = self._whole = 0.0  # beyond Newton's cost, and all of that, in iterations
 
     def begin(self) -> None:
         """Begin a step, or an attempt at it."""
-        self._since = self._from = self._made = 0
+        self._from = self._made = 0
 
     def lose(self) -> None:
         """Take note that the tangent serves no longer."""
-        self.due = self.missing = True
+        self.missing = True
 
     def exhausted(self, iterations: int) -> bool:
         """Whether the present solve has cost as much as a step by Newton's method.
@@ -102,30 +96,27 @@ class Control:
         since, norm = taken - self._from, history[-1]
         if self.missing:
             return True
-        if since < 2 or norm <= target:
-            return self.due and since > 0
+        if since <= self._numbers.own or norm <= target:
+            return False
         if not norm < min(history[-3:-1]):
             return True
         contraction = math.sqrt(norm / history[-3])
         left = math.log(max(target, sys.float_info.min) / norm) / math.log(contraction)
-        return self.due or left > self.price + self._numbers.own or taken + left > limit
+        return left > self.price + self._numbers.own or taken + left > limit
 
     def renewed(self, history: Sequence[float]) -> None:
         """Take note of a new tangent at the last iterate."""
-        self.due = self.missing = False
+        self.missing = False
         self._made += 1
-        self._since = self._from = len(history) - 1
-        self._spent, self._steps = self.price - self._since, 0
+        self._from = len(history) - 1
 
-    def followed(self, history: Sequence[float], solves: int) -> None:
+    def followed(self, history: Sequence[float]) -> None:
         """Take note that the tangent follows a jump of contacts since the last iterate.
 
         Args:
             history: ‖R‖ at each iterate of this step.
-            solves: How many that took.
         """
         self._from = len(history) - 1
-        self._spent += solves
 
     def accepted(self, iterations: int, tangents: int) -> None:
         """Take note of a step with kept tangents.
@@ -134,9 +125,6 @@ class Control:
             iterations: How many it took.
             tangents: How many new ones it made.
         """
-        self._spent += iterations
-        self._steps += 1
-        self.due = iterations - self._since > self._spent / self._steps
         self._pay(iterations, tangents)
         self._whole += self._of_newton
 

@@ -114,23 +114,22 @@ class KeptTangent:
         self.inverse.solve(r, z)
         self._contacts.mend(z)
 
-    def follow(self, entries: csr_array) -> int:
+    def follow(self, entries: csr_array) -> bool:
         """Have the stiffness of contacts at the last iterate in the tangent. Collective.
 
         Args:
             entries: The stiffness, equal on all ranks.
 
         Returns:
-            How many solves that took; -1 if a new tangent is as cheap, and nothing is changed.
+            False if a new tangent is as cheap, and nothing is changed.
         """
-        known, solve = self._contacts.columns, self.inverse.solve
-        most = self.inverse.renewal
+        most, solve = self.inverse.renewal, self.inverse.solve
         if not self._contacts.follow(entries, self._Q, self._factor, most, solve):
-            return -1
+            return False
         self._secants.forget()
         if self._border is not None:
             self._border.renew(self._solve)
-        return self._contacts.columns - known + (0 if self._border is None else self._border.solves)
+        return True
 
     def renewed(self, entries: csr_array | None) -> None:
         """Take note that the tangent has just been assembled, in this step. Collective.

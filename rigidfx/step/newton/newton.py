@@ -144,13 +144,15 @@ class Newton:
         Args:
             guesses: First guesses; the one with the smallest residual is taken.
         """
-        self._kept = False
-        if self._chord is not None and self._chord.serves(self.equilibrium.dt):
-            found = self._solve_by_chord(self._chord, guesses)
+        self._kept, failed = False, None
+        while self._chord is not None and self._chord.serves(self.equilibrium.dt):
+            found = self._solve_by_chord(self._chord, guesses).after(failed)
             if found.converged:
                 return found
-            return self._solve_by_newton(guesses, found).after(found)
-        return self._solve_by_newton(guesses)
+            failed = found
+            if self._chord.tangents:  # else a new one may do
+                break
+        return self._solve_by_newton(guesses, failed).after(failed)
 
     def _solve_by_chord(self, chord: Chord, guesses: Sequence[Guess]) -> Solution:
         """Solve with a tangent that is kept."""

@@ -21,7 +21,6 @@ __all__ = ["Secants"]
 Array = npt.NDArray[np.float64]
 
 MOST = 12  # pairs that are kept
-OF_STEP = 6  # first ones of a step that count: with three an arm whose leaf bends took 10.5 for 9.1
 INDEPENDENT = 1e-4  # square of the part in which pairs have to differ
 
 
@@ -53,7 +52,6 @@ class Secants:
     def begin(self) -> None:
         """Begin the iterates of a step, or of an attempt at it."""
         self._last: tuple[Array, Array] | None = None
-        self._of_step = 0
 
     def mend(self, z: Array, learning: bool) -> None:
         """Improve a correction by the known pairs, and learn from it. Collective.
@@ -64,7 +62,7 @@ class Secants:
                 plate that hardly strains fail.
         """
         given = z.copy()
-        if learning and self._last is not None and self._of_step < OF_STEP:
+        if learning and self._last is not None:
             self._learn(given)
         if self.known:
             z += self._coefficients(given) @ self._mending[: self.known]
@@ -79,13 +77,13 @@ class Secants:
         np.negative(taken, out=self._mending[k])
         self._mending[k] -= self._changes[k]
         self.known, self._next = max(self.known, k + 1), (k + 1) % MOST
-        self._of_step += 1
         row = self._sums(self._changes[k])
         self._products[k, : self.known] = self._products[: self.known, k] = row
 
     def _sums(self, vector: Array) -> Array:
         """Products of a vector with all Δz, on all ranks."""
-        out: Array = self._changes[: self.known] @ vector
+        with np.errstate(over="ignore", invalid="ignore"):  # infinite: see _coefficients
+            out: Array = self._changes[: self.known] @ vector
         self._comm.Allreduce(MPI.IN_PLACE, out, op=MPI.SUM)
         return out
 

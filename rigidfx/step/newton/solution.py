@@ -49,8 +49,10 @@ class Solution:
         """Newton iterations."""
         return len(self.residuals) - 1 + self.given_up
 
-    def after(self, failed: Solution) -> Solution:
-        """The same, with the cost of an earlier solve of the step."""
+    def after(self, failed: Solution | None) -> Solution:
+        """The same, with the cost of an earlier solve of the step, if there was one."""
+        if failed is None:
+            return self
         return replace(
             self,
             tangents=self.tangents + failed.tangents,
