@@ -59,14 +59,16 @@ def test_a_contact_of_the_twin_opens_and_closes_by_the_error_motion():
     box = BOX.with_facets("sole", lambda x: (x[2] < 1e-9) & (x[0] > 6.9))
     floor = rf.Contact("sole", against=rf.Plane((0, 0, -1e-4), (0, 0, 1.0)), stiffness=2e4)
     push = rf.Traction("x1", (0, 0, -40.0), time=lambda t: np.sin(2 * np.pi * t / 2) * min(1, t))
-    effects, tips = (HELD, floor, push, DRAG, rf.KelvinVoigt(2e4)), []
+    effects, tips, pressed = (HELD, floor, push, DRAG, rf.KelvinVoigt(2e4)), [], []
     rule = rf.StrainRate(0.0, 1e9, wake="none")
     for _ in range(2):
         made = rf.Scene(box, {"stalk": SOFT, "block": STIFF}, effects, probes={"tip": (8, 0.5, 0)})
-        rows, touching, rigid, peak = [], [], [], 0.0
+        rows, touching, rigid, peak, none = [], [], [], 0.0, np.zeros(3)
         for report in rf.simulate(made, DT, 5.0, rigidify=rule, progress=False):
             rows.append((report.probes["tip"], report.error_motion["tip"]))
-            touching.append(sum(touch.nodes for touch in report.touches.values()))
+            touch = next(iter(report.touches.values()))
+            touching.append(touch.nodes)
+            pressed.append((touch.force[2], report.error_touches.get(touch.name, none)[2]))
             rigid.append((report.state.body_numbers() > 0).mean())
             peak = max(peak, float(report.strain_rate.max()))
         rule = rf.StrainRate(0.01 * peak, 20 * DT)
@@ -77,3 +79,5 @@ def test_a_contact_of_the_twin_opens_and_closes_by_the_error_motion():
     assert np.mean(rigid) > 0.2
     assert off > 1e-3 * np.abs(twin).max()
     assert np.abs(ours - twin).max() <= 0.1 * off
+    of_twin, (of_u, of_e) = np.array(pressed[: len(twin)])[:, 0], np.array(pressed[len(twin) :]).T
+    assert np.abs(of_u + of_e - of_twin).max() <= 0.01 * np.abs(of_u - of_twin).max()

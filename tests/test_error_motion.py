@@ -72,6 +72,7 @@ class Compared:
         told: The same of e.
         largest: Largest component of e at any node, likewise.
         held_off, held_left: Distance of the force at x0 from the twin's over its largest; with e.
+        turned_off, turned_left: The same of its moment about the origin.
         events: All switches.
         warned: All warnings of the run.
     """
@@ -79,15 +80,16 @@ class Compared:
     def __init__(self, make, followed, t_end, part=0.01, dt=DT, **options):
         with warnings.catch_warnings(record=True) as warned:
             warnings.simplefilter("always")
-            tips, rates, held = [], [], []
+            tips, rates, held, turned = [], [], [], []
             rest = rf.StrainRate(0.0, 1e9, wake="none")
             for report in rf.simulate(make(), dt, t_end, rigidify=rest, progress=False):
                 tips.append(report.probes["tip"])
                 held.append(report.reactions.get("x0", np.zeros(3)))
+                turned.append(report.reaction_moments.get("x0", np.zeros(3)))
                 rates.append(float(report.strain_rate.max()))
             rule = rf.StrainRate(part * max(rates), 20 * dt, **options)
             off, left, told, largest, self.events = [], [], [], [], []
-            forces, more = [], []
+            forces, more, moments, of_moments = [], [], [], []
             run = rf.simulate(make(), dt, t_end, rigidify=rule, progress=False)
             for tip, report in zip(tips, run, strict=True):
                 shown, e = report.probes["tip"], report.error_motion["tip"]
@@ -96,6 +98,8 @@ class Compared:
                 told.append(np.linalg.norm(e))
                 forces.append(report.reactions.get("x0", np.zeros(3)))
                 more.append(report.error_reactions.get("x0", np.zeros(3)))
+                moments.append(report.reaction_moments.get("x0", np.zeros(3)))
+                of_moments.append(report.error_reaction_moments.get("x0", np.zeros(3)))
                 all_e = followed[-1].shown()
                 largest.append(0.0 if all_e is None else np.abs(all_e.displacement).max())
                 self.events += report.events
@@ -106,6 +110,10 @@ class Compared:
         force = max(np.linalg.norm(held, axis=1)) or 1.0
         self.held_off = np.linalg.norm(np.subtract(held, forces), axis=1) / force
         self.held_left = np.linalg.norm(np.subtract(held, forces) - more, axis=1) / force
+        moment = max(np.linalg.norm(turned, axis=1)) or 1.0
+        self.turned_off = np.linalg.norm(np.subtract(turned, moments), axis=1) / moment
+        off_by = np.subtract(turned, moments) - of_moments
+        self.turned_left = np.linalg.norm(off_by, axis=1) / moment
         self.freezes = any(event.kind == "freeze" for event in self.events)
 
 
@@ -131,6 +139,7 @@ def test_a_run_knows_how_far_it_is_off(effects, followed):
     assert run.told.max() == pytest.approx(run.off.max(), rel=0.1)
     assert run.left.max() <= 0.34 * run.off.max()
     assert run.held_left.max() <= 0.1 * run.held_off.max()
+    assert run.turned_left.max() <= 0.1 * run.turned_off.max()
 
 
 @pytest.mark.parametrize(
@@ -207,6 +216,7 @@ def test_a_base_that_shakes_between_two_modes_keeps_the_bound(mass, followed):
     assert run.left.max() <= 0.8 * 3 * 0.01
     assert run.left.max() <= 0.34 * run.off.max()
     assert run.held_left.max() <= 0.34 * run.held_off.max()
+    assert run.turned_left.max() <= 0.34 * run.turned_off.max()
 
 
 @pytest.mark.parametrize(

@@ -11,24 +11,19 @@ takes two solutions with the kept factor of K.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import csr_array
 
-from rigidfx.base.mesh_order import MeshOrder
-from rigidfx.base.remembered import ON_NODES, PART, ByObject, Remembered, same
+from rigidfx.base.remembered import ON_NODES, PART, Remembered, same
 from rigidfx.coupling.rows import Rows
 from rigidfx.effects import Contact
+from rigidfx.error.bound_contacts import BoundContacts
 from rigidfx.error.columns import Columns
 from rigidfx.error.frames import to_shape, to_space
 from rigidfx.error.increments import increments_of
-from rigidfx.mechanics.bodies import Bodies
-from rigidfx.step.equations.actions import Actions
-from rigidfx.step.equations.structure import BoundStructure
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import Attempt
 
@@ -54,138 +49,13 @@ class Search:
     parts: tuple[float, ...] = (1.0, 0.5, 0.25, 0.125)
 
 
-@dataclass
-class _Entries:
-    """Takes the place of a tangent, and of a map to its unknowns, which are the dofs.
-
-    Attributes:
-        first: Number of this rank's first dof.
-        count: How many it has.
-        size: How many there are on all ranks.
-        increments: Those of bodies.
-        own: Rows, columns and values from this rank.
-    """
-
-    first: int
-    count: int
-    size: int
-    increments: Any
-    own: list[tuple[Ints, Ints, Array]] = field(default_factory=list)
-
-    @property
-    def numbers(self) -> Ints:
-        """Of this rank's dofs."""
-        return np.asarray(self.first + np.arange(self.count))
-
-    def add_nodal(self, nodes: npt.NDArray[np.int32], blocks: Array) -> None:
-        """Blocks of owned nodes."""
-        at = self.numbers.reshape(-1, 3)[nodes]
-        row, column = (np.broadcast_to(a, blocks.shape) for a in (at[:, :, None], at[:, None]))
-        self.own.append((row.reshape(-1), column.reshape(-1), blocks.reshape(-1)))
-
-    def add_coupling(self, entries: csr_array) -> None:
-        """Entries that are equal on all ranks."""
-        own = entries[self.first : self.first + self.count].tocoo()
-        row, column = (np.asarray(a, dtype=np.int64) for a in (own.row, own.col))
-        self.own.append((row + self.first, column, own.data))
-
-
-class _Notes(ByObject):
-    """Memory that bound contacts hold, and that stays the same object."""
-
-    def set(self, owner: Any, name: str, whole: Any, order: MeshOrder) -> None:
-        """See `Kind`. Collective."""
-        known = getattr(owner, name)
-        for key, note in self.own(whole, order).items():
-            vars(known[key]).update(vars(note.memory(known[key].surface)))
-
-
-class Bound:
-    """The contacts of a scene bound to all nodes; `destroy` frees their PETSc objects.
-
-    Attributes:
-        notes: Their memory, by their identity.
-    """
-
-    remembered: ClassVar[Remembered] = {"notes": _Notes()}
-
-    def __init__(self, stepper: Stepper, rows: Rows, notes: dict[int, Any]) -> None:
-        """Bind them. Collective.
-
-        Args:
-            stepper: Solves the steps.
-            rows: Rows of all nodes.
-            notes: Their memory.
-        """
-        scene = stepper.scene
-        self._stepper, self._rows, self.notes = stepper, rows, notes
-        self._start: Array = np.zeros(3 * len(scene.start_places))
-        structure = BoundStructure(
-            scene=scene,
-            rows=rows,
-            own=np.ones(rows.nodes.size, dtype=bool),
-            bodies=Bodies.of_each(()),
-            mass=None,
-            u=self._start,
-            surface=stepper.forces.surface,
-            failures=stepper.failures,
-            notes=notes,
-        )
-        self._acting: object = None  # nothing is selected yet; those that begin later are bound
-        self._actions = Actions(structure, scene.named(Contact), scene.named(Contact))
-        self._moved, self._f = rows.vector(), rows.vector()
-
-    def force(self, attempt: Attempt, start: Array, moved: Array) -> Array:
-        """Their resistance in a step, shape (nodes, 3) [N]. Collective.
-
-        Args:
-            attempt: The step.
-            start: Displacements at its start, shape (nodes, 3) [m].
-            moved: Their increments, likewise.
-        """
-        actions, acting, dt = self._actions, self._stepper.system.acting, attempt.dt
-        if acting is not self._acting:
-            self._acting = acting
-            actions.select(acting)
-        self._start[: start.size] = start.reshape(-1)
-        self._moved.array[:] = moved.reshape(-1)
-        self._f.set(0.0)
-        actions.set_time(attempt.t + dt / 2, dt)
-        actions.look(self._moved, attempt.increments)
-        actions.resist_nodes(self._moved, dt, self._f)
-        return self._f.array_r.reshape(start.shape).copy()
-
-    def stiffness(self, attempt: Attempt) -> tuple[Ints, Ints, Array]:
-        """Rows, columns and values of the derivative of the last force by `moved`. Collective.
-
-        Numbers are those of global dofs; equal on all ranks.
-        """
-        comm, n = self._rows.comm, 3 * self._rows.nodes.size
-        entries = _Entries(self._rows.first, n, comm.allreduce(n), attempt.increments)
-        self._actions.stiffen_nodes(entries, attempt.dt, entries)  # type: ignore[arg-type]
-        every = [part for parts in comm.allgather(entries.own) for part in parts]
-        none = np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0)
-        rows, columns, values = zip(none, *every, strict=True)
-        return np.concatenate(rows), np.concatenate(columns), np.concatenate(values)
-
-    def have(self, notes: Mapping[int, Any]) -> None:
-        """Have the memory that others have; of contacts that are over there is none."""
-        for key in self.notes.keys() & notes.keys():
-            vars(self.notes[key]).update(vars(copy(notes[key])))
-
-    def accept(self) -> None:
-        """See `Action`."""
-        self._actions.accept()
-
-    def destroy(self) -> None:
-        """Free the PETSc objects. Collective."""
-        self._actions.destroy()
-        for vector in (self._moved, self._f):
-            vector.destroy()
-
-
 class Contacts:
-    """The contacts of the run and of its twin; `destroy` frees their PETSc objects."""
+    """The contacts of the run and of its twin; `destroy` frees their PETSc objects.
+
+    Attributes:
+        apart: Forces on the twin less those on the run in the last step, by the contacts' titles,
+            shape (3,) each [N].
+    """
 
     remembered: ClassVar[Remembered] = same("_as_run") | {"_lambda": ON_NODES, "_twin": PART}
 
@@ -200,7 +70,7 @@ class Contacts:
         self._stepper, self._search = stepper, Search() if search is None else search
         self._nodes = np.arange(scene.owned_nodes)
         rows = Rows(scene.space, self._nodes.astype(np.int32))
-        self._own, self._twin = (Bound(stepper, rows, {}) for _ in range(2))
+        self._own, self._twin = (BoundContacts(stepper, rows, {}) for _ in range(2))
         names = {(n, c.owner) for c in scene.named(Contact) for n in (c.where, *c.keeps_apart)}
         on: Array = np.zeros(len(scene.start_places))
         for name, owner in sorted(names):
@@ -211,6 +81,7 @@ class Contacts:
         self._attempt: Attempt | None = None
         self._start = self._moved = self._force = self._lambda  # of u, in the attempt
         self._as_run = False  # whether the twin has what the run remembers
+        self.apart: Mapping[str, Array] = {}
 
     def refresh(self) -> None:
         """See `Watch`: columns lie in the order in which they were asked for."""
@@ -265,7 +136,7 @@ class Contacts:
         return force - self._force
 
     def stiffness(self) -> tuple[Ints, Ints, Array]:
-        """The derivative of the last of these by `end`: see `Bound`. Collective."""
+        """The derivative of the last of these by `end`: see `BoundContacts`. Collective."""
         assert self._attempt is not None
         return self._twin.stiffness(self._attempt)
 
@@ -275,7 +146,10 @@ class Contacts:
 
     def accept(self) -> None:
         """Take note that the last step of e holds. Collective."""
+        self.apart = {}
         if not self._as_run:
+            own, twin = self._own.touches(), self._twin.touches()
+            self.apart = {title: twin[title].force - own[title].force for title in twin}
             self._twin.accept()
 
     def kept(self) -> object:

@@ -122,27 +122,26 @@ class ErrorMotion(Watch):
 
         Nothing while it is zero, or not known.
         """
-        if not points or not self._known or self._frames is None or self._response is None:
+        frames, response = self._frames, self._response
+        if not points or not self._known or frames is None or response is None:
             return {}
-        Q = self._showing(self._frames)
-        part = self._frames.parts_at([point.nodes for point in points.values()])
-        own = np.stack(self._response.at([self._sums[name] for name in points]))
+        Q, part = self._showing(frames), frames.parts_at([p.nodes for p in points.values()])
+        own = np.stack(response.at([self._sums[name] for name in points]))
         moved, rate = (to_space(a, Q[part]) for a in self._scene.sum(own))
         return {name: Shown(moved[k], rate[k]) for k, name in enumerate(points)}
 
     def reactions(self, dt: float) -> Mapping[str, Array]:
-        """Forces of supports on u + e less those on u, shape (3,) each [N]. Collective.
-
-        In the middle of the last step, by the name of the set; none while e is zero, or not small.
-
-        Args:
-            dt: Length of that step [s].
-        """
-        known, response = self._equations.reactions, self._response
+        """What `Reactions.of` tells of the last step, of Δt [s]; none where e is not small."""
+        known, response, state = self._equations.reactions, self._response, self._stepper.state
         if known is None or response is None or self._frames is None or not self._told.any():
             return {}
-        xi = self._scene.damping(self._stepper.state.t)[1]
-        return known.of(response, dt, xi, _only(self._frames.now(self._stepper.state), self._told))
+        xi, turned = self._scene.damping(state.t)[1], _only(self._frames.now(state), self._told)
+        return known.of(response, dt, xi, turned, state.positions(self._nodes))
+
+    def touches(self) -> Mapping[str, Array]:
+        """Forces of contacts on u + e less those on u, by title: see `Contacts.apart`."""
+        contacts = self._contacts
+        return {} if contacts is None or not self._told.any() else contacts.apart
 
     def motion(self) -> tuple[fem.Function, fem.Function] | None:
         """The shape, and e in its frame [m] at the present time, ghosts included. Collective.
@@ -181,7 +180,7 @@ class ErrorMotion(Watch):
     def size(self) -> float:
         """Largest |e| of any node [m]. Collective."""
         e = np.zeros((1, 3)) if self._response is None else self._response.coarse()
-        here = float(np.linalg.norm(e, axis=1).max(initial=0.0))
+        here = np.linalg.norm(e, axis=1).max(initial=0.0)
         return float(self._scene.comm.allreduce(here, op=MPI.MAX))
 
     def strains(self, cells: Cells) -> Array:
@@ -315,13 +314,13 @@ class ErrorMotion(Watch):
         """Take a step of the run; none at rest. Collective."""
         assert self._response is not None
         dt, impulse = attempt.dt, self._impulse
-        force = impulse.force(dt, frames)
-        if self._contacts is not None:
-            self._contacts.follow(attempt)
+        force, contacts = impulse.force(dt, frames), self._contacts
+        if contacts is not None:
+            contacts.follow(attempt)
         moving = bool(force.any() or impulse.kick.any() or self._response.moving)
         if not self._scene.comm.allreduce(moving, op=MPI.LOR):
-            if self._contacts is not None:
-                self._contacts.rest()
+            if contacts is not None:
+                contacts.rest()
             return
         loose = self._equations.loose
         self._response.kick(loose.still(impulse.kick))
@@ -329,11 +328,11 @@ class ErrorMotion(Watch):
         given = step_kind(dt, *self._scene.damping(self._stepper.state.t))
         self._equations.follow(attempt, frames)
         force = loose.balanced(force)
-        if self._contacts is None:
+        if contacts is None:
             self._equations.step(force, given)
         else:
             Q = frames.now(self._stepper.state)[frames.part]
-            self._equations.press(self._contacts, force, given, Q, self.steps)
+            self._equations.press(contacts, force, given, Q, self.steps)
         self.steps += 1
 
     def destroy(self) -> None:

@@ -1,14 +1,15 @@
-"""Forces of supports on u + e, less those on u.
+"""Forces and moments of supports on u + e, less those on u.
 
-    R = Σ (K e + C ė)     over the nodes that a support holds
+    R = Σ f ,   M = Σ (X - X̄) x f ,   f = K e + C ė     over the nodes that a support holds, mean X̄,
 
-in the frame of the shape, turned with the part. Forces of inertia that a consistent mass has there
-are left out: they fade with the size of the cells beside the support.
+in the frame of the shape, turned with the part; about the origin the moment is M + x̄ x R. Forces of
+inertia that a consistent mass has there are left out: they fade with the size of the cells beside
+the support.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -24,14 +25,15 @@ from rigidfx.step.system.supports import PrescribedDofs
 __all__ = ["Reactions"]
 
 Array = npt.NDArray[np.float64]
+Nodes = npt.NDArray[np.int64]
 
 
 class Reactions:
     """Sums over the supports' rows of K and C.
 
     Attributes:
-        sums: By weights of this rank's dofs, shape (3, dofs) each: K and, if there is one, C of
-            each support on each connected part.
+        sums: By weights of this rank's dofs, shape (3, dofs) each: of each support on each
+            connected part the force and the moment by K and, if there is one, those by C.
     """
 
     def __init__(
@@ -49,17 +51,30 @@ class Reactions:
         self._scene, self._viscous = scene, C is not None
         self._names: list[str] = []
         self._parts: list[int] = []
+        self._nodes: list[Nodes] = []  # one for each dof that the support holds
         self.sums: list[csr_array] = []
         for name, dofs in held.of_each():
             part = frames.part[dofs // 3]
             on = scene.sum(np.bincount(part, minlength=scene.parts.count).astype(float))
             for k in np.flatnonzero(on):
+                own = dofs[part == k]
                 self._names.append(name)
                 self._parts.append(int(k))
-                own = dofs[part == k]
-                self.sums += [_summed(A, own) for A in (K, C) if A is not None]
+                self._nodes.append(own // 3)
+                along = np.eye(3)[own % 3]
+                arms = frames.shape[own // 3] - self._centres(frames.shape, [own // 3])[0]
+                weights = along.T, np.cross(arms, along).T
+                self.sums += [_summed(A, own, w) for A in (K, C) if A is not None for w in weights]
 
-    def of(self, response: Response, dt: float, xi: float, turned: Array) -> Mapping[str, Array]:
+    def _centres(self, x: Array, nodes: Sequence[Nodes]) -> Array:
+        """Mean place of each set of owned nodes that lie at x, shape (sets, 3) [m]. Collective."""
+        own = np.array([[len(n), *x[n].sum(axis=0)] for n in nodes])
+        sums = np.asarray(self._scene.sum(own))
+        return np.asarray(sums[:, 1:] / sums[:, :1])
+
+    def of(
+        self, response: Response, dt: float, xi: float, turned: Array, x: Array
+    ) -> Mapping[str, Array]:
         """In the middle of the last step, by the name of the support's set. Collective.
 
         Args:
@@ -67,31 +82,43 @@ class Reactions:
             dt: Length of the step [s].
             xi: ξ of the numerical damping.
             turned: Rotation of each connected part, shape (parts, 3, 3).
+            x: Places of the owned nodes, shape (nodes, 3) [m].
 
         Returns:
-            Shape (3,) each [N].
+            Force [N] and moment about the origin [N m] of each, shape (2, 3).
         """
-        both = self._scene.sum(np.stack(response.at(self.sums))) if self._names else np.empty(0)
-        kinds = 1 + self._viscous
         out: dict[str, Array] = {}
-        for k, (name, part) in enumerate(zip(self._names, self._parts, strict=True)):
-            elastic, rate = both[:, kinds * k]
-            force = elastic + (xi - 0.5) * dt * rate  # of e in the middle, and numerical damping
-            if self._viscous:
-                force = force + both[1, kinds * k + 1]
-            out[name] = out.get(name, np.zeros(3)) + to_space(force, turned[part])
+        if not self._names:
+            return out
+        e, rate = np.asarray(self._scene.sum(np.stack(response.at(self.sums))))
+        size = len(self._names), 1 + self._viscous, 2, 3
+        e, rate = e.reshape(size), rate.reshape(size)
+        both = e[:, 0] + (xi - 0.5) * dt * rate[:, 0]  # of e in the middle, and numerical damping
+        if self._viscous:
+            both = both + rate[:, 1]
+        centres = self._centres(x, self._nodes)
+        for name, part, own, centre in zip(self._names, self._parts, both, centres, strict=True):
+            force, moment = to_space(own, turned[part])
+            both_in_space = np.array([force, moment + np.cross(centre, force)])
+            out[name] = out.get(name, np.zeros((2, 3))) + both_in_space
         return out
 
 
-def _summed(A: PETSc.Mat, dofs: npt.NDArray[np.int64]) -> csr_array:
-    """Sum of a symmetric matrix's rows along each axis, by this rank's columns. Collective."""
-    ones, found = A.createVecs()
+def _summed(A: PETSc.Mat, dofs: npt.NDArray[np.int64], weights: Array) -> csr_array:
+    """Sums of a symmetric matrix's rows, by this rank's columns. Collective.
+
+    Args:
+        A: The matrix.
+        dofs: Numbers of the rows, among the owned ones.
+        weights: Of each row in each sum, shape (sums, dofs).
+    """
+    given, found = A.createVecs()
     out = []
-    for axis in range(3):
-        ones.set(0.0)
-        ones.array[dofs[dofs % 3 == axis]] = 1.0
-        A.mult(ones, found)
+    for own in weights:
+        given.set(0.0)
+        given.array[dofs] = own
+        A.mult(given, found)
         out.append(found.array_r.copy())
-    ones.destroy()
+    given.destroy()
     found.destroy()
     return csr_array(np.array(out))

@@ -15,7 +15,7 @@ Columns, in SI units; a vector has one column for each of x, y, z:
     bodies, J_rigid_x …                      number of rigid bodies, and their part of J
     reaction_NAME_x …                        of each support [N], zero while it does not act
     moment_NAME_x …                          its moment about the origin [N m], likewise
-    reaction_NAME_e_x …                      the error motion's part of the force [N], not in it
+    reaction_NAME_e_x …, moment_NAME_e_x …   the error motion's part of both, not in them
     u_NAME_x …                               displacement of each probe, with the error motion [m]
     u_NAME_e_x …                             the error motion in it [m]; zero where none is followed
     v_NAME_x …                               velocity of each probe, with the error motion's [m/s]
@@ -37,6 +37,7 @@ Columns, in SI units; a vector has one column for each of x, y, z:
                                              the step [N m, N], zero while it does not act; of two
                                              motors _motor_torque_1, _motor_speed, …
     contact_NAME_force_x …, _moment_x …      of each contact [N, N m], zero while it does not act
+    contact_NAME_force_e_x …                 the error motion's part of the force [N], not in it
     contact_NAME_pressing                    sum of the sizes of its nodal forces [N]
     contact_NAME_energy, _dissipated         stored at t, taken by friction in the step [J]
     contact_NAME_penetration, _nodes         greatest [m], number of nodes that touch, at t
@@ -134,13 +135,13 @@ def history_columns(
     """
     stresses = [name for probe in probes if stress for name in _stress_names(probe)]
     named = [
-        *(of.format(s) for s in supports for of in ("reaction_{}", "moment_{}", "reaction_{}_e")),
+        *(f"{of}_{s}{e}" for s in supports for of in ("reaction", "moment") for e in ("", "_e")),
         *(name.format(p) for p in probes for name in ("u_{}", "u_{}_e", "v_{}", "a_{}")),
     ]
     vectors = ["L", "J", "impulse", "angular_impulse", "J_rigid", *named]
     names = [f"{vector}_{axis}" for vector in vectors for axis in "xyz"]
     first = [*SCALARS, "dissipated", "impact_energy", "momentum_scale", "bodies"]
-    of_contacts = [*(["contact"] if contacts else []), *_of_contacts(contacts, {})]
+    of_contacts = [*(["contact"] if contacts else []), *_of_contacts(contacts, {}, {})]
     of_joints = _of_joints(joints, {})
     stresses += [f"peak_{name}{at}" for name in peaks for at in ("", "_x", "_y", "_z")]
     return [*first, *names, *stresses, *of_contacts, *of_joints, *LEDGER, "wall"]
@@ -180,6 +181,7 @@ def history_row(
         row |= components(f"reaction_{name}", report.reactions.get(name, np.zeros(3)))
         row |= components(f"moment_{name}", report.reaction_moments.get(name, np.zeros(3)))
         row |= components(f"reaction_{name}_e", report.error_reactions.get(name, np.zeros(3)))
+        row |= components(f"moment_{name}_e", report.error_reaction_moments.get(name, np.zeros(3)))
     for name, displacement in report.probes.items():
         row |= components(f"u_{name}", displacement)
         row |= components(f"u_{name}_e", report.error_motion[name])
@@ -192,7 +194,8 @@ def history_row(
     for name, peak in (peaks or {}).items():
         row |= {f"peak_{name}": peak.von_mises, **components(f"peak_{name}", peak.place)}
     if contacts:
-        row |= {"contact": report.contact, **_of_contacts(contacts, report.touches)}
+        row["contact"] = report.contact
+        row |= _of_contacts(contacts, report.touches, report.error_touches)
     row |= _of_joints(joints, report.joints)
     return row | _spent(report) | {"wall": report.wall}
 
@@ -244,13 +247,16 @@ def _stress_names(probe: str) -> list[str]:
     return [f"von_mises_{probe}", *tensors, f"recovered_{probe}"]
 
 
-def _of_contacts(contacts: Sequence[str], touches: Mapping[str, Touch]) -> dict[str, float]:
+def _of_contacts(
+    contacts: Sequence[str], touches: Mapping[str, Touch], of_error: Mapping[str, Array]
+) -> dict[str, float]:
     """The columns of contacts and their values, by their titles."""
     out: dict[str, float] = {}
     for title in contacts:
         touch = touches.get(title, Touch(title))
         out |= components(f"contact_{title}_force", touch.force)
         out |= components(f"contact_{title}_moment", touch.moment)
+        out |= components(f"contact_{title}_force_e", of_error.get(title, np.zeros(3)))
         for name in ("pressing", "energy", "dissipated", "penetration", "nodes"):
             out[f"contact_{title}_{name}"] = float(getattr(touch, name))
     return out

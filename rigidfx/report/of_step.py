@@ -108,9 +108,7 @@ def report_of(
             "report.error_motion",
             {name: off[name].displacement if off else np.zeros(3) for name in moved},
         ),
-        error_reactions=Named(
-            "report.error_reactions", error.reactions(result.dt) if error and result else {}
-        ),
+        **_of_twin(error, result),
         ledger=None,
         wall=0.0,
         _state=state,
@@ -120,6 +118,18 @@ def report_of(
         _recovery=recovery,
         _error=error,
     )
+
+
+def _of_twin(error: ErrorMotion | None, result: StepResult | None) -> dict[str, Any]:
+    """Forces on u + e less those on u, by name; none of the initial state. Collective."""
+    known = error if result else None
+    held = known.reactions(result.dt) if known and result else {}
+    own = {
+        "error_reactions": {name: both[0] for name, both in held.items()},
+        "error_reaction_moments": {name: both[1] for name, both in held.items()},
+        "error_touches": known.touches() if known else {},
+    }
+    return {key: Named(f"report.{key}", values) for key, values in own.items()}
 
 
 def amended(report: Report, stepper: Stepper, events: Sequence[Event], closeness: float) -> Report:

@@ -92,6 +92,8 @@ class Report:
             to a run without rigid parts; zero where it is not followed.
         error_reactions: Force of each support on the twin less that in `reactions`, shape (3,) [N];
             nothing where e is not followed, or not small.
+        error_reaction_moments: Its moment about the origin, likewise [N m].
+        error_touches: Force of each contact on the twin less that in `touches`, likewise [N].
         ledger: Errors and energies so far; None in a run with given Δt and without waking by
             forces.
         wall: Wall time of the step [s].
@@ -131,6 +133,8 @@ class Report:
     velocities: Mapping[str, Array]
     error_motion: Mapping[str, Array]
     error_reactions: Mapping[str, Array]
+    error_reaction_moments: Mapping[str, Array]
+    error_touches: Mapping[str, Array]
     ledger: Ledger | None
     wall: float
     _state: State
