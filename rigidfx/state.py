@@ -7,6 +7,7 @@ This module alone writes them: a step by `advance`, a switch by `group`, `take_o
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Set
+from itertools import count
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -38,7 +39,7 @@ class Snapshot(NamedTuple):
         u: Displacement at all local dofs [m].
         v: Velocity there [m/s].
         bodies: The rigid bodies.
-        changes: How often the state had been written into.
+        changes: Number of the last write into the state.
     """
 
     t: float
@@ -59,7 +60,7 @@ class State:
         clamped: Owned cells of each named part that a support moves, by the part's number.
         eased: Stresses that releases have let down, and that have not faded yet.
         notes: Memory of effects from step to step, by their identity.
-        changes: How often it has been written into.
+        changes: Number of the last write into it; no two writes have the same.
         X: Reference positions of the local nodes, shape (nodes, 3) [m].
 
     Between outputs u and v of nodes inside bodies lag behind; `rebuild` brings them up to date.
@@ -83,7 +84,10 @@ class State:
         self.eased: tuple[Eased, ...] = ()
         self.X: Array = read_only(scene.space.tabulate_dof_coordinates())
         self.notes: dict[int, Any] = {}
-        self.changes = 0
+        self._writes, self.changes = count(1), 0
+        self._places: tuple[int, Bodies, Array] | None = (
+            None  # and the write and bodies they are of
+        )
         self._following: tuple[Nodes, ...] = ()
 
     # What is asked ------------------------------------------------------------------------------
@@ -98,6 +102,15 @@ class State:
             moved = (coordinates[held][:, None] @ self.bodies.moved[body[held]])[:, 0]
             x[inside] = self.X[held] + (displacement[held] + moved)
         return x
+
+    @property
+    def places(self) -> Array:
+        """Positions of all owned nodes, found once for a state, shape (nodes, 3) [m]."""
+        known = self._places
+        if known is None or known[0] != self.changes or known[1] is not self.bodies:
+            x = self.positions(np.arange(self.u.function_space.dofmap.index_map.size_local))
+            self._places = known = self.changes, self.bodies, read_only(x)
+        return known[2]
 
     def velocities(self, nodes: npt.NDArray[np.int64]) -> Array:
         """Velocities of owned nodes, also of those inside bodies, shape (nodes, 3) [m/s]."""
@@ -172,7 +185,7 @@ class State:
                 bodies are, as increments would add up rounding.
             displacement: The displacement of these [m].
         """
-        self.changes += 1
+        self._wrote()
         self.u.x.array[dofs] += d
         self.v.x.array[dofs] = v
         self.bodies, self.t = bodies, t
@@ -194,11 +207,15 @@ class State:
             v[nodes[own]] = body.velocities[own]
         self._scatter()
 
+    def _wrote(self) -> None:
+        """Take note of a write."""
+        self.changes = next(self._writes)
+
     # What the start of a run, supports and switches write ----------------------------------------
 
     def place(self, u: Array) -> None:
         """Take over the displacement of a static preload at all local dofs [m]."""
-        self.changes += 1
+        self._wrote()
         self.u.x.array[:] = u
 
     def snapshot(self) -> Snapshot:
@@ -213,18 +230,19 @@ class State:
 
     def shift(self, dofs: npt.NDArray[np.int64], d: Array) -> None:
         """Move owned dofs [m] to look at forces elsewhere; `restore` ends that. Collective."""
+        self._wrote()
         self.u.x.array[dofs] += d
         self.u.x.scatter_forward()
 
     def move(self, v: Array) -> None:
         """Take over a velocity at all local dofs, or at the owned ones [m/s]. Collective."""
-        self.changes += 1
+        self._wrote()
         self.v.x.array[: v.size] = v
         self.v.x.scatter_forward()
 
     def kick(self, dofs: npt.NDArray[np.int64], dv: Array, bodies: Bodies) -> None:
         """Change velocities of owned dofs [m/s], and those of the bodies. Collective."""
-        self.changes += 1
+        self._wrote()
         self.v.x.array[dofs] += dv
         self.bodies = bodies
         self.v.x.scatter_forward()
@@ -234,7 +252,7 @@ class State:
 
         The caller decides on their nodes.
         """
-        self.changes += 1
+        self._wrote()
         self.bodies = bodies
 
     def clamp(self, clamped: Mapping[int, Nodes]) -> None:
@@ -250,7 +268,7 @@ class State:
         Returns:
             These bodies.
         """
-        self.changes += 1
+        self._wrote()
         gone = [body for body in self.bodies if body.data.number in numbers]
         self.bodies = Bodies.of_each(
             body for body in self.bodies if body.data.number not in numbers

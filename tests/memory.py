@@ -14,7 +14,7 @@ from dolfinx import fem
 # Names of attributes, of all classes or of one.
 APART = {
     *("_began", "_flexible", "_rigid", "_switching", "wall", "Whereabouts._told"),  # wall times
-    *("changes", "_changes", "_asked", "_rotations"),  # how often a state was written into
+    *("changes", "_changes", "_asked", "_rotations", "_places", "_writes"),  # writes into a state
     *("scene", "_scene", "_element", "_here", "_columns"),  # as they were given, or by identity
     *("_field", "_cell_field", "_square"),  # refilled before they are read
     *("_last", "Whereabouts._first", "held", "_seen"),  # reports, the preload, bodies by identity

@@ -89,7 +89,7 @@ FOUND_ANEW = {
     "RotationPerStep": "_cells _nodes",
     "RunError": "_next_high _next_low _next_parts _next_sizes",
     "SharedStrains": "_start",
-    "State": "_following changes clamped",
+    "State": "_following _places _writes changes clamped",
     "Stepper": "_bound _division failures forces prescribed system",
     "Switch": "_joints clamps held",  # the motors of the start are told to `_joints`
     "TimeControl": "_end _found _state _system",

@@ -92,7 +92,7 @@ class Contacts:
         self._attempt = attempt
         state = self._stepper.state
         self._own.have(state.notes)
-        self._start = state.positions(self._nodes) - state.X[: self._nodes.size]
+        self._start = state.places - state.X[: self._nodes.size]
         self._moved = increments_of(self._stepper, attempt)
         self._force = self._own.force(attempt, self._start, self._moved)
 

@@ -72,7 +72,7 @@ class Ending:
         """
         e = response.coarse()
         state, indicator = self._stepper.state, self._stepper.indicator
-        moved = state.positions(np.arange(len(e))) - state.X[: len(e)]
+        moved = state.places - state.X[: len(e)]
         own = np.zeros((2, self._stepper.scene.parts.count))
         for most, vectors in zip(own, (e, moved), strict=True):
             np.maximum.at(most, parts, np.linalg.norm(vectors, axis=1))

@@ -97,7 +97,7 @@ class Equations:
         new = scene.comm.allreduce(new, op=MPI.LOR)
         if not new and not known.directed:
             return kick
-        x = self._stepper.state.positions(np.arange(len(kick)))
+        x = self._stepper.state.places
         Q = frames.of_parts(x)
         if new or known.turned(Q):
             e, rate = np.zeros((2, *x.shape))
@@ -152,7 +152,7 @@ class Equations:
         """Find supports and joints at the end of a step that has been solved. Collective."""
         self._led = None
         if self._held.moves and isinstance(self.response, AllUnknowns):
-            x = self._stepper.state.positions(np.arange(self._stepper.scene.owned_nodes))
+            x = self._stepper.state.places
             turned = frames.of_parts(x + increments_of(self._stepper, attempt))[frames.part]
             self._led = self._held.increments(*self.response.fields(), attempt.dt, turned)
         if self.joints is not None:

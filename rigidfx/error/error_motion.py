@@ -136,7 +136,7 @@ class ErrorMotion(Watch):
         if known is None or response is None or self._frames is None or not self._told.any():
             return {}
         xi, turned = self._scene.damping(state.t)[1], _only(self._frames.now(state), self._told)
-        return known.of(response, dt, xi, turned, state.positions(self._nodes))
+        return known.of(response, dt, xi, turned, state.places)
 
     def touches(self) -> Mapping[str, Array]:
         """Forces of contacts on u + e less those on u, by title: see `Contacts.apart`."""
@@ -234,7 +234,7 @@ class ErrorMotion(Watch):
         if self._frames is None:
             if impact:
                 return
-            self._frames = Frames(self._scene, state.positions(self._nodes))
+            self._frames = Frames(self._scene, state.places)
         velocities, nodes = before
         sets = [*nodes, *(body.nodes for body in state.bodies.of.records)]
         lost = velocities - self._impulse.velocities()
@@ -293,7 +293,7 @@ class ErrorMotion(Watch):
             self._contacts.accept()
         if before is not None and self.steps > before[2] and self._response is not None:
             if self.steps % LOOKS == 0:
-                x = self._stepper.state.positions(self._nodes)
+                x = self._stepper.state.places
                 free = self._frames.parts_with(self._equations.unheld)
                 self.validity.look(attempt.end, self._response, x, self._frames.shape, free)
             part = self.ending.part(attempt.dt, self._response, self._frames.part)

@@ -86,8 +86,7 @@ class Frames:
     def now(self, state: State) -> Array:
         """Rotation of each connected part in a state, found once for it. Collective."""
         if self._rotations is None or self._rotations[0] != state.changes:
-            places = state.positions(np.arange(len(self.shape)))
-            self._rotations = state.changes, self.of_parts(places)
+            self._rotations = state.changes, self.of_parts(state.places)
         return self._rotations[1]
 
     def parts_with(self, nodes: Bools) -> Bools:

@@ -60,7 +60,7 @@ class Impulse:
             let_down = np.zeros_like(out)
             for eased in easing:
                 eased.add_impulse(dt, let_down.reshape(-1))
-            x = self._stepper.state.positions(self._nodes)
+            x = self._stepper.state.places
             cells = np.unique(np.concatenate([eased.cells for eased in self._stepper.state.eased]))
             out += to_shape(np.asarray(let_down / dt), frames.of_nodes(x, cells))
         return out
@@ -121,7 +121,7 @@ class Impulse:
             sets: Owned nodes of each body before and after it.
             frames: Those of the shape.
         """
-        x = self._stepper.state.positions(self._nodes)
+        x = self._stepper.state.places
         Q = frames.of_parts(x)[frames.part]
         for own, R in zip(sets, frames.of_sets(sets, x), strict=True):
             Q[own] = R

@@ -109,7 +109,7 @@ class Joints:
     def follow(self, attempt: Attempt) -> None:
         """Find parts and averages at the end of a step that has been solved. Collective."""
         state = self._stepper.state
-        x = state.positions(np.arange(self._scene.owned_nodes))
+        x = state.places
         x = x + increments_of(self._stepper, attempt)
         self._t = attempt.t
         turned = np.concatenate([self._frames.of_parts(x), np.eye(3)[None]])  # the ground is last

@@ -128,8 +128,7 @@ class Looks(Watch):
         shown, state = self._error.shown(), self._stepper.state
         moved = None
         if shown is not None:
-            nodes = np.arange(len(shown.displacement))
-            moved = state.positions(nodes) - state.X[nodes] + shown.displacement
+            moved = state.places - state.X[: len(state.places)] + shown.displacement
         self._rates, self._since = self._shared.step(moved, self._since), 0.0
         self.withheld = self._error.withheld()
         return self._rates
