@@ -8,17 +8,18 @@ across. Tip deflections of cantilevers over theory, ν = 0.3:
                  20 × 2 × 2 cells 0.88, 20 × 3 × 3 cells 0.89
     1 × 1 × 0.001  10 × 10 × 1 and 10 × 10 × 2 cells 2.6e-4, second-order cells 0.94
 
+    10 × 1 × 1   20 × 1 × 1 cells 0.80, 40 × 1 × 1 cells 0.85, 80 × 1 × 1 cells 0.86
+
 Tetrahedra, whose strain is constant, are worse still. The rule, for each connected part (through
-facets) of volume V, surface A and mean longest edge ℓ:
+facets) of volume V, surface A, diagonal D of its box and mean longest edge ℓ:
 
-* It is slender if the diagonal of its box is more than 15 times 2V/A. A plate is as thick as 2V/A,
-  a bar as 4V/A, a cube as 6V/A: a square bar counts from some 7 times its thickness on, a square
-  plate from 9.
-* Its cells are long if ℓ > 0.7 t, which costs a fifth of the deflection. Its thickness t is taken
-  as 4V/A, so that nothing is judged too harshly, and as the mean shortest edge where all is one
-  layer of cells (at least 95 % have all their vertices on the boundary).
+* It is slender if D is more than 15 times 2V/A. A plate is as thick as 2V/A, a bar as 4V/A, a cube
+  as 6V/A: a square bar counts from some 7 times its thickness on, a square plate from 9.
+* Its cells are long if ℓ > 0.7 t, which costs a fifth of the deflection. Its thickness t is that of
+  the cuboid with the same V, A and D, whose edges solve x³ - √(D² + A) x² + ½A x - V = 0.
 
-A block with a thin appendix is not found; a frame of thin bars is.
+A block with a thin appendix is not found; a frame of thin bars is, and counts as thinner by up to a
+half.
 """
 
 from __future__ import annotations
@@ -28,7 +29,6 @@ from dataclasses import dataclass
 import dolfinx.mesh as dmesh
 import numpy as np
 import numpy.typing as npt
-from dolfinx import la
 from mpi4py import MPI
 
 from rigidfx.domain.connected import ConnectedParts, connected_parts
@@ -37,7 +37,6 @@ __all__ = ["ThinPart", "thin_parts"]
 
 Array = npt.NDArray[np.float64]
 
-NEARLY_ALL = 0.95  # of a part's cells
 SLENDER = 15.0  # diagonal over 2V/A
 LONG = 0.7  # length of cells over thickness
 
@@ -71,28 +70,26 @@ def thin_parts(mesh: dmesh.Mesh) -> list[ThinPart]:
     parts = connected_parts(mesh, 2)
     owned = mesh.topology.index_map(3).size_local
     part = parts.of_cell[:owned]
-    outside = _on_boundary(mesh)[_vertices(mesh, owned)].all(axis=1)
     x = _corners(mesh, 3, np.arange(owned, dtype=np.int32))
-    edges = _edges(x)
-    per_cell = (np.ones(owned), outside, edges.min(axis=1), edges.max(axis=1), _volumes(x))
+    per_cell = np.ones(owned), _edges(x).max(axis=1), _volumes(x)
     sums = np.stack([np.bincount(part, values, parts.count) for values in per_cell])
     sums = np.vstack([sums, _surfaces(mesh, parts)])
     mesh.comm.Allreduce(MPI.IN_PLACE, sums, op=MPI.SUM)
-    cells, boundary, shortest, longest, V, A = sums
-    layer = boundary >= NEARLY_ALL * cells
-    thickness, length = np.where(layer, shortest / cells, 4 * V / A), longest / cells
-    slender = np.linalg.norm(parts.upper - parts.lower, axis=1) > SLENDER * 2 * V / A
+    cells, longest, V, A = sums
+    length, D = longest / cells, np.linalg.norm(parts.upper - parts.lower, axis=1)
+    slender = D > SLENDER * 2 * V / A
+    thickness = {k: _thickness(V[k], A[k], D[k]) for k in np.flatnonzero(slender)}
     return [
-        ThinPart(parts.place(k), float(thickness[k]), float(length[k]))
-        for k in np.flatnonzero(slender & (length > LONG * thickness))
+        ThinPart(parts.place(k), t, float(length[k]))
+        for k, t in thickness.items()
+        if length[k] > LONG * t
     ]
 
 
-def _vertices(mesh: dmesh.Mesh, owned: int) -> npt.NDArray[np.int32]:
-    """Vertices of each owned cell, shape (cells, vertices)."""
-    mesh.topology.create_connectivity(3, 0)
-    graph = mesh.topology.connectivity(3, 0)
-    return np.asarray(graph.array.reshape(-1, 4 if _simplex(mesh) else 8)[:owned])
+def _thickness(V: float, A: float, D: float) -> float:
+    """Shortest edge of the cuboid of a volume [m³], surface [m²] and diagonal [m]."""
+    edges = np.roots([1.0, -np.sqrt(D**2 + A), A / 2, -V])
+    return float(edges.real.min())
 
 
 def _simplex(mesh: dmesh.Mesh) -> bool:
@@ -112,17 +109,6 @@ def _boundary_facets(mesh: dmesh.Mesh) -> npt.NDArray[np.int32]:
     """Owned facets of one cell."""
     mesh.topology.create_connectivity(2, 3)
     return np.asarray(dmesh.exterior_facet_indices(mesh.topology), dtype=np.int32)
-
-
-def _on_boundary(mesh: dmesh.Mesh) -> npt.NDArray[np.bool_]:
-    """Whether each local vertex is on the boundary. Collective."""
-    facets = _boundary_facets(mesh)
-    marks = la.vector(mesh.topology.index_map(0), 1, dtype=np.float64)
-    mesh.topology.create_connectivity(2, 0)
-    marks.array[dmesh.compute_incident_entities(mesh.topology, facets, 2, 0)] = 1.0
-    marks.scatter_reverse(la.InsertMode.add)
-    marks.scatter_forward()
-    return np.asarray(marks.array > 0)
 
 
 # Local vertices at both ends of each edge.
