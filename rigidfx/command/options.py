@@ -108,7 +108,7 @@ def _of_problem(parser: RankParser) -> None:
         nargs=4,
         action="append",
         default=[],
-        help="that of the cells NAME, in place of --E, --nu and --rho; once for each name",
+        help="that of the cells NAME, in place of --E, --nu and --rho; once for each volume",
     )
     group.add_argument("--hold", metavar="NAME[:xyz]", nargs="+", default=[], help="what is held")
     group.add_argument(
