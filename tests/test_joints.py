@@ -433,7 +433,7 @@ def test_a_motor_that_fails_says_when():
 def test_history_and_description_have_the_joints(tmp_path):
     motors = rf.Motor("joint", torque=5.0), rf.Motor("joint", torque=2.0, until=0.02)
     scene = bar(HINGE, *motors, rf.JointSpring("joint", 1.0))
-    assert "1 joints hold 5 directions" in str(scene.describe())
+    assert "1 joint holds 5 directions" in str(scene.describe())
     assert "6 degrees of freedom without them. At least 1 are left." in str(scene.describe())
     assert "'ground' - 'bar'" in str(scene.describe())
     with rf.Recorder(scene, tmp_path / "bar") as recorder:

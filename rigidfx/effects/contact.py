@@ -36,7 +36,7 @@ TOO_DEEP = 0.5, 0.1  # of it: overlap that is refused, with an obstacle and with
 class Contact(Windowed):
     """Keeps a surface out of an obstacle, by an elastic penalty that conserves energy.
 
-    The nodes of the surface press with ½ k A g₋², A being their areas and g their gaps. Energy,
+    The nodes of the surface store ½ k A g₋², A being their areas and g their gaps. Energy,
     with the part stored in the contact, is exact at any time step. A body is pressed at its nodes.
 
     Attributes:

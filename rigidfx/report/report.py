@@ -73,7 +73,7 @@ class Report:
             its set, shape (3,) [N]; in the initial state those of a static preload.
         reaction_moments: Its moment about the origin, likewise [N m].
         touches: Force and impulse of each contact of the scene in this step, by its title: see
-            `rigidfx.effects.action.Touch`; nothing in the initial state, and while it does not act.
+            `rigidfx.effects.action.Touch`; zero in the initial state, and while it does not act.
         joints: Force and motion of each joint in this step, by its title: see
             `rigidfx.effects.joints.joint_report.JointReport`; nothing in the initial state.
         impact: Impact of a support that starts, or jumps in velocity, at the step's start; at t = 0
@@ -83,7 +83,7 @@ class Report:
             no unknowns, and are not among the bodies.
         events: Freezes and releases since the last report: before the step, and at its end.
             Energies, momenta and bodies of the report are those after these events.
-        closeness: Least |e/tol - 1| of all cells at the end of a window, e their strain rate:
+        closeness: Least |ε/tol - 1| of all cells at the end of a window, ε their strain rate:
             how close the decision was. NaN if no window ended in the step.
         probes: Displacement of each probe, shape (3,) [m]: that of `state` and the error motion.
         velocities: Velocity of each probe, shape (3,) [m/s]: that of `state` and of the error

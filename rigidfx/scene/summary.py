@@ -73,10 +73,10 @@ def _freedom(scene: Any) -> list[str]:
     loose = scene.parts.count - parts
     left = 6 * parts - held
     counted = f" At least {max(left, 0)} are left." if loose <= 0 else ""
+    named = f"; the parts named rigid have {6 * parts} degrees of freedom without them"
     return [
-        f"  {len(joints)} joints hold {held} directions; the {parts} parts named rigid have "
-        f"{6 * parts} degrees of freedom without them.{counted} A run tells which directions are "
-        "held twice."
+        f"  {len(joints)} joint{'s' * (len(joints) > 1)} hold{'s' * (len(joints) == 1)} {held} "
+        f"directions{named if parts else ''}.{counted} A run tells which directions are held twice."
     ]
 
 
