@@ -55,8 +55,8 @@ class Decision:
         apart: Names of bodies that stay as they are in any case.
         next_number: First number that no body has had, nor has one of these.
         qualified: Owned cells that have qualified in the window that ends, if one does.
-        closeness: How close the nearest decision was: the least |ε/tol - 1| of any cell, ε its strain rate; NaN if
-            no window ends.
+        closeness: How close the nearest decision was: the least |ε/tol - 1| of any cell, ε its
+            strain rate; NaN if no window ends.
         loads_changed: Whether a change of a load or a support is the reason.
         woken: Owned cells that e strains too fast; None if the reason is another one.
         loads_at: Time of the loads with which later ones are compared [s]; None if it stays.
