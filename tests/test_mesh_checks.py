@@ -54,7 +54,6 @@ BOXES = [
     ((10, 1, 1), (40, 4, 4), None),
     ((1, 1, 0.001), (10, 10, 1), 2e-4),
     ((1, 1, 0.001), (10, 10, 2), 2e-4),
-    ((10, 1, 1), (80, 1, 1), 0.86),
     ((1, 1, 0.05), (10, 10, 1), 0.34),
 ]
 
@@ -70,6 +69,14 @@ def test_cells_that_lock_in_bending(size, cells, left, cell):
         estimate = float(re.search(r"leaves some (\S+) of its", message)[1])
         assert estimate < 1.1 * left
         assert estimate > 0.3 * left
+
+
+@pytest.mark.parametrize("cells", [20, 40, 80])
+def test_one_layer_of_cells_along_a_bar(cells):
+    """Hexahedra leave 0.80, 0.85, 0.86 of a bar's deflection, and say nothing; tetrahedra 0.29."""
+    bar = (0, 0, 0), (10, 1, 1), (cells, 1, 1)
+    assert not said(rf.box(*bar))
+    assert len(said(rf.box(*bar, "tetrahedron"))) == 1
 
 
 def test_second_order_cells_bend():
