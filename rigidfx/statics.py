@@ -133,7 +133,8 @@ class Compliance:
 
     def __str__(self) -> str:
         """In words."""
-        taken = {k: f"{v:.2%} taken" if v == v else "at rest" for k, v in self.taken.items()}
+        changed = "rigid parts change its displacement by {:.2%}"
+        taken = {k: changed.format(v) if v == v else "at rest" for k, v in self.taken.items()}
         return "\n".join(f"{name}: {part}" for name, part in taken.items())
 
 
@@ -145,7 +146,7 @@ def compliance(scene: Scene, steps: int | Sequence[float] = 1, *, t_end: float =
 
     Example:
         >>> print(compliance(scene))   # doctest: +SKIP
-        tip: 3.10% taken
+        tip: rigid parts change its displacement by 3.10%
 
     Args:
         scene: The problem, with its loads as `static` takes them. Initial velocities and a preload

@@ -40,7 +40,7 @@ def test_without_dolfinx_a_sentence_says_what_to_install():
 
 def test_scene_and_domain_have_a_line():
     scene = rf.Scene(halves(), {"left": STEEL, "right": SOFT}, [rf.Fixed("x0")])
-    line = "<Scene: 16 hexahedra of order 1, 135 dofs, 2 materials, 1 effects>"
+    line = "<Scene: 16 hexahedra of order 1, 135 dofs, 2 materials, 1 effect>"
     assert repr(scene) == line
     assert repr(scene.domain).startswith("<Domain: 16 hexahedra; names: 'left' (cells), 'right'")
 

@@ -65,7 +65,7 @@ class Report:
         angular_momentum: J about the origin, shape (3,) [kg m²/s].
         momentum_scale: Σ |(M v)ᵢ| [kg m/s], a scale for L; a body counts with |m ṙ| + |π|/ℓ.
         work_of_loads: Work of the loads in this step [J].
-        work_of_supports: Work of the reactions in this step, and of supports at events [J].
+        work_of_supports: Work of reactions in this step, and of impulses of supports at events [J].
         dissipated: Energy that damping took in this step [J], by the name of its kind, such as
             "KelvinVoigt" (a spring's dashpot counts as "Spring"); "Easing" is the energy of
             released stresses that fade, and may be less than nothing.

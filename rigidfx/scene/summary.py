@@ -143,9 +143,10 @@ def in_a_line(scene: Any) -> str:
     """Size and number of effects."""
     cells = scene.mesh.topology.index_map(3).size_global
     dofs = 3 * scene.space.dofmap.index_map.size_global
+    materials, effects = len(scene.materials), len(scene.effects)
     return (
         f"<Scene: {cells} {_cells(scene)} of order {scene.order}, {dofs} dofs, "
-        f"{len(scene.materials)} materials, {len(scene.effects)} effects>"
+        f"{materials} material{'s' * (materials != 1)}, {effects} effect{'s' * (effects != 1)}>"
     )
 
 
