@@ -125,4 +125,4 @@ if ways:
     check(ways)
 for r in results:
     assert r.stable or r.known, f"{r.case}, {r.way}: {r.verdict}"
-assert any(r.stable for r in results)
+assert options.all or any(r.stable for r in results)
