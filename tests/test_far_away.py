@@ -60,6 +60,6 @@ def test_the_pages_state_the_law():
     """README does not promise more than docs/limits.md can keep."""
     assert "0.2 ε|u|/h √n" in LIMITS.read_text(encoding="utf-8")
     readme = (LIMITS.parent.parent / "README.md").read_text(encoding="utf-8")
-    promise = re.search(r"kept to rounding[^.]*\.", readme)
+    promise = re.search(r"conserved to 1e-14[^.]*\.", readme)
     assert promise is not None
-    assert "cell sizes" in " ".join(promise[0].split())
+    assert "docs/limits.md#rounding" in readme[promise.start() : promise.end() + 40]
