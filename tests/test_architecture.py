@@ -418,7 +418,7 @@ CEILINGS = {
     "scene": 19,
     "step": 7,
     "step/equations": 4,
-    "step/length": 35,
+    "step/length": 34,
     "step/linear": 19,
     "step/newton": 42,
     "step/system": 3,

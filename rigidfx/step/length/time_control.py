@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import sqrt
+from math import isnan, sqrt
 from typing import Any, ClassVar
 
 import numpy as np
@@ -133,7 +133,9 @@ class TimeControl(WarnsOnce):
         self._end = Moves(*_longest(u, v1, (v1 - v0) / dt))
         if self._blows.any:
             touches, U = self._system.actions.touches(), self.length.displacement
-            self._found += self._blows.look(touches, t, dt, U, self._end.speed)
+            blow = self._blows.look(touches, t, dt, U, self._end.speed)
+            if blow > 0:  # known in the first step of a touch, too, when jerks are not
+                self._found = blow + (0.0 if isnan(self._found) else self._found)
         if attempt.final or not self.length.too_much(self._found, t, dt):
             return None
         if dt < 2 * self.length.shortest:
