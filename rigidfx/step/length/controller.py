@@ -46,9 +46,8 @@ class ControllerNumbers:
         shorter: Factor of Δt above which it stays as it is ...
         longer: ... and below which it does.
         least: Factor of a change (Hairer, Nørsett, Wanner, II.4: 0.2 to 0.5) ...
-        most: ... and the largest one (1.5 to 5). While steps grow from small first ones, 4 let an arm
-            of 20 073 unknowns take its first steps so long that it rang: twice the time, five times
-            the error.
+        most: ... and the largest one (1.5 to 5). With 4 the first steps of an arm of 20 073
+            unknowns became so long that it rang: twice the time, three times the error.
         reject: Times the allowed error of a step, above which it is repeated.
         spread: Times s, over which the budget of a motion that begins is spent.
         growth: Factor by which U has grown in s.
