@@ -17,6 +17,7 @@ APART = {
     *("changes", "_changes", "_asked", "_rotations", "_places", "_writes"),  # writes into a state
     *("scene", "_scene", "_element", "_here", "_columns"),  # as they were given, or by identity
     *("_field", "_cell_field", "_square"),  # refilled before they are read
+    *("WholeMass._matrix", "WholeMass._without"),  # made when it is asked for
     *("_last", "Whereabouts._first", "held", "_seen"),  # reports, the preload, bodies by identity
 }
 

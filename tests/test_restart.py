@@ -95,6 +95,7 @@ FOUND_ANEW = {
     "TimeControl": "_end _found _state _system",
     "TimeError": "_next jerk swinging",
     "Whereabouts": "_first _told",
+    "WholeMass": "_matrix _without",
     "Withholding": "_memory",
     "Writers": "_joined _known _was",
 }

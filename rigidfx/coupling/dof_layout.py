@@ -21,7 +21,7 @@ from rigidfx.mechanics.bodies import Ensemble
 from rigidfx.mechanics.rigid_body import RigidBody
 from rigidfx.scene.scene import Scene
 
-__all__ = ["DofLayout", "dof_layout", "nodes_of", "rigid_fields"]
+__all__ = ["DofLayout", "dof_layout", "nodes_of", "rigid_fields", "split"]
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ def dof_layout(
     massive = np.ones(n, dtype=bool)
     for body in ensemble.records:
         massive[body.nodes] = False
-    interior, interface = _split(scene, flexible, np.flatnonzero(~massive))
+    interior, interface = split(scene, flexible, np.flatnonzero(~massive))
     attached = tuple(np.flatnonzero(touched[b.nodes]).astype(np.int32) for b in ensemble.records)
     whole = [np.arange(b.nodes.size, dtype=np.int32) for b in ensemble.records]
     lumped = scene.mass == "lumped"
@@ -155,8 +155,14 @@ def nodes_of(scene: Scene, cells: Cells) -> npt.NDArray[np.bool_]:
     return mark.x.array[::3] > 0
 
 
-def _split(scene: Scene, flexible: Cells, of_bodies: npt.NDArray[np.int64]) -> tuple[Cells, Cells]:
-    """Interior and interface cells: without and with nodes that bodies move. Collective."""
+def split(scene: Scene, flexible: Cells, of_bodies: npt.NDArray[np.int64]) -> tuple[Cells, Cells]:
+    """Interior and interface cells: without and with nodes that bodies move. Collective.
+
+    Args:
+        scene: The problem.
+        flexible: Owned cells by subdomain id.
+        of_bodies: Owned nodes that bodies move.
+    """
     mark = fem.Function(scene.space)
     mark.x.array[3 * of_bodies] = 1.0
     mark.x.scatter_forward()

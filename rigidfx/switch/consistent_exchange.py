@@ -41,6 +41,7 @@ from rigidfx.switch.exchange import Works, faces_within, freeze
 from rigidfx.switch.faces import with_faces
 from rigidfx.switch.present_velocities import Present
 from rigidfx.switch.projected_velocities import Field, RigidFields
+from rigidfx.switch.whole_mass import WholeMass
 
 __all__ = ["ConsistentExchange"]
 
@@ -68,6 +69,7 @@ class ConsistentExchange:
             forces: Internal forces.
         """
         self._scene, self._forces = scene, forces
+        self._mass = WholeMass(scene, forces)
         self.motors: tuple[Motor, ...] = ()
         self.dt = 0.0
 
@@ -127,8 +129,8 @@ class ConsistentExchange:
         if faces:  # with the velocities of their nodes
             state.take_out(faces)
             with_faces(self._scene, self._forces, state)
-        for item in (before, after, present):
-            item.destroy()
+        before.destroy()
+        after.destroy()
         return Works(*(a + scale * b for a, b in zip(work, of_mode, strict=True)))
 
     def freeze(self, state: State, what: PlannedBody, prescribed: Bools) -> Works | None:
@@ -158,7 +160,6 @@ class ConsistentExchange:
             of_given = fields.given_momenta(present.bodies)
             _take(state, fields.project(present.momenta, of_given, present.nodal[prescribed]))
             fields.destroy()
-            present.destroy()
         for body in new:
             if not body.data.given:
                 self._include(state, body, prescribed, named=True)
@@ -218,7 +219,6 @@ class ConsistentExchange:
         state.group(Bodies.of_each([*others, body]))
         _take(state, new)
         fields.destroy()
-        present.destroy()
         return work
 
     def close(self, state: State, prescribed: Bools) -> float:
@@ -239,7 +239,6 @@ class ConsistentExchange:
         gained = 0.5 * fields.product(new, new) - present.energy
         _take(state, new)
         fields.destroy()
-        present.destroy()
         return gained if abs(gained) > ROUNDING * present.energy else 0.0
 
     def _work(self, present: Present, prescribed: Bools, gained: Array) -> float:
@@ -247,7 +246,8 @@ class ConsistentExchange:
         return float(self._scene.sum(float(present.nodal[prescribed] @ gained[prescribed])))
 
     def _present(self, state: State) -> Present:
-        return Present(self._scene, self._forces, state)
+        mass = self._mass.matrix(state.bodies.of.records)
+        return Present(self._scene, self._forces, state, mass)
 
 
 def _take(state: State, field: Field) -> None:

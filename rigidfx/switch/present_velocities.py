@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+from petsc4py import PETSc
 
-from rigidfx.coupling.dof_layout import nodes_of
+from rigidfx.coupling.dof_layout import nodes_of, split
 from rigidfx.coupling.mass import mass_operator
 from rigidfx.coupling.rows import Rows
 from rigidfx.flexible.internal_forces import InternalForces
@@ -30,48 +31,48 @@ class Present:
         energy: Kinetic energy [J].
     """
 
-    def __init__(self, scene: Scene, forces: InternalForces, state: State) -> None:
-        """Assemble masses, and add up momenta and energy. Collective."""
-        none, records = np.empty(0, np.int32), state.bodies.of.records
-        every = np.arange(scene.mesh.topology.index_map(3).size_local, dtype=np.int32)
-        given = np.concatenate([none, *(b.cells for b in records if b.given)])
-        inside = np.concatenate([none, *(b.cells for b in records)])
-        counted = np.setdiff1d(every, given)
-        rows = Rows(scene.space, np.arange(scene.owned_nodes, dtype=np.int32))
-        # A point mass moves with the body that holds its node.
-        free: npt.NDArray[np.bool_] = np.ones((2, scene.owned_nodes), dtype=bool)
-        for body in records:
-            free[:, body.nodes] = [[not body.given], [False]]
-        lumped = scene.mass == "lumped"
-        cells = forces.cells(counted), forces.cells(np.setdiff1d(every, inside))
-        self._all = mass_operator(scene, rows, cells[0], free[0])
-        flexible = mass_operator(scene, rows, cells[1], free[1])
-        self.mass = self._all.matrix()
-        n = 3 * scene.owned_nodes
-        outside = state.v.x.array[:n].copy()
-        self.nodal = outside.copy()
+    def __init__(self, scene: Scene, forces: InternalForces, state: State, mass: PETSc.Mat) -> None:
+        """Add up momenta and energy. Collective.
+
+        Args:
+            scene: The problem.
+            forces: Internal forces.
+            state: Velocities, and bodies.
+            mass: See the attribute.
+        """
+        self.mass = mass
+        self.nodal: Array = state.v.x.array[: 3 * scene.owned_nodes].copy()
+        outside = self.nodal.copy()
         for moving in state.bodies:
             self.nodal.reshape(-1, 3)[moving.data.nodes] = moving.velocities
-        if lumped:  # nodes have one velocity each, those of bodies that of their body
-            outside = self.nodal.copy()
-        touched = nodes_of(scene, {0: np.setdiff1d(every, inside)})[: scene.owned_nodes]
+        every = np.arange(scene.mesh.topology.index_map(3).size_local, dtype=np.int32)
+        inside = np.concatenate([every[:0], *(b.cells for b in state.bodies.of.records)])
+        flexible = np.setdiff1d(every, inside)
+        # With lumped masses nodes have one velocity each, those of bodies that of their body.
+        touched = nodes_of(scene, {0: flexible})[: scene.owned_nodes] & (scene.mass != "lumped")
         self.difference = np.where(touched[:, None], (outside - self.nodal).reshape(-1, 3), 0.0)
         self.bodies = state.bodies.six
-        v, p = self.mass.createVecRight(), self.mass.createVecLeft()
-        parts = []
-        for mass, field in ((flexible, outside), (self._all, self.nodal), (flexible, self.nodal)):
-            v.array[:] = field
-            mass.mult(v, p)
-            parts.append(p.array_r.copy())
-        self.momenta = parts[0] + parts[1] - parts[2]
-        energy = float(outside @ parts[0] + self.nodal @ (parts[1] - parts[2]))
+        v, p = mass.createVecRight(), mass.createVecLeft()
+        v.array[:] = self.nodal
+        mass.mult(v, p)
+        self.momenta: Array = p.array_r.copy()
+        energy = float(self.nodal @ self.momenta)
+        # The flexible cells at interfaces have other velocities there.
+        differing = np.flatnonzero(self.difference.any(axis=1))
+        if scene.sum(differing.size) > 0:
+            own = np.ones(scene.owned_nodes, dtype=bool)
+            for body in state.bodies.of.records:
+                own[body.nodes] = False  # a point mass moves with the body that holds its node
+            rows = Rows(scene.space, np.arange(scene.owned_nodes, dtype=np.int32))
+            near = split(scene, forces.cells(flexible), differing)[1]
+            theirs = mass_operator(scene, rows, near, own)
+            v.array[:] = self.difference.reshape(-1)
+            theirs.mult(v, p)
+            theirs.destroy()
+            self.momenta += p.array_r
+            energy += float((2 * self.nodal + self.difference.reshape(-1)) @ p.array_r)
         blocks = state.bodies.given_mass_blocks
-        own = np.einsum("ki,kij,kj->", self.bodies, blocks, self.bodies)
-        self.energy = 0.5 * float(scene.sum(energy) + own)
-        for item in (v, p, flexible):
-            item.destroy()
-
-    def destroy(self) -> None:
-        """Free the matrices. Collective."""
-        self.mass.destroy()
-        self._all.destroy()
+        given = np.einsum("ki,kij,kj->", self.bodies, blocks, self.bodies)
+        self.energy = 0.5 * float(scene.sum(energy) + given)
+        v.destroy()
+        p.destroy()
