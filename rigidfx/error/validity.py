@@ -134,18 +134,16 @@ class Validity:
 
         Arguments as of `look`.
         """
-        G, F, F0 = (
-            np.einsum("cai,caj->cij", self._in_cells(a), self._gradients) for a in (e, x, shape)
-        )
-        linear = np.einsum("cki,ckj->cij", F0, G)
-        E = 0.5 * (np.einsum("cki,ckj->cij", F, F) - np.eye(3) + linear + linear.swapaxes(1, 2))
+        G, F, F0 = (self._in_cells(a).mT @ self._gradients for a in (e, x, shape))
+        linear = F0.mT @ G
+        E = 0.5 * (F.mT @ F - np.eye(3) + linear + linear.mT)
         G = G @ np.linalg.inv(F0)  # by places in the shape
         np.maximum.at(self._largest, self._part, np.linalg.norm(E, axis=(1, 2)))
         self._scene.comm.Allreduce(MPI.IN_PLACE, self._largest, op=MPI.MAX)
         spin = self._mean_spin(G, self._joined | free)[self._part]
         turned = G - G.swapaxes(1, 2) - 2 * np.where(free[self._part, None, None], spin, 0.0)
         G = G - spin
-        square = 0.5 * np.linalg.norm(np.einsum("cki,ckj->cij", G, G), axis=(1, 2))
+        square = 0.5 * np.linalg.norm(G.mT @ G, axis=(1, 2))
         return np.linalg.norm(turned, axis=(1, 2)) / np.sqrt(8), part_of(
             square, self._largest[self._part]
         )

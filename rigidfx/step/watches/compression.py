@@ -79,7 +79,7 @@ class Compression(WarnsOnce):
         if not self._cells.size:
             return 1.0, -1
         u = self._forces.u1.x.array.reshape(-1, 3)[self._nodes]
-        F = np.eye(3) + np.einsum("cni,cnj->cij", u, self._gradients)
-        square = np.linalg.eigvalsh(F.swapaxes(1, 2) @ F)[:, 0]
+        F = np.eye(3) + u.mT @ self._gradients
+        square = np.linalg.eigvalsh(F.mT @ F)[:, 0]
         k = int(np.argmin(square))
         return float(np.sqrt(max(square[k], 0.0))), int(self._cells[k])
