@@ -245,7 +245,8 @@ class _Search:
         """
         apart = [*self._still, *found]
         count = min(count, self._size - len(apart))
-        eps.setDimensions(count)
+        space = min(max(2 * count, count + 15), self._size)
+        eps.setDimensions(count, space, space)
         if apart:
             eps.setDeflationSpace(apart)
         eps.solve()
