@@ -13,7 +13,7 @@ from mpi4py import MPI
 from rigidfx.base.compat import cell_geometry_dofs, coordinate_map
 from rigidfx.scene.scene import Scene
 
-__all__ = ["Point", "far_apart", "find_probes", "owned_part", "weights_at"]
+__all__ = ["Point", "far_apart", "find_probes", "owned_part", "parts_of_nodes", "weights_at"]
 
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -40,6 +40,14 @@ def find_probes(scene: Scene) -> Mapping[str, Point]:
         mine = weights_at(scene, cell, scene.probes[name]) if here else None
         found[name] = owned_part(scene, *scene.comm.bcast(mine, root=root))
     return found
+
+
+def parts_of_nodes(scene: Scene) -> Ints:
+    """Connected part of each local node, ghosts included. Collective."""
+    dofmap = scene.space.dofmap.list
+    of_node = np.zeros(scene.space.tabulate_dof_coordinates().shape[0], dtype=np.int64)
+    of_node[dofmap] = scene.parts.of_cell[: len(dofmap), None]
+    return of_node
 
 
 def weights_at(scene: Scene, cell: int, point: Array) -> tuple[Ints, Array]:

@@ -6,15 +6,17 @@ mean force, so the error of the impulse is
 
     Δt³/24 F'' ≈ Δt/24 |F - F*| ,
 
-with F* the force that a line through the two steps before gives. Divided by the whole mass this is
-an error of velocity, and after the time U/V an error of displacement, with U the largest
-displacement and V the largest speed so far. It counts for this time after the closing of a contact
-that was open for some steps. Contacts that rest or rattle send nothing off, and do not count.
+with F* the force that a line through the two steps before gives. Divided by the mass of the
+lightest connected part that touches, this is an error of velocity, and after the time U/V an error
+of displacement, with U the largest displacement and V the largest speed so far, or half of the
+contact's impulse over that mass where that is more: a body may be struck at rest, and far from the
+probes. It counts for this time after the closing of a contact that was open for some steps.
+Contacts that rest or rattle send nothing off, and do not count.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import inf
 from typing import ClassVar, NamedTuple
 
@@ -23,14 +25,23 @@ import numpy.typing as npt
 
 from rigidfx.base.remembered import Remembered, same
 from rigidfx.effects import Contact, Touch
+from rigidfx.scene.points import parts_of_nodes
 from rigidfx.scene.scene import Scene
 
 __all__ = ["Blows"]
 
 Array = npt.NDArray[np.float64]
 
-LONGER = 4.0  # times a step: the force in one so long tells nothing of that at its ends
+LONGER = 4.0  # times a step: the force in one so long tells nothing of that at its ends, but is
+# next to nothing where it gives less than this step: a step that ends at a touch may press a little
 SETTLED = 4  # steps that a contact has been open before it closes with a blow
+
+
+class Blow(NamedTuple):
+    """When a contact closed last after it had been open [s], and its impulse since then [N s]."""
+
+    began: float
+    impulse: float
 
 
 class Forces(NamedTuple):
@@ -48,16 +59,17 @@ class Blows:
         any: Whether there are contacts.
     """
 
-    remembered: ClassVar[Remembered] = same("_known", "_open", "_begun", "_fastest")
+    remembered: ClassVar[Remembered] = same("_known", "_open", "_last", "_fastest")
 
     def __init__(self, scene: Scene) -> None:
         """Nothing touches. Collective."""
-        self.any = bool(scene.named(Contact))
-        self._mass = float(scene.sum(scene.nodal_mass[: scene.owned_nodes].sum()))
+        contacts = scene.named(Contact)
+        self.any = bool(contacts)
+        self._mass = _masses(scene, contacts) if contacts else {}
         self._known: tuple[Forces, ...] = ()  # of the last two steps
         self._next, self._speed = Forces(0.0, 0.0, {}), 0.0
         self._open: dict[str, int] = {}  # steps that each contact has been open
-        self._begun: dict[str, float] = {}  # when the last blow of each began [s]
+        self._last: dict[str, Blow] = {}  # of each contact
         self._fastest = 0.0
 
     def look(
@@ -75,26 +87,51 @@ class Blows:
         self._speed = max(self._fastest, speed)
         forces = {title: np.array([*a.force, a.pressing]) for title, a in touches.items()}
         self._next, off = Forces(t + dt / 2, dt, forces), 0.0
-        if len(self._known) < 2 or self._speed == 0:
+        if len(self._known) < 2:
             return 0.0
-        later, (before, last) = size / self._speed, self._known
+        before, last = self._known
         way = (self._next.t - last.t) / (last.t - before.t)
         for title, force in forces.items():
-            begun = t if self._settled(title) else self._begun.get(title, -inf)
+            blow, mass = self._add(title, force), self._mass[title]
+            fastest = max(self._speed, blow.impulse / (2 * mass))
+            if fastest == 0:
+                continue
             f0, f1 = (step.of.get(title, np.zeros(4)) for step in self._known)
-            told = all(f[3] == 0 or s.dt <= LONGER * dt for f, s in ((f0, before), (f1, last)))
-            if told and t <= begun + later:
-                off += float(np.abs(force - f1 - (f1 - f0) * way).max())
-        return later * dt / 12 * off / (2 * self._mass)
+            given = force[3] * dt
+            told = all(
+                step.dt <= LONGER * dt or f[3] * step.dt <= given
+                for f, step in ((f0, before), (f1, last))
+            )
+            if told and t <= blow.began + size / fastest:
+                off += float(np.abs(force - f1 - (f1 - f0) * way).max()) / (2 * mass * fastest)
+        return size * dt / 12 * off
 
     def accept(self) -> None:
         """Take note that the step that was looked at last is one."""
         self._known, self._fastest = (*self._known[-1:], self._next), self._speed
         for title, force in self._next.of.items():
             closed = force[3] > 0
-            if closed and self._settled(title):
-                self._begun[title] = self._next.t
+            if closed:
+                self._last[title] = self._add(title, force)
             self._open[title] = 0 if closed else self._open.get(title, SETTLED) + 1
 
-    def _settled(self, title: str) -> bool:
-        return self._open.get(title, 0) > SETTLED
+    def _add(self, title: str, force: Array) -> Blow:
+        """The blow of a contact with what the step that was looked at last adds."""
+        t, dt, _ = self._next
+        settled = self._open.get(title, 0) > SETTLED
+        begun = Blow(t + dt / 2, 0.0)
+        last = begun if settled else self._last.get(title, Blow(-inf, 0.0))
+        return Blow(last.began, last.impulse + dt * float(np.linalg.norm(force[:3])))
+
+
+def _masses(scene: Scene, contacts: Sequence[Contact]) -> dict[str, float]:
+    """Mass of the lightest part that each contact may touch, by titles [kg]. Collective."""
+    of_node, n, found = parts_of_nodes(scene), scene.owned_nodes, {}
+    count = scene.parts.count
+    whole = scene.sum(np.bincount(of_node[:n], scene.nodal_mass[:n], count))
+    for contact in contacts:
+        names = {contact.where, *contact.keeps_apart}
+        own = np.concatenate([scene.nodes(name, contact.owner, (2,)) for name in sorted(names)])
+        here = np.bincount(of_node[own[own < n]], minlength=count) + 0.0
+        found[contact.title] = float(np.asarray(whole)[np.asarray(scene.sum(here)) > 0].min())
+    return found

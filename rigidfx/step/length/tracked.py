@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.mechanics.bodies import Bodies, times
-from rigidfx.scene.points import far_apart, find_probes
+from rigidfx.scene.points import far_apart, find_probes, parts_of_nodes
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 from rigidfx.step.system.system import System
@@ -136,8 +136,6 @@ def _found(among: npt.NDArray[np.integer[Any]], nodes: Ints) -> tuple[Ints, Ints
 
 def _parts_of(scene: Scene, nodes: Ints) -> npt.NDArray[np.bool_]:
     """Owned nodes of the connected parts that some nodes of all ranks are in. Collective."""
-    dofmap = scene.space.dofmap.list
-    of_node = np.zeros(scene.space.tabulate_dof_coordinates().shape[0], dtype=np.int64)
-    of_node[dofmap] = scene.parts.of_cell[: len(dofmap), None]
+    of_node = parts_of_nodes(scene)
     held = np.asarray(scene.sum(np.bincount(of_node[nodes], minlength=scene.parts.count) + 0.0))
     return np.asarray(held[of_node[: scene.owned_nodes]] > 0)
