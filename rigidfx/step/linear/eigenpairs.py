@@ -150,11 +150,6 @@ class _Search:
         if self._size > self._control.dense and len(motions):
             self._still = self._without_energy(motions)
         values, vectors = self._found(count)
-        if self._too_far(values[~self._zeros(values, vectors)]):
-            lowest = np.abs(values[~self._zeros(values, vectors)]).min()
-            self._shift = 0.1 * float(lowest)
-            _free(vectors)
-            values, vectors = self._found(count)
         zero = self._zeros(values, vectors)
         elastic = np.flatnonzero(~zero)
         kept = elastic[: self._cut(values[elastic], count)]
@@ -194,6 +189,12 @@ class _Search:
             self._K, self._M, None if whole else self._shift, asked, self._control.tolerance
         )
         values, vectors = self._ritz(self._next(eps, asked, []))
+        lowest = np.abs(values[~self._zeros(values, vectors)]).min(initial=np.inf)
+        if not whole and self._shift > self._control.high * lowest:
+            self._shift = 0.1 * float(lowest)
+            _free(vectors)
+            eps.destroy()
+            return self._found(count)
         while len(vectors) < size:
             elastic = values[~self._zeros(values, vectors)]
             if self._cut(elastic, count) is None:
@@ -222,10 +223,6 @@ class _Search:
         of = clusters(values, self._control.gap)
         end = int(np.searchsorted(of, of[count - 1], side="right"))
         return end if end < values.size else None
-
-    def _too_far(self, values: Array) -> bool:
-        lowest = float(np.abs(values).min(initial=np.inf))
-        return self._size > self._control.dense and self._shift > self._control.high * lowest
 
     def _zeros(self, values: Array, vectors: list[PETSc.Vec]) -> npt.NDArray[np.bool_]:
         """Whether each value is none but for rounding."""
