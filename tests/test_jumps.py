@@ -126,6 +126,7 @@ SOUND = {
     "sudden ramp": ramp(0.3, 0.5),
     "sudden ramp within a step": ramp(0.3999, 0.5),
     "ramp that begins at a rounded time": ramp(0.1 + 0.2, 0.5),
+    "ramp that begins at the end of a step": lambda t: 10 * max(t - 0.5 + 1.2e-7, 0.0),
     "ramp of a thousandth of a step": ramp(0.42, 1e-4),
     "smooth step": lambda t: 0.05 * np.tanh((t - 0.5) / 0.02),
     "root": lambda t: 0.05 * np.sqrt(max(t - 0.31, 0.0)),
@@ -139,7 +140,7 @@ SOUND = {
 @pytest.mark.parametrize("name", SOUND)
 def test_other_paths_pass(name):
     with no_word_of_jumps():
-        run(moved(SOUND[name]))
+        run(moved(SOUND[name]), 0.6 if "at the end" in name else 1.0)
 
 
 def test_only_increments_of_a_path_count():

@@ -33,7 +33,8 @@ Path = Callable[[float], Array]
 
 SUDDEN = 2.0  # times what the path gained in the step before
 HALVINGS = 20  # of a step: a path that takes a millionth of it for its way jumps
-NEGLIGIBLE = 0.5**HALVINGS  # of a cell's size: a ramp's gain there, if it moves a cell in a step
+# Of a cell's size: twice a ramp's gain there, if it moves a cell in a step.
+NEGLIGIBLE = 0.5 ** (HALVINGS - 1)
 ROUNDING = 64 * float(np.finfo(np.float64).eps)  # of a displacement
 REMEDY = (
     "Let the path take some steps for its way, and name the instants of its kinks by its attribute "
