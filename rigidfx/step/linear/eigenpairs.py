@@ -242,7 +242,7 @@ class _Search:
         """
         apart = [*self._still, *found]
         count = min(count, self._size - len(apart))
-        space = min(max(2 * count, count + 15), self._size)
+        space = min(2 * count + 12, self._size)
         eps.setDimensions(count, space, space)
         if apart:
             eps.setDeflationSpace(apart)

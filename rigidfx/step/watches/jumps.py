@@ -33,8 +33,7 @@ Path = Callable[[float], Array]
 
 SUDDEN = 2.0  # times what the path gained in the step before
 HALVINGS = 20  # of a step: a path that takes a millionth of it for its way jumps
-# Of a cell's size: twice a ramp's gain there, if it moves a cell in a step.
-NEGLIGIBLE = 0.5 ** (HALVINGS - 1)
+NEGLIGIBLE = 0.5**HALVINGS  # of a cell's size: a ramp's gain there, if it moves a cell in a step
 ROUNDING = 64 * float(np.finfo(np.float64).eps)  # of a displacement
 REMEDY = (
     "Let the path take some steps for its way, and name the instants of its kinks by its attribute "
@@ -53,7 +52,7 @@ class Gains:
         Args:
             scene: The problem.
         """
-        self._least = NEGLIGIBLE * scene.mean_cell_size
+        self._least = 2 * NEGLIGIBLE * scene.mean_cell_size  # a jump is half of it or more
         # By identity, what each path gained in its last step, and in the attempt under way.
         self._before: dict[int, float] = {}
         self._now: dict[int, float] = {}
