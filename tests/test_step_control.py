@@ -17,10 +17,12 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline
 from test_contact_pairs import boxes
 
 import rigidfx as rf
+from rigidfx.effects import Touch
 from rigidfx.plot.ledger import spent
 from rigidfx.scene.damped import Damped, comes_back
 from rigidfx.scene.points import far_apart
 from rigidfx.scene.timeline import Timeline
+from rigidfx.step.length.blows import Blows
 from rigidfx.step.length.controller import NUMBERS, Controller, Moves
 from rigidfx.step.length.elsewhere import Elsewhere
 from rigidfx.step.length.onsets import Onsets
@@ -909,3 +911,18 @@ elif __name__ == "__main__":
         out.append([last.step, ledger.rejected, last.t, *last.probes["tip"], ledger.time.spent])
     if MPI.COMM_WORLD.rank == 0:
         parallel.report([[float(x) for x in row] for row in out])
+
+
+def test_a_touch_by_rounding_is_none():
+    """A step that ends where it touches presses by rounding, on some ranks: steps differed."""
+    floor = rf.Contact("x0", against=rf.Plane((-0.01, 0, 0), (1, 0, 0)))
+    scene = bar(floor, rf.InitialVelocity(linear=(-1.0, 0, 0)))
+    found = []
+    for rounding in (0.0, 1e-24):
+        blows = Blows(scene)
+        for k, pressing in enumerate((0.0, 0.0, rounding, 2e4, 5e4, 6e4)):
+            touch = Touch(floor.title, np.array([pressing, 0, 0]), pressing=pressing)
+            found.append(blows.look({floor.title: touch}, 0.01 * k, 0.01, 0.012, 1.0))
+            blows.accept()
+    assert found[4] > 0
+    assert found[:6] == pytest.approx(found[6:], rel=1e-9)

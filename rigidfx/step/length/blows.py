@@ -17,7 +17,7 @@ Contacts that rest or rattle send nothing off, and do not count.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import inf
+from math import inf, sqrt
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -110,7 +110,9 @@ class Blows:
         """Take note that the step that was looked at last is one."""
         self._known, self._fastest = (*self._known[-1:], self._next), self._speed
         for title, force in self._next.of.items():
-            closed = force[3] > 0
+            # A step that ends at a touch may press by rounding, on some ranks and not on others.
+            least = sqrt(np.finfo(np.float64).eps) * self._mass[title] * self._fastest
+            closed = force[3] * self._next.dt > least
             if closed:
                 self._last[title] = self._add(title, force)
             self._open[title] = 0 if closed else self._open.get(title, SETTLED) + 1
