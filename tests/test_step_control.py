@@ -578,6 +578,21 @@ def test_what_is_struck_at_rest_has_no_error_before_it_moves():
     assert 0 < reports[-1].ledger.time.relative < 0.05
 
 
+def test_a_touch_by_rounding_is_none():
+    """A step that ends where it touches presses by rounding, on some ranks: steps differed."""
+    floor = rf.Contact("x0", against=rf.Plane((-0.01, 0, 0), (1, 0, 0)))
+    scene = bar(floor, rf.InitialVelocity(linear=(-1.0, 0, 0)))
+    found = []
+    for rounding in (0.0, 1e-24):
+        blows = Blows(scene)
+        for k, pressing in enumerate((0.0, 0.0, rounding, 2e4, 5e4, 6e4)):
+            touch = Touch(floor.title, np.array([pressing, 0, 0]), pressing=pressing)
+            found.append(blows.look({floor.title: touch}, 0.01 * k, 0.01, 0.012, 1.0))
+            blows.accept()
+    assert found[4] > 0
+    assert found[:6] == pytest.approx(found[6:], rel=1e-9)
+
+
 @pytest.mark.parametrize("name", ["beside a weight", "too fast for the step"])
 def test_a_load_is_looked_at_for_what_it_changes_by(name):
     """Not for all that it is: a gust of a part in a hundred errs as much beside a weight."""
@@ -911,18 +926,3 @@ elif __name__ == "__main__":
         out.append([last.step, ledger.rejected, last.t, *last.probes["tip"], ledger.time.spent])
     if MPI.COMM_WORLD.rank == 0:
         parallel.report([[float(x) for x in row] for row in out])
-
-
-def test_a_touch_by_rounding_is_none():
-    """A step that ends where it touches presses by rounding, on some ranks: steps differed."""
-    floor = rf.Contact("x0", against=rf.Plane((-0.01, 0, 0), (1, 0, 0)))
-    scene = bar(floor, rf.InitialVelocity(linear=(-1.0, 0, 0)))
-    found = []
-    for rounding in (0.0, 1e-24):
-        blows = Blows(scene)
-        for k, pressing in enumerate((0.0, 0.0, rounding, 2e4, 5e4, 6e4)):
-            touch = Touch(floor.title, np.array([pressing, 0, 0]), pressing=pressing)
-            found.append(blows.look({floor.title: touch}, 0.01 * k, 0.01, 0.012, 1.0))
-            blows.accept()
-    assert found[4] > 0
-    assert found[:6] == pytest.approx(found[6:], rel=1e-9)

@@ -47,7 +47,7 @@ class ControllerNumbers:
         longer: ... and below which it does.
         least: Factor of a change (Hairer, Nørsett, Wanner, II.4: 0.2 to 0.5) ...
         most: ... and the largest one (1.5 to 5). With 4 the first steps of an arm of 20 073
-            unknowns became so long that it rang: twice the time, three times the error.
+            unknowns became so long that it rang, which took twice the time.
         reject: Times the allowed error of a step, above which it is repeated.
         spread: Times s, over which the budget of a motion that begins is spent.
         growth: Factor by which U has grown in s.
