@@ -10,8 +10,8 @@ from scipy.sparse import random as random_sparse
 from test_kept_tangent import DT, SPIN, STEEL, keep
 
 import rigidfx as rf
-from rigidfx.error.linear_motion import PREFIX, solver_of
 from rigidfx.step.linear import cholmod
+from rigidfx.step.linear.definite import PREFIX, solver_of
 from rigidfx.step.newton.cholesky import SKEW, Cholesky
 
 N = 60

@@ -15,18 +15,13 @@ from rigidfx.coupling.rows import Rows
 from rigidfx.error.ground import Ground
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.flexible.linear_forms import LinearForms
-from rigidfx.step.linear import cholmod
-from rigidfx.step.linear.linear_solver import conjugate_gradients, default_options
+from rigidfx.step.linear.definite import solver_of
 
-__all__ = ["PREFIX", "LinearMotion", "assembled", "solver_of", "step_kind"]
+__all__ = ["LinearMotion", "assembled", "step_kind"]
 
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
-PREFIX = "rigidfx_error_"
-# Unknowns up to which METIS takes more time than its order saves: at 4536 to 7203 factors by AMD's
-# are there in .55 to .74 of the time, solves take 1.0 to 1.2; 1.9 in a plate of 14 406.
-BRIEF = 10_000
 # Times its own stiffness that a part named rigid has besides: it strains by 1e-4 of what it would,
 # and direct factors lose four digits of sixteen. With 1e3 a stalk that is rigid in its middle had
 # ten times the error of u + e, 3.4e-4 of the motion, and e agreed on 1 and 2 ranks to 1e-9 of its
@@ -164,13 +159,14 @@ class LinearMotion:
         out = np.zeros_like(momenta)
         M, right, found = self._M.copy(), self._right, self._found
         self._hold(M, self._supported, 1.0)
+        solver = solver_of(M, brief=True)
         for k, p in enumerate(momenta):
             right.array[:] = p.reshape(-1)
             right.array[self._supported] = 0.0
             if right.norm() > 0:
-                conjugate_gradients(M, right, found)
+                solver.solve(right, found)
                 out[k] = found.array_r.reshape(-1, 3)
-        M.destroy()
+        solver.destroy()
         return out
 
     def halted(self, v: Array) -> Array:
@@ -225,27 +221,3 @@ def assembled(rows: Rows, form: fem.Form) -> PETSc.Mat:
     fem_petsc.assemble_matrix(A, form)
     A.assemble()
     return A
-
-
-def solver_of(A: PETSc.Mat) -> PETSc.KSP:
-    """A solver with kept factors of a symmetric, definite matrix, which it owns. Collective.
-
-    By CHOLMOD on one rank; by MUMPS on several, and where a material gives way, so that the matrix
-    is not definite.
-    """
-    A.setOption(PETSc.Mat.Option.SPD, True)
-    if A.comm.size == 1 and cholmod.exists():
-        ksp = cholmod.solver(A.comm, PREFIX)
-        if cholmod.factor(ksp, A, brief=A.size[0] <= BRIEF):
-            A.destroy()  # its solver holds it
-            return ksp
-        ksp.destroy()
-    ksp = PETSc.KSP().create(A.comm)
-    ksp.setOptionsPrefix(PREFIX)
-    ksp.setOperators(A)
-    given = {"ksp_type": "preonly", "pc_type": "cholesky", "pc_factor_mat_solver_type": "mumps"}
-    with default_options(PREFIX, **given):
-        ksp.setFromOptions()
-    ksp.setUp()
-    A.destroy()
-    return ksp

@@ -28,10 +28,11 @@ from petsc4py import PETSc
 from scipy.sparse import csr_array
 
 from rigidfx.base.remembered import ON_NODES, SAME, Items, Remembered, same
-from rigidfx.error.linear_motion import LinearMotion, solver_of
+from rigidfx.error.linear_motion import LinearMotion
 from rigidfx.error.loose import Loose
 from rigidfx.error.response import FACTORING, PREPARING
 from rigidfx.scene.scene import Scene
+from rigidfx.step.linear.definite import solver_of
 from rigidfx.step.linear.eigenpairs import lowest
 
 __all__ = ["Modal", "Modes"]

@@ -18,6 +18,7 @@ from rigidfx.effects import Joint, Motor
 from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
+from rigidfx.step.linear.definite import solver_of
 from rigidfx.step.linear.linear_solver import conjugate_gradients
 from rigidfx.switch.closing import Closing
 
@@ -81,6 +82,8 @@ class RigidFields:
         self._reduced = self._prolongation.condense(mass)
         self._blocks = bodies.given_mass_blocks
         self._prolongation.add_blocks(self._reduced, self._blocks)
+        # Closing joints takes a solve for each of their rows.
+        self._factors = solver_of(self._reduced.copy(), brief=True) if scene.named(Joint) else None
         self._full = mass.createVecRight()
         self._image = mass.createVecLeft()
         joints = scene.named(Joint)
@@ -104,12 +107,19 @@ class RigidFields:
 
         def solve(r: Array) -> Array:
             self._r.array[:] = r
-            self._y.set(0.0)
-            if self._r.norm() > 0.0:
-                conjugate_gradients(self._reduced, self._r, self._y)
+            self._solve()
             return self._y.array_r.copy()
 
         return Closing(linkage, self._prolongation, self._reduced, solve, state.t, dt)
+
+    def _solve(self) -> None:
+        """Find y of the momenta of the unknowns. Collective."""
+        self._y.set(0.0)
+        if self._r.norm() > 0.0:
+            if self._factors is None:
+                conjugate_gradients(self._reduced, self._r, self._y)
+            else:
+                self._factors.solve(self._r, self._y)
 
     def momenta(self, v: Array) -> Array:
         """M v at the owned dofs [kg m/s]. Collective."""
@@ -135,9 +145,7 @@ class RigidFields:
         rest = momenta - self.momenta(fixed)
         self._full.array[:] = rest
         self._prolongation.restrict(self._full, of_given, self._r)
-        self._y.set(0.0)
-        if self._r.norm() > 0.0:
-            conjugate_gradients(self._reduced, self._r, self._y)
+        self._solve()
         if self._closing is not None:
             impulses = self._closing.impulses(self._y.array_r, fixed, driven)
             self._y.array[:] += self._closing.correction(impulses)
@@ -174,5 +182,7 @@ class RigidFields:
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
-        for item in (self._y, self._r, self._reduced, self._full, self._image):
-            item.destroy()
+        own = self._y, self._r, self._reduced, self._full, self._image, self._factors
+        for item in own:
+            if item is not None:
+                item.destroy()

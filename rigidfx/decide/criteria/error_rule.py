@@ -1,6 +1,7 @@
 """The rule of `StrainRate` where the error motion is known: one tolerance, and κ times that.
 
-Cells are quiet up to a strain rate in u + e, and wake where e strains them at more than κ times it.
+Cells are quiet up to a strain rate in u + e. Once e strains one at more than κ times it, all wake
+that e strains at more than it.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 
 from rigidfx.base.remembered import Remembered, same
 from rigidfx.decide.criteria.observation import Observation
@@ -84,5 +86,10 @@ class ErrorRule:
         return ""
 
     def waking(self, strained: Strained, free: Bools) -> Bools:
-        """Each cell that e strains too fast wakes."""
-        return free & (strained.rate > 1)
+        """Once e strains one at more than κ times its tolerance, all above theirs wake. Collective.
+
+        None of these could freeze now; a second release would follow the first.
+        """
+        above = bool((free & (strained.rate > 1)).any())
+        above = self._tolerances.comm.allreduce(above, op=MPI.LOR)
+        return free & (strained.rate * self._kappa > 1) & above

@@ -19,7 +19,11 @@ Array = npt.NDArray[np.float64]
 
 
 class Tolerances:
-    """Strain rate up to which each owned cell is quiet."""
+    """Strain rate up to which each owned cell is quiet.
+
+    Attributes:
+        comm: Communicator of the mesh.
+    """
 
     def __init__(
         self,
@@ -39,7 +43,7 @@ class Tolerances:
         Raises:
             SceneError: If a name is unknown.
         """
-        self._comm, self._memory, self._tol = scene.comm, memory, tol
+        self.comm, self._memory, self._tol = scene.comm, memory, tol
         self._special = np.full(memory.window.worst.size, np.inf)
         for name, own in of_sets.items():
             cells = scene.owned_cells(name, "StrainRate (tolerances)")
@@ -61,7 +65,7 @@ class Tolerances:
             return
         memory, indicator = self._memory, seen.indicator
         most = float(indicator.values[indicator.cells].max(initial=0.0))
-        most = self._comm.allreduce(most, op=MPI.MAX)
+        most = self.comm.allreduce(most, op=MPI.MAX)
         # What is at rest strains by noise, of which no part means anything.
         if memory.largest > 0 or most > seen.noise:
             memory.largest = max(memory.largest, most)
