@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -19,7 +19,7 @@ from rigidfx.mechanics.eased import Eased
 from rigidfx.recovery.recovery import Recovery
 from rigidfx.report.events import Event
 from rigidfx.report.ledger import Ledgers, Rigidity
-from rigidfx.report.of_step import report_of, with_ledger
+from rigidfx.report.of_step import report_of
 from rigidfx.report.probes import Probes
 from rigidfx.report.report import Report
 from rigidfx.scene.timeline import Timeline
@@ -178,7 +178,8 @@ class Run:
         if self.stepper.control is not None and rigidity is not None:
             self.stepper.control.allow(rigidity.rest)
         let_go = 0.0 if self.error is None else self.error.ending.let_go
-        return with_ledger(report, self.ledgers, withheld, periods, rigidity, let_go)
+        ledger = self.ledgers.follow(report, withheld, periods, rigidity, let_go)
+        return replace(report, ledger=ledger)
 
     def _switched(
         self, policy: Policy, decision: Decision | None, seen: Observation

@@ -23,6 +23,7 @@ from rigidfx.effects.initial.initial_velocity import agree_with_support, given_v
 from rigidfx.mechanics.bodies import BODIES, Bodies
 from rigidfx.mechanics.eased import EASED, Eased
 from rigidfx.mechanics.rigid_body import Body
+from rigidfx.mechanics.rotation import cross
 from rigidfx.scene.scene import Scene
 
 __all__ = ["State", "initial_velocity"]
@@ -120,7 +121,7 @@ class State:
             inside = np.flatnonzero(body[nodes] >= 0)
             of = body[nodes[inside]]
             arms = (coordinates[nodes[inside], None, 1:] @ self.bodies.pose[of, 1:])[:, 0]
-            v[inside] = self.bodies.velocity[of] + np.cross(self.bodies.angular_velocity[of], arms)
+            v[inside] = self.bodies.velocity[of] + cross(self.bodies.angular_velocity[of], arms)
         return v
 
     @property

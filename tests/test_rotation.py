@@ -8,7 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from rigidfx.mechanics.rotation import cayley, cayley_tangent, orthonormalized, skew
+from rigidfx.mechanics.rotation import (
+    axial,
+    cayley,
+    cayley_tangent,
+    cross,
+    orthonormalized,
+    skew,
+)
 
 # |θ| up to 8: angles up to 2.65 rad in one step.
 coordinate = st.floats(-4.5, 4.5)
@@ -29,6 +36,9 @@ def test_skew_is_the_cross_product(a, b):
     assert many.shape == (2, 3, 3)
     assert np.array_equal(many[1], skew(b))
     assert np.array_equal(skew(1j * a), 1j * skew(a))
+    assert np.array_equal(cross(a, many), np.cross(a, many))
+    moments = axial(np.array([np.outer(a, b), np.outer(b, a)]))
+    assert np.array_equal(moments, [np.cross(a, b), np.cross(b, a)])
 
 
 @given(theta=vectors)

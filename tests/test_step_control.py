@@ -196,9 +196,9 @@ class Added:
     def left(self, time):
         return self.error * np.exp(-self.forgotten * time)
 
-    def rate(self, limit, time):
-        gone = -np.expm1(-self.forgotten * time) / self.forgotten if self.forgotten else time
-        return (limit - self.left(time)) / gone
+    def rates_to(self, limits, times):
+        gone = -np.expm1(-self.forgotten * times) / self.forgotten if self.forgotten else times
+        return (limits - self.left(times)) / gone
 
 
 STILL = Moves(1.0, 0.0, 0.0)
@@ -381,7 +381,8 @@ def test_a_vibration_errs_by_twice_its_amplitude():
     assert (told[late] > 0.5 * exact[late]).all()
     assert max(told) < 3 * 2 * size
     assert size * phase[-1] > 5 * 2 * size
-    assert whole.rate(1e-2, 100.0) > 10 * 1e-2 / 100.0  # what is bounded costs no steps
+    rate = whole.rates_to(np.array([1e-2]), np.array([100.0]))
+    assert rate > 10 * 1e-2 / 100.0  # what is bounded costs no steps
 
 
 def test_nothing_divides_by_rest():

@@ -18,6 +18,7 @@ from scipy.sparse import csr_array
 from rigidfx.effects.action import Structure
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments
+from rigidfx.mechanics.rotation import cross
 
 __all__ = ["LinkedNodes"]
 
@@ -104,7 +105,7 @@ class LinkedNodes:
     def velocities(self, v: Array, bodies: Bodies) -> Array:
         """Velocities at those of the rows, shape (size, 3) [m/s]. Collective."""
         arms = self._follow(bodies.pose) - bodies.r[self._of]
-        turning = np.cross(bodies.angular_velocity[self._of], arms)
+        turning = cross(bodies.angular_velocity[self._of], arms)
         return self._of_all(v.reshape(-1, 3)[self._at], bodies.velocity[self._of] + turning)
 
     # What forces on them do ---------------------------------------------------------------------

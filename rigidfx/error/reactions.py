@@ -19,6 +19,7 @@ from scipy.sparse import csr_array
 from rigidfx.error.frames import Frames, to_space
 from rigidfx.error.linear_motion import LinearMotion
 from rigidfx.error.response import Response
+from rigidfx.mechanics.rotation import cross
 from rigidfx.scene.scene import Scene
 from rigidfx.step.system.supports import PrescribedDofs
 
@@ -98,8 +99,8 @@ class Reactions:
             both = both + rate[:, 1]
         centres = self._centres(x, self._nodes)
         for name, part, own, centre in zip(self._names, self._parts, both, centres, strict=True):
-            force, moment = to_space(own, turned[part])
-            both_in_space = np.array([force, moment + np.cross(centre, force)])
+            both_in_space = to_space(own, turned[part])
+            both_in_space[1:] += cross(centre, both_in_space[:1])
             out[name] = out.get(name, np.zeros((2, 3))) + both_in_space
         return out
 

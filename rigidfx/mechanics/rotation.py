@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["axial", "cayley", "cayley_tangent", "orthonormalized", "skew"]
+__all__ = ["axial", "cayley", "cayley_tangent", "cross", "orthonormalized", "skew"]
 
 Array = npt.NDArray[np.float64]
 
@@ -26,6 +26,7 @@ UNIT_SKEWS = np.array(
     ],
     dtype=np.float64,
 )
+AXES = np.arange(len(IDENTITY))
 
 
 def skew(a: npt.ArrayLike) -> Array:
@@ -41,16 +42,24 @@ def skew(a: npt.ArrayLike) -> Array:
     return np.dot(a, UNIT_SKEWS).reshape((*a.shape, 3))
 
 
+def cross(a: npt.ArrayLike, b: npt.ArrayLike) -> Array:
+    """a × b of some tens of vectors, shape (..., 3): a third of the time of `np.cross`."""
+    a, b = np.asarray(a), np.asarray(b)
+    next_one, one_before = AXES - 2, AXES - 1
+    right = a.take(next_one, -1) * b.take(one_before, -1)
+    return np.asarray(right - a.take(one_before, -1) * b.take(next_one, -1))
+
+
 def axial(B: Array) -> Array:
     """Σ aᵢ × bᵢ from B = Σ aᵢ bᵢᵀ: moments, at the cost of a small product.
 
     Args:
-        B: Shape (3, 3).
+        B: Shape (..., 3, 3).
 
     Returns:
-        Shape (3,).
+        Shape (..., 3).
     """
-    return -(UNIT_SKEWS @ B.reshape(-1))
+    return np.asarray(-(B.reshape(*B.shape[:-2], 9) @ UNIT_SKEWS.T))
 
 
 def cayley(theta: npt.ArrayLike) -> Array:

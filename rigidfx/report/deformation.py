@@ -8,7 +8,7 @@ supports hold still has no rigid motion: all of its kinetic energy is of deforma
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -16,10 +16,10 @@ from mpi4py import MPI
 
 from rigidfx.base.remembered import Remembered, same
 from rigidfx.mechanics.bodies import Bodies
+from rigidfx.mechanics.rotation import axial, cross
 from rigidfx.scene.held import holding
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
-from rigidfx.step.equations.energies import Measures
 from rigidfx.step.system.system import System
 
 __all__ = ["Deformation"]
@@ -54,18 +54,18 @@ class Deformation:
         self._of_body: Ints = np.empty(0, dtype=np.int64)
         self.largest = self.kinetic = self.strain = 0.0
 
-    def measure(self, system: System, state: State, measures: Measures) -> float:
+    def measure(self, system: System, state: State, report: Any) -> float:
         """The energy of deformation now [J]. Collective.
 
         Args:
             system: Equations of the present division.
             state: The state.
-            measures: Its energies.
+            report: Its report.
         """
-        self.kinetic = measures.kinetic
+        self.kinetic = report.kinetic
         if not self._still:
-            self.kinetic = max(measures.kinetic - self._rigid(system, state, measures.kinetic), 0.0)
-        self.strain = measures.strain + measures.stored
+            self.kinetic = max(report.kinetic - self._rigid(system, state, report.kinetic), 0.0)
+        self.strain = report.strain + report.stored
         now = self.strain + self.kinetic
         self.largest = max(self.largest, now)
         return now
@@ -104,8 +104,7 @@ class Deformation:
             local = np.array([np.bincount(of, c, count) for c in columns]).T
         sums = np.asarray(self._scene.sum(local)).reshape(-1, 4, 7)
         m_mx_p, spread, x_p = sums[:, 0], sums[:, 1:, 1:4].reshape(-1, 9), sums[:, 1:, 4:]
-        turning = [x_p[:, i, j] - x_p[:, j, i] for i, j in ((1, 2), (2, 0), (0, 1))]
-        total = np.hstack([m_mx_p, spread, np.transpose(turning)])
+        total = np.hstack([m_mx_p, spread, axial(x_p)])
         bodies = state.bodies
         if len(bodies):
             m, r = bodies.of.mass, bodies.r
@@ -113,7 +112,7 @@ class Deformation:
             # Σ m y yᵀ = ½ tr J I - J about the centre.
             trace = np.trace(turned, axis1=1, axis2=2)[:, None, None]
             own = 0.5 * trace * np.eye(3) - turned + m[:, None, None] * r[:, :, None] * r[:, None]
-            J = np.cross(r, bodies.momentum) + bodies.angular_momentum
+            J = cross(r, bodies.momentum) + bodies.angular_momentum
             parts = [m[:, None], m[:, None] * r, bodies.momentum, own.reshape(-1, 9), J]
             np.add.at(total, self._of_body, np.hstack(parts))
         return total
@@ -122,13 +121,13 @@ class Deformation:
 def _rigid_energies(sums: Array) -> Array:
     """½ p²/m + ½ Jc·Ic⁻¹ Jc of each part, shape (parts,) [J]."""
     m, mx, p = sums[:, :1], sums[:, 1:4], sums[:, 4:7]
-    c = np.divide(mx, m, out=np.zeros_like(mx), where=m > 0)
+    mass = np.where(m > 0, m, 1.0)
+    c = mx / mass
     spread = sums[:, 7:16].reshape(-1, 3, 3) - mx[:, :, None] * c[:, None, :]
     moments, axes = np.linalg.eigh(spread)
     moments = moments.sum(axis=1, keepdims=True) - moments
-    J = sums[:, 16:] - np.cross(c, p)
+    J = sums[:, 16:] - cross(c, p)
     along = np.einsum("ki,kij->kj", J, axes)
     known = moments > THIN * moments.max(axis=1, keepdims=True)
     turning = np.divide(along**2, moments, out=np.zeros_like(along), where=known).sum(axis=1)
-    moving = np.divide(p**2, m, out=np.zeros_like(p), where=m > 0).sum(axis=1)
-    return np.asarray(0.5 * (moving + turning))
+    return np.asarray(0.5 * ((p**2 / mass).sum(axis=1) + turning))

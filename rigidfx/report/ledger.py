@@ -13,16 +13,14 @@ the points watched. The error of the mesh is not estimated.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import isnan, nan, pi
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 from rigidfx.base.in_notebook import as_text
 from rigidfx.base.remembered import PART, Remembered, same
 from rigidfx.effects import NumericalDamping
 from rigidfx.report.deformation import Deformation
-from rigidfx.step.equations.energies import Measures
 from rigidfx.step.stepper import Stepper
 
 __all__ = ["Entry", "Ledger", "Ledgers", "Rigidity"]
@@ -204,25 +202,25 @@ class Ledgers:
 
     def follow(
         self,
-        measures: Measures,
-        taken: Mapping[str, float],
+        report: Any,
         withheld: float,
         periods: float,
-        rigidity: Rigidity | None = None,
+        rigidity: Rigidity | None,
+        let_go: float,
     ) -> Ledger:
         """The ledger after a step. Collective.
 
         Args:
-            measures: Energies at its end.
-            taken: Energy that each kind of damping took in it [J].
+            report: Its report.
             withheld: Strain energy that rigidity withholds [J]; NaN if nothing estimates it.
             periods: Periods so far.
             rigidity: Error of the motion by rigid parts; None if nothing estimates that.
+            let_go: Largest error motion that has been let go so far [m].
         """
         stepper = self._stepper
-        self._deformation.measure(stepper.system, stepper.state, measures)
-        self._struck |= measures.contact > 0
-        self._damped += taken.get(NumericalDamping.__name__, 0.0)
+        self._deformation.measure(stepper.system, stepper.state, report)
+        self._struck |= report.contact > 0
+        self._damped += report.dissipated.get(NumericalDamping.__name__, 0.0)
         H = self._deformation.largest
         frozen = sum(max(b.frozen.vibration, 0.0) for b in stepper.state.bodies.of.records)
         allowed = budget = nan
@@ -236,8 +234,9 @@ class Ledgers:
             periods=periods,
             rejected=0 if stepper.control is None else stepper.control.rejected,
             rigidity=NOTHING if rigidity is None else self._of_rigidity(rigidity),
-            sure=self._sure(rigidity, measures),
+            sure=self._sure(rigidity, report),
             struck=self._struck,
+            let_go=let_go,
         )
 
     def _of_rigidity(self, rigidity: Rigidity) -> Entry:
@@ -245,14 +244,14 @@ class Ledgers:
         U = nan if control is None else control.length.displacement
         return Entry(rigidity.motion * U, U, rigidity.allowed * U, "m")
 
-    def _sure(self, rigidity: Rigidity | None, measures: Measures) -> Sure:
+    def _sure(self, rigidity: Rigidity | None, report: Any) -> Sure:
         """Meaning of the estimate: where loads change, inertia tells how fast they do."""
         if rigidity is None:
             return "unknown" if self._struck else "estimate"
         if not rigidity.free:
             kinetic, strain = self._inertia
-            own = max(self._deformation.kinetic - NOISE * measures.kinetic, 0.0)
-            kinetic, strain = kinetic + own, strain + measures.strain + measures.stored
+            own = max(self._deformation.kinetic - NOISE * report.kinetic, 0.0)
+            kinetic, strain = kinetic + own, strain + report.strain + report.stored
             self._inertia = kinetic, strain
             if kinetic > SLOW * strain:
                 self._lost |= rigidity.motion > 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -16,7 +16,6 @@ from rigidfx.error.shown import Shown
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.recovery.recovery import Recovery
 from rigidfx.report.events import Event
-from rigidfx.report.ledger import Ledgers, Rigidity
 from rigidfx.report.probes import Probes
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
@@ -26,7 +25,7 @@ from rigidfx.step.step_result import StepResult
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.system.supports import Impact
 
-__all__ = ["amended", "held_at_start", "report_of", "with_ledger"]
+__all__ = ["amended", "held_at_start", "report_of"]
 
 
 Array = npt.NDArray[np.float64]
@@ -89,7 +88,7 @@ def report_of(
         solver=solution.solver if solution else "",
         cuts=result.cuts if result else 0,
         unknowns=stepper.unknowns,
-        **_measured(stepper.measure()),
+        **vars(stepper.measure()),
         work_of_loads=result.work_of_loads if result else 0.0,
         work_of_supports=result.work_of_supports if result else 0.0,
         dissipated=result.dissipated if result else {},
@@ -151,7 +150,7 @@ def amended(report: Report, stepper: Stepper, events: Sequence[Event], closeness
     off = {} if error is None else error.at(probes.points)
     return replace(
         report,
-        **_measured(stepper.measure()),
+        **vars(stepper.measure()),
         rigid=stepper.state.bodies,
         velocities=_velocities(probes, stepper.state, off),
     )
@@ -204,31 +203,3 @@ def _clamped(stepper: Reported) -> tuple[str, ...]:
         return ()
     named = stepper.scene.named(Rigid)
     return tuple(named[number - 1].name for number in sorted(stepper.state.clamped))
-
-
-def with_ledger(
-    report: Report,
-    ledgers: Ledgers,
-    withheld: float,
-    periods: float,
-    rigidity: Rigidity | None = None,
-    let_go: float = 0.0,
-) -> Report:
-    """A report with the ledger up to its end. Collective.
-
-    Args:
-        report: The report.
-        ledgers: Accounts of the run.
-        withheld: Strain energy that rigidity withholds [J].
-        periods: Periods that the motion has gone through.
-        rigidity: Error of the motion by rigid parts; None if nothing estimates that.
-        let_go: Largest error motion that has been let go so far [m].
-    """
-    measures = Measures(**{item.name: getattr(report, item.name) for item in fields(Measures)})
-    ledger = ledgers.follow(measures, report.dissipated, withheld, periods, rigidity)
-    return replace(report, ledger=replace(ledger, let_go=let_go))
-
-
-def _measured(measures: Measures) -> dict[str, Any]:
-    """Energies and momenta by the names that they have in a report."""
-    return {item.name: getattr(measures, item.name) for item in fields(measures)}

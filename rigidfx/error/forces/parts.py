@@ -13,6 +13,7 @@ from rigidfx.error.forces.rigid_motions import independent, rigid_motions
 from rigidfx.flexible.internal_forces import Cells, InternalForces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import RigidBody
+from rigidfx.mechanics.rotation import axial, skew
 from rigidfx.scene.scene import Scene
 
 __all__ = ["Parts", "mass_of", "watched"]
@@ -162,14 +163,14 @@ class Parts:
         local = np.zeros((len(self.bodies), 4, 3))
         for total, own in zip(local, self._spans, strict=True):
             total[:] = places[own].T @ vectors[own]
-        turning = np.cross(np.eye(3), local[:, 1:]).sum(axis=1) / self._lengths
+        turning = axial(local[:, 1:]) / self._lengths
         sums = np.asarray(self._scene.sum(np.concatenate([local[:, 0], turning], axis=1)))
         out = np.empty_like(local)
         each = zip(out, inverses or self._inverse, sums, strict=True)
         for numbers, inverse, total in each:
             motion = inverse @ total
             numbers[0] = motion[:3]
-            numbers[1:] = np.cross(motion[3:], np.eye(3))
+            numbers[1:] = skew(motion[3:]).T
         out[:, 1:] /= self._lengths[:, None]
         return out
 

@@ -25,6 +25,7 @@ from rigidfx.effects import Windowed
 from rigidfx.error.forces.parts import Parts
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.mechanics.bodies import Bodies
+from rigidfx.mechanics.rotation import cross
 from rigidfx.step.equations.actions import Actions
 from rigidfx.step.equations.structure import BoundStructure
 from rigidfx.step.stepper import Stepper
@@ -108,7 +109,7 @@ class Withheld:
 
         A node at V in the frame has the velocity [1, V] times that.
         """
-        turning = np.cross(bodies.angular_velocity[self._of][:, None], bodies.R[self._of].mT)
+        turning = cross(bodies.angular_velocity[self._of][:, None], bodies.R[self._of].mT)
         return np.concatenate([bodies.velocity[self._of][:, None], turning], axis=1)
 
     def force(self, t: float, dt: float) -> Array:

@@ -28,6 +28,8 @@ from dataclasses import dataclass
 from math import exp, isnan, log2, sqrt
 from typing import ClassVar, NamedTuple
 
+import numpy as np
+
 from rigidfx.base.course import Course
 from rigidfx.base.remembered import PART, Remembered, same
 from rigidfx.step.length.run_error import RunError
@@ -146,17 +148,14 @@ class Controller:
     def allowed(self, t: float, dt: float = 0.0) -> float:
         """Error per time that a step from t of the length dt [s] may spend, r of (2) [m/s]."""
         rest = max(self._t_end - t, NUMBERS.rest * self._t_end)
-        even = self._spend(self.displacement, rest, self._t_end)
+        spent = [(self.displacement, rest, self._t_end)]  # with what, in a time of a whole
         growing = self._growing(t) + dt
-        if self._of is not None or growing <= 0:
-            return even
-        time = NUMBERS.spread * growing
-        return max(even, self._spend(self._foreseen, time, time))
-
-    def _spend(self, displacement: float, time: float, whole: float) -> float:
-        """Error per time that spends a displacement's budget [m] in a time of a whole [s]."""
-        budget = NUMBERS.share * self.tol * displacement
-        return max(self.error.rate(budget, time), NUMBERS.poorest * budget / whole)
+        if self._of is None and growing > 0:
+            spent.append((self._foreseen, NUMBERS.spread * growing, NUMBERS.spread * growing))
+        displacements, times, wholes = np.array(spent).T
+        budgets = NUMBERS.share * self.tol * displacements
+        rates = self.error.rates_to(budgets, times)
+        return float(np.maximum(rates, NUMBERS.poorest * budgets / wholes).max())
 
     def _growing(self, t: float) -> float:
         """s: time in which the displacement has grown to its present size [s]."""
@@ -204,8 +203,9 @@ class Controller:
             self._course.add(now.displacement, t - dt, t)
             self._foreseen = self._foresee(t, now)
         known = not isnan(error)
-        likely = min(self._last * dt**3, self.allowed(t - dt, dt) * dt)
-        self.error.accept(error if known else likely, dt)
+        if not known:
+            error = min(self._last * dt**3, self.allowed(t - dt, dt) * dt)  # a likely one
+        self.error.accept(error, dt)
         self.spent = max(self.spent, self.error.error)
         if not known:
             return

@@ -73,6 +73,8 @@ class RunError:
         self._low: Array = np.zeros((1 + STAGES, count, 3 * points))
         self._high: Array = np.zeros((1 + STAGES, count, 3 * points))
         self._shares: Array = np.zeros((2, count))  # lately: of each, and of all
+        # Added to what each account (column) allows within each bound (row).
+        self._faster: Array = np.where(np.tri(count, dtype=bool), 0.0, np.inf)
         self._next_low, self._next_high = self._low, self._high
         self._next_sizes, self._next_parts = self._sizes, self._parts
         self.error = self.largest = 0.0
@@ -135,24 +137,23 @@ class RunError:
         slower = np.maximum.accumulate(self._errors * np.exp(-self.rates * time))
         return float((slower + 2 * self._sizes).min())
 
-    def rate(self, limit: float, time: float, *, anew: bool = False) -> float:
-        """Error per time by which E comes to a limit [m/s].
+    def rates_to(self, limits: Array, times: Array) -> Array:
+        """Errors per time by which E comes to limits [m/s].
 
         Args:
-            limit: [m].
-            time: When [s].
-            anew: Whether nothing has been spent before.
+            limits: Shape (n,) [m].
+            times: When, shape (n,) [s].
         """
-        gone = -np.expm1(-self.rates * time)  # of an error that is made now
-        lasting = np.divide(gone, self.rates, out=np.full_like(gone, time), where=self.rates > 0)
+        gone = -np.expm1(-self.rates * times[:, None])  # of an error that is made now
+        lasting = np.repeat(times[:, None], self.rates.size, axis=1)
+        np.divide(gone, self.rates, out=lasting, where=self.rates > 0)
         mean, added = self._shares
-        shares = np.maximum(mean / added, LEAST) if added[0] > 0 else np.ones_like(mean)
-        start = 0.0 if anew else self._errors * (1 - gone)
-        bounds = limit - 2 * self._sizes
+        if added[0] > 0:
+            lasting *= np.maximum(mean / added, LEAST)
+        bounds = limits[:, None] - 2 * self._sizes
         # Of each bound the account that is full first; of all bounds the one that allows most.
-        with np.errstate(divide="ignore"):
-            each = (bounds[:, None] - start) / (lasting * shares)
-        return float(np.where(np.tri(len(bounds), dtype=bool), each, np.inf).min(axis=1).max())
+        each = (bounds[:, :, None] - (self._errors * (1 - gone))[:, None]) / lasting[:, None]
+        return np.asarray((each + self._faster).min(axis=2).max(axis=1))
 
 
 def _lengths(vectors: Array) -> Array:

@@ -124,10 +124,11 @@ class TimeControl(WarnsOnce):
         t, dt = attempt.t, attempt.dt
         v0, v1, u = self._tracked.motion(self._system, self._state, dt)
         self._elsewhere.look(u)
-        self._found = float(self._elsewhere.worth(self._error.look(v0, v1, t, dt)[None])[0])
-        swings = self._elsewhere.worth(self._run_error.swings(u, dt))
         error = self._error
-        self._run_error.look(error.jerk, error.swinging, swings, error.omega, dt)
+        lengths = np.vstack([error.look(v0, v1, t, dt), self._run_error.swings(u, dt)])
+        found, *swings = self._elsewhere.worth(lengths)
+        self._found = float(found)
+        self._run_error.look(error.jerk, error.swinging, np.array(swings), error.omega, dt)
         asked = slice(self._tracked.asked)
         v0, v1, u = v0[asked], v1[asked], u[asked]
         self._end = Moves(*_longest(u, v1, (v1 - v0) / dt))

@@ -20,6 +20,7 @@ vibration add up to √2 of Σ d, those of a steady rotation to Σ d.
 
 from __future__ import annotations
 
+from functools import cache
 from math import comb, exp, nan, sqrt
 from typing import ClassVar
 
@@ -102,8 +103,7 @@ class TimeError:
             self.jerk, self.swinging = np.full_like(v0, nan), np.full(len(v0), nan)
             return self.swinging
         j = np.diff(a, axis=0) / np.diff(times)[:, None, None]
-        self.jerk = np.tensordot(_binomial(differences), j, 1)
-        mean = np.tensordot(_binomial(differences + 1), a, 1)
+        self.jerk, mean = _mean(j), _mean(a)
         jerks, accelerations = ((x**2).sum(axis=1) for x in (self.jerk, mean))
         of_j, of_a = self._squares
         kept = exp(-self.omega * dt / TURN)
@@ -117,6 +117,13 @@ class TimeError:
         self._times, self._a, self._squares = self._next
 
 
+def _mean(values: Array) -> Array:
+    """Repeated mean of two among some values, shape (values, points, 3)."""
+    mean = _binomial(len(values)) @ values.reshape(len(values), -1)
+    return np.asarray(mean.reshape(values.shape[1:]))
+
+
+@cache
 def _binomial(count: int) -> Array:
     """Weights of repeated means of two among some values: ¼, ½, ¼ of three."""
     return np.array([comb(count - 1, k) for k in range(count)]) / 2.0 ** (count - 1)

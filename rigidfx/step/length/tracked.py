@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.mechanics.bodies import Bodies, times
+from rigidfx.mechanics.rotation import cross
 from rigidfx.scene.points import far_apart, find_probes, parts_of_nodes
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
@@ -120,7 +121,7 @@ class Tracked:
             increments, k = system.equilibrium.prolongation.increments, self._body[inside]
             for v, bodies in ((v0, increments.start), (v1, increments.end)):
                 arms = times(bodies.R[k], self._arms[inside])
-                v[inside] = bodies.velocity[k] + np.cross(bodies.angular_velocity[k], arms)
+                v[inside] = bodies.velocity[k] + cross(bodies.angular_velocity[k], arms)
             end = increments.end.r[k] + times(increments.end.R[k], self._arms[inside])
             moved[inside] = end - self._X[inside]
         total = np.asarray(self._scene.sum(self._sums @ local))
