@@ -118,20 +118,14 @@ def longest_period(t: Array, signals: Array) -> float:
     moving = swings > max(rest, EXCITED * float(swings.max()))
     if not moving.any():
         return 0.0
-    from scipy.signal import find_peaks, periodogram  # takes 0.2 s to import
-
-    frequency, power = periodogram(
-        values[:, moving],
-        fs=1 / (even[1] - even[0]),
-        window="hann",
-        detrend=False,
-        scaling="spectrum",
-        axis=0,
-        nfft=4 * len(even),
-    )
-    amplitude = np.sqrt(2 * power).max(axis=1)
+    # SciPy has a periodogram, and takes 0.3 s to import.
+    window = np.sin(np.pi * np.arange(len(even)) / len(even)) ** 2  # von Hann's
+    spectrum = np.fft.rfft(values[:, moving] * window[:, None], 4 * len(even), axis=0)
+    frequency = np.fft.rfftfreq(4 * len(even), even[1] - even[0])
+    amplitude = 2 / window.sum() * np.abs(spectrum).max(axis=1)
     told = frequency * (t[-1] - t[0]) >= CYCLES
-    peaks, _ = find_peaks(np.where(told, amplitude, 0.0), height=EXCITED * swings.max() / 2)
+    a = np.where(told & (amplitude >= EXCITED * swings.max() / 2), amplitude, 0.0)
+    peaks = 1 + np.flatnonzero((a[1:-1] > a[:-2]) & (a[1:-1] >= a[2:]))
     # What is slower than a few cycles in the record may be a trend, unless it outweighs the rest.
     slow = amplitude[~told].max(initial=0.0)
     if slow > max(EXCITED * swings.max() / 2, amplitude[peaks].max(initial=0.0)):
