@@ -93,12 +93,11 @@ class Run:
         attempt = stepper.attempt(target)
         if policy is None:
             return stepper.accept(attempt), []
-        seen = Observation(stepper, attempt.dt)
-        if looks is None:
-            decision = policy.struck(seen, stepper.touches())
-        else:
-            strained = looks.look(attempt, policy.rule.limits)
-            decision = None if strained is None else policy.woken(seen, strained)
+        seen = Observation(stepper, attempt.dt, motion=self.error)
+        strained = None if looks is None else looks.look(attempt, policy.rule.limits)
+        decision = policy.struck(seen, stepper.touches())
+        if decision is None and strained is not None:
+            decision = policy.woken(seen, strained)
         events = self._switched(policy, decision, seen)
         if not events and policy.releases.repeat and len(stepper.state.bodies):
             events = self._asked(policy, attempt, number)

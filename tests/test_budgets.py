@@ -223,6 +223,38 @@ def test_nothing_is_sure_from_a_contact_on(tmp_path):
     assert alone[-1].ledger.sure == "unknown"
 
 
+def test_what_flies_rigid_wakes_as_it_strikes():
+    """A tilted block lands on an edge, becomes rigid and strikes the floor with the next one.
+
+    The twin's blow throws it otherwise, by 0.029 of its way, and e does not contain that.
+    """
+
+    def tilted(x):
+        moved = np.array([[1, 0, 0], [0, np.cos(0.3), -np.sin(0.3)], [0, np.sin(0.3), np.cos(0.3)]])
+        return moved @ x - x + np.array([[0.0], [0.05], [0.05]])
+
+    def fall(dt, **more):
+        scene = rf.Scene(
+            rf.box((0, 0, 0), (0.4, 0.2, 0.2), (8, 5, 5)),
+            rf.StVenantKirchhoff(E=1e7, nu=0.3, rho=1000.0),
+            [
+                rf.StiffnessDamping(ratio=0.05, frequency=20.0),
+                rf.InitialDisplacement(tilted),
+                rf.Gravity((0, 0, -9.81)),
+                rf.Contact("z0", against=rf.Plane((0, 0, 0), (0, 0, 1)), title="floor"),
+            ],
+            probes={"end": (0.4, 0.2, 0.2)},
+        )
+        return list(rf.simulate(scene, dt, 0.16, progress=False, **more))
+
+    exact = fall(1e-3)[-1].probes["end"]
+    with pytest.warns(rf.RigidfxWarning, match="as a contact has closed"):
+        reports = fall(5e-3, accuracy=rf.Accuracy(0.02, "end", min_cells=20))
+    assert "the contact 'floor' changes" in {e.reason for r in reports for e in r.events}
+    way = max(np.linalg.norm(r.probes["end"]) for r in reports)
+    assert np.linalg.norm(reports[-1].probes["end"] - exact) < 0.02 * way
+
+
 def test_what_is_too_small_to_be_worth_it_stays_flexible():
     """Nothing watches it then, and time integration has all of the budget."""
     last = run(swaying(), rf.Accuracy(0.05, "tip"), 1.0)[-1]

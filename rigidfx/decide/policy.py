@@ -22,7 +22,7 @@ from rigidfx.base.remembered import PART, Remembered
 from rigidfx.decide.advice import Advice
 from rigidfx.decide.clusters import NONE, CellGraph
 from rigidfx.decide.criteria.heeded import heeded_rule
-from rigidfx.decide.criteria.judging import Criterion, part_of_window
+from rigidfx.decide.criteria.judging import CHANGE, Criterion, part_of_window
 from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.decision import Decision, qualify
 from rigidfx.decide.easing import Easing
@@ -48,8 +48,6 @@ __all__ = ["Policy"]
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
-
-CHANGE = 0.1  # of its largest value so far, by which a load changes if nobody says
 
 
 class Policy:
@@ -101,7 +99,7 @@ class Policy:
             signals=Signals(scene),
             back_off=BackOff(self._graph.owned, criterion.patience),
             loads=LoadChanges(scene, change, timeline),
-            contacts=ContactChanges(change),
+            contacts=ContactChanges(criterion.contact_change),
             next_number=self.named.count + 1,
         )
         self._paying = Paying(self._graph, criterion, self.memory)
@@ -145,13 +143,15 @@ class Policy:
             touches: Effects of contacts in it.
 
         Returns:
-            The release; None if none closes or changes, or nothing can be released.
+            The release; None if none closes or changes, if e is shown, or nothing can be released.
         """
-        changed = self.memory.contacts.changed(touches) if self._criterion.wake == "all" else ""
-        if not changed or not self._any(self._planner.free(seen)):
+        changed, local = self.memory.contacts.changed(touches), self._criterion.wake != "all"
+        if not changed or not self._any(self._planner.free(seen)) or (local and seen.error[1]):
             return None
-        decision = self._release(seen, f"the contact '{changed}' changes", self._every)
-        return replace(decision, loads_changed=True)
+        reason = f"the contact '{changed}' changes"
+        if local:
+            return self._let_down(seen, reason, self._every, self.rule.limits().window)
+        return replace(self._release(seen, reason, self._every), loads_changed=True)
 
     def repeated(self, seen: Observation, cells: Bools | None) -> Decision | None:
         """The release that conditions ask for before a step is solved again. Collective."""

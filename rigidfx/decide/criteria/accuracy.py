@@ -16,7 +16,7 @@ from rigidfx.base.log import tell
 from rigidfx.base.taken import take_fields
 from rigidfx.base.warning import warn
 from rigidfx.decide.criteria.budget_rule import BudgetRule
-from rigidfx.decide.criteria.judging import Criterion, never_rigid
+from rigidfx.decide.criteria.judging import CHANGE, Criterion, never_rigid
 from rigidfx.decide.criteria.rule import Rule
 from rigidfx.decide.memory.memory import Memory
 from rigidfx.effects import NumericalDamping, Rigid
@@ -183,6 +183,11 @@ class Accuracy(Criterion):
     def rule(self, scene: Scene, timeline: Timeline, memory: Memory) -> BudgetRule:
         """See `Criterion`."""
         return BudgetRule(scene, timeline, memory, float(self.budget))
+
+    @property
+    def contact_change(self) -> float:
+        """See `Criterion`: a blow throws what moves freely, and e has no motion as a whole."""
+        return CHANGE
 
     @property
     def remedy(self) -> str:

@@ -17,8 +17,9 @@ from rigidfx.flexible.strain_rate import StrainRates
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
 
-__all__ = ["EASING", "Criterion", "never_rigid", "part_of_window"]
+__all__ = ["CHANGE", "EASING", "Criterion", "never_rigid", "part_of_window"]
 
+CHANGE = 0.1  # of its largest value so far, by which a load changes if nobody says
 LEAST = 2  # cells of a body: one alone hardly saves anything
 EASING = 0.25  # windows in which released cells are let down, at least
 WORTH = 0.05  # of all cells: what is less saves less than its switches cost
@@ -59,6 +60,16 @@ class Criterion:
     def relative(self) -> bool:
         """Whether tolerances are relative to the largest rate so far."""
         return False
+
+    @property
+    def contact_change(self) -> float:
+        """Change of a contact's force, over its largest so far, that releases all bodies.
+
+        Where not all that is off is shown: always with wake="all".
+        """
+        if self.wake != "all":
+            return inf
+        return CHANGE if self.load_change is None else self.load_change
 
     def allowed(self, peak: float) -> float:
         """Part of the largest displacement that the error motion may be.
