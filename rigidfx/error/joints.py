@@ -37,6 +37,7 @@ from rigidfx.error.increments import increments_of
 from rigidfx.error.loose import Loose
 from rigidfx.error.response import AllUnknowns
 from rigidfx.scene.scene import Scene
+from rigidfx.step.newton.parted import parted
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import Attempt
 
@@ -95,7 +96,7 @@ class Joints:
         self._constant = np.reshape([a.constant for a in averages], (-1, 3))
         self._part = frames.parts_at([a.nodes for a in averages])
         self._E = csr_array((0, 0))  # ports of e
-        self._Y: Array = np.empty((0, 0))  # e by unit forces at ports
+        self._Y = csr_array((0, 0))  # e by unit forces at ports
         self._C: Array = np.empty((0, 0))  # E Y
         self._led: Array = np.empty((0, 0))  # averages by motions that parts have as a whole
         self._kind: tuple[float, ...] = ()
@@ -183,16 +184,18 @@ class Joints:
         averages = csr_array((np.repeat(W.data, 3), at), shape=shape)
         self._E = csr_array(vstack([averages, csr_array(self._loose.momenta.T)], format="csr"))
         self._led = np.asarray(self._scene.sum(averages @ self._loose.motions))
-        kept, rest = response.kept(), np.zeros((n // 3, 3))
+        kept = response.kept()
         response.rest()
         alone = response.kept()
-        self._Y = np.zeros((n, self._E.shape[0]))
-        for k in range(self._Y.shape[1]):
+
+        def solve(force: Array) -> Array:
             response.restore(alone)
-            response.step(rest + self._E[[k]].toarray().reshape(-1, 3), *given)
-            self._Y[:, k] = response.fields()[0].reshape(-1)
+            response.step(force.reshape(-1, 3), *given)
+            return response.fields()[0].reshape(-1)
+
+        self._Y = parted(response.stiffness, csr_array(self._E.T)).responses(solve)
         response.restore(kept)
-        self._C = np.asarray(self._scene.sum(self._E @ self._Y))
+        self._C = np.asarray(self._scene.sum((self._E @ self._Y).toarray()))
 
     # Rows -----------------------------------------------------------------------------------------
 

@@ -125,6 +125,11 @@ class AllUnknowns:
         """See `Response`."""
         return bool(self._e.any() or self._rate.any())
 
+    @property
+    def stiffness(self) -> PETSc.Mat:
+        """K; freed with the rest."""
+        return self._motion.matrices[0]
+
     def kick(self, change: Array) -> None:
         """See `Response`."""
         self._rate = self._motion.halted(self._rate + change)
