@@ -278,6 +278,21 @@ def test_what_swings_is_not_expected_to_grow():
     assert length.allowed(t) > 4 * 0.01 / (5 * growing)  # what grows is
 
 
+def test_a_motion_takes_as_many_steps_after_a_rest_as_at_once():
+    """Its first displacements counted as grown since t = 0: after 20 s it took 176 steps for 36."""
+
+    def steps(start):
+        def swell(t):
+            return np.sin(np.pi * (t - start) / 6) ** 2 if t > start else 0.0
+
+        push = rf.Traction("x1", (0, 0, 20.0), time=swell)
+        control = rf.StepControl(0.01, "tip", largest=0.2)
+        found = times(run(bar(rf.Fixed("x0"), push), control, start + 1.0))
+        return int(np.sum(found > start))
+
+    assert steps(20.0) == pytest.approx(steps(0.0), abs=3)
+
+
 def test_what_errs_by_much_is_halved_more_than_once():
     """By its error per Δt³, over what is allowed per Δt; at most down to the shortest step."""
     length = controller(10.0)

@@ -17,24 +17,20 @@ class Course:
 
     Attributes:
         largest: The largest value so far.
-        begun: Whether it has changed.
     """
 
     remembered: ClassVar[Remembered] = same("largest", "_times", "_sizes")
 
-    def __init__(self, first: float = 0.0) -> None:
-        """The value at the time 0."""
-        self.largest = first
+    def __init__(self) -> None:
+        """It is zero at the time 0."""
+        self.largest = 0.0
         # Until when it was no more than that; the last one may still be.
-        self._times, self._sizes = [0.0], [first]
-
-    @property
-    def begun(self) -> bool:
-        """Whether it has ever been another than the first."""
-        return len(self._times) > 1
+        self._times, self._sizes = [0.0], [0.0]
 
     def add(self, value: float, start: float, t: float) -> None:
         """Take note of a value, reached between two times [s]."""
+        if self.largest == value == 0:
+            self._times[0] = t
         if value <= self.largest:
             return
         self.largest = value
@@ -48,5 +44,5 @@ class Course:
         return self._sizes[min(bisect_left(self._times, t), len(self._sizes) - 1)]
 
     def until(self, value: float) -> float:
-        """Time up to which it was no more than a value [s]; 0 if it has always been."""
+        """Time up to which it was no more than a value [s]."""
         return self._times[max(bisect_right(self._sizes, value) - 1, 0)]

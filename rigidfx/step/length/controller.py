@@ -127,14 +127,14 @@ class Controller:
         self.tol, self._t_end, self._of, self.error = tol, t_end, of, error
         self.wanted = self.longest = longest
         self.shortest, self.spent, self._t = shortest, 0.0, 0.0
-        self._course = Course(REST * size if of is None else of)
+        self._course, self._rest = Course(), REST * size if of is None else of
         self._foreseen = self.displacement
         self._envelope = self._last = self._lost = 0.0
 
     @property
     def displacement(self) -> float:
         """Largest displacement so far, or the user's value for it [m]."""
-        return self._course.largest
+        return max(self._course.largest, self._rest)
 
     @property
     def used(self) -> float:
@@ -159,14 +159,14 @@ class Controller:
 
     def _growing(self, t: float) -> float:
         """s: time in which the displacement has grown to its present size [s]."""
-        return t - self._course.until(self.displacement / NUMBERS.growth)
+        return t - self._course.until(self._course.largest / NUMBERS.growth)
 
     def begins(self, t: float) -> bool:
         """Whether points are on their way from rest at t [s]: all steps err by much of nothing."""
         if self._of is not None:
             return False
-        way = t - self._course.until(0.0)  # t² grows fourfold in half of its time
-        return not self._course.begun or 3 * self._growing(t) < 2 * way
+        way = t - self._course.until(self._rest)  # t² grows fourfold in half of its time
+        return self._course.largest <= self._rest or 3 * self._growing(t) < 2 * way
 
     def too_much(self, error: float, t: float, dt: float) -> bool:
         """Whether a step from t of the length dt [s] that errs [m] by so much is repeated."""
@@ -228,6 +228,5 @@ class Controller:
     def _foresee(self, t: float, now: Moves) -> float:
         """U' at a time [m]."""
         h, U = min(self.longest, NUMBERS.growth * self._growing(t)), self.displacement
-        known = self._course.begun and t - h > self._course.until(0.0)
-        before = max(self._course.at(t - h) if known else 0.0, U / NUMBERS.growth)
+        before = max(self._course.at(t - h), U / NUMBERS.growth)
         return min(U + now.speed * h + now.acceleration * h**2 / 2, U * U / before)
