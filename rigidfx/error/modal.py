@@ -259,6 +259,8 @@ class Modal:
         """Average how fast r changes. Collective."""
         change = (r - self._force) / dt
         rate, size = np.sqrt(self._scene.sum([float(change @ change), float(r @ r)]))
+        if size == 0.0:  # nothing is rigid: no solve
+            self._still = r, np.zeros_like(r)
         keep = np.exp(-0.5 * self._slow * dt) if self._bound else 0.0
         self._change = float(keep * self._change + (1 - keep) * rate)
         self._level = max(self._level, float(size))
