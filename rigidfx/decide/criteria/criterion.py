@@ -59,9 +59,8 @@ class StrainRate(Criterion):
         wake: The rule that releases bodies. "local": the error motion, the difference to the
             flexible twin, is computed in each step. Once it strains a cell at more than `kappa`
             times its tolerance, all that it strains beyond theirs are released with a ring of cells
-            round them, and the step is solved again. The whole body is released if the strain of a
-            released cell would jump (see docs/rigid_parts.md). "all", the paper's rule: any change
-            of a load or of a support releases all bodies. "none": only `release` does. With each
+            round them, and the step is solved again. "all", the paper's rule: any change of a load
+            or of a support releases all bodies. "none": only `release` does. With each
             rule a support that begins or ends releases all bodies. "local" if None, or "all" if
             load_change is given.
         kappa: κ ≥ 1, used by "local" only.
