@@ -95,7 +95,7 @@ class Run:
             return stepper.accept(attempt), []
         seen = Observation(stepper, attempt.dt, motion=self.error)
         strained = None if looks is None else looks.look(attempt, policy.rule.limits)
-        decision = policy.struck(seen, stepper.touches())
+        decision = policy.struck(seen, stepper.touches)
         if decision is None and strained is not None:
             decision = policy.woken(seen, strained)
         events = self._switched(policy, decision, seen)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from test_contact_pairs import boxes
 
 import rigidfx as rf
 
@@ -81,3 +82,30 @@ def test_a_contact_of_the_twin_opens_and_closes_by_the_error_motion():
     assert np.abs(ours - twin).max() <= 0.1 * off
     of_twin, (of_u, of_e) = np.array(pressed[: len(twin)])[:, 0], np.array(pressed[len(twin) :]).T
     assert np.abs(of_u + of_e - of_twin).max() <= 0.01 * np.abs(of_u - of_twin).max()
+
+
+def test_a_blow_wakes_nothing_in_another_part():
+    """Beside a bar that is struck, one that e strains between tol and κ tol stays rigid."""
+    two = boxes(((0, 0, 0), (2, 1, 1), (4, 2, 2)), ((0, 5, 0), (6, 6, 1), (12, 2, 2)))
+    two = two.with_facets("roots", lambda x: x[0] < 1e-9)
+    two = two.with_facets("struck", lambda x: (x[0] > 2 - 1e-9) & (x[1] < 3))
+    two = two.with_facets("pushed", lambda x: x[0] > 6 - 1e-9)
+    two = two.with_cells("slow", lambda x: x[1] > 3)
+
+    def blow(t):
+        return np.sin(np.pi * (t - 6.0) / 0.2) ** 2 if 6.0 < t < 6.2 else 0.0
+
+    effects = [
+        rf.Fixed("roots"),
+        rf.MassDamping(3.0),
+        rf.StiffnessDamping(ratio=0.05, frequency=2.0),
+        rf.Traction("struck", (0, 0, 3e4), time=blow),
+        rf.Traction("pushed", (0, 0, 600.0), time=lambda t: np.sin(np.pi * t / 2) * min(t / 4, 1)),
+    ]
+    scene = rf.Scene(two, rf.StVenantKirchhoff(E=1e7, nu=0.3, rho=1000.0), effects)
+    slow = scene.domain.find("slow", (3,), "test").entities
+    woken = []
+    for report in rf.simulate(scene, 0.02, 6.5, rigidify=rf.StrainRate(1e-3, 0.8), progress=False):
+        woken += [event.woken for event in report.events if event.kind == "release"]
+    assert len(woken) == 1
+    assert not np.isin(slow, woken[0]).any()

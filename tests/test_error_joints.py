@@ -165,3 +165,28 @@ def test_a_closed_chain_keeps_energy_and_momenta_through_switches(mass):
     assert reports[-1].unknowns == 24
     assert max(H, L, J) <= 1e-11
     assert held[0] <= 1e-13
+
+
+def test_a_mass_on_two_parts_couples_the_columns_of_their_joints():
+    """Two arms, held at their roots and by joints, with one mass on the mean of both tips."""
+
+    def scene():
+        two = boxes(((0, 0, 0), (1, 0.1, 0.1), (8, 1, 1)), ((0, 1, 0), (1, 1.1, 0.1), (8, 1, 1)))
+        two = two.with_facets("roots", lambda x: x[0] < 1e-9)
+        two = two.with_facets("tips", lambda x: x[0] > 1 - 1e-9)
+        effects = [rf.Fixed("roots"), rf.PointMass(rf.MeanFace("tips"), 5.0)]
+        for name, y in (("A", 0.0), ("B", 1.0)):
+            two = two.with_facets(
+                name, lambda x, y=y: (abs(x[0] - 0.5) < 0.13) & (abs(x[1] - y - 0.05) < 0.06)
+            )
+            effects.append(
+                rf.Cylindrical("ground", rf.MeanFace(name), (0.5, y + 0.05, 0.05), (0, 0, 1))
+            )
+        two = two.with_facets("pushed", lambda x: (x[0] > 1 - 1e-9) & (x[1] < 0.5))
+        material = rf.StVenantKirchhoff(E=1e7, nu=0.3, rho=1000.0)
+        effects.append(rf.Traction("pushed", (0, 0, 200.0), until=0.2))
+        return rf.Scene(two, material, effects, probes={"tip": (1, 0.05, 0.05)})
+
+    off, left, unknowns = errors(scene, 1.0, rf.StrainRate(3e-2, 0.1, patience=1), 0.01)
+    assert unknowns[-1] < unknowns[0]
+    assert left.max() <= 0.05 * off.max()

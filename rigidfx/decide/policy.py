@@ -9,7 +9,7 @@ damping or of the output release nothing. A policy changes nothing but its own m
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import ClassVar
 
@@ -37,10 +37,11 @@ from rigidfx.decide.paying import Paying
 from rigidfx.decide.planner import Planner
 from rigidfx.decide.reasons import ASKED, CHECKED
 from rigidfx.decide.releases import PLANNED, Releases
-from rigidfx.effects import Touch
+from rigidfx.effects import Contact, Touch
 from rigidfx.error.strained import Strained
 from rigidfx.report.ledger import Rigidity
 from rigidfx.report.report import Report
+from rigidfx.scene.linked import linked, met
 from rigidfx.scene.scene import Scene
 from rigidfx.scene.timeline import Timeline
 
@@ -102,6 +103,9 @@ class Policy:
             contacts=ContactChanges(criterion.contact_change),
             next_number=self.named.count + 1,
         )
+        self._groups, self._part = linked(scene), scene.parts.of_cell[: self._graph.owned]
+        watched = scene.named(Contact) if self.memory.contacts.watched else []
+        self._met = {contact.title: met(scene, contact) for contact in watched}
         self._paying = Paying(self._graph, criterion, self.memory)
         self.rule = heeded_rule(criterion, scene, timeline, self.memory, failures)
 
@@ -135,23 +139,39 @@ class Policy:
         decision = self._release(seen, f"{changed} changes", self._every)
         return replace(decision, loads_changed=True, loads_at=middle)
 
-    def struck(self, seen: Observation, touches: Mapping[str, Touch]) -> Decision | None:
+    def struck(
+        self, seen: Observation, touches: Callable[[], Mapping[str, Touch]]
+    ) -> Decision | None:
         """Decide whether contacts release bodies in a step that has been solved. Collective.
 
         Args:
             seen: The state before it.
-            touches: Effects of contacts in it.
+            touches: Tells effects of contacts in it.
 
         Returns:
             The release; None if none closes or changes, if e is shown, or nothing can be released.
         """
-        changed, local = self.memory.contacts.changed(touches), self._criterion.wake != "all"
-        if not changed or not self._any(self._planner.free(seen)) or (local and seen.error[1]):
+        if not self._met or not (changed := self.memory.contacts.changed(touches())):
             return None
-        reason = f"the contact '{changed}' changes"
+        cells: Bools = self._every
+        local = self._criterion.wake != "all"
         if local:
-            return self._let_down(seen, reason, self._every, self.rule.limits().window)
-        return replace(self._release(seen, reason, self._every), loads_changed=True)
+            hidden: Bools = np.ones(self._groups.size, dtype=bool)
+            if seen.motion is not None:
+                hidden = seen.motion.hidden()
+            where = np.any([self._met[title] for title in changed], axis=0)
+            cells = self._with_linked(where & hidden)
+        if not self._any(self._planner.free(seen) & cells):
+            return None
+        reason = f"the contact '{changed[0]}' changes"
+        if local:
+            return self._let_down(seen, reason, cells, self.rule.limits().window)
+        return replace(self._release(seen, reason, cells), loads_changed=True)
+
+    def _with_linked(self, parts: Bools) -> Bools:
+        """Owned cells of connected parts, and of those that joints link with them."""
+        groups = np.isin(self._groups, self._groups[parts])
+        return np.asarray(groups[self._part])
 
     def repeated(self, seen: Observation, cells: Bools | None) -> Decision | None:
         """The release that conditions ask for before a step is solved again. Collective."""

@@ -96,7 +96,6 @@ class ErrorMotion(Watch):
         self._sums = {name: of_point(p, scene.owned_nodes) for name, p in points.items()}
         self._equations = Equations(stepper, [*self._sums.values()])
         self._strains = CellStrains(scene, stepper.forces, indicator)
-        self._nodes = np.arange(scene.owned_nodes)
         self._impulse = Impulse(stepper, forces)
         self._frames: Frames | None = None  # against the shape of K
         self._contacts = Contacts(stepper) if scene.named(Contact) else None
@@ -159,8 +158,13 @@ class ErrorMotion(Watch):
 
     def _showing(self, frames: Frames) -> Array:
         """Rotation of each connected part, zero where no displacement is shown. Collective."""
-        shown = self.validity.placed & ~frames.parts_with(self._equations.unheld)
-        return _only(frames.now(self._stepper.state), shown)
+        return _only(frames.now(self._stepper.state), ~self.hidden())
+
+    def hidden(self) -> Bools:
+        """Connected parts to whose displacements e is not added. Collective."""
+        if self._frames is None or not self._known:
+            return np.ones_like(self.validity.placed)
+        return ~self.validity.placed | self._frames.parts_with(self._equations.unheld)
 
     def rates(self, cells: Cells) -> Array:
         """Strain rates of e over its last step, or since they were asked for. Collective.
@@ -199,7 +203,7 @@ class ErrorMotion(Watch):
         Returns:
             Displacements of the owned nodes, zero outside, shape (nodes, 3) [m]; the bodies' cells.
         """
-        out = np.zeros((len(self._nodes), 3))
+        out = np.zeros((self._scene.owned_nodes, 3))
         if self._frames is None or self._response is None:
             return out, np.empty(0, np.int32)
         return self._impulse.in_space(self._response.fields()[0], self._frames, out)
@@ -300,12 +304,9 @@ class ErrorMotion(Watch):
             self._equations.scale(self._left(part))
 
     def _left(self, part: float) -> Array:
-        """Shown part of e at each owned node: of parts that nothing holds none. Collective.
-
-        While none of it is rigid, such a part is its own twin from then on: it is shown without e.
-        """
+        """Part of e that is left at each node: none of what flies all flexible. Collective."""
         equations, eased = self._equations, self._stepper.system.actions.easing
-        left = np.full(len(self._nodes), part)
+        left = np.full(self._scene.owned_nodes, part)
         if not equations.all_held and not eased and not len(self._stepper.state.bodies):
             left[equations.unheld] = 0.0
         return left

@@ -193,7 +193,7 @@ class Joints:
             response.step(force.reshape(-1, 3), *given)
             return response.fields()[0].reshape(-1)
 
-        self._Y = parted(response.stiffness, csr_array(self._E.T)).responses(solve)
+        self._Y = parted(response.operator(*given), csr_array(self._E.T)).responses(solve)
         response.restore(kept)
         self._C = np.asarray(self._scene.sum((self._E @ self._Y).toarray()))
 

@@ -16,6 +16,7 @@ from rigidfx.error.ground import Ground
 from rigidfx.flexible.internal_forces import Cells
 from rigidfx.flexible.linear_forms import LinearForms
 from rigidfx.step.linear.definite import solver_of
+from rigidfx.step.linear.linear_solver import conjugate_gradients
 
 __all__ = ["LinearMotion", "assembled", "step_kind"]
 
@@ -176,7 +177,12 @@ class LinearMotion:
         if not self._right.comm.tompi4py().allreduce(bool(held.any()), op=MPI.LOR):
             return v
         self._M.mult(self._work, self._right)
-        velocities: Array = self.by_impulses(self._right.array_r.reshape(1, *v.shape).copy())[0]
+        self._right.array[self._supported] = 0.0
+        M = self._M.copy()
+        self._hold(M, self._supported, 1.0)
+        conjugate_gradients(M, self._right, self._found)  # once: factors would take longer
+        M.destroy()
+        velocities: Array = self._found.array_r.reshape(v.shape).copy()
         return velocities
 
     def has_factors(self, dt: float, drag: float, xi: float) -> bool:
@@ -197,7 +203,8 @@ class LinearMotion:
             A.scale(0.5 + xi)
             A.axpy(2 / dt**2 + drag / dt, self._M, self._pattern)
             if self._viscosity is not None:
-                A.axpy(1 / dt, self._viscosity, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+                # A dashpot on a face couples nodes that no cell does.
+                A.axpy(1 / dt, self._viscosity, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
             self._hold(A, self._supported, self._scale)
             self._dynamic[kind] = solver_of(A)
         return self._dynamic[kind]

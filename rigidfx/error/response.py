@@ -125,10 +125,9 @@ class AllUnknowns:
         """See `Response`."""
         return bool(self._e.any() or self._rate.any())
 
-    @property
-    def stiffness(self) -> PETSc.Mat:
-        """K; freed with the rest."""
-        return self._motion.matrices[0]
+    def operator(self, dt: float, drag: float, xi: float) -> PETSc.Mat:
+        """The matrix that a step solves with; its solver's own. Collective."""
+        return self._motion.factored(dt, drag, xi).getOperators()[0]
 
     def kick(self, change: Array) -> None:
         """See `Response`."""

@@ -1,7 +1,7 @@
 """The rule of `StrainRate` where the error motion is known: one tolerance, and κ times that.
 
-Cells are quiet up to a strain rate in u + e. Once e strains one at more than κ times it, all wake
-that e strains at more than it.
+Cells are quiet up to a strain rate in u + e. Once e strains one at more than κ times it, all of
+its part, and of parts that joints link with this, wake that e strains at more than it.
 """
 
 from __future__ import annotations
@@ -88,8 +88,11 @@ class ErrorRule:
     def waking(self, strained: Strained, free: Bools) -> Bools:
         """Once e strains one at more than κ times its tolerance, all above theirs wake. Collective.
 
-        None of these could freeze now; a second release would follow the first.
+        Of its own connected part, that is, and of those that joints link with it. Otherwise a
+        second release would soon follow the first.
         """
-        above = bool((free & (strained.rate > 1)).any())
-        above = self._tolerances.comm.allreduce(above, op=MPI.LOR)
-        return free & (strained.rate * self._kappa > 1) & above
+        comm, group = self._tolerances.comm, self._tolerances.group
+        above = np.zeros(comm.allreduce(int(group.max(initial=-1)) + 1, op=MPI.MAX), dtype=bool)
+        above[group[free & (strained.rate > 1)]] = True
+        comm.Allreduce(MPI.IN_PLACE, above, op=MPI.LOR)
+        return free & (strained.rate * self._kappa > 1) & above[group]

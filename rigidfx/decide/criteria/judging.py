@@ -63,9 +63,9 @@ class Criterion:
 
     @property
     def contact_change(self) -> float:
-        """Change of a contact's force, over its largest so far, that releases all bodies.
+        """Change of a contact's force, over its largest so far, that releases bodies.
 
-        Where not all that is off is shown: always with wake="all".
+        With wake="all" all of them; else those that it meets, and to which e is not added.
         """
         if self.wake != "all":
             return inf

@@ -11,6 +11,7 @@ from mpi4py import MPI
 from rigidfx.decide.criteria.observation import Observation
 from rigidfx.decide.criteria.relative import Relative
 from rigidfx.decide.memory.memory import Memory
+from rigidfx.scene.linked import linked
 from rigidfx.scene.scene import Scene
 
 __all__ = ["Tolerances"]
@@ -23,6 +24,7 @@ class Tolerances:
 
     Attributes:
         comm: Communicator of the mesh.
+        group: Number of the connected parts, linked by joints, that each owned cell is in.
     """
 
     def __init__(
@@ -44,6 +46,7 @@ class Tolerances:
             SceneError: If a name is unknown.
         """
         self.comm, self._memory, self._tol = scene.comm, memory, tol
+        self.group = linked(scene)[scene.parts.of_cell[: memory.window.worst.size]]
         self._special = np.full(memory.window.worst.size, np.inf)
         for name, own in of_sets.items():
             cells = scene.owned_cells(name, "StrainRate (tolerances)")

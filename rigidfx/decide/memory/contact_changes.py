@@ -40,19 +40,20 @@ class ContactChanges:
         self._reference: dict[str, Array] = {}
         self._largest: dict[str, float] = {}
 
-    def changed(self, touches: Mapping[str, Touch]) -> str:
-        """The first contact that differs too much in a step that has been solved, "" if none.
+    @property
+    def watched(self) -> bool:
+        """Whether any change counts."""
+        return bool(np.isfinite(self._fraction))
+
+    def changed(self, touches: Mapping[str, Touch]) -> list[str]:
+        """Titles of contacts that differ too much in a step that has been solved.
 
         Args:
             touches: Effects of contacts in it.
         """
-        if not np.isfinite(self._fraction):
-            return ""
-        for title, touch in touches.items():
-            change = _of(touch) - self._reference.get(title, NOTHING)
-            if _size(change) > self._fraction * self._largest.get(title, 0.0):
-                return title
-        return ""
+        changes = {k: _of(touch) - self._reference.get(k, NOTHING) for k, touch in touches.items()}
+        least = {k: self._fraction * self._largest.get(k, 0.0) for k in changes}
+        return [k for k, change in changes.items() if _size(change) > least[k]]
 
     def follow(self, touches: Mapping[str, Touch]) -> None:
         """Take note of a step that was accepted."""

@@ -123,6 +123,7 @@ def longest_period(t: Array, signals: Array) -> float:
     spectrum = np.fft.rfft(values[:, moving] * window[:, None], 4 * len(even), axis=0)
     frequency = np.fft.rfftfreq(4 * len(even), even[1] - even[0])
     amplitude = 2 / window.sum() * np.abs(spectrum).max(axis=1)
+    amplitude[[0, -1]] /= np.sqrt(2)  # which the other side does not have
     told = frequency * (t[-1] - t[0]) >= CYCLES
     a = np.where(told & (amplitude >= EXCITED * swings.max() / 2), amplitude, 0.0)
     peaks = 1 + np.flatnonzero((a[1:-1] > a[:-2]) & (a[1:-1] >= a[2:]))

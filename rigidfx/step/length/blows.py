@@ -25,6 +25,7 @@ import numpy.typing as npt
 
 from rigidfx.base.remembered import Remembered, same
 from rigidfx.effects import Contact, Touch
+from rigidfx.scene.linked import met
 from rigidfx.scene.points import parts_of_nodes
 from rigidfx.scene.scene import Scene
 
@@ -132,8 +133,5 @@ def _masses(scene: Scene, contacts: Sequence[Contact]) -> dict[str, float]:
     count = scene.parts.count
     whole = scene.sum(np.bincount(of_node[:n], scene.nodal_mass[:n], count))
     for contact in contacts:
-        names = {contact.where, *contact.keeps_apart}
-        own = np.concatenate([scene.nodes(name, contact.owner, (2,)) for name in sorted(names)])
-        here = np.bincount(of_node[own[own < n]], minlength=count) + 0.0
-        found[contact.title] = float(np.asarray(whole)[np.asarray(scene.sum(here)) > 0].min())
+        found[contact.title] = float(np.asarray(whole)[met(scene, contact)].min())
     return found
