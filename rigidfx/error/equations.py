@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
+from petsc4py import PETSc
 from scipy.sparse import csr_array
 
 from rigidfx.base.mesh_order import MeshOrder
 from rigidfx.base.remembered import Kind, joined, part_of, restore
+from rigidfx.coupling.mass import ConsistentMass, LumpedMass, Mass
 from rigidfx.coupling.rows import Rows
 from rigidfx.effects import Joint, Preload, Rigid
 from rigidfx.error.contacts import Contacts
@@ -28,7 +30,6 @@ from rigidfx.error.reactions import Reactions
 from rigidfx.error.response import PREPARING, AllUnknowns, Response
 from rigidfx.error.stiff_faces import stiff_faces
 from rigidfx.flexible.linear_forms import LinearForms
-from rigidfx.scene.scene import Scene
 from rigidfx.step.stepper import Stepper
 from rigidfx.step.watches.judge import Attempt
 
@@ -293,7 +294,7 @@ def about(
     named = [scene.owned_cells(part.where, part.kind) for part in scene.named(Rigid)]
     rigid = forces.cells(np.unique(np.concatenate(named)).astype(np.int32)) if named else None
     supported = np.flatnonzero(held)
-    more, stressed = _given_mass(scene), bool(scene.named(Preload))
+    more, stressed = _given_masses(stepper, rows), bool(scene.named(Preload))
     motion = LinearMotion(rows, cells, forms, mass, supported, ground, rigid, more, stressed)
     stiff_faces(scene, rows, places, motion.matrices[0], NAMED)
     joined = joined_parts(scene)
@@ -304,20 +305,24 @@ def about(
     return motion, loose, held_by_joints
 
 
-def _given_mass(scene: Scene) -> Array | None:
-    """Additional mass of nodes of parts of given mass [kg]. Collective.
+def _given_masses(stepper: Stepper, rows: Rows) -> list[PETSc.Mat]:
+    """What parts of given mass have besides that of their cells, each; to be destroyed. Collective.
 
-    It is spread as the mass of the cells is; a given inertia is not looked at.
-
-    Returns:
-        Shape (nodes,) of the owned nodes; None if no mass is given.
+    Lumped, it is all that their nodes have. It is spread as the mass of cells is; a given inertia
+    is not looked at.
     """
-    given = [part for part in scene.named(Rigid) if part.mass is not None]
-    if not given:
-        return None
-    out = np.zeros(scene.owned_nodes)
-    for part in given:
-        cells = scene.owned_cells(part.where, part.kind)
-        own = scene.cell_weights(scene.density(), cells)[: out.size]
-        out += (float(part.mass or 0.0) / float(scene.sum(own.sum())) - 1) * own
+    scene, out = stepper.scene, []
+    for part in scene.named(Rigid):
+        if part.mass is not None:
+            cells = scene.owned_cells(part.where, part.kind)
+            own = scene.cell_weights(scene.density(), cells)[: scene.owned_nodes]
+            mass: Mass
+            if scene.mass == "lumped":
+                own = np.where(own > 0, scene.nodal_mass[: own.size], 0.0)
+                mass = LumpedMass(rows, own)
+            else:
+                mass = ConsistentMass(scene, rows, stepper.forces.cells(cells))
+            out.append(mass.matrix())
+            out[-1].scale(float(part.mass) / float(scene.sum(own.sum())) - 1)
+            mass.destroy()
     return out

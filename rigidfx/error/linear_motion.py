@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
@@ -43,7 +45,7 @@ class LinearMotion:
         supported: Ints,
         ground: Ground | None = None,
         rigid: Cells | None = None,
-        more: Array | None = None,
+        more: Sequence[PETSc.Mat] = (),
         stressed: bool = False,
     ) -> None:
         """Assemble the matrices. Collective.
@@ -56,7 +58,7 @@ class LinearMotion:
             supported: Rows of this rank that supports hold.
             ground: Forces of springs at the nodes, if there are any.
             rigid: Those of the cells that belong to parts named rigid.
-            more: Mass that each node has besides, shape (nodes,) [kg].
+            more: Masses besides, which are freed.
             stressed: Whether the stresses of the shape are part of the stiffness.
         """
         self._mass, self._first, self._supported = mass, rows.first, supported
@@ -70,11 +72,9 @@ class LinearMotion:
         kinds, remote = PETSc.Mat.Structure, isinstance(mass, WithRemoteMasses)
         # A mass at a point of a face couples nodes that no cell does.
         self._pattern = kinds.DIFFERENT_NONZERO_PATTERN if remote else kinds.SUBSET_NONZERO_PATTERN
-        if more is not None:
-            masses = self._M.getDiagonal()
-            masses.array[:] += np.repeat(more, 3)
-            self._M.setDiagonal(masses)
-            masses.destroy()
+        for extra in more:
+            self._M.axpy(1.0, extra, self._pattern)
+            extra.destroy()
         viscosity = linear.viscosity(cells)
         self._viscosity = None if viscosity is None else assembled(rows, viscosity)
         if ground is not None:
