@@ -210,6 +210,7 @@ class Policy:
         if not self._any(above):
             return None
         leaving = self._graph.touching(self._graph.largest_at_nodes(above.astype(np.float64)) > 0)
+        leaving |= self._planner.whole_bodies(seen, leaving & (strained.spring > 1))
         decision = self._let_down(seen, CHECKED, leaving, strained.window)
         return replace(decision, woken=np.flatnonzero(above).astype(np.int32))
 
