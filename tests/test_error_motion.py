@@ -654,3 +654,24 @@ def test_a_given_mass_is_that_of_the_run(mass):
     (run, few), (twin, many) = path(rf.StrainRate(3e-3, 0.5)), path(None)
     assert few < 0.1 * many
     assert np.abs(run - twin).max() <= 0.03 * np.abs(twin).max()
+
+
+def test_a_dashpot_on_a_face_couples_nodes_that_no_cell_does():
+    """It ended the run in the first step of e; u + e has its force now."""
+    bar = rf.box((0, 0, 0), (4, 1, 1), (8, 2, 2))
+    bar = bar.with_facets("top", lambda x: (x[2] > 1 - 1e-9) & (x[0] > 2))
+    push = rf.Traction("x1", (0, 0, 50), time=lambda t: np.sin(np.pi * t / 0.3) if t < 0.3 else 0)
+    effects = rf.Fixed("x0"), rf.Spring(rf.MeanFace("top"), 0.0, damping=2e3), push
+
+    def path(rule):
+        made = rf.Scene(
+            bar, rf.StVenantKirchhoff(E=1e7, nu=0.3, rho=1000.0), effects, probes={"tip": (4, 1, 1)}
+        )
+        reports = list(rf.simulate(made, 0.02, 1.5, rigidify=rule, progress=False))
+        return np.array([(r.probes["tip"], r.error_motion["tip"]) for r in reports])
+
+    rule, flexible = (rf.StrainRate(tol, window=0.1, patience=1) for tol in (1e-2, 1e-12))
+    run, twin = path(rule), path(flexible)[:, 0]
+    off = np.abs(run[:, 0] - run[:, 1] - twin).max()
+    assert off > 0.01 * np.abs(twin).max()
+    assert np.abs(run[:, 0] - twin).max() <= 0.05 * off

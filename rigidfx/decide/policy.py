@@ -151,7 +151,9 @@ class Policy:
         Returns:
             The release; None if none closes or changes, if e is shown, or nothing can be released.
         """
-        if not self._met or not (changed := self.memory.contacts.changed(touches())):
+        if not self._met or not seen.bodies:
+            return None
+        if not (changed := self.memory.contacts.changed(touches())):
             return None
         cells: Bools = self._every
         local = self._criterion.wake != "all"

@@ -306,10 +306,10 @@ def about(
 
 
 def _given_masses(stepper: Stepper, rows: Rows) -> list[PETSc.Mat]:
-    """What parts of given mass have besides that of their cells, each; to be destroyed. Collective.
+    """Masses to add for parts of given mass, one matrix each; the caller destroys them. Collective.
 
-    Lumped, it is all that their nodes have. It is spread as the mass of cells is; a given inertia
-    is not looked at.
+    The given mass replaces that of the part's cells, or lumped that of all its nodes, and is spread
+    alike. A given inertia is not used.
     """
     scene, out = stepper.scene, []
     for part in scene.named(Rigid):

@@ -304,7 +304,7 @@ class ErrorMotion(Watch):
             self._equations.scale(self._left(part))
 
     def _left(self, part: float) -> Array:
-        """Part of e that is left at each node: none of what flies all flexible. Collective."""
+        """Part of e that is left at each node: none in free parts without bodies. Collective."""
         equations, eased = self._equations, self._stepper.system.actions.easing
         left = np.full(self._scene.owned_nodes, part)
         if not equations.all_held and not eased and not len(self._stepper.state.bodies):

@@ -158,9 +158,8 @@ class LinearMotion:
             Of the same shape, zero at supports [m/s].
         """
         out = np.zeros_like(momenta)
-        M, right, found = self._M.copy(), self._right, self._found
-        self._hold(M, self._supported, 1.0)
-        solver = solver_of(M, brief=True)
+        right, found = self._right, self._found
+        solver = solver_of(self._free_mass(), brief=True)
         for k, p in enumerate(momenta):
             right.array[:] = p.reshape(-1)
             right.array[self._supported] = 0.0
@@ -170,6 +169,12 @@ class LinearMotion:
         solver.destroy()
         return out
 
+    def _free_mass(self) -> PETSc.Mat:
+        """Mff, and ones where supports hold; the caller destroys it. Collective."""
+        M = self._M.copy()
+        self._hold(M, self._supported, 1.0)
+        return M
+
     def halted(self, v: Array) -> Array:
         """Velocities after an impact on supports that hold still, shape (nodes, 3). Collective."""
         self._work.array[:] = v.reshape(-1)
@@ -178,9 +183,8 @@ class LinearMotion:
             return v
         self._M.mult(self._work, self._right)
         self._right.array[self._supported] = 0.0
-        M = self._M.copy()
-        self._hold(M, self._supported, 1.0)
-        conjugate_gradients(M, self._right, self._found)  # once: factors would take longer
+        M = self._free_mass()
+        conjugate_gradients(M, self._right, self._found)  # factors take longer than one solve
         M.destroy()
         velocities: Array = self._found.array_r.reshape(v.shape).copy()
         return velocities
@@ -203,8 +207,8 @@ class LinearMotion:
             A.scale(0.5 + xi)
             A.axpy(2 / dt**2 + drag / dt, self._M, self._pattern)
             if self._viscosity is not None:
-                # A dashpot on a face couples nodes that no cell does.
-                A.axpy(1 / dt, self._viscosity, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+                # Mostly that of K, which PETSc sees; a dashpot on a face couples further nodes.
+                A.axpy(1 / dt, self._viscosity, PETSc.Mat.Structure.UNKNOWN_NONZERO_PATTERN)
             self._hold(A, self._supported, self._scale)
             self._dynamic[kind] = solver_of(A)
         return self._dynamic[kind]

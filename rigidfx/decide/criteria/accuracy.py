@@ -186,7 +186,7 @@ class Accuracy(Criterion):
 
     @property
     def contact_change(self) -> float:
-        """See `Criterion`: a blow throws what moves freely, where e has no motion as a whole."""
+        """See `Criterion`: a blow changes how a free part moves as a whole, and e lacks that."""
         return CHANGE
 
     @property

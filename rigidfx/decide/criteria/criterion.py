@@ -58,8 +58,9 @@ class StrainRate(Criterion):
             and windows are changes.
         wake: The rule that releases bodies. "local": the error motion, the difference to the
             flexible twin, is computed in each step. Once it strains a cell at more than `kappa`
-            times its tolerance, all of its part that it strains beyond theirs are released with a
-            ring of cells round them, and the step is solved again. The whole body is released if
+            times its tolerance, all cells above their tolerance are released with a ring of cells
+            round them, in its part and in parts that joints link with it. Then the step is solved
+            again. The whole body is released if
             the strain of a released cell would jump (see docs/rigid_parts.md). "all", the paper's
             rule: any change of a load or of a support releases all bodies. "none": only `release`
             does. With each rule a support that begins or ends releases all bodies. "local" if None,

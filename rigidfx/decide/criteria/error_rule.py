@@ -1,7 +1,8 @@
 """The rule of `StrainRate` where the error motion is known: one tolerance, and κ times that.
 
-Cells are quiet up to a strain rate in u + e. Once e strains one at more than κ times it, all of
-its part, and of parts that joints link with this, wake that e strains at more than it.
+Cells are quiet up to a strain rate in u + e, their tolerance. A cell that e strains at more than
+κ times its tolerance wakes, and so do all cells above theirs in its part and in parts that joints
+link with it.
 """
 
 from __future__ import annotations
@@ -86,10 +87,9 @@ class ErrorRule:
         return ""
 
     def waking(self, strained: Strained, free: Bools) -> Bools:
-        """Once e strains one at more than κ times its tolerance, all above theirs wake. Collective.
+        """Cells above their tolerance, in parts linked with one above κ times its own. Collective.
 
-        Of its own connected part, that is, and of those that joints link with it. Otherwise a
-        second release would soon follow the first.
+        If only the latter woke, a second release would soon follow the first.
         """
         comm, group = self._tolerances.comm, self._tolerances.group
         above = np.zeros(comm.allreduce(int(group.max(initial=-1)) + 1, op=MPI.MAX), dtype=bool)

@@ -19,7 +19,7 @@ from rigidfx.scene.timeline import Timeline
 
 __all__ = ["CHANGE", "EASING", "Criterion", "never_rigid", "part_of_window"]
 
-CHANGE = 0.1  # of its largest value so far, by which a load changes if nobody says
+CHANGE = 0.1  # part of its largest value so far by which a load has changed, by default
 LEAST = 2  # cells of a body: one alone hardly saves anything
 EASING = 0.25  # windows in which released cells are let down, at least
 WORTH = 0.05  # of all cells: what is less saves less than its switches cost
