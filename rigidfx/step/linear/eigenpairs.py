@@ -38,7 +38,8 @@ class EigenControl:
         dense: Unknowns up to which LAPACK finds all pairs at once, on each rank.
         shift: First σ, over the largest ratio of the diagonals of K and M.
         high: Largest σ over the lowest nonzero |λ|; above, the shift is set anew. Eigenvalues far
-            below the shift lie too close together for the iteration.
+            below the shift lie too close together for the iteration. Up to 1.6e4, 24 values of a
+            plate in springs and 12 of slender bars were as exact as with a shift below all.
         gap: Relative distance of two λ up to which they are one cluster, which is never cut.
         rounding: An eigenvalue is zero below this factor × φ·diag(K)φ/φ·Mφ. Rounding in the
             assembly of K leaves about 10 machine precisions of that sum.
@@ -50,7 +51,7 @@ class EigenControl:
     tolerance: float = 1e-12
     dense: int = 300
     shift: float = 1e-8
-    high: float = 100.0
+    high: float = 1e4
     gap: float = 1e-3
     rounding: float = 1e3 * float(np.finfo(np.float64).eps)
     extra: int = 2
