@@ -459,6 +459,16 @@ def test_history_and_description_have_the_joints(tmp_path):
     assert drawn["moment"][-1] == pytest.approx(report.joints["joint"].moment[None])
 
 
+def test_a_description_counts_motors_of_given_motion_and_no_supports():
+    """A lock leaves nothing, and what a support leaves is not told: 1 was said to be left."""
+    locked, held = bar(HINGE, rf.Motor("joint", speed=0.0)), bar(HINGE, rf.Fixed("x0"))
+    assert "holds 5 directions, and motors at the start 1 more; " in str(locked.describe())
+    assert "At least 0 are left." in str(locked.describe())
+    assert "At least" not in str(held.describe())
+    later = bar(HINGE, rf.Motor("joint", speed=0.0, since=0.1))
+    assert "At least 1 are left." in str(later.describe())
+
+
 @NO_WARNINGS
 def test_the_multibody_file_has_the_joints(tmp_path):
     """As they were placed, to be read back; a rigid face is none of its bodies."""

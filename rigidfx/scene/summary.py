@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import ufl
 
-from rigidfx.effects import Effect, Joint, Rigid, Table, Windowed
+from rigidfx.effects import Effect, Joint, Motor, Rigid, Table, Windowed
 from rigidfx.mechanics.element import StandardElement
 from rigidfx.scene.mesh_checks import parts_in_words
 from rigidfx.scene.pieces import pieces_in_words
@@ -65,18 +65,25 @@ def description(scene: Any, step: float | None, periods: int | None = None) -> l
 
 
 def _freedom(scene: Any) -> list[str]:
-    """A line on how many directions joints hold, and what rigid parts have. Collective."""
+    """A line on how many directions joints and motors hold, and what rigid parts have. Collective.
+
+    How many are left is not told where supports hold parts, too.
+    """
     joints = scene.named(Joint)
     if not joints:
         return []
     held, parts = sum(len(joint.pieces.rows) for joint in joints), len(scene.named(Rigid))
     loose = scene.parts.count - parts
-    left = 6 * parts - held
-    counted = f" At least {max(left, 0)} are left." if loose <= 0 else ""
+    given = sum(motor.prescribes and motor.acts(0.0) for motor in scene.named(Motor))
+    left = 6 * parts - held - given
+    told = loose <= 0 and not scene.supports
+    counted = f" At least {max(left, 0)} are left." if told else ""
+    driven = f", and motors at the start {given} more" if given else ""
     named = f"; the parts named rigid have {6 * parts} degrees of freedom without them"
     return [
         f"  {len(joints)} joint{'s' * (len(joints) > 1)} hold{'s' * (len(joints) == 1)} {held} "
-        f"directions{named if parts else ''}.{counted} A run tells which directions are held twice."
+        f"directions{driven}{named if parts else ''}.{counted} "
+        "A run tells which directions are held twice."
     ]
 
 
