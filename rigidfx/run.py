@@ -111,7 +111,7 @@ class Run:
         """Apply releases on a user's conditions before the step is solved again. Collective."""
         stepper = self.stepper
         with stepper.foreseen(attempt) as result:
-            report = report_of(number, stepper, self.probes, result, None)
+            report = report_of(number, stepper, self.probes, result, None, error=self.added)
             bodies = stepper.state.bodies.of.records
             _, cells = policy.releases.asked(report.t, report, bodies, before=True)
         seen = Observation(stepper, attempt.dt)

@@ -55,6 +55,25 @@ def test_a_blow_wakes_what_it_strains(mass):
     assert np.abs(told - tips).max() <= 0.8 * 3 * 0.01 * np.abs(tips).max()
 
 
+def test_a_condition_is_asked_of_the_motion_that_is_shown():
+    """A bar that is rigid but for its root bends in u + e alone: its step is solved again."""
+    push, shown = rf.Traction("x1", (0, 0, 20.0), time=lambda t: min(1.0, t)), []
+
+    def bent(report):
+        moved = abs(report.probes["tip"][2])
+        shown.append((report.t, moved, abs(report.error_motion["tip"][2])))
+        return moved > 2e-4
+
+    release = rf.Release(when=bent, repeat=True)
+    rule = rf.StrainRate(0.1, 10 * DT, until=0.3, release=release)
+    reports = list(rf.simulate(scene(HELD, push, DRAG), DT, 1.0, rigidify=rule, progress=False))
+    freeze, event = (event for report in reports for event in report.events)
+    assert (freeze.kind, event.reason) == ("freeze", "checked: a condition")
+    t, moved, told = next(row for row in shown if row[1] > 2e-4)
+    assert event.t == pytest.approx(t - DT)
+    assert moved - told < 2e-4  # u alone
+
+
 def test_a_contact_of_the_twin_opens_and_closes_by_the_error_motion():
     """A bar whose tip is pressed on a floor by a force that swells: u + e is the flexible twin."""
     box = BOX.with_facets("sole", lambda x: (x[2] < 1e-9) & (x[0] > 6.9))
