@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from rigidfx.base.remembered import PART, Remembered, same
+from rigidfx.base.remembered import CELLS, ON_CELLS, PART, Remembered, same
 from rigidfx.error.error_motion import ErrorMotion
 from rigidfx.error.forces.body_forces import BodyForces
 from rigidfx.error.pace import Pace
@@ -35,6 +35,7 @@ class Looks(Watch):
     """
 
     remembered: ClassVar[Remembered] = same("withheld", "_since") | {"_pace": PART, "_shared": PART}
+    remembered |= {"_rigid": CELLS, "_rates": ON_CELLS}
 
     def __init__(
         self, stepper: Stepper, forces: BodyForces, error: ErrorMotion, indicator: Indicator
@@ -51,21 +52,19 @@ class Looks(Watch):
         self._shared = SharedStrains(stepper.scene.space, indicator)
         self._owned = indicator.values.size
         self._rigid: Ints = np.empty(0, np.int32)
-        self._pace = Pace(forces)
+        self._pace = Pace(forces, stepper.scene.owned_nodes)
         self.withheld = 0.0
         self._since = 0.0  # time since the last measure of u + e [s]
         self._rates: Array | None = None  # of u + e, then
 
     def bind(self, flexible: Cells) -> None:
         """See `Watch`."""
-        every = np.arange(self._owned, dtype=np.int32)
+        every, before = np.arange(self._owned, dtype=np.int32), self._rigid
         self._rigid = np.setdiff1d(every, np.concatenate([every[:0], *flexible.values()]))
         self._shared.bind(flexible)
-        self._rates = None
-
-    def refresh(self) -> None:
-        """See `Watch`."""
-        self._pace.refresh()
+        kept = np.array_equal(before, self._rigid)
+        if not self._stepper.scene.comm.allreduce(kept, op=MPI.LAND):
+            self._rates = None
 
     def look(self, attempt: Attempt, limits: Callable[[], Limits] | None = None) -> Strained | None:
         """Strains of e in rigid cells in a step that has been solved. Collective.

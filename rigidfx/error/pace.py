@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections import deque
 from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx.base.remembered import Remembered, same
+from rigidfx.base.remembered import ON_NODES, Remembered, same
 from rigidfx.error.error_motion import LOOKS
 from rigidfx.error.forces.body_forces import BodyForces
-from rigidfx.error.forces.parts import Parts
 
 __all__ = ["Pace"]
 
@@ -29,17 +27,20 @@ class Pace:
         ratio: Largest strain rate of e in rigid cells at the last look, over the rate that wakes.
     """
 
-    remembered: ClassVar[Remembered] = same("_alarmed", "_waited", "ratio")
+    remembered: ClassVar[Remembered] = same("_alarmed", "_waited", "ratio", "_bodies", "_changes")
+    remembered |= {"_last": ON_NODES}
 
-    def __init__(self, forces: BodyForces) -> None:
+    def __init__(self, forces: BodyForces, nodes: int) -> None:
         """Nothing has been looked at.
 
         Args:
             forces: Knows ρ.
+            nodes: How many nodes this rank owns.
         """
-        self._forces = forces
-        self._last: tuple[Parts, Array] | None = None
-        self._changes: deque[float] = deque(maxlen=RECENT)
+        self._forces, self._nodes = forces, nodes
+        self._last: Array | None = None  # ρ of the step before, at these nodes [N] ...
+        self._bodies: tuple[int, ...] = ()  # ... and the numbers of its bodies
+        self._changes: tuple[float, ...] = ()
         self._alarmed, self._waited = True, 0
         self.ratio = 1.0
 
@@ -48,22 +49,21 @@ class Pace:
         """Whether e strains rigid cells little, and no force is new."""
         return self.ratio <= CALM and not self._alarmed
 
-    def refresh(self) -> None:
-        """Forget ρ of the step before."""
-        self._last = None
-        self._changes.clear()
-
     def follow(self) -> None:
         """Compare ρ of an attempt with that of the step before. Collective."""
-        before, self._last = self._last, self._forces.borne
-        self._alarmed = True
-        if self._last is None or before is None or before[0] is not self._last[0]:
-            self._changes.clear()
+        before, of = self._last, self._bodies
+        self._last, self._bodies, self._alarmed = None, (), True
+        if self._forces.borne is not None:
+            parts, force = self._forces.borne
+            self._bodies = tuple(body.number for body in parts.bodies)
+            self._last = np.zeros((self._nodes, 3))
+            self._last[parts.rows.nodes] = force
+        if self._last is None or before is None or of != self._bodies:
+            self._changes = ()
             return
-        parts, force = self._last
-        change = parts.size(force - before[1])
+        change = parts.size(force - before[parts.rows.nodes])
         self._alarmed = not self._changes or change > ALARM * max(self._changes)
-        self._changes.append(change)
+        self._changes = (*self._changes, change)[-RECENT:]
 
     @property
     def looked(self) -> bool:
