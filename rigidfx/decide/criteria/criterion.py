@@ -60,11 +60,10 @@ class StrainRate(Criterion):
             flexible twin, is computed in each step. Once it strains a cell at more than `kappa`
             times its tolerance, all cells above their tolerance are released with a ring of cells
             round them, in its part and in parts that joints link with it. Then the step is solved
-            again. The whole body is released if
-            the strain of a released cell would jump (see docs/rigid_parts.md). "all", the paper's
-            rule: any change of a load or of a support releases all bodies. "none": only `release`
-            does. With each rule a support that begins or ends releases all bodies. "local" if None,
-            or "all" if load_change is given.
+            again. The whole body is released if the strain of a released cell would jump (see
+            docs/rigid_parts.md). "all", the paper's rule: any change of a load or of a support
+            releases all bodies. "none": only `release` does. With each rule a support that begins
+            or ends releases all bodies. "local" if None, or "all" if load_change is given.
         kappa: κ ≥ 1, used by "local" only.
         patience: Factor γ ≥ 1. A release is hasty if a cell was rigid for less time than it was
             observed. After n hasty releases in a row it has to qualify in γⁿ⁻¹ windows in a row.
