@@ -35,7 +35,7 @@ from rigidfx.decide.memory.window import Window
 from rigidfx.decide.named_parts import NamedParts
 from rigidfx.decide.paying import Paying
 from rigidfx.decide.planner import Planner
-from rigidfx.decide.reasons import ASKED, CHECKED
+from rigidfx.decide.reasons import ASKED, CHECKED, FAILED
 from rigidfx.decide.releases import PLANNED, Releases
 from rigidfx.effects import Contact, Touch
 from rigidfx.error.strained import Strained
@@ -138,6 +138,11 @@ class Policy:
             return None
         decision = self._release(seen, f"{changed} changes", self._every)
         return replace(decision, loads_changed=True, loads_at=middle)
+
+    def without_error(self, seen: Observation, failure: str) -> Decision:
+        """The release of all bodies where e has failed, with a warning. Collective."""
+        self._advice.of_dropped(failure)
+        return self._release(seen, FAILED, self._every)
 
     def struck(
         self, seen: Observation, touches: Callable[[], Mapping[str, Touch]]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-__all__ = ["ASKED", "CHECKED"]
+__all__ = ["ASKED", "CHECKED", "FAILED"]
 
 CHECKED = "checked: forces would strain them"  # the step is solved again
 ASKED = "checked: a condition"
+FAILED = "the error motion failed"

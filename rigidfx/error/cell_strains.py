@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
+from rigidfx.error.failing import finite
 from rigidfx.flexible.indicator import Indicator
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.scene.scene import Scene
@@ -27,7 +28,7 @@ class CellStrains:
             forces: Internal forces, which know the cells of each material.
             indicator: A measure of its own.
         """
-        self._forces, self._indicator = forces, indicator
+        self._comm, self._forces, self._indicator = scene.comm, forces, indicator
         self._ends = fem.Function(scene.space), fem.Function(scene.space)
         self._cells: Cells | None = None
 
@@ -42,10 +43,14 @@ class CellStrains:
 
         Returns:
             Linear strain of each of the cells [1/s], in their order.
+
+        Raises:
+            LinAlgError: On every rank, if the motion is not finite.
         """
         if self._cells is None or not np.array_equal(cells, self._cells):
             self._cells = np.array(cells, dtype=np.int32)
             self._indicator.bind(self._forces.cells(np.unique(self._cells)), self._ends)
+        motion = finite(motion, self._comm)
         start, end = (f.x for f in self._ends)
         # Between half of the motion on either side the part of second order is zero.
         for side, half in ((start, -0.5), (end, 0.5)):

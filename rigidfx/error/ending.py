@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.remembered import LARGEST, Remembered, same
+from rigidfx.error.failing import finite
 from rigidfx.error.response import Response
 from rigidfx.step.stepper import Stepper
 
@@ -69,8 +70,11 @@ class Ending:
             dt: Length of the step [s].
             response: Has e.
             parts: Connected part of each owned node.
+
+        Raises:
+            LinAlgError: On every rank, if e is not finite.
         """
-        e = response.coarse()
+        e = finite(response.coarse(), self._stepper.scene.comm)
         state, indicator = self._stepper.state, self._stepper.indicator
         moved = state.places - state.X[: len(e)]
         own = np.zeros((2, self._stepper.scene.parts.count))

@@ -139,6 +139,11 @@ class Equations:
             self.response = Modal(scene, motion, supported, self.loose, sums, e, rate)
 
     @property
+    def known(self) -> bool:
+        """Whether these equations tell e."""
+        return self.response is None or self.response.valid
+
+    @property
     def all_held(self) -> bool:
         """Whether something holds all motions of all parts as a whole."""
         of_joints = 0 if self.joints is None else self.joints.free.shape[1]
@@ -210,13 +215,17 @@ class Equations:
         if self.joints is not None:
             self.joints.struck()
 
-    def scale(self, part: Array) -> None:
-        """Have a part of e left, shape (nodes,). Collective."""
+    def scale(self, part: float) -> None:
+        """Have a part of e left, none in free parts without bodies and let-down. Collective."""
         assert self.response is not None
-        self.response.scale(part)
-        if self._stepper.scene.comm.allreduce(bool((part < 1).any()), op=MPI.LOR):
+        left: Array = np.full(self._stepper.scene.owned_nodes, part)
+        eased = self._stepper.system.actions.easing
+        if not self.all_held and not eased and not len(self._stepper.state.bodies):
+            left[self.unheld] = 0.0
+        self.response.scale(left)
+        if self._stepper.scene.comm.allreduce(bool((left < 1).any()), op=MPI.LOR):
             self._begun.clear()  # motors hold e from now on where it is now
-            self._held.values = part[:, None] * self._held.values
+            self._held.values = left[:, None] * self._held.values
 
     def resume(self, frames: Frames, known: Mapping[str, Any], order: MeshOrder) -> None:
         """Have the solution that a checkpoint knows. Collective.

@@ -33,6 +33,7 @@ from rigidfx.error.cell_strains import CellStrains
 from rigidfx.error.contacts import Contacts
 from rigidfx.error.ending import Ending, Promise
 from rigidfx.error.equations import SOLUTION, Equations
+from rigidfx.error.failing import or_dropped
 from rigidfx.error.forces.body_forces import BodyForces
 from rigidfx.error.frames import FRAMES, Frames, to_space
 from rigidfx.error.impulse import Impulse
@@ -57,8 +58,8 @@ Bools = npt.NDArray[np.bool_]
 _FOLLOWING = PETSc.Log.Event("rigidfxErrorMotion")  # what PETSc's log calls this part of a run
 LOOKS = 4  # steps from look to look: at the size of e, and at cells that it hardly strains
 
-# An attempt; kicks, response and contacts, and how many steps there were, as they were before it.
-_Before = tuple[Attempt, tuple[Array, object, object], int]
+# Kicks, response and contacts, and how many steps there were, before an attempt.
+_Before = tuple[Array, object, object, int]
 
 
 class ErrorMotion(Watch):
@@ -68,9 +69,10 @@ class ErrorMotion(Watch):
         ending: Lets e go where it is small, and tells how large it was.
         validity: Tells where e is not small.
         steps: How many steps e has taken, looks included. It takes none at rest.
+        dropped: How e has failed, until bodies are released.
     """
 
-    remembered: ClassVar[Remembered] = same("steps")
+    remembered: ClassVar[Remembered] = same("steps", "dropped")
     remembered |= {"_frames": FRAMES, "_equations": SOLUTION}
     remembered |= dict.fromkeys(("_impulse", "_contacts", "validity", "ending"), PART)
 
@@ -91,27 +93,40 @@ class ErrorMotion(Watch):
             indicator: A measure of its own for strains of e.
             promise: Bounds of e.
         """
-        self._stepper = stepper
+        self._stepper, self._forces, self._promise = stepper, forces, promise
         self._scene = scene = stepper.scene
         self._sums = {name: of_point(p, scene.owned_nodes) for name, p in points.items()}
-        self._equations = Equations(stepper, [*self._sums.values()])
         self._strains = CellStrains(scene, stepper.forces, indicator)
-        self._impulse = Impulse(stepper, forces)
+        self.steps, self.dropped = 0, ""
+        self._begin()
+
+    def _begin(self) -> None:
+        """Nothing is off. Collective."""
+        self._equations = Equations(self._stepper, [*self._sums.values()])
+        self._impulse = Impulse(self._stepper, self._forces)
         self._frames: Frames | None = None  # against the shape of K
-        self._contacts = Contacts(stepper) if scene.named(Contact) else None
+        self._contacts = Contacts(self._stepper) if self._scene.named(Contact) else None
         self._before: _Before | None = None  # a look at an attempt, if it is no step yet
-        self.validity, self.ending = Validity(scene), Ending(stepper, promise)
-        self.steps = 0
+        self.validity, self.ending = Validity(self._scene), Ending(self._stepper, self._promise)
+
+    def drop(self, error: Exception) -> None:
+        """Begin anew after a failure. Collective."""
+        self.destroy()
+        self._forces.forget()
+        self._begin()
+        self.dropped = str(error)
 
     @property
     def all_shown(self) -> bool:
         """Whether e is added to the displacements shown, in all parts."""
-        return bool(self._known and self.validity.placed.all()) and self._equations.all_held
+        equations = self._equations
+        return bool(equations.known and equations.all_held and self.validity.placed.all())
 
     def shown(self) -> Shown | None:
         """e in space, zero in parts that nothing holds; None while unknown or zero. Collective."""
         frames, response = self._frames, self._response
-        if frames is None or response is None or not self._known or not self.validity.placed.any():
+        known = self._equations.known and self.validity.placed.any()
+        if frames is None or response is None or not known:
             return None
         Q = self._showing(frames)[frames.part]
         return Shown(*(to_space(a, Q) for a in response.fields()))
@@ -122,7 +137,7 @@ class ErrorMotion(Watch):
         Nothing while it is zero, or not known.
         """
         frames, response = self._frames, self._response
-        if not points or not self._known or frames is None or response is None:
+        if not points or not self._equations.known or frames is None or response is None:
             return {}
         Q, part = self._showing(frames), frames.parts_at([p.nodes for p in points.values()])
         own = np.stack(response.at([self._sums[name] for name in points]))
@@ -134,7 +149,7 @@ class ErrorMotion(Watch):
         known, response, state = self._equations.reactions, self._response, self._stepper.state
         if known is None or response is None or self._frames is None or not self._told.any():
             return {}
-        xi, turned = self._scene.damping(state.t)[1], _only(self._frames.now(state), self._told)
+        xi, turned = self._scene.damping(state.t)[1], self._frames.now(state, self._told)
         return known.of(response, dt, xi, turned, state.places)
 
     def touches(self) -> Mapping[str, Array]:
@@ -158,14 +173,15 @@ class ErrorMotion(Watch):
 
     def _showing(self, frames: Frames) -> Array:
         """Rotation of each connected part, zero where no displacement is shown. Collective."""
-        return _only(frames.now(self._stepper.state), ~self.hidden())
+        return frames.now(self._stepper.state, ~self.hidden())
 
     def hidden(self) -> Bools:
         """Connected parts to whose displacements e is not added. Collective."""
-        if self._frames is None or not self._known:
+        if self._frames is None or not self._equations.known:
             return np.ones_like(self.validity.placed)
         return ~self.validity.placed | self._frames.parts_with(self._equations.unheld)
 
+    @or_dropped
     def rates(self, cells: Cells) -> Array:
         """Strain rates of e over its last step, or since they were asked for. Collective.
 
@@ -187,6 +203,7 @@ class ErrorMotion(Watch):
         here = np.linalg.norm(e, axis=1).max(initial=0.0)
         return float(self._scene.comm.allreduce(here, op=MPI.MAX))
 
+    @or_dropped
     def strains(self, cells: Cells) -> Array:
         """Strains of e at the end of its last step, in the same measure [-]. See `rates`."""
         if (response := self._response) is None:
@@ -197,6 +214,7 @@ class ErrorMotion(Watch):
     def _response(self) -> Response | None:
         return self._equations.response
 
+    @or_dropped
     def moved(self) -> tuple[Array, Cells]:
         """Withheld motion of bodies: e without their rigid motions, in space. Collective.
 
@@ -208,6 +226,7 @@ class ErrorMotion(Watch):
             return out, np.empty(0, np.int32)
         return self._impulse.in_space(self._response.fields()[0], self._frames, out)
 
+    @or_dropped
     def withheld(self) -> float:
         """Strain energy that bodies withhold, ½ ρᵀe, no less than zero [J]. Collective."""
         if self._frames is None or self._response is None:
@@ -215,14 +234,9 @@ class ErrorMotion(Watch):
         return self._impulse.withheld(self._response.fields()[0], self._frames)
 
     @property
-    def _known(self) -> bool:
-        """Whether the equation tells e."""
-        return self._response is None or self._response.valid
-
-    @property
     def _told(self) -> Bools:
         """Connected parts in which it tells the strains of e, shape (parts,)."""
-        return self.validity.holds & self._known
+        return self.validity.holds & self._equations.known
 
     # Switches -----------------------------------------------------------------------------------
 
@@ -236,7 +250,7 @@ class ErrorMotion(Watch):
         """Add velocities that a switch, or an `impact`, took out since `before`. Collective."""
         state = self._stepper.state
         if self._frames is None:
-            if impact:
+            if impact or not len(state.bodies):
                 return
             self._frames = Frames(self._scene, state.places)
         velocities, nodes = before
@@ -248,8 +262,9 @@ class ErrorMotion(Watch):
 
     # Steps --------------------------------------------------------------------------------------
 
+    @or_dropped
     def look(self, attempt: Attempt) -> bool:
-        """Follow an attempt at a step, which may become one. Collective.
+        """Follow ρ and e in an attempt at a step, which may become one. Collective.
 
         Another look, or a switch, takes its steps of e back. `rates` and `strains` are at its end.
 
@@ -260,22 +275,23 @@ class ErrorMotion(Watch):
             Whether e has taken a step.
         """
         self._take_back()
+        self._forces.bear(attempt.t, attempt.dt)
         if self._frames is None:
             return False
         with _FOLLOWING:
             kick = self._equations.have(attempt.dt, self._frames, self._impulse.kick)
             assert self._response is not None
             contacts = None if self._contacts is None else self._contacts.kept()
-            self._before = attempt, (kick, self._response.kept(), contacts), self.steps
+            self._before = kick, self._response.kept(), contacts, self.steps
             self._impulse.kick = kick
             self._take(attempt, self._frames)
-        return self.steps > self._before[2]
+        return self.steps > self._before[3]
 
     def _take_back(self) -> None:
         """Be as before the last look, if that has not become a step."""
         if self._before is not None:
             assert self._response is not None
-            _, (self._impulse.kick, motion, contacts), self.steps = self._before
+            self._impulse.kick, motion, contacts, self.steps = self._before
             self._response.restore(motion)
             if self._contacts is not None:
                 self._contacts.restore(contacts)
@@ -286,30 +302,21 @@ class ErrorMotion(Watch):
         if self._contacts is not None:
             self._contacts.refresh()
 
+    @or_dropped
     def accept(self, attempt: Attempt) -> None:
         """See `Watch`."""
-        if self._frames is None:
-            return
-        if self._before is None or self._before[0] is not attempt:
-            self.look(attempt)
         before, self._before = self._before, None
+        if before is None or self._frames is None or self._response is None:
+            return
         if self._contacts is not None:
             self._contacts.accept()
-        if before is not None and self.steps > before[2] and self._response is not None:
+        if self.steps > before[3]:
             if self.steps % LOOKS == 0:
                 x = self._stepper.state.places
                 free = self._frames.parts_with(self._equations.unheld)
                 self.validity.look(attempt.end, self._response, x, self._frames.shape, free)
             part = self.ending.part(attempt.dt, self._response, self._frames.part)
-            self._equations.scale(self._left(part))
-
-    def _left(self, part: float) -> Array:
-        """Part of e that is left at each node: none in free parts without bodies. Collective."""
-        equations, eased = self._equations, self._stepper.system.actions.easing
-        left = np.full(self._scene.owned_nodes, part)
-        if not equations.all_held and not eased and not len(self._stepper.state.bodies):
-            left[equations.unheld] = 0.0
-        return left
+            self._equations.scale(part)
 
     def _take(self, attempt: Attempt, frames: Frames) -> None:
         """Take a step of the run; none at rest. Collective."""
@@ -338,12 +345,6 @@ class ErrorMotion(Watch):
 
     def destroy(self) -> None:
         """Free the PETSc objects. Collective."""
-        self._before = None
         self._equations.destroy()
         if self._contacts is not None:
             self._contacts.destroy()
-
-
-def _only(Q: Array, parts: Bools) -> Array:
-    """Rotations of some parts, zero for others, shape (parts, 3, 3)."""
-    return np.where(parts[:, None, None], Q, 0.0)

@@ -83,11 +83,17 @@ class Frames:
         """
         return self.of_sets(self._parts, x)
 
-    def now(self, state: State) -> Array:
-        """Rotation of each connected part in a state, found once for it. Collective."""
+    def now(self, state: State, parts: Bools | None = None) -> Array:
+        """Rotation of each connected part in a state, found once for it. Collective.
+
+        Args:
+            state: The state.
+            parts: Those that are asked for, all if None; zero for others.
+        """
         if self._rotations is None or self._rotations[0] != state.changes:
             self._rotations = state.changes, self.of_parts(state.places)
-        return self._rotations[1]
+        Q = self._rotations[1]
+        return Q if parts is None else np.where(parts[:, None, None], Q, 0.0)
 
     def parts_with(self, nodes: Bools) -> Bools:
         """Connected parts that have some of these owned nodes, shape (parts,). Collective."""

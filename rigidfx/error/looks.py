@@ -77,9 +77,8 @@ class Looks(Watch):
             Over the rate that wakes cells; None where none wakes. Infinite where e is not small and
             strains a cell by more than a window at the rate that wakes it.
         """
-        self._forces.bear(attempt.t, attempt.dt)
-        self._pace.follow()
         stepped = self._error.look(attempt)
+        self._pace.follow()
         due = self._pace.due() or not self._error.validity.holds.all()
         if not stepped or limits is None or self._forces.borne is None or not due:
             return None

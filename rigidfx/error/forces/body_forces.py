@@ -96,6 +96,11 @@ class BodyForces(Watch):
         shape.array[parts.rows.dofs] = parts.shape
         shape.scatter_forward()
 
+    def forget(self) -> None:
+        """Tell no forces of the present bodies any more. Collective."""
+        self._drop()
+        self._system, self.borne = self._stepper.system, None
+
     def refresh(self) -> None:
         """See `Watch`."""
         self.borne = None

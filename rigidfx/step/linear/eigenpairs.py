@@ -28,6 +28,10 @@ __all__ = ["EigenControl", "Eigenpairs", "clusters", "lowest"]
 Array = npt.NDArray[np.float64]
 
 
+class _NotFound(SceneError, np.linalg.LinAlgError):
+    """An error of linear algebra, as it is to those who can do without eigenpairs."""
+
+
 @dataclass(frozen=True)
 class EigenControl:
     """Limits of the search for eigenpairs.
@@ -109,7 +113,7 @@ def lowest(
     try:
         return search.lowest(count, motions)
     except PETSc.Error as error:
-        raise SceneError(
+        raise _NotFound(
             f"modes: no eigenpairs were found ({error}). Check that every part has mass and "
             "stiffness."
         ) from error
