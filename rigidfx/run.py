@@ -142,8 +142,7 @@ class Run:
         if policy is None:
             return []
         seen = Observation(self.stepper, target - state.t)
-        if self.error is not None and self.error.dropped:
-            failure, self.error.dropped = self.error.dropped, ""
+        if self.error is not None and (failure := self.error.failed()):
             return self._switched(policy, policy.without_error(seen, failure), seen)
         return self._switched(policy, policy.ahead(seen, (state.t + target) / 2), seen)
 

@@ -103,6 +103,7 @@ WARNINGS = {
         "the tolerance is below",
         "bodies are released again",
         "an estimate failed",
+        "the error motion failed",
     ],
     "decide/criteria/accuracy.py": ["the error is unknown", "the budget was not met"],
     "domain/cad.py": ["the cells have more or less volume"],

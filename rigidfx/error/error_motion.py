@@ -69,10 +69,9 @@ class ErrorMotion(Watch):
         ending: Lets e go where it is small, and tells how large it was.
         validity: Tells where e is not small.
         steps: How many steps e has taken, looks included. It takes none at rest.
-        dropped: How e has failed, until bodies are released.
     """
 
-    remembered: ClassVar[Remembered] = same("steps", "dropped")
+    remembered: ClassVar[Remembered] = same("steps", "_failure")
     remembered |= {"_frames": FRAMES, "_equations": SOLUTION}
     remembered |= dict.fromkeys(("_impulse", "_contacts", "validity", "ending"), PART)
 
@@ -97,7 +96,7 @@ class ErrorMotion(Watch):
         self._scene = scene = stepper.scene
         self._sums = {name: of_point(p, scene.owned_nodes) for name, p in points.items()}
         self._strains = CellStrains(scene, stepper.forces, indicator)
-        self.steps, self.dropped = 0, ""
+        self.steps, self._failure = 0, ""
         self._begin()
 
     def _begin(self) -> None:
@@ -114,7 +113,12 @@ class ErrorMotion(Watch):
         self.destroy()
         self._forces.forget()
         self._begin()
-        self.dropped = str(error)
+        self._failure = str(error)
+
+    def failed(self) -> str:
+        """How e has failed since this was asked last; empty if it has not."""
+        failure, self._failure = self._failure, ""
+        return failure
 
     @property
     def all_shown(self) -> bool:
@@ -128,7 +132,7 @@ class ErrorMotion(Watch):
         known = self._equations.known and self.validity.placed.any()
         if frames is None or response is None or not known:
             return None
-        Q = self._showing(frames)[frames.part]
+        Q = frames.now(self._stepper.state, ~self.hidden())[frames.part]
         return Shown(*(to_space(a, Q) for a in response.fields()))
 
     def at(self, points: Mapping[str, Point]) -> Mapping[str, Shown]:
@@ -139,7 +143,8 @@ class ErrorMotion(Watch):
         frames, response = self._frames, self._response
         if not points or not self._equations.known or frames is None or response is None:
             return {}
-        Q, part = self._showing(frames), frames.parts_at([p.nodes for p in points.values()])
+        Q = frames.now(self._stepper.state, ~self.hidden())
+        part = frames.parts_at([p.nodes for p in points.values()])
         own = np.stack(response.at([self._sums[name] for name in points]))
         moved, rate = (to_space(a, Q[part]) for a in self._scene.sum(own))
         return {name: Shown(moved[k], rate[k]) for k, name in enumerate(points)}
@@ -170,10 +175,6 @@ class ErrorMotion(Watch):
         out.x.array[: e.size] = e.reshape(-1)
         out.x.scatter_forward()
         return self._equations.shape, out
-
-    def _showing(self, frames: Frames) -> Array:
-        """Rotation of each connected part, zero where no displacement is shown. Collective."""
-        return frames.now(self._stepper.state, ~self.hidden())
 
     def hidden(self) -> Bools:
         """Connected parts to whose displacements e is not added. Collective."""
@@ -315,8 +316,7 @@ class ErrorMotion(Watch):
                 x = self._stepper.state.places
                 free = self._frames.parts_with(self._equations.unheld)
                 self.validity.look(attempt.end, self._response, x, self._frames.shape, free)
-            part = self.ending.part(attempt.dt, self._response, self._frames.part)
-            self._equations.scale(part)
+            self._equations.scale(self.ending.part(attempt.dt, self._response, self._frames.part))
 
     def _take(self, attempt: Attempt, frames: Frames) -> None:
         """Take a step of the run; none at rest. Collective."""
