@@ -67,7 +67,7 @@ class _Held:
 class Joints:
     """The joints of the twin. Arrays are equal on all ranks but for those of nodes.
 
-    Ports are what rows are made of: averages of e, three each, and momenta of parts.
+    Ports are what rows are made of: averages of e in each part, three each, and momenta of parts.
     """
 
     def __init__(
@@ -89,12 +89,17 @@ class Joints:
         numbers = [len(joint.pieces.averages) for joint in joints]
         rows = [joint.pieces.rows for joint in joints]
         self._terms = Terms(rows, [0, *accumulate(numbers)], len(averages))
-        at = np.concatenate([[0], np.cumsum([a.nodes.size for a in averages])])
+        self._constant = np.reshape([a.constant for a in averages], (-1, 3))
+        # Of each average, its share in each connected part, which alone has one frame.
         own = np.concatenate([np.empty(0), *(a.weights for a in averages)])
         nodes = np.concatenate([np.empty(0, np.int64), *(a.nodes for a in averages)])
-        self._W = csr_array((own, nodes, at), shape=(len(averages), scene.owned_nodes))
-        self._constant = np.reshape([a.constant for a in averages], (-1, 3))
-        self._part = frames.parts_at([a.nodes for a in averages])
+        shares = np.repeat(np.arange(len(averages)), [a.nodes.size for a in averages])
+        shares = shares * scene.parts.count + frames.part[nodes]
+        counts = np.bincount(shares, minlength=len(averages) * scene.parts.count)
+        known = np.flatnonzero(scene.sum(counts.astype(float)))
+        self._average, self._part = np.divmod(known, scene.parts.count)
+        at = np.searchsorted(known, shares), nodes
+        self._W = csr_array((own, at), shape=(known.size, scene.owned_nodes))
         self._E = csr_array((0, 0))  # ports of e
         self._Y = csr_array((0, 0))  # e by unit forces at ports
         self._C: Array = np.empty((0, 0))  # E Y
@@ -113,9 +118,9 @@ class Joints:
         x = state.places
         x = x + increments_of(self._stepper, attempt)
         self._t = attempt.t
-        turned = np.concatenate([self._frames.of_parts(x), np.eye(3)[None]])  # the ground is last
-        p = np.asarray(self._scene.sum(self._W @ x)) + self._constant
-        self._step = turned[self._part], p
+        p = self._constant.copy()
+        np.add.at(p, self._average, np.asarray(self._scene.sum(self._W @ x)))
+        self._step = self._frames.of_parts(x)[self._part], p
 
     def struck(self) -> None:
         """Take note that ė has changed by an impact at the start of the next step."""
@@ -252,10 +257,9 @@ class Joints:
         return np.array([self._begun[k] for k in acting])
 
     def _turned(self, rows: Array) -> Array:
-        """Derivatives by averages in space as those by averages in the frames of parts."""
-        return np.asarray(np.einsum("rai,aij->raj", rows, self._step[0])).reshape(
-            len(rows), self._led.shape[0]
-        )
+        """Derivatives by averages in space as those by their shares in the frames of parts."""
+        of_shares = np.einsum("rai,aij->raj", rows[:, self._average], self._step[0])
+        return np.asarray(of_shares.reshape(len(rows), self._led.shape[0]))
 
     def _multipliers(self, held: _Held, e: Array) -> Array:
         """μ of the rows and of the laws.
