@@ -124,13 +124,13 @@ def measured(name: str, value: str, short: bool, out: Path) -> dict[str, object]
 
 def main() -> None:
     """Run the demos and write their table."""
-    parser = Parser(__file__, __doc__.splitlines()[0], short="the drop test, in its short form")
+    parser = Parser(__file__, __doc__.splitlines()[0], short="the gong, in its short form")
     parser.add_only("demos")
     parser.add_argument("--least", type=positive, default=1, help="unknowns, at least")
     parser.add_argument("--most", type=positive, default=np.inf, help="unknowns, at most")
     parser.add_argument("--resume", action="store_true", help="keep what has been measured")
     options = parser.read()
-    asked, table = chosen(options, DEMOS, ("drop_test",)), []
+    asked, table = chosen(options, DEMOS, ("gong",)), []
     for name, demo in DEMOS.items():
         for unknowns, value in list(demo.sizes.items())[: 1 if options.short else None]:
             entry = known(name, value, options.out) if options.resume else None

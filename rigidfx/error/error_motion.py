@@ -113,7 +113,7 @@ class ErrorMotion(Watch):
         self.destroy()
         self._forces.forget()
         self._begin()
-        self._failure = str(error)
+        self._failure = str(error) or type(error).__name__
 
     def failed(self) -> str:
         """How e has failed since this was asked last; empty if it has not."""
