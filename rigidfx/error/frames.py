@@ -13,6 +13,7 @@ from mpi4py import MPI
 from rigidfx.base.mesh_order import MeshOrder
 from rigidfx.base.remembered import ON_NODES, Kind
 from rigidfx.mechanics.local_rotations import LocalRotations
+from rigidfx.scene.points import parts_of_nodes
 from rigidfx.scene.scene import Scene
 from rigidfx.state import State
 
@@ -40,10 +41,7 @@ class Frames:
             shape: Places of the owned nodes, shape (nodes, 3) [m].
         """
         self._scene, self.shape = scene, shape.copy()
-        n = scene.owned_nodes
-        of_node = np.zeros(len(scene.start_places), dtype=np.int64)
-        of_node[scene.space.dofmap.list] = scene.parts.of_cell[:, None]
-        self.part = of_node[:n]
+        self.part = parts_of_nodes(scene)[: scene.owned_nodes]
         self._parts = [np.flatnonzero(self.part == k) for k in range(scene.parts.count)]
         self._rotations: tuple[int, Array] | None = None  # changes of a state, and rotations then
 
