@@ -107,6 +107,7 @@ WARNINGS = {
     ],
     "decide/criteria/accuracy.py": ["the error is unknown", "the budget was not met"],
     "domain/cad.py": ["the cells have more or less volume"],
+    "domain/curved_cells.py": ["cells would be inside out"],
     "domain/gmsh_model.py": ["volume cells are in no physical group"],
     "domain/inp.py": ["elements of an input file"],
     "effects/contact.py": ["a contact overlaps at the start"],

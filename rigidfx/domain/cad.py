@@ -20,6 +20,7 @@ from rigidfx.base.warning import warn
 from rigidfx.domain.cad_entities import Cad, CadEntity, Which
 from rigidfx.domain.cad_names import named_surfaces, named_volumes, numbers_of
 from rigidfx.domain.cell_quality import volume
+from rigidfx.domain.curved_cells import tell_straightened
 from rigidfx.domain.domain import Domain
 from rigidfx.domain.gmsh_model import domain_of, find_file, gmsh_session
 from rigidfx.domain.gmsh_script import check_order, mesh_model
@@ -130,6 +131,7 @@ def read_cad(
     _check_wanted("surfaces", surfaces)
 
     exact: list[float] = []  # volumes that are meshed [m³]
+    told: list[str] = []
 
     def fill(gmsh: Any) -> None:
         cad = _open(gmsh, path, metres, glue)
@@ -144,9 +146,10 @@ def read_cad(
         length = cad.size / CELLS if largest is None else largest
         if not per_circle:
             _refine_circles(gmsh, cad, length, metres)
-        mesh_model(gmsh, length / metres, order)
+        told.append(mesh_model(gmsh, length / metres, order, metres))
 
     domain = domain_of(comm, f"gmsh: '{path}'", f"'{path}'", fill, metres)
+    tell_straightened(comm, f"read_cad: '{path}'", told)
     _tell_lost(domain, comm.bcast(sum(exact)))
     return domain
 

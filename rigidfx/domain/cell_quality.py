@@ -16,7 +16,7 @@ from mpi4py import MPI
 from rigidfx.base.compat import cell_geometry_dofs, coordinate_map
 from rigidfx.base.errors import agree
 
-__all__ = ["CHUNK", "check_cells", "determinants", "volume"]
+__all__ = ["CHUNK", "check_cells", "check_points", "determinants", "volume"]
 
 FLAT = 1e-12  # det J below this part of (cell diameter)³ counts as zero volume
 CHUNK = 20_000  # cells looked at in one go, to bound the memory
@@ -45,10 +45,14 @@ def determinants(
     return np.linalg.det(J), np.linalg.norm(extent, axis=1) ** 3
 
 
-def _points(mesh: dmesh.Mesh) -> npt.NDArray[np.float64]:
-    """Corners of the reference cell and the points of a Gauss rule."""
-    cell = basix.CellType[mesh.topology.cell_type.name]
-    gauss, _ = basix.make_quadrature(cell, 2 * coordinate_map(mesh).degree)
+def check_points(cell: basix.CellType, degree: int) -> npt.NDArray[np.float64]:
+    """Corners of the reference cell and the points of a Gauss rule, shape (points, 3).
+
+    Args:
+        cell: Kind of the cell.
+        degree: Order of its geometry.
+    """
+    gauss, _ = basix.make_quadrature(cell, 2 * degree)
     return np.vstack([basix.geometry(cell), gauss])
 
 
@@ -102,7 +106,8 @@ def check_cells(mesh: dmesh.Mesh) -> None:
     finite = bool(np.isfinite(mesh.geometry.x).all())
     agree(mesh.comm, None if finite else "The mesh has nodes whose coordinates are not finite.")
     local = mesh.topology.index_map(3).size_local
-    points, sign = _points(mesh), np.empty(local)
+    cell = basix.CellType[mesh.topology.cell_type.name]
+    points, sign = check_points(cell, coordinate_map(mesh).degree), np.empty(local)
     broken = np.empty(local, dtype=bool)
     for start in range(0, local, CHUNK):
         cells = np.arange(start, min(start + CHUNK, local), dtype=np.int32)
@@ -124,7 +129,7 @@ def check_cells(mesh: dmesh.Mesh) -> None:
         problem = (
             f"The mesh has inverted or flat cells, the first around ({x:.6g}, {y:.6g}, {z:.6g}), "
             f"number {number} of the input: det J changes its sign or vanishes there. Repair the "
-            "mesh."
+            "mesh, or make it anew with cells of another size."
         )
         if all_bad:
             problem += (

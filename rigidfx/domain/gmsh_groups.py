@@ -22,7 +22,6 @@ __all__ = ["Header", "Names", "names_in_header", "take_groups"]
 # gmsh's numbers of the cells that DOLFINx and rigidfx know, and of their facets.
 KNOWN = {4: "tetrahedra", 5: "hexahedra", 11: "second-order tetrahedra", 12: "27-node hexahedra"}
 FACETS = {4: 2, 5: 3, 11: 9, 12: 10}
-CORNERS = {4: 3, 5: 4, 11: 3, 12: 4}  # of a facet
 
 WEDGES = {6, 13, 18}  # of 6, 18 and 15 nodes
 
@@ -215,7 +214,7 @@ def _check_facets(
     Raises:
         SceneError: With the names that have such facets.
     """
-    corners = CORNERS[kind]
+    corners = model.mesh.getElementProperties(FACETS[kind])[5]
     facets = {}
     for e in {e for (dim, _), own in entities.items() if dim == 2 for e in own}:
         of_type = model.mesh.getElements(2, e)

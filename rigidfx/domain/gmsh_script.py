@@ -14,6 +14,7 @@ from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import number, positive, shown
+from rigidfx.domain.curved_cells import straighten, tell_straightened
 from rigidfx.domain.domain import Domain
 from rigidfx.domain.gmsh_model import domain_of, find_file
 
@@ -65,14 +66,18 @@ def read_geo(
         if not isinstance(value, str):
             given[name] = number("read_geo", f"the parameter '{name}'", value)
 
+    told: list[str] = []
+
     def fill(gmsh: Any) -> None:
         find_file(path, "geometry")
         _check_parameters(Path(path), given)
         gmsh.model.add("rigidfx")
         _run(gmsh, path, given)
-        mesh_model(gmsh, largest, order)
+        told.append(mesh_model(gmsh, largest, order, factor))
 
-    return domain_of(comm, f"gmsh: '{path}'", f"'{path}'", fill, factor)
+    domain = domain_of(comm, f"gmsh: '{path}'", f"'{path}'", fill, factor)
+    tell_straightened(comm, f"read_geo: '{path}'", told)
+    return domain
 
 
 def _run(gmsh: Any, path: str | Path, given: Mapping[str, float | str]) -> None:
@@ -104,24 +109,28 @@ def _run(gmsh: Any, path: str | Path, given: Mapping[str, float | str]) -> None:
             )
 
 
-def mesh_model(gmsh: Any, size: float | None, order: int | None) -> None:
+def mesh_model(gmsh: Any, size: float | None, order: int | None, metres: float) -> str:
     """Mesh gmsh's model, unless there is a mesh already that is as asked for.
 
     Args:
         gmsh: The module.
         size: Largest edge of a cell, in the model's unit of length; the model's own if None.
         order: Order of the cells' geometry; the model's own if None.
+        metres: Those of the model's unit of length.
+
+    Returns:
+        What `straighten` says.
     """
     mesh = gmsh.model.mesh
+    own = size is not None or not len(mesh.getElements(3)[0])
     if size is not None:
         gmsh.option.setNumber("Mesh.MeshSizeMax", size)
-    if size is not None or not len(mesh.getElements(3)[0]):
+    if own:
         mesh.clear()
         mesh.generate(3)
     if order is not None:
         mesh.setOrder(order)
-    if order == 2:
-        mesh.optimize("HighOrder")  # cells that a small fillet has turned inside out
+    return straighten(gmsh, metres) if own or order == 2 else ""
 
 
 def check_order(owner: str, order: int | None) -> None:
