@@ -1,14 +1,64 @@
-"""Small text files, written by rank 0."""
+"""Small text files, written by rank 0; and the letters of files that others have written."""
 
 from __future__ import annotations
 
+import codecs
+from dataclasses import dataclass
 from pathlib import Path
 
 from mpi4py import MPI
 
-from rigidfx.base.errors import OutputError, agree
+from rigidfx.base.errors import OutputError, SceneError, agree
 
-__all__ = ["write_text"]
+__all__ = ["Decoder", "decoded", "write_text"]
+
+
+def decoded(data: bytes) -> str:
+    """Letters of a text: UTF-8, else cp1252, else Latin-1, so that no two texts become one.
+
+    Args:
+        data: The text as it is in a file.
+    """
+    for encoding in ("utf-8-sig", "cp1252"):
+        try:
+            return data.decode(encoding)
+        except UnicodeDecodeError:
+            continue
+    return data.decode("latin-1")
+
+
+@dataclass
+class Decoder:
+    """Letters of files of an encoding that may be known.
+
+    Attributes:
+        encoding: Python's name of the encoding; as `decoded` finds it if None.
+        guessed: Whether a file was not in UTF-8 although no encoding was given.
+    """
+
+    encoding: str | None = None
+    guessed: bool = False
+
+    def read(self, path: Path) -> str:
+        """The text of a file.
+
+        Args:
+            path: The file.
+
+        Raises:
+            SceneError: If it is no text of the encoding.
+        """
+        data = path.read_bytes()
+        if self.encoding is None:
+            if b"\0" in data:
+                raise SceneError(f"'{path}' is no text file: it has bytes that are zero.")
+            text = decoded(data)
+            self.guessed |= text.encode() != data.removeprefix(codecs.BOM_UTF8)
+            return text
+        try:
+            return data.decode(self.encoding)
+        except (LookupError, UnicodeError) as error:
+            raise SceneError(f"'{path}': encoding={self.encoding!r}: {error}.") from None
 
 
 def write_text(comm: MPI.Intracomm, path: str | Path, text: str) -> None:

@@ -18,6 +18,7 @@ from rigidfx.base.errors import SceneError, together
 from rigidfx.base.inputs import number, path_of, positive, shown
 from rigidfx.base.warning import warn
 from rigidfx.domain.cad_entities import Cad, CadEntity, Which
+from rigidfx.domain.cad_labels import in_utf8, labels_of
 from rigidfx.domain.cad_names import named_surfaces, named_volumes, numbers_of
 from rigidfx.domain.cell_quality import volume
 from rigidfx.domain.curved_cells import tell_straightened
@@ -236,14 +237,15 @@ def _open(gmsh: Any, path: str | Path, metres: float, glue: bool) -> Cad:
     gmsh.option.setNumber("Geometry.OCCBoundsUseStl", 1)  # others are those of splines' poles
     unit = gmsh.option.getString("Geometry.OCCTargetUnit")
     gmsh.option.setString("Geometry.OCCTargetUnit", "MM")
-    occ.importShapes(str(path))
-    gmsh.option.setString("Geometry.OCCTargetUnit", unit)
-    occ.synchronize()
+    with in_utf8(path) as copy:
+        occ.importShapes(str(copy))
+        gmsh.option.setString("Geometry.OCCTargetUnit", unit)
+        occ.synchronize()
+        labels = labels_of(gmsh, copy)
     if not model.getEntities(3):
         raise SceneError(
             f"'{path}' holds no volume, only {len(model.getEntities(2))} surfaces. Export a solid."
         )
-    labels = {entity: model.getEntityName(*entity) for entity in model.getEntities()}
     if glue and len(model.getEntities(3)) > 1:
         labels = _glue(gmsh, labels)
     return Cad(
@@ -279,7 +281,7 @@ def _entity(
     return CadEntity(
         dim,
         tag,
-        labels.get((dim, tag), "").split("/")[-1],
+        labels.get((dim, tag), ""),
         kind,
         metres**dim * float(model.occ.getMass(dim, tag)),
         metres * np.asarray(model.occ.getCenterOfMass(dim, tag)),

@@ -8,16 +8,17 @@ name then stands for the entities of its group.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rigidfx.base.errors import SceneError
+from rigidfx.base.text_files import decoded
 from rigidfx.domain.domain import KINDS
 
-__all__ = ["Header", "Names", "names_in_header", "take_groups"]
+__all__ = ["Header", "Names", "name_of", "names_in_header", "take_groups"]
 
 # gmsh's numbers of the cells that DOLFINx and rigidfx know, and of their facets.
 KNOWN = {4: "tetrahedra", 5: "hexahedra", 11: "second-order tetrahedra", 12: "27-node hexahedra"}
@@ -51,7 +52,7 @@ def names_in_header(path: str | Path) -> dict[tuple[int, int], str]:
             inside = inside or line.startswith(b"$PhysicalNames")
             match = re.match(rb'\s*([0-3])\s+(\d+)\s+"(.*)"\s*$', line) if inside else None
             if match:
-                found[int(match[1]), int(match[2])] = match[3].decode(errors="replace")
+                found[int(match[1]), int(match[2])] = decoded(match[3])
     return found
 
 
@@ -64,11 +65,28 @@ def _groups(model: Any, header: Header) -> list[tuple[int, str, int]]:
     some = {(dim, tag) for dim in KINDS for tag in likely}
     groups = []
     for dim, tag in sorted(filled | set(header) | some):
-        # Those of MED files have 80 letters, the last ones blanks.
-        name = model.getPhysicalName(dim, tag).rstrip() or header.get((dim, tag), "")
+        name = name_of(model.getPhysicalName, dim, tag) or header.get((dim, tag), "")
         if name or (dim, tag) in filled:
             groups.append((dim, name or f"{KINDS[dim]}-{tag}", tag))
-    return groups
+    # Names of MED files have 80 letters, the last ones blanks; others may differ by a blank only.
+    short = [(dim, name.rstrip()) for dim, name, _ in groups]
+    if len(set(short)) < len(short):
+        return groups
+    return [(dim, name.rstrip(), tag) for dim, name, tag in groups]
+
+
+def name_of(call: Callable[[int, int], str], dim: int, tag: int) -> str:
+    """A name that gmsh tells, also where it is not in UTF-8.
+
+    Args:
+        call: gmsh's function.
+        dim: Dimension.
+        tag: Number.
+    """
+    try:
+        return call(dim, tag)
+    except UnicodeDecodeError as error:
+        return decoded(error.object)
 
 
 def take_groups(gmsh: Any, source: str, header: Header) -> tuple[Names, int]:

@@ -14,6 +14,7 @@ from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import number, positive, shown
+from rigidfx.base.text_files import decoded
 from rigidfx.domain.curved_cells import straighten, tell_straightened
 from rigidfx.domain.domain import Domain
 from rigidfx.domain.gmsh_model import domain_of, find_file
@@ -158,7 +159,7 @@ def _text(path: Path, depth: int = 0) -> str:
     """The text of a script and of those it includes, without comments."""
     if depth > DEEPEST or not path.is_file():
         return ""
-    text = path.read_text(encoding="utf-8", errors="replace")
+    text = decoded(path.read_bytes())
     text = re.sub(
         r'("(?:\\.|[^"\\])*")|//[^\n]*|/\*.*?\*/', lambda m: m[1] or " ", text, flags=re.DOTALL
     )

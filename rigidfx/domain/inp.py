@@ -12,6 +12,7 @@ from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError, together
 from rigidfx.base.inputs import communicator, path_of, positive, shown
+from rigidfx.base.text_files import Decoder
 from rigidfx.base.warning import warn
 from rigidfx.domain.arrays import from_arrays
 from rigidfx.domain.domain import Domain, EntitySet, replace_sets
@@ -31,15 +32,16 @@ def read_inp(
     *,
     scale: float = 1.0,
     corners: bool = False,
+    encoding: str | None = None,
 ) -> Domain:
     """Read the mesh of an input file of Abaqus or CalculiX. Collective.
 
     Sets of elements become sets of cells, surfaces become sets of facets. A set of nodes becomes
     the facets that it covers, if it consists of the nodes of boundary facets, and else a set of
     vertices. Where a set of nodes and one of elements have the same name, as programs write both
-    for a face, that of elements is "NAME (elements)". Names that begin with "_" are internal ones
-    and left out. Without any set of elements all cells are named "body". Materials, steps and loads
-    are not read.
+    for a face, that of elements is "NAME (elements)"; beside a surface of other facets, a set of
+    nodes is "NAME (nodes)". Names that begin with "_" are internal ones and left out. Without any
+    set of elements all cells are named "body". Materials, steps and loads are not read.
 
     Read are *NODE, *ELEMENT, *NSET, *ELSET with GENERATE, *SURFACE, *INCLUDE, and *PART, *INSTANCE
     with translation and rotation, *ASSEMBLY. Instances that have no common nodes stay apart; a name
@@ -54,6 +56,8 @@ def read_inp(
         scale: Metres per unit of length of the file.
         corners: Whether cells of second order are read by their corners, with straight edges: for
             bricks of 20 nodes, and for meshes with cells of both orders.
+        encoding: Encoding of the file, by Python's name, such as "gb18030". If None, a file that is
+            not in UTF-8 is read as cp1252, and a warning shows names with letters beyond ASCII.
 
     Raises:
         SceneError: If the file is missing or cannot be understood, a set or an element names
@@ -65,11 +69,22 @@ def read_inp(
     if not isinstance(corners, (bool, np.bool_)):
         raise SceneError(f"read_inp: corners must be True or False, got {shown(corners)}.")
 
+    if not (encoding is None or isinstance(encoding, str)):
+        raise SceneError(f"read_inp: encoding must be a text or None, got {shown(encoding)}.")
+
     def read() -> InpMesh | None:
         if comm.rank > 0:
             return None
         find_file(path, "input")
-        return mesh_of(model_of(path), path, bool(corners))
+        decoder = Decoder(encoding)
+        mesh = mesh_of(model_of(path, decoder), path, bool(corners))
+        odd = [name for table in mesh.names()[:3] for name in table if not name.isascii()]
+        if odd and decoder.guessed:
+            mesh.notes.append(
+                "it is not in UTF-8, and names are read as those of Western Europe, such as "
+                f"{shown(odd[0])}. Others need the encoding: read_inp(…, encoding='gb18030')."
+            )
+        return mesh
 
     mesh = together(comm, f"read_inp: '{path}'", read)
     found = comm.bcast(None if mesh is None else (mesh.kind, mesh.cells.shape[1], mesh.names()))

@@ -1,11 +1,13 @@
 """The cards of an Abaqus or CalculiX input file: keyword, parameters, data.
 
 A card is `*KEYWORD, PARAMETER=VALUE, FLAG` and the lines of data below it. `**` begins a comment,
-names do not tell capitals from small letters, and `*INCLUDE` reads another file at its place.
+names do not tell capitals of ASCII from small letters, and `*INCLUDE` reads another file at its
+place.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,11 +15,30 @@ from pathlib import Path
 import numpy as np
 
 from rigidfx.base.errors import SceneError
+from rigidfx.base.text_files import Decoder
 
-__all__ = ["Card", "cards_of"]
+__all__ = ["Card", "cards_of", "folded", "is_number"]
 
 
 DEEPEST = 9  # files that include each other
+BLANKS = " \t\v\f"  # others may be halves of letters, in encodings that are not known
+
+
+def folded(name: str) -> str:
+    """The name by which a set is found: small letters of ASCII are capitals.
+
+    Other letters stay, as CalculiX leaves them, and one behind them, which may be the second half
+    of a letter of GB18030.
+
+    Args:
+        name: As it is written.
+    """
+    return re.sub(r"(?<![^\x00-\x7f])[a-z]+", lambda found: found[0].upper(), name)
+
+
+def is_number(entry: str) -> bool:
+    """Whether an entry is a number of a node or an element, rather than a name."""
+    return entry.isascii() and entry.isdigit()
 
 
 @dataclass(frozen=True)
@@ -58,7 +79,7 @@ class Card:
         """Entries of each line of data with its number, without empty ones at its end."""
         out = []
         for number, line in self.lines:
-            entries = [entry.strip() for entry in line.split(",")]
+            entries = [entry.strip(BLANKS) for entry in line.split(",")]
             while entries and not entries[-1]:
                 entries.pop()
             out.append((number, entries))
@@ -90,11 +111,12 @@ class Card:
         raise self.wrong(f"{', '.join(entries)!r} are no finite numbers.", number)
 
 
-def cards_of(path: Path, depth: int = 0) -> Iterator[Card]:
+def cards_of(path: Path, decoder: Decoder, depth: int = 0) -> Iterator[Card]:
     """The cards of a file and of those it includes, in order.
 
     Args:
         path: The file.
+        decoder: Reads its letters.
         depth: How many files are around it.
 
     Raises:
@@ -102,13 +124,13 @@ def cards_of(path: Path, depth: int = 0) -> Iterator[Card]:
     """
     card: Card | None = None
     head = ""
-    for number, line in enumerate(_text(path).splitlines(), start=1):
-        line = line.strip()
+    for number, line in enumerate(re.split("\r\n|\r|\n", _text(path, decoder)), start=1):
+        line = line.strip(BLANKS)
         if not line or line.startswith("**"):
             continue
         if line.startswith("*") or head.endswith(","):
             if card is not None:
-                yield from _included(card, depth)
+                yield from _included(card, decoder, depth)
                 card = None
             head = head + line if head.endswith(",") else line
             if not head.endswith(","):
@@ -121,31 +143,28 @@ def cards_of(path: Path, depth: int = 0) -> Iterator[Card]:
         else:
             card.lines.append((number, line))
     if card is not None:
-        yield from _included(card, depth)
+        yield from _included(card, decoder, depth)
 
 
-def _text(path: Path) -> str:
+def _text(path: Path, decoder: Decoder) -> str:
     try:
-        data = path.read_bytes()
+        return decoder.read(path)
     except OSError as error:
         raise SceneError(f"read_inp: '{path}' cannot be read: {error.strerror}.") from None
-    if b"\0" in data:
-        raise SceneError(f"read_inp: '{path}' is no text file: it has bytes that are zero.")
-    return data.decode("utf-8-sig", errors="replace")
 
 
 def _begun(head: str, path: Path, number: int) -> Card:
     keyword, *parameters = head.split(",")
-    pairs = (parameter.partition("=")[::2] for parameter in parameters if parameter.strip())
-    given = {key.strip().upper(): value.strip().strip('"') for key, value in pairs}
+    pairs = (parameter.partition("=")[::2] for parameter in parameters if parameter.strip(BLANKS))
+    given = {key.strip(BLANKS).upper(): value.strip(BLANKS).strip('"') for key, value in pairs}
     return Card(" ".join(keyword[1:].split()).upper(), given, [], path, number)
 
 
-def _included(card: Card, depth: int) -> Iterator[Card]:
+def _included(card: Card, decoder: Decoder, depth: int) -> Iterator[Card]:
     """The card, or those of the file that it includes."""
     if card.keyword != "INCLUDE":
         yield card
         return
     if depth == DEEPEST:
         raise card.wrong("files include each other without end.")
-    yield from cards_of(card.path.parent / card.named("INPUT"), depth + 1)
+    yield from cards_of(card.path.parent / card.named("INPUT"), decoder, depth + 1)

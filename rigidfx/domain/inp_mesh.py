@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
+from rigidfx.domain.inp_cards import folded, is_number
 from rigidfx.domain.inp_cells import InpMesh, Numbers, faces_of, kind_of
 from rigidfx.domain.inp_model import Group, Instance, Model
 from rigidfx.domain.node_orders import CORNERS, advice_on, widths
@@ -47,7 +48,6 @@ class _Flat:
         self._x: Array = np.empty((0, 3))
         self._notes: list[str] = []
         self._left_out: dict[str, int] = {}  # elements by their types
-        self._sets: dict[str, Ints] = {}  # corners in sets of nodes
 
     def _error(self, problem: str) -> SceneError:
         return SceneError(f"read_inp: '{self._path}' {problem}")
@@ -180,53 +180,61 @@ class _Flat:
     # Names --------------------------------------------------------------------------------------
 
     def _name(self, mesh: InpMesh) -> None:
-        """Give the mesh its names."""
-        for place in self._places:
-            for (kind, _), group in place.part.groups.items():
-                if group.name.startswith("_"):
-                    continue
-                name = self._called(place, kind, group)
-                if kind == "NSET" or group.of_nodes:
-                    self._name_nodes(mesh, name, place, group)
-                elif kind == "SURFACE":
-                    rows = [self._boundary[:0], *self._sides(place, group)]
-                    mesh.of_facets[name] = np.unique(np.concatenate(rows), axis=0)
-                else:
-                    mesh.of_cells[name] = self._of(place, "ELSET", group)
-                    flat = self._sides_of_flat[self._of(place, "FLAT", group)]
-                    if len(flat) and not len(mesh.of_cells[name]):
-                        del mesh.of_cells[name]
-                        mesh.of_facets[name] = np.unique(flat, axis=0)
-        for name in sorted(mesh.of_cells.keys() & self._sets.keys()):
-            whole = np.unique(mesh.cells[mesh.of_cells[name], : CORNERS[mesh.kind]])
-            if np.array_equal(self._sets[name], whole):  # all nodes of these cells
-                mesh.of_nodes.pop(name, None)
-                mesh.of_facets.pop(name, None)
+        """Give the mesh its names; those of nodes last, which yield to others of the same name."""
+        every = [
+            (kind == "NSET" or group.of_nodes, kind, place, group)
+            for place in self._places
+            for (kind, _), group in place.part.groups.items()
+            if not group.name.startswith("_")
+        ]
+        for of_nodes, kind, place, group in sorted(every, key=lambda each: each[0]):
+            name = self._called(place, kind, group)
+            if of_nodes:
+                self._name_nodes(mesh, name, place, group)
+            elif kind == "SURFACE":
+                rows = [self._boundary[:0], *self._sides(place, group)]
+                self._put(mesh.of_facets, name, np.unique(np.concatenate(rows), axis=0), "surface")
             else:
-                mesh.of_cells[f"{name} (elements)"] = mesh.of_cells.pop(name)
+                cells = self._of(place, "ELSET", group)
+                flat = self._sides_of_flat[self._of(place, "FLAT", group)]
+                if len(flat) and not len(cells):
+                    self._put(mesh.of_facets, name, np.unique(flat, axis=0), "elements")
+                else:
+                    self._put(mesh.of_cells, name, cells, "elements")
         if not mesh.of_cells:
             mesh.of_cells["body"] = np.arange(len(mesh.cells))
 
+    def _put(self, table: dict[str, Ints], name: str, rows: Ints, of: str) -> None:
+        """Name rows; by their kind, too, where others have the name."""
+        if name in table and not np.array_equal(table[name], rows):
+            name = f"{name} ({of})"
+            if name in table:
+                raise self._error(f"gives several sets the name '{name}'.")
+        table[name] = rows
+
     def _called(self, place: Instance, kind: str, group: Group) -> str:
-        key = kind, group.name.upper()
+        key = kind, folded(group.name)
         several = sum(key in other.part.groups for other in self._places) > 1
         return f"{place.name}.{group.name}" if several and place.name else group.name
 
     def _name_nodes(self, mesh: InpMesh, name: str, place: Instance, group: Group) -> None:
-        """Facets that a set of nodes covers wholly, or vertices."""
+        """Facets that a set of nodes covers wholly, or vertices; nothing for all nodes of cells."""
         rows = self._new[self._of(place, "NSET", group)]
         own = np.zeros(len(mesh.points), dtype=bool)
         own[rows[rows >= 0]] = True
         own &= self._is_corner
-        self._sets[name] = np.flatnonzero(own)
+        if name in mesh.of_cells:
+            whole = np.unique(mesh.cells[mesh.of_cells[name], : CORNERS[mesh.kind]])
+            if np.array_equal(np.flatnonzero(own), whole):
+                return
+            self._put(mesh.of_cells, f"{name} (elements)", mesh.of_cells.pop(name), "elements")
         covered = self._boundary[own[self._boundary].all(axis=1)]
         left = own.copy()
         left[covered] = False
         if len(covered) and not left.any():
-            if name not in mesh.of_facets:
-                mesh.of_facets[name] = covered
+            self._put(mesh.of_facets, name, covered, "nodes")
         else:
-            mesh.of_nodes[name] = np.flatnonzero(own)
+            self._put(mesh.of_nodes, name, np.flatnonzero(own), "nodes")
 
     def _sides(self, place: Instance, group: Group) -> Iterator[Ints]:
         """Corners of the facets of a surface."""
@@ -253,11 +261,11 @@ class _Flat:
         """Rows of a number, or of a set."""
         group = Group(item)
         before, dot, after = item.strip('"').rpartition(".")
-        of = before.upper() if dot else ""
-        if after.isdigit():
+        of = folded(before) if dot else ""
+        if is_number(after):
             group.members.append((of, np.array([int(after)])))
         else:
-            group.others.append((of, after.upper()))
+            group.others.append((of, folded(after)))
         return self._of(place, kind, group)
 
     def _of(self, place: Instance, kind: str, group: Group, depth: int = 0) -> Ints:

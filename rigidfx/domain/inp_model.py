@@ -17,7 +17,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from rigidfx.domain.inp_cards import Card, cards_of
+from rigidfx.base.text_files import Decoder
+from rigidfx.domain.inp_cards import Card, cards_of, folded, is_number
 
 __all__ = ["Group", "Instance", "Model", "Place", "model_of"]
 
@@ -60,7 +61,7 @@ class Place:
         elements: Type, numbers and nodes, shape (n,) and (n, nodes), of each card.
         flat: The same of triangles and quadrilaterals, which may bound cells.
         no_cells: How many elements there are of other types.
-        groups: By kind, "NSET", "ELSET" or "SURFACE", and name in capitals.
+        groups: By kind, "NSET", "ELSET" or "SURFACE", and folded name.
     """
 
     nodes: list[tuple[Ints, Array]] = field(default_factory=list)
@@ -71,7 +72,7 @@ class Place:
 
     def group(self, kind: str, name: str) -> Group:
         """The group of a name, a new one if there is none."""
-        return self.groups.setdefault((kind, name.upper()), Group(name))
+        return self.groups.setdefault((kind, folded(name)), Group(name))
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,7 @@ class Instance:
     """A part where it is.
 
     Attributes:
-        name: In capitals.
+        name: Folded.
         part: Its part.
         R: Rotation, shape (3, 3).
         shift: Translation that follows [in the file's unit of length].
@@ -97,7 +98,7 @@ class Model:
 
     Attributes:
         top: All that is in no part.
-        parts: By name in capitals.
+        parts: By folded name.
         instances: In the order of the file.
     """
 
@@ -106,20 +107,24 @@ class Model:
     instances: list[Instance] = field(default_factory=list)
 
 
-def model_of(path: Path) -> Model:
+def model_of(path: Path, decoder: Decoder) -> Model:
     """Read a file.
 
     Args:
         path: The file.
+        decoder: Reads its letters.
 
     Raises:
         SceneError: If a card cannot be understood; the message names its line.
     """
     model = Model()
     place = model.top
-    for card in cards_of(path):
+    for card in cards_of(path, decoder):
         if card.keyword == "PART":
-            place = model.parts.setdefault(card.named("NAME").upper(), Place())
+            name = folded(card.named("NAME"))
+            if name in model.parts:
+                raise card.wrong(f"there is a part '{name}' before it.")
+            place = model.parts[name] = Place()
         elif card.keyword in ("END PART", "END INSTANCE"):
             place = model.top
         elif card.keyword == "INSTANCE":
@@ -136,9 +141,11 @@ def model_of(path: Path) -> Model:
 
 
 def _instance(card: Card, model: Model) -> Instance:
-    name = card.named("PART")
-    if name.upper() not in model.parts:
-        raise card.wrong(f"there is no part '{name}' before it.")
+    part, name = (folded(card.named(key)) for key in ("PART", "NAME"))
+    if part not in model.parts:
+        raise card.wrong(f"there is no part '{part}' before it.")
+    if any(name == other.name for other in model.instances):
+        raise card.wrong(f"there is an instance '{name}' before it.")
     R: Array = np.eye(3)
     shift: Array = np.zeros(3)
     rows = card.rows()
@@ -153,7 +160,7 @@ def _instance(card: Card, model: Model) -> Instance:
         turn = Rotation.from_rotvec(radians(angle) * (b - a) / np.linalg.norm(b - a))
         R = turn.as_matrix()
         shift = a + R @ (shift - a)
-    return Instance(card.named("NAME").upper(), model.parts[name.upper()], R, shift)
+    return Instance(name, model.parts[part], R, shift)
 
 
 def _nodes(card: Card, place: Place) -> None:
@@ -194,7 +201,7 @@ def _elements(card: Card, place: Place) -> None:
 def _set(card: Card, place: Place) -> None:
     kind = card.keyword
     group = place.group(kind, card.named(kind))
-    instance = card.given.get("INSTANCE", "").upper()
+    instance = folded(card.given.get("INSTANCE", ""))
     for number, entries in card.rows():
         if "GENERATE" in card.given:
             first, last, step, *_ = [*card.whole_numbers(entries, number), 1, 1, 1]
@@ -203,22 +210,22 @@ def _set(card: Card, place: Place) -> None:
             group.members.append((instance, np.arange(first, last + 1, step, dtype=np.int64)))
             continue
         written = [entry for entry in entries if entry]
-        labels = [entry for entry in written if entry.isdigit()]
+        labels = [entry for entry in written if is_number(entry)]
         if labels:
             group.members.append((instance, np.array(card.whole_numbers(labels, number))))
         for entry in written:
-            if not entry.isdigit():
+            if not is_number(entry):
                 _other(group, entry, instance)
 
 
 def _other(group: Group, entry: str, instance: str) -> None:
     """A member by the name of another set, or by that of an instance and a number or a name."""
     before, dot, after = entry.strip('"').rpartition(".")
-    of = before.upper() if dot else instance
-    if after.isdigit():
+    of = folded(before) if dot else instance
+    if is_number(after):
         group.members.append((of, np.array([int(after)])))
     else:
-        group.others.append((of, after.upper()))
+        group.others.append((of, folded(after)))
 
 
 def _surface(card: Card, place: Place) -> None:

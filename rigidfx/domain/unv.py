@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from rigidfx.base.errors import SceneError
+from rigidfx.base.text_files import decoded
 
 __all__ = ["check_unv"]
 
@@ -48,9 +49,9 @@ def check_unv(path: Path) -> None:
 def _data_sets(path: Path) -> Iterator[tuple[str, Iterator[list[str]]]]:
     """Number of each data set, and the words of its lines."""
     own: list[list[str]] | None = None
-    with path.open(encoding="utf-8", errors="replace") as file:
+    with path.open("rb") as file:
         for line in file:
-            words = line.split()
+            words = decoded(line).split()
             if words != ["-1"]:
                 if own is not None and (not own or own[0][0] in (ELEMENTS, *GROUPS)):
                     own.append(words or [""])
