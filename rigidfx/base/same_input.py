@@ -22,8 +22,7 @@ from rigidfx.base.inputs import shown
 
 __all__ = ["check_same", "digest", "excerpts", "items"]
 
-SHOWN = 120  # characters of what a rank was given, from a little before where it differs
-BEFORE = 40
+SHOWN = 120  # characters of what a rank was given, a third of them before where it differs
 
 
 def check_same(comm: MPI.Intracomm, owner: str, given: Mapping[str, Any]) -> None:
@@ -74,7 +73,7 @@ def excerpts(first: str, second: str) -> tuple[str, str]:
         return first[:SHOWN], "what looks the same but has other breakpoints, or another kind,"
     pairs = zip(first, second, strict=False)
     alike = next((k for k, (a, b) in enumerate(pairs) if a != b), min(len(first), len(second)))
-    start = max(0, alike - BEFORE)
+    start = max(0, alike - SHOWN // 3)
     if max(len(first), len(second)) <= SHOWN:
         start = 0
     parts = (text[start : start + SHOWN] for text in (first, second))

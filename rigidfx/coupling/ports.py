@@ -11,6 +11,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 from scipy.sparse import coo_array, csr_array, hstack
 
+from rigidfx.base.matrices import Matrix, Pattern, dense
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.mechanics.bodies import Bodies
@@ -78,18 +79,14 @@ class Ports:
         kept = coo_array((taken.data[at], (taken.coords[0][at], taken.coords[1][at])), taken.shape)
         of, arm = np.divmod(kept.coords[1], 4)
         self._held = kept.data, of, arm
-        self._free: csr_array | None = None
-        # The pattern of `lead`, and where in it its values go.
-        size = 3 * linkage.averages
+        self._free: Matrix | None = None
         rows = (3 * self.averages[:, None] + np.arange(3)).ravel()
         place = np.searchsorted(self.bodies, of)
         row = 3 * kept.coords[0][:, None, None] + np.arange(3)[:, None]
         column = self._at[place][:, None, None] + np.arange(6)
         row, column = (a.ravel() for a in np.broadcast_arrays(row, column))
-        numbers = np.r_[rows, row] * self.count + np.r_[np.arange(rows.size), column]
-        places, self._put = np.unique(numbers, return_inverse=True)
-        ends = np.searchsorted(places, self.count * np.arange(size + 1))
-        self._pattern = places % max(self.count, 1), ends
+        self._places = np.r_[rows, row], np.r_[np.arange(rows.size), column]
+        self._pattern = Pattern(*self._places, (3 * linkage.averages, self.count))
 
     def resisted(self, linkage: Linkage, bodies: Bodies) -> tuple[Array, Array, Array]:
         """Knowledge of independent rows, at the start of a step. Collective.
@@ -121,7 +118,7 @@ class Ports:
                 block = linkage.masses.max(initial=1.0) * np.eye(6)
             every[at : at + 6, at : at + 6] = np.linalg.inv(block)
         rows, lead = linkage.gradient(0.0), self.lead(p.increments.L)
-        return (rows @ lead).toarray(), (abs(rows) @ abs(lead)).toarray(), every
+        return dense(rows @ lead), dense(abs(rows) @ abs(lead)), every
 
     def everywhere(self) -> csr_array:
         """Derivatives of the ports by the unknowns of all ranks, (ports, unknowns). Collective."""
@@ -154,6 +151,7 @@ class Ports:
         more = csr_array((np.ones(rows.size), (rows, columns)), shape=(p.owned, at.size))
         self.entries = csr_array(hstack([self.entries, more], format="csr"))
         self._anchors, self._free = at, None
+        self._pattern = Pattern(*self._places, (3 * linkage.averages, self.count))
 
     def anchors(self) -> tuple[Ints, Ints]:
         """Ports that springs may be on, those of bodies and anchors, and their unknowns."""
@@ -167,7 +165,7 @@ class Ports:
         """Number of ports."""
         return 3 * len(self.averages) + 6 * len(self.bodies) + self._anchors.size
 
-    def lead(self, L: Array) -> csr_array:
+    def lead(self, L: Array) -> Matrix:
         """How averages follow ports, shape (3 · averages, ports).
 
         Args:
@@ -178,9 +176,7 @@ class Ports:
         data, of, arm = self._held
         values = data[:, None, None] * L.reshape(-1, 4, 3, 6)[of, arm]
         every = np.r_[np.ones(3 * self.averages.size), values.ravel()]
-        shape = 3 * self._linkage.averages, self.count
-        summed = np.bincount(self._put, every, self._pattern[0].size)
-        out = csr_array((summed, *self._pattern), shape=shape)
+        out = self._pattern.filled(every)
         if not self.bodies.size:  # then it is always the same
             self._free = out
         return out

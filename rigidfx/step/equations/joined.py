@@ -23,6 +23,7 @@ from petsc4py import PETSc
 from scipy.sparse import csr_array, dia_array
 
 from rigidfx.base.errors import StepError
+from rigidfx.base.matrices import Matrix, compact, dense
 from rigidfx.coupling.condensed_tangent import CondensedMatrix
 from rigidfx.coupling.ports import Ports
 from rigidfx.effects.joints.drives import prescribes
@@ -97,7 +98,7 @@ class JoinedEquilibrium(Equilibrium):
         for k, effect in enumerate(drives.effects):
             if not prescribes(effect):
                 continue
-            more, sizes = (given[[k]] @ lead).toarray(), (abs(given[[k]]) @ abs(lead)).toarray()
+            more, sizes = dense(given[[k]] @ lead), dense(abs(given[[k]]) @ abs(lead))
             every = np.vstack([rows, more]), np.vstack([terms, sizes])
             if independent(*every, compliance).size == len(rows):
                 raise StepError(
@@ -172,26 +173,27 @@ class JoinedEquilibrium(Equilibrium):
         if self._sprung is not None:
             K.add_coupling(self._sprung)
 
-    def border(self) -> tuple[csr_array, csr_array, csr_array, csr_array]:
+    def border(self) -> tuple[Matrix, Matrix, Matrix, Array]:
         """Addition of joints to the tangent at the last iterate.
 
         Returns:
             Derivative of forces at the ports by these, of rows by ports on the test and on the
-            trial side, and of rows by multipliers, scaled; shapes (ports, ports), (rows, ports)
-            twice, and (rows, rows).
+            trial side, and of each row by its multiplier, scaled; shapes (ports, ports),
+            (rows, ports) twice, and (rows,).
         """
         increments, linkage = self.prolongation.increments, self.linkage
         test = self.ports.lead(increments.L)
         trial = self.ports.lead(increments.P) if self.ports.bodies.size else test
-        own = self._scale**2 * linkage.compliance()
-        within = dia_array((own[None], [0]), shape=(linkage.count,) * 2)
-        H = csr_array(test.T) @ linkage.curvature() @ trial
+        H = test.T @ (linkage.curvature() @ trial)
         if self._sprung is not None:
-            H = H - dia_array((self._springs[None], [0]), shape=(self.ports.count,) * 2)
-        return H, self._scaled(linkage.test()) @ test, self._scaled(linkage.trial()) @ trial, within
+            H = H - compact(dia_array((self._springs[None], [0]), shape=H.shape).tocsr())
+        R = self._scale**2 * linkage.compliance()
+        return H, self._scaled(linkage.test() @ test), self._scaled(linkage.trial() @ trial), R
 
-    def _scaled(self, rows: csr_array) -> csr_array:
+    def _scaled(self, rows: Matrix) -> Matrix:
         """Rows times the scales of their multipliers."""
+        if isinstance(rows, np.ndarray):
+            return self._scale[:, None] * rows
         values = rows.data * np.repeat(self._scale, np.diff(rows.indptr))
         return csr_array((values, rows.indices, rows.indptr), shape=rows.shape)
 

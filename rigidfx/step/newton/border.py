@@ -9,7 +9,7 @@ compliance of springs of joints, the tangent of a step is
 Y = A⁻¹ E is found for each new tangent, and C = Eᵀ Y is the compliance at the ports. A does not
 couple parts that are connected by joints only: ports of different parts share a solution, and Y has
 entries in the part of each port only, see `parted`. The rest of a solution is a small system in the
-displacements of the ports, q, the forces on them, f, and the multipliers,
+displacements of the ports, q, the forces on them, f, and the multipliers (`small_system`),
 
     [I   C   0 ] [q]   [Eᵀ A⁻¹ r]
     [H  -I   Dᵀ] [f] = [0       ],    z = A⁻¹ r - Y f.
@@ -28,12 +28,13 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.sparse import coo_array, csc_array, csr_array
-from scipy.sparse.linalg import SuperLU, splu
+from scipy.sparse import csr_array
 
 from rigidfx.base.errors import StepError
+from rigidfx.base.matrices import Matrix, compact, dense
 from rigidfx.step.equations.joined import JoinedEquilibrium
 from rigidfx.step.newton.parted import Shared, parted
+from rigidfx.step.newton.small_system import Factors, small_system
 
 __all__ = ["Border", "BorderedFactors"]
 
@@ -57,17 +58,17 @@ class Border:
         """
         self._equilibrium, ports = equilibrium, equilibrium.ports
         self.ports = ports.count
-        self._E, self._ET = ports.entries, csr_array(ports.entries.T)
+        self._E, self._ET = ports.entries, compact(csr_array(ports.entries.T))
         self._owned = equilibrium.prolongation.owned
         self._r, self._z = (equilibrium.prolongation.unknowns() for _ in range(2))
         self.solves = self.ports
-        self._Y = csr_array((self._owned, self.ports))
-        self._C = coo_array((0, 0))
+        self._Y: Matrix = csr_array((self._owned, self.ports))
+        self._C: Matrix = np.zeros((0, 0))
         self._shared: Shared | None = None
         self._entries = 0.0  # of the tangent that it is of, whose pattern only grows
-        self._turned: csr_array | None = None  # rotations of the ports, 3×3 each
+        self._turned: Matrix | None = None  # rotations of the ports, 3×3 each
         self._weights: csr_array | None = None  # squares of shares of vectors in ports
-        self._factors: SuperLU | None = None  # of the small system
+        self._factors: Factors | None = None  # of the small system
 
     def _sum(self, values: Array) -> Array:
         comm = self._equilibrium.prolongation.comm
@@ -87,7 +88,7 @@ class Border:
             solve(self._r, self._z)
             return np.asarray(self._z.array_r)
 
-        self._Y = self._parted().responses(response)
+        self._Y = compact(self._parted().responses(response))
         self._C = self._compliance(self._Y)
         self._turned = self._factors = None
 
@@ -100,11 +101,11 @@ class Border:
             self.solves = len(self._shared.right)
         return self._shared
 
-    def _compliance(self, Y: csr_array) -> coo_array:
+    def _compliance(self, Y: Matrix) -> Matrix:
         own = self._ET @ Y
         if self._equilibrium.prolongation.comm.size == 1:
-            return coo_array(own)
-        return coo_array(self._sum(np.ascontiguousarray(own.toarray())))
+            return own
+        return self._sum(np.ascontiguousarray(dense(own)))
 
     def turn(self, starts: npt.NDArray[np.int32], Q: Array | None) -> None:
         """Begin a step: take note of how nodes and bodies have turned since. Collective.
@@ -123,32 +124,23 @@ class Border:
         W, _, Vt = np.linalg.svd(sums)
         columns = np.repeat(np.arange(self.ports).reshape(-1, 3), 3, axis=0)
         ends = 3 * np.arange(self.ports + 1)
-        self._turned = csr_array(((W @ Vt).ravel(), columns.ravel(), ends))
+        self._turned = compact(csr_array(((W @ Vt).ravel(), columns.ravel(), ends)))
 
-    def _factor(self) -> SuperLU:
+    def _factor(self) -> Factors:
         """Factors of the small system at the last iterate. Collective."""
-        H, D, D1, R = (part.tocoo() for part in self._equilibrium.border())
-        C, n = self._C, self.ports
-        if self._turned is not None:
-            C = coo_array(self._turned @ csr_array(C) @ self._turned.T)
-        k, ones = np.arange(n), np.ones(n)
-        (hi, hj), (di, dj), (ei, ej) = H.coords, D.coords, D1.coords
-        (ri, rj), (ci, cj) = R.coords, C.coords
-        rows = k, ci, n + hi, n + k, n + dj, 2 * n + ei, 2 * n + ri
-        columns = k, n + cj, hj, n + k, 2 * n + di, ej, 2 * n + rj
-        values = ones, C.data, H.data, -ones, D.data, D1.data, R.data
-        at = np.concatenate(rows), np.concatenate(columns)
-        shape = (2 * n + D.shape[0],) * 2
-        try:
-            return splu(csc_array((np.concatenate(values), at), shape=shape))
-        except RuntimeError:  # SuperLU's word for a singular matrix
+        C, turned = self._C, self._turned
+        if turned is not None:
+            C = turned @ C @ turned.T
+        factors = small_system(C, *self._equilibrium.border())
+        if factors is None:
             motors = ", ".join(self._equilibrium.linkage.drives.prescribing)
             raise StepError(
                 "The joints and motors leave no motion, or hold what they hold already: their "
                 f"equations are singular{f' (of given motion: {motors})' if motors else ''}.",
                 "Look for motors that drive the same parts, or for a pose in which the mechanism "
                 "locks; smaller steps may pass that.",
-            ) from None
+            )
+        return factors
 
     def solve(self, solve: Solve, r: PETSc.Vec, z: PETSc.Vec, kept: bool = False) -> None:
         """Solve with joints. Collective.
@@ -159,7 +151,7 @@ class Border:
             z: Solution, overwritten.
             kept: Whether factors of the small system serve that this step has made already.
         """
-        n, turned = self.ports, self._turned
+        turned = self._turned
         self._r.array[:] = r.array_r[: self._owned]
         solve(self._r, self._z)
         q = self._sum(np.asarray(self._ET @ self._z.array_r))
@@ -167,11 +159,12 @@ class Border:
             q = turned @ q
         if self._factors is None or not kept:
             self._factors = self._factor()
-        found = self._factors.solve(np.r_[q, np.zeros(n), self._equilibrium.of_joints(r.array_r)])
-        f = found[n : 2 * n] if turned is None else turned.T @ found[n : 2 * n]
+        f, multipliers = self._factors(q, self._equilibrium.of_joints(r.array_r))
+        if turned is not None:
+            f = turned.T @ f
         out = z.array
         out[: self._owned] = self._z.array_r - self._Y @ f
-        out[self._owned :] = found[2 * n :][: out.size - self._owned]
+        out[self._owned :] = multipliers[: out.size - self._owned]
 
     def destroy(self) -> None:
         """Free the vectors. Collective."""
