@@ -391,7 +391,7 @@ def test_groups_of_scripts_without_elements(tmp_path):
     script += 'Physical Curve("rim") = {};\n'
     domain = rf.read_geo(write(tmp_path / "empty.geo", script), size=1.0)
     assert counts(domain)["right"] == counts(domain)["rim"] == 0
-    for name, kind in (("right", "facets"), ("rim", "vertices")):
+    for name, kind in (("right", "facets"), ("rim", "edges")):
         with pytest.raises(SceneError, match=f"'{name}' stands for no {kind} at all"):
             rf.Scene(domain, rf.StVenantKirchhoff(E=1.0, nu=0.3, rho=1.0), [rf.Fixed(name)])
 

@@ -22,10 +22,11 @@ EDGES = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))
 
 
 def _hexahedra():
-    """The L of which two pieces have names, and vertices."""
+    """The L of which two pieces have names, and edges and vertices."""
     domain = tumbling_l(2)
     domain = domain.with_cells("foot", lambda x: x[1] <= 3 + 1e-9)
     domain = domain.with_cells("head", lambda x: x[1] >= 8 - 1e-9)
+    domain = domain.with_edges("rim", lambda x: (x[1] > 10 - 1e-9) & (x[2] < 1e-9))
     return domain.with_vertices("edge", lambda x: (x[1] > 10 - 1e-9) & (x[0] < 1e-9))
 
 
@@ -42,6 +43,9 @@ def _curved():
         points, cells = points[:0], cells[:0]
     domain = rf.from_arrays(points, cells, "tetrahedron")
     domain = domain.with_cells("head", lambda x: x[0] >= 4 - 1e-9)
+    domain = domain.with_edges(
+        "keel", lambda x: np.abs(x[1]) + np.abs(x[2] - 0.02 * x[0] ** 2) < 1e-3
+    )
     return domain.with_facets("end", lambda x: x[0] > 6 - 1e-9)
 
 

@@ -151,7 +151,7 @@ def _arch(cells: int, rise: float) -> rf.Domain:
                 np.abs((x[0] - foot[0]) * along[0] + (x[2] - foot[1]) * along[1]) < 1e-9
             ),
         )
-    return domain.with_vertices("crown", lambda x: np.abs(x[0]) < 1e-9)
+    return domain.with_edges("crown", lambda x: np.abs(x[0]) < 1e-9)
 
 
 @case("time", "an arch that snaps through: its stiffness is indefinite on the way")

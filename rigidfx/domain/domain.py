@@ -1,8 +1,8 @@
 """A mesh with its named parts.
 
 Everything a scene refers to is found by *name*: a name stands for a set of cells, facets, edges or
-vertices. A domain never changes; `with_cells`, `with_facets` and `with_vertices` return a new one
-that knows one name more.
+vertices. A domain never changes; `with_cells`, `with_facets`, `with_edges` and `with_vertices`
+return a new one that knows one name more.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Any
 
 import dolfinx.mesh as dmesh
 import numpy as np
@@ -19,7 +20,9 @@ from mpi4py import MPI
 from rigidfx.base.errors import SceneError, agree, together
 from rigidfx.base.inputs import shown
 from rigidfx.base.taken import take_fields
+from rigidfx.base.warning import warn
 from rigidfx.domain.cell_quality import check_cells
+from rigidfx.domain.edges import count_loose, edges_within
 from rigidfx.domain.mesh_life import keep, let_go
 
 __all__ = ["CELLS", "KINDS", "Domain", "EntitySet", "Marker"]
@@ -27,6 +30,7 @@ __all__ = ["CELLS", "KINDS", "Domain", "EntitySet", "Marker"]
 Marker = Callable[[npt.NDArray[np.float64]], npt.NDArray[np.bool_]]
 
 KINDS = {3: "cells", 2: "facets", 1: "edges", 0: "vertices"}
+CHORDS = " Straight edges leave a curve: let the marker allow for that, or curve cells (order=2)."
 CELLS = {dmesh.CellType.hexahedron: "hexahedra", dmesh.CellType.tetrahedron: "tetrahedra"}
 
 
@@ -81,7 +85,7 @@ class Domain:
         if not listed:
             raise SceneError(
                 f"Domain: sets must be a list of EntitySet, got {shown(sets)}. Sets are named by "
-                "with_cells, with_facets and with_vertices."
+                "with_cells, with_facets, with_edges and with_vertices."
             )
         tdim, gdim = mesh.topology.dim, mesh.geometry.dim
         if (tdim, gdim) != (3, 3):
@@ -147,15 +151,21 @@ class Domain:
 
     def count(self, entities: EntitySet) -> int:
         """Number of entities of a set over all ranks, each counted once. Collective."""
+        self.mesh.topology.create_entities(entities.dim)
         owned = self.mesh.topology.index_map(entities.dim).size_local
         return self.comm.allreduce(int(np.count_nonzero(entities.entities < owned)))
 
-    def _with(self, name: str, dim: int, marker: Marker, boundary: bool) -> Domain:
+    def _with(
+        self,
+        name: str,
+        dim: int,
+        marker: Marker,
+        locate: Callable[..., Any] = dmesh.locate_entities,
+    ) -> Domain:
         _check_name(name)
         tdim = self.mesh.topology.dim
         self.mesh.topology.create_entities(dim)
         self.mesh.topology.create_connectivity(dim, tdim)
-        locate = dmesh.locate_entities_boundary if boundary else dmesh.locate_entities
 
         def checked(x: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
             found = np.asarray(marker(x))
@@ -172,11 +182,16 @@ class Domain:
         new = EntitySet(name, dim, np.sort(entities).astype(np.int32))
         out = replace_sets(self, {**self.sets, (name, dim): new})
         if out.count(new) == 0:
-            inner = dmesh.locate_entities(self.mesh, dim, checked) if boundary else entities
+            inner = dmesh.locate_entities(self.mesh, dim, checked)
             count = self.count(EntitySet(name, dim, np.sort(inner).astype(np.int32)))
             given = f"The marker of '{name}' is true for"
             if count == 0:
                 raise SceneError(f"{given} no {KINDS[dim]} of the mesh.")
+            if dim == 1:
+                raise SceneError(
+                    f"{given} both ends of {count} edges and for the middle of none, which "
+                    f"with_edges asks for, too.{CHORDS}"
+                )
             raise SceneError(
                 f"{given} {count} facets inside the mesh and for none of its boundary, which "
                 "with_facets names. Of the nodes inside, with_vertices makes a set for supports."
@@ -193,7 +208,7 @@ class Domain:
         Raises:
             SceneError: If no cell fulfils it.
         """
-        return self._with(name, 3, marker, boundary=False)
+        return self._with(name, 3, marker)
 
     def with_facets(self, name: str, marker: Marker) -> Domain:
         """A domain with a new set of facets: boundary facets in the marker. Collective.
@@ -205,7 +220,30 @@ class Domain:
         Raises:
             SceneError: If no facet fulfils it.
         """
-        return self._with(name, 2, marker, boundary=True)
+        return self._with(name, 2, marker, dmesh.locate_entities_boundary)
+
+    def with_edges(self, name: str, marker: Marker) -> Domain:
+        """A domain with a new set of edges: ends and middle in the marker. Collective.
+
+        Cells of second order have a node in the middle of each edge. A warning tells of vertices in
+        the marker at which no edge of the set ends.
+
+        Args:
+            name: New name.
+            marker: Function of x, shape (3, n) [m], to booleans of shape (n,).
+
+        Raises:
+            SceneError: If no edge fulfils it.
+        """
+        out = self._with(name, 1, marker, edges_within)
+        vertices = dmesh.locate_entities(self.mesh, 0, marker)
+        if loose := count_loose(self.mesh, vertices, out.sets[name, 1].entities):
+            warn(
+                self.comm,
+                f"The marker of '{name}' is true for {loose} vertices at which no edge of the set "
+                f"ends, and which are left out. An edge needs its middle in the marker.{CHORDS}",
+            )
+        return out
 
     def with_vertices(self, name: str, marker: Marker) -> Domain:
         """A domain with a new set of vertices: those in the marker. Collective.
@@ -217,7 +255,7 @@ class Domain:
         Raises:
             SceneError: If no vertex fulfils it.
         """
-        return self._with(name, 0, marker, boundary=False)
+        return self._with(name, 0, marker)
 
     def with_cell_set(self, name: str, cells: npt.ArrayLike) -> Domain:
         """A domain with a new set of the given local cells, ghosts included. Collective.

@@ -100,8 +100,9 @@ def take_groups(gmsh: Any, source: str, header: Header) -> tuple[Names, int]:
         header: Names of groups by dimension and number, for those that gmsh does not tell.
 
     Returns:
-        By dimension and name, numbers of entities, or positions of points for dimensions 0, 1; and
-        the number of volume cells that are in no group.
+        By dimension and name, numbers of entities, or for dimensions 0, 1 numbers from 0 of the
+        nodes at the corners of their elements, shape (elements, corners); and the number of volume
+        cells that are in no group.
 
     Raises:
         SceneError: If a name is there twice, or cells or facets are of no kind that will do.
@@ -124,13 +125,6 @@ def take_groups(gmsh: Any, source: str, header: Header) -> tuple[Names, int]:
     model.mesh.removeDuplicateElements()
     kind = _kind_of_cells(model, source, entities, listed)
     _check_facets(model, source, kind, entities)
-    positions = {
-        (dim, name): np.concatenate(
-            [[], *(model.mesh.getNodes(dim, e, includeBoundary=True)[1] for e in own)]
-        ).reshape(-1, 3)
-        for (dim, name), own in entities.items()
-        if dim < 2
-    }
     model.removePhysicalGroups()
     used = {(dim, e) for (dim, _), own in entities.items() if dim >= 2 for e in own}
     for dim, tag in sorted(used):
@@ -143,7 +137,21 @@ def take_groups(gmsh: Any, source: str, header: Header) -> tuple[Names, int]:
     # DOLFINx takes numbers without gaps only, of the nodes of groups; a script may ask for others.
     gmsh.option.setNumber("Mesh.SaveAll", 0)
     model.mesh.renumberNodes()
-    return {**entities, **positions}, sum(outside.values())
+    corners = {
+        key: _corners(model, key[0], own, key[0] + 1).astype(np.int64) - 1
+        for key, own in entities.items()
+        if key[0] < 2
+    }
+    return {**entities, **corners}, sum(outside.values())
+
+
+def _corners(model: Any, dim: int, entities: Sequence[int], count: int) -> Any:
+    """Numbers of the nodes at the corners of all elements, shape (elements, count)."""
+    rows = [np.empty((0, count), np.uint64)]
+    for e in entities:
+        for _, elements, nodes in zip(*model.mesh.getElements(dim, e), strict=True):
+            rows.append(nodes.reshape(len(elements), -1)[:, :count])
+    return np.concatenate(rows)
 
 
 def _cells(model: Any, volume: int) -> int:
@@ -233,11 +241,8 @@ def _check_facets(
         SceneError: With the names that have such facets.
     """
     corners = model.mesh.getElementProperties(FACETS[kind])[5]
-    facets = {}
-    for e in {e for (dim, _), own in entities.items() if dim == 2 for e in own}:
-        of_type = model.mesh.getElements(2, e)
-        rows = [n.reshape(len(t), -1)[:, :corners] for _, t, n in zip(*of_type, strict=True)]
-        facets[e] = np.concatenate([np.empty((0, corners), np.uint64), *rows])
+    surfaces = {e for (dim, _), own in entities.items() if dim == 2 for e in own}
+    facets = {e: _corners(model, 2, [e], corners) for e in surfaces}
     if not facets:
         return
     wanted = np.sort(np.concatenate(list(facets.values())), axis=1)

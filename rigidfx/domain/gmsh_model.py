@@ -7,18 +7,18 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
+import dolfinx.mesh as dmesh
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
-from scipy.spatial import cKDTree
 
 from rigidfx.base import compat
 from rigidfx.base.errors import SceneError, together
 from rigidfx.base.inputs import communicator, positive
 from rigidfx.base.warning import warn
-from rigidfx.domain.domain import Domain, EntitySet
+from rigidfx.domain.domain import KINDS, Domain, EntitySet
 from rigidfx.domain.gmsh_groups import Header, Names, names_in_header, take_groups
 from rigidfx.domain.gmsh_tags import separate_groups
+from rigidfx.domain.numbered import by_corners
 from rigidfx.domain.unv import check_unv
 
 __all__ = ["domain_of", "find_file", "from_gmsh", "gmsh_session", "read_msh"]
@@ -41,16 +41,14 @@ OPTIONS = (
     "Mesh.SwitchElementTags",
 )
 
-SAME_PLACE = 1e-6  # of the smallest cell's diameter: points no farther apart are one
-
 
 def read_msh(
     path: str | Path, comm: MPI.Intracomm = MPI.COMM_WORLD, *, scale: float = 1.0
 ) -> Domain:
     """Read a gmsh file; its physical groups become the names of the domain. Collective.
 
-    Groups of cells and facets become sets of these, groups of points sets of vertices, groups of
-    curves sets of the vertices on them. A group without a name goes by its kind and number, such as
+    Groups of cells and facets become sets of these, groups of curves sets of edges, groups of
+    points sets of vertices. A group without a name goes by its kind and number, such as
     "facets-4". A name without elements is kept, as an empty set. Of a file without any group, as
     converters leave it, all volume cells are named "body".
 
@@ -235,24 +233,32 @@ def domain_of(
             members = [tags[dim].find(tag) for tag in value]
             entities = np.unique(np.concatenate([np.empty(0, np.int32), *members]))
             sets.append(EntitySet(name, dim, entities.astype(np.int32)))
-        elif not len(value):
-            sets.append(EntitySet(name, 0, np.empty(0, np.int32)))
-    domain = Domain(mesh, sets)
+    domain = Domain(mesh, [*sets, *_lines_and_points(mesh, names, source)])
     if outside:
         warn(
             comm,
             f"{source}: {outside} volume cells are in no physical group and are left out. Put "
             "their volumes into one, if they belong to the part.",
         )
-    owned = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
-    least = comm.allreduce(float(mesh.h(3, owned).min(initial=np.inf)), op=MPI.MIN)
-    for (dim, name), value in names.items():
-        if dim < 2 and len(value):
-            domain = domain.with_vertices(name, _among(value, SAME_PLACE * least))
     return domain
 
 
-def _among(points: npt.NDArray[np.float64], tolerance: float) -> Any:
-    """A marker of the given points, up to a distance [m]."""
-    tree = cKDTree(points)
-    return lambda x: tree.query(x.T)[0] <= tolerance
+def _lines_and_points(mesh: dmesh.Mesh, names: Names, source: str) -> list[EntitySet]:
+    """Sets of edges and vertices of the groups of curves and points. Collective."""
+    sets, missed = [], []
+    for dim in (1, 0):
+        groups = {name: corners for (name_dim, name), corners in names.items() if name_dim == dim}
+        for name, entities in by_corners(mesh, dim, groups).items():
+            sets.append(EntitySet(name, dim, entities))
+            owned = np.count_nonzero(entities < mesh.topology.index_map(dim).size_local)
+            count = len(np.unique(np.sort(groups[name]), axis=0))
+            if left := count - mesh.comm.allreduce(int(owned)):
+                missed.append(f"'{name}' ({left} of {count} {KINDS[dim]})")
+    if missed:
+        warn(
+            mesh.comm,
+            f"{source}: the volume cells in physical groups do not have all edges and vertices of "
+            f"{', '.join(missed)}: these are left out. Mesh them with the volume (Coherence, "
+            "embed), or put the volume that they bound into a group.",
+        )
+    return sets

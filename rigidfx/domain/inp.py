@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
-from dolfinx.mesh import entities_to_geometry
 from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError, together
@@ -20,10 +17,9 @@ from rigidfx.domain.gmsh_model import find_file
 from rigidfx.domain.inp_cells import InpMesh
 from rigidfx.domain.inp_mesh import mesh_of
 from rigidfx.domain.inp_model import model_of
+from rigidfx.domain.numbered import by_corners
 
 __all__ = ["read_inp"]
-
-Ints = npt.NDArray[np.int64]
 
 
 def read_inp(
@@ -94,41 +90,12 @@ def read_inp(
     points = np.empty((0, 3)) if mesh is None else factor * mesh.points
     cells = np.empty((0, width), np.int64) if mesh is None else mesh.cells
     domain = from_arrays(points, cells, kind, comm)
+    of_file = domain.mesh.topology.original_cell_index
     sets = [
-        EntitySet(name, 3, np.flatnonzero(np.isin(_rows(domain), rows)).astype(np.int32))
+        EntitySet(name, 3, np.flatnonzero(np.isin(of_file, rows)).astype(np.int32))
         for name, rows in of_cells.items()
     ]
-    if of_facets:
-        own = np.sort(_nodes_of(domain, 2)[:, : next(iter(of_facets.values())).shape[1]], axis=1)
-        sets += [EntitySet(name, 2, _among(own, rows)) for name, rows in of_facets.items()]
-    if of_nodes:
-        own = _nodes_of(domain, 0)
-        sets += [EntitySet(name, 0, _among(own, rows)) for name, rows in of_nodes.items()]
+    for dim, named in ((2, of_facets), (0, of_nodes)):
+        found = by_corners(domain.mesh, dim, named)
+        sets += [EntitySet(name, dim, entities) for name, entities in found.items()]
     return replace_sets(domain, {(each.name, each.dim): each for each in sets})
-
-
-def _rows(domain: Domain) -> Ints:
-    """For each local cell, ghosts included, which of the file's it is."""
-    return np.asarray(domain.mesh.topology.original_cell_index, dtype=np.int64)
-
-
-def _nodes_of(domain: Domain, dim: int) -> Ints:
-    """The file's nodes of each local facet or vertex, corners first."""
-    mesh = domain.mesh
-    mesh.topology.create_entities(dim)
-    mesh.topology.create_connectivity(dim, 3)
-    mesh.topology.create_connectivity(3, dim)
-    mesh.topology.create_connectivity(dim, 0)
-    entities = mesh.topology.index_map(dim)
-    count = entities.size_local + entities.num_ghosts
-    at = entities_to_geometry(mesh, dim, np.arange(count, dtype=np.int32))
-    numbers = np.asarray(mesh.geometry.input_global_indices, dtype=np.int64)
-    return numbers[at.reshape(count, -1)]
-
-
-def _among(own: Ints, rows: Sequence[Sequence[int]] | Ints) -> npt.NDArray[np.int32]:
-    """Which of the rows are among others, whose numbers are sorted in each row."""
-    given = np.asarray(rows, dtype=np.int64).reshape(-1, own.shape[1])
-    _, which = np.unique(np.concatenate([given, own]), axis=0, return_inverse=True)
-    which = which.reshape(-1)
-    return np.flatnonzero(np.isin(which[len(given) :], which[: len(given)])).astype(np.int32)

@@ -25,7 +25,7 @@ class InpMesh:
         cells: Shape (cells, nodes of each).
         of_cells: Rows of cells by name.
         of_facets: Corners of facets by name, sorted, shape (facets, 3 or 4).
-        of_nodes: Rows of nodes by name.
+        of_nodes: Rows of nodes by name, shape (nodes, 1).
         notes: Texts of warnings.
     """
 

@@ -234,7 +234,7 @@ class _Flat:
         if len(covered) and not left.any():
             self._put(mesh.of_facets, name, covered, "nodes")
         else:
-            self._put(mesh.of_nodes, name, np.flatnonzero(own), "nodes")
+            self._put(mesh.of_nodes, name, np.flatnonzero(own)[:, None], "nodes")
 
     def _sides(self, place: Instance, group: Group) -> Iterator[Ints]:
         """Corners of the facets of a surface."""

@@ -25,6 +25,7 @@ from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import names, shown
 from rigidfx.base.same_input import check_same
 from rigidfx.domain.domain import Domain, EntitySet
+from rigidfx.domain.numbered import by_corners, nodes_of
 
 __all__ = ["redistribute"]
 
@@ -157,29 +158,8 @@ def _moved(old: dmesh.Mesh, new: dmesh.Mesh, entities: EntitySet) -> EntitySet:
         numbers = np.concatenate(old.comm.allgather(old.topology.original_cell_index[own]))
         found = np.flatnonzero(np.isin(new.topology.original_cell_index, numbers))
         return EntitySet(entities.name, dim, found.astype(np.int32))
-    known = old.geometry.index_map()
-    nodes = _nodes(old, dim, own)
-    rows = known.local_to_global(nodes.reshape(-1)).reshape(nodes.shape)
-    parts = [part for part in old.comm.allgather(np.sort(rows, axis=1)) if part.size]
-    if not parts:
-        return EntitySet(entities.name, dim, own[:0])
-    rows = np.concatenate(parts)
-    new.topology.create_entities(dim)
-    map_ = new.topology.index_map(dim)
-    every = np.arange(map_.size_local + map_.num_ghosts, dtype=np.int32)
-    given = np.asarray(new.geometry.input_global_indices)[_nodes(new, dim, every)]
-    given = given.reshape(-1, rows.shape[1])
-    likely = np.flatnonzero(np.isin(given, rows).all(axis=1))  # few as a rule
-    both = np.concatenate([rows, np.sort(given[likely], axis=1)])
-    _, number = np.unique(both, axis=0, return_inverse=True)
-    wanted, number = np.split(number.reshape(-1), [len(rows)])
-    return EntitySet(entities.name, dim, every[likely[np.isin(number, wanted)]])
-
-
-def _nodes(mesh: dmesh.Mesh, dim: int, entities: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
-    """Nodes of the geometry in the closure of entities, a row for each."""
-    if not entities.size:  # a rank may own nothing, which DOLFINx divides by
-        return np.empty((0, 0), np.int32)
-    for one, other in ((dim, 3), (3, dim)):
-        mesh.topology.create_connectivity(one, other)
-    return np.asarray(dmesh.entities_to_geometry(mesh, dim, entities))
+    corners = len(basix.topology(getattr(basix.CellType, old.topology.cell_type.name))[dim][0])
+    nodes = nodes_of(old, dim, own)[:, :corners]
+    rows = old.geometry.index_map().local_to_global(nodes.reshape(-1)).reshape(nodes.shape)
+    every = {entities.name: np.concatenate(old.comm.allgather(rows))}
+    return EntitySet(entities.name, dim, by_corners(new, dim, every)[entities.name])

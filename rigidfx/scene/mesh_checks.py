@@ -17,6 +17,7 @@ from rigidfx.base.compat import cell_geometry_dofs
 from rigidfx.base.warning import warn
 from rigidfx.domain.connected import ConnectedParts, connected_parts
 from rigidfx.domain.domain import Domain
+from rigidfx.domain.edges import count_between
 from rigidfx.domain.hinges import hinges
 from rigidfx.domain.thin import thin_parts
 from rigidfx.domain.touching import touching
@@ -48,16 +49,19 @@ def warn_of_bending(domain: Domain) -> None:
     )
 
 
-def warn_of_mesh(domain: Domain, effects: Sequence[fx.Effect]) -> None:
-    """Warn of parts that part or swing, and of sizes that rounding hides. Collective.
+def warn_of_mesh(domain: Domain, effects: Sequence[fx.Effect], order: int) -> None:
+    """Warn of parts that part or swing, of nodes that sets lack, of hidden sizes. Collective.
 
     Args:
         domain: Mesh and names.
         effects: All effects of a scene.
+        order: Order of its displacement.
     """
     _warn_of_gaps(domain, effects)
     _warn_of_hinges(domain, effects)
     _warn_of_distance(domain)
+    if order > 1:
+        _warn_of_vertices(domain, effects)
 
 
 def _warn_of_gaps(domain: Domain, effects: Sequence[fx.Effect]) -> None:
@@ -129,6 +133,28 @@ def _warn_of_hinges(domain: Domain, effects: Sequence[fx.Effect]) -> None:
         "as one (glue=True of read_cad, Coherence or BooleanFragments in gmsh); or keep a gap "
         "between them.",
     )
+
+
+def _warn_of_vertices(domain: Domain, effects: Sequence[fx.Effect]) -> None:
+    """Warn of lines of vertices without the nodes between them. Collective.
+
+    Args:
+        domain: Mesh and names.
+        effects: All effects of a scene.
+    """
+    acting = {where: e for e in effects if isinstance(where := getattr(e, "where", None), str)}
+    for where, effect in acting.items():
+        sets = [domain.sets[where, dim] for dim in (3, 2, 1, 0) if (where, dim) in domain.sets]
+        if not sets or sets[0].dim > 0:
+            continue
+        if between := count_between(domain.mesh, sets[0].entities):
+            warn(
+                domain.comm,
+                f"Scene: {effect.owner} acts on vertices that are both ends of {between} edges, "
+                "not on the nodes in the middle of these, which a scene of order=2 has: along a "
+                "line it acts on every other node. Name the line by with_edges, or by a group of "
+                "curves in gmsh.",
+            )
 
 
 def _warn_of_distance(domain: Domain) -> None:

@@ -157,7 +157,7 @@ class Scene:
             effect.check(self)
         check_rigid(self)
         warn_of_pieces(self.domain, self.effects)
-        warn_of_mesh(self.domain, self.effects)
+        warn_of_mesh(self.domain, self.effects, self.order)
 
     # Questions to a scene -----------------------------------------------------------------------
 

@@ -145,7 +145,7 @@ def snap_through(short: bool) -> tuple[float, float]:
         return np.stack([x[0], 0.01 * x[1], 4 * rise * x[0] * (1 - x[0]) + thick * (x[2] - 0.5)])
 
     arch = block_of((n, 1, 1), place)
-    arch = arch.with_vertices("crown", lambda x: _at_crown(x, rise + thick / 2))
+    arch = arch.with_edges("crown", lambda x: _at_crown(x, rise + thick / 2))
     material = rf.StVenantKirchhoff(E=1e6, nu=0.0, rho=1.0)
     clamped = [rf.Fixed("x0"), rf.Fixed("x1")]
     push = rf.PrescribedMotion("crown", "z", displacement=lambda t: (0.0, 0.0, -rise * t))
