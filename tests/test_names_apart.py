@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 from mpi4py import MPI
 
@@ -143,7 +145,7 @@ def three(tmp_path_factory):
         gmsh.write(str(path))
     finally:
         gmsh.finalize()
-    return path.read_text()
+    return re.sub(r"Open CASCADE STEP translator \S+ \d+", "all/1", path.read_text())
 
 
 @alone
@@ -166,9 +168,9 @@ def test_labels_of_step(tmp_path, three, names, encoding, escaped):
     for k, name in enumerate(names, start=1):
         for letter, other in escaped.items():
             name = name.replace(letter, other.strip())
-        text = text.replace(f"Open CASCADE STEP translator 7.8 1.{k}", name)
+        text = text.replace(f"all/1.{k}", name)
     path = tmp_path / "three.step"
-    path.write_bytes(text.replace("Open CASCADE STEP translator 7.8 1", "all/1").encode(encoding))
+    path.write_bytes(text.encode(encoding))
     assert [v.label for v in rf.list_cad(path).volumes] == list(names)
     part = rf.read_cad(path, volumes={"first": names[0]}, size=2e-3)
     assert {name for name, _ in part.sets} == {"first", *names}

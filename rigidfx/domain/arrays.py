@@ -19,7 +19,14 @@ from rigidfx.base.errors import SceneError, agree
 from rigidfx.base.inputs import communicator, numbers, shown
 from rigidfx.base.same_input import check_same
 from rigidfx.domain.domain import CELLS, Domain, Marker
-from rigidfx.domain.node_orders import CORNERS, advice_on, degree_of, in_dolfinx_order, widths
+from rigidfx.domain.node_orders import (
+    CORNERS,
+    advice_on,
+    collapsed,
+    degree_of,
+    in_dolfinx_order,
+    widths,
+)
 
 __all__ = ["box", "from_arrays"]
 
@@ -169,7 +176,8 @@ def _misfit(points: npt.ArrayLike, cells: npt.ArrayLike, cell: str) -> str | Non
     )
     if times.max() > 1:
         return f"from_arrays: cell {first[np.argmax(times)]} is there {times.max()} times."
-    return None
+    fault = collapsed(rows[:, : CORNERS[cell]])
+    return f"from_arrays: cell {fault[0]} {fault[1]}" if fault else None
 
 
 def _on_plane(axis: int, value: float, tol: float) -> Marker:

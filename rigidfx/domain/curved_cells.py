@@ -25,7 +25,7 @@ Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
 LEAST = 0.1  # of the straight cell's det J: gmsh's Mesh.HighOrderThresholdMin; also the least t
-CURVED = 1e-9  # of a cell's size: nodes farther from their straight places are curved
+CURVED = np.sqrt(np.finfo(float).eps)  # of a cell's size: nodes farther off are of curved edges
 
 # Kinds of cells by gmsh's names.
 KINDS = {"Tetrahedron": basix.CellType.tetrahedron, "Hexahedron": basix.CellType.hexahedron}

@@ -17,11 +17,22 @@ import numpy as np
 from rigidfx.base.errors import SceneError
 from rigidfx.base.text_files import Decoder
 
-__all__ = ["Card", "cards_of", "folded", "is_number"]
+__all__ = ["Card", "cards_of", "entries_of", "folded", "is_number"]
 
 
 DEEPEST = 9  # files that include each other
 BLANKS = " \t\v\f"  # others may be halves of letters, in encodings that are not known
+
+
+def entries_of(line: str) -> list[str]:
+    """The entries of a line between its commas, those in quotes left alone.
+
+    Args:
+        line: A line of a card.
+    """
+    quoted = '"' in line and line.count('"') % 2 == 0
+    entries = re.split(r',(?=(?:[^"]*"[^"]*")*[^"]*$)', line) if quoted else line.split(",")
+    return [entry.strip(BLANKS) for entry in entries]
 
 
 def folded(name: str) -> str:
@@ -79,7 +90,7 @@ class Card:
         """Entries of each line of data with its number, without empty ones at its end."""
         out = []
         for number, line in self.lines:
-            entries = [entry.strip(BLANKS) for entry in line.split(",")]
+            entries = entries_of(line)
             while entries and not entries[-1]:
                 entries.pop()
             out.append((number, entries))
@@ -154,8 +165,8 @@ def _text(path: Path, decoder: Decoder) -> str:
 
 
 def _begun(head: str, path: Path, number: int) -> Card:
-    keyword, *parameters = head.split(",")
-    pairs = (parameter.partition("=")[::2] for parameter in parameters if parameter.strip(BLANKS))
+    keyword, *parameters = entries_of(head)
+    pairs = (parameter.partition("=")[::2] for parameter in parameters if parameter)
     given = {key.strip(BLANKS).upper(): value.strip(BLANKS).strip('"') for key, value in pairs}
     return Card(" ".join(keyword[1:].split()).upper(), given, [], path, number)
 

@@ -12,7 +12,7 @@ from rigidfx.base.errors import SceneError
 from rigidfx.domain.inp_cards import folded, is_number
 from rigidfx.domain.inp_cells import InpMesh, Numbers, faces_of, kind_of
 from rigidfx.domain.inp_model import Group, Instance, Model
-from rigidfx.domain.node_orders import CORNERS, advice_on, widths
+from rigidfx.domain.node_orders import CORNERS, advice_on, collapsed, widths
 
 __all__ = ["mesh_of"]
 
@@ -88,6 +88,9 @@ class _Flat:
         labels: list[Ints] = [np.empty(0, np.int64)]
         rows: list[Ints] = []
         for type_, numbers, nodes in place.part.flat:
+            if corners != (3 if nodes.shape[1] in (3, 6, 7) else 4):  # no sides of these cells
+                self._left_out[type_] = self._left_out.get(type_, 0) + len(numbers)
+                continue
             own = self._new[self._rows_of(place, type_, numbers, nodes)[:, :corners]]
             own.sort(axis=1)
             _, which = np.unique(np.concatenate([every, own]), axis=0, return_inverse=True)
@@ -127,6 +130,9 @@ class _Flat:
                 key = kind_of(nodes.shape[1]), nodes.shape[1]
                 kinds[key] = kinds.get(key, 0) + len(labels)
                 of_place.append((labels, self._rows_of(place, type_, labels, nodes)))
+                if fault := collapsed(nodes[:, : CORNERS.get(key[0], 0)]):
+                    at, problem = fault
+                    raise self._error(f"has element {labels[at]} of type {type_}, which {problem}")
             tables.append(of_place)
         count = self._check_kinds(kinds)
         first = 0
@@ -260,12 +266,7 @@ class _Flat:
     def _item(self, place: Instance, kind: str, item: str) -> Ints:
         """Rows of a number, or of a set."""
         group = Group(item)
-        before, dot, after = item.strip('"').rpartition(".")
-        of = folded(before) if dot else ""
-        if is_number(after):
-            group.members.append((of, np.array([int(after)])))
-        else:
-            group.others.append((of, folded(after)))
+        group.add(item)
         return self._of(place, kind, group)
 
     def _of(self, place: Instance, kind: str, group: Group, depth: int = 0) -> Ints:
@@ -276,6 +277,10 @@ class _Flat:
             of = instance or place.name
             if of not in tables:
                 raise self._error(f"has no instance '{of}', which '{group.name}' names.")
+            if isinstance(labels, range):  # of GENERATE: those of its numbers that there are
+                own, first = tables[of].labels, labels.start
+                own = own[(own >= first) & (own < labels.stop) & ((own - first) % labels.step == 0)]
+                labels = own if len(own) else np.array([first])
             found, missing = tables[of].find(labels)
             what = "node" if kind == "NSET" else "volume element"
             if len(missing) and not (kind != "NSET" and self._elsewhere(kind, of)):
@@ -293,10 +298,14 @@ class _Flat:
     def _of_other(
         self, place: Instance, kind: str, group: Group, of: tuple[str, str], depth: int
     ) -> Ints:
-        instance, name = of
-        for other in (p for p in self._places if p.name == (instance or place.name)):
-            if found := other.part.groups.get(("ELSET" if kind == "FLAT" else kind, name)):
-                if depth > len(other.part.groups):
-                    raise self._error(f"has a set '{group.name}' that contains itself.")
-                return self._of(other, kind, found, depth + 1)
-        raise self._error(f"has no set '{name}', which '{group.name}' names.")
+        before, _, after = of[1].rpartition(".")
+        for instance, name in (of, (before or of[0], after)):
+            for other in (p for p in self._places if p.name == (instance or place.name)):
+                if found := other.part.groups.get(("ELSET" if kind == "FLAT" else kind, name)):
+                    if depth > len(other.part.groups):
+                        raise self._error(f"has a set '{group.name}' that contains itself.")
+                    return self._of(other, kind, found, depth + 1)
+        if before and is_number(after):
+            one = Group(group.name, [(before, np.array([int(after)]))])
+            return self._of(place, kind, one)
+        raise self._error(f"has no set '{of[1]}', which '{group.name}' names.")

@@ -18,15 +18,15 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from rigidfx.base.text_files import Decoder
-from rigidfx.domain.inp_cards import Card, cards_of, folded, is_number
+from rigidfx.domain.inp_cards import Card, cards_of, entries_of, folded, is_number
 
 __all__ = ["Group", "Instance", "Model", "Place", "model_of"]
 
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
-# Types of elements, and how many nodes they have.
-SOLIDS = r"[A-Z]{0,2}3D(\d+)"
+# Types of elements, and how many nodes they have. Membranes are flat, trusses are neither.
+SOLIDS = r"[A-Z]{0,2}3D([4-9]|\d\d+)"
 FLAT = r"(?:CPS|CPE|CAX|DC2D|M3D|R3D|SFM3D|STRI|DS|S)([346789])\D*$"
 
 # Cards that make nodes or elements of others.
@@ -39,17 +39,32 @@ class Group:
 
     Attributes:
         name: As it is written first.
-        members: Numbers by the instances that they are of ("" for the place of the group) ...
-        others: ... and names of other groups.
+        members: Numbers by the instances that they are of ("" for the place of the group), ranges
+            of which some may not be there ...
+        others: ... and names of other groups, or names and numbers behind an instance's name and a
+            dot.
         faces: Of a surface: pairs of an element's number or a set's name, and a face such as "S3".
         of_nodes: Whether a surface is one of nodes.
     """
 
     name: str
-    members: list[tuple[str, Ints]] = field(default_factory=list)
+    members: list[tuple[str, Ints | range]] = field(default_factory=list)
     others: list[tuple[str, str]] = field(default_factory=list)
     faces: list[tuple[str, str, Card, int]] = field(default_factory=list)
     of_nodes: bool = False
+
+    def add(self, entry: str, instance: str = "") -> None:
+        """Add a member by its number or its set's name, either behind an instance's name and a dot.
+
+        Args:
+            entry: The member.
+            instance: Name of the instance that it is of, where it names none.
+        """
+        name = folded(entry.replace('"', ""))
+        if is_number(name):
+            self.members.append((instance, np.array([int(name)])))
+        else:
+            self.others.append((instance, name))
 
 
 @dataclass
@@ -177,7 +192,8 @@ def _nodes(card: Card, place: Place) -> None:
 
 def _elements(card: Card, place: Place) -> None:
     kind = card.named("TYPE").upper()
-    solid, flat = re.match(SOLIDS, kind), re.match(FLAT, kind)
+    flat = re.match(FLAT, kind)
+    solid = None if flat else re.match(SOLIDS, kind)
     if not (solid or flat):
         place.no_cells[kind] = place.no_cells.get(kind, 0) + len(card.lines)
         return
@@ -205,9 +221,11 @@ def _set(card: Card, place: Place) -> None:
     for number, entries in card.rows():
         if "GENERATE" in card.given:
             first, last, step, *_ = [*card.whole_numbers(entries, number), 1, 1, 1]
-            if step < 1 or len([entry for entry in entries if entry]) < 2:
-                raise card.wrong("GENERATE needs the first, the last and a step above 0.", number)
-            group.members.append((instance, np.arange(first, last + 1, step, dtype=np.int64)))
+            if step < 1 or last < first or len([entry for entry in entries if entry]) < 2:
+                raise card.wrong(
+                    "GENERATE needs the first, the last, not below it, and a step above 0.", number
+                )
+            group.members.append((instance, range(first, last + 1, step)))
             continue
         written = [entry for entry in entries if entry]
         labels = [entry for entry in written if is_number(entry)]
@@ -215,17 +233,7 @@ def _set(card: Card, place: Place) -> None:
             group.members.append((instance, np.array(card.whole_numbers(labels, number))))
         for entry in written:
             if not is_number(entry):
-                _other(group, entry, instance)
-
-
-def _other(group: Group, entry: str, instance: str) -> None:
-    """A member by the name of another set, or by that of an instance and a number or a name."""
-    before, dot, after = entry.strip('"').rpartition(".")
-    of = folded(before) if dot else instance
-    if is_number(after):
-        group.members.append((of, np.array([int(after)])))
-    else:
-        group.others.append((of, folded(after)))
+                group.add(entry, instance)
 
 
 def _surface(card: Card, place: Place) -> None:
@@ -235,9 +243,9 @@ def _surface(card: Card, place: Place) -> None:
         return  # analytical, by equations
     group.of_nodes = kind == "NODE"
     for number, line in card.lines:
-        item, face = [*(entry.strip() for entry in line.split(",")), ""][:2]
+        item, face = [*entries_of(line), ""][:2]
         if item and group.of_nodes:
-            _other(group, item, "")
+            group.add(item)
         elif item:
             group.faces.append((item, face.upper(), card, number))
 

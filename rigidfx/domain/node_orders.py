@@ -11,7 +11,7 @@ import basix
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["CORNERS", "advice_on", "degree_of", "in_dolfinx_order", "widths"]
+__all__ = ["CORNERS", "advice_on", "collapsed", "degree_of", "in_dolfinx_order", "widths"]
 
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -31,6 +31,9 @@ WEDGES = (
 )
 ADVICE = {20: TWENTY} | dict.fromkeys((5, 6, 13, 15), WEDGES)
 
+# Shapes of a brick of four, five, six and seven different corners.
+SHAPES = ("a tetrahedron", "a pyramid", "a wedge", "a brick with an edge of no length")
+
 
 def widths(cell: str) -> tuple[int, int]:
     """Numbers of nodes that a cell may have."""
@@ -42,6 +45,22 @@ def advice_on(cell: str, width: int) -> str:
     other = next((kind for kind in CORNERS if kind != cell and width in widths(kind)), "")
     advice = ADVICE.get(width, f"Cells of {width} nodes are of another kind: cell={other!r}.")
     return f" {advice}" if other or width in ADVICE else ""
+
+
+def collapsed(corners: Ints) -> tuple[int, str] | None:
+    """The first cell that names a corner twice, and a text of its fault; None if there is none.
+
+    Args:
+        corners: Nodes at the corners of each cell, shape (cells, corners).
+    """
+    ordered = np.sort(corners, axis=1)
+    same = (np.diff(ordered, axis=1) == 0).sum(axis=1)
+    if not same.any():
+        return None
+    at = int(np.flatnonzero(same)[0])
+    names, times = np.unique(ordered[at], return_counts=True)
+    shape = f"it is {SHAPES[len(names) - 4]}. {WEDGES}" if len(names) >= 4 else "it is flat."
+    return at, f"names node {names[times.argmax()]} {times.max()} times: {shape}"
 
 
 def degree_of(cell: str, width: int) -> int:

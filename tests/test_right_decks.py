@@ -1,0 +1,180 @@
+"""Right decks of Abaqus and CalculiX that were refused, and wedges that look like bricks."""
+
+from __future__ import annotations
+
+import re
+import warnings
+
+import numpy as np
+import pytest
+import ufl
+from basix.ufl import element
+from elements import Forces
+from mpi4py import MPI
+
+import rigidfx as rf
+from rigidfx.base.compat import create_mesh
+from rigidfx.domain.cell_quality import volume
+
+pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="writes files")
+
+NODES = """\
+*NODE
+1, 0, 0, 0
+2, 1, 0, 0
+3, 1, 1, 0
+4, 0, 1, 0
+11, 0, 0, 1
+12, 1, 0, 1
+13, 1, 1, 1
+14, 0, 1, 1
+21, 0.5, 0, 0
+22, 1, 0.5, 0
+23, 0.5, 0.5, 0
+"""
+BRICK = "*ELEMENT, TYPE=C3D8, ELSET=brick\n1, 1, 2, 3, 4, 11, 12, 13, 14\n"
+TET = "*ELEMENT, TYPE=C3D4, ELSET=tet\n1, 1, 2, 3, 11\n"
+
+
+def sizes(domain):
+    return {key: domain.count(entities) for key, entities in domain.sets.items()}
+
+
+def read(folder, text):
+    (folder / "part.inp").write_text(text)
+    return rf.read_inp(folder / "part.inp")
+
+
+@pytest.mark.parametrize(
+    ("cells", "flat", "left"),
+    [
+        (BRICK, "S3, ELSET=lid\n5, 1, 2, 3\n", "1 of S3"),
+        (BRICK, "S6, ELSET=lid\n5, 1, 2, 3, 21, 22, 23\n", "1 of S6"),
+        (BRICK, "M3D3, ELSET=lid\n5, 1, 2, 3\n", "1 of M3D3"),
+        (BRICK, "T3D2, ELSET=lid\n5, 1, 2\n", "1 of T3D2"),
+        (TET, "R3D4, ELSET=lid\n5, 1, 2, 3, 4\n", "1 of R3D4"),
+        (TET, "S4, ELSET=lid\n5, 1, 2, 3, 4\n6, 11, 12, 13, 14\n", "2 of S4"),
+    ],
+)
+def test_shells_beside_other_cells(tmp_path, cells, flat, left):
+    """Their faces are none of the cells'; this ended in NumPy's words."""
+    with pytest.warns(rf.RigidfxWarning, match=f"left out: {left}"):
+        part = read(tmp_path, NODES + cells + "*ELEMENT, TYPE=" + flat)
+    assert sizes(part).get(("lid", 2), 0) == sizes(part).get(("lid", 3), 0) == 0
+    assert volume(part.mesh) == pytest.approx(1.0 if cells == BRICK else 1 / 6)
+
+
+def test_shells_that_fit(tmp_path):
+    """Triangles are facets of tetrahedra, membranes of bricks."""
+    for flat in ("S3, ELSET=lid\n5, 1, 2, 3\n", "STRI3, ELSET=lid\n5, 3, 2, 1\n"):
+        part = read(tmp_path, NODES + TET + "*ELEMENT, TYPE=" + flat)
+        assert sizes(part) == {("tet", 3): 1, ("lid", 2): 1}
+    part = read(tmp_path, NODES + BRICK + "*ELEMENT, TYPE=M3D4R, ELSET=lid\n5, 1, 2, 3, 4\n")
+    assert sizes(part) == {("brick", 3): 1, ("lid", 2): 1}
+
+
+def test_generate_over_numbers_that_are_not_there(tmp_path):
+    """Those that are there count; at least one has to be."""
+    ranges = (
+        "*NSET, NSET=low, GENERATE\n1, 9\n*NSET, NSET=top, GENERATE\n10, 2000000000\n"
+        "*NSET, NSET=odd, GENERATE\n1, 13, 2\n*ELSET, ELSET=all, GENERATE\n1, 100\n"
+    )
+    part = read(tmp_path, NODES + BRICK + ranges)
+    assert sizes(part) == {
+        ("brick", 3): 1,
+        ("all", 3): 1,
+        ("low", 2): 1,
+        ("top", 2): 1,
+        ("odd", 0): 4,
+    }
+    for text, match in (
+        ("*NSET, NSET=a, GENERATE\n100, 200\n", "has no node 100, which 'a' names"),
+        ("*NSET, NSET=a, GENERATE\n9, 1\n", "GENERATE needs"),
+        ("*NSET, NSET=a\n1, 9\n", "has no node 9, which 'a' names"),
+    ):
+        with pytest.raises(rf.SceneError, match=match):
+            read(tmp_path, NODES + BRICK + text)
+
+
+def test_commas_and_dots_in_names(tmp_path):
+    """Quotes keep commas; a dot need not divide an instance from its set."""
+    names = (
+        '*NSET, NSET="low, left"\n1, 2, 3, 4\n*NSET, NSET=V1.2\n11, 12, 13, 14\n'
+        '*NSET, NSET=some\n"low, left", 11\n*NSET, NSET=more\nV1.2, 1\n'
+        '*ELSET, ELSET="a, b.c"\n1\n*SURFACE, NAME="side, right"\n"a, b.c", S2\n'
+    )
+    part = read(tmp_path, NODES + BRICK + names)
+    assert sizes(part) == {
+        ("brick", 3): 1,
+        ("a, b.c", 3): 1,
+        ("side, right", 2): 1,
+        ("low, left", 2): 1,
+        ("V1.2", 2): 1,
+        ("some", 0): 5,
+        ("more", 0): 5,
+    }
+
+
+# Seven bricks: MacNeal and Harder, Finite Elements in Analysis and Design 1 (1985), 3-20.
+INNER = [
+    (0.249, 0.342, 0.192), (0.826, 0.288, 0.288), (0.850, 0.649, 0.263), (0.273, 0.750, 0.230),
+    (0.320, 0.186, 0.643), (0.677, 0.305, 0.683), (0.788, 0.693, 0.644), (0.165, 0.745, 0.702),
+]  # fmt: skip
+OUTER = [(x, y, z) for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))]
+FACES = [(0, 1, 2, 3), (5, 4, 7, 6), (1, 0, 4, 5), (2, 1, 5, 6), (3, 2, 6, 7), (0, 3, 7, 4)]
+
+
+def patch():
+    """The deck."""
+    nodes = [f"{n}, {x}, {y}, {z}" for n, (x, y, z) in enumerate(OUTER + INNER, start=1)]
+    bricks = [range(8, 16), *([*face, *(8 + n for n in face)] for face in FACES)]
+    lines = [", ".join(map(str, (k, *(n + 1 for n in b)))) for k, b in enumerate(bricks, start=1)]
+    return "\n".join(["*NODE", *nodes, "*ELEMENT, TYPE=C3D8", *lines]) + "\n"
+
+
+@pytest.mark.parametrize("options", [{}, {"element": "enhanced"}, {"order": 2}])
+def test_patch_of_seven_bricks(tmp_path, options):
+    """One corner has det J < 0. A constant strain is exact nevertheless, and so is the volume."""
+    with pytest.warns(rf.RigidfxWarning, match="1 cells are inside out or flat at a corner"):
+        part = read(tmp_path, patch())
+    assert volume(part.mesh) == pytest.approx(1.0, rel=1e-12)
+    scene = rf.Scene(part, rf.StVenantKirchhoff(E=1e6, nu=0.25, rho=1.0), **options)
+    X = scene.space.tabulate_dof_coordinates()
+    f = Forces(scene).at(X @ np.array([[2e-3, 1e-3, 0], [1e-3, 1e-3, 2e-3], [0, 1e-3, -1e-3]]).T)
+    inside = ((X > 1e-9) & (X < 1 - 1e-9)).all(axis=1).repeat(3)
+    assert inside.any()
+    assert np.abs(f[inside]).max() < 1e-12 * np.abs(f).max()
+
+
+@pytest.mark.parametrize(
+    ("nodes", "shape"),
+    [
+        ("1, 2, 3, 3, 11, 12, 13, 13", "names node 3 2 times: it is a wedge"),
+        ("1, 2, 3, 4, 11, 11, 11, 11", "names node 11 4 times: it is a pyramid"),
+        ("1, 2, 3, 3, 11, 11, 11, 11", "names node 11 4 times: it is a tetrahedron"),
+        ("1, 2, 3, 4, 11, 12, 13, 13", "names node 13 2 times: it is a brick with an edge of no l"),
+    ],
+)
+def test_bricks_with_a_node_twice(tmp_path, nodes, shape):
+    """Their shape is told, by the deck's numbers, or by those of arrays."""
+    with pytest.raises(rf.SceneError, match=f"element 7 of type C3D8, which {shape}.*Wedges and"):
+        read(tmp_path, NODES + "*ELEMENT, TYPE=C3D8\n7, " + nodes)
+    rows = [[int(n) for n in re.findall(r"\d+", nodes)]]
+    with pytest.raises(rf.SceneError, match=f"from_arrays: cell 0 {shape}"):
+        rf.from_arrays(np.random.default_rng(0).random((20, 3)), rows)
+
+
+def test_a_wedge_in_a_mesh_of_dolfinx(tmp_path):
+    """As a file of gmsh may have it, too."""
+    x, rows = np.array(OUTER, dtype=float), np.array([[0, 1, 2, 2, 4, 5, 6, 6]])
+    mesh = create_mesh(
+        MPI.COMM_SELF, rows, x, ufl.Mesh(element("Lagrange", "hexahedron", 1, shape=(3,)))
+    )
+    with pytest.raises(rf.SceneError, match="Cell 0 of the input names node 2 2 times: it is a we"):
+        rf.Domain(mesh)
+
+
+def test_sound_cells_are_silent():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        rf.from_arrays(np.array(OUTER, dtype=float), [list(range(8))])
