@@ -242,6 +242,22 @@ def test_bricks_of_twenty_nodes(tmp_path):
     assert len(domain.mesh.geometry.x) == 8
 
 
+def test_lines_of_nodes(tmp_path):
+    """Edges where the set has the nodes in their middles; a set of corners alone is vertices."""
+    sets = {"line": "1, 2, 9", "bend": "1, 2, 3, 9, 10", "ends": "1, 2", "more": "1, 2, 7, 9"}
+    found = {("line", 1): 1, ("bend", 1): 2, ("ends", 0): 2, ("more", 0): 3}
+    text = "".join(f"*NSET, NSET={name}\n{nodes}\n" for name, nodes in sets.items())
+    domain = rf.read_inp(written(tmp_path, bricks_of_20() + text), corners=True)
+    assert sizes(domain) == {("E", 3): 1} | found
+    assert middles(domain, "bend", 1) == [[0.5, 0.0, 0.0], [1.0, 0.5, 0.0]]
+    held = rf.Scene(domain, rf.StVenantKirchhoff(E=1.0, nu=0.3, rho=1.0), order=2)
+    assert [held.nodes(name, "test").size for name in sets] == [3, 5, 2, 3]
+    path = written(tmp_path, f"{TETS}*NSET, NSET=side\n1, 4, 8\n")
+    for corners in (False, True):
+        domain = rf.read_inp(path, corners=corners)
+        assert middles(domain, "side", 1) == [[0.0, 0.0, 1.0]]
+
+
 def test_what_is_no_volume_is_told(tmp_path):
     """Quadrilaterals that bound cells are facets, as gmsh writes them; others are lost."""
     more = "*ELEMENT, TYPE=CPS4, ELSET=quads\n90, 1, 2, 3, 4\n91, 1, 2, 103, 104\n"

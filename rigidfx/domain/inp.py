@@ -33,11 +33,12 @@ def read_inp(
     """Read the mesh of an input file of Abaqus or CalculiX. Collective.
 
     Sets of elements become sets of cells, surfaces become sets of facets. A set of nodes becomes
-    the facets that it covers, if it consists of the nodes of boundary facets, and else a set of
-    vertices. Where a set of nodes and one of elements have the same name, as programs write both
-    for a face, that of elements is "NAME (elements)"; beside a surface of other facets, a set of
-    nodes is "NAME (nodes)". Names that begin with "_" are internal ones and left out. Without any
-    set of elements all cells are named "body". Materials, steps and loads are not read.
+    the facets that it covers, if it consists of the nodes of boundary facets; the edges, if it
+    consists of ends and middles of edges; and else a set of vertices. Where a set of nodes and one
+    of elements have the same name, as programs write both for a face, that of elements is "NAME
+    (elements)"; beside a surface of other facets, a set of nodes is "NAME (nodes)". Names that
+    begin with "_" are internal ones and left out. Without any set of elements all cells are named
+    "body". Materials, steps and loads are not read.
 
     Read are *NODE, *ELEMENT, *NSET, *ELSET with GENERATE, *SURFACE, *INCLUDE, and *PART, *INSTANCE
     with translation and rotation, *ASSEMBLY. Instances that have no common nodes stay apart; a name
@@ -74,7 +75,7 @@ def read_inp(
         find_file(path, "input")
         decoder = Decoder(encoding)
         mesh = mesh_of(model_of(path, decoder), path, bool(corners))
-        odd = [name for table in mesh.names()[:3] for name in table if not name.isascii()]
+        odd = [name for table in mesh.names().values() for name in table if not name.isascii()]
         if odd and decoder.guessed:
             mesh.notes.append(
                 "it is not in UTF-8, and names are read as those of Western Europe, such as "
@@ -83,8 +84,8 @@ def read_inp(
         return mesh
 
     mesh = together(comm, f"read_inp: '{path}'", read)
-    found = comm.bcast(None if mesh is None else (mesh.kind, mesh.cells.shape[1], mesh.names()))
-    kind, width, (of_cells, of_facets, of_nodes, notes) = found
+    found = comm.bcast(mesh and (mesh.kind, mesh.cells.shape[1], mesh.names(), mesh.notes))
+    kind, width, named, notes = found
     for note in notes:
         warn(comm, f"read_inp: '{path}': {note}")
     points = np.empty((0, 3)) if mesh is None else factor * mesh.points
@@ -93,9 +94,9 @@ def read_inp(
     of_file = domain.mesh.topology.original_cell_index
     sets = [
         EntitySet(name, 3, np.flatnonzero(np.isin(of_file, rows)).astype(np.int32))
-        for name, rows in of_cells.items()
+        for name, rows in named.pop(3).items()
     ]
-    for dim, named in ((2, of_facets), (0, of_nodes)):
-        found = by_corners(domain.mesh, dim, named)
-        sets += [EntitySet(name, dim, entities) for name, entities in found.items()]
+    for dim, rows in named.items():
+        of_name = by_corners(domain.mesh, dim, rows)
+        sets += [EntitySet(name, dim, entities) for name, entities in of_name.items()]
     return replace_sets(domain, {(each.name, each.dim): each for each in sets})

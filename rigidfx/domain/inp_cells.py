@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from rigidfx.domain.node_orders import CORNERS, widths
 
-__all__ = ["InpMesh", "Numbers", "faces_of", "kind_of"]
+__all__ = ["InpMesh", "Numbers", "edges_of", "faces_of", "kind_of"]
 
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -25,6 +25,7 @@ class InpMesh:
         cells: Shape (cells, nodes of each).
         of_cells: Rows of cells by name.
         of_facets: Corners of facets by name, sorted, shape (facets, 3 or 4).
+        of_edges: Corners of edges by name, sorted, shape (edges, 2).
         of_nodes: Rows of nodes by name, shape (nodes, 1).
         notes: Texts of warnings.
     """
@@ -34,12 +35,13 @@ class InpMesh:
     cells: Ints
     of_cells: dict[str, Ints] = field(default_factory=dict)
     of_facets: dict[str, Ints] = field(default_factory=dict)
+    of_edges: dict[str, Ints] = field(default_factory=dict)
     of_nodes: dict[str, Ints] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
 
-    def names(self) -> tuple[dict[str, Ints], dict[str, Ints], dict[str, Ints], list[str]]:
-        """All that other ranks have to know beside their cells."""
-        return self.of_cells, self.of_facets, self.of_nodes, self.notes
+    def names(self) -> dict[int, dict[str, Ints]]:
+        """Its sets by dimension."""
+        return {3: self.of_cells, 2: self.of_facets, 1: self.of_edges, 0: self.of_nodes}
 
 
 def faces_of(kind: str) -> list[tuple[int, ...]]:
@@ -48,6 +50,14 @@ def faces_of(kind: str) -> list[tuple[int, ...]]:
         return [(0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0)]
     sides = [(0, 4, 5, 1), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 4, 0)]
     return [(0, 1, 2, 3), (4, 7, 6, 5), *sides]
+
+
+def edges_of(kind: str) -> list[tuple[int, int]]:
+    """Both ends of the edges of a cell, in the order in which the nodes on them follow corners."""
+    if kind == "tetrahedron":
+        return [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)]
+    low = [(k, (k + 1) % 4) for k in range(4)]
+    return [*low, *((a + 4, b + 4) for a, b in low), *((k, k + 4) for k in range(4))]
 
 
 class Numbers:

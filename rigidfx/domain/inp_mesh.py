@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
 from rigidfx.domain.inp_cards import folded, is_number
-from rigidfx.domain.inp_cells import InpMesh, Numbers, faces_of, kind_of
+from rigidfx.domain.inp_cells import InpMesh, Numbers, edges_of, faces_of, kind_of
 from rigidfx.domain.inp_model import Group, Instance, Model
 from rigidfx.domain.node_orders import CORNERS, advice_on, collapsed, widths
 
@@ -46,6 +46,7 @@ class _Flat:
         self._cells: dict[str, Numbers] = {}
         self._flat: dict[str, Numbers] = {}  # triangles and quadrilaterals that bound cells
         self._x: Array = np.empty((0, 3))
+        self._tables: list[Ints] = []  # all nodes of cells
         self._notes: list[str] = []
         self._left_out: dict[str, int] = {}  # elements by their types
 
@@ -144,6 +145,7 @@ class _Flat:
                 raise self._error(f"has element {numbers[times.argmax()]} {times.max()} times.")
             self._cells[place.name] = Numbers(labels, first + np.arange(len(labels)))
             rows += [nodes[:, :count] for _, nodes in of_place]
+            self._tables += [nodes for _, nodes in of_place]
             first += len(labels)
         return next(kind for kind, _ in kinds), np.concatenate(rows)
 
@@ -224,8 +226,9 @@ class _Flat:
         return f"{place.name}.{group.name}" if several and place.name else group.name
 
     def _name_nodes(self, mesh: InpMesh, name: str, place: Instance, group: Group) -> None:
-        """Facets that a set of nodes covers wholly, or vertices; nothing for all nodes of cells."""
-        rows = self._new[self._of(place, "NSET", group)]
+        """Facets or edges of all nodes of a set, or vertices; nothing for all nodes of cells."""
+        of_file = self._of(place, "NSET", group)
+        rows = self._new[of_file]
         own = np.zeros(len(mesh.points), dtype=bool)
         own[rows[rows >= 0]] = True
         own &= self._is_corner
@@ -239,8 +242,24 @@ class _Flat:
         left[covered] = False
         if len(covered) and not left.any():
             self._put(mesh.of_facets, name, covered, "nodes")
+            return
+        edges = self._edges(mesh.kind, of_file)
+        if len(edges) and np.array_equal(np.unique(edges), np.flatnonzero(own)):
+            self._put(mesh.of_edges, name, edges, "nodes")
         else:
             self._put(mesh.of_nodes, name, np.flatnonzero(own)[:, None], "nodes")
+
+    def _edges(self, kind: str, nodes: Ints) -> Ints:
+        """Corners of edges whose ends and middles are among nodes of the file, shape (n, 2)."""
+        among = np.zeros(len(self._x), dtype=bool)
+        among[nodes] = True
+        ends, first = np.array(edges_of(kind)), CORNERS[kind]
+        found: list[Ints] = [np.empty((0, 2), np.int64)]
+        for table in self._tables:
+            cell, edge = np.nonzero(among[table[:, first : first + len(ends)]])
+            both = table[cell[:, None], ends[edge]]
+            found.append(both[among[both].all(axis=1)])
+        return np.unique(np.sort(self._new[np.concatenate(found)], axis=1), axis=0)
 
     def _sides(self, place: Instance, group: Group) -> Iterator[Ints]:
         """Corners of the facets of a surface."""
