@@ -70,6 +70,27 @@ def test_rigid_block_on_springs():
     assert (upright.rigid, len(upright)) == (4, 2)
 
 
+@pytest.mark.parametrize(
+    ("part", "n", "count"), [("block", 1, 1), ("face", 1, 19), ("face", 4, None)]
+)
+def test_as_many_modes_as_unknowns_less_rows(part, n, count):
+    """A joint adds none: a slider with a spring of 1 MN/m has one, of 5.033 Hz."""
+    domain = rf.box((0, 0, 0), (1, 1, 1), (n,) * 3).with_cells("block", lambda x: x[0] > -1)
+    side = part if part == "block" else rf.MeanFace("x0")
+    slide = rf.Prismatic("ground", side, at=(0, 0.5, 0.5), axis=(1, 0, 0), name="slide")
+    spring = rf.JointSpring("slide", 1e6)
+    rigid = [rf.Rigid("block")] if part == "block" else []
+    material = rf.StVenantKirchhoff(E=2e11, nu=0.3, rho=1000.0)
+    scene = rf.Scene(domain, material, [slide, spring, *rigid])
+    found = rf.modes(scene, 24 if count else 3)
+    np.testing.assert_allclose(found.frequencies[0], np.sqrt(1e6 / 1e3) / (2 * np.pi), rtol=5e-6)
+    assert count is None or (len(found), found.rigid) == (count, 0)
+    assert count is None or rf.periods(scene, 24).size == count
+    free = rf.modes(rf.Scene(domain, material, [slide, *rigid]), 24 if count else 3)
+    assert free.rigid == 1
+    assert count is None or len(free) == count - 1
+
+
 def test_rigid_part_is_as_a_stiff_one():
     """At the end of a cantilever; clamped, it shortens it.
 

@@ -1,74 +1,76 @@
-"""The stiffness of a structure with joints: stiff springs along the rows that joints hold.
+"""Joints of a structure that vibrates: the motions that they leave free, and their springs.
 
-A spring of stiffness β along each row G y makes the eigenvalues λ of (K + β GᵀG) φ = λ M φ too low
-by β |G φ|² but for what is of second order in 1/β, so that this is added: joints are as stiff as
-they are exact. In a matrix such springs drown eight digits of the rest, so that λ is taken as
-φᵀKφ + 2 β |G φ|², without them in K. Springs of joints act as they are, locks as rows.
+Joints hold G y = 0. Of as many independent rows as there are, each gives one unknown by the others:
+
+    y = Z q,    G Z = 0,    (ZᵀKZ) φ = λ (ZᵀMZ) φ,
+
+so that there are as many modes as unknowns less rows, and no stiffness stands for a joint. The
+given unknowns are the pivots of a QR of G, which keeps the entries of Z small. Locks are rows,
+springs of joints and of remote points a stiffness.
 """
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.sparse import csr_array, dia_array, vstack
+from scipy.linalg import qr, solve_triangular
+from scipy.sparse import csr_array, dia_array
 
+from rigidfx.base.matrices import dense
 from rigidfx.coupling.ports import Ports
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects.joints.drives import prescribes
 from rigidfx.effects.joints.linkage import Linkage
-from rigidfx.effects.joints.redundancy import independent
+from rigidfx.effects.joints.redundancy import RANK, independent
 from rigidfx.mechanics.bodies import Bodies
 
-__all__ = ["JoinedStiffness"]
+__all__ = ["FreeMotions", "JointRows"]
 
 Array = npt.NDArray[np.float64]
 
 
-class JoinedStiffness:
-    """Springs along the rows of joints, and those of remote points."""
+class JointRows:
+    """What joints add to the equations of small vibrations; arrays are equal on all ranks.
+
+    Attributes:
+        held: Derivatives of independent rows by the unknowns of all ranks, shape (rows, unknowns).
+        stiffness: Stiffness of springs of joints and of remote points, shape (unknowns,) * 2 [N/m].
+    """
 
     def __init__(self, linkage: Linkage, bodies: Bodies, prolongation: Prolongation) -> None:
-        """Find the rows. Collective.
+        """Find them. Collective.
 
         Args:
             linkage: The joints.
             bodies: The bodies at the state.
             prolongation: Map between unknowns and dofs, in the pose of the bodies.
         """
-        self._comm = prolongation.comm
         ports = Ports(prolongation, linkage)
         linkage.begin(bodies)
         rows, terms, compliance = ports.resisted(linkage, bodies)
-        held = csr_array(rows[independent(rows, terms, compliance)])
-        drives, columns = linkage.drives, 3 * linkage.averages
-        start = linkage.places(bodies)
+        drives, start = linkage.drives, linkage.places(bodies)
         drives.look(start, np.zeros_like(start), drives.multipliers)
-        along = csr_array(drives.test(columns) @ ports.lead(prolongation.increments.L))
+        lead, E = ports.lead(prolongation.increments.L), ports.everywhere()
+        along = drives.test(3 * linkage.averages)
         laws = np.array([prescribes(effect) for effect in drives.effects], dtype=bool)
-        held = csr_array(vstack([held, along[np.flatnonzero(laws)]]))
-        # Over the stiffness of what joints move: neither its inverse's square nor rounding counts.
-        self._beta = float(np.sqrt(np.sqrt(1 / np.finfo(np.float64).eps))) * linkage.typical[0]
-        self._own = csr_array(held @ ports.entries.T)
-        E = ports.everywhere()
-        G, T = csr_array(held @ E), csr_array(along @ E)
-        springs = csr_array(self._beta * (G.T @ G))
-        self._soft = csr_array(springs.shape)  # of springs of joints and remote points
-        if len(drives):
-            k = dia_array((drives.stiffness()[None], [0]), shape=(len(drives),) * 2)
-            self._soft = csr_array(self._soft + T.T @ k @ T)
+        locks = along[np.flatnonzero(laws)]
+        rows = np.vstack([rows, dense(locks @ lead)])
+        terms = np.vstack([terms, dense(abs(locks) @ abs(lead))])
+        self.held = csr_array(csr_array(rows[independent(rows, terms, compliance)]) @ E)
+        T = csr_array(csr_array(along @ lead) @ E)
+        k = dia_array((drives.stiffness()[None], [0]), shape=(len(drives),) * 2)
+        self.stiffness = csr_array(T.T @ k @ T)
         if len(linkage.points):
             linkage.points.look(start, np.zeros_like(start))
-            P = csr_array(ports.lead(prolongation.increments.L) @ E)
+            P = csr_array(csr_array(lead) @ E)
             K = linkage.points.stiffness()  # of torques, which have no energy, the symmetric part
-            self._soft = csr_array(self._soft + 0.5 * (P.T @ (K + K.T) @ P))
-        self._stiffness = csr_array(springs + self._soft)
+            self.stiffness = csr_array(self.stiffness + 0.5 * (P.T @ (K + K.T) @ P))
 
-    def added_to(self, K: PETSc.Mat) -> PETSc.Mat:
-        """A stiffness with the springs, as a new matrix; the caller destroys it. Collective."""
+    def stiffen(self, K: PETSc.Mat) -> PETSc.Mat:
+        """A stiffness with that of springs, as a new matrix; the caller destroys it. Collective."""
         out = K.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
-        own = self._stiffness[slice(*K.getOwnershipRange())]
+        own = self.stiffness[slice(*K.getOwnershipRange())]
         kind = PETSc.IntType
         csr = own.indptr.astype(kind), own.indices.astype(kind), own.data
         more = PETSc.Mat().createAIJ(K.getSizes(), csr=csr, comm=K.comm)
@@ -76,19 +78,79 @@ class JoinedStiffness:
         more.destroy()
         return out
 
-    def square(self, K: PETSc.Mat, y: PETSc.Vec) -> float:
-        """λ of a vector with φᵀMφ = 1, and joints that do not yield [1/s²]. Collective.
+
+class FreeMotions:
+    """Z: the unknowns y of a run by those that joints leave free, q; `destroy` frees it."""
+
+    def __init__(self, held: csr_array, prolongation: Prolongation) -> None:
+        """Choose the unknowns that rows give. Collective.
 
         Args:
-            K: The stiffness without joints.
-            y: φ.
+            held: Independent rows, shape (rows, unknowns), equal on all ranks.
+            prolongation: Tells how many unknowns each rank has.
         """
-        image = K.createVecLeft()
-        K.mult(y, image)
-        moved = np.asarray(self._own @ y.array_r)
-        self._comm.Allreduce(MPI.IN_PLACE, moved)
-        every = np.concatenate(self._comm.allgather(y.array_r))
-        soft = float(every @ (self._soft @ every))
-        out = float(y.dot(image)) + soft + 2 * self._beta * float(moved @ moved)
-        image.destroy()
+        comm, count = prolongation.comm, held.shape[0]
+        used = np.unique(held.tocoo().coords[1])
+        rows = held[:, used].toarray()
+        rows /= np.linalg.norm(rows, axis=1)[:, None]
+        R, order = qr(rows, mode="r", pivoting=True)
+        by = -solve_triangular(R[:count, :count], R[:count, count:])
+        given, others, by = comm.bcast((used[order[:count]], used[order[count:]], by))
+        first, owned = prolongation.first_column, prolongation.owned
+        mine = np.arange(first, first + owned)
+        kept = ~np.isin(mine, given)
+        self._comm, self._kept = comm, np.flatnonzero(kept)
+        # Rows over the norms of their derivatives, by the unknowns of this rank.
+        norms = np.sqrt((held * held).sum(axis=1))
+        self._held = csr_array(held[:, mine] / norms[:, None])
+        # Unknowns that stay have the numbers of their order.
+        before = np.searchsorted(np.sort(given), np.r_[mine, others])
+        places = np.r_[mine, others] - before
+        at = np.flatnonzero((given >= first) & (given < first + owned))
+        of_given = np.repeat(given[at] - first, others.size), np.tile(places[owned:], at.size)
+        row, column = np.r_[self._kept, of_given[0]], np.r_[places[:owned][kept], of_given[1]]
+        values = np.r_[np.ones(self._kept.size), by[at].ravel()]
+        Z = csr_array((values, (row, column)), shape=(owned, prolongation.size - count))
+        kind = PETSc.IntType
+        csr = Z.indptr.astype(kind), Z.indices.astype(kind), Z.data
+        sizes = (owned, prolongation.size), (self._kept.size, prolongation.size - count)
+        self._Z = PETSc.Mat().createAIJ(sizes, csr=csr, comm=comm)
+
+    def of_matrix(self, A: PETSc.Mat) -> PETSc.Mat:
+        """ZᵀAZ; the caller destroys it. Collective."""
+        return A.ptap(self._Z)
+
+    def of_forces(self, r: PETSc.Vec) -> PETSc.Vec:
+        """Zᵀr; the caller destroys it. Collective."""
+        out = self._Z.createVecRight()
+        self._Z.multTranspose(r, out)
         return out
+
+    def of_motions(self, motions: list[PETSc.Vec]) -> list[PETSc.Vec]:
+        """The q of those combinations of motions that joints leave free. Collective.
+
+        Args:
+            motions: By y; the new vectors take their place.
+        """
+        Y = np.stack([y.array_r for y in motions], axis=1)
+        held = self._comm.allreduce(self._held @ Y)
+        sizes = np.sqrt(self._comm.allreduce((Y * Y).sum(axis=0)))
+        sizes[sizes == 0] = 1.0
+        _, values, combined = np.linalg.svd(held / sizes)
+        seen = int(np.count_nonzero(values > RANK * values.max(initial=0.0)))
+        out = []
+        for column in self._comm.bcast(combined)[seen:]:
+            q = self._Z.createVecRight()
+            q.array[:] = Y[self._kept] @ (column / sizes)
+            out.append(q)
+        for y in motions:
+            y.destroy()
+        return out
+
+    def expand(self, q: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Set y = Z q. Collective."""
+        self._Z.mult(q, y)
+
+    def destroy(self) -> None:
+        """Free Z. Collective."""
+        self._Z.destroy()

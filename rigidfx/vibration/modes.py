@@ -174,11 +174,11 @@ def modes(scene: Scene, count: int = 6, *, about: Report | None = None) -> Modes
 
 def _modes(scene: Scene, problem: Problem, count: int) -> Modes:
     pairs = lowest(problem.K, problem.M, count, problem.motions)
-    squares = problem.squares(pairs.values, pairs.vectors)
+    squares = pairs.values
     impulses = problem.impulses(scene.centre_of(1.0, problem.places))
     gamma = np.array([y.mDot(impulses) for y in pairs.vectors]).reshape(-1, 6)
     shapes = np.array([problem.at_nodes(y) for y in pairs.vectors])
-    shapes = shapes.reshape(-1, scene.nodal_mass.size, 3)
+    shapes = shapes.reshape(len(pairs.vectors), scene.nodal_mass.size, 3)
     for item in (pairs, *impulses):
         item.destroy()
     turn = _aligned(scene, squares, shapes)
@@ -244,7 +244,7 @@ def periods(scene: Scene, count: int = 3) -> Array:
     check_same(scene.comm, "periods", {"count": count})
     problem = Problem(scene)
     pairs = lowest(problem.K, problem.M, count, problem.motions)
-    squares = problem.squares(pairs.values, pairs.vectors)
+    squares = pairs.values
     pairs.destroy()
     problem.destroy()
     return np.asarray(2 * pi / np.sqrt(squares[:count]))

@@ -2,7 +2,7 @@
 
 y are the free dofs and six numbers of each part named rigid, so that K = PᵀK P and M = PᵀM P have
 neither supports nor rigid parts in them. K is the tangent of statics there, with the stresses of
-the state and with springs.
+the state and with springs. With joints, q are those of y that joints leave free: see `joined`.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from rigidfx.step.system.linked import linked
 from rigidfx.step.system.rigid_motion import free_to_move
 from rigidfx.step.system.supports import PrescribedDofs, supports_of
 from rigidfx.switch.inventory import divide
-from rigidfx.vibration.joined import JoinedStiffness
+from rigidfx.vibration.joined import FreeMotions, JointRows
 
 __all__ = ["Problem"]
 
@@ -40,7 +40,7 @@ Array = npt.NDArray[np.float64]
 
 
 class Problem:
-    """Stiffness and mass about a state; `destroy` frees them.
+    """Stiffness and mass about a state, by q; `destroy` frees them.
 
     Attributes:
         K: Stiffness [N/m].
@@ -88,10 +88,12 @@ class Problem:
         bound = static_forces(scene, forces, cells, layout.interior, layout.interface)
         self._statics = Equilibrium(scene, forces, bound, None, self._prolongation, self._actions)
         linkage = linked(structure, state, acting)
-        self._joints = None
+        self._joints, self._free = None, None
         if linkage is not None:
             self._prolongation.pose(state.bodies)
-            self._joints = JoinedStiffness(linkage, state.bodies, self._prolongation)
+            self._joints = JointRows(linkage, state.bodies, self._prolongation)
+            if self._joints.held.shape[0]:
+                self._free = FreeMotions(self._joints.held, self._prolongation)
         self._mass = mass_operator(scene, layout.rows, cells, own, driven)
         self._scene, self._layout = scene, layout
         self.K, self.M = self._stiffness(), self._masses()
@@ -112,19 +114,17 @@ class Problem:
         y.destroy()
         r.destroy()
         K = statics.tangent_matrix
-        return K if self._joints is None else self._joints.added_to(K)
-
-    def squares(self, values: Array, vectors: list[PETSc.Vec]) -> Array:
-        """Eigenvalues with joints that do not yield, from those of `K` [1/s²]. Collective.
-
-        Args:
-            values: Eigenvalues.
-            vectors: φ of each, φᵀMφ = 1.
-        """
         if self._joints is None:
-            return values
-        K = self._statics.tangent_matrix
-        return np.array([self._joints.square(K, vector) for vector in vectors])
+            return K
+        return self._in_q(self._joints.stiffen(K))
+
+    def _in_q(self, A: PETSc.Mat) -> PETSc.Mat:
+        """A matrix by the motions that joints leave free, in place of that by y. Collective."""
+        if self._free is None:
+            return A
+        out = self._free.of_matrix(A)
+        A.destroy()
+        return out
 
     def _masses(self) -> PETSc.Mat:
         """PᵀMP with the bodies' own. Collective."""
@@ -132,7 +132,7 @@ class Problem:
         out = self._prolongation.condense(M)
         self._prolongation.add_blocks(out, self._state.bodies.mass_blocks)
         M.destroy()
-        return out
+        return self._in_q(out)
 
     def impulses(self, centre: Array) -> list[PETSc.Vec]:
         """PᵀM r of the six rigid motions r of the whole, held nodes among it. Collective.
@@ -151,7 +151,7 @@ class Problem:
             self._mass.mult(d, f)
             r = p.unknowns()
             p.restrict(f, (blocks @ six[:, :, None])[:, :, 0], r)
-            out.append(r)
+            out.append(r if self._free is None else self._free.of_forces(r))
         d.destroy()
         f.destroy()
         return out
@@ -175,7 +175,7 @@ class Problem:
             yield (np.cross(e, x) if axis >= 3 else np.tile(e, (len(x), 1))), six
 
     def _rigid_motions(self) -> list[PETSc.Vec]:
-        """Six of each connected part, in a run's own unknowns. Collective."""
+        """Six of each connected part, or those of their combinations that joints leave free."""
         scene, p, out = self._scene, self._prolongation, []
         of_node = np.zeros(scene.nodal_mass.size, dtype=np.int64)
         of_node[scene.space.dofmap.list] = scene.parts.of_cell[:, None]
@@ -192,12 +192,14 @@ class Problem:
                     (moved * (of_row == k)[:, None]).reshape(-1), six * (of_body == k)[:, None], y
                 )
                 out.append(y)
-        return out
+        return out if self._free is None else self._free.of_motions(out)
 
-    def at_nodes(self, y: PETSc.Vec) -> Array:
-        """Displacements of all local nodes by unknowns, shape (nodes, 3) [m]. Collective."""
+    def at_nodes(self, q: PETSc.Vec) -> Array:
+        """Displacements of all local nodes by q, shape (nodes, 3) [m]. Collective."""
         p, rows, bodies = self._prolongation, self._layout.rows, self._state.bodies
-        out, d = self._state.u.copy(), rows.vector()
+        out, d, y = self._state.u.copy(), rows.vector(), q
+        if self._free is not None:
+            self._free.expand(q, y := p.unknowns())
         out.x.array[:] = 0.0
         six = p.bodies_part(y)
         p.apply(y, six, np.zeros(p.prescribed.size), d)
@@ -216,6 +218,8 @@ class Problem:
         """Free all PETSc objects. Collective."""
         if self._joints is not None:
             self.K.destroy()
+        if self._free is not None:
+            self._free.destroy()
         for item in (*self.motions, self.M, self._statics, self._mass, self._actions):
             item.destroy()
 

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import qr
 
-__all__ = ["independent"]
+__all__ = ["RANK", "independent"]
 
 Array = npt.NDArray[np.float64]
 
