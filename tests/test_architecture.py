@@ -398,7 +398,7 @@ CEILINGS = {
     "decide": 4,
     "decide/criteria": 29,
     "decide/memory": 9,
-    "domain": 111,
+    "domain": 107,
     "effects": 15,
     "effects/attached": 13,
     "effects/contacts": 34,

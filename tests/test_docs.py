@@ -108,12 +108,12 @@ WARNINGS = {
     "decide/criteria/accuracy.py": ["the error is unknown", "the budget was not met"],
     "domain/cad.py": ["the cells have more or less volume"],
     "domain/cell_quality.py": ["cells are inside out or flat at a corner"],
-    "domain/curved_cells.py": ["cells would be inside out"],
     "domain/domain.py": ["edges or vertices are left out"],
     "domain/gmsh_model.py": [
         "volume cells are in no physical group",
         "edges or vertices are left out",
     ],
+    "domain/gmsh_script.py": ["cells would be inside out"],
     "domain/inp.py": ["elements of an input file"],
     "effects/contact.py": ["a contact overlaps at the start"],
     "effects/contacts/facets.py": ["a round contact surface"],

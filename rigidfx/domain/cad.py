@@ -18,13 +18,12 @@ from rigidfx.base.errors import SceneError, together
 from rigidfx.base.inputs import number, path_of, positive, shown
 from rigidfx.base.warning import warn
 from rigidfx.domain.cad_entities import Cad, CadEntity, Which
-from rigidfx.domain.cad_labels import in_utf8, labels_of
+from rigidfx.domain.cad_import import import_shapes
 from rigidfx.domain.cad_names import named_surfaces, named_volumes, numbers_of
 from rigidfx.domain.cell_quality import volume
-from rigidfx.domain.curved_cells import tell_straightened
 from rigidfx.domain.domain import Domain
 from rigidfx.domain.gmsh_model import domain_of, find_file, gmsh_session
-from rigidfx.domain.gmsh_script import check_order, mesh_model
+from rigidfx.domain.gmsh_script import check_order, mesh_model, tell
 
 __all__ = ["list_cad", "read_cad"]
 
@@ -107,7 +106,8 @@ def read_cad(
             every volume has to be in one. All volumes are named "body" if None.
         surfaces: Names of facets and which surfaces they stand for.
         leave_out: Volumes that are not meshed.
-        size: Largest edge of a cell [m]; a twentieth of the diagonal of the geometry if None.
+        size: Largest edge of a cell [m]. gmsh makes none longer than a tenth of the diagonal of the
+            geometry. A twentieth of that if None.
         per_circle: Number of cells around a full circle, which sets their size along all curved
             faces where `size` is larger. With 0 only cylinders and spheres are refined, to at least
             twelve edges around them. A warning says if more than 1 % of the volume is lost.
@@ -147,10 +147,10 @@ def read_cad(
         length = cad.size / CELLS if largest is None else largest
         if not per_circle:
             _refine_circles(gmsh, cad, length, metres)
-        told.append(mesh_model(gmsh, length / metres, order, metres))
+        told.extend(mesh_model(gmsh, path, length / metres, order, metres))
 
     domain = domain_of(comm, f"gmsh: '{path}'", f"'{path}'", fill, metres)
-    tell_straightened(comm, f"read_cad: '{path}'", told)
+    tell(comm, f"read_cad: '{path}'", told)
     _tell_lost(domain, comm.bcast(sum(exact)))
     return domain
 
@@ -232,16 +232,13 @@ def _metres(path: str | Path, scale: float) -> float:
 def _open(gmsh: Any, path: str | Path, metres: float, glue: bool) -> Cad:
     """Import a file into a new model, whose unit of length is given in metres."""
     find_file(path, "CAD")
-    model, occ = gmsh.model, gmsh.model.occ
+    model = gmsh.model
     model.add("rigidfx")
     gmsh.option.setNumber("Geometry.OCCBoundsUseStl", 1)  # others are those of splines' poles
     unit = gmsh.option.getString("Geometry.OCCTargetUnit")
     gmsh.option.setString("Geometry.OCCTargetUnit", "MM")
-    with in_utf8(path) as copy:
-        occ.importShapes(str(copy))
-        gmsh.option.setString("Geometry.OCCTargetUnit", unit)
-        occ.synchronize()
-        labels = labels_of(gmsh, copy)
+    labels = import_shapes(gmsh, path)
+    gmsh.option.setString("Geometry.OCCTargetUnit", unit)
     if not model.getEntities(3):
         raise SceneError(
             f"'{path}' holds no volume, only {len(model.getEntities(2))} surfaces. Export a solid."
@@ -301,8 +298,8 @@ def _shape(gmsh: Any, tag: int) -> tuple[Array, float]:
     model = gmsh.model
     box = np.reshape(model.getBoundingBox(2, tag), (2, 3))
     size = float(np.linalg.norm(box[1] - box[0]))
-    u, v = zip(*model.getParametrizationBounds(2, tag), strict=True)
-    places = np.linspace(u, v, 5)[1:-1]  # in the middle a surface has no poles
+    lower, upper = model.getParametrizationBounds(2, tag)
+    places = np.linspace(lower, upper, 5)[1:-1]  # in the middle a surface has no poles
     grid = np.array([(p[0], q[1]) for p in places for q in places]).ravel()
     curvature = np.abs(np.stack(model.getPrincipalCurvatures(tag, grid)[:2])) * size
     least, most = np.sort(curvature, axis=0)

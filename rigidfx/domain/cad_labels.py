@@ -7,51 +7,28 @@ part's name is the last of them, but for names that have a "/" themselves; these
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
-from rigidfx.base.text_files import decoded
 from rigidfx.domain.gmsh_groups import name_of
 
-__all__ = ["in_utf8", "labels_of"]
+__all__ = ["labels_of"]
 
 # Letters that STEP writes in other ways: X2, X4 and X by numbers, S by another one, ' twice.
 ESCAPE = r"\\X[24]\\[0-9A-F]*\\X0\\|\\X\\[0-9A-F]{2}|\\S\\.|\\P[A-I]\\|''|\\\\"
 
 
-@contextmanager
-def in_utf8(path: str | Path) -> Iterator[Path]:
-    """A file, or a copy in UTF-8 of one in another encoding: OpenCASCADE mixes letters up.
-
-    Args:
-        path: A CAD file.
-    """
-    data = Path(path).read_bytes()
-    text = decoded(data)
-    if text.isascii() or text.encode() == data:
-        yield Path(path)
-        return
-    with TemporaryDirectory() as folder:
-        copy = Path(folder, Path(path).name)
-        copy.write_bytes(text.encode())
-        yield copy
-
-
-def labels_of(gmsh: Any, path: Path) -> dict[tuple[int, int], str]:
+def labels_of(gmsh: Any, text: str) -> dict[tuple[int, int], str]:
     """The label of each entity of gmsh's model, by dimension and number; "" where it has none.
 
     Args:
         gmsh: The module; its model is the content of the file.
-        path: The file, in UTF-8.
+        text: The file.
     """
     model = gmsh.model
     given = {each: name_of(model.getEntityName, *each) for each in model.getEntities()}
     if not any(given.values()):
         return given
-    strings = re.findall(r"'((?:[^'/]|'')*/(?:[^']|'')*)'", decoded(path.read_bytes()))
+    strings = re.findall(r"'((?:[^'/]|'')*/(?:[^']|'')*)'", text)
     with_slash = [
         re.compile("/(" + ".+?".join(map(re.escape, re.split(ESCAPE, each))) + ")$", re.DOTALL)
         for each in sorted(set(strings), key=len, reverse=True)

@@ -102,7 +102,10 @@ def numbers_of(cad: Cad, dim: int, name: str, which: Which) -> list[int]:
                 f"of these, got {shown(one)}."
             )
         if not matches:
-            asked = "with its condition" if callable(one) else f"{one!r}"
+            asked = f"{one!r}"
+            if callable(one):
+                kinds = ", ".join(sorted({f"'{e.kind}'" for e in cad.of(dim)}))
+                asked = f"with its condition (kinds there: {kinds})"
             raise SceneError(
                 f"read_cad: {name}: there are no {CALLED[dim]} {asked}, so no {KINDS[dim]} can "
                 f"have this name.\n{cad.table((dim,), ROWS)}"

@@ -14,12 +14,10 @@ from typing import Any
 import basix
 import numpy as np
 import numpy.typing as npt
-from mpi4py import MPI
 
-from rigidfx.base.warning import warn
 from rigidfx.domain.cell_quality import check_points
 
-__all__ = ["straighten", "tell_straightened"]
+__all__ = ["straighten"]
 
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -29,23 +27,6 @@ CURVED = np.sqrt(np.finfo(float).eps)  # of a cell's size: nodes farther off are
 
 # Kinds of cells by gmsh's names.
 KINDS = {"Tetrahedron": basix.CellType.tetrahedron, "Hexahedron": basix.CellType.hexahedron}
-
-
-def tell_straightened(comm: MPI.Intracomm, owner: str, told: list[str]) -> None:
-    """Warn of what `straighten` has done. Collective.
-
-    Args:
-        comm: Ranks of the mesh.
-        owner: Name of the function and its file, for the message.
-        told: Texts of `straighten`, on rank 0.
-    """
-    texts: list[str] = comm.bcast(told)
-    for text in filter(None, texts):
-        warn(
-            comm,
-            f"{owner}: {text} Smaller cells (size; in read_cad also per_circle=24, along curves "
-            "only) bring them nearer to the geometry.",
-        )
 
 
 def straighten(gmsh: Any, metres: float) -> str:
@@ -86,7 +67,8 @@ def straighten(gmsh: Any, metres: float) -> str:
             told = (
                 f"{len(bad)} of {len(cells)} cells would be inside out, or nearly, if they were as "
                 f"curved as the geometry. They are straighter, by up to {metres * off.max():.2g} m,"
-                f" the first around ({place}) m."
+                f" the first around ({place}) m. Smaller cells (size; in read_cad also "
+                "per_circle=24, along curves only) bring them nearer to the geometry."
             )
     return told
 

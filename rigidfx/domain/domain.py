@@ -161,6 +161,7 @@ class Domain:
         dim: int,
         marker: Marker,
         locate: Callable[..., Any] = dmesh.locate_entities,
+        of: str = "",
     ) -> Domain:
         _check_name(name)
         tdim = self.mesh.topology.dim
@@ -181,6 +182,10 @@ class Domain:
         )
         new = EntitySet(name, dim, np.sort(entities).astype(np.int32))
         out = replace_sets(self, {**self.sets, (name, dim): new})
+        if out.count(new) == 0 and of:
+            raise SceneError(
+                f"The marker of '{name}' is true for no facet at the boundary of the cells '{of}'."
+            )
         if out.count(new) == 0:
             inner = dmesh.locate_entities(self.mesh, dim, checked)
             count = self.count(EntitySet(name, dim, np.sort(inner).astype(np.int32)))
@@ -210,17 +215,32 @@ class Domain:
         """
         return self._with(name, 3, marker)
 
-    def with_facets(self, name: str, marker: Marker) -> Domain:
+    def with_facets(self, name: str, marker: Marker, *, of: str | None = None) -> Domain:
         """A domain with a new set of facets: boundary facets in the marker. Collective.
 
         Args:
             name: New name.
             marker: Function of x, shape (3, n) [m], to booleans of shape (n,).
+            of: Name of the cells that they bound; of all cells if None. It tells the faces of two
+                parts apart that touch, and share no nodes.
 
         Raises:
-            SceneError: If no facet fulfils it.
+            SceneError: If no facet fulfils it, or no cells have the name.
         """
-        return self._with(name, 2, marker, dmesh.locate_entities_boundary)
+        if of is None:
+            return self._with(name, 2, marker, dmesh.locate_entities_boundary)
+        owner = f"with_facets ('{name}')"
+        if not isinstance(of, str):
+            raise SceneError(f"{owner}: of must be the name of cells, got {shown(of)}.")
+        cells = self.find(of, (3,), owner).entities
+
+        def bounding(mesh: dmesh.Mesh, dim: int, marker: Marker) -> npt.NDArray[np.int32]:
+            facets = dmesh.locate_entities_boundary(mesh, dim, marker)
+            own = dmesh.compute_incident_entities(mesh.topology, cells, 3, 2)
+            return np.intersect1d(facets, own)
+
+        self.mesh.topology.create_connectivity(3, 2)
+        return self._with(name, 2, marker, bounding, of)
 
     def with_edges(self, name: str, marker: Marker) -> Domain:
         """A domain with a new set of edges: ends and middle in the marker. Collective.

@@ -24,8 +24,6 @@ __all__ = ["Header", "Names", "name_of", "names_in_header", "take_groups"]
 KNOWN = {4: "tetrahedra", 5: "hexahedra", 11: "second-order tetrahedra", 12: "27-node hexahedra"}
 FACETS = {4: 2, 5: 3, 11: 9, 12: 10}
 
-WEDGES = {6, 13, 18}  # of 6, 18 and 15 nodes
-
 SHOWN = 10  # numbers of volumes in a message
 UNLISTED = 1000  # numbers, from 1 and from the last group's on, at which empty ones are looked for
 
@@ -177,9 +175,15 @@ def _why_none(model: Any, entities: Mapping[tuple[int, str], list[int]]) -> str:
     return f"{why}{'t' if why else 'T'}o name the cells that there are: {group}"
 
 
-def _advice(kinds: set[int]) -> str:
-    """The remedy for wedges, which gmsh makes where it extrudes triangles; empty without any."""
-    if not kinds & WEDGES:
+def _advice(kinds: str) -> str:
+    """The remedy for bricks of 20 nodes, and for wedges of extruded triangles; else empty."""
+    if "Hexahedron 20" in kinds:
+        return (
+            " Bricks of 20 nodes have none in their faces and middle; gmsh gives them these with "
+            "Mesh.SecondOrderIncomplete = 0 before Mesh.ElementOrder = 2 (or setOrder(2)). Or mesh "
+            "with order 1 and let the scene be of second order (order=2)."
+        )
+    if "Prism" not in kinds:
         return ""
     return (
         " Wedges come from triangles that are extruded in layers: recombine them to quadrilaterals "
@@ -218,7 +222,7 @@ def _kind_of_cells(
     if len(kinds) > 1 or not kinds <= set(KNOWN):
         raise SceneError(
             f"{source} has volume cells of these kinds: {_shown(model, kinds)}. A domain takes one "
-            f"kind, out of {', '.join(KNOWN.values())}.{_advice(kinds)}"
+            f"kind, out of {', '.join(KNOWN.values())}.{_advice(_shown(model, kinds))}"
         )
     kind = kinds.pop()
     facet = FACETS[kind]

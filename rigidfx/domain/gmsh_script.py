@@ -5,23 +5,28 @@ A script's constants, `DefineConstant[ length = 2.0 ];`, are parameters that the
 
 from __future__ import annotations
 
+import hashlib
 import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from mpi4py import MPI
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import number, positive, shown
 from rigidfx.base.text_files import decoded
-from rigidfx.domain.curved_cells import straighten, tell_straightened
+from rigidfx.base.warning import warn
+from rigidfx.domain.curved_cells import straighten
 from rigidfx.domain.domain import Domain
 from rigidfx.domain.gmsh_model import domain_of, find_file
 
-__all__ = ["check_order", "mesh_model", "read_geo"]
+__all__ = ["check_order", "mesh_model", "read_geo", "tell"]
 
 DEEPEST = 20  # files that include each other
+
+LAST: dict[Path, tuple[float, bytes]] = {}  # of each file, the last size and a mesh's digest
 
 
 def read_geo(
@@ -74,10 +79,10 @@ def read_geo(
         _check_parameters(Path(path), given)
         gmsh.model.add("rigidfx")
         _run(gmsh, path, given)
-        told.append(mesh_model(gmsh, largest, order, factor))
+        told.extend(mesh_model(gmsh, path, largest, order, factor))
 
     domain = domain_of(comm, f"gmsh: '{path}'", f"'{path}'", fill, factor)
-    tell_straightened(comm, f"read_geo: '{path}'", told)
+    tell(comm, f"read_geo: '{path}'", told)
     return domain
 
 
@@ -110,17 +115,20 @@ def _run(gmsh: Any, path: str | Path, given: Mapping[str, float | str]) -> None:
             )
 
 
-def mesh_model(gmsh: Any, size: float | None, order: int | None, metres: float) -> str:
+def mesh_model(
+    gmsh: Any, path: str | Path, size: float | None, order: int | None, metres: float
+) -> list[str]:
     """Mesh gmsh's model, unless there is a mesh already that is as asked for.
 
     Args:
         gmsh: The module.
+        path: The file of the geometry.
         size: Largest edge of a cell, in the model's unit of length; the model's own if None.
         order: Order of the cells' geometry; the model's own if None.
         metres: Those of the model's unit of length.
 
     Returns:
-        What `straighten` says.
+        Texts of warnings.
     """
     mesh = gmsh.model.mesh
     own = size is not None or not len(mesh.getElements(3)[0])
@@ -131,7 +139,45 @@ def mesh_model(gmsh: Any, size: float | None, order: int | None, metres: float) 
         mesh.generate(3)
     if order is not None:
         mesh.setOrder(order)
-    return straighten(gmsh, metres) if own or order == 2 else ""
+    told = [straighten(gmsh, metres)] if own or order == 2 else []
+    if size is not None:
+        told.append(_same(gmsh, Path(path).resolve(), size, metres))
+    return [text for text in told if text]
+
+
+def _same(gmsh: Any, path: Path, size: float, metres: float) -> str:
+    """What to say if another size gave the same mesh in this process; else nothing.
+
+    Args:
+        gmsh: The module.
+        path: The file of the geometry.
+        size: Largest edge of a cell, in the model's unit of length.
+        metres: Those of the unit.
+    """
+    _, x, _ = gmsh.model.mesh.getNodes()
+    digest = hashlib.sha1((x / np.ptp(x)).round(6).tobytes()).digest()
+    before, mesh = LAST.get(path, (size, b""))
+    LAST[path] = size, digest
+    if mesh != digest or before == size:
+        return ""
+    return (
+        f"The sizes {metres * before:g} m and {metres * size:g} m give the same mesh. gmsh makes "
+        "no cells larger than a tenth of the geometry's diagonal, and smaller ones at short edges. "
+        "Only smaller sizes give finer meshes."
+    )
+
+
+def tell(comm: MPI.Intracomm, owner: str, told: list[str]) -> None:
+    """Warn of how a geometry was meshed. Collective.
+
+    Args:
+        comm: Ranks of the mesh.
+        owner: Name of the function and its file, for the message.
+        told: Texts of `mesh_model`, on rank 0.
+    """
+    texts: list[str] = comm.bcast(told)
+    for text in texts:
+        warn(comm, f"{owner}: {text}")
 
 
 def check_order(owner: str, order: int | None) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.base.compat import cell_geometry_dofs
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import shown
 from rigidfx.base.taken import read_only
@@ -51,7 +52,8 @@ def assign(
             f"Scene: materials are given by names of cell sets, got {shown(material)}."
         )
     # The sets are looked up on all ranks at a time, and a dict may be ordered otherwise on each.
-    for name in domain.comm.bcast(list(material)):
+    names = domain.comm.bcast(list(material))
+    for name in names:
         m = material[name]
         if not isinstance(m, Material):
             raise SceneError(f"Scene: the material of '{name}' must be a Material, got {shown(m)}.")
@@ -66,6 +68,25 @@ def assign(
     if none or several:
         raise SceneError(
             f"Scene: every cell needs exactly one material; {none} cells have none and {several} "
-            f"have several. Known names: {domain.names}."
+            f"have several{_examples(domain, times_used, dict(zip(names, pairs, strict=True)))}. "
+            f"Known names: {domain.names}."
         )
     return tuple(pairs)
+
+
+def _examples(
+    domain: Domain,
+    times_used: npt.NDArray[np.int32],
+    given: Mapping[str, tuple[Material, npt.NDArray[np.int32]]],
+) -> str:
+    """A cell without a material, and one with several and their names, by their places."""
+    wrong = [np.flatnonzero(found)[:1] for found in (times_used == 0, times_used > 1)]
+    mesh, texts = domain.mesh, []
+    for kind, cells in zip(("without one", "in"), wrong, strict=True):
+        mine = ""
+        if cells.size:
+            place = mesh.geometry.x[cell_geometry_dofs(mesh)[cells[0]]].mean(axis=0)
+            sets = " and ".join(f"'{n}'" for n, (_, own) in given.items() if cells[0] in own)
+            mine = f"{kind} {sets}".rstrip() + ", around ({:.4g}, {:.4g}, {:.4g}) m".format(*place)
+        texts += [next(filter(None, domain.comm.allgather(mine)), "")]
+    return ": one " + "; one ".join(filter(None, texts))

@@ -14,7 +14,7 @@ from dolfinx import mesh as dmesh
 
 from rigidfx.base.errors import SceneError
 
-__all__ = ["cylinder_of"]
+__all__ = ["ROUND", "corners_of", "cylinder_of"]
 
 Array = npt.NDArray[np.float64]
 
@@ -32,7 +32,7 @@ def cylinder_of(scene: Any, owner: str, where: str) -> tuple[Array, Array]:
     Raises:
         SceneError: On every rank, if the surface is no cylinder.
     """
-    x = _corners(scene, scene.boundary(where, owner))
+    x = corners_of(scene, scene.boundary(where, owner))
     n = np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
     area = np.linalg.norm(n, axis=1)
     n /= np.where(area > 0, area, 1.0)[:, None]
@@ -62,8 +62,13 @@ def cylinder_of(scene: Any, owner: str, where: str) -> tuple[Array, Array]:
     return middle + across @ fitted[:2] + 0.5 * (low + high) * axis, axis
 
 
-def _corners(scene: Any, pairs: npt.NDArray[np.int32]) -> Array:
-    """Corners of owned facets, shape (facets, 3 or 4, 3) [m]."""
+def corners_of(scene: Any, pairs: npt.NDArray[np.int32]) -> Array:
+    """Corners of owned facets, shape (facets, 3 or 4, 3) [m].
+
+    Args:
+        scene: The problem.
+        pairs: Cells and their sides.
+    """
     mesh = scene.mesh
     for dims in ((3, 2), (2, 3), (2, 0)):
         mesh.topology.create_connectivity(*dims)

@@ -144,9 +144,21 @@ class Joint(Effect):
                 f"{self.owner}: give its {' and '.join(missing)}; only a MeanFace or a "
                 "RigidFace that is a hole or a shaft tells them."
             )
-        centre, axis = cylinder_of(scene, self.owner, surfaces[0])
+        centre, axis = self.shape_of(scene, surfaces[0])
         told: dict[str, Any] = {"at": tuple(map(float, centre)), "axis": tuple(map(float, axis))}
         return replace(self, **{name: told[name] for name in missing})
+
+    def shape_of(self, scene: Any, where: str) -> tuple[Array, Array]:
+        """Middle and axis of a surface, shapes (3,). Collective.
+
+        Args:
+            scene: The problem.
+            where: Name of the surface.
+
+        Raises:
+            SceneError: If it is no cylinder.
+        """
+        return cylinder_of(scene, self.owner, where)
 
     def build(self, pieces: Pieces, a: Sided, b: Sided) -> None:
         """Add its averages and rows.
