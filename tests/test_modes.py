@@ -7,6 +7,7 @@ import pytest
 from mpi4py import MPI
 from parallel import report as tell
 from parallel import run as mpirun
+from test_contact_pairs import boxes
 
 import rigidfx as rf
 from rigidfx.step.linear.eigenpairs import EigenControl, lowest
@@ -222,6 +223,54 @@ def test_a_rigid_bob_on_a_pulled_string_swings():
     bend = 3 * 1e8 * thick**4 / 12 / heavy
     np.testing.assert_allclose(both, g / (long * stretch) + bend, rtol=0.05)
     np.testing.assert_allclose(both[0], both[1], rtol=5e-3)
+
+
+@pytest.fixture(scope="module")
+def blade():
+    """Makes scenes of a blade of 0.5 m along x."""
+    domain = rf.box((0, 0, 0), (0.5, 0.02, 0.01), (20, 1, 1))
+    domain = domain.with_cells("tip", lambda x: x[0] > 0.4 - 1e-9)
+    steel = rf.StVenantKirchhoff(E=2.1e11, nu=0.0, rho=7850.0)
+    return lambda *effects, **how: rf.Scene(domain, steel, effects, order=2, **how)
+
+
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+def test_a_spin_stiffens_and_softens(blade, mass):
+    """Flap and lag of a beam: μ = 6.4495 at η = Ω √(ρAL⁴/EI) = 5, and lag √(μ² - η²).
+
+    A. D. Wright et al., J. Appl. Mech. 49 (1982) 197, table 1. A rigid tip hardly changes them.
+    """
+    bent = np.sqrt(2.1e11 * 0.01**2 / 12 / 7850.0) / 0.5**2  # √(EI/ρAL⁴)
+    for lag, spin in ((True, (0, 5 * bent, 0)), (False, (0, 0, 5 * bent))):
+        turns = rf.PrescribedRotation(
+            "x0", axis=spin, through=(0, 0.01, 0.005), angle=lambda t: 5 * bent * t
+        )
+        turning = blade(turns, rf.Preload(spin=spin), mass=mass)
+        report = next(iter(rf.simulate(turning, 1e-5, 1e-4)))
+        exact = bent * np.sqrt(6.44954**2 - (25.0 if lag else 0.0)) / (2 * np.pi)
+        for scene in (turning, blade(turns, rf.Rigid("tip"), mass=mass)):
+            first = rf.modes(scene, 1, about=report).frequencies[0]
+            np.testing.assert_allclose(first, exact, rtol=4e-3)
+
+
+def test_coriolis_forces_are_not_passed_over(blade):
+    """A free blade that turns has no modes without them; two parts that turn differently warn."""
+    free = blade(rf.InitialVelocity(angular=(0, 300.0, 0)))
+    report = next(iter(rf.simulate(free, 1e-5, 1e-4)))
+    with pytest.raises(rf.SceneError, match=r"turns with 300 rad/s.*Coriolis"):
+        rf.modes(free, 2, about=report)
+    slow = blade(rf.InitialVelocity(angular=(0, 1.0, 0)))
+    report = next(iter(rf.simulate(slow, 1e-5, 1e-4)))
+    np.testing.assert_allclose(
+        rf.modes(slow, 2, about=report).squares, rf.modes(slow, 2).squares, rtol=1e-6
+    )
+    parts = boxes(((0, 0, 0), (1, 1, 1), (1, 1, 1)), ((2, 0, 0), (3, 1, 1), (1, 1, 1)))
+    parts = parts.with_cells("right", lambda x: x[0] > 1.5)
+    soft = rf.StVenantKirchhoff(E=1e6, nu=0.0, rho=1000.0)
+    one = rf.Scene(parts, soft, [rf.InitialVelocity(angular=(0, 0, 30.0), where="right")])
+    report = next(iter(rf.simulate(one, 1e-5, 1e-4)))
+    with pytest.warns(UserWarning, match="angular velocities that differ by 30 rad/s"):
+        rf.modes(one, 2, about=report)
 
 
 def test_rayleigh_damping_has_both_ratios():

@@ -67,16 +67,12 @@ class JointRows:
             K = linkage.points.stiffness()  # of torques, which have no energy, the symmetric part
             self.stiffness = csr_array(self.stiffness + 0.5 * (P.T @ (K + K.T) @ P))
 
-    def stiffen(self, K: PETSc.Mat) -> PETSc.Mat:
-        """A stiffness with that of springs, as a new matrix; the caller destroys it. Collective."""
-        out = K.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
+    def stiffness_matrix(self, K: PETSc.Mat) -> PETSc.Mat:
+        """That stiffness, with the rows of another matrix; the caller destroys it. Collective."""
         own = self.stiffness[slice(*K.getOwnershipRange())]
         kind = PETSc.IntType
         csr = own.indptr.astype(kind), own.indices.astype(kind), own.data
-        more = PETSc.Mat().createAIJ(K.getSizes(), csr=csr, comm=K.comm)
-        out.axpy(1.0, more, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-        more.destroy()
-        return out
+        return PETSc.Mat().createAIJ(K.getSizes(), csr=csr, comm=K.comm)
 
 
 class FreeMotions:

@@ -29,6 +29,7 @@ from rigidfx.scene.weights import inertial_masses
 from rigidfx.step.linear.eigenpairs import clusters, lowest
 from rigidfx.vibration.problem import Problem
 from rigidfx.vibration.series import draw_modes, write_modes
+from rigidfx.vibration.spin import NEGLECTED
 
 __all__ = ["Modes", "modes", "periods", "periods_in_words"]
 
@@ -134,9 +135,10 @@ def modes(scene: Scene, count: int = 6, *, about: Report | None = None) -> Modes
     """The lowest modes of small free vibrations of a scene. Collective.
 
     Supports and springs act as at t = 0, or at the time of the report; parts named `Rigid` are
-    rigid, joints hold and their springs act. Contacts, damping, the stiffness of follower pressure
-    and that of forces of joints in the state are left out. A second-order error of the mesh
-    stiffens them: see docs/modes.md.
+    rigid, joints hold and their springs act. A state that turns as a whole vibrates in the frame
+    that turns with it, with the centrifugal softening and without Coriolis forces. Contacts,
+    damping, the stiffness of follower pressure and that of forces of joints in the state are left
+    out. A second-order error of the mesh stiffens them: see docs/modes.md.
 
     Args:
         scene: The problem.
@@ -150,24 +152,55 @@ def modes(scene: Scene, count: int = 6, *, about: Report | None = None) -> Modes
         springs leave free are left out.
 
     Raises:
-        SceneError: If an argument cannot be used, or no modes are found.
+        SceneError: If an argument cannot be used, no modes are found, or Coriolis forces decide a
+            motion of the whole.
     """
     check_scene("modes", scene)
     count = whole("modes", "count", count, least=1)
     check_same(scene.comm, "modes", {"count": count, "about": about is not None})
     if about is not None:
         check_about("modes", scene, about)
-    problem = Problem(scene, about)
-    try:
-        found = _modes(scene, problem, count)
-    finally:
-        problem.destroy()
+    found = _found(scene, about, count)
     if about is not None and (found.squares < 0).any():
         warn(
             scene.comm,
             f"modes: the state at t = {about.t:g} s is unstable: "
             f"{int((found.squares < 0).sum())} of the modes grow. Take a state before the limit "
             "load.",
+        )
+    return found
+
+
+def _found(scene: Scene, about: Report | None, count: int, turns: bool = True) -> Modes:
+    """The modes about a state, which may turn. Collective.
+
+    Raises:
+        SceneError: If it turns, and its motion as a whole depends on Coriolis forces.
+    """
+    problem = Problem(scene, about, turns)
+    try:
+        found = _modes(scene, problem, count)
+        spin, moves = problem.spin, bool(problem.motions)
+    finally:
+        problem.destroy()
+    omega = float(np.linalg.norm(spin.omega))
+    decided = spin.turns and moves and found.squares.min(initial=0.0) < -SAME * omega**2
+    if decided:
+        found = _found(scene, about, count, turns=False)
+    above = found.squares[found.squares > 0]
+    least = float(above.min(initial=np.inf))
+    if decided and omega**2 > NEGLECTED * least:
+        raise SceneError(
+            f"modes: the state turns with {omega:.4g} rad/s, and nothing holds it against another "
+            "motion as a whole, which Coriolis forces decide; modes leave them out. Hold it by a "
+            "PrescribedRotation, or by a hinge with a Motor."
+        )
+    if spin.apart**2 > NEGLECTED * least:
+        warn(
+            scene.comm,
+            f"modes: parts of the state turn with angular velocities that differ by "
+            f"{spin.apart:.4g} rad/s, and the lowest mode has {np.sqrt(least):.4g} rad/s. The "
+            "centrifugal softening of these parts is left out. Take scenes of one part each.",
         )
     return found
 
@@ -199,7 +232,8 @@ def _aligned(scene: Scene, values: Array, shapes: Array) -> Array:
     size = float(np.sqrt(scene.sum((X * X).sum()) / max(scene.sum(n), 1.0)))
     weights = scene.averaging_mass[:n, None] * np.array([3.0, 2.0, 1.0])
     # Even and odd in each direction, so that no symmetry of a mode makes its sums vanish.
-    uneven = weights * np.exp(0.3 * np.tanh(X @ np.array([0.5, 0.7, 1.1]) / size))[:, None]
+    slant = np.array([0.5, 0.7, 1.1])
+    uneven = weights * np.exp(0.3 * np.tanh(X @ slant / size))[:, None]
     own = shapes[:, :n]
     turn = np.eye(values.size)
     equal: list[tuple[Ints, Array]] = [(np.arange(values.size), values)]
@@ -211,7 +245,7 @@ def _aligned(scene: Scene, values: Array, shapes: Array) -> Array:
             found, vectors = np.linalg.eigh(0.5 * (gram + gram.T))
             turn[at] = vectors.T @ turn[at]
             equal[k] = at, found
-    slopes = np.exp(np.tanh(X @ np.array([1.1, 0.7, 0.5]) / size))
+    slopes = np.exp(np.tanh(X @ slant[::-1] / size))
     sums = np.asarray(scene.sum(np.einsum("ina,na->i", own, weights * slopes[:, None])))
     turned = turn @ sums
     return np.asarray(np.where(turned < 0, -1.0, 1.0)[:, None] * turn)

@@ -33,6 +33,7 @@ from rigidfx.step.system.rigid_motion import free_to_move
 from rigidfx.step.system.supports import PrescribedDofs, supports_of
 from rigidfx.switch.inventory import divide
 from rigidfx.vibration.joined import FreeMotions, JointRows
+from rigidfx.vibration.spin import Spin, softening, spin_of
 
 __all__ = ["Problem"]
 
@@ -43,17 +44,19 @@ class Problem:
     """Stiffness and mass about a state, by q; `destroy` frees them.
 
     Attributes:
+        spin: How the state turns.
         K: Stiffness [N/m].
         M: Mass [kg].
         motions: Rigid motions of the connected parts, where some may take no energy.
     """
 
-    def __init__(self, scene: Scene, about: Report | None = None) -> None:
+    def __init__(self, scene: Scene, about: Report | None = None, turns: bool = True) -> None:
         """Assemble both matrices. Collective.
 
         Args:
             scene: The problem.
             about: A report of the state; the reference at t = 0 if None.
+            turns: Whether the state may turn; otherwise it is taken to rest.
 
         Raises:
             SceneError: If a support holds a part named rigid other than by clamping it.
@@ -68,12 +71,15 @@ class Problem:
         cells, driven = division.flexible, division.driven_cells
         layout = dof_layout(scene, cells, state.bodies.of, held.mask, driven)
         own = layout.massive[layout.rows.nodes]
+        self._mass = mass_operator(scene, layout.rows, cells, own, driven)
+        rest = Spin(np.zeros(3), np.zeros(3), 0.0)
+        self.spin = rest if about is None or not turns else spin_of(scene, about.state)
         structure = BoundStructure(
             scene=scene,
             rows=layout.rows,
             own=own,
             bodies=state.bodies,
-            mass=None,
+            mass=self._mass,
             u=state.u.x.array,
             surface=forces.surface,
             failures=Failures(scene.comm),
@@ -82,7 +88,7 @@ class Problem:
         # Dead loads on a rigid part have moments that change as it turns.
         dead = [e for e in acting if e.is_dead] if about is not None else []
         lasting = [e for e in scene.effects if e.is_lasting and not isinstance(e, Windowed)]
-        self._actions = Actions(structure, [*lasting, *dead], dead)
+        self._actions = Actions(structure, [*lasting, *dead, *self.spin.forces], dead)
         self._actions.set_time(t, 1.0)
         self._prolongation = Prolongation(layout, scene.comm)
         bound = static_forces(scene, forces, cells, layout.interior, layout.interface)
@@ -94,7 +100,6 @@ class Problem:
             self._joints = JointRows(linkage, state.bodies, self._prolongation)
             if self._joints.held.shape[0]:
                 self._free = FreeMotions(self._joints.held, self._prolongation)
-        self._mass = mass_operator(scene, layout.rows, cells, own, driven)
         self._scene, self._layout = scene, layout
         self.K, self.M = self._stiffness(), self._masses()
         self.motions = self._rigid_motions() if free_to_move(scene, held, acting=acting) else []
@@ -113,10 +118,17 @@ class Problem:
         statics.tangent()
         y.destroy()
         r.destroy()
-        K = statics.tangent_matrix
-        if self._joints is None:
-            return K
-        return self._in_q(self._joints.stiffen(K))
+        K = statics.tangent_matrix.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
+        different = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
+        if self.spin.turns:
+            softer = softening(self.spin, self._mass, p)
+            K.axpy(1.0, softer, different)
+            softer.destroy()
+        if self._joints is not None:
+            sprung = self._joints.stiffness_matrix(K)
+            K.axpy(1.0, sprung, different)
+            sprung.destroy()
+        return self._in_q(K)
 
     def _in_q(self, A: PETSc.Mat) -> PETSc.Mat:
         """A matrix by the motions that joints leave free, in place of that by y. Collective."""
@@ -216,11 +228,9 @@ class Problem:
 
     def destroy(self) -> None:
         """Free all PETSc objects. Collective."""
-        if self._joints is not None:
-            self.K.destroy()
         if self._free is not None:
             self._free.destroy()
-        for item in (*self.motions, self.M, self._statics, self._mass, self._actions):
+        for item in (*self.motions, self.K, self.M, self._statics, self._mass, self._actions):
             item.destroy()
 
 

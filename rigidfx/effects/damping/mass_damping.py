@@ -13,7 +13,7 @@ from rigidfx.effects.attached.grounded import Grounded, GroundedBodies
 from rigidfx.effects.base import Windowed
 from rigidfx.mechanics.rigid_body import RigidBody
 
-__all__ = ["MassDamping"]
+__all__ = ["MassDamping", "euler"]
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class Drag(Grounded):
         self._image = structure.rows.vector()
         bodies = structure.bodies
         self._bodies = GroundedBodies(
-            np.reshape([_euler(body) for body in bodies.of.records], (-1, 4, 4)),
+            np.reshape([euler(body) for body in bodies.of.records], (-1, 4, 4)),
             bodies.pose,
             np.zeros((len(bodies), 4, 3)),
             0.0,
@@ -95,7 +95,7 @@ class Drag(Grounded):
         self._image.destroy()
 
 
-def _euler(body: RigidBody) -> Array:
+def euler(body: RigidBody) -> Array:
     """Σ m a aᵀ of a body about its centre of mass, shape (4, 4) [kg, kg m²]."""
     out = np.zeros((4, 4))
     out[0, 0] = body.mass

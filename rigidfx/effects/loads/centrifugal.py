@@ -15,15 +15,18 @@ from typing import Any
 
 import numpy as np
 
-from rigidfx.effects.action import Action, Structure
+from rigidfx.effects.action import Action, Array, Structure
+from rigidfx.effects.attached.grounded import Grounded, GroundedBodies
 from rigidfx.effects.base import Effect, Vector
+from rigidfx.effects.damping.mass_damping import euler
+from rigidfx.mechanics.body_step import Increments
 
 __all__ = ["Centrifugal"]
 
 
 @dataclass(frozen=True)
 class Centrifugal(Effect):
-    """Centrifugal forces on nodes, by the scene's mass operator; of statics only.
+    """Centrifugal forces on nodes, by the scene's mass operator, and on bodies; of statics only.
 
     Attributes:
         spin: Angular velocity ω [rad/s].
@@ -31,17 +34,17 @@ class Centrifugal(Effect):
         share: Tells the part of the forces that acts, in increments of a load.
     """
 
-    spin: Vector
-    centre: Vector
+    spin: Vector | Array
+    centre: Vector | Array
     share: Callable[[], float]
 
     def bind(self, structure: Structure) -> Action:
-        """The forces on nodes."""
-        return CentrifugalForces(self, structure)
+        """The forces on nodes and bodies, with their derivatives."""
+        return SofteningForces(self, structure)
 
 
-class CentrifugalForces(Action):
-    """M S (x - c) on the nodes of a division without bodies."""
+class CentrifugalForces(Grounded):
+    """M S (x - c) on nodes, and on bodies, whose part of the stiffness it has."""
 
     kind = "Preload"
 
@@ -56,14 +59,16 @@ class CentrifugalForces(Action):
         self._S, self._share = spin @ spin * np.eye(3) - np.outer(spin, spin), load.share
         self._mass, self._u0, self._dofs = structure.mass, structure.u, rows.dofs
         self._arms = (rows.X - np.asarray(load.centre)).reshape(-1)
-        self._own = np.flatnonzero(structure.own)
-        self._nodes = rows.nodes[self._own]
-        # The softening of a consistent mass is taken by its row sums: iterations see it, the
-        # solution does not.
-        own_mass = structure.scene.nodal_mass[self._nodes]
-        self._softening = -own_mass[:, None, None] * self._S
         self._place, self._image = rows.vector(), rows.vector()
-        mass = structure.scene.sum(own_mass.sum())
+        bodies = structure.bodies
+        axis = np.zeros((len(bodies), 4, 3))
+        axis[:, 0] = load.centre
+        spread = np.reshape([euler(body) for body in bodies.of.records], (-1, 4, 4))
+        none = np.zeros((3, 3))
+        self._bodies = GroundedBodies(spread, axis, 0 * axis, 0.0, -self._S, none, 1.0)
+        self._nodes = rows.nodes[np.flatnonzero(structure.own)]
+        self._own_mass = structure.scene.nodal_mass[self._nodes]
+        mass = structure.scene.sum(self._own_mass.sum())
         largest = np.abs(self._arms).max(initial=0.0)
         self.rounding = (
             float(np.linalg.norm(self._S)) * mass * structure.scene.comm.allreduce(largest)
@@ -76,11 +81,24 @@ class CentrifugalForces(Action):
         self._mass.mult(self._place, self._image)
         f.axpy(-self._share(), self._image)
 
-    def stiffen_nodes(self, tangent: Any, dt: float, prolongation: Any) -> None:
-        """Subtract M S, by row sums."""
-        tangent.add_nodal(self._nodes, self._share() * self._softening)
+    def resist_bodies(self, increments: Increments) -> Array:
+        """See `Action`."""
+        return self._share() * super().resist_bodies(increments)
+
+    def stiffen_bodies(self, increments: Increments) -> Array:
+        """See `Action`."""
+        return self._share() * super().stiffen_bodies(increments)
 
     def destroy(self) -> None:
         """Free the work vectors. Collective."""
         self._place.destroy()
         self._image.destroy()
+
+
+class SofteningForces(CentrifugalForces):
+    """With the stiffness of nodes."""
+
+    def stiffen_nodes(self, tangent: Any, dt: float, prolongation: Any) -> None:
+        """Subtract M S; of a consistent mass by row sums: iterations see it, the solution not."""
+        softening = -self._own_mass[:, None, None] * self._S
+        tangent.add_nodal(self._nodes, self._share() * softening)
