@@ -47,8 +47,12 @@ def apart(scene, state):
     largest = [0.0, 0.0]
     for joint in scene.named(Joint):
         averages = joint.pieces.averages
-        p = [a.weights @ x[a.nodes] + a.constant for a in averages]
-        q = [a.weights @ v[a.nodes] for a in averages]
+        means = [
+            np.array([b.weights @ x[b.nodes] + b.constant for b in a.averages]) for a in averages
+        ]
+        p = [a.value(of) for a, of in zip(averages, means, strict=True)]
+        slopes = [a.slopes(of) for a, of in zip(averages, means, strict=True)]
+        q = [np.einsum("nij,nj->i", J, v[a.nodes]) for a, J in zip(averages, slopes, strict=True)]
         for row in joint.pieces.rows:
             g = sum(c * p[k][axis] for k, axis, c in row.linear)
             g += sum(c * p[k] @ p[j] for k, j, c in row.products)

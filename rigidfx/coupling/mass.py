@@ -196,6 +196,7 @@ def mass_operator(
     cells: Cells,
     own: npt.NDArray[np.bool_],
     driven: Cells | None = None,
+    carried: bool = False,
 ) -> Mass:
     """The mass operator that a scene asks for.
 
@@ -205,6 +206,7 @@ def mass_operator(
         cells: Owned cells by subdomain id whose mass counts, if it is consistent.
         own: For each of the nodes, whether lumped and point masses count here.
         driven: Owned cells that a support moves; their mass counts too.
+        carried: Whether point masses count that are bodies of their own in a run.
     """
     mass: Mass
     if scene.mass == "lumped":
@@ -212,5 +214,5 @@ def mass_operator(
     else:
         points = np.where(own, scene.point_masses[rows.nodes], 0.0)
         mass = ConsistentMass(scene, rows, cells, driven, points)
-    operator: Mass = with_remote_masses(scene, mass, rows, own)
+    operator: Mass = with_remote_masses(scene, mass, rows, own, carried)
     return operator

@@ -1,4 +1,4 @@
-"""Masses at points of faces: m c cᵀ, c the weights of the nodes that move the point.
+"""Masses at points of faces: m JᵀJ, J the derivatives of the point's place by nodes.
 
 They take part where all of these nodes do. A reduced tangent gets nothing of them here: with steps
 they are a stiffness at ports, see `rigidfx.effects.attached.point_mass`.
@@ -14,7 +14,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_array, vstack
 
-from rigidfx.coupling.averages import add_at_averages, weights_of
+from rigidfx.coupling.averages import add_at_vectors, slopes_of
 from rigidfx.coupling.condensed_tangent import CondensedMatrix
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.coupling.rows import Rows
@@ -30,24 +30,24 @@ Bools = npt.NDArray[np.bool_]
 class WithRemoteMasses:
     """A mass operator with masses at points of faces."""
 
-    def __init__(self, within: Any, rows: Rows, masses: Array, weights: csr_array) -> None:
+    def __init__(self, within: Any, rows: Rows, masses: Array, slopes: csr_array) -> None:
         """Take them.
 
         Args:
             within: The mass operator of cells and nodes.
             rows: The rows it acts on.
             masses: The masses [kg].
-            weights: c of each, shape (masses, nodes of the rows).
+            slopes: J of each, shape (3 · masses, 3 · nodes of the rows).
         """
         self._within, self._rows = within, rows
-        self._masses, self._weights = masses[:, None], weights
+        self._masses, self._slopes = masses, slopes
 
     def mult(self, v: PETSc.Vec, out: PETSc.Vec) -> None:
         """Evaluate out = M v. Collective."""
         self._within.mult(v, out)
-        means = np.asarray(self._weights @ v.array_r.reshape(-1, 3))
-        self._rows.comm.Allreduce(MPI.IN_PLACE, means)
-        out.array[:] += (self._weights.T @ (self._masses * means)).ravel()
+        moved = np.asarray(self._slopes @ v.array_r)
+        self._rows.comm.Allreduce(MPI.IN_PLACE, moved)
+        out.array[:] += self._slopes.T @ (np.repeat(self._masses, 3) * moved)
 
     def add_to(self, tangent: CondensedMatrix, factor: float, prolongation: Prolongation) -> None:
         """Add factor · M but for these masses. Collective."""
@@ -56,8 +56,8 @@ class WithRemoteMasses:
     def matrix(self) -> PETSc.Mat:
         """M as a new AIJ matrix; the caller destroys it. Collective."""
         M = self._within.matrix()
-        blocks = self._masses[:, :, None] * np.eye(3)
-        add_at_averages(M, self._weights, blocks, self._rows.comm)
+        blocks = self._masses[:, None, None] * np.eye(3)
+        add_at_vectors(M, self._slopes, blocks, self._rows.comm)
         return M
 
     def destroy(self) -> None:
@@ -65,7 +65,9 @@ class WithRemoteMasses:
         self._within.destroy()
 
 
-def with_remote_masses(scene: Scene, mass: Any, rows: Rows, counted: Bools) -> Any:
+def with_remote_masses(
+    scene: Scene, mass: Any, rows: Rows, counted: Bools, carried: bool = False
+) -> Any:
     """A mass operator with the masses at points of faces all of whose nodes count. Collective.
 
     Args:
@@ -73,14 +75,17 @@ def with_remote_masses(scene: Scene, mass: Any, rows: Rows, counted: Bools) -> A
         mass: The operator of cells and nodes.
         rows: The rows it acts on.
         counted: For each node of the rows, whether it counts.
+        carried: Whether masses count that are bodies of their own in a run.
     """
     masses: list[float] = []
-    weights: list[csr_array] = []
+    slopes: list[csr_array] = []
     for effect in (e for e in scene.named(PointMass) if e.face is not None):
-        own = weights_of(scene, effect.remote.place, rows, counted)
+        if effect.is_carried and not carried:
+            continue
+        own = slopes_of(scene, effect.remote.place, rows, counted)
         if own is not None:
             masses.append(float(effect.mass))
-            weights.append(own)
+            slopes.append(own)
     if not masses:
         return mass
-    return WithRemoteMasses(mass, rows, np.array(masses), csr_array(vstack(weights, format="csr")))
+    return WithRemoteMasses(mass, rows, np.array(masses), csr_array(vstack(slopes, format="csr")))

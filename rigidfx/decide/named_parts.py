@@ -20,7 +20,7 @@ class NamedParts:
 
     Attributes:
         names: Their names, as they are numbered from one on.
-        count: How many there are, rigid faces among them.
+        count: How many there are, rigid faces and carried masses among them.
         apart: Names of those whose mass or inertia is given, or on which a `Resultant` acts: no
             cell may join their bodies.
         cells: Owned cells of the others, by name.
@@ -41,7 +41,8 @@ class NamedParts:
         parts = scene.named(Rigid)
         self.names = tuple(part.name for part in parts)
         faces = rigid_faces(scene.effects)
-        self.count = len(parts) + len(faces)
+        carried = [effect for effect in scene.named(PointMass) if effect.is_carried]
+        self.count = len(parts) + len(faces) + len(carried)
         self.apart = frozenset(part.name for part in parts if part.given or part.name in loaded)
         self.cells: dict[str, npt.NDArray[np.int32]] = {
             part.name: scene.owned_cells(part.where, "Rigid")
@@ -56,7 +57,7 @@ class NamedParts:
             at = slice(None) if part.where is None else scene.nodes(part.where, part.kind, (3,))
             parted[at] = True
         self.rings: list[npt.NDArray[np.bool_]] = []
-        masses = (e for e in scene.named(PointMass) if e.face is not None)
+        masses = (e for e in scene.named(PointMass) if e.face is not None and not e.is_carried)
         together = [scene.nodes(face.where, face.name, (2,)) for face in faces]
         for nodes in (*together, *(mass.remote.place.nodes for mass in masses)):
             marks = np.zeros(parted.size, dtype=bool)

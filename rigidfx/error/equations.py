@@ -299,7 +299,7 @@ def about(
     cells = forces.cells(np.arange(owned, dtype=np.int32))
     shape.array[: places.size] = (places - stepper.state.X[: len(places)]).reshape(-1)
     shape.scatter_forward()
-    mass, ground = mass_of(scene, rows, cells), ground_of(scene, rows)
+    mass, ground = mass_of(scene, rows, cells, carried=True), ground_of(scene, rows)
     named = [scene.owned_cells(part.where, part.kind) for part in scene.named(Rigid)]
     rigid = forces.cells(np.unique(np.concatenate(named)).astype(np.int32)) if named else None
     supported = np.flatnonzero(held)

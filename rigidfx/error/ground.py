@@ -9,7 +9,7 @@ import numpy.typing as npt
 from petsc4py import PETSc
 from scipy.sparse import csr_array, vstack
 
-from rigidfx.coupling.averages import add_at_averages, weights_of
+from rigidfx.coupling.averages import add_at_vectors, slopes_of
 from rigidfx.coupling.rows import Rows
 from rigidfx.effects import Spring
 from rigidfx.scene.scene import Scene
@@ -26,14 +26,14 @@ class Ground:
     Attributes:
         K: Stiffness at nodes, shape (nodes, 3, 3) [N/m].
         C: Damping, of the same shape [N s/m].
-        weights: Weights of the nodes of each point of a face, shape (points, nodes).
+        slopes: Derivatives of each point of a face by nodes, shape (3 · points, 3 · nodes).
         K_points: Stiffness there, shape (points, 3, 3) [N/m].
         C_points: Damping there, of the same shape [N s/m].
     """
 
     K: Array
     C: Array
-    weights: csr_array
+    slopes: csr_array
     K_points: Array
     C_points: Array
 
@@ -42,7 +42,7 @@ class Ground:
         for A, nodal, points in ((K, self.K, self.K_points), (C, self.C, self.C_points)):
             rows.add_blocks(A, nodal)
             if len(points):
-                add_at_averages(A, self.weights, points, rows.comm)
+                add_at_vectors(A, self.slopes, points, rows.comm)
 
     def resistance(self, scene: Scene, motions: Array) -> Array:
         """Stiffness against some motions, shape (motions, motions). Collective.
@@ -52,7 +52,7 @@ class Ground:
             motions: Displacements of the owned nodes, shape (nodes, 3, motions) [m].
         """
         nodal = np.einsum("nik,nij,njl->kl", motions, self.K, motions)
-        moved = np.asarray(scene.sum(self.weights @ motions.reshape(len(motions), -1)))
+        moved = np.asarray(scene.sum(self.slopes @ motions.reshape(-1, motions.shape[2])))
         moved = moved.reshape(-1, *motions.shape[1:])
         of_points = np.einsum("pik,pij,pjl->kl", moved, self.K_points, moved)
         return np.asarray(scene.sum(nodal)) + of_points
@@ -64,7 +64,7 @@ def ground_of(scene: Scene, rows: Rows) -> Ground | None:
     if not springs:
         return None
     K, C = np.zeros((2, rows.nodes.size, 3, 3))
-    at_points, weights = [], [csr_array((0, rows.nodes.size))]
+    at_points, slopes = [], [csr_array((0, 3 * rows.nodes.size))]
     counted = np.ones(rows.nodes.size, dtype=bool)
     for spring in springs:
         if spring.face is None:
@@ -72,9 +72,9 @@ def ground_of(scene: Scene, rows: Rows) -> Ground | None:
             K += share * spring.K
             C += share * spring.C
             continue
-        own = weights_of(scene, spring.remote.place, rows, counted)
+        own = slopes_of(scene, spring.remote.place, rows, counted)
         if own is not None:
             at_points.append((spring.K, spring.C))
-            weights.append(own)
+            slopes.append(own)
     K_points, C_points = np.reshape(at_points, (-1, 2, 3, 3)).swapaxes(0, 1)
-    return Ground(K, C, csr_array(vstack(weights, format="csr")), K_points, C_points)
+    return Ground(K, C, csr_array(vstack(slopes, format="csr")), K_points, C_points)

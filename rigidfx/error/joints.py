@@ -30,6 +30,7 @@ from scipy.sparse import csr_array, vstack
 
 from rigidfx.effects import Joint, JointSpring, Motor, Stop
 from rigidfx.effects.joints.terms import Terms
+from rigidfx.effects.joints.vectors import Vectors
 from rigidfx.error.contacts import Search
 from rigidfx.error.forces.rigid_motions import RIGID
 from rigidfx.error.frames import Frames
@@ -85,10 +86,12 @@ class Joints:
         self._loose = loose
         self._scene = scene = stepper.scene
         joints = scene.named(Joint)
-        averages = [average for joint in joints for average in joint.pieces.averages]
+        vectors = [vector for joint in joints for vector in joint.pieces.averages]
         numbers = [len(joint.pieces.averages) for joint in joints]
         rows = [joint.pieces.rows for joint in joints]
-        self._terms = Terms(rows, [0, *accumulate(numbers)], len(averages))
+        self._terms = Terms(rows, [0, *accumulate(numbers)], len(vectors))
+        self._vectors = Vectors(vectors, {})
+        averages = self._vectors.averages
         self._constant = np.reshape([a.constant for a in averages], (-1, 3))
         # Of each average, its share in each connected part, which alone has one frame.
         own = np.concatenate([np.empty(0), *(a.weights for a in averages)])
@@ -118,9 +121,9 @@ class Joints:
         x = state.places
         x = x + increments_of(self._stepper, attempt)
         self._t = attempt.t
-        p = self._constant.copy()
-        np.add.at(p, self._average, np.asarray(self._scene.sum(self._W @ x)))
-        self._step = self._frames.of_parts(x)[self._part], p
+        means = self._constant.copy()
+        np.add.at(means, self._average, np.asarray(self._scene.sum(self._W @ x)))
+        self._step = self._frames.of_parts(x)[self._part], self._vectors.begin(means)
 
     def struck(self) -> None:
         """Take note that ė has changed by an impact at the start of the next step."""
@@ -224,9 +227,9 @@ class Joints:
             elif not isinstance(drive.effect, Motor):
                 along.append(own)
                 laws.append((drive.effect, *linkage.drives.ends(drive)))
-        of_joints = self._terms.gradient(p).toarray().reshape(-1, *p.shape)
-        B = self._turned(np.concatenate([of_joints, *(row[None] for row in rows)]))
-        of_laws = self._turned(np.reshape(along, (len(laws), *p.shape)))
+        of_joints = self._terms.gradient(p).toarray()
+        B = self._turned(np.concatenate([of_joints, np.reshape(rows, (len(rows), p.size))]))
+        of_laws = self._turned(np.reshape(along, (len(laws), p.size)))
         stiff = [isinstance(law[0], JointSpring) and law[0].stiffness > 0 for law in laws]
         self.free = _kernel(np.concatenate([B, of_laws[stiff]]) @ self._led)
         none, lost = np.zeros((len(B), motions)), np.zeros((self.free.shape[1], B.shape[1]))
@@ -257,8 +260,10 @@ class Joints:
         return np.array([self._begun[k] for k in acting])
 
     def _turned(self, rows: Array) -> Array:
-        """Derivatives by averages in space as those by their shares in the frames of parts."""
-        of_shares = np.einsum("rai,aij->raj", rows[:, self._average], self._step[0])
+        """Derivatives by vectors in space as those by shares of averages in frames of parts."""
+        by_averages = self._vectors.onto_averages(csr_array(rows), 0.0).toarray()
+        by_averages = by_averages.reshape(len(rows), -1, 3)
+        of_shares = np.einsum("rai,aij->raj", by_averages[:, self._average], self._step[0])
         return np.asarray(of_shares.reshape(len(rows), self._led.shape[0]))
 
     def _multipliers(self, held: _Held, e: Array) -> Array:

@@ -279,7 +279,12 @@ class Scene:
         """Centre of mass of nodes at places x, members being 1 at these, else 0 [m]. Collective."""
         n = self.owned_nodes
         m = inertial_masses(self)[:, None] * np.broadcast_to(members, (len(x), 1))[:n]
-        return np.asarray(self.sum((m * x[:n]).sum(axis=0))) / self.sum(m.sum())
+        moment = np.asarray(self.sum((m * x[:n]).sum(axis=0)))
+        for mass in (e for e in self.named(fx.PointMass) if e.is_carried):  # m has it in the middle
+            place, every = mass.remote.place, np.broadcast_to(members, (len(x), 1))
+            share = self.sum(place.weights @ every[place.nodes, 0])
+            moment += share * float(mass.mass) * mass.remote.arm
+        return moment / self.sum(m.sum())
 
     @cached_property
     def parts(self) -> ConnectedParts:

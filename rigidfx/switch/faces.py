@@ -1,4 +1,4 @@
-"""Rigid faces as bodies of their own: nodes without cells, six unknowns.
+"""Rigid faces and carried masses as bodies of their own: no cells, six unknowns.
 
 With a lumped mass such a body has the masses of its nodes. With a consistent one it has only point
 masses; the mass of the cells beside it stays theirs, and its six unknowns move it.
@@ -11,7 +11,8 @@ import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
 from rigidfx.decide.decision import PlannedBody
-from rigidfx.effects import Rigid, RigidFace, rigid_faces
+from rigidfx.effects import PointMass, Rigid, RigidFace, rigid_faces
+from rigidfx.effects.joints.carried import body_of
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.rigid_body import NOTHING, Body, BodyMotion, RigidBody
@@ -21,7 +22,7 @@ from rigidfx.state import State
 from rigidfx.switch.exchange import freeze
 from rigidfx.switch.mass_properties import THIN, mass_properties
 
-__all__ = ["face_bodies", "with_faces"]
+__all__ = ["face_bodies", "has_bodies", "with_faces"]
 
 Array = npt.NDArray[np.float64]
 Nodes = npt.NDArray[np.int32]
@@ -30,7 +31,7 @@ Nodes = npt.NDArray[np.int32]
 def face_bodies(
     scene: Scene, forces: InternalForces, state: State, held: npt.NDArray[np.bool_], first: int
 ) -> list[Body]:
-    """The bodies of the rigid faces whose nodes are in no other body. Collective.
+    """The bodies of carried masses, and of the rigid faces that no other body has. Collective.
 
     Args:
         scene: The problem.
@@ -53,7 +54,22 @@ def face_bodies(
             out.append(known[face.name])
         else:
             out.append(_body(scene, forces, state, face, nodes, number))
+    first += len(rigid_faces(scene.effects))
+    carried = (effect for effect in scene.named(PointMass) if effect.is_carried)
+    n = scene.owned_nodes
+    for number, effect in enumerate(carried, start=first):
+        if effect.title in known:
+            out.append(known[effect.title])
+        else:
+            u, v = (f.x.array[: 3 * n].reshape(-1, 3) for f in (state.u, state.v))
+            out.append(Body(*body_of(effect, scene, state.X[:n] + u, v, number)))
     return out
+
+
+def has_bodies(scene: Scene) -> bool:
+    """Whether rigid faces or carried masses are bodies of a scene."""
+    masses = any(effect.is_carried for effect in scene.named(PointMass))
+    return masses or bool(rigid_faces(scene.effects))
 
 
 def with_faces(scene: Scene, forces: InternalForces, state: State) -> set[int]:
@@ -67,7 +83,7 @@ def with_faces(scene: Scene, forces: InternalForces, state: State) -> set[int]:
     Returns:
         Numbers of the faces that it has gained.
     """
-    if not rigid_faces(scene.effects):
+    if not has_bodies(scene):
         return set()
     others = [body for body in state.bodies if not body.data.is_face]
     held = np.zeros(scene.owned_nodes, dtype=bool)

@@ -20,6 +20,7 @@ from rigidfx.effects import (
     InitialDisplacement,
     Joint,
     Motor,
+    PointMass,
     Preload,
     Windowed,
     rigid_faces,
@@ -67,7 +68,8 @@ class Switch:
         self._stepper, self._timeline, self._start = stepper, timeline, start
         scene = stepper.scene
         joints = scene.named(Joint)
-        self._joints = ConsistentExchange(scene, stepper.forces) if joints else None
+        carried = any(effect.is_carried for effect in scene.named(PointMass))
+        self._joints = ConsistentExchange(scene, stepper.forces) if joints or carried else None
         grouped = scene.mass == "lumped" and not rigid_faces(scene.effects)
         self._told: set[str] = set()  # rows of joints that others imply
         self._grounded = any(joint.holds for joint in joints)

@@ -49,10 +49,9 @@ class JointRows:
         ports = Ports(prolongation, linkage)
         linkage.begin(bodies)
         rows, terms, compliance = ports.resisted(linkage, bodies)
-        drives, start = linkage.drives, linkage.places(bodies)
-        drives.look(start, np.zeros_like(start), drives.multipliers)
+        drives = linkage.drives
         lead, E = ports.lead(prolongation.increments.L), ports.everywhere()
-        along = drives.test(3 * linkage.averages)
+        along = linkage.test()[linkage.active.size :]
         laws = np.array([prescribes(effect) for effect in drives.effects], dtype=bool)
         locks = along[np.flatnonzero(laws)]
         rows = np.vstack([rows, dense(locks @ lead)])
@@ -62,9 +61,9 @@ class JointRows:
         k = dia_array((drives.stiffness()[None], [0]), shape=(len(drives),) * 2)
         self.stiffness = csr_array(T.T @ k @ T)
         if len(linkage.points):
-            linkage.points.look(start, np.zeros_like(start))
             P = csr_array(csr_array(lead) @ E)
-            K = linkage.points.stiffness()  # of torques, which have no energy, the symmetric part
+            # Of torques, which have no energy, the symmetric part.
+            K = linkage.stiffness_of_points()
             self.stiffness = csr_array(self.stiffness + 0.5 * (P.T @ (K + K.T) @ P))
 
     def stiffness_matrix(self, K: PETSc.Mat) -> PETSc.Mat:

@@ -18,7 +18,7 @@ from rigidfx.base.failures import Failures
 from rigidfx.coupling.dof_layout import dof_layout
 from rigidfx.coupling.mass import mass_operator
 from rigidfx.coupling.prolongation import Prolongation
-from rigidfx.effects import Rigid, Windowed
+from rigidfx.effects import PointMass, Rigid, Windowed
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.static_forces import static_forces
 from rigidfx.mechanics.bodies import Bodies
@@ -193,8 +193,11 @@ class Problem:
         of_node[scene.space.dofmap.list] = scene.parts.of_cell[:, None]
         of_row = of_node[self._layout.rows.nodes]
         own = np.full(len(self._state.bodies), scene.parts.count)
+        masses = (effect for effect in scene.named(PointMass) if effect.is_carried)
+        carried = {effect.title: effect.remote.place.nodes for effect in masses}
         for k, body in enumerate(self._state.bodies):
-            own[k] = of_node[body.data.nodes].min(initial=scene.parts.count)
+            nodes = carried.get(body.data.name, body.data.nodes)
+            own[k] = of_node[nodes].min(initial=scene.parts.count)
         of_body = np.empty_like(own)
         scene.comm.Allreduce(own, of_body, op=MPI.MIN)
         for k in range(scene.parts.count):

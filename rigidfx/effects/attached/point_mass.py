@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -11,7 +11,10 @@ from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import positive
 from rigidfx.effects.action import Structure
 from rigidfx.effects.base import Array, Vector
+from rigidfx.effects.joints.carried import tie
+from rigidfx.effects.joints.face_motion import FaceVector
 from rigidfx.effects.joints.on_face import OnFace, PointLaw
+from rigidfx.effects.joints.pieces import Pieces
 from rigidfx.effects.joints.sides import Surface
 
 __all__ = ["PointMass"]
@@ -22,8 +25,9 @@ class PointMass(OnFace):
     """A point mass, spread in equal parts over the nodes of a set, or at a point of a face.
 
     It is part of inertia and momenta, also of a body that contains its nodes, and `Gravity` acts on
-    it, unless a set of `Gravity` excludes its nodes. The cells at a face with a point mass become
-    rigid all together or not at all.
+    it, unless a set of `Gravity` excludes its nodes. The cells at a face with a point mass in its
+    middle become rigid all together or not at all. A mass beside the middle is a small body that is
+    tied to the face.
 
     Attributes:
         where: Name of a set of any dimension; all nodes in its closure take part. Or a `MeanFace`
@@ -31,6 +35,8 @@ class PointMass(OnFace):
         mass: *Total* mass > 0 [kg].
         at: Place of the mass of a face, at the start [m]; the middle of the face if None.
     """
+
+    turns: ClassVar[bool] = True
 
     where: str | Surface
     mass: float
@@ -49,21 +55,40 @@ class PointMass(OnFace):
     def nodal_mass(self, scene: Any) -> Array | None:
         """Mass of each local node, ghosts included, shape (nodes,) [kg]. Collective.
 
-        None of a mass at a point of a face, which moves with an average of its nodes.
+        None of a mass at a point of a face, which moves with the face.
         """
         if isinstance(self.where, Surface):
             return None
         return float(self.mass) * scene.shares(self.where, self.kind)
 
+    @property
+    def is_carried(self) -> bool:
+        """Whether it lies beside the middle of a face: then it is a body of its own."""
+        return self.face is not None and isinstance(self.remote.place, FaceVector)
+
+    @property
+    def pieces(self) -> Pieces:
+        """Averages and rows of the tie between the face and its body."""
+        return self._pieces  # type: ignore[attr-defined]
+
+    @property
+    def title(self) -> str:
+        """Name of its body, once a scene has placed it."""
+        return self._title  # type: ignore[attr-defined]
+
+    def placed(self, scene: Any) -> Self:
+        """See `OnFace`."""
+        out = super().placed(scene)
+        if out.face is not None and out.is_carried:
+            number = 1 + next(k for k, e in enumerate(scene.named(PointMass)) if e is self)
+            object.__setattr__(out, "_title", f"{self.owner} ({number})")
+            object.__setattr__(out, "_pieces", tie(out.title, out.remote, float(self.mass)))
+        return out
+
     def check(self, scene: Any) -> None:
         """See whether what moves its point is flexible, or in one rigid part. Collective."""
-        if self.face is None:
+        if self.face is None or self.is_carried:
             return
-        if self.remote.flat:
-            raise SceneError(
-                f"{self.owner}: the face is flat, and the mass at {self.remote.start} m beside its "
-                "plane. Place it in the plane, take a MeanFace, or a face that is not flat."
-            )
         place, n = self.remote.place, scene.owned_nodes
         total = scene.sum(place.nodes.size)
         for rigid in (effect for effect in scene.effects if effect.is_rigid):
@@ -77,7 +102,7 @@ class PointMass(OnFace):
 
     def law(self, structure: Structure) -> PointLaw | None:
         """Its inertia where its nodes are in no body: the mass of a body counts by itself."""
-        if self.face is None or structure.static:
+        if self.face is None or self.is_carried or structure.static:
             return None
         place, rows = self.remote.place, structure.rows
         free = np.isin(place.nodes, rows.nodes[structure.own])

@@ -14,6 +14,7 @@ from rigidfx.base.inputs import numbers, shown
 from rigidfx.effects.action import Action, Array, Structure
 from rigidfx.effects.attached.grounded import Grounded, GroundedBodies
 from rigidfx.effects.base import Vector
+from rigidfx.effects.joints.face_motion import value_at
 from rigidfx.effects.joints.on_face import OnFace, PointLaw
 from rigidfx.effects.joints.sides import Surface
 from rigidfx.mechanics.bodies import Bodies
@@ -187,9 +188,9 @@ class PointSpring(PointLaw):
         self.averages = (place,)
         self._share, self._K = (1.0 if static else 0.5), spring.K
         self._C, self._dt = np.zeros((3, 3)) if static else spring.C, 1.0
-        X = scene.space.tabulate_dof_coordinates()
-        at = scene.start_places if spring.relaxed == "start" else X
-        self._rest = np.asarray(scene.sum(place.weights @ at[place.nodes]))
+        self._rest = place.start
+        if spring.relaxed == "mesh":
+            self._rest = value_at(scene, place, scene.space.tabulate_dof_coordinates())
 
     def set_time(self, t: float, dt: float) -> None:
         """See `PointLaw`."""

@@ -30,6 +30,7 @@ class BoundAverages:
     def __init__(
         self,
         averages: Sequence[Average],
+        stiff: dict[int, Array],
         scene: Any,
         rows: Any,
         own: npt.NDArray[np.bool_],
@@ -40,6 +41,7 @@ class BoundAverages:
 
         Args:
             averages: The averages.
+            stiff: Rows of those that follow a body as a rigid face does, by their number.
             scene: The problem.
             rows: Rows of the nodes that take part.
             own: For each of these nodes, whether it belongs to no body.
@@ -49,7 +51,7 @@ class BoundAverages:
         self._comm: MPI.Intracomm = scene.comm
         self._every, self._u0 = tuple(averages), u
         self._constant = np.reshape([average.constant for average in averages], (-1, 3))
-        W, self.held = weights_of(scene, bodies.of.records, averages)
+        W, self.held = weights_of(scene, bodies.of.records, averages, stiff)
         self.at = np.flatnonzero(own & (np.diff(W.tocsc().indptr)[rows.nodes] > 0))
         self.own = W[:, rows.nodes[self.at]].tocsr()
         self._spread = self.own.T.tocsr()

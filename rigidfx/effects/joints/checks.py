@@ -8,7 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
-from rigidfx.effects.joints.averages import Grounded, Sided
+from rigidfx.effects.joints.averages import Grounded
+from rigidfx.effects.joints.face_motion import Sided
 from rigidfx.effects.joints.sides import Side, Surface, side_name
 from rigidfx.effects.supports.support import Support
 

@@ -34,12 +34,10 @@ class Angle:
     """The angle of the second side against the first about an axis [rad].
 
     Attributes:
-        averages: Numbers of a direction across of one side, and of two of the other.
-        sign: 1 if the other side is the first one, else -1.
+        averages: Numbers of a direction across of the first side, and of two of the second.
     """
 
     averages: tuple[int, int, int]
-    sign: float
 
     def value(self, p: Array) -> float:
         """The angle between -π and π.
@@ -48,28 +46,28 @@ class Angle:
             p: The three averages, shape (3, 3).
         """
         u, e, f = p
-        return self.sign * float(np.arctan2(u @ f, u @ e))
+        return float(np.arctan2(-u @ f, u @ e))
 
     def invariants(self, p: Array) -> Array:
         """Cosine and sine, times lengths of directions, shape (2,)."""
         u, e, f = p
-        return np.array([u @ e, u @ f])
+        return np.array([u @ e, -u @ f])
 
     def slopes(self, p: Array) -> Array:
         """Derivatives of these by the averages, shape (2, 3, 3)."""
         u, e, f = p
         none = np.zeros(3)
-        return np.array([[e, u, none], [f, none, u]])
+        return np.array([[e, u, none], [-f, none, -u]])
 
     def slope(self, z: Array) -> Array:
         """Derivatives of the angle by the invariants, shape (2,)."""
         c, s = z
-        return np.asarray(self.sign / (c * c + s * s) * np.array([-s, c]))
+        return np.array([-s, c]) / (c * c + s * s)
 
     def gained(self, z: Array, dz: Array) -> float:
         """Gain of the angle by a gain of the invariants, between -π and π."""
         (c, s), (dc, ds) = z, dz
-        return self.sign * float(np.arctan2(c * ds - s * dc, c * (c + dc) + s * (s + ds)))
+        return float(np.arctan2(c * ds - s * dc, c * (c + dc) + s * (s + ds)))
 
     def gradient(self, p: Array) -> Array:
         """Its derivatives by the averages, shape (3, 3)."""
@@ -89,11 +87,6 @@ class Travel:
     """
 
     averages: tuple[int, int, int]
-
-    @property
-    def sign(self) -> float:
-        """The axis is the first side's or parallel to it, always."""
-        return 1.0
 
     def value(self, p: Array) -> float:
         """The travel [m].
@@ -153,7 +146,6 @@ class Coordinates:
         self._turns = np.array([isinstance(c, Angle) for c in of.values()], dtype=bool)
         at = [firsts[k] + np.array(c.averages) for (k, _), c in of.items()]
         self._at = np.reshape(at, (-1, 3)).astype(np.int64)
-        self._signs = np.array([c.sign for c in of.values()], dtype=np.float64)
 
     def values(self, p: Array, before: Array) -> Array:
         """Their values where averages are at p, shape (coordinates,) [rad, m].
@@ -165,7 +157,7 @@ class Coordinates:
         x = p[self._at]
         out: Array = np.zeros(len(self.keys))
         u, e, f = x[self._turns].swapaxes(0, 1)
-        angles = np.arctan2((u * f).sum(axis=1), (u * e).sum(axis=1)) * self._signs[self._turns]
+        angles = np.arctan2(-(u * f).sum(axis=1), (u * e).sum(axis=1))
         out[self._turns] = angles + 2 * pi * np.round((before[self._turns] - angles) / (2 * pi))
         a, b, axis = x[~self._turns].swapaxes(0, 1)
         out[~self._turns] = ((b - a) * axis).sum(axis=1) / np.sqrt((axis * axis).sum(axis=1))

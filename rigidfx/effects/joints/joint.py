@@ -12,10 +12,10 @@ import numpy.typing as npt
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import shown, vector
 from rigidfx.effects.base import WHOLE, Effect, Vector
-from rigidfx.effects.joints.averages import Sided
 from rigidfx.effects.joints.checks import check_sides
 from rigidfx.effects.joints.coordinates import Angle, Travel
 from rigidfx.effects.joints.cylinder import cylinder_of
+from rigidfx.effects.joints.face_motion import Sided
 from rigidfx.effects.joints.pieces import Pieces, perpendiculars
 from rigidfx.effects.joints.sides import GROUND, Side, Surface, check_side, side_name, side_of
 
@@ -167,9 +167,6 @@ class Joint(Effect):
             pieces: The target of the addition.
             a: First side.
             b: Second side.
-
-        Raises:
-            SceneError: If a side does not know a direction that a row needs.
         """
         raise NotImplementedError
 
@@ -183,30 +180,20 @@ class Joint(Effect):
         return pieces.add(a.place(point), 0), pieces.add(b.place(point), 1)
 
     def align(self, pieces: Pieces, a: Sided, b: Sided, axis: Array) -> Aligned:
-        """Add that an axis of one side is perpendicular to two directions of the other.
+        """Add that an axis of the first side is perpendicular to two directions of the second.
 
         Args:
             pieces: The target of the addition.
             a: First side.
             b: Second side.
             axis: The axis at the start, of unit length.
-
-        Raises:
-            SceneError: If neither side knows its axis with the other one's directions across.
         """
         across = perpendiculars(axis)
-        for first in (0, 1):
-            one, other = (b, a) if first else (a, b)
-            if one.knows(axis) and all(map(other.knows, across)):
-                along = pieces.add(one.direction(axis), first)
-                numbers = [pieces.add(other.direction(e), 1 - first) for e in across]
-                for k, number in enumerate(numbers):
-                    pieces.perpendicular(along, number, f"tilt {k + 1}")
-                return Aligned(first, one, across, along, (numbers[0], numbers[1]))
-        raise SceneError(
-            f"{self.owner}: the nodes of its sides lie on lines, and do not tell how both stand to "
-            "the axis. Name larger surfaces, a Rigid part or the ground."
-        )
+        along = pieces.add(a.direction(axis), 0)
+        numbers = [pieces.add(b.direction(e), 1) for e in across]
+        for k, number in enumerate(numbers):
+            pieces.perpendicular(along, number, f"tilt {k + 1}")
+        return Aligned(a, across, along, (numbers[0], numbers[1]))
 
 
 @dataclass(frozen=True)
@@ -214,41 +201,33 @@ class Aligned:
     """How two sides have an axis in common.
 
     Attributes:
-        first: Side whose axis it is, 0 or 1.
-        one: That side.
+        one: The first side, whose axis it is.
         across: Two directions across at the start.
         along: Number of the axis.
-        numbers: Numbers of these directions on the other side.
+        numbers: Numbers of these directions on the second side.
     """
 
-    first: int
     one: Sided
     across: tuple[Array, Array]
     along: int
     numbers: tuple[int, int]
 
     def hold_angle(self, pieces: Pieces) -> None:
-        """Add that the sides do not turn about the axis.
-
-        Raises:
-            SceneError: If the nodes do not span a direction across.
-        """
-        own = pieces.add(self.one.direction(self.across[0]), self.first)
+        """Add that the sides do not turn about the axis."""
+        own = pieces.add(self.one.direction(self.across[0]), 0)
         pieces.perpendicular(own, self.numbers[1], "turn")
 
     def leave_angle(self, pieces: Pieces) -> None:
-        """Measure the angle about the axis, where the nodes span a direction across."""
-        if self.one.knows(self.across[0]):
-            own = pieces.add(self.one.direction(self.across[0]), self.first)
-            sign = -1.0 if self.first == 0 else 1.0
-            pieces.coordinates["angle"] = Angle((own, *self.numbers), sign)
+        """Measure the angle about the axis."""
+        own = pieces.add(self.one.direction(self.across[0]), 0)
+        pieces.coordinates["angle"] = Angle((own, *self.numbers))
 
     def leave_travel(self, pieces: Pieces, points: tuple[int, int]) -> None:
         """Measure the travel along the axis."""
         pieces.coordinates["travel"] = Travel((*points, self.along))
 
     def hold_place(self, pieces: Pieces, points: tuple[int, int]) -> None:
-        """Add that the joint's places stay on the axis of the side that has the directions."""
+        """Add that the joint's places stay on one line along the axis."""
         for k, number in enumerate(self.numbers):
             pieces.in_plane(*points, number, f"across {k + 1}")
 

@@ -1,7 +1,8 @@
-"""All joints of a division: where their averages are, their rows, and the forces of these.
+"""All joints of a division: where their vectors are, their rows, and the forces of these.
 
-Averages are p = W x over nodes that are no body's, plus those of nodes in bodies, which move as
-[1, V] times the bodies' poses. With g at most quadratic in p,
+Averages are B = W x over nodes that are no body's, plus those of nodes in bodies, which move as
+[1, V] times the bodies' poses. The vectors p of joints are averages, or turn with a mean face; in a
+step they gain J̄ ΔB exactly (`vectors`). With g at most quadratic in p,
 
     g(x₁) = g(x₀) + ∇g(p½) · Δp    exactly,
 
@@ -21,14 +22,17 @@ import numpy.typing as npt
 from mpi4py import MPI
 from scipy.sparse import csr_array, vstack
 
+from rigidfx.effects.attached.point_mass import PointMass
 from rigidfx.effects.joints.bound_averages import BoundAverages
 from rigidfx.effects.joints.coordinates import Coordinates
 from rigidfx.effects.joints.drives import Drives, Element
 from rigidfx.effects.joints.joint import Joint
 from rigidfx.effects.joints.on_face import PointLaw
 from rigidfx.effects.joints.points import Points
+from rigidfx.effects.joints.stiff import stiff_rows
 from rigidfx.effects.joints.telling import JointReports, reports
 from rigidfx.effects.joints.terms import Terms
+from rigidfx.effects.joints.vectors import Vectors
 from rigidfx.mechanics.bodies import Bodies
 from rigidfx.mechanics.body_step import Increments
 
@@ -55,7 +59,7 @@ class Linkage:
 
     def __init__(
         self,
-        joints: Sequence[Joint],
+        joints: Sequence[Joint | PointMass],
         elements: Sequence[Element],
         scene: Any,
         rows: Any,
@@ -69,7 +73,7 @@ class Linkage:
         """Bind joints to nodes and bodies. Collective.
 
         Args:
-            joints: The joints, as the scene has placed them.
+            joints: The joints, as the scene has placed them, and last the carried masses.
             elements: Motors that act, springs and stops.
             scene: The problem.
             rows: Rows of the nodes that take part.
@@ -90,20 +94,23 @@ class Linkage:
         averages = [average for own in pieces for average in own.averages]
         self.points = Points(points, len(averages))
         averages += self.points.averages
-        self.averages, self._every = len(averages), sum(len(own.rows) for own in pieces)
+        self._vectors = Vectors(averages, stiff_rows(scene, bodies.of.records, averages))
+        self.averages, self._every = len(self._vectors.averages), sum(len(o.rows) for o in pieces)
         rows_of_each = [len(own.rows) for own in pieces]
         self._masses = np.repeat([own.mass for own in pieces], rows_of_each)
         self._sizes = np.repeat([own.size for own in pieces], rows_of_each)
         self.active: Ints = np.arange(self._every)
-        self.is_place = [average.is_place for average in averages]
-        self._bound = BoundAverages(averages, scene, rows, own, bodies, u)
+        self.is_place = [average.is_place for average in self._vectors.averages]
+        linear = self._vectors.averages, self._vectors.stiff
+        self._bound = BoundAverages(*linear, scene, rows, own, bodies, u)
         self.at, self.own, self.held = self._bound.at, self._bound.own, self._bound.held
-        self._terms = Terms([own.rows for own in pieces], firsts, self.averages)
+        self._terms = Terms([own.rows for own in pieces], firsts, len(averages))
         self._firsts = firsts
         self.drives = Drives(scene, elements, firsts, static)
         self.used = np.zeros(self.averages, dtype=bool)
-        self.used[[*self._terms.averages, *self.drives.averages]] = True
-        self.used[self.averages - len(self.points.averages) :] = True
+        own_points = range(firsts[-1], len(averages))
+        for k in (*self._terms.averages, *self.drives.averages, *own_points):
+            self.used[self._vectors.needed[k]] = True
         self._known = [slice(*pair) for pair in self._ends()]
         self._multipliers: Array = np.zeros(self._every)
         free = {
@@ -115,7 +122,7 @@ class Linkage:
         self._q: dict[tuple[int, str], float] = dict.fromkeys(free, 0.0)
         self._remember()
         self._dt = 1.0
-        none: Array = np.zeros((self.averages, 3))
+        none: Array = np.zeros((len(averages), 3))
         self._start, self._moved, self.forces = none, none, none
         self._g0: Array = np.zeros(self._every)
 
@@ -193,16 +200,8 @@ class Linkage:
         at_nodes = v.reshape(-1, 3)[self.at]
         return np.asarray(self.test() @ self._bound.mean(at_nodes).ravel())
 
-    def places(self, bodies: Bodies) -> Array:
-        """Where averages are now, shape (averages, 3). Collective.
-
-        Args:
-            bodies: The bodies now.
-        """
-        return self._bound.places(bodies)
-
     def coordinates(self, p: Array) -> dict[tuple[int, str], float]:
-        """Angles [rad] and travels [m] where averages are there, by joint and name."""
+        """Angles [rad] and travels [m] where vectors are there, by joint and name."""
         before = np.array(list(self._q.values()), dtype=np.float64)
         return dict(zip(self._free.keys, map(float, self._free.values(p, before)), strict=True))
 
@@ -221,12 +220,12 @@ class Linkage:
         self.points.set_time(t + (dt if self._share == 1.0 else 0.5 * dt), dt)
 
     def begin(self, bodies: Bodies) -> None:
-        """Begin a step: find where averages are. Collective.
+        """Begin a step: find where averages and vectors are. Collective.
 
         Args:
             bodies: The bodies at its start.
         """
-        self._start = p = self.places(bodies)
+        self._start = p = self._vectors.begin(self._bound.places(bodies))
         self._moved = np.zeros_like(p)
         self._q = self.coordinates(p)
         self.drives.begin_at(self._q)
@@ -244,7 +243,7 @@ class Linkage:
         n = self.active.size
         self._multipliers[self.active] = multipliers[:n]
         moved = d.array_r.reshape(-1, 3)[self.at]
-        self._moved = self._bound.mean(moved, increments.displacement)
+        self._moved = self._vectors.look(self._bound.mean(moved, increments.displacement))
         self.drives.look(self._start, self._moved, multipliers[n:])
         p = self._start + self._share * self._moved
         self.forces = self.drives.add_to(self._terms.forces(p, self._multipliers))
@@ -253,16 +252,17 @@ class Linkage:
 
     def test(self) -> csr_array:
         """Forces on averages per multiplier, transposed, shape (rows, 3 · averages)."""
-        return self._with(self.gradient(self._share), self.drives.test)
+        return self._with(self._share, self.drives.test)
 
     def trial(self) -> csr_array:
         """Derivatives of the equations of rows by averages, likewise."""
-        return self._with(self.gradient(1.0), self.drives.trial)
+        return self._with(1.0, self.drives.trial)
 
-    def _with(self, rows: csr_array, of_drives: Callable[[int], csr_array]) -> csr_array:
-        if not len(self.drives):
-            return rows
-        return csr_array(vstack([rows, of_drives(rows.shape[1])], format="csr"))
+    def _with(self, share: float, of_drives: Callable[[int], csr_array]) -> csr_array:
+        rows = self._gradient(share)
+        if len(self.drives):
+            rows = csr_array(vstack([rows, of_drives(rows.shape[1])], format="csr"))
+        return self._vectors.onto_averages(rows, share)
 
     def residual(self) -> Array:
         """Gap that is to vanish at the end of the step, of each active row [m]."""
@@ -284,23 +284,47 @@ class Linkage:
         Args:
             share: 0.5 for the middle of the step, 1 for its end.
         """
+        return self._vectors.onto_averages(self._gradient(share), share)
+
+    def _gradient(self, share: float) -> csr_array:
+        """The same by vectors, shape (rows, 3 · vectors)."""
         every = self._terms.gradient(self._start + share * self._moved)
         return every if self.active.size == self._every else every[self.active]
 
     def curvature(self) -> csr_array:
         """Derivative of forces on averages by these, shape (3 · averages,) * 2 [N/m]."""
         rows = self._terms.curvature(self._multipliers, self._share)
-        return csr_array(rows + self.points.stiffness()) if len(self.points) else rows
+        if len(self.points):
+            rows = csr_array(rows + self.points.stiffness())
+        return self._stiffness_of(rows, self.forces)
+
+    def stiffness_of_points(self) -> csr_array:
+        """Derivative of forces of remote points on averages by these, likewise."""
+        forces = np.zeros_like(self._start)
+        self.points.look(self._start, self._moved)
+        self.points.add_to(forces)
+        return self._stiffness_of(self.points.stiffness(), forces)
+
+    def _stiffness_of(self, by_vectors: csr_array, forces: Array) -> csr_array:
+        """Derivative of forces on vectors by these, as that of averages."""
+        if self._vectors.is_plain:
+            return by_vectors
+        test, trial = self._vectors.slopes(self._share).T, self._vectors.slopes(1.0)
+        return csr_array(test @ by_vectors @ trial + self._vectors.curvature(forces, self._share))
 
     # Forces ---------------------------------------------------------------------------------------
 
     def resist_nodes(self, f: Any) -> None:
         """Add the forces on nodes that are no body's."""
-        self._bound.resist_nodes(self.forces, f)
+        self._bound.resist_nodes(self._on_averages(), f)
+
+    def _on_averages(self) -> Array:
+        """Forces on averages, shape (averages, 3) [N]."""
+        return self._vectors.forces(self.forces, self._share)
 
     def moments(self, bodies: int) -> Array:
         """Σ f and Σ V fᵀ on each body, shape (bodies, 4, 3)."""
-        return np.asarray(self.held.T @ self.forces).reshape(bodies, 4, 3)
+        return np.asarray(self.held.T @ self._on_averages()).reshape(bodies, 4, 3)
 
     def resistance_at(self, nodes: npt.NDArray[np.int32], forces: Array) -> None:
         """Add the forces on owned nodes, in bodies or not, to those that are given [N].
@@ -309,7 +333,7 @@ class Linkage:
             nodes: The nodes, sorted.
             forces: Shape (nodes, 3).
         """
-        self._bound.resistance_at(nodes, self.forces, forces)
+        self._bound.resistance_at(nodes, self._on_averages(), forces)
 
     def accept(self) -> None:
         """Remember multipliers and coordinates for later steps and divisions."""
@@ -324,7 +348,7 @@ class Linkage:
         """Energy of the springs of joints and remote points now [J]. Collective."""
         if not (len(self.drives) or len(self.points)):
             return 0.0
-        p = self.places(bodies)
+        p = self._vectors.at(self._bound.places(bodies))
         return self.drives.stored(self.coordinates(p)) + self.points.stored(p)
 
     def work(self) -> tuple[float, dict[str, float]]:
@@ -346,4 +370,5 @@ class Linkage:
         open_by = np.abs(self.violation)
         gaps = [float(open_by[own].max(initial=0.0)) for own in self._known]
         efforts, total = self.drives.efforts(), float(np.abs(self.multipliers).sum())
-        return reports(self._joints, self._firsts, vectors, (q, rates), efforts, gaps, total)
+        joints = [joint for joint in self._joints if isinstance(joint, Joint)]
+        return reports(joints, self._firsts, vectors, (q, rates), efforts, gaps, total)

@@ -1,9 +1,9 @@
 """Effects at a point of a mean or rigid face: loads, springs and masses by themselves.
 
-Such a *remote point* is x̄ + F̄ (P - X̄), as the place of a joint is (see `averages`): it follows the
-nodes, and a force on it is spread over them. A moment M acts on the directions d_k = F̄ e_k of the
-face by ½ M × d^k, d^k their dual basis: these forces have no resultant, their moment is M, and
-their work is that of M along ½ Σ d^k × Δd_k, the turn of the affine mean.
+Such a *remote point* moves with the centre and the rotation of the face (`face_motion`). A force on
+it is spread over the nodes. A moment M acts on three directions d_k of the face, which stay
+perpendicular, by ½ M × d_k: these forces have no resultant, their moment is M, and their work is
+that of M along the turn of the face.
 """
 
 from __future__ import annotations
@@ -20,8 +20,9 @@ from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import vector
 from rigidfx.effects.action import Structure
 from rigidfx.effects.base import WHOLE, Effect
-from rigidfx.effects.joints.averages import Average, Grounded, StiffFace
+from rigidfx.effects.joints.averages import Grounded
 from rigidfx.effects.joints.checks import check_sides
+from rigidfx.effects.joints.face_motion import Vector
 from rigidfx.effects.joints.sides import Surface, side_of
 
 __all__ = ["OnFace", "PointLaw", "RemotePoint"]
@@ -34,16 +35,16 @@ class RemotePoint:
     """A point of a face, and directions there.
 
     Attributes:
-        start: Its place at the start, shape (3,) [m].
         place: The place.
+        middle: The middle of the face.
+        arm: From there to the place at the start, shape (3,) [m].
         directions: Three directions, along x, y and z at the start; none if nothing turns.
-        flat: Whether the face is rigid and flat, and the point beside its plane.
     """
 
-    start: Array
-    place: Average
-    directions: tuple[Average, ...]
-    flat: bool
+    place: Vector
+    middle: Vector
+    arm: Array
+    directions: tuple[Vector, ...]
 
 
 class PointLaw:
@@ -55,7 +56,7 @@ class PointLaw:
     """
 
     kind: str = ""
-    averages: tuple[Average, ...] = ()
+    averages: tuple[Vector, ...] = ()
 
     def set_time(self, t: float, dt: float) -> None:
         """Evaluate functions of time for a step whose midpoint is t [s]; its end in statics.
@@ -141,7 +142,7 @@ class OnFace(Effect):
             scene: The problem.
 
         Raises:
-            SceneError: On every rank, if the face cannot tell the point.
+            SceneError: On every rank, if the point is far from the face.
         """
         if (face := self.face) is None:
             return self
@@ -151,9 +152,9 @@ class OnFace(Effect):
         point = side.centre if at is None else np.asarray(at, dtype=np.float64)
         check_sides(scene, self.owner, (face,), (side,), point)
         directions = tuple(side.direction(e) for e in np.eye(3)) if self.turns else ()
-        flat = isinstance(side, StiffFace) and not side.holds(point)
-        remote = RemotePoint(point, side.place(point), directions, flat)
-        return self.with_point(remote)
+        place, middle = side.place(point), side.place(side.centre)
+        arm = place.start - middle.start
+        return self.with_point(RemotePoint(place, middle, arm, directions))
 
     def with_point(self, remote: RemotePoint) -> Self:
         """The effect with a point that was found before."""

@@ -16,8 +16,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from rigidfx.effects.joints.averages import Average
 from rigidfx.effects.joints.coordinates import Coordinate
+from rigidfx.effects.joints.face_motion import Vector
 
 __all__ = ["Pieces", "Row", "perpendiculars"]
 
@@ -55,13 +55,13 @@ class Pieces:
 
     size: float
     mass: float
-    averages: list[Average] = field(default_factory=list)
+    averages: list[Vector] = field(default_factory=list)
     sides: list[int] = field(default_factory=list)
     places: list[bool] = field(default_factory=list)
     rows: list[Row] = field(default_factory=list)
     coordinates: dict[str, Coordinate] = field(default_factory=dict)
 
-    def add(self, average: Average, side: int) -> int:
+    def add(self, average: Vector, side: int) -> int:
         """Take an average of a side, 0 or 1; its number."""
         self.averages.append(average)
         self.sides.append(side)

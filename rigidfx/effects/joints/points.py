@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.sparse import csr_array
 
-from rigidfx.effects.joints.averages import Average
+from rigidfx.effects.joints.face_motion import Vector
 from rigidfx.effects.joints.on_face import PointLaw
 
 __all__ = ["Points"]
@@ -33,7 +33,7 @@ class Points:
             first: Number of the first average.
         """
         self._laws = tuple(laws)
-        self.averages: list[Average] = [a for law in laws for a in law.averages]
+        self.averages: list[Vector] = [a for law in laws for a in law.averages]
         self.kinds = tuple(dict.fromkeys(law.kind for law in laws))
         ends = first + np.cumsum([0, *(len(law.averages) for law in laws)])
         self._at = [slice(int(a), int(b)) for a, b in pairwise(ends)]

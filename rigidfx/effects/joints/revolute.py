@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rigidfx.effects.joints.averages import Sided
 from rigidfx.effects.joints.axial import Axial
+from rigidfx.effects.joints.face_motion import Sided
 from rigidfx.effects.joints.joint import axis_of
 from rigidfx.effects.joints.pieces import Pieces
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import shown
-from rigidfx.effects.joints.averages import Averages, Face, Grounded, Sided, StiffFace
+from rigidfx.effects.joints.averages import Averages, Grounded
+from rigidfx.effects.joints.face_motion import FaceSide, Sided, StiffFace
 
 __all__ = [
     "GROUND",
@@ -57,10 +58,10 @@ class Surface:
 
 @dataclass(frozen=True)
 class MeanFace(Surface):
-    """A surface that a joint holds by its mean position and mean affine motion, weighted by areas.
+    """A surface that a joint holds by its mean position and the rotation that fits its nodes best.
 
-    The joint's force is spread over the surface, which may deform (distributing coupling, RBE3).
-    The nodes of cells behind a flat surface define its normal direction.
+    Nodes are weighted by areas. The joint's force is spread over the surface, which may deform
+    (distributing coupling, RBE3).
 
     Attributes:
         where: Name of a set of boundary facets, such as a hole.
@@ -125,11 +126,7 @@ def side_of(scene: Any, owner: str, side: Side) -> Sided:
     title, n = f"{owner}, {side_name(side)}", scene.owned_nodes
     if isinstance(side, Surface):
         weights = np.asarray(scene.facet_weights(side.where, owner)[:n])
-        surface = Averages(scene, weights, title)
-        face: Averages | Face = surface
-        if surface.flat:
-            behind = np.unique(scene.boundary(side.where, owner)[:, 0]).astype(np.int32)
-            face = Face(surface, Averages(scene, scene.cell_weights(1.0, behind)[:n], title))
+        face = FaceSide(Averages(scene, weights, title))
         return StiffFace(scene, weights, face) if isinstance(side, RigidFace) else face
     if side == GROUND:
         return Grounded()

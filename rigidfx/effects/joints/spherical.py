@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigidfx.base.errors import SceneError
-from rigidfx.effects.joints.averages import Sided
+from rigidfx.effects.joints.face_motion import Sided
 from rigidfx.effects.joints.joint import Joint
 from rigidfx.effects.joints.pieces import Pieces
 from rigidfx.effects.joints.sphere import sphere_of

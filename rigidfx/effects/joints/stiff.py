@@ -20,7 +20,7 @@ from scipy.sparse import csr_array
 
 from rigidfx.mechanics.rigid_body import RigidBody
 
-__all__ = ["Stiff", "StiffNodes", "weights_of"]
+__all__ = ["BodyVector", "Stiff", "StiffNodes", "stiff_rows", "weights_of"]
 
 Array = npt.NDArray[np.float64]
 
@@ -98,23 +98,48 @@ class Stiff:
         return np.r_[1.0, centre + Q @ (self.vector - self.nodes.centre)]
 
 
-def _stiff_rows(
-    scene: Any, bodies: Sequence[RigidBody], averages: Sequence[Any]
-) -> dict[int, Array]:
-    """Weights of bodies' [1, V] of the averages of rigid faces that a body holds. Collective.
+@dataclass(frozen=True)
+class BodyVector:
+    """The origin or a direction of the body of a name, as the vectors of rigid faces are found.
+
+    Attributes:
+        name: Name of the body.
+        direction: Direction in its frame; None for its origin.
+    """
+
+    name: str
+    direction: tuple[float, ...] | None = None
+
+    @property
+    def nodes(self) -> BodyVector:
+        """What finds the body."""
+        return self
+
+    def within(self, scene: Any, bodies: Sequence[RigidBody]) -> tuple[int, Array, Array] | None:
+        """See `StiffNodes`."""
+        numbers = [k for k, body in enumerate(bodies) if body.name == self.name]
+        return (numbers[0], np.zeros(3), np.eye(3)) if numbers else None
+
+    def coordinates(self, centre: Array, Q: Array) -> Array:
+        """See `Stiff`."""
+        return np.r_[1.0, centre] if self.direction is None else np.r_[0.0, self.direction]
+
+
+def stiff_rows(scene: Any, bodies: Sequence[RigidBody], vectors: Sequence[Any]) -> dict[int, Array]:
+    """Weights of bodies' [1, V] of the vectors of rigid faces that a body holds. Collective.
 
     Args:
         scene: The problem.
         bodies: The bodies.
-        averages: The averages.
+        vectors: Averages and vectors of faces.
 
     Returns:
-        By the number of the average, shape (bodies, 4).
+        By the number of the vector, shape (bodies, 4).
     """
     out: dict[int, Array] = {}
-    known: dict[StiffNodes, tuple[int, Array, Array] | None] = {}
-    for k, average in enumerate(averages):
-        stiff: Stiff | None = average.stiff
+    known: dict[StiffNodes | BodyVector, tuple[int, Array, Array] | None] = {}
+    for k, vector in enumerate(vectors):
+        stiff: Stiff | BodyVector | None = vector.stiff
         if stiff is None:
             continue
         if stiff.nodes not in known:
@@ -126,7 +151,7 @@ def _stiff_rows(
 
 
 def weights_of(
-    scene: Any, bodies: Sequence[RigidBody], averages: Sequence[Any]
+    scene: Any, bodies: Sequence[RigidBody], averages: Sequence[Any], stiff: dict[int, Array]
 ) -> tuple[csr_array, csr_array]:
     """How averages follow nodes and bodies. Collective.
 
@@ -134,12 +159,12 @@ def weights_of(
         scene: The problem.
         bodies: The bodies.
         averages: The averages.
+        stiff: Rows of the averages of rigid faces that a body holds: see `stiff_rows`.
 
     Returns:
         Weights of owned nodes, shape (averages, nodes), those of rigid faces that a body holds left
         out, and of the bodies' [1, V], shape (averages, 4 · bodies).
     """
-    stiff = _stiff_rows(scene, bodies, averages)
     own = [a.nodes[: 0 if k in stiff else None] for k, a in enumerate(averages)]
     number = np.repeat(np.arange(len(own)), [some.size for some in own])
     values = [a.weights[: some.size] for a, some in zip(averages, own, strict=True)]

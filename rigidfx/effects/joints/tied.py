@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rigidfx.effects.joints.averages import Sided
+from rigidfx.effects.joints.face_motion import Sided
 from rigidfx.effects.joints.joint import Joint
 from rigidfx.effects.joints.pieces import Pieces
 
@@ -23,6 +23,4 @@ class Tied(Joint):
     def build(self, pieces: Pieces, a: Sided, b: Sided) -> None:
         """Point on point, and three directions."""
         self.meet(pieces, a, b)
-        axes = [axis for axis in np.eye(3) if a.knows(axis) and b.knows(axis)]
-        axis = axes[0] if axes else np.eye(3)[2]
-        self.align(pieces, a, b, axis).hold_angle(pieces)
+        self.align(pieces, a, b, np.eye(3)[0]).hold_angle(pieces)

@@ -8,7 +8,7 @@ import numpy as np
 
 from rigidfx.base.errors import SceneError
 from rigidfx.effects.base import Vector
-from rigidfx.effects.joints.averages import Sided
+from rigidfx.effects.joints.face_motion import Sided
 from rigidfx.effects.joints.joint import Joint, axis_of
 from rigidfx.effects.joints.pieces import Pieces
 

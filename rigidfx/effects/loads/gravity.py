@@ -40,13 +40,18 @@ class Gravity(DeadLoad):
 
     def _at_faces(self, scene: Any) -> Array | float:
         """Masses at points of faces, by the weights of the nodes that move them. Collective."""
-        out, inside = np.zeros(len(scene.point_masses)), self._members(scene)
+        out = np.zeros(len(scene.point_masses))
         for effect in (e for e in scene.named(PointMass) if e.face is not None):
             place = effect.remote.place
-            missing = np.count_nonzero(np.broadcast_to(inside, out.shape)[place.nodes] == 0.0)
-            if scene.sum(missing) == 0:
+            if not effect.is_carried and self._acts_on(scene, effect):
                 out[place.nodes] += float(effect.mass) * place.weights
         return out
+
+    def _acts_on(self, scene: Any, effect: PointMass) -> bool:
+        """Whether all nodes of the face of a mass are in its cells. Collective."""
+        inside = np.broadcast_to(self._members(scene), len(scene.point_masses))
+        missing = np.count_nonzero(inside[effect.remote.place.nodes] == 0.0)
+        return bool(scene.sum(missing) == 0)
 
     def _members(self, scene: Any) -> Array | float:
         """1 at the nodes of its cells, 0 elsewhere, per local node. Collective."""
@@ -67,8 +72,11 @@ class Gravity(DeadLoad):
     def moments(self, structure: Structure, weights: Array) -> Array:
         """As of any dead load, but bodies whose mass is given weigh that mass."""
         out = super().moments(structure, weights)
+        carried = {e.title: e for e in structure.scene.named(PointMass) if e.is_carried}
         for k, body in enumerate(structure.bodies.of.records):
-            if body.given:
+            if body.name in carried:
+                out[k, 0] = body.mass if self._acts_on(structure.scene, carried[body.name]) else 0
+            elif body.given:
                 out[k] = self._given(structure.scene, body)
         return out
 

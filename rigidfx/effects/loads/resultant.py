@@ -14,7 +14,7 @@ from rigidfx.effects.action import Action, Array, Structure
 from rigidfx.effects.base import WHOLE, TimeFunction, Vector, Windowed, check_vector
 from rigidfx.effects.joints.on_face import OnFace, PointLaw
 from rigidfx.effects.joints.sides import Surface
-from rigidfx.effects.joints.stiff import weights_of
+from rigidfx.effects.joints.stiff import stiff_rows, weights_of
 from rigidfx.mechanics.rotation import skew
 
 __all__ = ["Resultant"]
@@ -24,8 +24,8 @@ __all__ = ["Resultant"]
 class Resultant(OnFace, Windowed):
     """A force and a torque on a rigid body or at a point of a face; both keep their direction.
 
-    The force on a body acts at its centre of mass. The torque on a `MeanFace` is conjugate to
-    the rotation of its mean affine motion.
+    The force on a body acts at its centre of mass. A force beside the middle of a face acts in its
+    middle, with the couple of its arm, which turns with the face.
 
     Attributes:
         where: Name of the body's set of cells; None for the body of all cells; a `MeanFace` or a
@@ -60,7 +60,12 @@ class Resultant(OnFace, Windowed):
     @property
     def is_dead(self) -> bool:  # type: ignore[override]
         """Whether the motion does not change it."""
-        return self.face is None or not any(self.torque)
+        return self.face is None or not (any(self.torque) or self._is_off_centre)
+
+    @property
+    def _is_off_centre(self) -> bool:
+        """Whether it acts at a point beside the middle of a face."""
+        return self.at is not None and any(self.force) and bool(self.remote.arm.any())
 
     @property
     def body(self) -> str | None:
@@ -94,8 +99,8 @@ class Resultant(OnFace, Windowed):
         return force, torque
 
     def law(self, structure: Structure) -> PointLaw | None:
-        """Its torque on a face."""
-        return FaceTorque(self, structure.static) if self.face and any(self.torque) else None
+        """Its couple on a face, as far as the motion changes it."""
+        return None if self.is_dead else FaceCouple(self, structure.static)
 
     def check(self, scene: Any) -> None:
         """See whether its body is there, and its function of time can be used."""
@@ -117,7 +122,7 @@ class Resultant(OnFace, Windowed):
     def bind(self, structure: Structure) -> Action | None:
         """Force and torque on the body of its name; nothing while a support clamps that."""
         if self.body is None:
-            return FaceLoad(self, structure) if any(self.force) else None
+            return FaceForce(self, structure) if any(self.force) else None
         names = [body.name for body in structure.bodies.of.records]
         return BodyLoad(self, names.index(self.body)) if self.body in names else None
 
@@ -152,21 +157,22 @@ class BodyLoad(Action):
         torques[self._place] += self._torque
 
 
-class FaceLoad(Action):
-    """The force of a resultant at a point of a face, on nodes and bodies of a division."""
+class FaceForce(Action):
+    """The force of a resultant in the middle of a face, on nodes and bodies of a division."""
 
     kind = Resultant.__name__
 
     def __init__(self, load: Resultant, structure: Structure) -> None:
-        """Find what moves the point. Collective.
+        """Find what moves the middle. Collective.
 
         Args:
             load: The effect.
             structure: Its nodes and bodies.
         """
         self._load = load
-        place = load.remote.place
-        W, held = weights_of(structure.scene, structure.bodies.of.records, [place])
+        scene, bodies = structure.scene, structure.bodies.of.records
+        middle = [load.remote.middle]
+        W, held = weights_of(scene, bodies, middle, stiff_rows(scene, bodies, middle))
         weights = np.asarray(W.toarray()[0])[structure.rows.nodes]
         self._weights = np.where(structure.own, weights, 0.0)[:, None]
         self._moments = np.asarray(held.toarray()).reshape(-1, 4)[:, :, None]
@@ -189,8 +195,11 @@ class FaceLoad(Action):
         moments += self._moments * self._force
 
 
-class FaceTorque(PointLaw):
-    """The torque of a resultant at a face: ½ M × d^k on each of three directions."""
+class FaceCouple(PointLaw):
+    """The couple of a resultant on three directions d_k of a face.
+
+    A torque M acts by ½ M × d^k, d^k their dual basis; a force F at the arm Σ b_k d_k by b_k F.
+    """
 
     kind = Resultant.__name__
 
@@ -203,11 +212,13 @@ class FaceTorque(PointLaw):
         """
         self._load, self._share = load, 1.0 if static else 0.5
         self.averages = load.remote.directions
+        self._arm = load.remote.arm[:, None]
+        self._force: Array = np.zeros(3)
         self._torque: Array = np.zeros(3)
 
     def set_time(self, t: float, dt: float) -> None:
         """See `PointLaw`."""
-        self._torque = self._load.both_at(t)[1]
+        self._force, self._torque = self._load.both_at(t)
 
     def _duals(self, start: Array, moved: Array) -> Array:
         """The dual basis d^k, a row each."""
@@ -215,7 +226,8 @@ class FaceTorque(PointLaw):
 
     def resistance(self, start: Array, moved: Array) -> Array:
         """See `PointLaw`."""
-        return np.asarray(-0.5 * np.cross(self._torque, self._duals(start, moved)))
+        turned = 0.5 * np.cross(self._torque, self._duals(start, moved))
+        return np.asarray(-turned - self._arm * self._force)
 
     def stiffness(self, start: Array, moved: Array) -> Array:
         """See `PointLaw`: δd^k = -Σ_a (d^k · δd_a) d^a."""

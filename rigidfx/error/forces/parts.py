@@ -242,9 +242,17 @@ def _span(at: Ints) -> slice | Ints:
     return slice(first, first + at.size) if whole else at
 
 
-def mass_of(scene: Scene, rows: Rows, cells: Cells) -> Mass:
-    """Mass operator of rows whose nodes' lumped masses all count, and of cells. Collective."""
-    return mass_operator(scene, rows, cells, np.ones(rows.nodes.size, dtype=bool))
+def mass_of(scene: Scene, rows: Rows, cells: Cells, carried: bool = False) -> Mass:
+    """Mass operator of rows whose nodes' lumped masses all count, and of cells. Collective.
+
+    Args:
+        scene: The problem.
+        rows: The rows.
+        cells: Owned cells by subdomain id.
+        carried: See `mass_operator`.
+    """
+    counted = np.ones(rows.nodes.size, dtype=bool)
+    return mass_operator(scene, rows, cells, counted, carried=carried)
 
 
 def watched(bodies: Sequence[RigidBody], in_pieces: frozenset[str]) -> list[RigidBody]:

@@ -94,7 +94,7 @@ class JoinedEquilibrium(Equilibrium):
         if not drives.prescribing:
             return
         lead = self.ports.lead(self.prolongation.increments.L)
-        given = drives.test(3 * self.linkage.averages)
+        given = self.linkage.test()[self.linkage.active.size :]
         for k, effect in enumerate(drives.effects):
             if not prescribes(effect):
                 continue

@@ -39,9 +39,8 @@ def joint_rows(
     places, moved = {}, {}
     for title, joint in joints.items():
         averages = joint.pieces.averages
-        own = [a.weights @ scene.start_places[a.nodes] for a in averages]
-        by = [np.einsum("n,nim->im", a.weights, motions(a.nodes)) for a in averages]
-        places[title] = np.asarray(scene.sum(own)) + [a.constant for a in averages]
+        by = [np.einsum("nij,njm->im", a.slopes(), motions(a.nodes)) for a in averages]
+        places[title] = np.array([a.start for a in averages])
         moved[title] = np.asarray(scene.sum(by))
         terms = Terms([joint.pieces.rows], [0], len(averages))
         gradient = terms.gradient(places[title]).toarray()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from rigidfx.effects import Joint, JointSpring, Motor, Stop, Windowed
+from rigidfx.effects import Joint, JointSpring, Motor, PointMass, Stop, Windowed
 from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.effects.joints.on_face import OnFace, PointLaw
 from rigidfx.state import State
@@ -35,7 +35,7 @@ def linked(structure: BoundStructure, state: State, acting: Sequence[Windowed]) 
         acting: The effects with a time window that act.
     """
     scene, rows = structure.scene, structure.rows
-    joints = scene.named(Joint)
+    joints = (*scene.named(Joint), *(e for e in scene.named(PointMass) if e.is_carried))
     laws = _laws_of(structure, acting)
     if not joints and not laws:
         return None

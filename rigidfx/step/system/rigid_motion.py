@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from rigidfx.domain.connected import ConnectedParts, connected_parts
 from rigidfx.effects import Joint, Windowed
-from rigidfx.effects.joints.averages import Average
+from rigidfx.effects.joints.face_motion import Vector
 from rigidfx.effects.joints.on_face import OnFace
 from rigidfx.scene.scene import Scene
 from rigidfx.step.system.joined_motion import joint_rows
@@ -56,7 +56,7 @@ def free_to_move(
     held = np.flatnonzero(prescribed.mask)
     rows = rigid_motions(X[held // 3], part[held // 3], parts)[np.arange(held.size), held % 3]
     _add(gram, rows[:, None], part[held // 3])
-    at_points: list[tuple[Array, Average]] = []
+    at_points: list[tuple[Array, Vector]] = []
     for effect in scene.effects:
         K = effect.ground_stiffness
         if K is None:
@@ -73,7 +73,7 @@ def free_to_move(
     gram = np.asarray(scene.sum(gram))
     for root, place in at_points:
         moved = _every_motion(X, part, parts, place.nodes)
-        rows = root @ np.asarray(scene.sum(np.einsum("n,nim->im", place.weights, moved)))
+        rows = root @ np.asarray(scene.sum(np.einsum("nij,njm->im", place.slopes(), moved)))
         gram += rows.T @ rows
     if scene.named(Joint):
         rows = joint_rows(scene, acting, partial(_every_motion, X, part, parts))

@@ -1,0 +1,234 @@
+"""Mean motion of a face: its centre, and the rotation that fits its nodes best.
+
+The nodes of a face have weights w, Σ w = 1, and places X at the start. With the principal axes a_k
+of Σ w (X - X̄) ⊗ (X - X̄) and the size s of the face,
+
+    x̄ = Σ w x,    H_k = Σ w (X - X̄)·a_k x / s²
+
+are linear in the places x of the nodes. The rotation R makes Σ w |x - x̄ - R (X - X̄)|² least: it is
+the rotation of a distributing coupling (RBE3). Its axes r_k = R a_k are those for which
+
+    c_j = r_i · H_k - r_k · H_i = 0,    (j, i, k) cyclic.                                       (1)
+
+A point P of the face is at x̄ + R (P - X̄), a direction a points along R a. Both are known of flat
+faces, too, where H_k is zero along the normal.
+
+The c_j are bilinear. In a step r and H change from r₀, H₀ to r₁, H₁, and Δr_k = θ × r½_k with the
+Cayley vector θ and r½ = ½ (r₀ + r₁). As c_j = 0 at both ends, exactly
+
+    N θ = -c(r½, ΔH),    N_j = r½_i × H½_k - r½_k × H½_i,                                       (2)
+
+where c(r, δH) has δH in place of H. So Δ(R a) = θ × (R a)½, and θ is linear in ΔH. A couple M of
+the face acts on the H_k by forces that do the work M · θ exactly. They have the moment M about any
+point, since δH_k = ω × H½_k gives θ = ω.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from rigidfx.effects.joints.averages import Average, Averages, Grounded
+from rigidfx.effects.joints.stiff import Stiff, StiffNodes
+from rigidfx.mechanics.rotation import cross, skew
+
+__all__ = [
+    "CYCLIC",
+    "FaceSide",
+    "FaceVector",
+    "Sided",
+    "StiffFace",
+    "Vector",
+    "fitted",
+    "motion_at",
+    "turn_map",
+    "value_at",
+]
+
+Array = npt.NDArray[np.float64]
+
+CYCLIC = ((0, 1, 2), (1, 2, 0), (2, 0, 1))  # j, i, k of (1)
+CENTRAL = 1e-13  # of the face's size: an arm that is rounding
+
+
+def fitted(H: Array) -> Array:
+    """The axes r_k that fit H best, one per row.
+
+    Args:
+        H: H_k by rows, shape (..., 3, 3).
+    """
+    left, _, right = np.linalg.svd(H)
+    left[..., :, 2] *= np.linalg.det(left @ right)[..., None]
+    return np.asarray(left @ right)
+
+
+def turn_map(r: Array, H: Array) -> tuple[Array, Array]:
+    """N⁻¹, shape (..., 3, 3), and θ by δH, -N⁻¹ c(r, ·), shape (..., 3, 3, 3): (2).
+
+    Args:
+        r: Axes by rows, shape (..., 3, 3).
+        H: H_k by rows, likewise.
+    """
+    N, c = np.empty(r.shape), np.zeros((*r.shape, 3))
+    for j, i, k in CYCLIC:
+        N[..., j, :] = cross(r[..., i, :], H[..., k, :]) - cross(r[..., k, :], H[..., i, :])
+        c[..., j, k, :] = r[..., i, :]
+        c[..., j, i, :] = -r[..., k, :]
+    inverse: Array = np.asarray(np.linalg.inv(N), dtype=np.float64)
+    return inverse, np.asarray(-np.einsum("...aj,...jkb->...akb", inverse, c))
+
+
+class FaceSide:
+    """A mean face as a side.
+
+    Attributes:
+        size: Root of the mean square of the nodes' distances to their centre [m].
+        mass: Mass of the nodes [kg].
+        nodes: Owned nodes of this rank.
+        centre: Their mean place at the start [m].
+        axes: The axes a_k, by columns.
+        averages: x̄ and the three H_k.
+    """
+
+    def __init__(self, nodes: Averages) -> None:
+        """Take the nodes with their weights."""
+        self.size, self.mass, self.axes = nodes.size, nodes.mass, nodes.axes
+        self.nodes, self.centre, self.moments = nodes.nodes, nodes.centre, nodes.moments
+        self.averages = (nodes.middle(), *(nodes.mean(a) for a in self.axes.T))
+
+    def place(self, point: Array) -> Vector:
+        """Where a point of the side is."""
+        arm = point - self.centre
+        if np.linalg.norm(arm) <= CENTRAL * self.size:
+            return self.averages[0]
+        return FaceVector(self, arm, True)
+
+    def direction(self, a: Array) -> Vector:
+        """Where a direction of the side points."""
+        return FaceVector(self, a, False)
+
+
+@dataclass(frozen=True, eq=False)
+class FaceVector:
+    """A point or a direction that follows the mean motion of a face.
+
+    Attributes:
+        face: The face.
+        arm: P - X̄, or the direction, at the start, shape (3,) [m, or 1].
+        is_place: Whether it is a point.
+        stiff: As of an `Average`.
+    """
+
+    face: FaceSide
+    arm: Array
+    is_place: bool
+    stiff: Stiff | None = None
+
+    @property
+    def start(self) -> Array:
+        """Its value at the start, shape (3,)."""
+        return self.face.centre + self.arm if self.is_place else self.arm
+
+    @property
+    def nodes(self) -> npt.NDArray[np.int64]:
+        """Owned nodes of this rank."""
+        return self.face.nodes
+
+    @property
+    def averages(self) -> tuple[Average, ...]:
+        """The averages that it depends on: x̄ and the three H_k."""
+        return self.face.averages
+
+    @property
+    def weights(self) -> Array:
+        """Weights of the nodes in the middle of the face, Σ w = 1."""
+        return self.face.averages[0].weights
+
+    @property
+    def local(self) -> Array:
+        """Components of the arm along the axes a_k, shape (3,)."""
+        return np.asarray(self.arm @ self.face.axes)
+
+    def value(self, means: Array) -> Array:
+        """Its value, shape (3,).
+
+        Args:
+            means: Values of its averages, shape (4, 3).
+        """
+        turned = self.local @ fitted(means[1:])
+        return np.asarray(means[0] + turned if self.is_place else turned)
+
+    def slopes(self, means: Array | None = None) -> Array:
+        """Its derivatives by the displacements of its nodes, shape (nodes, 3, 3).
+
+        Args:
+            means: Values of its averages; those at the start if None.
+        """
+        r = self.face.axes.T if means is None else fitted(means[1:])
+        H = self.face.moments[:, None] * r if means is None else means[1:]
+        middle, *rest = self.averages
+        weights = np.stack([average.weights for average in rest], axis=1)
+        turns = np.einsum("nk,akb->nab", weights, turn_map(r, H)[1])
+        moved = -skew(self.local @ r) @ turns
+        return moved + middle.slopes() if self.is_place else moved
+
+
+class StiffFace:
+    """A rigid face as a side: a point or a direction of the body that holds its nodes.
+
+    Attributes:
+        size: That of the surface [m].
+        mass: Mass of its nodes [kg].
+        nodes: Owned nodes of the surface on this rank.
+        centre: Their mean place at the start [m].
+    """
+
+    def __init__(self, scene: Any, weights: Array, side: FaceSide) -> None:
+        """Take the nodes. Collective.
+
+        Args:
+            scene: The problem.
+            weights: Weight of each owned node.
+            side: The surface as a mean face, which serves while its nodes are in no body.
+        """
+        self._side, self._nodes = side, StiffNodes(scene, weights)
+        self.size, self.mass, self.nodes = side.size, side.mass, side.nodes
+        self.centre = side.centre
+
+    def place(self, point: Array) -> Vector:
+        """Where a point of the side is."""
+        return replace(self._side.place(point), stiff=Stiff(self._nodes, point, True))
+
+    def direction(self, a: Array) -> Vector:
+        """Where a direction of the side points."""
+        return replace(self._side.direction(a), stiff=Stiff(self._nodes, a, False))
+
+
+Vector = Average | FaceVector
+Sided = Averages | FaceSide | StiffFace | Grounded
+
+
+def _means_at(scene: Any, vector: Vector, x: Array) -> Array:
+    """Averages of a vector where nodes are at x, shape (averages, 3). Collective."""
+    return np.asarray(scene.sum([a.weights @ x[a.nodes] for a in vector.averages]))
+
+
+def value_at(scene: Any, vector: Vector, x: Array) -> Array:
+    """A vector where nodes are at x, shape (3,). Collective.
+
+    Args:
+        scene: The problem.
+        vector: The vector.
+        x: Places of owned nodes, shape (nodes, 3) [m].
+    """
+    return vector.value(_means_at(scene, vector, x))
+
+
+def motion_at(scene: Any, vector: Vector, x: Array, v: Array) -> tuple[Array, Array]:
+    """A vector and its rate where nodes are at x and move with v, shape (3,) each. Collective."""
+    means = _means_at(scene, vector, x)
+    rate = np.einsum("nij,nj->i", vector.slopes(means), v[vector.nodes])
+    return vector.value(means), np.asarray(scene.sum(rate))

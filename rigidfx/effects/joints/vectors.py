@@ -1,0 +1,208 @@
+"""Vectors of joints by the averages that they depend on, with their exact gains in a step.
+
+Most vectors are an average themselves. Those of mean faces turn with the face (`face_motion`): in a
+step they gain J̄ ΔB exactly, B the averages, and forces on vectors act on the averages by J̄ᵀ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import csr_array
+
+from rigidfx.effects.joints.averages import Average
+from rigidfx.effects.joints.face_motion import CYCLIC, FaceVector, Vector, fitted, turn_map
+from rigidfx.mechanics.rotation import cross, skew
+
+__all__ = ["Vectors"]
+
+Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+SPREAD = np.arange(3)
+
+
+class Vectors:
+    """Vectors of joints as functions of averages; arrays are equal on all ranks.
+
+    Attributes:
+        averages: The averages B, each once.
+        stiff: Rows of those that follow a body as a rigid face does, by their number.
+        needed: For each vector, the numbers of its averages.
+    """
+
+    def __init__(self, vectors: Sequence[Vector], stiff: Mapping[int, Array]) -> None:
+        """Collect the averages.
+
+        Args:
+            vectors: The vectors.
+            stiff: Rows of the vectors of rigid faces that a body holds, by their number.
+        """
+        self.averages: list[Average] = []
+        self.stiff: dict[int, Array] = {}
+        self.needed: list[Ints] = []
+        first_of: dict[int, int] = {}
+        turned: list[tuple[int, FaceVector]] = []
+        for n, vector in enumerate(vectors):
+            if n in stiff:  # a row of a body, whatever its nodes
+                self.stiff[len(self.averages)] = stiff[n]
+                vector = Average(is_place=vector.is_place)
+            key = id(vector.face) if isinstance(vector, FaceVector) else -1 - n
+            if key not in first_of:
+                first_of[key] = len(self.averages)
+                self.averages += vector.averages
+            count = len(vector.averages)
+            self.needed.append(first_of[key] + np.arange(count))
+            if isinstance(vector, FaceVector):
+                turned.append((n, vector))
+        self.count = len(vectors)
+        self._plain: Ints = np.array(
+            [n for n, own in enumerate(self.needed) if own.size == 1], dtype=np.int64
+        )
+        self._of_plain: Ints = np.array([self.needed[n][0] for n in self._plain], dtype=np.int64)
+        self._turned: Ints = np.array([n for n, _ in turned], dtype=np.int64)
+        centres = np.array([self.needed[n][0] for n, _ in turned], dtype=np.int64)
+        self._centres, self._face = np.unique(centres, return_inverse=True)  # of faces
+        self._local = np.reshape([vector.local for _, vector in turned], (-1, 1, 3))
+        self._is_place = np.array([vector.is_place for _, vector in turned], dtype=float)
+        none: Array = np.zeros((len(self.averages), 3))
+        self._start, self._moved = none, none
+        self._r0 = self._r1 = self._axes(none)
+        self._pattern = self._places()
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether each vector is an average."""
+        return not self._turned.size
+
+    def _places(self) -> tuple[Ints, Ints]:
+        """Rows and columns of derivatives by averages: of plain ones, places, and directions."""
+        own = 3 * self._plain[:, None] + SPREAD, 3 * self._of_plain[:, None] + SPREAD
+        rows, first = 3 * self._turned[:, None], self._centres[self._face][:, None]
+        centre = rows + SPREAD, 3 * first + SPREAD
+        columns = 3 * first + 3 + np.arange(9)
+        turns = np.broadcast_arrays((rows + SPREAD)[:, :, None], columns[:, None, :])
+        both = [own, centre, turns]
+        row, column = (np.concatenate([pair[k].ravel() for pair in both]) for k in range(2))
+        return row, column
+
+    def _of_faces(self, B: Array) -> Array:
+        """H_k of all faces, shape (faces, 3, 3)."""
+        return np.asarray(B[self._centres[:, None] + 1 + SPREAD])
+
+    def _axes(self, B: Array) -> Array:
+        """r_k of all faces, likewise."""
+        return fitted(self._of_faces(B))
+
+    def _values(self, B: Array, turned: Array) -> Array:
+        """Vectors by averages and turned arms."""
+        out = np.empty((self.count, 3))
+        out[self._plain] = B[self._of_plain]
+        centre = B[self._centres[self._face]]
+        out[self._turned] = self._is_place[:, None] * centre + turned
+        return out
+
+    def _arms(self, r: Array) -> Array:
+        """Arms that turn with axes r, shape (turned vectors, 3)."""
+        return (self._local @ r[self._face])[:, 0]
+
+    def at(self, B: Array) -> Array:
+        """The vectors where averages are at B, shape (vectors, 3)."""
+        return B if self.is_plain else self._values(B, self._arms(self._axes(B)))
+
+    def begin(self, B: Array) -> Array:
+        """Begin a step where averages are at B; the vectors, shape (vectors, 3)."""
+        self._start, self._moved = B, np.zeros_like(B)
+        self._r0 = self._r1 = self._axes(B)
+        return self.at(B)
+
+    def look(self, moved: Array) -> Array:
+        """See an iterate: increments of averages; those of vectors, shape (vectors, 3)."""
+        self._moved = moved
+        if self.is_plain:
+            return moved
+        self._r1 = self._axes(self._start + moved)
+        r, H = self._part(0.5)
+        theta = np.einsum("fakb,fkb->fa", turn_map(r, H)[1], self._of_faces(moved))
+        return self._values(moved, cross(theta[self._face], self._arms(r)))
+
+    def _part(self, share: float) -> tuple[Array, Array]:
+        """r and H of all faces in the middle of the step (0.5), at its start (0) or end (1)."""
+        H = self._of_faces(self._start + share * self._moved)
+        return (1 - share) * self._r0 + share * self._r1, H
+
+    def slopes(self, share: float) -> csr_array:
+        """Derivatives of vectors by averages, shape (3 · vectors, 3 · averages).
+
+        Args:
+            share: 0.5 for J̄ of the step, 0 and 1 for derivatives at its start and end.
+        """
+        r, H = self._part(share)
+        turns = turn_map(r, H)[1].reshape(-1, 3, 9)[self._face]
+        moved = -skew(self._arms(r)) @ turns
+        values = np.concatenate(
+            [np.ones(3 * self._plain.size), np.repeat(self._is_place, 3), moved.ravel()]
+        )
+        shape = 3 * self.count, 3 * len(self.averages)
+        return csr_array((values, self._pattern), shape=shape)
+
+    def onto_averages(self, rows: csr_array, share: float) -> csr_array:
+        """Derivatives by vectors as those by averages."""
+        return rows if self.is_plain else csr_array(rows @ self.slopes(share))
+
+    def forces(self, on_vectors: Array, share: float) -> Array:
+        """Forces on averages of those on vectors, shape (averages, 3) [N]."""
+        if self.is_plain:
+            return on_vectors
+        return np.asarray(self.slopes(share).T @ on_vectors.ravel()).reshape(-1, 3)
+
+    def curvature(self, on_vectors: Array, share: float) -> csr_array:
+        """Derivative of `forces` by the averages at the end, forces on vectors kept.
+
+        With (2) of `face_motion`, the couple m = Σ d × f acts on H_k by Σ S_ik r_i, where the
+        numbers μ of the skew matrix S are -N⁻ᵀ m.
+
+        Args:
+            on_vectors: Forces on vectors, shape (vectors, 3) [N].
+            share: 0.5 for forces of the middle of a step, 1 for those of its end.
+
+        Returns:
+            Shape (3 · averages,) * 2 [N/m].
+        """
+        r, H = self._part(share)
+        inverse, _ = turn_map(r, H)
+        end = self._part(1.0)
+        turned_end = turn_map(*end)[1].reshape(-1, 3, 9)
+        f, faces = on_vectors[self._turned], len(self._centres)
+        d, d1 = self._arms(r), self._arms(end[0])
+        m, dm = np.zeros((faces, 3)), np.zeros((faces, 3, 3))
+        np.add.at(m, self._face, cross(d, f))
+        np.add.at(dm, self._face, share * _double_cross(d1, f))
+        mu = -np.einsum("faj,fa->fj", inverse, m)
+        by_turn, by_H = dm, np.zeros((faces, 3, 3, 3))
+        for j, i, k in CYCLIC:
+            own = mu[:, j, None, None]
+            by_turn = by_turn + own * share * _double_cross(end[0][:, i], H[:, k])
+            by_turn = by_turn - own * share * _double_cross(end[0][:, k], H[:, i])
+            by_H[:, :, k] += own * share * skew(r[:, i])
+            by_H[:, :, i] -= own * share * skew(r[:, k])
+        change = by_turn @ turned_end + by_H.reshape(-1, 3, 9)
+        dmu = -np.einsum("faj,fab->fjb", inverse, change)
+        out = np.zeros((faces, 3, 3, 9))
+        for j, i, k in CYCLIC:
+            for at, of, sign in ((k, i, 1.0), (i, k, -1.0)):
+                turned = -share * skew(end[0][:, of]) @ turned_end
+                step = r[:, of, :, None] * dmu[:, j, None, :] + mu[:, j, None, None] * turned
+                out[:, at] += sign * step
+        columns = 3 * self._centres[:, None] + 3 + np.arange(9)
+        row, column = np.broadcast_arrays(columns[:, :, None], columns[:, None, :])
+        size = 3 * len(self.averages)
+        return csr_array((out.ravel(), (row.ravel(), column.ravel())), shape=(size, size))
+
+
+def _double_cross(a: Array, b: Array) -> Array:
+    """The matrices of (θ × a) × b by θ, shape (n, 3, 3): a (θ · b) - θ (a · b)."""
+    dot = (a * b).sum(axis=-1)
+    return a[:, :, None] * b[:, None, :] - dot[:, None, None] * np.eye(3)
