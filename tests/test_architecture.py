@@ -96,10 +96,10 @@ def test_imports_can_be_read():
 
 
 def test_modules_and_functions_are_short():
-    """Of at most 350 lines, half of them of at most 150; below 60, but for what they promise."""
+    """At most 500 lines, half of the modules at most 200; functions below 60 without docstring."""
     sizes = [len(path.read_text(encoding="utf-8").splitlines()) for path in FILES]
-    assert max(sizes) <= 350
-    assert statistics.median(sizes) <= 150
+    assert max(sizes) <= 500
+    assert statistics.median(sizes) <= 200
     for path in FILES:
         for node in ast.walk(TREES[path]):
             if isinstance(node, ast.FunctionDef):

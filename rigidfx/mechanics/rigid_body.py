@@ -68,8 +68,8 @@ class RigidBody:
         given: Whether mass or inertia are given in place of those of its cells.
         frozen: Energy and velocities kept for its release.
         excess: The part of J due to lumped masses only, shape (3, 3) [kg m²].
-        extent: ℓ of a body without mass: a rigid face whose nodes' mass is in the cells beside it
-            [m]; None where the body's own mass tells ℓ.
+        extent: ℓ of a rigid face whose nodes' mass is in the cells beside it, and of a carried
+            mass, whose J is next to nothing [m]; None where the body's own mass tells ℓ.
     """
 
     name: str

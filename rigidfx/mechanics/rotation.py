@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["axial", "cayley", "cayley_tangent", "cross", "orthonormalized", "skew"]
+__all__ = ["AXES", "axial", "cayley", "cayley_tangent", "cross", "orthonormalized", "skew"]
 
 Array = npt.NDArray[np.float64]
 

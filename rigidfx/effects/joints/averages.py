@@ -25,8 +25,6 @@ __all__ = ["Average", "Averages", "Grounded"]
 Array = npt.NDArray[np.float64]
 NONE = np.empty(0)
 
-FLAT = 1e-10  # of the largest second moment: nodes in a plane, or on a line, have less across it
-
 
 @dataclass(frozen=True)
 class Average:
@@ -99,6 +97,7 @@ class Averages:
         size: Root of the mean square of the nodes' distances to their centre [m].
         mass: Mass of the nodes [kg].
         nodes: Owned nodes of this rank.
+        count: Number of nodes on all ranks.
         centre: Their mean place at the start [m].
         axes: Principal axes of the second moments, by columns, right-handed, the smallest moment
             first.
@@ -120,16 +119,18 @@ class Averages:
         w, X = weights[self.nodes], scene.start_places[self.nodes]
         mass = scene.averaging_mass[self.nodes]
         sums = scene.sum(np.r_[w.sum(), w @ X, mass.sum(), self.nodes.size])
-        count = int(sums[5])
-        self.centre, self.mass = sums[1:4] / max(sums[0], 1e-300), float(sums[4])
-        self._w, self._arms = w / max(sums[0], 1e-300), X - self.centre
+        self.count = int(sums[5])
+        total = sums[0] if sums[0] > 0 else 1.0
+        self.centre, self.mass = sums[1:4] / total, float(sums[4])
+        self._w, self._arms = w / total, X - self.centre
         second = scene.sum((self._w[:, None] * self._arms).T @ self._arms)
         values, self.axes = np.linalg.eigh(second)
         self.axes[:, 0] *= np.linalg.det(self.axes)  # right-handed
-        if count < 3 or not sums[0] > 0 or not values[1] > FLAT * values[2]:
+        line = np.finfo(np.float64).eps ** (2 / 3)  # of the largest second moment
+        if self.count < 3 or not sums[0] > 0 or not values[1] > line * values[2]:
             raise SceneError(
                 f"{title}: a side of a joint needs nodes that span a plane at least; its "
-                f"{count} with weight lie on a line. Name a larger set."
+                f"{self.count} with weight lie on a line. Name a larger set."
             )
         self.size = float(np.sqrt(np.trace(second)))
         self.moments: Array = values / self.size**2

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from rigidfx.effects.joints.averages import Average
-from rigidfx.effects.joints.stiff import weights_of
+from rigidfx.effects.joints.stiff import StiffRow, weights_of
 from rigidfx.mechanics.bodies import Bodies
 
 __all__ = ["BoundAverages"]
@@ -30,7 +30,7 @@ class BoundAverages:
     def __init__(
         self,
         averages: Sequence[Average],
-        stiff: dict[int, Array],
+        stiff: Mapping[int, StiffRow],
         scene: Any,
         rows: Any,
         own: npt.NDArray[np.bool_],

@@ -8,7 +8,7 @@ inertia of the point m b² at the arm b is too large by (SMALL s/b)² at most.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -22,11 +22,25 @@ from rigidfx.mechanics.rigid_body import BodyMotion, RigidBody
 if TYPE_CHECKING:
     from rigidfx.effects.joints.on_face import RemotePoint
 
-__all__ = ["body_of", "tie"]
+__all__ = ["Carried", "body_of", "tie"]
 
 Array = npt.NDArray[np.float64]
 
-SMALL = 1e-3  # radius of gyration of the body over the size of the face
+SMALL = 0.02  # radius of gyration over the size of the face; 1e-3 drowns low modes in rounding
+
+
+class Carried(Protocol):
+    """A point mass that is a body of its own."""
+
+    @property
+    def title(self) -> str:
+        """Name of its body."""
+        ...
+
+    @property
+    def pieces(self) -> Pieces:
+        """Averages and rows of its tie."""
+        ...
 
 
 def tie(name: str, remote: RemotePoint, mass: float) -> Pieces:
@@ -82,5 +96,6 @@ def body_of(
         origin=now[0],
         number=number,
         given=True,
+        extent=place.face.size,
     )
     return data, BodyMotion(now[0].copy(), R, rates[0], R.T @ omega)

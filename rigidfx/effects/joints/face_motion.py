@@ -36,12 +36,12 @@ from rigidfx.effects.joints.stiff import Stiff, StiffNodes
 from rigidfx.mechanics.rotation import cross, skew
 
 __all__ = [
-    "CYCLIC",
     "FaceSide",
     "FaceVector",
     "Sided",
     "StiffFace",
     "Vector",
+    "cyclic",
     "fitted",
     "motion_at",
     "turn_map",
@@ -50,8 +50,10 @@ __all__ = [
 
 Array = npt.NDArray[np.float64]
 
-CYCLIC = ((0, 1, 2), (1, 2, 0), (2, 0, 1))  # j, i, k of (1)
-CENTRAL = 1e-13  # of the face's size: an arm that is rounding
+
+def cyclic() -> list[tuple[int, int, int]]:
+    """The numbers j, i, k of (1)."""
+    return [(j, (j + 1) % 3, (j + 2) % 3) for j in range(3)]
 
 
 def fitted(H: Array) -> Array:
@@ -73,7 +75,7 @@ def turn_map(r: Array, H: Array) -> tuple[Array, Array]:
         H: H_k by rows, likewise.
     """
     N, c = np.empty(r.shape), np.zeros((*r.shape, 3))
-    for j, i, k in CYCLIC:
+    for j, i, k in cyclic():
         N[..., j, :] = cross(r[..., i, :], H[..., k, :]) - cross(r[..., k, :], H[..., i, :])
         c[..., j, k, :] = r[..., i, :]
         c[..., j, i, :] = -r[..., k, :]
@@ -97,14 +99,14 @@ class FaceSide:
         """Take the nodes with their weights."""
         self.size, self.mass, self.axes = nodes.size, nodes.mass, nodes.axes
         self.nodes, self.centre, self.moments = nodes.nodes, nodes.centre, nodes.moments
+        self._count = nodes.count  # of terms in a sum for the centre
         self.averages = (nodes.middle(), *(nodes.mean(a) for a in self.axes.T))
 
     def place(self, point: Array) -> Vector:
         """Where a point of the side is."""
         arm = point - self.centre
-        if np.linalg.norm(arm) <= CENTRAL * self.size:
-            return self.averages[0]
-        return FaceVector(self, arm, True)
+        rounding = self._count * np.spacing(np.abs(self.centre).max() + self.size)
+        return FaceVector(self, arm, True) if np.abs(arm).max() > rounding else self.averages[0]
 
     def direction(self, a: Array) -> Vector:
         """Where a direction of the side points."""

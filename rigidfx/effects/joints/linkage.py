@@ -22,8 +22,8 @@ import numpy.typing as npt
 from mpi4py import MPI
 from scipy.sparse import csr_array, vstack
 
-from rigidfx.effects.attached.point_mass import PointMass
 from rigidfx.effects.joints.bound_averages import BoundAverages
+from rigidfx.effects.joints.carried import Carried
 from rigidfx.effects.joints.coordinates import Coordinates
 from rigidfx.effects.joints.drives import Drives, Element
 from rigidfx.effects.joints.joint import Joint
@@ -59,7 +59,7 @@ class Linkage:
 
     def __init__(
         self,
-        joints: Sequence[Joint | PointMass],
+        joints: Sequence[Joint | Carried],
         elements: Sequence[Element],
         scene: Any,
         rows: Any,
@@ -124,6 +124,7 @@ class Linkage:
         self._dt = 1.0
         none: Array = np.zeros((len(averages), 3))
         self._start, self._moved, self.forces = none, none, none
+        self._pose = self._first_pose = bodies.pose
         self._g0: Array = np.zeros(self._every)
 
     def _remember(self) -> None:
@@ -225,12 +226,14 @@ class Linkage:
         Args:
             bodies: The bodies at its start.
         """
+        self._pose = self._first_pose = bodies.pose
         self._start = p = self._vectors.begin(self._bound.places(bodies))
         self._moved = np.zeros_like(p)
         self._q = self.coordinates(p)
         self.drives.begin_at(self._q)
         self.drives.look(p, self._moved, self.drives.multipliers)
-        self._g0 = self._terms.value(p)
+        g = self._terms.value(p)
+        self._g0 = np.where(np.abs(g) > self._terms.rounding(p), g, 0.0)  # at rest nothing moves
 
     def look(self, d: Any, increments: Increments, multipliers: Array) -> None:
         """See an iterate. Collective.
@@ -244,6 +247,7 @@ class Linkage:
         self._multipliers[self.active] = multipliers[:n]
         moved = d.array_r.reshape(-1, 3)[self.at]
         self._moved = self._vectors.look(self._bound.mean(moved, increments.displacement))
+        self._pose = self._first_pose + self._share * increments.displacement
         self.drives.look(self._start, self._moved, multipliers[n:])
         p = self._start + self._share * self._moved
         self.forces = self.drives.add_to(self._terms.forces(p, self._multipliers))
@@ -296,21 +300,14 @@ class Linkage:
         rows = self._terms.curvature(self._multipliers, self._share)
         if len(self.points):
             rows = csr_array(rows + self.points.stiffness())
-        return self._stiffness_of(rows, self.forces)
+        return self._vectors.stiffness(rows, self.forces, self._share)
 
     def stiffness_of_points(self) -> csr_array:
         """Derivative of forces of remote points on averages by these, likewise."""
         forces = np.zeros_like(self._start)
         self.points.look(self._start, self._moved)
         self.points.add_to(forces)
-        return self._stiffness_of(self.points.stiffness(), forces)
-
-    def _stiffness_of(self, by_vectors: csr_array, forces: Array) -> csr_array:
-        """Derivative of forces on vectors by these, as that of averages."""
-        if self._vectors.is_plain:
-            return by_vectors
-        test, trial = self._vectors.slopes(self._share).T, self._vectors.slopes(1.0)
-        return csr_array(test @ by_vectors @ trial + self._vectors.curvature(forces, self._share))
+        return self._vectors.stiffness(self.points.stiffness(), forces, self._share)
 
     # Forces ---------------------------------------------------------------------------------------
 
@@ -334,6 +331,7 @@ class Linkage:
             forces: Shape (nodes, 3).
         """
         self._bound.resistance_at(nodes, self._on_averages(), forces)
+        self._vectors.spread(self.forces, self._pose, nodes, forces)
 
     def accept(self) -> None:
         """Remember multipliers and coordinates for later steps and divisions."""

@@ -10,7 +10,7 @@ which is exact, and known of flat faces too.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,7 +20,7 @@ from scipy.sparse import csr_array
 
 from rigidfx.mechanics.rigid_body import RigidBody
 
-__all__ = ["BodyVector", "Stiff", "StiffNodes", "stiff_rows", "weights_of"]
+__all__ = ["BodyVector", "Stiff", "StiffNodes", "StiffRow", "stiff_rows", "weights_of"]
 
 Array = npt.NDArray[np.float64]
 
@@ -125,8 +125,25 @@ class BodyVector:
         return np.r_[1.0, centre] if self.direction is None else np.r_[0.0, self.direction]
 
 
-def stiff_rows(scene: Any, bodies: Sequence[RigidBody], vectors: Sequence[Any]) -> dict[int, Array]:
-    """Weights of bodies' [1, V] of the vectors of rigid faces that a body holds. Collective.
+@dataclass(frozen=True)
+class StiffRow:
+    """How a vector follows a body.
+
+    Attributes:
+        row: Its coefficients of [1, V] of all bodies, shape (bodies, 4).
+        body: Number of the body.
+        Q: Rotation of the face from its start into the body's frame, shape (3, 3).
+    """
+
+    row: Array
+    body: int
+    Q: Array
+
+
+def stiff_rows(
+    scene: Any, bodies: Sequence[RigidBody], vectors: Sequence[Any]
+) -> dict[int, StiffRow]:
+    """How vectors of rigid faces that a body holds, and of carried masses, follow it. Collective.
 
     Args:
         scene: The problem.
@@ -134,9 +151,9 @@ def stiff_rows(scene: Any, bodies: Sequence[RigidBody], vectors: Sequence[Any]) 
         vectors: Averages and vectors of faces.
 
     Returns:
-        By the number of the vector, shape (bodies, 4).
+        By the number of the vector.
     """
-    out: dict[int, Array] = {}
+    out: dict[int, StiffRow] = {}
     known: dict[StiffNodes | BodyVector, tuple[int, Array, Array] | None] = {}
     for k, vector in enumerate(vectors):
         stiff: Stiff | BodyVector | None = vector.stiff
@@ -145,13 +162,14 @@ def stiff_rows(scene: Any, bodies: Sequence[RigidBody], vectors: Sequence[Any]) 
         if stiff.nodes not in known:
             known[stiff.nodes] = stiff.nodes.within(scene, bodies)
         if (found := known[stiff.nodes]) is not None:
-            out[k] = np.zeros((len(bodies), 4))
-            out[k][found[0]] = stiff.coordinates(*found[1:])
+            row = np.zeros((len(bodies), 4))
+            row[found[0]] = stiff.coordinates(*found[1:])
+            out[k] = StiffRow(row, found[0], found[2])
     return out
 
 
 def weights_of(
-    scene: Any, bodies: Sequence[RigidBody], averages: Sequence[Any], stiff: dict[int, Array]
+    scene: Any, bodies: Sequence[RigidBody], averages: Sequence[Any], stiff: Mapping[int, StiffRow]
 ) -> tuple[csr_array, csr_array]:
     """How averages follow nodes and bodies. Collective.
 
@@ -174,5 +192,5 @@ def weights_of(
     held = [W[:, body.nodes] @ np.c_[np.ones(body.nodes.size), body.offsets] for body in bodies]
     every = np.asarray(scene.sum(np.reshape(held, (-1, len(own), 4)).swapaxes(0, 1)))
     for k, row in stiff.items():
-        every[k] = row
+        every[k] = row.row
     return W, csr_array(every.reshape(len(own), -1))

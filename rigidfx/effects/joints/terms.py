@@ -70,6 +70,14 @@ class Terms:
         """g, shape (rows,)."""
         return np.asarray(self._linear @ p.ravel() + self._products(p, p))
 
+    def rounding(self, p: Array) -> Array:
+        """Rounding of g at averages p, shape (rows,)."""
+        sizes = abs(self._linear) @ np.abs(p).ravel()
+        products = np.abs(self._factor) * (np.abs(p[self._first]) * np.abs(p[self._second])).sum(1)
+        return np.asarray(
+            4 * np.spacing(sizes + np.bincount(self._row, products, minlength=self._count))
+        )
+
     def gained(self, middle: Array, d: Array) -> Array:
         """Exact gain of g where averages move by d, shape (rows,).
 

@@ -13,15 +13,14 @@ import numpy.typing as npt
 from scipy.sparse import csr_array
 
 from rigidfx.effects.joints.averages import Average
-from rigidfx.effects.joints.face_motion import CYCLIC, FaceVector, Vector, fitted, turn_map
-from rigidfx.mechanics.rotation import cross, skew
+from rigidfx.effects.joints.face_motion import FaceVector, Vector, cyclic, fitted, turn_map
+from rigidfx.effects.joints.stiff import StiffRow
+from rigidfx.mechanics.rotation import AXES, cross, skew
 
 __all__ = ["Vectors"]
 
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
-
-SPREAD = np.arange(3)
 
 
 class Vectors:
@@ -33,7 +32,7 @@ class Vectors:
         needed: For each vector, the numbers of its averages.
     """
 
-    def __init__(self, vectors: Sequence[Vector], stiff: Mapping[int, Array]) -> None:
+    def __init__(self, vectors: Sequence[Vector], stiff: Mapping[int, StiffRow]) -> None:
         """Collect the averages.
 
         Args:
@@ -41,13 +40,15 @@ class Vectors:
             stiff: Rows of the vectors of rigid faces that a body holds, by their number.
         """
         self.averages: list[Average] = []
-        self.stiff: dict[int, Array] = {}
+        self.stiff: dict[int, StiffRow] = {}
+        self._held: list[tuple[int, Vector, StiffRow]] = []
         self.needed: list[Ints] = []
         first_of: dict[int, int] = {}
         turned: list[tuple[int, FaceVector]] = []
         for n, vector in enumerate(vectors):
             if n in stiff:  # a row of a body, whatever its nodes
                 self.stiff[len(self.averages)] = stiff[n]
+                self._held.append((n, vector, stiff[n]))
                 vector = Average(is_place=vector.is_place)
             key = id(vector.face) if isinstance(vector, FaceVector) else -1 - n
             if key not in first_of:
@@ -79,18 +80,18 @@ class Vectors:
 
     def _places(self) -> tuple[Ints, Ints]:
         """Rows and columns of derivatives by averages: of plain ones, places, and directions."""
-        own = 3 * self._plain[:, None] + SPREAD, 3 * self._of_plain[:, None] + SPREAD
+        own = 3 * self._plain[:, None] + AXES, 3 * self._of_plain[:, None] + AXES
         rows, first = 3 * self._turned[:, None], self._centres[self._face][:, None]
-        centre = rows + SPREAD, 3 * first + SPREAD
+        centre = rows + AXES, 3 * first + AXES
         columns = 3 * first + 3 + np.arange(9)
-        turns = np.broadcast_arrays((rows + SPREAD)[:, :, None], columns[:, None, :])
+        turns = np.broadcast_arrays((rows + AXES)[:, :, None], columns[:, None, :])
         both = [own, centre, turns]
         row, column = (np.concatenate([pair[k].ravel() for pair in both]) for k in range(2))
         return row, column
 
     def _of_faces(self, B: Array) -> Array:
         """H_k of all faces, shape (faces, 3, 3)."""
-        return np.asarray(B[self._centres[:, None] + 1 + SPREAD])
+        return np.asarray(B[self._centres[:, None] + 1 + AXES])
 
     def _axes(self, B: Array) -> Array:
         """r_k of all faces, likewise."""
@@ -158,6 +159,41 @@ class Vectors:
             return on_vectors
         return np.asarray(self.slopes(share).T @ on_vectors.ravel()).reshape(-1, 3)
 
+    def spread(
+        self, on_vectors: Array, pose: Array, nodes: npt.NDArray[np.int32], forces: Array
+    ) -> None:
+        """Add forces on the nodes of rigid faces, of vectors that a body holds.
+
+        Args:
+            on_vectors: Forces on vectors, shape (vectors, 3) [N].
+            pose: Rows r and Rᵀ of the bodies, shape (bodies, 4, 3).
+            nodes: Owned nodes, sorted.
+            forces: Forces on them, shape (nodes, 3) [N], added to.
+        """
+        for n, vector, held in self._held:
+            means = None
+            if isinstance(vector, FaceVector):
+                face = vector.face
+                r = face.axes.T @ held.Q.T @ pose[held.body, 1:]
+                means = np.vstack([np.zeros(3), face.moments[:, None] * r])
+            there, at, here = np.intersect1d(vector.nodes, nodes, return_indices=True)
+            if there.size:
+                slopes = vector.slopes(means)[at]
+                forces[here] += np.einsum("nij,i->nj", slopes, on_vectors[n])
+
+    def stiffness(self, by_vectors: csr_array, on_vectors: Array, share: float) -> csr_array:
+        """Derivative of `forces` by the averages at the end, shape (3 · averages,) * 2 [N/m].
+
+        Args:
+            by_vectors: Derivative of forces on vectors by these, shape (3 · vectors,) * 2 [N/m].
+            on_vectors: Forces on vectors, shape (vectors, 3) [N].
+            share: 0.5 for forces of the middle of a step, 1 for those of its end.
+        """
+        if self.is_plain:
+            return by_vectors
+        own = self.slopes(share).T @ by_vectors @ self.slopes(1.0)
+        return csr_array(own + self.curvature(on_vectors, share))
+
     def curvature(self, on_vectors: Array, share: float) -> csr_array:
         """Derivative of `forces` by the averages at the end, forces on vectors kept.
 
@@ -182,7 +218,7 @@ class Vectors:
         np.add.at(dm, self._face, share * _double_cross(d1, f))
         mu = -np.einsum("faj,fa->fj", inverse, m)
         by_turn, by_H = dm, np.zeros((faces, 3, 3, 3))
-        for j, i, k in CYCLIC:
+        for j, i, k in cyclic():
             own = mu[:, j, None, None]
             by_turn = by_turn + own * share * _double_cross(end[0][:, i], H[:, k])
             by_turn = by_turn - own * share * _double_cross(end[0][:, k], H[:, i])
@@ -191,7 +227,7 @@ class Vectors:
         change = by_turn @ turned_end + by_H.reshape(-1, 3, 9)
         dmu = -np.einsum("faj,fab->fjb", inverse, change)
         out = np.zeros((faces, 3, 3, 9))
-        for j, i, k in CYCLIC:
+        for j, i, k in cyclic():
             for at, of, sign in ((k, i, 1.0), (i, k, -1.0)):
                 turned = -share * skew(end[0][:, of]) @ turned_end
                 step = r[:, of, :, None] * dmu[:, j, None, :] + mu[:, j, None, None] * turned

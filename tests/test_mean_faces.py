@@ -1,0 +1,186 @@
+"""Mean faces turn with the rotation that fits them: no number depends on sides, place or cells."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from test_contact_pairs import boxes
+
+import rigidfx as rf
+from rigidfx.effects.joints.averages import Average
+from rigidfx.effects.joints.face_motion import FaceVector, fitted
+from rigidfx.effects.joints.vectors import Vectors
+
+E = 2.1e11
+STEEL = rf.StVenantKirchhoff(rho=7800.0, E=E, nu=0.3)
+LENGTH, THICK = 1.0, 0.1  # m
+SECOND = THICK**4 / 12
+
+
+class AnyFace:
+    """A face by its principal axes."""
+
+    def __init__(self, axes):
+        self.axes, self.averages = axes, tuple(Average() for _ in range(4))
+
+
+@pytest.mark.parametrize("moments", [(0.2, 0.3, 0.5), (0.0, 0.4, 0.6)])
+def test_gains_and_forces_of_face_vectors_are_exact(moments):
+    """For finite rotations and strains, of solid and flat faces; the tangent by differences."""
+    random = np.random.default_rng(3)
+    axes = Rotation.random(random_state=1).as_matrix()
+    face = AnyFace(axes)
+    vectors = [FaceVector(face, random.normal(size=3), place) for place in (True, False, False)]
+    own = Vectors(vectors, {})
+
+    def averages():
+        F = Rotation.random(random_state=random).as_matrix() @ (
+            np.eye(3) + 0.2 * random.normal(size=(3, 3))
+        )
+        return np.vstack([random.normal(size=3), np.array(moments)[:, None] * (F @ axes).T])
+
+    B0, B1 = averages(), averages()
+    B1[1:] = 0.6 * B1[1:] + 0.4 * B0[1:]
+    p0 = own.begin(B0)
+    moved = own.look(B1 - B0)
+    assert moved == pytest.approx(own.at(B1) - p0, abs=1e-13)
+    assert own.slopes(0.5) @ (B1 - B0).ravel() == pytest.approx(moved.ravel(), abs=1e-13)
+    f = random.normal(size=(3, 3))
+    middle, on_averages = 0.5 * (B0 + B1), own.forces(f, 0.5)
+    assert on_averages.sum(axis=0) == pytest.approx(on_averages[1:].sum(axis=0) + f[0], abs=1e-13)
+    of_averages = np.cross(middle, on_averages).sum(axis=0)
+    of_vectors = np.cross(p0 + 0.5 * moved, f).sum(axis=0)
+    assert of_averages == pytest.approx(of_vectors, abs=1e-12)
+    change = own.curvature(f, 0.5).toarray()
+    step = 1e-6
+    for column in range(12):
+        ends = []
+        for sign in (1, -1):
+            d = (B1 - B0).ravel()
+            d[column] += sign * step
+            own.look(d.reshape(4, 3))
+            ends.append(own.forces(f, 0.5).ravel())
+        found = (ends[0] - ends[1]) / (2 * step)
+        assert change[:, column] == pytest.approx(found, abs=1e-6 * max(1.0, np.abs(found).max()))
+
+
+def test_the_fitted_rotation_is_proper():
+    """Also of a flat face that is seen from behind."""
+    axes = Rotation.random(random_state=4).as_matrix()
+    H = np.array([0.0, 0.4, 0.6])[:, None] * axes
+    assert fitted(H) == pytest.approx(axes, abs=1e-14)
+
+
+def bar(cells, turn=(0, 0, 0)):
+    """A bar along x, turned about the origin, and that rotation."""
+    R, b = Rotation.from_rotvec(turn).as_matrix(), THICK / 2
+    domain = rf.box((0, -b, -b), (LENGTH, b, b), cells)
+    domain.mesh.geometry.x[:] = domain.mesh.geometry.x @ R.T
+    return domain, R
+
+
+def deflection(order, cells, flip=False, turn=(0.0, 0.0, 0.0), face="x0", across=(0, 1, 0)):
+    """Of a bar that a locked hinge along y holds, by a force of its end along y, over FL³/3EI."""
+    domain, R = bar(cells, turn)
+    sides = ["ground", rf.MeanFace(face)]
+    held = rf.Revolute(*sides[:: -1 if flip else 1], (0, 0, 0), tuple(R[:, 1]), name="h")
+    pull = rf.Traction("x1", tuple(1e2 / THICK**2 * R @ across))
+    effects = [held, rf.Motor("h", angle=0.0), pull]
+    probes = {"end": tuple(R @ [LENGTH, 0, 0])}
+    element = "standard" if order == 2 else "enhanced"
+    scene = rf.Scene(domain, STEEL, effects, order=order, element=element, probes=probes)
+    *_, report = rf.static(scene, 1, verbose=False)
+    return float(report.probes["end"] @ R @ across) / (1e2 * LENGTH**3 / (3 * E * SECOND))
+
+
+def test_a_flat_end_is_held_as_beam_theory_has_it():
+    """Cells of five to a quarter of a thickness, both orders, sides and scene turned at random."""
+    shear = 3 * SECOND * 2 * 1.3 / (5 / 6 * THICK**2 * LENGTH**2)  # 3 E I/(κ G A L²)
+    turn = (0.4, -1.1, 2.3)
+    found = [
+        deflection(2, (4, 2, 2)),
+        deflection(2, (10, 2, 2), flip=True),
+        deflection(2, (10, 2, 2), turn=turn),
+        deflection(2, (10, 2, 2), across=(0, 0, 1)),
+        deflection(2, (20, 4, 4), flip=True, turn=turn),
+        deflection(1, (40, 4, 4), turn=turn),
+    ]
+    assert found[1:] == pytest.approx([found[1]] * 5, rel=2e-3)
+    assert found == pytest.approx([1 + shear] * 6, rel=6e-3)
+
+
+@pytest.mark.parametrize("joint", ["Revolute", "Tied"])
+def test_half_beams_that_are_joined_bend_as_a_whole_one(joint):
+    """Flat faces of meshes that do not match; the hinge is locked by a motor."""
+    b, seam = THICK / 2, 1e-7  # m
+    halves = ((0, -b, -b), (0.5, b, b), (5, 2, 2)), ((0.5 + 2 * seam, -b, -b), (1, b, b), (6, 3, 3))
+    domain = boxes(*halves)
+    domain = domain.with_facets("a", lambda x: np.abs(x[0] - 0.5) < 0.5 * seam)
+    domain = domain.with_facets("b", lambda x: np.abs(x[0] - 0.5 - 2 * seam) < 0.5 * seam)
+    domain = domain.with_facets("root", lambda x: np.isclose(x[0], 0))
+    domain = domain.with_facets("end", lambda x: np.isclose(x[0], 1))
+    sides = rf.MeanFace("a"), rf.MeanFace("b"), (0.5 + seam, 0, 0)
+    joints = [rf.Tied(*sides, name="h")]
+    if joint == "Revolute":
+        joints = [rf.Revolute(*sides, (0, 0, 1), name="h"), rf.Motor("h", angle=0.0)]
+    for across in np.eye(3)[1:]:
+        effects = [rf.Fixed("root"), *joints, rf.Traction("end", tuple(1e4 * across))]
+        probes = {"end": (1, 0, 0)}
+        scene = rf.Scene(domain, STEEL, effects, order=2, probes=probes)
+        *_, joined = rf.static(scene, 1, verbose=False)
+        whole = rf.box((0, -b, -b), (1, b, b), (11, 2, 2))
+        effects = [rf.Fixed("x0"), rf.Traction("x1", tuple(1e4 * across))]
+        scene = rf.Scene(whole, STEEL, effects, order=2, probes=probes)
+        *_, one = rf.static(scene, 1, verbose=False)
+        bent = float(joined.probes["end"] @ across / (one.probes["end"] @ across))
+        assert bent == pytest.approx(1.0, abs=2e-3)
+
+
+@pytest.mark.parametrize("face", ["sides", "skin", "x1"])
+def test_a_lever_on_a_motor_yields_alike_at_all_angles(face):
+    """A face round its end, the same with the end, and the flat end; sides exchanged."""
+    found = []
+    for q, flip in ((0.0, False), (np.pi / 4, True), (3 * np.pi / 4, False)):
+        domain, _ = bar((10, 2, 2))
+        domain = domain.with_facets("skin", lambda x: x[0] > 0.9 - 1e-9)
+        domain = domain.with_facets(
+            "sides", lambda x: (x[0] > 0.9 - 1e-9) & np.isclose(np.abs(x[1:]).max(0), THICK / 2)
+        )
+        sides = ["ground", rf.MeanFace(face)]
+        hinge = rf.Revolute(*sides[:: -1 if flip else 1], (1, 0, 0), (0, 0, 1), name="h")
+        turned = rf.Motor("h", angle=lambda t, q=-q if flip else q: q * min(2 * t, 1.0))
+        across = np.array([-np.sin(q), np.cos(q), 0])
+        push = rf.Traction("x0", tuple(1e5 * across), time=lambda t: max(2 * t - 1, 0.0))
+        probes = {"end": (0, 0, 0)}
+        scene = rf.Scene(domain, STEEL, [hinge, turned, push], element="enhanced", probes=probes)
+        *_, last = rf.static(scene, 8, verbose=False)
+        place = last.probes["end"] - [1, 0, 0]  # from the hinge
+        found.append(float(place @ across))
+    assert found == pytest.approx([found[0]] * 3, rel=1e-5)
+
+
+@pytest.mark.parametrize("face", [rf.MeanFace("x1"), rf.RigidFace("x1")])
+@pytest.mark.parametrize("arm", [-0.3, 0.2])
+def test_a_mass_beside_an_end_swings_as_beam_theory_has_it(face, arm):
+    """The frequency of a beam of a hundredth of its mass, with coarse and fine cells."""
+    light = rf.StVenantKirchhoff(rho=1e3, E=E, nu=0.0)
+    shear = 2 * LENGTH / (5 / 6 * THICK**2 * E)
+    bending = (LENGTH**3 / 3 + arm * LENGTH**2 + arm**2 * LENGTH) / (E * SECOND)
+    exact = 1 / np.sqrt(1e3 * (bending + shear)) / (2 * np.pi)
+    for cells in ((5, 1, 1), (20, 2, 2)):
+        domain, _ = bar(cells)
+        mass = rf.PointMass(face, 1e3, at=(1 + arm, 0, 0))
+        scene = rf.Scene(domain, light, [rf.Fixed("x0"), mass], order=2, mass="consistent")
+        assert rf.modes(scene, 1).frequencies[0] == pytest.approx(exact, rel=5e-3)
+
+
+def test_a_mass_beside_its_face_weighs():
+    """Static reactions are those of the weight and its arm."""
+    domain, _ = bar((5, 1, 1))
+    mass = rf.PointMass(rf.MeanFace("x1"), 10.0, at=(1.3, 0.2, 0))
+    scene = rf.Scene(domain, STEEL, [rf.Fixed("x0"), mass, rf.Gravity((0, 0, -10.0))])
+    *_, last = rf.static(scene, 1, verbose=False)
+    own = 780.0
+    assert last.reactions["x0"] == pytest.approx([0, 0, own + 100], abs=1e-6)
+    assert last.reaction_moments["x0"] == pytest.approx([100 * 0.2, -(0.5 * own + 130), 0], abs=0.1)
