@@ -102,7 +102,10 @@ BENCHMARK_SUMMARY = {
     },
     "speed": {"runs", "cost_exponent", "ratio_to_plain_dolfinx", "ratio_best_to_best"},
     "known_answers": {"statics", "modes", "locking", "cost", "compressed"},
-    "costs": {"ratio_per_step", "ratio_per_iteration", "newton_per_step", "output", "unknowns"},
+    "costs": {
+        *("ratio_per_step", "ratio_per_iteration", "newton_per_step", "output", "unknowns"),
+        "machines",
+    },
     "rigid_parts": {
         *("chains", "observed_to_plain", "freeze_in_steps", "release_in_steps", "unknowns"),
         *("first_report_in_steps", "flexible_seconds_per_step", "flexible_newton_per_step"),

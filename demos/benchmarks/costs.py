@@ -7,6 +7,8 @@
 * *output*: a bar swings, flexible or nine tenths rigid. A run with a `Recorder` and one without
   take their steps in turn: the recorder's share of the run, and the times of a row of the history,
   and of the fields of one time with and without stresses.
+* *machines*: rigid bars on hinges, one to nine, with motors and springs. A step of up to four bars
+  is to take 6 ms at most on a quiet core, one of nine 12 ms.
 
     ./fenicsx python3 demos/benchmarks/costs.py --unknowns 27000
 """
@@ -16,12 +18,15 @@ from __future__ import annotations
 from argparse import Namespace
 from contextlib import closing
 from functools import partial
+from itertools import islice
 from math import inf
 from pathlib import Path
+from time import process_time
 from typing import Any
 
 import numpy as np
 from bench import DT, MATERIAL, PUSH, Parser, Turns, bar, cells_of_bar, run_parts, timed
+from bench.mechanism_scenes import four_bars, hinged, with_motor
 
 import rigidfx as rf
 
@@ -125,7 +130,32 @@ def output(options: Namespace) -> dict[str, Any]:
     return {"output": found}
 
 
-PARTS = {"effects": effects, "output": output}
+def machines(options: Namespace) -> dict[str, Any]:
+    """Machines of rigid bars, whose steps cost mostly calls: processor time."""
+    scenes = {
+        "pendulum": hinged(1),
+        "four-bar": four_bars(1),
+        "four-bar, motor": with_motor(four_bars(1), "A0"),
+        "chain of nine": hinged(9),
+        "chain of nine, motor, springs": with_motor(hinged(9, springs=True), "hinge 0"),
+    }
+    rows = {}
+    for name, scene in scenes.items():
+        with closing(rf.simulate(scene, 0.005, 10.0, progress=False)) as run:
+            began, reports = [], []
+            for report in islice(run, 1 + WARM + 5 * options.steps):
+                began.append(process_time())
+                reports.append(report)
+        rows[name] = {
+            "unknowns": reports[-1].unknowns,
+            "seconds_per_step": float(np.median(np.diff(began[WARM:]))),
+            "newton_per_step": float(np.mean([report.iterations for report in reports[WARM:]])),
+        }
+    assert all(row["newton_per_step"] <= 4 for row in rows.values()), rows
+    return {"machines": rows}
+
+
+PARTS = {"effects": effects, "output": output, "machines": machines}
 
 
 def main() -> None:

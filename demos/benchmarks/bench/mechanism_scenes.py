@@ -11,7 +11,10 @@ from mpi4py import MPI
 
 import rigidfx as rf
 
-__all__ = ["Link", "bricard", "double_pendulum", "four_bars", "heavy_top", "linked"]
+__all__ = [
+    "Link", "bricard", "double_pendulum", "four_bars", "heavy_top", "hinged", "linked",
+    "with_motor",
+]  # fmt: skip
 
 Array = npt.NDArray[np.float64]
 Z = 0.0, 0.0, 1.0
@@ -108,6 +111,23 @@ def four_bars(n: int) -> rf.Scene:
     rigid = [link.thin(1.0) for link in links]
     start = rf.InitialVelocity(function=turning)
     return rf.Scene(linked(links), SOFT, [*rigid, *pins, DOWN, start])
+
+
+def hinged(n: int, springs: bool = False) -> rf.Scene:
+    """n thin bars of 1 m and 1 kg on hinges, one after the other, let go from the horizontal."""
+    links = [Link(f"bar {i}", (i, 0, 0), (i + 1, 0, 0)) for i in range(n)]
+    sides = ["ground", *(link.name for link in links)]
+    pins = [rf.Revolute(sides[i], sides[i + 1], (i, 0, 0), Z, name=f"hinge {i}") for i in range(n)]
+    more = [rf.JointSpring(f"hinge {i}", 20.0, damping=0.2) for i in range(1, n if springs else 1)]
+    bars = [link.thin(1.0) for link in links]
+    return rf.Scene(linked(links), SOFT, [*bars, *pins, *more, DOWN])
+
+
+def with_motor(scene: rf.Scene, hinge: str) -> rf.Scene:
+    """The scene at rest, a hinge of which is brought to 2 rad/s in half a second."""
+    effects = [e for e in scene.effects if not isinstance(e, rf.InitialVelocity)]
+    motor = rf.Motor(hinge, speed=lambda t: 4.0 * min(t, 0.5))
+    return rf.Scene(scene.domain, SOFT, [*effects, motor])
 
 
 def bricard() -> rf.Scene:
