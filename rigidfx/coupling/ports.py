@@ -175,7 +175,7 @@ class Ports:
             return self._free
         data, of, arm = self._held
         values = data[:, None, None] * L.reshape(-1, 4, 3, 6)[of, arm]
-        every = np.r_[np.ones(3 * self.averages.size), values.ravel()]
+        every = np.concatenate([np.ones(3 * self.averages.size), values.ravel()])
         out = self._pattern.filled(every)
         if not self.bodies.size:  # then it is always the same
             self._free = out

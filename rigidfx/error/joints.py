@@ -28,6 +28,7 @@ from mpi4py import MPI
 from scipy.linalg import null_space
 from scipy.sparse import csr_array, vstack
 
+from rigidfx.base.matrices import dense
 from rigidfx.effects import Joint, JointSpring, Motor, Stop
 from rigidfx.effects.joints.terms import Terms
 from rigidfx.effects.joints.vectors import Vectors
@@ -218,7 +219,7 @@ class Joints:
         linkage = self._stepper.system.linkage
         assert linkage is not None
         rows, motors, along, laws = [], list[Motor](), [], []
-        for drive in linkage.drives.each:
+        for n, drive in enumerate(linkage.drives.each):
             own = np.zeros_like(p)
             np.add.at(own, drive.averages, drive.coordinate.gradient(p[drive.averages]))
             if isinstance(drive.effect, Motor) and drive.effect.prescribes:
@@ -226,8 +227,8 @@ class Joints:
                 motors.append(drive.effect)
             elif not isinstance(drive.effect, Motor):
                 along.append(own)
-                laws.append((drive.effect, *linkage.drives.ends(drive)))
-        of_joints = self._terms.gradient(p).toarray()
+                laws.append((drive.effect, *linkage.drives.ends_of(n)))
+        of_joints = dense(self._terms.gradient(p))
         B = self._turned(np.concatenate([of_joints, np.reshape(rows, (len(rows), p.size))]))
         of_laws = self._turned(np.reshape(along, (len(laws), p.size)))
         stiff = [isinstance(law[0], JointSpring) and law[0].stiffness > 0 for law in laws]

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
+from rigidfx.base.matrices import compact
 from rigidfx.effects.joints.averages import Average
 from rigidfx.effects.joints.stiff import StiffRow, weights_of
 from rigidfx.mechanics.bodies import Bodies
@@ -54,7 +55,8 @@ class BoundAverages:
         W, self.held = weights_of(scene, bodies.of.records, averages, stiff)
         self.at = np.flatnonzero(own & (np.diff(W.tocsc().indptr)[rows.nodes] > 0))
         self.own = W[:, rows.nodes[self.at]].tocsr()
-        self._spread = self.own.T.tocsr()
+        self._spread, self._moments = self.own.T.tocsr(), compact(self.held.T.tocsr())
+        self._poses = compact(self.held.tocsr())
         self._X, self._dofs = rows.X[self.at], rows.dofs.reshape(-1, 3)[self.at]
 
     def mean(self, of_nodes: Array, of_bodies: Array | None = None) -> Array:
@@ -67,7 +69,11 @@ class BoundAverages:
         out = np.asarray(self.own @ of_nodes)
         if self._comm.size > 1:
             self._comm.Allreduce(MPI.IN_PLACE, out)
-        return out if of_bodies is None else out + self.held @ of_bodies.reshape(-1, 3)
+        return out if of_bodies is None else out + self._poses @ of_bodies.reshape(-1, 3)
+
+    def moments(self, forces: Array) -> Array:
+        """Σ f and Σ V fᵀ on the bodies of forces on averages [N, N m], shape (4 · bodies, 3)."""
+        return np.asarray(self._moments @ forces)
 
     def places(self, bodies: Bodies) -> Array:
         """Where averages are now, shape (averages, 3). Collective.

@@ -14,7 +14,7 @@ rest.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import pi
 
@@ -24,7 +24,7 @@ import numpy.typing as npt
 __all__ = ["Angle", "Coordinate", "Coordinates", "Travel", "secant"]
 
 Array = npt.NDArray[np.float64]
-Key = tuple[int, str]
+Ints = npt.NDArray[np.int64]
 
 SMALL = 1e-5  # gain of invariants, in lengths of a joint or none, whose cube is rounding
 
@@ -33,54 +33,59 @@ SMALL = 1e-5  # gain of invariants, in lengths of a joint or none, whose cube is
 class Angle:
     """The angle of the second side against the first about an axis [rad].
 
+    Its functions are of arrays over any number of angles, shape (...).
+
     Attributes:
         averages: Numbers of a direction across of the first side, and of two of the second.
     """
 
     averages: tuple[int, int, int]
 
-    def value(self, p: Array) -> float:
+    def value(self, p: Array) -> Array:
         """The angle between -π and π.
 
         Args:
-            p: The three averages, shape (3, 3).
+            p: The three averages, shape (..., 3, 3).
         """
-        u, e, f = p
-        return float(np.arctan2(-u @ f, u @ e))
+        c, s = _split(self.invariants(p))
+        return np.asarray(np.arctan2(s, c))
 
     def invariants(self, p: Array) -> Array:
-        """Cosine and sine, times lengths of directions, shape (2,)."""
-        u, e, f = p
-        return np.array([u @ e, -u @ f])
+        """Cosine and sine, times lengths of directions, shape (..., 2)."""
+        products = (p[..., 1:, :] @ p[..., 0, :, None])[..., 0]
+        products[..., 1] *= -1.0
+        return np.asarray(products)
 
     def slopes(self, p: Array) -> Array:
-        """Derivatives of these by the averages, shape (2, 3, 3)."""
-        u, e, f = p
-        none = np.zeros(3)
-        return np.array([[e, u, none], [-f, none, -u]])
+        """Derivatives of these by the averages, shape (..., 2, 3, 3)."""
+        out = np.zeros((*p.shape[:-2], 2, 3, 3))
+        out[..., 0, 0, :], out[..., 0, 1, :] = p[..., 1, :], p[..., 0, :]
+        out[..., 1, 0, :], out[..., 1, 2, :] = -p[..., 2, :], -p[..., 0, :]
+        return out
 
     def slope(self, z: Array) -> Array:
-        """Derivatives of the angle by the invariants, shape (2,)."""
-        c, s = z
-        return np.array([-s, c]) / (c * c + s * s)
+        """Derivatives of the angle by the invariants, shape (..., 2)."""
+        return z[..., ::-1] * (-1.0, 1.0) / (z * z).sum(axis=-1)[..., None]
 
-    def gained(self, z: Array, dz: Array) -> float:
+    def gained(self, z: Array, dz: Array) -> Array:
         """Gain of the angle by a gain of the invariants, between -π and π."""
-        (c, s), (dc, ds) = z, dz
-        return float(np.arctan2(c * ds - s * dc, c * (c + dc) + s * (s + ds)))
+        (c, s), (dc, ds) = _split(z), _split(dz)
+        return np.asarray(np.arctan2(c * ds - s * dc, c * (c + dc) + s * (s + ds)))
 
     def gradient(self, p: Array) -> Array:
-        """Its derivatives by the averages, shape (3, 3)."""
-        return np.asarray(np.tensordot(self.slope(self.invariants(p)), self.slopes(p), 1))
+        """Its derivatives by the averages, shape (..., 3, 3)."""
+        return _chained(self.slope(self.invariants(p)), self.slopes(p))
 
-    def continued(self, value: float, before: float) -> float:
+    def continued(self, value: Array, before: Array) -> Array:
         """The angle with the turns that it has made, nearest to an earlier one."""
-        return value + 2 * pi * round((before - value) / (2 * pi))
+        return np.asarray(value + 2 * pi * np.round((before - value) / (2 * pi)))
 
 
 @dataclass(frozen=True)
 class Travel:
     """How far the second side is along an axis of the first, from where it was placed [m].
+
+    Its functions are of arrays over any number of travels, shape (...).
 
     Attributes:
         averages: Numbers of the joint's place on both sides, and of the axis.
@@ -88,43 +93,45 @@ class Travel:
 
     averages: tuple[int, int, int]
 
-    def value(self, p: Array) -> float:
+    def value(self, p: Array) -> Array:
         """The travel [m].
 
         Args:
-            p: The three averages, shape (3, 3).
+            p: The three averages, shape (..., 3, 3).
         """
-        a, b, axis = p
-        return float((b - a) @ axis / np.linalg.norm(axis))
+        along, square = _split(self.invariants(p))
+        return np.asarray(along / np.sqrt(square))
 
     def invariants(self, p: Array) -> Array:
-        """The travel times the axis' length [m], and the square of that, shape (2,)."""
-        a, b, axis = p
-        return np.array([(b - a) @ axis, axis @ axis])
+        """The travel times the axis' length [m], and the square of that, shape (..., 2)."""
+        axis = p[..., 2, :]
+        both = np.stack([p[..., 1, :] - p[..., 0, :], axis], axis=-2)
+        return np.asarray((both @ axis[..., None])[..., 0])
 
     def slopes(self, p: Array) -> Array:
-        """Derivatives of these by the averages, shape (2, 3, 3)."""
-        a, b, axis = p
-        none = np.zeros(3)
-        return np.array([[-axis, axis, b - a], [none, none, 2 * axis]])
+        """Derivatives of these by the averages, shape (..., 2, 3, 3)."""
+        axis, out = p[..., 2, :], np.zeros((*p.shape[:-2], 2, 3, 3))
+        out[..., 0, 0, :], out[..., 0, 1, :] = -axis, axis
+        out[..., 0, 2, :], out[..., 1, 2, :] = p[..., 1, :] - p[..., 0, :], 2 * axis
+        return out
 
     def slope(self, z: Array) -> Array:
-        """Derivatives of the travel by the invariants, shape (2,)."""
-        along, square = z
+        """Derivatives of the travel by the invariants, shape (..., 2)."""
+        along, square = _split(z)
         length = np.sqrt(square)
-        return np.array([1 / length, -0.5 * along / (square * length)])
+        return np.stack([1 / length, -0.5 * along / (square * length)], axis=-1)
 
-    def gained(self, z: Array, dz: Array) -> float:
+    def gained(self, z: Array, dz: Array) -> Array:
         """Gain of the travel by a gain of the invariants."""
-        before, after = np.sqrt(z[1]), np.sqrt(z[1] + dz[1])
-        longer = dz[1] / (before + after)
-        return float((dz[0] - z[0] / before * longer) / after)
+        (along, square), (more, longer) = _split(z), _split(dz)
+        before, after = np.sqrt(square), np.sqrt(square + longer)
+        return np.asarray((more - along / before * longer / (before + after)) / after)
 
     def gradient(self, p: Array) -> Array:
-        """Its derivatives by the averages, shape (3, 3)."""
-        return np.asarray(np.tensordot(self.slope(self.invariants(p)), self.slopes(p), 1))
+        """Its derivatives by the averages, shape (..., 3, 3)."""
+        return _chained(self.slope(self.invariants(p)), self.slopes(p))
 
-    def continued(self, value: float, before: float) -> float:
+    def continued(self, value: Array, before: Array) -> Array:
         """The travel itself."""
         return value
 
@@ -132,20 +139,40 @@ class Travel:
 Coordinate = Angle | Travel
 
 
-class Coordinates:
-    """Many of them at once, by joint and name."""
+def _split(z: Array) -> tuple[Array, Array]:
+    """Both invariants, shape (...) each."""
+    return z[..., 0], z[..., 1]
 
-    def __init__(self, of: Mapping[Key, Coordinate], firsts: Sequence[int]) -> None:
+
+def _chained(slope: Array, slopes: Array) -> Array:
+    """Derivatives by averages of those by invariants and theirs, shape (..., 3, 3)."""
+    return np.asarray((slope[..., None, None] * slopes).sum(axis=-3))
+
+
+class Coordinates:
+    """Many of them at once.
+
+    Attributes:
+        at: Numbers of the averages of each, shape (coordinates, 3).
+    """
+
+    def __init__(self, of: Sequence[Coordinate], firsts: Sequence[int]) -> None:
         """Take them.
 
         Args:
-            of: Each of them, by number of its joint and its name.
-            firsts: Number of each joint's first average.
+            of: Each of them.
+            firsts: Number of the first average of each one's joint.
         """
-        self.keys = tuple(of)
-        self._turns = np.array([isinstance(c, Angle) for c in of.values()], dtype=bool)
-        at = [firsts[k] + np.array(c.averages) for (k, _), c in of.items()]
-        self._at = np.reshape(at, (-1, 3)).astype(np.int64)
+        averages = [first + np.array(c.averages) for c, first in zip(of, firsts, strict=True)]
+        self.at: Ints = np.reshape(averages, (-1, 3)).astype(np.int64)
+        kinds: dict[type[Coordinate], list[int]] = {}
+        for k, coordinate in enumerate(of):
+            kinds.setdefault(type(coordinate), []).append(k)
+        self._kinds = [(of[own[0]], np.array(own)) for own in kinds.values()]
+
+    def __len__(self) -> int:
+        """How many there are."""
+        return len(self.at)
 
     def values(self, p: Array, before: Array) -> Array:
         """Their values where averages are at p, shape (coordinates,) [rad, m].
@@ -154,30 +181,53 @@ class Coordinates:
             p: Shape (averages, 3).
             before: Earlier values, by which turns are counted.
         """
-        x = p[self._at]
-        out: Array = np.zeros(len(self.keys))
-        u, e, f = x[self._turns].swapaxes(0, 1)
-        angles = np.arctan2(-(u * f).sum(axis=1), (u * e).sum(axis=1))
-        out[self._turns] = angles + 2 * pi * np.round((before[self._turns] - angles) / (2 * pi))
-        a, b, axis = x[~self._turns].swapaxes(0, 1)
-        out[~self._turns] = ((b - a) * axis).sum(axis=1) / np.sqrt((axis * axis).sum(axis=1))
+        out: Array = np.empty(len(self.at))
+        for kind, own in self._kinds:
+            out[own] = kind.continued(kind.value(p[self.at[own]]), before[own])
         return out
 
+    def gradients(self, p: Array) -> Array:
+        """Their derivatives by their averages at p, shape (coordinates, 3, 3)."""
+        out: Array = np.empty((len(self.at), 3, 3))
+        for kind, own in self._kinds:
+            out[own] = kind.gradient(p[self.at[own]])
+        return out
 
-def secant(coordinate: Coordinate, start: Array, moved: Array, size: float) -> tuple[Array, float]:
-    """∇̄q of a step, shape (3, 3), and q₁ - q₀.
+    def secants(self, start: Array, moved: Array, sizes: Array) -> tuple[Array, Array]:
+        """∇̄q of a step, shape (coordinates, 3, 3), and q₁ - q₀, shape (coordinates,).
+
+        Args:
+            start: The averages at the start of the step, shape (averages, 3).
+            moved: Their increments, likewise.
+            sizes: Size of each q that counts as large.
+        """
+        slopes: Array = np.empty((len(self.at), 3, 3))
+        gained: Array = np.empty(len(self.at))
+        for kind, own in self._kinds:
+            at = self.at[own]
+            slopes[own], gained[own] = secant(kind, start[at], moved[at], sizes[own])
+        return slopes, gained
+
+
+def secant(
+    kind: Coordinate, start: Array, moved: Array, size: Array | float
+) -> tuple[Array, Array]:
+    """∇̄q of a step, shape (..., 3, 3), and q₁ - q₀, shape (...).
 
     Args:
-        coordinate: q.
-        start: The averages at the start of the step, shape (3, 3).
+        kind: One of the coordinates, all of one kind.
+        start: The averages of each at the start of the step, shape (..., 3, 3).
         moved: Their increments, likewise.
-        size: Size of q that counts as large.
+        size: Size of each q that counts as large, shape (...).
     """
-    slopes = coordinate.slopes(start + 0.5 * moved)
-    z: Array = coordinate.invariants(start)
-    dz: Array = np.asarray(np.tensordot(slopes, moved, 2), dtype=np.float64)
-    slope, gained = coordinate.slope(z + 0.5 * dz), coordinate.gained(z, dz)
-    scaled = dz / np.array([size, 1.0])
-    if (square := float(scaled @ scaled)) > SMALL**2:
-        slope = slope + (gained - slope @ dz) / square * scaled / np.array([size, 1.0])
-    return np.asarray(np.tensordot(slope, slopes, 1)), gained
+    slopes, z = kind.slopes(start + 0.5 * moved), kind.invariants(start)
+    dz = (slopes * moved[..., None, :, :]).sum(axis=(-2, -1))
+    slope, gained = kind.slope(z + 0.5 * dz), kind.gained(z, dz)
+    unit: Array = np.ones_like(dz)
+    unit[..., 0] = size
+    scaled = dz / unit
+    square = (scaled * scaled).sum(axis=-1)
+    much = square > SMALL**2
+    lacking = gained - (slope * dz).sum(axis=-1)
+    factor = np.divide(lacking, square, out=np.zeros_like(square), where=much)
+    return _chained(slope + factor[..., None] * scaled / unit, slopes), gained

@@ -19,9 +19,9 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import csr_array
 
-from rigidfx.effects.joints.coordinates import Coordinate, secant
+from rigidfx.base.matrices import Matrix, Pattern
+from rigidfx.effects.joints.coordinates import Coordinate, Coordinates
 from rigidfx.effects.joints.elements import JointSpring, Motor, coordinate_of, titles_of
 from rigidfx.effects.joints.joint import Joint
 from rigidfx.effects.joints.stop import Stop
@@ -45,12 +45,8 @@ class _Drive:
         coordinate: The coordinate.
         averages: Numbers of its averages among those of all joints.
         size: ℓ, 1 of a travel [m].
-        large: Size of the coordinate that counts as large, in its unit.
-        mass: Mass that the joint moves, in order of magnitude [kg].
-        joint_size: Size of the joint [m].
         wanted: q that is prescribed, at the start and at the end of the step.
         force: Force or torque that is given.
-        multiplier: λ of the last iterate [N].
     """
 
     effect: Element
@@ -58,12 +54,8 @@ class _Drive:
     coordinate: Coordinate
     averages: Ints
     size: float
-    large: float
-    mass: float
-    joint_size: float
     wanted: tuple[float, float] | None = None
     force: float = 0.0
-    multiplier: float = 0.0
 
 
 class Drives:
@@ -72,6 +64,9 @@ class Drives:
     Attributes:
         static: Whether forces are those at the end of a step, and nothing moves.
         kappa: κ of each [N/m], set where a step begins.
+        masses: Mass that each one's joint moves [kg].
+        sizes: Size of each one's joint [m].
+        multipliers: λ of each at the last iterate [N].
     """
 
     def __init__(
@@ -93,18 +88,29 @@ class Drives:
         joints = scene.named(Joint)
         self._titles = {id(effect): title for effect, title in titles_of(scene)}
         self._all: list[_Drive] = []
+        sizes: list[tuple[float, float, float, float]] = []
         for effect in elements:
             joint, name = coordinate_of(scene, effect.owner, effect.joint, effect.acts_along)
             k, pieces = joints.index(joint), joint.pieces
             of = pieces.coordinates[name]
             numbers = firsts[k] + np.array(of.averages)
             size, large = (pieces.size, 1.0) if name == "angle" else (1.0, pieces.size)
-            own = size, large, pieces.mass, pieces.size
-            self._all.append(_Drive(effect, (k, name), of, numbers, *own))
+            sizes.append((size, large, pieces.mass, pieces.size))
+            self._all.append(_Drive(effect, (k, name), of, numbers, size))
+        # ℓ, and the size of a coordinate that counts as large, in its unit.
+        self._size, self._large, self.masses, self.sizes = np.reshape(sizes, (-1, 4)).T
+        first = [firsts[drive.key[0]] for drive in self._all]
+        self._coordinates = Coordinates([drive.coordinate for drive in self._all], first)
+        self._given = np.array([prescribes(drive.effect) for drive in self._all], dtype=bool)
         self._dt = 1.0
         self._q0: Mapping[tuple[int, str], float] = {}
-        none: Array = np.zeros((0, 3))
-        self._start = self._moved = none
+        self._path: Array = np.zeros((len(elements), 2))  # q that is prescribed, as `wanted`
+        self.multipliers: Array = np.zeros(len(elements))
+        self._start: Array = np.zeros((0, 3))  # averages at the start of the step ...
+        self._moved: Array = np.zeros((0, 3))  # ... and their increments at the last iterate
+        self._secants: tuple[Array, Array] | None = None  # of that iterate, once asked for
+        self._laws: tuple[Array, Array] | None = None  # likewise
+        self._pattern: Pattern | None = None
 
     def __len__(self) -> int:
         """How many there are."""
@@ -114,21 +120,6 @@ class Drives:
     def each(self) -> tuple[_Drive, ...]:
         """All of them."""
         return tuple(self._all)
-
-    @property
-    def masses(self) -> Array:
-        """Mass that each one's joint moves [kg]."""
-        return np.array([drive.mass for drive in self._all], dtype=np.float64)
-
-    @property
-    def sizes(self) -> Array:
-        """Size of each one's joint [m]."""
-        return np.array([drive.joint_size for drive in self._all], dtype=np.float64)
-
-    @property
-    def multipliers(self) -> Array:
-        """λ of each [N]."""
-        return np.array([drive.multiplier for drive in self._all], dtype=np.float64)
 
     @property
     def averages(self) -> list[int]:
@@ -160,11 +151,11 @@ class Drives:
             SceneError: On this rank, if a function cannot be used.
         """
         out = []
-        for drive in self._all:
+        for drive, large in zip(self._all, self._large, strict=True):
             motor, q = drive.effect, self._q0[drive.key]
             if not isinstance(motor, Motor) or motor not in motors or motor.by_speed:
                 continue
-            if abs(motor.at(t) - q) > APART * drive.large:
+            if abs(motor.at(t) - q) > APART * large:
                 unit = "rad" if motor.by == "angle" else "m"
                 begun = f"{motor.owner} begins at t = {t:g} s with {motor.by} {motor.at(t):.6g}"
                 out.append(f"{begun} {unit}, but the joint has {q:.6g} {unit} there")
@@ -172,17 +163,17 @@ class Drives:
 
     def remember(self, notes: dict[int, Any]) -> None:
         """Take over the memory of earlier divisions."""
-        for drive in self._all:
+        for n, drive in enumerate(self._all):
             known = notes.get(id(drive.effect))
             if known is not None:
-                drive.multiplier, wanted = known
+                self.multipliers[n], wanted = known
                 drive.wanted = None if wanted is None else (wanted, wanted)
 
     def note(self, notes: dict[int, Any]) -> None:
         """Leave the memory for later divisions: λ, and q that is prescribed at the end."""
-        for drive in self._all:
+        for drive, multiplier in zip(self._all, map(float, self.multipliers), strict=True):
             wanted = None if drive.wanted is None else drive.wanted[1]
-            notes[id(drive.effect)] = drive.multiplier, wanted
+            notes[id(drive.effect)] = multiplier, wanted
 
     # In a step ------------------------------------------------------------------------------------
 
@@ -198,7 +189,7 @@ class Drives:
             SceneError: On this rank, if a function cannot be used.
         """
         self._dt, self._q0 = dt, q
-        for drive in self._all:
+        for n, drive in enumerate(self._all):
             motor = drive.effect
             if not isinstance(motor, Motor):
                 continue
@@ -210,6 +201,8 @@ class Drives:
                 drive.wanted = start, start + dt / 6 * ends
             else:
                 drive.force = motor.at(t + dt if self.static else t + 0.5 * dt)
+            if drive.wanted is not None:
+                self._path[n] = drive.wanted
 
     def _begun(self, drive: _Drive) -> float:
         """q that a speed has led to at the start of a step, which may be tried again."""
@@ -225,47 +218,54 @@ class Drives:
     def efforts(self) -> dict[int, dict[str, float]]:
         """Torque [N m] or force [N] of each, by number of its joint and its title."""
         out: dict[int, dict[str, float]] = {}
-        for drive in self._all:
+        for drive, multiplier in zip(self._all, map(float, self.multipliers), strict=True):
             title = self._titles[id(drive.effect)]
-            out.setdefault(drive.key[0], {})[title] = drive.multiplier * drive.size
+            out.setdefault(drive.key[0], {})[title] = multiplier * drive.size
         return out
 
     def look(self, start: Array, moved: Array, multipliers: Array) -> None:
         """See an iterate: averages at the start, their increments, and λ."""
-        self._start, self._moved = start, moved
-        for drive, value in zip(self._all, multipliers, strict=True):
-            drive.multiplier = float(value)
+        self._start, self._moved, self.multipliers = start, moved, np.array(multipliers)
+        self._secants = self._laws = None
 
-    def ends(self, drive: _Drive) -> tuple[float, float]:
-        """q at the start and the end of the step."""
-        q0 = self._q0[drive.key]
-        p = self._start[drive.averages] + self._moved[drive.averages]
-        return q0, drive.coordinate.continued(drive.coordinate.value(p), q0)
+    def _by_secants(self) -> tuple[Array, Array]:
+        """∇̄q of each in the step, shape (drives, 3, 3), and q₁ - q₀."""
+        if self._secants is None:
+            step = self._start, self._moved, self._large
+            self._secants = self._coordinates.secants(*step)
+        return self._secants
 
-    def _law(self, drive: _Drive) -> tuple[float, float]:
-        """Force or torque on the second side that a law gives, and its derivative by q₁."""
-        effect, (q0, q1) = drive.effect, self.ends(drive)
-        if isinstance(effect, Motor):
-            return drive.force, 0.0
-        return effect.pull(q1) if self.static else effect.law(q0, q1, self._dt)
+    def ends_of(self, n: int) -> tuple[float, float]:
+        """q of one of them at the start of the step, and at the last iterate."""
+        q0 = self._q0[self._all[n].key]
+        return q0, q0 + float(self._by_secants()[1][n])
+
+    def _by_laws(self) -> tuple[Array, Array]:
+        """Force or torque on the second side that each law gives, and its derivative by q₁."""
+        if self._laws is None:
+            out: Array = np.zeros((len(self._all), 2))
+            for n, drive in enumerate(self._all):
+                effect, (q0, q1) = drive.effect, self.ends_of(n)
+                if isinstance(effect, Motor):
+                    out[n, 0] = drive.force
+                else:
+                    out[n] = effect.pull(q1) if self.static else effect.law(q0, q1, self._dt)
+            self._laws = out[:, 0], out[:, 1]
+        return self._laws
 
     def residual(self) -> Array:
         """F of each, shape (drives,) [m]."""
-        out = np.zeros(len(self._all))
-        for n, drive in enumerate(self._all):
-            if prescribes(drive.effect):
-                assert drive.wanted is not None
-                before, after = drive.wanted
-                lag = before - self._q0[drive.key]  # ends of other steps, to rounding
-                out[n] = -drive.size * (self._secant(drive)[1] - (after - before) - lag)
-            else:
-                out[n] = (drive.multiplier - self._law(drive)[0] / drive.size) / self.kappa[n]
-        return out
+        if not self._all:
+            return self.multipliers
+        before, after = self._path.T
+        lag = before - [self._q0[drive.key] for drive in self._all]  # ends of other steps
+        off = -self._size * (self._by_secants()[1] - (after - before) - lag)
+        force = self._by_laws()[0]
+        return np.where(self._given, off, (self.multipliers - force / self._size) / self.kappa)
 
     def compliance(self) -> Array:
         """dF/dλ of each [m/N]."""
-        given = np.array([prescribes(drive.effect) for drive in self._all], dtype=bool)
-        return np.where(given, 0.0, 1.0 / self.kappa)
+        return np.where(self._given, 0.0, 1.0 / self.kappa)
 
     @property
     def effects(self) -> tuple[Element, ...]:
@@ -277,61 +277,52 @@ class Drives:
         out = np.zeros(len(self._all))
         for n, drive in enumerate(self._all):
             if not isinstance(drive.effect, Motor):
-                out[n] = -drive.effect.pull(self.ends(drive)[1])[1] / drive.size**2
+                out[n] = -drive.effect.pull(self.ends_of(n)[1])[1] / drive.size**2
         return out
 
-    def _rows(self, rows: Sequence[Array], columns: int) -> csr_array:
-        """A matrix of values of drives at their averages."""
-        at = [(3 * drive.averages[:, None] + np.arange(3)).ravel() for drive in self._all]
-        number = np.repeat(np.arange(len(at)), [own.size for own in at])
-        every = np.concatenate([np.empty(0, int), *at])
-        values = np.concatenate([np.empty(0), *(row.ravel() for row in rows)])
-        return csr_array((values, (number, every)), shape=(len(at), columns))
+    def _rows(self, values: Array, columns: int) -> Matrix:
+        """A matrix of values of drives at their averages, shape (drives, 3, 3)."""
+        if self._pattern is None:
+            n = len(self._all)
+            every = (3 * self._coordinates.at[:, :, None] + np.arange(3)).ravel()
+            self._pattern = Pattern(np.repeat(np.arange(n), 9), every, (n, columns))
+        return self._pattern.filled(values.ravel())
 
-    def _per_multiplier(self, drive: _Drive) -> Array:
-        """Forces on its averages per λ, as a resistance, shape (3, 3)."""
+    def _per_multiplier(self) -> Array:
+        """Forces on their averages per λ, as a resistance, shape (drives, 3, 3)."""
         if self.static:
-            end = self._start[drive.averages] + self._moved[drive.averages]
-            return -drive.size * drive.coordinate.gradient(end)
-        return -drive.size * self._secant(drive)[0]
-
-    def _secant(self, drive: _Drive) -> tuple[Array, float]:
-        """∇̄q of the step, shape (3, 3), and q₁ - q₀."""
-        start, moved = self._start[drive.averages], self._moved[drive.averages]
-        return secant(drive.coordinate, start, moved, drive.large)
+            slopes = self._coordinates.gradients(self._start + self._moved)
+        else:
+            slopes, _ = self._by_secants()
+        return -self._size[:, None, None] * slopes
 
     def add_to(self, forces: Array) -> Array:
         """Add their forces at the last iterate to those on averages, shape (averages, 3) [N]."""
-        for drive in self._all:
-            own = drive.multiplier * self._per_multiplier(drive)
-            for k, force in zip(drive.averages, own, strict=True):
-                forces[k] += force
+        if self._all:
+            own = self.multipliers[:, None, None] * self._per_multiplier()
+            np.add.at(forces, self._coordinates.at, own)
         return forces
 
-    def test(self, columns: int) -> csr_array:
+    def test(self, columns: int) -> Matrix:
         """Forces on averages per λ, as a resistance, shape (drives, columns)."""
-        return self._rows([self._per_multiplier(drive) for drive in self._all], columns)
+        return self._rows(self._per_multiplier(), columns)
 
-    def trial(self, columns: int) -> csr_array:
+    def trial(self, columns: int) -> Matrix:
         """Derivatives of F by averages, shape (drives, columns)."""
-        rows = []
-        for drive, kappa in zip(self._all, self.kappa, strict=True):
-            end = self._start[drive.averages] + self._moved[drive.averages]
-            factor = -drive.size
-            if not prescribes(drive.effect):
-                factor = -self._law(drive)[1] / (drive.size * kappa)
-            rows.append(factor * drive.coordinate.gradient(end))
-        return self._rows(rows, columns)
+        by_laws = -self._by_laws()[1] / (self._size * self.kappa)
+        factors = np.where(self._given, -self._size, by_laws)
+        gradients = self._coordinates.gradients(self._start + self._moved)
+        return self._rows(factors[:, None, None] * gradients, columns)
 
     # After a step ---------------------------------------------------------------------------------
 
     def work(self) -> tuple[float, dict[str, float]]:
         """Work of motors in the step, and loss by dampers by their kind [J]."""
         done, taken = 0.0, dict[str, float]()
-        for drive in self._all:
-            q0, q1 = self.ends(drive)
+        for n, drive in enumerate(self._all):
+            q0, q1 = self.ends_of(n)
             if isinstance(drive.effect, Motor):
-                done += drive.multiplier * drive.size * (q1 - q0)
+                done += float(self.multipliers[n]) * drive.size * (q1 - q0)
             elif not self.static and drive.effect.damping:
                 kind = drive.effect.kind
                 taken[kind] = taken.get(kind, 0.0) + drive.effect.taken(q0, q1, self._dt)

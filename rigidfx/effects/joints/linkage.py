@@ -20,8 +20,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
-from scipy.sparse import csr_array, vstack
+from scipy.sparse import csr_array
 
+from rigidfx.base.matrices import Matrix, stacked
 from rigidfx.effects.joints.bound_averages import BoundAverages
 from rigidfx.effects.joints.carried import Carried
 from rigidfx.effects.joints.coordinates import Coordinates
@@ -100,6 +101,7 @@ class Linkage:
         self._masses = np.repeat([own.mass for own in pieces], rows_of_each)
         self._sizes = np.repeat([own.size for own in pieces], rows_of_each)
         self.active: Ints = np.arange(self._every)
+        self._dropped, self._implied = self.active[:0], list[str]()
         self.is_place = [average.is_place for average in self._vectors.averages]
         linear = self._vectors.averages, self._vectors.stiff
         self._bound = BoundAverages(*linear, scene, rows, own, bodies, u)
@@ -118,7 +120,7 @@ class Linkage:
             for k, joint in enumerate(self._joints)
             for name, own in joint.pieces.coordinates.items()
         }
-        self._free = Coordinates(free, firsts)
+        self._free = Coordinates(list(free.values()), [firsts[k] for k, _ in free])
         self._q: dict[tuple[int, str], float] = dict.fromkeys(free, 0.0)
         self._remember()
         self._dt = 1.0
@@ -126,6 +128,7 @@ class Linkage:
         self._start, self._moved, self.forces = none, none, none
         self._pose = self._first_pose = bodies.pose
         self._g0: Array = np.zeros(self._every)
+        self._open: Array | None = None  # g at the last iterate, once asked for
 
     def _remember(self) -> None:
         """Take over the memory of earlier divisions."""
@@ -139,8 +142,10 @@ class Linkage:
     def keep(self, rows: Ints) -> None:
         """Let only these rows have forces: numbers among all of them, sorted."""
         self.active = rows
-        dropped = np.setdiff1d(np.arange(self._every), rows)
-        self._multipliers[dropped] = 0.0
+        self._dropped = np.setdiff1d(np.arange(self._every), rows)
+        self._multipliers[self._dropped] = 0.0
+        titles = [f"{j.title}: {row.title}" for j in self._joints for row in j.pieces.rows]
+        self._implied = [titles[k] for k in self._dropped]
 
     @property
     def count(self) -> int:
@@ -150,11 +155,8 @@ class Linkage:
     @property
     def redundant(self) -> dict[str, float]:
         """Rows that have none, as others imply them: violation over size, by title."""
-        if self.active.size == self._every:
-            return {}
-        titles = [f"{j.title}: {row.title}" for j in self._joints for row in j.pieces.rows]
-        off = np.abs(self.violation) / self._sizes
-        return {titles[k]: float(off[k]) for k in np.setdiff1d(np.arange(self._every), self.active)}
+        off = np.abs(self.violation[self._dropped]) / self._sizes[self._dropped]
+        return dict(zip(self._implied, map(float, off), strict=True))
 
     @property
     def masses(self) -> Array:
@@ -204,7 +206,7 @@ class Linkage:
     def coordinates(self, p: Array) -> dict[tuple[int, str], float]:
         """Angles [rad] and travels [m] where vectors are there, by joint and name."""
         before = np.array(list(self._q.values()), dtype=np.float64)
-        return dict(zip(self._free.keys, map(float, self._free.values(p, before)), strict=True))
+        return dict(zip(self._q, map(float, self._free.values(p, before)), strict=True))
 
     def set_time(self, t: float, dt: float) -> None:
         """Evaluate functions of time for a step from t on; coordinates are of its start.
@@ -232,7 +234,7 @@ class Linkage:
         self._q = self.coordinates(p)
         self.drives.begin_at(self._q)
         self.drives.look(p, self._moved, self.drives.multipliers)
-        g = self._terms.value(p)
+        g, self._open = self._terms.value(p), None
         self._g0 = np.where(np.abs(g) > self._terms.rounding(p), g, 0.0)  # at rest nothing moves
 
     def look(self, d: Any, increments: Increments, multipliers: Array) -> None:
@@ -244,7 +246,7 @@ class Linkage:
             multipliers: λ there [N].
         """
         n = self.active.size
-        self._multipliers[self.active] = multipliers[:n]
+        self._multipliers[self.active], self._open = multipliers[:n], None
         moved = d.array_r.reshape(-1, 3)[self.at]
         self._moved = self._vectors.look(self._bound.mean(moved, increments.displacement))
         self._pose = self._first_pose + self._share * increments.displacement
@@ -254,18 +256,18 @@ class Linkage:
         self.points.look(self._start, self._moved)
         self.points.add_to(self.forces)
 
-    def test(self) -> csr_array:
+    def test(self) -> Matrix:
         """Forces on averages per multiplier, transposed, shape (rows, 3 · averages)."""
         return self._with(self._share, self.drives.test)
 
-    def trial(self) -> csr_array:
+    def trial(self) -> Matrix:
         """Derivatives of the equations of rows by averages, likewise."""
         return self._with(1.0, self.drives.trial)
 
-    def _with(self, share: float, of_drives: Callable[[int], csr_array]) -> csr_array:
+    def _with(self, share: float, of_drives: Callable[[int], Matrix]) -> Matrix:
         rows = self._gradient(share)
         if len(self.drives):
-            rows = csr_array(vstack([rows, of_drives(rows.shape[1])], format="csr"))
+            rows = stacked(rows, of_drives(rows.shape[1]))
         return self._vectors.onto_averages(rows, share)
 
     def residual(self) -> Array:
@@ -279,10 +281,12 @@ class Linkage:
     @property
     def violation(self) -> Array:
         """g at the end of the step, of all rows, shape (rows,) [m]."""
-        middle = self._start + 0.5 * self._moved
-        return np.asarray(self._g0 + self._terms.gained(middle, self._moved))
+        if self._open is None:
+            middle = self._start + 0.5 * self._moved
+            self._open = np.asarray(self._g0 + self._terms.gained(middle, self._moved))
+        return self._open
 
-    def gradient(self, share: float) -> csr_array:
+    def gradient(self, share: float) -> Matrix:
         """Derivative of the active rows after a part of the step, shape (rows, 3 · averages).
 
         Args:
@@ -290,7 +294,7 @@ class Linkage:
         """
         return self._vectors.onto_averages(self._gradient(share), share)
 
-    def _gradient(self, share: float) -> csr_array:
+    def _gradient(self, share: float) -> Matrix:
         """The same by vectors, shape (rows, 3 · vectors)."""
         every = self._terms.gradient(self._start + share * self._moved)
         return every if self.active.size == self._every else every[self.active]
@@ -321,7 +325,7 @@ class Linkage:
 
     def moments(self, bodies: int) -> Array:
         """Σ f and Σ V fᵀ on each body, shape (bodies, 4, 3)."""
-        return np.asarray(self.held.T @ self._on_averages()).reshape(bodies, 4, 3)
+        return self._bound.moments(self._on_averages()).reshape(bodies, 4, 3)
 
     def resistance_at(self, nodes: npt.NDArray[np.int32], forces: Array) -> None:
         """Add the forces on owned nodes, in bodies or not, to those that are given [N].

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.sparse import csr_array
 
+from rigidfx.base.matrices import Matrix, Pattern
 from rigidfx.effects.joints.pieces import Row
 
 __all__ = ["Terms"]
@@ -49,34 +50,32 @@ class Terms:
         self._row, self._first, self._second = pairs.T
         self._factor = np.array([c for *_, c in products], dtype=np.float64)
         columns = 3 * pairs[:, 1:, None] + np.arange(3)
+        self._sizes = abs(self._linear)
         self._columns, self._spread = columns.ravel(), csr_array(self._linear.T)
         of = np.broadcast_to(self._row[:, None, None], columns.shape).ravel()
-        # The pattern of gradients, and where in it each term's derivatives go.
         fixed = self._linear.tocoo()
-        at_all = np.r_[fixed.coords[0], of], np.r_[fixed.coords[1], columns.ravel()]
-        places, put = np.unique(at_all[0] * shape[1] + at_all[1], return_inverse=True)
-        self._put, self._fixed = put[fixed.nnz :], np.zeros(places.size)
-        np.add.at(self._fixed, put[: fixed.nnz], fixed.data)
-        ends = np.searchsorted(places, shape[1] * np.arange(shape[0] + 1))
-        self._pattern = places % shape[1], ends
+        places = np.r_[fixed.coords[0], of], np.r_[fixed.coords[1], self._columns]
+        self._fixed, self._gradient = fixed.data, Pattern(*places, shape)
+        one, other = columns[:, 0].ravel(), columns[:, 1].ravel()
+        self._curvature = Pattern(np.r_[one, other], np.r_[other, one], (shape[1],) * 2)
         self.averages = np.unique(np.r_[at[1] // 3, self._first, self._second])
 
-    def _products(self, p: Array, q: Array) -> Array:
-        """Σ s p_k · q_l of each row."""
-        values = self._factor * (p[self._first] * q[self._second]).sum(axis=1)
-        return np.asarray(np.bincount(self._row, values, minlength=self._count), dtype=np.float64)
+    def _summed(self, products: Array) -> Array:
+        """Σ s times each term's product, of each row."""
+        sums = np.bincount(self._row, self._factor * products, self._count)
+        return np.asarray(sums, dtype=np.float64)
 
     def value(self, p: Array) -> Array:
         """g, shape (rows,)."""
-        return np.asarray(self._linear @ p.ravel() + self._products(p, p))
+        products = (p[self._first] * p[self._second]).sum(axis=1)
+        return np.asarray(self._linear @ p.ravel() + self._summed(products))
 
     def rounding(self, p: Array) -> Array:
         """Rounding of g at averages p, shape (rows,)."""
-        sizes = abs(self._linear) @ np.abs(p).ravel()
-        products = np.abs(self._factor) * (np.abs(p[self._first]) * np.abs(p[self._second])).sum(1)
-        return np.asarray(
-            4 * np.spacing(sizes + np.bincount(self._row, products, minlength=self._count))
-        )
+        size, factors = np.abs(p), np.abs(self._factor)
+        products = factors * (size[self._first] * size[self._second]).sum(axis=1)
+        sums = self._sizes @ size.ravel() + np.bincount(self._row, products, self._count)
+        return np.asarray(4 * np.spacing(sums))
 
     def gained(self, middle: Array, d: Array) -> Array:
         """Exact gain of g where averages move by d, shape (rows,).
@@ -85,16 +84,14 @@ class Terms:
             middle: Averages half-way.
             d: Their increments.
         """
-        products = self._products(middle, d) + self._products(d, middle)
-        return np.asarray(self._linear @ d.ravel() + products)
+        k, j = self._first, self._second
+        terms = (middle[k] * d[j] + d[k] * middle[j]).sum(axis=1)
+        return np.asarray(self._linear @ d.ravel() + self._summed(terms))
 
-    def gradient(self, p: Array) -> csr_array:
+    def gradient(self, p: Array) -> Matrix:
         """∂g/∂p, shape (rows, 3 · averages)."""
-        if not self._row.size:
-            return self._linear
         both = self._factor[:, None, None] * np.stack([p[self._second], p[self._first]], axis=1)
-        values = self._fixed + np.bincount(self._put, both.ravel(), self._fixed.size)
-        return csr_array((values, *self._pattern), shape=self._linear.shape)
+        return self._gradient.filled(np.concatenate([self._fixed, both.ravel()]))
 
     def forces(self, p: Array, multipliers: Array) -> Array:
         """Σ λ ∂g/∂p, shape (averages, 3).
@@ -118,8 +115,4 @@ class Terms:
             share: That part: 0.5 for the middle of the step.
         """
         value = share * multipliers[self._row] * self._factor
-        k, j = (3 * of[:, None] + np.arange(3) for of in (self._first, self._second))
-        row, column = np.r_[k.ravel(), j.ravel()], np.r_[j.ravel(), k.ravel()]
-        values = np.tile(np.repeat(value, 3), 2)
-        size = self._linear.shape[1]
-        return csr_array((values, (row, column)), shape=(size, size))
+        return self._curvature.sparse(np.tile(np.repeat(value, 3), 2))

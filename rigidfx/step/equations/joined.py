@@ -124,7 +124,7 @@ class JoinedEquilibrium(Equilibrium):
     def guess(self, increment: Array, six: Array, y: PETSc.Vec) -> None:
         """See `Equilibrium`; multipliers are those of the last step."""
         super().guess(increment, six, self._inner)
-        y.array[:] = np.r_[self._inner.array_r, (self._known / self._scale)[: self._own]]
+        self._put(self._inner, self._known / self._scale, y)
 
     def largest(self, y: PETSc.Vec) -> float:
         """See `Equilibrium`."""
@@ -155,8 +155,12 @@ class JoinedEquilibrium(Equilibrium):
         """See `Equilibrium`."""
         self._multipliers = self._scale * self.of_joints(y.array_r)
         super().residual(self._part(y, self._inner), self._rest)
-        held = (self._scale * self.linkage.residual())[: self._own]
-        r.array[:] = np.r_[self._rest.array_r, held]
+        self._put(self._rest, self._scale * self.linkage.residual(), r)
+
+    def _put(self, of_nodes: PETSc.Vec, of_joints: Array, y: PETSc.Vec) -> None:
+        """Set a vector to the entries of nodes and bodies, and those of joints."""
+        values, n = y.array, self.prolongation.owned
+        values[:n], values[n:] = of_nodes.array_r, of_joints[: self._own]
 
     def _resist_nodes(self, f: PETSc.Vec) -> None:
         super()._resist_nodes(f)

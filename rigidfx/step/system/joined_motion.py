@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from rigidfx.base.matrices import dense
 from rigidfx.effects import Joint, Windowed
 from rigidfx.effects.joints.drives import prescribes
 from rigidfx.effects.joints.elements import JointSpring, coordinate_of
@@ -43,7 +44,7 @@ def joint_rows(
         places[title] = np.array([a.start for a in averages])
         moved[title] = np.asarray(scene.sum(by))
         terms = Terms([joint.pieces.rows], [0], len(averages))
-        gradient = terms.gradient(places[title]).toarray()
+        gradient = dense(terms.gradient(places[title]))
         out.append(gradient @ moved[title].reshape(gradient.shape[1], -1))
     for effect in elements_of(scene, acting):
         stiff = isinstance(effect, JointSpring) and effect.stiffness > 0
