@@ -12,6 +12,7 @@ from rigidfx.base.failures import Failures
 from rigidfx.decide.criteria.heeded import heeded_indicator
 from rigidfx.decide.criteria.judging import Criterion
 from rigidfx.decide.policy import Policy
+from rigidfx.effects import Contact
 from rigidfx.error.ending import Promise
 from rigidfx.error.error_motion import ErrorMotion
 from rigidfx.error.forces.body_forces import BodyForces
@@ -22,6 +23,7 @@ from rigidfx.recovery.held_parts import HeldParts
 from rigidfx.recovery.recovery import Recovery
 from rigidfx.report.ledger import Ledgers
 from rigidfx.report.probes import Probes
+from rigidfx.report.resolved_forces import ResolvedForces
 from rigidfx.report.start import Start
 from rigidfx.run import Run
 from rigidfx.scene.scene import Scene
@@ -93,8 +95,10 @@ def prepare(
                 recovery = Recovery(stepper, borne, held, error)
         ledgers = None if looks is None and control is None else Ledgers(stepper)
         stack.pop_all()
-    touch = FirstTouch(stepper)
-    run = Run(timeline, stepper, switch, policy, probes, recovery, touch, ledgers, error, looks)
+    touch, contacts = FirstTouch(stepper), ResolvedForces(scene) if scene.named(Contact) else None
+    run = Run(
+        timeline, stepper, switch, policy, probes, recovery, touch, contacts, ledgers, error, looks
+    )
     return run, impact
 
 

@@ -22,6 +22,7 @@ from rigidfx.report.ledger import Ledgers, Rigidity
 from rigidfx.report.of_step import report_of
 from rigidfx.report.probes import Probes
 from rigidfx.report.report import Report
+from rigidfx.report.resolved_forces import ResolvedForces
 from rigidfx.scene.timeline import Timeline
 from rigidfx.step.first_touch import FirstTouch
 from rigidfx.step.step_result import StepResult
@@ -45,6 +46,7 @@ class Run:
         probes: Points that are reported.
         recovery: Forces that would strain rigid parts; None if forces wake none.
         touch: Foresees the first touch of a contact.
+        resolved: Averages forces of contacts over the time that the mesh resolves; None without.
         ledgers: Spent accuracy; None if nothing estimates it.
         error: The motion by which the run is off its flexible twin; None if it is not followed.
         corrected: Whether the error motion is added to displacements that are shown.
@@ -59,6 +61,7 @@ class Run:
     probes: Probes
     recovery: Recovery | None
     touch: FirstTouch
+    resolved: ResolvedForces | None
     ledgers: Ledgers | None
     error: ErrorMotion | None
     looks: Looks | None = None
@@ -66,7 +69,7 @@ class Run:
     corrected: bool = True
 
     remembered: ClassVar[Remembered] = dict.fromkeys(
-        ("stepper", "policy", "touch", "ledgers"), PART
+        ("stepper", "policy", "touch", "resolved", "ledgers"), PART
     )
 
     @property
@@ -171,7 +174,9 @@ class Run:
         return impact
 
     def accounted(self, report: Report) -> Report:
-        """A report with its ledger, if there is one. Collective."""
+        """A report with its ledger, if there is one, and resolved forces. Collective."""
+        if self.resolved is not None:
+            report = self.resolved.of(report)
         if self.ledgers is None:
             return report
         withheld = np.nan if self.looks is None else self.looks.withheld

@@ -10,6 +10,7 @@ import pytest
 from mpi4py import MPI
 
 import rigidfx as rf
+from rigidfx.report.resolved_forces import trailing_mean
 
 SOFT = rf.StVenantKirchhoff(E=1e8, nu=0.3, rho=1000.0)
 BAR = rf.box((0, 0, 0), (1, 0.1, 0.1), (4, 1, 1))
@@ -80,10 +81,11 @@ def test_a_support_that_stops_a_body():
     assert "At t = 0.002 s 'x0' acts with a jolt: an impact takes" in message
 
 
-def peak_of_force(effects, dt, t_end, domain=BAR):
-    """The largest force of a contact [N]."""
+def peaks_of_force(effects, dt, t_end, domain=BAR):
+    """The largest force of a contact, and that of its mean over the time that cells resolve [N]."""
     reports = rf.simulate(rf.Scene(domain, SOFT, effects), dt, t_end, progress=False)
-    return max(touch.pressing for r in reports for touch in r.touches.values())
+    touches = [touch for r in reports for touch in r.touches.values()]
+    return max(t.pressing for t in touches), max(t.resolved for t in touches)
 
 
 def facing_bars():
@@ -99,8 +101,9 @@ def facing_bars():
 
 
 @pytest.mark.parametrize("pair", [False, True])
+@pytest.mark.filterwarnings("ignore:.* as nodes of the surface ring")
 def test_a_contact_that_the_step_does_not_resolve(pair):
-    """It is told with a Δt at which nothing is said, and the force's peak is that at half of it."""
+    """It is told with a Δt at which steps are not told of, and the peak is that at half of it."""
     if pair:
         contact, domain = rf.Contact("end", against="begin"), facing_bars()
         effects = [contact, rf.InitialVelocity(linear=(1.0, 0, 0), where="first")]
@@ -111,13 +114,65 @@ def test_a_contact_that_the_step_does_not_resolve(pair):
     assert f"Contact '{contact.title}' closed at t = " in message
     assert "and opened again within" in message
     dt = float(re.search(r"With Δt ≤ (\S+) s", message)[1])
-    assert 2e-5 < dt < 2e-4  # a wave passes a cell in 0.7 ms
-    assert not said(effects, dt, 8e-3, domain)
-    coarse, fine = (peak_of_force(effects, dt / k, 8e-3, domain) for k in (1, 2))
+    assert 1e-4 < dt < 3e-4  # a wave passes a cell in 0.7 ms
+    control = rf.StepControl(0.01, largest=5e-3)
+    for steps in (dt, control):
+        assert not [text for text in said(effects, steps, 0.012, domain) if "within" in text]
+    coarse, fine = (peaks_of_force(effects, dt / k, 8e-3, domain)[1] for k in (1, 2))
     assert coarse == pytest.approx(fine, rel=0.03)
-    with pytest.warns(rf.RigidfxWarning, match="opened again"):
-        assert peak_of_force(effects, 5e-3, 0.05, domain) < 0.5 * fine
-    assert not said(effects, rf.StepControl(0.01, largest=5e-3), 0.02, domain)
+    with pytest.warns(rf.RigidfxWarning, match="opened again within"):
+        assert peaks_of_force(effects, 0.02, 0.1, domain)[1] < 0.5 * fine
+
+
+@pytest.mark.parametrize(
+    ("cell", "order", "mass", "n", "least"),
+    [
+        ("hexahedron", 1, "lumped", 6, 1.9),
+        ("tetrahedron", 2, "consistent", 3, 1.1),
+        ("hexahedron", 2, "lumped", 3, 1.4),
+    ],
+)
+def test_a_flat_face_presses_with_the_force_of_the_body(cell, order, mass, n, least):
+    """ρ c v A of a plane wave: its nodes ring on the contact, which is told, not their mean."""
+    h, E, nu, rho, v = 0.005, 2.3e9, 0.35, 1050.0, 1.0
+    c = np.sqrt(E * (1 - nu) / ((1 + nu) * (1 - 2 * nu)) / rho)
+    block = rf.box((0, 0, 1e-6), (h, h, n * h + 1e-6), (1, 1, n), cell)
+    block = block.with_cells("all", lambda x: x[0] > -1)
+    floor = rf.Contact("z0", against=rf.Plane((0, 0, 0), (0, 0, 1)))
+    effects = [floor, rf.Fixed("all", "xy"), rf.InitialVelocity(linear=(0, 0, -v))]
+    plastic = rf.StVenantKirchhoff(E=E, nu=nu, rho=rho)
+    peaks = []
+    for crossings in (0.3, 0.1):  # of a layer of nodes, in a step
+        scene = rf.Scene(block, plastic, effects, order=order, mass=mass)
+        dt, t_end = crossings * h / order / c, (2 * n + 6) * h / c
+        with warnings.catch_warnings(record=True) as shown:
+            warnings.simplefilter("always")
+            reports = list(rf.simulate(scene, dt, t_end, progress=False))
+        touches = [touch for r in reports for touch in r.touches.values()]
+        peaks.append(max(touch.resolved for touch in touches) / (rho * c * v * h * h))
+        peak = max(touch.pressing for touch in touches) / (rho * c * v * h * h)
+    assert peaks == pytest.approx([1.0, 1.0], rel=0.05)
+    assert peak > least
+    (message,) = {str(w.message) for w in shown if "opened again" in str(w.message)}
+    told = float(re.search(r"touch.resolved, (\S+) N", message)[1]) / (rho * c * v * h * h)
+    assert told == pytest.approx(peaks[-1], rel=0.006)  # of three digits
+
+
+def test_a_resolved_force_is_a_mean_with_any_steps():
+    """A steady force as soon as it has pressed for that time, a long step's force, zero at last."""
+    steps, found = [], []
+    for dt in (0.3, 0.1, 0.5, 0.2, 0.1, 0.7):
+        steps.append((dt, 2.0))
+        found.append(trailing_mean(steps, 1.0))
+    assert found[0] == pytest.approx(2.0 * 2 * 0.3**2)
+    assert found[3:] == pytest.approx([2.0] * 3)
+    steps += [(0.25, 0.0)]
+    assert trailing_mean(steps, 1.0) == pytest.approx(2.0 * (1 - 2 * 0.25**2))
+    steps += [(0.8, 0.0)]
+    assert trailing_mean(steps, 1.0) == 0.0
+    assert not steps
+    steps += [(0.2, 1.0), (1.5, 3.0)]
+    assert trailing_mean(steps, 1.0) == 3.0
 
 
 def test_an_impact_of_a_rigid_body_that_the_step_does_not_resolve():
@@ -128,7 +183,7 @@ def test_an_impact_of_a_rigid_body_that_the_step_does_not_resolve():
     dt = float(re.search(r"With Δt ≤ (\S+) s", message)[1])
     assert not said(effects, dt, 0.01)
     exact = np.sqrt(10.0 * 1e10 * 0.01)  # v √(m k)
-    assert peak_of_force(effects, dt, 0.01) == pytest.approx(exact, rel=0.035)
+    assert peaks_of_force(effects, dt, 0.01) == pytest.approx((exact, exact), rel=0.035)
 
 
 @pytest.mark.parametrize("rigid", [[], [rf.Rigid()]])

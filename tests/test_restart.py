@@ -99,6 +99,7 @@ FOUND_ANEW = {
     "LumpedInertia": "_seen",
     "Modal": "_asked _fixed _force _m_phi _phi _right _still _sums",  # by `at_nodes`
     "Policy": "_springs",
+    "ResolvedForces": "_times",
     "RotationPerStep": "_cells _nodes",
     "RunError": "_next_high _next_low _next_parts _next_sizes",
     "SharedStrains": "_start",

@@ -108,6 +108,10 @@ class Structure(Protocol):
         ...
 
 
+def _nothing() -> Array:
+    return np.zeros(3)
+
+
 @dataclass(frozen=True)
 class Touch:
     """Force and impulse of a contact in a step; those of ranks and parts add up.
@@ -116,7 +120,9 @@ class Touch:
         name: Title of the contact.
         force: On the surface at the step's midpoint, shape (3,) [N]; zero where it meets itself.
         moment: Its moment about the origin, likewise [N m].
-        pressing: Sum of the sizes of the forces at nodes [N].
+        pressing: Sum of the sizes of the forces at nodes [N], in the mean of the step.
+        resolved: Its mean over the shortest time that the mesh resolves, up to the end of the step;
+            in reports of a run only [N].
         energy: Stored in the contact at its end [J].
         work: Work of a moving obstacle on the structure [J].
         dissipated: Energy that friction took [J].
@@ -125,9 +131,10 @@ class Touch:
     """
 
     name: str
-    force: Array = field(default_factory=lambda: np.zeros(3))
-    moment: Array = field(default_factory=lambda: np.zeros(3))
+    force: Array = field(default_factory=_nothing)
+    moment: Array = field(default_factory=_nothing)
     pressing: float = 0.0
+    resolved: float = 0.0
     energy: float = 0.0
     work: float = 0.0
     dissipated: float = 0.0
@@ -141,6 +148,7 @@ class Touch:
             self.force + other.force,
             self.moment + other.moment,
             self.pressing + other.pressing,
+            self.resolved + other.resolved,
             self.energy + other.energy,
             self.work + other.work,
             self.dissipated + other.dissipated,

@@ -38,7 +38,8 @@ Columns, in SI units; a vector has one column for each of x, y, z:
                                              motors _motor_torque_1, _motor_speed, …
     contact_NAME_force_x …, _moment_x …      of each contact [N, N m], zero while it does not act
     contact_NAME_force_e_x …                 the error motion's part of the force [N], not in it
-    contact_NAME_pressing                    sum of the sizes of its nodal forces [N]
+    contact_NAME_pressing, _resolved         sum of the sizes of its nodal forces [N]; its mean over
+                                             the shortest time that the mesh resolves, for peaks
     contact_NAME_energy, _dissipated         stored at t, taken by friction in the step [J]
     contact_NAME_penetration, _nodes         greatest [m], number of nodes that touch, at t
     withheld, frozen, energy_allowed         what the ledger says: withheld by rigidity, kept of
@@ -257,7 +258,7 @@ def _of_contacts(
         out |= components(f"contact_{title}_force", touch.force)
         out |= components(f"contact_{title}_moment", touch.moment)
         out |= components(f"contact_{title}_force_e", of_error.get(title, np.zeros(3)))
-        for name in ("pressing", "energy", "dissipated", "penetration", "nodes"):
+        for name in ("pressing", "resolved", "energy", "dissipated", "penetration", "nodes"):
             out[f"contact_{title}_{name}"] = float(getattr(touch, name))
     return out
 

@@ -1,13 +1,14 @@
-"""Does a contact close and open again within a few steps of a given Δt?
+"""Does a run resolve the blows of its contacts: do steps, and do cells?
 
-Then impulses and the motion afterwards hold, as momenta and energy are exact at any Δt. The forces
-in between are means over steps: their peak, and that of stresses, is not resolved. How long a
-contact presses is measured as that half of a sine which has its impulse I and its peak F, of the
-length π I/(2 F): a series of blows that follow one another counts as one of them.
+A contact that closes and opens again within few steps has the right impulse, and the motion
+afterwards holds, as momenta and energy are exact at any Δt. The forces in between are means over
+steps: their peak, and that of stresses, is not resolved. How long a contact presses is measured as
+that half of a sine which has its impulse I and the peak F of `Touch.resolved`, of the length
+π I/(2 F): a series of blows that follow one another counts as one of them. The Δt that is named
+resolves that duration and the contact's own time (`own_time`).
 
-The Δt that is named resolves that duration, and the contact's own time, which no blow of a node or
-of a part that is named rigid falls below: the peaks of six impacts at that Δt differ from those at
-half of it by 0.5 to 4 %.
+In short steps nodes of the surface ring on the penalty, and the peak of the force is theirs. Then
+the run names that of `Touch.resolved`.
 """
 
 from __future__ import annotations
@@ -20,14 +21,14 @@ from typing import ClassVar
 from rigidfx.base.remembered import Remembered, same
 from rigidfx.base.warning import warn
 from rigidfx.effects import Contact
-from rigidfx.effects.contacts.own_time import own_time
+from rigidfx.effects.contacts.layer_times import own_time, resolved_time
 from rigidfx.report.report import Report
 from rigidfx.scene.scene import Scene
 
 __all__ = ["BriefContacts"]
 
-FEW = 5.0  # steps: half a sine sampled by fewer loses more than a tenth of its peak
-RESOLVED = 10  # steps of an impact, or of the contact's own time, whose peak is known to some 3 %
+RESOLVED = 10  # steps of half a sine whose peak is known to some 3 %; half as many lose a tenth
+RINGS = 1.1  # times the resolved peak: a peak that is worth a word
 WORTH_A_WARNING = 0.01  # of the largest Σ m|v| so far: impulse of an impact that matters
 
 
@@ -41,6 +42,7 @@ class _Closed:
         longest: The longest of these [s].
         impulse: Sum of its nodal impulses [N s].
         peak: Largest force in a step [N].
+        resolved: Largest of its means over the time that the mesh resolves [N].
     """
 
     since: float
@@ -48,17 +50,18 @@ class _Closed:
     longest: float
     impulse: float
     peak: float
+    resolved: float
 
     @property
     def duration(self) -> float:
-        """Length of half a sine of this impulse and peak [s]."""
-        return 0.5 * pi * self.impulse / self.peak
+        """Length of half a sine of this impulse and resolved peak [s]."""
+        return 0.5 * pi * self.impulse / self.resolved
 
 
 class BriefContacts:
-    """Looks at the contacts of reports; warns once."""
+    """Looks at the contacts of reports; warns once of steps, and once of cells."""
 
-    remembered: ClassVar[Remembered] = same("_waits", "_closed", "_most")
+    remembered: ClassVar[Remembered] = same("_waits", "_listens", "_closed", "_most")
 
     def __init__(self, scene: Scene, given: bool) -> None:
         """Begin before the first report.
@@ -67,7 +70,7 @@ class BriefContacts:
             scene: The problem.
             given: Whether Δt is given, and nothing chooses it by its error.
         """
-        self._scene, self._waits = scene, given
+        self._scene, self._waits, self._listens = scene, given, True
         self._closed: dict[str, _Closed] = {}
         self._most = 0.0  # largest Σ m|v| so far [N s]
 
@@ -77,43 +80,53 @@ class BriefContacts:
         Args:
             report: The next one.
         """
-        if not self._waits:
+        if not (self._waits or self._listens):
             return
         self._most = max(self._most, report.momentum_scale)
         for title, touch in report.touches.items():
             if touch.pressing > 0:
-                begins = _Closed(report.t - report.dt, 0, 0.0, 0.0, 0.0)
+                begins = _Closed(report.t - report.dt, 0, 0.0, 0.0, 0.0, 0.0)
                 now = self._closed.setdefault(title, begins)
                 now.steps += 1
                 now.longest = max(now.longest, report.dt)
                 now.impulse += touch.pressing * report.dt
                 now.peak = max(now.peak, touch.pressing)
+            if touch.resolved > 0:  # also for a while after it has opened
+                now = self._closed[title]
+                now.resolved = max(now.resolved, touch.resolved)
                 continue
             past = self._closed.pop(title, None)
-            if past is None or past.duration > FEW * past.longest:
-                continue
-            if past.impulse > WORTH_A_WARNING * self._most:
+            if past is not None and past.impulse > WORTH_A_WARNING * self._most:
                 self._judge(title, past)
 
     def _judge(self, title: str, past: _Closed) -> None:
-        """Warn and look no more, unless Δt is short enough for the contact's own time."""
+        """Warn of a blow that steps do not resolve, or of a peak of nodes that ring. Collective."""
         contact = next(c for c in self._scene.named(Contact) if c.title == title)
-        own = own_time(self._scene, contact)
-        dt = _rounded_down(min(past.duration, own) / RESOLVED)
-        if past.longest <= dt:
-            return
-        self._waits = False
-        steps = "one step" if past.steps == 1 else f"{past.steps} steps"
-        warn(
-            self._scene.comm,
-            f"Contact '{title}' closed at t = {past.since:.6g} s and opened again within {steps}: "
-            f"Δt does not resolve this impact. Its impulse, {past.impulse:.3g} N s, and the motion "
-            f"afterwards hold; the peak of its force ({past.peak:.3g} N here, a mean over a step) "
-            f"and of stresses does not. With Δt ≤ {dt:.2g} s the peak is found to a few per cent: "
-            "a tenth of the half period of the contact's lightest node, or rigid part, on its "
-            "stiffness, or less. StepControl and Accuracy shorten steps at impacts; the error "
-            "afterwards is not estimated.",
-        )
+        told = f"Contact '{title}' closed at t = {past.since:.6g} s and opened again"
+        over = f"{resolved_time(self._scene, contact):.2g} s"
+        dt = _rounded_down(min(past.duration, own_time(self._scene, contact)) / RESOLVED)
+        if self._waits and past.duration <= 0.5 * RESOLVED * past.longest and past.longest > dt:
+            self._waits = self._listens = False
+            steps = "one step" if past.steps == 1 else f"{past.steps} steps"
+            warn(
+                self._scene.comm,
+                f"{told} within {steps}: Δt does not resolve this impact. Its impulse, "
+                f"{past.impulse:.3g} N s, and the motion afterwards hold; the peak of its force "
+                f"({past.peak:.3g} N here, a mean over a step) and of stresses does not. With Δt ≤ "
+                f"{dt:.2g} s the peak of touch.resolved, the force's mean over {over}, is found to "
+                "a few per cent: a tenth of the half period of the layer of cells behind the "
+                "contact, or of a rigid part, on its stiffness, or less. StepControl and Accuracy "
+                "shorten steps at impacts; the error afterwards is not estimated.",
+            )
+        elif self._listens and past.peak > RINGS * past.resolved:
+            self._listens = False
+            warn(
+                self._scene.comm,
+                f"{told}: the peak of its force, {past.peak:.3g} N, lasts for less than its cells "
+                "resolve, as nodes of the surface ring on the contact. Take that of "
+                f"touch.resolved, {past.resolved:.3g} N: a mean over {over}, in which a wave "
+                "crosses four layers of nodes. Smaller cells resolve shorter blows.",
+            )
 
 
 def _rounded_down(dt: float) -> float:

@@ -134,13 +134,9 @@ class Sliding:
     part: float
 
 
+NONE = np.empty((0, 3))
 NOTHING = Pressed(
-    np.empty(0, np.int64),
-    np.empty((0, 3)),
-    np.empty((0, 3)),
-    (np.empty(0), np.empty(0)),
-    Approach(np.empty((0, 3)), None, np.empty((0, 3))),
-    None,
+    np.empty(0, np.int64), NONE, NONE, (NONE[:, 0], NONE[:, 0]), Approach(NONE, None, NONE), None
 )
 
 

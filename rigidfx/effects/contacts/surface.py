@@ -17,13 +17,14 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem, la
+from mpi4py import MPI
 from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
 
 from rigidfx.base.errors import SceneError, agree
 from rigidfx.base.form_cache import form_on
 from rigidfx.mechanics.materials import Material
 
-__all__ = ["ContactSurface", "surface_of", "triangles_of"]
+__all__ = ["ContactSurface", "modulus_of", "surface_of", "triangles_of"]
 
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -173,10 +174,31 @@ def _layers(scene: Any, where: str, owner: str) -> fem.Function:
 
 
 def _modulus(scene: Any, material: Material, owner: str) -> float:
-    """λ + 2μ of a material at rest, by its stored energy [Pa]. Collective.
+    """λ + 2μ of a material at rest [Pa]. Collective.
 
     Raises:
-        SceneError: On every rank, if its energy cannot be evaluated, or does not grow.
+        SceneError: On every rank, if its energy does not tell it.
+    """
+    modulus = modulus_of(scene.comm, material)
+    problem = (
+        None
+        if np.isfinite(modulus)
+        else f"{owner}: {type(material).__name__} does not tell how stiff contact is to be; give "
+        "stiffness [N/m³], some ten times (λ + 2μ)/h of a cell of size h."
+    )
+    agree(scene.comm, problem, SceneError)
+    return modulus
+
+
+def modulus_of(comm: MPI.Intracomm, material: Material) -> float:
+    """λ + 2μ of a material at rest by its stored energy; NaN if that does not tell it. Collective.
+
+    Args:
+        comm: All ranks.
+        material: The material.
+
+    Returns:
+        The modulus [Pa].
     """
 
     def energy(strain: float) -> float:
@@ -188,11 +210,5 @@ def _modulus(scene: Any, material: Material, owner: str) -> float:
         modulus = (energy(STRAIN) - 2 * energy(0.0) + energy(-STRAIN)) / STRAIN**2
     except Exception:  # whatever UFL may raise about a user's energy
         modulus = np.nan
-    problem = (
-        None
-        if modulus > 0
-        else f"{owner}: {type(material).__name__} does not tell how stiff contact is to be; give "
-        "stiffness [N/m³], some ten times (λ + 2μ)/h of a cell of size h."
-    )
-    agree(scene.comm, problem, SceneError)
-    return float(modulus)
+    known = comm.allreduce(bool(modulus > 0), op=MPI.LAND)
+    return float(modulus) if known else np.nan
