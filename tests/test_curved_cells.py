@@ -79,6 +79,30 @@ def test_a_bracket_with_a_small_spline_edge(tmp_path):
     assert volume(near.mesh) == pytest.approx(exact, rel=1e-6)
 
 
+@alone
+def test_a_thin_shell(tmp_path):
+    """Edges through the wall follow its two faces; only few of the cells have to be straighter."""
+    path = tmp_path / "shell.step"
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        occ = gmsh.model.occ
+        occ.cut([(3, occ.addSphere(0, 0, 0, 30))], [(3, occ.addSphere(0, 0, 0, 29))])  # mm
+        occ.synchronize()
+        gmsh.write(str(path))
+        gmsh.model.add("torus")
+        occ.addTorus(0, 0, 0, 40, 4)
+        occ.synchronize()
+        gmsh.write(str(tmp_path / "torus.step"))
+    finally:
+        gmsh.finalize()
+    with pytest.warns(rf.RigidfxWarning, match=r": 1?\d of \d{3} cells would be inside out"):
+        shell = rf.read_cad(path, size=0.012, order=2)
+    assert volume(shell.mesh) == pytest.approx(4 / 3 * np.pi * (30**3 - 29**3) * 1e-9, rel=5e-3)
+    with pytest.raises(rf.SceneError, match=r"gmsh finds no mesh: .*per_circle=24"):
+        rf.read_cad(tmp_path / "torus.step", size=0.02)
+
+
 SCRIPT = """
 Point(1) = {0, 0, 0}; Point(2) = {1, 0, 0}; Point(3) = {0, 1, 0};
 Point(4) = {1.43, 0, 0}; Point(5) = {0, 1.43, 0};

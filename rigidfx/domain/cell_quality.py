@@ -79,7 +79,7 @@ def _folded(mesh: dmesh.Mesh) -> npt.NDArray[np.int32]:
     x = mesh.geometry.x
     corner = x[vertices]
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    corners_of_cell = dmesh.entities_to_geometry(mesh, 3, pairs.reshape(-1))
+    corners_of_cell = dmesh.entities_to_geometry(mesh, 3, pairs.reshape(-1))[:, :4]
     centre = x[corners_of_cell].mean(axis=1).reshape(-1, 2, 3)
     side = np.einsum("fci,fi->fc", centre - corner[:, :1], normal)
     return pairs[side[:, 0] * side[:, 1] >= 0, 0]

@@ -129,6 +129,9 @@ def mesh_model(
 
     Returns:
         Texts of warnings.
+
+    Raises:
+        SceneError: If gmsh cannot mesh it.
     """
     mesh = gmsh.model.mesh
     own = size is not None or not len(mesh.getElements(3)[0])
@@ -136,7 +139,13 @@ def mesh_model(
         gmsh.option.setNumber("Mesh.MeshSizeMax", size)
     if own:
         mesh.clear()
-        mesh.generate(3)
+        try:
+            mesh.generate(3)
+        except Exception as error:  # gmsh raises nothing else
+            raise SceneError(
+                f"gmsh finds no mesh: {error}. Smaller cells (size; in read_cad also "
+                "per_circle=24, along curves) often help; else the geometry needs repair."
+            ) from None
     if order is not None:
         mesh.setOrder(order)
     told = [straighten(gmsh, metres)] if own or order == 2 else []
