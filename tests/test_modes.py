@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from mpi4py import MPI
 from parallel import report as tell
 from parallel import run as mpirun
+from scipy.linalg import eigh
 from test_contact_pairs import boxes
 
 import rigidfx as rf
@@ -223,6 +226,55 @@ def test_a_rigid_bob_on_a_pulled_string_swings():
     bend = 3 * 1e8 * thick**4 / 12 / heavy
     np.testing.assert_allclose(both, g / (long * stretch) + bend, rtol=0.05)
     np.testing.assert_allclose(both[0], both[1], rtol=5e-3)
+
+
+def chain(count, joint, *effects, along=(0.0, 0.0, -1.0), pull=(0.0, 0.0, -9.81)):
+    """Rigid links of 1 m, the first one hung on the ground, under gravity."""
+    ends = [k * np.array(along) for k in range(count + 1)]
+    across = 0.05 * (1 - np.abs(along))
+    corners = [(np.minimum(a, b) - across, np.maximum(a, b) + across) for a, b in pairwise(ends)]
+    cells = [2 if side else 1 for side in along]
+    domain = boxes(*((tuple(low), tuple(high), cells) for low, high in corners))
+    names, joints = ["ground"], []
+    for k, (low, high) in enumerate(corners):
+        inside = [np.array(end)[:, None] for end in (low - 1e-9, high + 1e-9)]
+        domain = domain.with_cells(
+            f"link {k}",
+            lambda x, i=inside: ((x.reshape(3, -1) >= i[0]) & (x.reshape(3, -1) <= i[1])).all(0),
+        )
+        names.append(f"link {k}")
+        joints += [joint(*names[-2:], tuple(ends[k])), rf.Rigid(names[-1])]
+    stiff = rf.StVenantKirchhoff(E=2e11, nu=0.0, rho=1000.0)
+    return rf.Scene(domain, stiff, [*joints, rf.Gravity(pull), *effects])
+
+
+def hinge(a, b, at):
+    return rf.Revolute(a, b, at=at, axis=(0, 1, 0))
+
+
+def swinging(count):
+    """f of rigid links with thirds of mass as 1, 2, 1 along them, small angles [Hz]."""
+    M, K, own = np.zeros((count,) * 2), np.zeros((count,) * 2), 0.5**2 / 2 + 0.05**2
+    for k in range(count):
+        arms = np.r_[np.ones(k), 0.5, np.zeros(count - k - 1)]
+        M += np.outer(arms, arms) + own * np.diag(np.arange(count) == k)
+        K += 9.81 * np.diag(arms)
+    return np.sqrt(eigh(K, M, eigvals_only=True)) / (2 * np.pi)
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_rigid_links_swing_under_their_weight(count):
+    """Forces of joints, and moments of weights, are all their stiffness; balls let them turn."""
+    found = rf.modes(chain(count, hinge), 6)
+    np.testing.assert_allclose(found.frequencies, swinging(count), rtol=1e-9)
+    balls = rf.modes(chain(count, rf.Spherical), 3 * count)
+    assert (len(balls), balls.rigid) == (2 * count, count)
+    np.testing.assert_allclose(balls.frequencies[::2], swinging(count), rtol=1e-9)
+    with pytest.warns(UserWarning, match=f"reference is unstable: {count} of the modes grow"):
+        upright = rf.modes(chain(count, hinge, pull=(0, 0, 9.81)), 6)
+    np.testing.assert_allclose(upright.squares[::-1], -found.squares, rtol=1e-9)
+    aside = rf.modes(chain(count, hinge, pull=(9.81, 0, 0)), 6)  # in no balance: without weight
+    assert (len(aside), aside.rigid) == (0, count)
 
 
 @pytest.fixture(scope="module")

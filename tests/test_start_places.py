@@ -106,6 +106,15 @@ def test_a_rotation_that_begins_later_takes_nodes_along_where_they_are(rigid):
     assert max(r.strain for r in reports) < 1e-2 * reports[0].kinetic
 
 
+def rotor(omega, *effects, **how):
+    """A bar of 0.5 m that spins about one end."""
+    steel = rf.StVenantKirchhoff(E=2e11, nu=0.0, rho=7800.0)
+    bar = rf.box((0, -0.005, -0.005), (0.5, 0.005, 0.005), (10, 1, 1))
+    spun = rf.Preload(spin=(0.0, 0.0, omega), increments=3)
+    probes = {"tip": (0.5, 0.0, 0.0)}
+    return rf.Scene(bar, steel, [*effects, spun], order=2, probes=probes, **how)
+
+
 @pytest.mark.parametrize("mass", ["lumped", "consistent"])
 @pytest.mark.parametrize(
     ("omega", "tip"),
@@ -119,23 +128,27 @@ def test_a_rotor_starts_in_equilibrium(omega, tip, mass):
     The hub is led through ω Δt a step, where the method turns a free body by 2 atan(ω Δt/2). That
     leaves a swing of (ω Δt)²/6 at most.
     """
-    rotor = rf.box((0, -0.005, -0.005), (0.5, 0.005, 0.005), (10, 1, 1))
     hub = rf.PrescribedRotation(
         "x0", axis=(0, 0, 1), angle=lambda t: omega * t, speed=lambda t: omega
     )
-    spun = rf.Preload(spin=(0.0, 0.0, omega), increments=3)
-    scene = rf.Scene(
-        rotor,
-        rf.StVenantKirchhoff(E=2e11, nu=0.0, rho=7800.0),
-        [hub, spun],
-        order=2,
-        mass=mass,
-        probes={"tip": (0.5, 0.0, 0.0)},
-    )
+    scene = rotor(omega, hub, mass=mass)
     reports = rf.simulate(scene, 0.02 / omega, 0.4 / omega, progress=False)
     ends = [np.linalg.norm(r.probes["tip"] + (0.5, 0.0, 0.0)) - 0.5 for r in reports]
     assert ends[0] == pytest.approx(tip, rel=5e-5)
     assert np.ptp(ends) < 1e-4 * tip
+
+
+def test_a_spin_is_about_the_axis_of_a_hinge():
+    """Motors of hinges spin rotors as supports do; two axes are refused."""
+    hinge = rf.Revolute("ground", rf.MeanFace("x0"), at=(0, 0, 0), axis=(0, 0, 1), name="hub")
+    motor = rf.Motor("hub", speed=1000.0)
+    first = next(iter(rf.simulate(rotor(1000.0, hinge, motor), 2e-5, 4e-4)))
+    np.testing.assert_allclose(first.probes["tip"], (1.62185e-3, 0, 0), rtol=5e-4, atol=1e-9)
+    v = first.probes["tip"][0] + 0.5
+    assert first.kinetic == pytest.approx(0.5 * 0.39 * (1000.0 * v) ** 2 / 3, rel=2e-3)
+    far = rf.Revolute("ground", rf.MeanFace("x1"), at=(0.5, 0, 0), axis=(0, 0, 1), name="far")
+    with pytest.raises(rf.SceneError, match=r"have different axes\. Give the centre"):
+        next(iter(rf.simulate(rotor(1000.0, hinge, motor, far), 2e-5, 4e-4)))
 
 
 def test_springs_may_be_strained_by_a_displacement():

@@ -7,68 +7,108 @@ Joints hold G y = 0. Of as many independent rows as there are, each gives one un
 so that there are as many modes as unknowns less rows, and no stiffness stands for a joint. The
 given unknowns are the pivots of a QR of G, which keeps the entries of Z small. Locks are rows,
 springs of joints and of remote points a stiffness.
+
+Forces in the state are a stiffness, too. K is the derivative of all that act, on nodes, on the
+places of joints and on bodies, where they turn along: with the energy V, the rows g and their
+forces λ, for which dV + λ dg = 0, it is that of d²V + λ d²g (J. Nocedal and S. Wright, Numerical
+Optimization, 2nd ed., Section 12.5).
 """
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.linalg import qr, solve_triangular
 from scipy.sparse import csr_array, dia_array
 
 from rigidfx.base.matrices import dense
-from rigidfx.coupling.ports import Ports
 from rigidfx.coupling.prolongation import Prolongation
 from rigidfx.effects.joints.drives import prescribes
 from rigidfx.effects.joints.linkage import Linkage
 from rigidfx.effects.joints.redundancy import RANK, independent
 from rigidfx.mechanics.bodies import Bodies
+from rigidfx.step.equations.joined import JoinedEquilibrium
 
-__all__ = ["FreeMotions", "JointRows"]
+__all__ = ["FreeMotions", "HeldState"]
 
 Array = npt.NDArray[np.float64]
 
 
-class JointRows:
-    """What joints add to the equations of small vibrations; arrays are equal on all ranks.
+class HeldState(JoinedEquilibrium):
+    """The balance of a state that vibrates, with the forces of joints that hold it.
 
     Attributes:
         held: Derivatives of independent rows by the unknowns of all ranks, shape (rows, unknowns).
-        stiffness: Stiffness of springs of joints and of remote points, shape (unknowns,) * 2 [N/m].
     """
 
-    def __init__(self, linkage: Linkage, bodies: Bodies, prolongation: Prolongation) -> None:
-        """Find them. Collective.
+    anchored = False
+
+    def __init__(self, linkage: Linkage, bodies: Bodies, *given: Any) -> None:
+        """Find the rows. Collective.
 
         Args:
             linkage: The joints.
             bodies: The bodies at the state.
-            prolongation: Map between unknowns and dofs, in the pose of the bodies.
+            given: See `Equilibrium`.
         """
-        ports = Ports(prolongation, linkage)
-        linkage.begin(bodies)
-        rows, terms, compliance = ports.resisted(linkage, bodies)
-        drives = linkage.drives
-        lead, E = ports.lead(prolongation.increments.L), ports.everywhere()
-        along = linkage.test()[linkage.active.size :]
-        laws = np.array([prescribes(effect) for effect in drives.effects], dtype=bool)
-        locks = along[np.flatnonzero(laws)]
-        rows = np.vstack([rows, dense(locks @ lead)])
-        terms = np.vstack([terms, dense(abs(locks) @ abs(lead))])
-        self.held = csr_array(csr_array(rows[independent(rows, terms, compliance)]) @ E)
-        T = csr_array(csr_array(along @ lead) @ E)
-        k = dia_array((drives.stiffness()[None], [0]), shape=(len(drives),) * 2)
-        self.stiffness = csr_array(T.T @ k @ T)
-        if len(linkage.points):
-            P = csr_array(csr_array(lead) @ E)
-            # Of torques, which have no energy, the symmetric part.
-            K = linkage.stiffness_of_points()
-            self.stiffness = csr_array(self.stiffness + 0.5 * (P.T @ (K + K.T) @ P))
+        super().__init__(linkage, bodies, *given)
+        rows, terms, compliance = self.ports.resisted(linkage, bodies)
+        self._lead = self.ports.lead(self.prolongation.increments.L)
+        self._everywhere = self.ports.everywhere()
+        locked = np.array([prescribes(effect) for effect in linkage.drives.effects], dtype=bool)
+        locks = linkage.test()[linkage.active.size + np.flatnonzero(locked)]
+        rows = np.vstack([rows, dense(locks @ self._lead)])
+        terms = np.vstack([terms, dense(abs(locks) @ abs(self._lead))])
+        independent_rows = csr_array(rows[independent(rows, terms, compliance)])
+        self.held = csr_array(independent_rows @ self._everywhere)
+        self._locked = np.r_[np.ones(linkage.active.size, dtype=bool), locked]
+
+    def hold(self, y: PETSc.Vec, r: PETSc.Vec, masses: Array) -> None:
+        """Set multipliers to the forces of joints that balance a residual best. Collective.
+
+        At an equilibrium these are its own; elsewhere those that joints begin to have.
+
+        Args:
+            y: Unknowns, whose multipliers are zero and are overwritten.
+            r: Residual there [N].
+            masses: Mass of each unknown of this rank [kg].
+        """
+        comm, p, linkage = self.prolongation.comm, self.prolongation, self.linkage
+        gaps = self.of_joints(r.array_r) / self._scale
+        compliance, locked = linkage.compliance(), self._locked
+        every = csr_array(csr_array(linkage.test() @ self._lead) @ self._everywhere)
+        own = every[:, p.first_column : p.first_column + p.owned].toarray()
+        forces = np.zeros(linkage.count)
+        forces[~locked] = -gaps[~locked] / compliance[~locked]
+        rest = r.array_r[: p.owned] + own.T @ forces
+        G = own[locked]
+        least = np.sqrt(np.finfo(np.float64).eps) * comm.allreduce(masses.max(initial=0.0), MPI.MAX)
+        weighted = G / np.maximum(masses, least)
+        A, b = comm.allreduce(weighted @ G.T), comm.allreduce(weighted @ rest)
+        forces[locked] = comm.bcast(-np.linalg.lstsq(A, b, rcond=RANK)[0])
+        y.array[p.owned :] = (forces / self._scale)[: self._own]
 
     def stiffness_matrix(self, K: PETSc.Mat) -> PETSc.Mat:
-        """That stiffness, with the rows of another matrix; the caller destroys it. Collective."""
-        own = self.stiffness[slice(*K.getOwnershipRange())]
+        """Stiffness of joints, springs and remote points at the last iterate. Collective.
+
+        Args:
+            K: A matrix whose rows are dealt to ranks alike.
+
+        Returns:
+            A new matrix, which the caller destroys.
+        """
+        linkage, lead = self.linkage, self._lead
+        drives = linkage.drives
+        along = csr_array(linkage.test()[linkage.active.size :])
+        springs = dia_array((drives.stiffness()[None], [0]), shape=(len(drives),) * 2)
+        bent = linkage.curvature()  # of torques, which have no energy, the symmetric part
+        C = csr_array(0.5 * (bent + bent.T) + along.T @ springs @ along)
+        E = csr_array(csr_array(lead) @ self._everywhere)
+        own = csr_array(csr_array(E.T @ C @ E)[slice(*K.getOwnershipRange())])
         kind = PETSc.IntType
         csr = own.indptr.astype(kind), own.indices.astype(kind), own.data
         return PETSc.Mat().createAIJ(K.getSizes(), csr=csr, comm=K.comm)

@@ -137,15 +137,16 @@ def modes(scene: Scene, count: int = 6, *, about: Report | None = None) -> Modes
     Supports and springs act as at t = 0, or at the time of the report; parts named `Rigid` are
     rigid, joints hold and their springs act. A state that turns as a whole vibrates in the frame
     that turns with it, with the centrifugal softening and without Coriolis forces. Contacts,
-    damping, the stiffness of follower pressure and that of forces of joints in the state are left
-    out. A second-order error of the mesh stiffens them: see docs/modes.md.
+    damping and the stiffness of follower pressure are left out. A second-order error of the mesh
+    stiffens them: see docs/modes.md.
 
     Args:
         scene: The problem.
         count: Least number of modes, 1 or more. If the last one belongs to a cluster, the whole
             cluster is returned.
         about: A report of the state about which the scene vibrates, with its stresses: the last one
-            of `static`, say. The reference without stresses if None.
+            of `static`, say. The reference without stresses if None, without loads unless they
+            leave a mechanism in balance.
 
     Returns:
         The modes; fewer than asked for where there are no more. Rigid motions that supports and
@@ -161,12 +162,12 @@ def modes(scene: Scene, count: int = 6, *, about: Report | None = None) -> Modes
     if about is not None:
         check_about("modes", scene, about)
     found = _found(scene, about, count)
-    if about is not None and (found.squares < 0).any():
+    if (found.squares < 0).any():
+        state = "reference" if about is None else f"state at t = {about.t:g} s"
         warn(
             scene.comm,
-            f"modes: the state at t = {about.t:g} s is unstable: "
-            f"{int((found.squares < 0).sum())} of the modes grow. Take a state before the limit "
-            "load.",
+            f"modes: the {state} is unstable: {int((found.squares < 0).sum())} of the modes grow. "
+            "Take a state before the limit load.",
         )
     return found
 
@@ -268,7 +269,8 @@ def periods(scene: Scene, count: int = 3) -> Array:
         count: How many, 1 or more.
 
     Returns:
-        T [s], the longest first; fewer than asked for where a scene has fewer.
+        T [s], the longest first; fewer than asked for where a scene has fewer. Unstable modes have
+        none.
 
     Raises:
         SceneError: If there is no scene, or the count is none.
@@ -281,7 +283,7 @@ def periods(scene: Scene, count: int = 3) -> Array:
     squares = pairs.values
     pairs.destroy()
     problem.destroy()
-    return np.asarray(2 * pi / np.sqrt(squares[:count]))
+    return np.asarray(2 * pi / np.sqrt(squares[squares > 0][:count]))
 
 
 def periods_in_words(scene: Scene, dt: float | None, count: int | None) -> list[str]:

@@ -7,18 +7,20 @@ the state and with springs. With joints, q are those of y that joints leave free
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from rigidfx.base.errors import together
 from rigidfx.base.failures import Failures
 from rigidfx.coupling.dof_layout import dof_layout
 from rigidfx.coupling.mass import mass_operator
 from rigidfx.coupling.prolongation import Prolongation
-from rigidfx.effects import PointMass, Rigid, Windowed
+from rigidfx.effects import DeadLoad, Joint, PointMass, Resultant, Rigid, Windowed
 from rigidfx.flexible.internal_forces import InternalForces
 from rigidfx.flexible.static_forces import static_forces
 from rigidfx.mechanics.bodies import Bodies
@@ -32,12 +34,14 @@ from rigidfx.step.system.linked import linked
 from rigidfx.step.system.rigid_motion import free_to_move
 from rigidfx.step.system.supports import PrescribedDofs, supports_of
 from rigidfx.switch.inventory import divide
-from rigidfx.vibration.joined import FreeMotions, JointRows
+from rigidfx.vibration.joined import FreeMotions, HeldState
 from rigidfx.vibration.spin import Spin, softening, spin_of
 
 __all__ = ["Problem"]
 
 Array = npt.NDArray[np.float64]
+
+BALANCED = float(np.cbrt(np.finfo(np.float64).eps))  # part of the loads that rounding may leave
 
 
 class Problem:
@@ -74,7 +78,7 @@ class Problem:
         self._mass = mass_operator(scene, layout.rows, cells, own, driven)
         rest = Spin(np.zeros(3), np.zeros(3), 0.0)
         self.spin = rest if about is None or not turns else spin_of(scene, about.state)
-        structure = BoundStructure(
+        self._structure = BoundStructure(
             scene=scene,
             rows=layout.rows,
             own=own,
@@ -85,24 +89,67 @@ class Problem:
             failures=Failures(scene.comm),
             static=True,
         )
-        # Dead loads on a rigid part have moments that change as it turns.
-        dead = [e for e in acting if e.is_dead] if about is not None else []
-        lasting = [e for e in scene.effects if e.is_lasting and not isinstance(e, Windowed)]
-        self._actions = Actions(structure, [*lasting, *dead, *self.spin.forces], dead)
-        self._actions.set_time(t, 1.0)
-        self._prolongation = Prolongation(layout, scene.comm)
-        bound = static_forces(scene, forces, cells, layout.interior, layout.interface)
-        self._statics = Equilibrium(scene, forces, bound, None, self._prolongation, self._actions)
-        linkage = linked(structure, state, acting)
-        self._joints, self._free = None, None
-        if linkage is not None:
-            self._prolongation.pose(state.bodies)
-            self._joints = JointRows(linkage, state.bodies, self._prolongation)
-            if self._joints.held.shape[0]:
-                self._free = FreeMotions(self._joints.held, self._prolongation)
         self._scene, self._layout = scene, layout
-        self.K, self.M = self._stiffness(), self._masses()
-        self.motions = self._rigid_motions() if free_to_move(scene, held, acting=acting) else []
+        self._prolongation = Prolongation(layout, scene.comm)
+        self._prolongation.pose(state.bodies)
+        bound = static_forces(scene, forces, cells, layout.interior, layout.interface)
+        self._given = scene, forces, bound, None, self._prolongation
+        masses, loose = self._masses(), bool(free_to_move(scene, held, acting=acting))
+        # A reference is without stresses, but a mechanism may be in balance there.
+        loaded = about is not None or (loose and bool(scene.named(Joint)))
+        if self._bind(acting, t, loaded, masses) > BALANCED and about is None:
+            self._unbind()
+            self._bind(acting, t, False, masses)
+        statics, self._free = self._statics, None
+        if isinstance(statics, HeldState) and statics.held.shape[0]:
+            self._free = FreeMotions(statics.held, self._prolongation)
+        self.K, self.M = self._in_q(self._stiffness()), self._in_q(masses)
+        self.motions = self._rigid_motions() if loose else []
+
+    def _bind(self, acting: Sequence[Windowed], t: float, loaded: bool, masses: PETSc.Mat) -> float:
+        """Evaluate all forces at the state, those of joints too. Collective.
+
+        Args:
+            acting: The effects with a time window that act.
+            t: Time of their functions [s].
+            loaded: Whether dead loads act.
+            masses: Mass by the unknowns.
+
+        Returns:
+            The part of the loads that nothing balances; zero without any.
+        """
+        p, bodies = self._prolongation, self._state.bodies
+        dead = [e for e in acting if e.is_dead and loaded]
+        lasting = [e for e in self._scene.effects if e.is_lasting and not isinstance(e, Windowed)]
+        effects = [*lasting, *dead, *self.spin.forces]
+        self._actions = actions = Actions(self._structure, effects, dead)
+        actions.set_time(t, 1.0)
+        there = [e for e in acting if loaded or not isinstance(e, (DeadLoad, Resultant))]
+        linkage = linked(self._structure, self._state, there)
+        self._statics = statics = (
+            Equilibrium(*self._given, actions)
+            if linkage is None
+            else HeldState(linkage, bodies, *self._given, actions)
+        )
+        if linkage is not None:
+            together(self._scene.comm, "A motor", partial(linkage.set_time, t, 0.0))
+        statics.begin(1.0, None, np.zeros(p.prescribed.size), bodies)
+        y, r = statics.unknowns(), statics.unknowns()
+        statics.residual(y, r)
+        if isinstance(statics, HeldState) and loaded:
+            statics.hold(y, r, masses.getDiagonal().array_r)
+            statics.residual(y, r)
+        size = np.abs(actions.moments).sum() + np.abs(actions.torques).sum()
+        size += actions.external.norm()
+        left = float(np.sqrt(self._scene.sum((r.array_r[: p.owned] ** 2).sum())))
+        y.destroy()
+        r.destroy()
+        return left / size if size > 0 else 0.0
+
+    def _unbind(self) -> None:
+        """Free the equations of the state. Collective."""
+        self._statics.destroy()
+        self._actions.destroy()
 
     @property
     def places(self) -> Array:
@@ -110,25 +157,19 @@ class Problem:
         return np.asarray(self._state.X + self._state.u.x.array.reshape(-1, 3))
 
     def _stiffness(self) -> PETSc.Mat:
-        """The tangent of statics at the state. Collective."""
-        p, statics = self._prolongation, self._statics
-        statics.begin(1.0, None, np.zeros(p.prescribed.size), self._state.bodies)
-        y, r = p.unknowns(), p.unknowns()
-        statics.residual(y, r)
+        """The tangent of statics at the state, by the unknowns, with joints. Collective."""
+        statics = self._statics
         statics.tangent()
-        y.destroy()
-        r.destroy()
         K = statics.tangent_matrix.convert(PETSc.Mat.Type.AIJ, PETSc.Mat())
-        different = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
+        more = []
         if self.spin.turns:
-            softer = softening(self.spin, self._mass, p)
-            K.axpy(1.0, softer, different)
-            softer.destroy()
-        if self._joints is not None:
-            sprung = self._joints.stiffness_matrix(K)
-            K.axpy(1.0, sprung, different)
-            sprung.destroy()
-        return self._in_q(K)
+            more.append(softening(self.spin, self._mass, self._prolongation))
+        if isinstance(statics, HeldState):
+            more.append(statics.stiffness_matrix(K))
+        for A in more:
+            K.axpy(1.0, A, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+            A.destroy()
+        return K
 
     def _in_q(self, A: PETSc.Mat) -> PETSc.Mat:
         """A matrix by the motions that joints leave free, in place of that by y. Collective."""
@@ -144,7 +185,7 @@ class Problem:
         out = self._prolongation.condense(M)
         self._prolongation.add_blocks(out, self._state.bodies.mass_blocks)
         M.destroy()
-        return self._in_q(out)
+        return out
 
     def impulses(self, centre: Array) -> list[PETSc.Vec]:
         """PᵀM r of the six rigid motions r of the whole, held nodes among it. Collective.
@@ -233,7 +274,8 @@ class Problem:
         """Free all PETSc objects. Collective."""
         if self._free is not None:
             self._free.destroy()
-        for item in (*self.motions, self.K, self.M, self._statics, self._mass, self._actions):
+        self._unbind()
+        for item in (*self.motions, self.K, self.M, self._mass):
             item.destroy()
 
 

@@ -194,7 +194,7 @@ class PointSpring(PointLaw):
 
     def set_time(self, t: float, dt: float) -> None:
         """See `PointLaw`."""
-        self._dt = dt
+        self._dt = dt or 1.0  # of no meaning where statics have a fixed time
 
     def resistance(self, start: Array, moved: Array) -> Array:
         """See `PointLaw`: K (p - p₀)½ + C Δp/Δt."""

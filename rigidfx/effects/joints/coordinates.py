@@ -193,6 +193,19 @@ class Coordinates:
             out[own] = kind.gradient(p[self.at[own]])
         return out
 
+    def curvatures(self, p: Array) -> Array:
+        """Their second derivatives by their averages at p, shape (coordinates, 9, 9).
+
+        By central differences of gradients, which depend on directions, of length 1, and are linear
+        in places.
+        """
+        step, out = float(np.cbrt(np.finfo(np.float64).eps)), np.empty((len(self.at), 9, 9))
+        for kind, own in self._kinds:
+            x, moves = p[self.at[own]], step * np.eye(9).reshape(9, 3, 3)
+            slopes = [kind.gradient(x + d) - kind.gradient(x - d) for d in moves]
+            out[own] = np.stack(slopes, axis=1).reshape(-1, 9, 9) / (2 * step)
+        return out
+
     def secants(self, start: Array, moved: Array, sizes: Array) -> tuple[Array, Array]:
         """∇̄q of a step, shape (coordinates, 3, 3), and q₁ - q₀, shape (coordinates,).
 

@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.sparse import csr_array
 
 from rigidfx.base.matrices import Matrix, Pattern
 from rigidfx.effects.joints.coordinates import Coordinate, Coordinates
@@ -313,6 +314,15 @@ class Drives:
         factors = np.where(self._given, -self._size, by_laws)
         gradients = self._coordinates.gradients(self._start + self._moved)
         return self._rows(factors[:, None, None] * gradients, columns)
+
+    def curvature(self, columns: int) -> csr_array:
+        """Derivative of forces by averages in statics, shape (columns,) * 2 [N/m]."""
+        factors = -self._size * self.multipliers
+        blocks = self._coordinates.curvatures(self._start + self._moved)
+        at = (3 * self._coordinates.at[:, :, None] + np.arange(3)).reshape(-1, 9)
+        where = np.repeat(at, 9, axis=1).ravel(), np.tile(at, 9).ravel()
+        values = (factors[:, None, None] * blocks).ravel()
+        return csr_array((values, where), shape=(columns, columns))
 
     # After a step ---------------------------------------------------------------------------------
 

@@ -302,6 +302,8 @@ class Linkage:
     def curvature(self) -> csr_array:
         """Derivative of forces on averages by these, shape (3 · averages,) * 2 [N/m]."""
         rows = self._terms.curvature(self._multipliers, self._share)
+        if self.drives.static and len(self.drives):
+            rows = csr_array(rows + self.drives.curvature(rows.shape[1]))
         if len(self.points):
             rows = csr_array(rows + self.points.stiffness())
         return self._vectors.stiffness(rows, self.forces, self._share)

@@ -12,11 +12,15 @@ from rigidfx.base.errors import SceneError
 from rigidfx.base.inputs import shown, vector, whole
 from rigidfx.effects.attached.point_mass import PointMass
 from rigidfx.effects.base import Array, Effect, Vector
+from rigidfx.effects.joints.axial import Axial
+from rigidfx.effects.joints.joint import axis_of
 from rigidfx.effects.loads.centrifugal import Centrifugal
 from rigidfx.effects.loads.dead_load import DeadLoad
 from rigidfx.effects.supports.prescribed_rotation import PrescribedRotation
 
 __all__ = ["Preload"]
+
+PARALLEL = float(np.cbrt(np.finfo(np.float64).eps))  # sine of an angle between equal axes
 
 
 @dataclass(frozen=True)
@@ -33,7 +37,8 @@ class Preload(Effect):
         increments: Number of equal load increments.
         spin: Angular velocity ω of the frame [rad/s].
         centre: Point of its axis [m]; if None a point of the axis of a `PrescribedRotation` that
-            acts at the start, or else the centre of mass.
+            acts at the start, or of a hinge on the ground along the spin, or else the centre of
+            mass.
     """
 
     loads: Sequence[DeadLoad] = ()
@@ -95,5 +100,26 @@ class Preload(Effect):
         turned = [s for s in scene.named(PrescribedRotation) if s.acts(0.0)]
         if turned:
             return turned[0].through
-        x, y, z = scene.centre_of_mass
+        hinges = self._hinges(scene) if self.turns else []
+        x, y, z = hinges[0] if hinges else scene.centre_of_mass
         return float(x), float(y), float(z)
+
+    def _hinges(self, scene: Any) -> list[Array]:
+        """Places of the joints on the ground that leave a turn along the spin.
+
+        Raises:
+            SceneError: If they do not lie on one axis.
+        """
+        spin, found = np.asarray(self.spin) / np.linalg.norm(self.spin), list[Array]()
+        for joint in scene.named(Axial):
+            if joint.holds and "angle" in joint.pieces.coordinates:
+                across = np.linalg.norm(np.cross(spin, axis_of(joint, joint.axis)))
+                if across < PARALLEL:
+                    found.append(np.asarray(joint.at, dtype=np.float64))
+        apart = [float(np.linalg.norm(np.cross(spin, at - found[0]))) for at in found]
+        if max(apart, default=0.0) > PARALLEL * scene.mean_cell_size:
+            raise SceneError(
+                "Preload: hinges on the ground along the spin have different axes. Give the centre "
+                "of the spin."
+            )
+        return found

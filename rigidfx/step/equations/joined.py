@@ -48,7 +48,10 @@ class JoinedEquilibrium(Equilibrium):
     Attributes:
         linkage: The joints.
         ports: Where they take hold of the unknowns.
+        anchored: Whether springs on ports make the tangent of statics regular.
     """
+
+    anchored = True
 
     def __init__(self, linkage: Linkage, bodies: Bodies, *given: Any) -> None:
         """Create matrices and vectors, and find rows that others imply. Collective.
@@ -61,7 +64,8 @@ class JoinedEquilibrium(Equilibrium):
         super().__init__(*given)
         self.linkage = linkage
         self.ports = Ports(self.prolongation, linkage)
-        if not self.inertial:
+        anchored = self.anchored and not self.inertial
+        if anchored:
             self.ports.anchor()
         linkage.begin(bodies)
         rows, terms, compliance = self.ports.resisted(linkage, bodies)
@@ -75,7 +79,7 @@ class JoinedEquilibrium(Equilibrium):
         # Springs on some ports, which the tangent has, and the border takes out again.
         self._springs: Array = np.zeros(self.ports.count)
         self._sprung: csr_array | None = None
-        if not self.inertial:
+        if anchored:
             ports, unknowns = self.ports.anchors()
             self._springs[ports] = linkage.typical[0]
             values = np.full(unknowns.size, linkage.typical[0])
